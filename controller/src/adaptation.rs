@@ -47,7 +47,6 @@ pub struct Learnt {
 
 impl Adaptation {
     /// The adaptation of gains on a rig.
-    #[must_use]
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
         let w_e = gains.regressor_filter_rad_s;
         Self {
@@ -66,7 +65,6 @@ impl Adaptation {
     }
 
     /// What is known before the first tick: estimates of 0, or the bound nearest to it.
-    #[must_use]
     pub fn prior(&self) -> Learnt {
         Learnt {
             theta: self.clip(&Vector3::zeros()),
@@ -76,13 +74,11 @@ impl Adaptation {
     }
 
     /// Whether these are estimates that it could have come by: finite, and within their bounds.
-    #[must_use]
     pub fn admits(&self, theta: &Vector3<f64>) -> bool {
         self.clip(theta) == *theta && theta.iter().all(|estimate| estimate.is_finite())
     }
 
     /// What is known after one more tick.
-    #[must_use]
     pub fn step(&self, learnt: &Learnt, last: &LastTick) -> Learnt {
         let regression = self.regression(&learnt.x, &learnt.y, last);
         Learnt {
@@ -93,7 +89,6 @@ impl Adaptation {
     }
 
     /// X, Y and W after one more tick.
-    #[must_use]
     pub fn regression(&self, x: &Matrix3<f64>, y: &Vector3<f64>, last: &LastTick) -> Regression {
         let (x, y) = self.filter(x, y, last);
         Regression {
@@ -106,7 +101,6 @@ impl Adaptation {
 
     /// The estimates after a step from `theta`. The 3x3 weight is positive definite for every finite sample; were it
     /// not, the estimates would stay as they are.
-    #[must_use]
     pub fn learn(&self, theta: &Vector3<f64>, regression: &Regression) -> Vector3<f64> {
         let Regression { x, y, weight, .. } = regression;
         let r = y - x * theta;
@@ -116,14 +110,12 @@ impl Adaptation {
         })
     }
 
-    #[must_use]
     #[inline]
     pub fn gain(&self) -> Vector3<f64> {
         self.step_s2 * self.gamma
     }
 
     /// X and Y after one more tick: the low-pass over regressor and sample.
-    #[must_use]
     pub fn filter(
         &self,
         x: &Matrix3<f64>,

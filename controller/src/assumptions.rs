@@ -34,7 +34,6 @@ pub struct Assumptions {
     model: Airframe,
     lo: Vector3<f64>,
     hi: Vector3<f64>,
-    /// Ticks until a sample is forgotten.
     faded_ticks: u64,
     /// Tick at which each cause was seen last.
     seen: [Option<u64>; CAUSES],
@@ -43,7 +42,6 @@ pub struct Assumptions {
 
 #[derive(Clone, Copy, Debug)]
 struct Known {
-    /// True values of the estimated parameters.
     theta: [f64; 3],
     parameter_epoch: u64,
     ticks_skipped: u64,
@@ -62,7 +60,6 @@ pub enum Moved {
 
 impl Assumptions {
     /// Those of an adaptation with its model.
-    #[must_use]
     pub fn new(adaptation: &Adaptation, model: &Airframe) -> Self {
         let faded_ticks = if adaptation.p > 0.0 {
             (ln(FORGOTTEN) / ln(adaptation.p)).ceil() as u64
@@ -152,7 +149,6 @@ impl Assumptions {
     }
 
     /// Whether a cause is in force at a tick.
-    #[must_use]
     pub fn holds(&self, cause: Cause, tick: u64) -> bool {
         let memory = match cause {
             Cause::Saturation | Cause::StaleInput | Cause::Delay => RATE_LOOP_TICKS,
@@ -162,13 +158,11 @@ impl Assumptions {
     }
 
     /// Whether a cause was seen at this very tick.
-    #[must_use]
     pub fn seen_at(&self, cause: Cause, tick: u64) -> bool {
         self.seen[cause as usize] == Some(tick)
     }
 
     /// Every cause in force at a tick: the sum of [`Cause::bit`].
-    #[must_use]
     pub fn bits(&self, tick: u64) -> u64 {
         Cause::ALL
             .into_iter()
@@ -178,7 +172,6 @@ impl Assumptions {
     }
 
     /// What explains a rise of V_th; [`Cause::Unexplained`] where (A), (B) and (C) hold.
-    #[must_use]
     pub fn cause_of_rise(&self, tick: u64) -> Cause {
         use Cause::{BrokenModel, GyroNoise, LiveSwap, MotorLag, OutOfBounds};
         self.first(
@@ -188,7 +181,6 @@ impl Assumptions {
     }
 
     /// What explains that V changes by more than its bound.
-    #[must_use]
     pub fn cause_of_v(&self, tick: u64) -> Cause {
         match self.cause_of_rise(tick) {
             Cause::Unexplained => {

@@ -21,7 +21,6 @@ pub struct CommandFilter {
 
 impl CommandFilter {
     /// A filter at rest at an attitude [rad].
-    #[must_use]
     pub fn at_rest(w_f: Vector3<f64>, eta2: Vector3<f64>) -> Self {
         Self {
             w_f,
@@ -31,7 +30,6 @@ impl CommandFilter {
     }
 
     /// win: the input [rad/s^2] that makes the filter follow a set-point and its derivatives without lag.
-    #[must_use]
     pub fn input(&self, wanted: &Desired) -> Vector3<f64> {
         let w_f = &self.w_f;
         let r = Vector3::from(wanted.attitude_rad);
@@ -41,14 +39,12 @@ impl CommandFilter {
     }
 
     /// e2: second derivative of the filtered attitude [rad/s^2] under an input.
-    #[must_use]
     pub fn acceleration(&self, win: &Vector3<f64>) -> Vector3<f64> {
         let Self { w_f, ec, e1 } = self;
         win - 2.0 * w_f.component_mul(e1) - w_f.component_mul(w_f).component_mul(ec)
     }
 
     /// The filter after a time under a constant input.
-    #[must_use]
     pub fn advance(&self, win: &Vector3<f64>, over: &Passage) -> Self {
         let Self { w_f, ec, e1 } = self;
         let &Passage {
@@ -79,7 +75,6 @@ pub struct Passage {
 
 impl Passage {
     /// `dt_s` [s] of a filter with the bandwidth `w_f` [rad/s].
-    #[must_use]
     pub fn new(w_f: &Vector3<f64>, dt_s: f64) -> Self {
         let w_f_dt = w_f * dt_s;
         Self {

@@ -12,7 +12,6 @@ use crate::gains::Gains;
 use crate::samples::{LastTick, Samples};
 use crate::weight::Regression;
 
-/// X and Y through a flight.
 #[derive(Clone, Debug)]
 pub struct Evidence {
     adaptation: Adaptation,
@@ -23,7 +22,6 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    #[must_use]
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
         let newest = Regression {
             x: Matrix3::zeros(),
@@ -50,13 +48,10 @@ impl Evidence {
     }
 
     /// X and Y as they stand at `tick`, where its state ended a whole tick.
-    #[must_use]
     pub fn at(&self, tick: u64) -> Option<&Regression> {
         (self.ended_at == Some(tick)).then_some(&self.newest)
     }
 
-    /// The samples that it rests on.
-    #[must_use]
     pub const fn samples(&self) -> &Samples {
         &self.samples
     }

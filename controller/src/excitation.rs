@@ -49,7 +49,6 @@ pub struct Shown {
 
 impl Excitation {
     /// Before the first step, with ticks of `period_s` [s].
-    #[must_use]
     pub fn new(period_s: f64) -> Self {
         Self {
             window_steps: (WINDOW_S / period_s).round() as u64,
@@ -92,13 +91,11 @@ impl Excitation {
     }
 
     /// The newest complete window, or the first one as far as it has come.
-    #[must_use]
     pub fn shown(&self) -> Shown {
         self.complete.unwrap_or_else(|| self.present())
     }
 
     /// Per parameter, what is left at the most of a scaled error |Gamma^-1/2 ~th| of 1.
-    #[must_use]
     pub fn left(&self) -> Vector3<f64> {
         Vector3::from_fn(|i, _| self.left.row(i).norm())
     }

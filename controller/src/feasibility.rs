@@ -16,8 +16,7 @@ use messages::rate_dynamics::Inertia;
 use messages::role::Role;
 use nalgebra::Vector3;
 
-use crate::flatness::{Yaw, tilt, tilt_rates};
-use crate::laws::pd::thrust_acceleration;
+use crate::flatness::{Yaw, along_reference, tilt, tilt_rates};
 use crate::limits::Limits;
 use crate::trajectory::ScaledTrajectory;
 
@@ -53,7 +52,6 @@ pub struct Excess {
     pub first_s: f64,
     /// When the most [s].
     pub worst_s: f64,
-    /// The most that is asked for.
     pub worst: f64,
     /// What is allowed, in the same unit.
     pub allowed: f64,
@@ -71,7 +69,6 @@ pub struct Start {
 
 /// Walks a course up to `duration_s` [s] from `start` on and gives what it asks too much of: of the rotors, and of the
 /// law that has limits of the thrust acceleration, if there is one.
-#[must_use]
 pub fn excesses(
     course: &ScaledTrajectory,
     rig: &Rig,
@@ -124,46 +121,30 @@ pub fn excesses(
     for i in 0..=looks {
         let t_s = i as f64 * STEP_S;
         let asked = Asked::of(&course.reference(t_s), &rig.airframe);
-        if let Some((_, limits)) = limits {
-            // Without gravity, a limit in its multiples is none.
-            if let Some(climb_g) = asked.climb_g {
-                take(
-                    Demanded::Climb,
-                    t_s,
-                    climb_g,
-                    limits.acceleration_z_max_g,
+        // Without gravity, a limit in its multiples is none.
+        let of_law = limits.map(|(_, limits)| {
+            let [most_g, least_g] = [limits.acceleration_z_max_g, limits.acceleration_z_min_g];
+            [
+                (Demanded::Climb, asked.climb_g, most_g, false),
+                (Demanded::Descent, asked.climb_g, least_g, true),
+                (
+                    Demanded::Tilt,
+                    Some(asked.tilt_rad),
+                    limits.tilt_max_rad,
                     false,
-                );
-                take(
-                    Demanded::Descent,
-                    t_s,
-                    climb_g,
-                    limits.acceleration_z_min_g,
-                    true,
-                );
+                ),
+            ]
+        });
+        let (fastest, slowest) = (Some(asked.fastest_rad_s), Some(asked.slowest_rad_s));
+        let of_rotors = [
+            (Demanded::RotorAbove, fastest, rig.rotor.max_rad_s, false),
+            (Demanded::RotorBelow, slowest, rig.rotor.min_rad_s, true),
+        ];
+        for (demanded, value, allowed, is_below) in of_law.into_iter().flatten().chain(of_rotors) {
+            if let Some(value) = value {
+                take(demanded, t_s, value, allowed, is_below);
             }
-            take(
-                Demanded::Tilt,
-                t_s,
-                asked.tilt_rad,
-                limits.tilt_max_rad,
-                false,
-            );
         }
-        take(
-            Demanded::RotorAbove,
-            t_s,
-            asked.fastest_rad_s,
-            rig.rotor.max_rad_s,
-            false,
-        );
-        take(
-            Demanded::RotorBelow,
-            t_s,
-            asked.slowest_rad_s,
-            rig.rotor.min_rad_s,
-            true,
-        );
     }
     found
 }
@@ -184,16 +165,7 @@ impl Asked {
             yaw_acceleration_rad_s2,
             ..
         } = reference;
-        let [velocity, acceleration, jerk, snap] = [
-            reference.velocity_w_m_s,
-            reference.acceleration_w_m_s2,
-            reference.jerk_w_m_s3,
-            reference.snap_w_m_s4,
-        ]
-        .map(Vector3::from);
-        let drag = model.k_t() / model.m();
-        let a = thrust_acceleration(&acceleration, &velocity, model);
-        let (da, dda) = (jerk + drag * acceleration, snap + drag * jerk);
+        let [a, da, dda] = along_reference(reference, model.g(), model.k_t() / model.m());
         let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
         let (phi, theta) = tilt(&a, &yaw);
         let rates = tilt_rates(&a, &da, &dda, &yaw);

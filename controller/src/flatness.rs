@@ -5,6 +5,7 @@
 //! atan2. As printed, multiplied by the norm, they have no value above 0.10 m/s^2. The derivatives are not in the
 //! paper, which feeds none forward; they follow from (13) and (14) along the reference.
 
+use messages::content::{Desired, Reference};
 use messages::math::{atan2, sin_cos};
 use nalgebra::Vector3;
 
@@ -21,7 +22,6 @@ pub struct Yaw {
 
 impl Yaw {
     /// At psi_d [rad], with its derivatives dpsi_d [rad/s] and ddpsi_d [rad/s^2].
-    #[must_use]
     pub fn new(psi: f64, dpsi: f64, ddpsi: f64) -> Self {
         let (sin, cos) = sin_cos(psi);
         Self {
@@ -42,7 +42,7 @@ impl Yaw {
 }
 
 /// Derivatives of roll and pitch along the reference.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TiltRates {
     /// dphi_d [rad/s].
     pub dphi: f64,
@@ -57,14 +57,12 @@ pub struct TiltRates {
 /// (13), (14): roll and pitch [rad] that point the thrust along `a` [m/s^2, world frame] at a yaw.
 ///
 /// `a` is the acceleration that the thrust gives, gravity and drag included; its z must be above 0.
-#[must_use]
 pub fn tilt(a: &Vector3<f64>, yaw: &Yaw) -> (f64, f64) {
     let (s, c) = (yaw.across(a), yaw.along(a));
     (atan2(s, (c * c + a.z * a.z).sqrt()), atan2(c, a.z))
 }
 
 /// First and second derivatives of [`tilt`] where `a` [m/s^2] changes by `da` [m/s^3] and `dda` [m/s^4].
-#[must_use]
 pub fn tilt_rates(a: &Vector3<f64>, da: &Vector3<f64>, dda: &Vector3<f64>, yaw: &Yaw) -> TiltRates {
     let &Yaw { dpsi, ddpsi, .. } = yaw;
     let (across, along) = (|v| yaw.across(v), |v| yaw.along(v));
@@ -90,5 +88,62 @@ pub fn tilt_rates(a: &Vector3<f64>, da: &Vector3<f64>, dda: &Vector3<f64>, yaw: 
         dtheta,
         ddphi: per_n * (dds * rho - s * ddrho - dphi * 2.0 * (s * ds + rho * drho)),
         ddtheta: per_q * (ddc * a.z - c * dda.z - dtheta * dq),
+    }
+}
+
+/// (10): acceleration that the thrust must give for the airframe to accelerate by `wanted` at `velocity`, under gravity
+/// `g` [m/s^2] and drag k_t/m [1/s].
+///
+/// All in the world frame, [m/s^2] and [m/s].
+pub fn thrust_acceleration(
+    wanted: &Vector3<f64>,
+    velocity: &Vector3<f64>,
+    g: f64,
+    drag: f64,
+) -> Vector3<f64> {
+    wanted + g * Vector3::z() + drag * velocity
+}
+
+/// Thrust acceleration of an airframe that flies the reference exactly, with two derivatives.
+pub fn along_reference(reference: &Reference, g: f64, drag: f64) -> [Vector3<f64>; 3] {
+    let [v, dv, ddv, dddv] = [
+        reference.velocity_w_m_s,
+        reference.acceleration_w_m_s2,
+        reference.jerk_w_m_s3,
+        reference.snap_w_m_s4,
+    ]
+    .map(Vector3::from);
+    let a = thrust_acceleration(&dv, &v, g, drag);
+    [a, ddv + drag * dv, dddv + drag * ddv]
+}
+
+/// Attitude that points the thrust along `a`, with derivatives along the reference, which are 0 where `a` is limited.
+pub fn desired(
+    thrust_n: f64,
+    (a, limited): (&Vector3<f64>, bool),
+    reference: &Reference,
+    g: f64,
+    drag: f64,
+) -> Desired {
+    let &Reference {
+        yaw_rad,
+        yaw_rate_rad_s,
+        yaw_acceleration_rad_s2,
+        ..
+    } = reference;
+    let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
+    let (phi_d, theta_d) = tilt(a, &yaw);
+    let ahead = if limited {
+        TiltRates::default()
+    } else {
+        let [a, da, dda] = along_reference(reference, g, drag);
+        tilt_rates(&a, &da, &dda, &yaw)
+    };
+    Desired {
+        thrust_n,
+        attitude_rad: [phi_d, theta_d, yaw_rad],
+        attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, yaw_rate_rad_s],
+        attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, yaw_acceleration_rad_s2],
+        limited: u64::from(limited),
     }
 }

@@ -3,7 +3,7 @@
 //! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
 //! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
 
-use control_api::description::{Preset, Setting, SettingKind, Settings, Value};
+use control_api::description::{Preset, Setting, SettingKind, Settings, Value, number, three};
 use control_api::law::Rig;
 use messages::parameters::Airframe;
 
@@ -27,21 +27,13 @@ pub const ALPHA_1_S: Setting = Setting {
     name: "alpha_1_s",
     unit: "1/s",
     meaning: "alpha, decay of the rate error",
-    kind: SettingKind::Number {
-        default: 200.0,
-        min: f64::MIN_POSITIVE,
-        max: f64::MAX,
-    },
+    kind: number(200.0, f64::MIN_POSITIVE, f64::MAX),
 };
 pub const PREDICTOR_TICKS: Setting = Setting {
     name: "predictor_ticks",
     unit: "",
     meaning: "ticks that the loop predicts ahead: 0 (none) or 1 (the chain's delay)",
-    kind: SettingKind::Number {
-        default: 0.0,
-        min: 0.0,
-        max: 1.0,
-    },
+    kind: number(0.0, 0.0, 1.0),
 };
 pub const ADAPTATION: Setting = Setting {
     name: "adaptation",
@@ -59,77 +51,60 @@ pub const REGRESSOR_FILTER_RAD_S: Setting = Setting {
     name: "regressor_filter_rad_s",
     unit: "rad/s",
     meaning: "w_e, bandwidth of the filter of the adaptation's samples; 0 is off",
-    kind: SettingKind::Number {
-        default: 50.0,
-        min: 0.0,
-        max: f64::MAX,
-    },
+    kind: number(50.0, 0.0, f64::MAX),
 };
 pub const ESTIMATE_MIN: Setting = Setting {
     name: "estimate_min",
     unit: "",
     meaning: "lower bounds of I_R [kg m^2], k_r [N m s], delta [rad/s^2]",
-    kind: SettingKind::Three {
-        default: [-1e-3, 0.0, -2.0],
-        min: f64::MIN,
-        max: f64::MAX,
-    },
+    kind: three([-1e-3, 0.0, -2.0], f64::MIN, f64::MAX),
 };
 pub const ESTIMATE_MAX: Setting = Setting {
     name: "estimate_max",
     unit: "",
     meaning: "upper bounds of the same",
-    kind: SettingKind::Three {
-        default: [1e-3, 1.0, 2.0],
-        min: f64::MIN,
-        max: f64::MAX,
-    },
+    kind: three([1e-3, 1.0, 2.0], f64::MIN, f64::MAX),
 };
 
 /// Names of [`PRESETS`].
 pub const PRESET_NAMES: [&str; 3] = ["flight", "paper", "soft"];
 
 pub const PRESETS: &[Preset] = &[
-    Preset {
-        name: PRESET_NAMES[0],
-        values: &[],
-    },
-    Preset {
-        name: PRESET_NAMES[1],
-        values: &[
+    preset(PRESET_NAMES[0], &[]),
+    preset(
+        PRESET_NAMES[1],
+        &[
             (ALPHA_1_S.name, Value::Number(1e4)),
             (PREDICTOR_TICKS.name, Value::Number(1.0)),
             (ADAPTATION_GAIN.name, Value::Three([1e4, 100.0, 2000.0])),
             (REGRESSOR_FILTER_RAD_S.name, Value::Number(0.0)),
         ],
-    },
-    Preset {
-        name: PRESET_NAMES[2],
-        values: &[
+    ),
+    preset(
+        PRESET_NAMES[2],
+        &[
             (ALPHA_1_S.name, Value::Number(40.0)),
             (ADAPTATION_GAIN.name, Value::Three([4e-5, 0.12, 20.0])),
         ],
-    },
+    ),
 ];
 
 /// The same sets without what belongs to the adaptation.
 pub const FIXED_PRESETS: &[Preset] = &[
-    Preset {
-        name: PRESET_NAMES[0],
-        values: &[],
-    },
-    Preset {
-        name: PRESET_NAMES[1],
-        values: &[
+    preset(PRESET_NAMES[0], &[]),
+    preset(
+        PRESET_NAMES[1],
+        &[
             (ALPHA_1_S.name, Value::Number(1e4)),
             (PREDICTOR_TICKS.name, Value::Number(1.0)),
         ],
-    },
-    Preset {
-        name: PRESET_NAMES[2],
-        values: &[(ALPHA_1_S.name, Value::Number(40.0))],
-    },
+    ),
+    preset(PRESET_NAMES[2], &[(ALPHA_1_S.name, Value::Number(40.0))]),
 ];
+
+pub const fn preset(name: &'static str, values: &'static [(&'static str, Value)]) -> Preset {
+    Preset { name, values }
+}
 
 const fn positive_three(default: [f64; 3]) -> SettingKind {
     SettingKind::Three {
@@ -162,7 +137,6 @@ pub struct Gains {
 }
 
 impl Gains {
-    #[must_use]
     pub fn of(settings: &Settings) -> Self {
         Self {
             attitude_1_s: settings.three(&ATTITUDE_1_S),
@@ -178,7 +152,6 @@ impl Gains {
     }
 
     /// Those of a preset; none where there is none of that name.
-    #[must_use]
     pub fn preset(name: &str) -> Option<Self> {
         let preset = PRESETS.iter().find(|preset| preset.name == name)?;
         Some(Self::of(&Settings::new(preset.values.to_vec())))
@@ -203,7 +176,6 @@ impl Gains {
     ///
     /// A motor with a lag tau [s] leaves the rate loop the damping 1/(2 sqrt(alpha tau)). Where alpha would leave less
     /// than 0.56, it is lowered to 0.8/tau, Gamma in proportion, and the loops around it to what they may be beside it.
-    #[must_use]
     pub fn scaled(&self, from: &Airframe, to: &Airframe) -> Self {
         let trace = |airframe: &Airframe| airframe.i_m().iter().sum::<f64>();
         let s = trace(to) / trace(from);
@@ -243,7 +215,6 @@ impl Gains {
 }
 
 /// Settings that do for the airframe of `rig` what these do for the nominal one: [`Gains::scaled`].
-#[must_use]
 pub fn suited(settings: &Settings, rig: &Rig) -> Settings {
     let gains = Gains::of(settings).scaled(&Airframe::nominal(), &rig.airframe);
     Settings::new(vec![

@@ -50,14 +50,12 @@ pub const INNER: &[Entry<dyn InnerLaw>] = &[
 ];
 
 /// The gains on which the theorem's monitor watches an inner law; none for a law without a theorem.
-#[must_use]
 pub fn theorem(name: &str, settings: &Settings) -> Option<Gains> {
     let gains = Gains::of(settings);
     (may_have_theorem(name) && gains.adapts).then_some(gains)
 }
 
 /// Whether the inner law of a name has a theorem with some of its settings.
-#[must_use]
 pub fn may_have_theorem(name: &str) -> bool {
     name == Adaptive::DESCRIPTION.name
 }

@@ -19,20 +19,23 @@ pub struct Limits {
 }
 
 impl Limits {
+    pub fn new(settings: &Settings, [z_min, z_max, tilt_max]: [&Setting; 3]) -> Self {
+        Self {
+            acceleration_z_min_g: settings.number(z_min),
+            acceleration_z_max_g: settings.number(z_max),
+            tilt_max_rad: settings.number(tilt_max),
+        }
+    }
+
     /// Those of a law whose settings have their names; none of another law.
-    #[must_use]
     pub fn of(law: &Description, settings: &Settings) -> Option<Self> {
-        let value = |name| {
-            law.settings
-                .iter()
-                .find(|setting| setting.name == name)
-                .map(|it| settings.number(it))
-        };
-        Some(Self {
-            acceleration_z_min_g: value("acceleration_z_min_g")?,
-            acceleration_z_max_g: value("acceleration_z_max_g")?,
-            tilt_max_rad: value("tilt_max_rad")?,
-        })
+        let find = |name| law.settings.iter().find(|setting| setting.name == name);
+        let names = [
+            find("acceleration_z_min_g")?,
+            find("acceleration_z_max_g")?,
+            find("tilt_max_rad")?,
+        ];
+        Some(Self::new(settings, names))
     }
 }
 
@@ -40,7 +43,6 @@ impl Limits {
 ///
 /// Half of what they can give beyond hover is left for the torque; the paper's airframe, whose rotors carry three times
 /// its weight, keeps 2 g.
-#[must_use]
 pub fn suited(settings: &Settings, z_min: &Setting, z_max: &Setting, rig: &Rig) -> Settings {
     let Rig {
         airframe, rotor, ..
@@ -67,7 +69,6 @@ pub struct AccelerationLimits {
 
 impl AccelerationLimits {
     /// Those of a law, where gravity is `g` [m/s^2].
-    #[must_use]
     pub fn new(limits: &Limits, g: f64) -> Self {
         let Limits {
             acceleration_z_min_g,
@@ -84,7 +85,6 @@ impl AccelerationLimits {
     /// Keeps a thrust acceleration [m/s^2, world frame] inside the limits; true where one of them was active.
     ///
     /// The vertical part is limited first, then the tilt, by scaling the horizontal part: height before position.
-    #[must_use]
     pub fn limit(&self, a: &Vector3<f64>) -> (Vector3<f64>, bool) {
         let z = a.z.clamp(self.z_min, self.z_max);
         let horizontal = a.xy().norm();

@@ -18,13 +18,11 @@ use crate::adaptation::Adaptation;
 use crate::weight::Weight;
 
 /// V_th = 1/2 ~th^T Gamma^-1 ~th [rad^2/s^2], for `error` ~th and the diagonal `gamma`.
-#[must_use]
 pub fn v_th(error: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {
     error.component_mul(error).component_div(gamma).sum() / 2.0
 }
 
 /// V_th after a step less V_th before it, without cancelling their common digits.
-#[must_use]
 pub fn v_th_change(before: &Vector3<f64>, after: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {
     (after - before)
         .component_mul(&(after + before))
@@ -45,7 +43,6 @@ pub struct EstimateStep {
 
 impl EstimateStep {
     /// The step of an adaptation at X, with W of the same X.
-    #[must_use]
     pub fn new(adaptation: &Adaptation, x: &Matrix3<f64>, weight: Weight) -> Self {
         let root = adaptation.gain().map(f64::sqrt);
         let scaled = Matrix3::from_fn(|i, j| x[(i, j)] * root[j]);
@@ -57,31 +54,26 @@ impl EstimateStep {
     }
 
     /// zb = W^-1 r [rad/s^2]: what a step leaves of the residual r.
-    #[must_use]
     pub fn left_of(&self, r: &Vector3<f64>) -> Vector3<f64> {
         self.weight.solve(r)
     }
 
     /// s |zb|^2 + s^2/2 zb^T X Gamma X^T zb [rad^2/s^2]: the fall of V_th that the theorem promises.
-    #[must_use]
     pub fn descent(&self, zb: &Vector3<f64>) -> f64 {
         self.step_s2 * (zb.norm_squared() + self.scaled.tr_mul(zb).norm_squared() / 2.0)
     }
 
     /// s eps.zb [rad^2/s^2]: what a model that leaves `mismatch` eps [rad/s^2] unexplained adds to the change of V_th.
-    #[must_use]
     pub fn disturbance(&self, mismatch: &Vector3<f64>, zb: &Vector3<f64>) -> f64 {
         self.step_s2 * mismatch.dot(zb)
     }
 
     /// G = s Gamma^1/2 X^T W^-1 X Gamma^1/2: on the exact model a step multiplies Gamma^-1/2 ~th by I - G.
-    #[must_use]
     pub fn contraction(&self) -> Matrix3<f64> {
         self.weight.sandwiched(&self.scaled)
     }
 
     /// Trace of s X Gamma X^T: no eigenvalue is above it.
-    #[must_use]
     pub fn size(&self) -> f64 {
         self.scaled.norm_squared()
     }
@@ -100,7 +92,6 @@ pub struct RateWeight {
 
 impl RateWeight {
     /// Before the first step; T [s] and T/alpha [s^2] are those of the adaptation.
-    #[must_use]
     pub fn new(adaptation: &Adaptation) -> Self {
         let Adaptation {
             period_s, step_s2, ..
@@ -120,7 +111,6 @@ impl RateWeight {
     }
 
     /// sigma = (1 - a)/(alpha T (1 + Nmax)^2).
-    #[must_use]
     pub fn sigma(&self) -> f64 {
         let most = 1.0 + self.n_max;
         (1.0 - self.a) / (self.alpha_t * most * most)
@@ -128,7 +118,6 @@ impl RateWeight {
 
     /// -sigma/2 (1 - a)|e|^2 - T/(2 alpha)|zb|^2 [rad^2/s^2]: what V may change by in a step from rate error `e`
     /// [rad/s], where nothing is late and no low-pass is on.
-    #[must_use]
     pub fn v_change_bound(&self, e: &Vector3<f64>, zb: &Vector3<f64>) -> f64 {
         -(self.sigma() * (1.0 - self.a) * e.norm_squared() + self.step_s2 * zb.norm_squared()) / 2.0
     }

@@ -48,7 +48,6 @@ const RATE_MEMORY_S: f64 = 1.0;
 /// Time between two looks at what changes slowly and takes long to compute [s].
 const LOOK_S: f64 = 0.1;
 
-/// Watches the steps of the estimates.
 #[derive(Clone, Debug)]
 pub struct TheoremMonitor {
     adaptation: Adaptation,
@@ -82,7 +81,6 @@ struct Before {
 
 impl TheoremMonitor {
     /// A monitor for a law with these gains.
-    #[must_use]
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
         let adaptation = Adaptation::new(rig, gains);
         let period_s = rig.period_s;

@@ -16,7 +16,6 @@ use crate::rate_law::RatePoint;
 ///
 /// `now.om` and `tau` [N m] belong to the rotor command that is in force over this period; `theta` are the
 /// estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
-#[must_use]
 pub fn predict(
     eta2: &Vector3<f64>,
     now: &RatePoint,

@@ -23,7 +23,6 @@ pub struct RatePoint {
 }
 
 /// a_d = (1 - exp(-alpha T))/T [1/s]: the gain for which a torque held over T gives e(t + T) = exp(-alpha T) e(t).
-#[must_use]
 pub fn sampled_gain(alpha_1_s: f64, period_s: f64) -> f64 {
     -exp_m1(-alpha_1_s * period_s) / period_s
 }
@@ -32,7 +31,6 @@ pub fn sampled_gain(alpha_1_s: f64, period_s: f64) -> f64 {
 ///
 /// `theta` are the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `gain` [1/s] is [`sampled_gain`], or alpha
 /// itself for the law in continuous time.
-#[must_use]
 pub fn torque(
     at: &RatePoint,
     reference: &RateReference,

@@ -70,7 +70,6 @@ fn check_rate_loop(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
 ///
 /// The characteristic z^(d+1) - z^d + c has its first root on the unit circle, z = exp(i w), where
 /// c = |z - 1| = 2 sin(w/2) and the angles agree at w = pi/(2d + 1). So 2, 1 and 0.618 for d = 0, 1 and 2.
-#[must_use]
 pub fn loop_gain_limit(delay_ticks: u32) -> f64 {
     let d = f64::from(delay_ticks);
     2.0 * sin(std::f64::consts::PI / (2.0 * (2.0 * d + 1.0)))

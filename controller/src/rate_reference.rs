@@ -9,7 +9,6 @@ use nalgebra::Vector3;
 
 use crate::command_filter::CommandFilter;
 
-/// Body rates wanted, and their derivative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateReference {
     /// nu2_d, body frame [rad/s].
@@ -22,7 +21,6 @@ pub struct RateReference {
 ///
 /// `e2` is the filter's second derivative [rad/s^2], `k_eta` the attitude gain per axis [1/s]. The yaw error is
 /// wrapped, so that the airframe turns the short way. Singular at a pitch of +-90 degrees.
-#[must_use]
 pub fn rate_reference(
     eta2: &Vector3<f64>,
     nu2: &Vector3<f64>,

@@ -5,8 +5,7 @@
 
 use control_api::law::Rig;
 use messages::allocation::{Allocation, net_speed};
-use messages::content::Measured;
-use messages::content::ROTORS;
+use messages::content::{Measured, ROTORS};
 use messages::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 
@@ -46,7 +45,6 @@ struct Sample {
 }
 
 impl Samples {
-    #[must_use]
     pub fn new(rig: &Rig) -> Self {
         Self {
             period_s: rig.period_s,
@@ -56,13 +54,11 @@ impl Samples {
         }
     }
 
-    #[must_use]
     pub fn newest_tick(&self) -> Option<u64> {
         self.newest.map(|newest| newest.tick)
     }
 
     /// h(t) at the newest sample, without unit; 0 before the first.
-    #[must_use]
     pub fn newest_h(&self) -> Vector3<f64> {
         self.newest.map_or(Vector3::zeros(), |newest| newest.h)
     }
@@ -86,7 +82,6 @@ impl Samples {
     }
 
     /// (6), (7): torque [N m] of rotors at these squared speeds [rad^2/s^2], by the nominal model.
-    #[must_use]
     pub fn rotor_torque(&self, speed_squared: &[f64; ROTORS]) -> Vector3<f64> {
         let f = speed_squared.map(|w2| self.k * w2);
         self.allocation.wrench(&f.into()).1

@@ -66,13 +66,11 @@ impl Trajectory {
     /// Their names, as typed by the user.
     pub const NAMES: [&str; 5] = ["hover", "step", "helix", "lissajous", "fast"];
 
-    #[must_use]
     pub const fn name(self) -> &'static str {
         Self::NAMES[self as usize]
     }
 
     /// The reference at time `t_s` since the start of the flight [s]; at rest at the origin before it.
-    #[must_use]
     pub fn reference(self, t_s: f64) -> Reference {
         let ramp = match self {
             Self::Step => [1.0, 0.0, 0.0, 0.0, 0.0],
@@ -85,7 +83,6 @@ impl Trajectory {
     }
 
     /// After which time all that moves repeats, but for a climb [s]; none where it ends at rest.
-    #[must_use]
     pub fn cycle_s(self) -> Option<f64> {
         const fn divisor(a: u64, b: u64) -> u64 {
             if b == 0 { a } else { divisor(b, a % b) }
@@ -103,7 +100,6 @@ impl Trajectory {
     }
 
     /// When it has left its ramp [s].
-    #[must_use]
     pub const fn begun_s(self) -> f64 {
         match self {
             Self::Step => 0.0,

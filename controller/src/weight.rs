@@ -16,7 +16,6 @@ pub struct Regression {
     pub y: Vector3<f64>,
     /// W = I + (T/alpha) X Gamma X^T; none where it is no number.
     pub weight: Option<Weight>,
-    /// The tick as it was measured.
     pub last: LastTick,
 }
 
@@ -30,7 +29,6 @@ pub struct Weight {
 
 impl Weight {
     /// Of X and the diagonal of G; none where W is no number.
-    #[must_use]
     #[inline]
     pub fn new(x: &Matrix3<f64>, g: &Vector3<f64>) -> Option<Self> {
         let row = |i: usize| Vector3::new(x[(i, 0)], x[(i, 1)], x[(i, 2)]);
@@ -54,7 +52,6 @@ impl Weight {
         })
     }
 
-    #[must_use]
     #[inline]
     pub fn solve(&self, r: &Vector3<f64>) -> Vector3<f64> {
         let &Self {
@@ -71,7 +68,6 @@ impl Weight {
     }
 
     /// S^T W^-1 S = (L^-1 S)^T D^-1 (L^-1 S).
-    #[must_use]
     #[inline]
     pub fn sandwiched(&self, s: &Matrix3<f64>) -> Matrix3<f64> {
         let &Self {

@@ -1,10 +1,11 @@
 //! What must hold for the laws at every input, not only in the reference cases.
 
 use control_api::Rig;
-use controller::adaptation::{Adaptation, Learnt};
+use controller::adaptation::Adaptation;
 use controller::command_filter::{CommandFilter, Passage};
 use controller::gains::PRESET_NAMES;
 use controller::limits::AccelerationLimits;
+use controller::lyapunov::v_th;
 use controller::samples::LastTick;
 use controller::{Gains, Limits, Trajectory};
 use messages::content::Reference;
@@ -13,9 +14,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
-    prop::array::uniform3(-size..size).prop_map(Vector3::from)
-}
+use crate::{axes, vector};
 
 proptest! {
     #[test]
@@ -73,35 +72,6 @@ proptest! {
     }
 }
 
-/// The orders of x, y, z and psi that a reference has.
-fn axes(reference: &Reference) -> [Vec<f64>; 4] {
-    let Reference {
-        position_w_m,
-        velocity_w_m_s,
-        acceleration_w_m_s2,
-        jerk_w_m_s3,
-        snap_w_m_s4,
-        ..
-    } = *reference;
-    let along = |i: usize| {
-        [
-            position_w_m,
-            velocity_w_m_s,
-            acceleration_w_m_s2,
-            jerk_w_m_s3,
-            snap_w_m_s4,
-        ]
-        .map(|order| order[i])
-        .to_vec()
-    };
-    let yaw = vec![
-        reference.yaw_rad,
-        reference.yaw_rate_rad_s,
-        reference.yaw_acceleration_rad_s2,
-    ];
-    [along(0), along(1), along(2), yaw]
-}
-
 /// A tick of an airframe that obeys (8) exactly, in the trapezoidal rule that the adaptation samples with.
 fn exact_tick(
     adaptation: &Adaptation,
@@ -135,16 +105,6 @@ fn exact_tick(
     }
 }
 
-/// V_th = 1/2 ~th^T Gamma^-1 ~th.
-fn v_th(adaptation: &Adaptation, learnt: &Learnt, theta: &Vector3<f64>) -> f64 {
-    let error = learnt.theta - theta;
-    error
-        .component_mul(&error)
-        .component_div(&adaptation.gamma)
-        .sum()
-        / 2.0
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -156,7 +116,7 @@ proptest! {
     ) {
         let adaptation = Adaptation::new(&Rig::default(), &Gains::preset(preset).expect("a preset"));
         let mut learnt = adaptation.prior();
-        let start = v_th(&adaptation, &learnt, &theta);
+        let start = v_th(&(learnt.theta - theta), &adaptation.gamma);
         let mut before = start;
         let mut nu2 = Vector3::zeros();
         for (tick, (om_m, tau_m)) in flight.into_iter().enumerate() {
@@ -169,7 +129,7 @@ proptest! {
             }
             // Rounding in (nu - nu_-)/T is 1e-12 of a residual: relative where V_th is large, and a floor of
             // its own once the estimates have arrived.
-            let after = v_th(&adaptation, &learnt, &theta);
+            let after = v_th(&(learnt.theta - theta), &adaptation.gamma);
             prop_assert!(after <= before * (1.0 + 1e-9) + 1e-15 * start, "{before:e} -> {after:e}");
             before = after;
         }

@@ -5,9 +5,8 @@
 use control_api::description::{SettingKind, Settings, Value};
 use control_api::law::{Desired, InnerLaw, Law, OuterLaw, Rig};
 use controller::laws::{Estimating, Geometric, Indi, Pid};
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::Stamped;
+use messages::content::{Measured, Reference, Stamped};
+use messages::layout::{Field, Visit, VisitorMut};
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter};
 use messages::telemetry::Telemetry;
@@ -63,39 +62,32 @@ fn law_of<L: Law>(case: &Json) -> L {
     L::new(&rig(case), &Settings::new(values.collect())).expect("the settings go together")
 }
 
-fn measured(json: &Json) -> Measured {
-    Measured {
-        position_w_m: numbers(&json["position_w_m"]),
-        velocity_w_m_s: numbers(&json["velocity_w_m_s"]),
-        attitude_rad: numbers(&json["attitude_rad"]),
-        attitude_quaternion: numbers(&json["attitude_quaternion"]),
-        rate_b_rad_s: numbers(&json["rate_b_rad_s"]),
-        rotor_speed_squared_mean_rad2_s2: numbers(&json["rotor_speed_squared_mean_rad2_s2"]),
-        ..Measured::default()
+/// Fills in the fields of a struct from the JSON object with their names.
+struct Fields<'a>(&'a Json);
+
+impl VisitorMut for Fields<'_> {
+    fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
+        values[0] = u64::from(self.0[field.name].as_bool().unwrap_or_default());
     }
+
+    fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
+        let json = &self.0[field.name];
+        match values {
+            [value] => *value = number(json),
+            values => (0..)
+                .zip(values)
+                .for_each(|(i, value)| *value = number(&json[i as usize])),
+        }
+    }
+
+    fn structs<L: Visit>(&mut self, _: &'static Field, _: &mut [L]) {}
 }
 
-fn reference(json: &Json) -> Reference {
-    Reference {
-        position_w_m: numbers(&json["position_w_m"]),
-        velocity_w_m_s: numbers(&json["velocity_w_m_s"]),
-        acceleration_w_m_s2: numbers(&json["acceleration_w_m_s2"]),
-        jerk_w_m_s3: numbers(&json["jerk_w_m_s3"]),
-        snap_w_m_s4: numbers(&json["snap_w_m_s4"]),
-        yaw_rad: number(&json["yaw_rad"]),
-        yaw_rate_rad_s: number(&json["yaw_rate_rad_s"]),
-        yaw_acceleration_rad_s2: number(&json["yaw_acceleration_rad_s2"]),
-    }
-}
-
-fn wanted(json: &Json) -> Desired {
-    Desired {
-        thrust_n: number(&json["thrust_n"]),
-        attitude_rad: numbers(&json["attitude_rad"]),
-        attitude_rate_rad_s: numbers(&json["attitude_rate_rad_s"]),
-        attitude_acceleration_rad_s2: numbers(&json["attitude_acceleration_rad_s2"]),
-        limited: u64::from(json["limited"].as_bool().unwrap_or_default()),
-    }
+/// Of what the law may not look at, the numbers are 0.
+fn read<T: Visit + Default>(json: &Json) -> T {
+    let mut content = T::default();
+    content.visit_mut(&mut Fields(json));
+    content
 }
 
 fn assert_close(what: &str, actual: &[f64], expected: &[f64]) {
@@ -138,19 +130,13 @@ fn inner<L: Law + InnerLaw>() {
     each_case::<L>(
         |law, row, telemetry| {
             let (tick, measured_tick) = (tick_of(&row["tick"]), tick_of(&row["measured_tick"]));
-            let measured = Stamped {
-                tick: measured_tick,
-                content: measured(&row["measured"]),
-            };
-            let wanted = Stamped {
-                tick,
-                content: wanted(&row["wanted"]),
-            };
+            let measured = Stamped::new(measured_tick, read(&row["measured"]));
+            let wanted = Stamped::new(tick, read(&row["wanted"]));
             let demand = law.tick(
                 tick,
                 &measured,
                 &wanted,
-                &reference(&row["reference"]),
+                &read(&row["reference"]),
                 telemetry,
             );
             [&[demand.thrust_n], &demand.torque_b_nm[..]].concat()
@@ -179,10 +165,11 @@ fn in_a_row(wanted: &Desired) -> Vec<f64> {
 fn estimating() {
     each_case::<Estimating>(
         |law, row, telemetry| {
-            let (measured, reference) = (measured(&row["measured"]), reference(&row["reference"]));
+            let (measured, reference): (Measured, Reference) =
+                (read(&row["measured"]), read(&row["reference"]));
             in_a_row(&law.tick(tick_of(&row["tick"]), &measured, &reference, telemetry))
         },
-        |out| in_a_row(&wanted(out)),
+        |out| in_a_row(&read(out)),
     );
 }
 
@@ -213,14 +200,8 @@ fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
         ..Measured::default()
     };
     let (measured, wanted) = (
-        Stamped {
-            tick: 0,
-            content: measured,
-        },
-        Stamped {
-            tick: 0,
-            content: Desired::default(),
-        },
+        Stamped::new(0, measured),
+        Stamped::new(0, Desired::default()),
     );
     let demand = law.tick(
         0,

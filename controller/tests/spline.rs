@@ -2,8 +2,9 @@
 
 use controller::trajectory::{Point, Spline, SplineError};
 use controller::{ScaledTrajectory, Trajectory};
-use messages::content::Reference;
 use proptest::prelude::*;
+
+use crate::axes;
 
 /// Points whose intervals differ by a factor of up to 20.
 fn any_points() -> impl Strategy<Value = Vec<Point>> {
@@ -17,32 +18,6 @@ fn any_points() -> impl Strategy<Value = Vec<Point>> {
             steps.into_iter().map(point).collect()
         },
     )
-}
-
-/// Value and derivatives of x, y, z and yaw, as far as a reference has them.
-fn axes(reference: &Reference) -> [Vec<f64>; 4] {
-    let Reference {
-        position_w_m,
-        velocity_w_m_s,
-        acceleration_w_m_s2,
-        jerk_w_m_s3,
-        snap_w_m_s4,
-        ..
-    } = *reference;
-    let orders = [
-        position_w_m,
-        velocity_w_m_s,
-        acceleration_w_m_s2,
-        jerk_w_m_s3,
-        snap_w_m_s4,
-    ];
-    let along = |axis: usize| orders.iter().map(|order| order[axis]).collect();
-    let yaw = vec![
-        reference.yaw_rad,
-        reference.yaw_rate_rad_s,
-        reference.yaw_acceleration_rad_s2,
-    ];
-    [along(0), along(1), along(2), yaw]
 }
 
 /// The largest size of each derivative in the interval before a time [s].

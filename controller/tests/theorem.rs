@@ -4,13 +4,12 @@ use control_api::{GuardedInner, Rig};
 use controller::adaptation::Adaptation;
 use controller::excitation::Excitation;
 use controller::gains::PRESET_NAMES;
-use controller::laws::{Adaptive, adaptive};
+use controller::laws::adaptive;
 use controller::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
 use controller::samples::LastTick;
 use controller::weight::Weight;
 use controller::{Gains, TheoremMonitor};
-use messages::content::Measured;
-use messages::content::{Setpoint, Stamped, State, Truth};
+use messages::content::{Stamped, State};
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{Airframe, PARAMETERS, Parameter};
 use messages::rate_dynamics::disturbance;
@@ -19,9 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use proptest::sample::select;
 
-fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
-    prop::array::uniform3(-size..size).prop_map(Vector3::from)
-}
+use crate::{inner_loop, setpoint, vector};
 
 fn theta() -> impl Strategy<Value = Vector3<f64>> {
     (-1e-3..1e-3, 0.0..1.0, -2.0..2.0).prop_map(|(i_r, k_r, delta)| Vector3::new(i_r, k_r, delta))
@@ -164,41 +161,10 @@ fn excitation_left_of(contraction: &Matrix3<f64>) -> f64 {
         .norm()
 }
 
-/// A hovering airframe of known parameters.
 fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Stamped<State> {
-    let w = Airframe::nominal().hover_speed_rad_s();
-    let rate = 0.01 * (tick as f64).sin();
-    let measured = Measured {
-        rate_b_rad_s: [rate, -rate, 0.5 * rate],
-        rotor_speed_mean_rad_s: [w; 4],
-        rotor_speed_squared_mean_rad2_s2: [w * w; 4],
-        rotor_speed_command_rad_s: [w; 4],
-        ..Measured::default()
-    };
-    let content = State {
-        measured,
-        truth: Truth {
-            parameter,
-            ..Truth::default()
-        },
-        ..State::default()
-    };
-    Stamped { tick, content }
-}
-
-fn guarded() -> GuardedInner {
-    let rig = Rig::default();
-    GuardedInner::new(Adaptive::with(&rig, &Gains::default()).into(), &rig)
-}
-
-fn setpoint(tick: u64) -> Stamped<Setpoint> {
-    Stamped {
-        tick,
-        content: Setpoint {
-            thrust_n: 5.0,
-            ..Setpoint::default()
-        },
-    }
+    let mut state = crate::state(tick);
+    state.content.truth.parameter = parameter;
+    state
 }
 
 /// An inner loop, and the monitor of what it says.
@@ -209,7 +175,7 @@ struct Watched {
 
 fn watched() -> Watched {
     Watched {
-        inner: guarded(),
+        inner: inner_loop(),
         monitor: TheoremMonitor::new(&Rig::default(), &Gains::default()),
     }
 }
@@ -248,7 +214,7 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
         Vector3::new(0.0, -1e-6, 0.0),
         Vector3::new(0.0, 0.0, 1e-3),
     ] {
-        let mut inner = guarded();
+        let mut inner = inner_loop();
         let mut monitor = TheoremMonitor::new(&rig, &gains);
         let mut watch = |tick: u64, push: Vector3<f64>| {
             let mut state = state(tick, *airframe.values());

@@ -28,7 +28,6 @@ pub struct Mix {
 /// (7) inverted: rotor thrusts [N] within `[f_min, f_max]` [N] for total thrust `u` [N] and torque `tau` [N m, body].
 ///
 /// Of a demand that is not a number nothing is met: it counts as the smallest thrust or as no torque.
-#[must_use]
 pub fn mix(allocation: &Allocation, u: f64, tau: &Vector3<f64>, f_min: f64, f_max: f64) -> Mix {
     // Not `clamp`, which hands a NaN on.
     let share = (u / 4.0).max(f_min).min(f_max);
@@ -70,7 +69,6 @@ fn add_what_fits(
 }
 
 /// (6) inverted: the speed [rad/s] at which a rotor gives each thrust `f` [N, not negative]; `k` in N s^2.
-#[must_use]
 pub fn speeds(f: &Vector4<f64>, k: f64) -> Vector4<f64> {
     f.map(|f_i| (f_i / k).sqrt())
 }

@@ -1,6 +1,6 @@
 //! The law `priority`: thrust first, then roll and pitch, then yaw; see [`crate::mix`].
 
-use control_api::description::{Description, Refused, Settings, Signal};
+use control_api::description::{Description, Refused, Settings, signal};
 use control_api::law::{Law, MixerLaw, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::content::ROTORS;
@@ -31,16 +31,7 @@ impl Law for Priority {
         settings: &[],
         presets: &[],
         suited: None,
-        telemetry: &[
-            Signal {
-                name: "roll_pitch_share",
-                unit: "",
-            },
-            Signal {
-                name: "yaw_share",
-                unit: "",
-            },
-        ],
+        telemetry: &[signal("roll_pitch_share", ""), signal("yaw_share", "")],
     };
 
     fn new(rig: &Rig, _: &Settings) -> Result<Self, Refused> {

@@ -87,10 +87,7 @@ fn a_wrench_ages_from_held_over_fallback_to_idle() {
 
 #[test]
 fn before_the_first_wrench_the_rotors_idle() {
-    let nothing = Stamped {
-        tick: NO_TICK,
-        content: Wrench::default(),
-    };
+    let nothing = Stamped::new(NO_TICK, Wrench::default());
     for tick in [0, 1, 49, 100] {
         assert_idle(&mixer(0.001).tick(tick, &nothing));
     }

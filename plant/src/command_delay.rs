@@ -21,7 +21,6 @@ pub struct CommandDelay {
 
 impl CommandDelay {
     /// The delay of an airframe whose rotors turn at `hover` [rad/s]; `period_s` is T [s].
-    #[must_use]
     pub fn new(period_s: f64, airframe: &Airframe, hover: [f64; ROTORS]) -> Self {
         let longest = (LONGEST_S / period_s).round() as usize;
         let mut delay = Self {
@@ -51,7 +50,6 @@ impl CommandDelay {
     }
 
     /// The speeds that the motors are given in the tick of the newest [rad/s].
-    #[must_use]
     pub fn acting(&self) -> [f64; ROTORS] {
         let back = if self.ticks <= self.newest {
             0

@@ -26,7 +26,6 @@ pub const PENDING_S: f64 = 0.064;
 const PENDING_MAX: usize = 10 * PENDING_COMMANDS;
 
 /// Commands that can wait at a tick of `period_s` [s].
-#[must_use]
 pub fn pending_commands(period_s: f64) -> usize {
     ((PENDING_S / period_s).round() as usize).clamp(PENDING_COMMANDS, PENDING_MAX)
 }
@@ -34,7 +33,6 @@ pub fn pending_commands(period_s: f64) -> usize {
 /// A command that waits for its tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pending {
-    /// Tick that it was made for.
     tick: u64,
     /// Tick from which on it may act.
     effective_tick: u64,
@@ -68,7 +66,6 @@ pub struct CommandHold {
 impl CommandHold {
     /// A latch that holds `hover` [rad/s] until the first command, and `idle` [rad/s] when none comes for
     /// [`COMMAND_TIMEOUT_S`], in whole ticks of `period_s` [s].
-    #[must_use]
     pub fn new(hover: [f64; ROTORS], idle: [f64; ROTORS], period_s: f64) -> Self {
         Self {
             pending: Deque::new(),
@@ -145,31 +142,26 @@ impl CommandHold {
     }
 
     /// Rotor speeds in force [rad/s].
-    #[must_use]
     pub fn speed(&self) -> [f64; ROTORS] {
         if self.is_idle { self.idle } else { self.speed }
     }
 
     /// Whether the command in force could not meet what was asked; of idle rotors nothing is asked.
-    #[must_use]
     pub fn is_saturated(&self) -> bool {
         !self.is_idle && self.is_saturated
     }
 
     /// Tick of the newest command that came into force; [`NO_TICK`] before the first. Idling leaves it as it is.
-    #[must_use]
     pub fn command_tick(&self) -> u64 {
         self.command_tick.unwrap_or(NO_TICK)
     }
 
     /// Ticks that began without the command of the tick before.
-    #[must_use]
     pub fn deadlines_missed(&self) -> u64 {
         self.deadlines_missed
     }
 
     /// Length of the run of missed deadlines that ends at the tick entered last; 0 when that one was met.
-    #[must_use]
     pub fn deadline_miss_run(&self) -> u64 {
         self.deadline_miss_run
     }

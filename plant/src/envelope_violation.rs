@@ -10,7 +10,6 @@ use thiserror::Error;
     tilt_rad.to_degrees(), tilt_max_rad.to_degrees()
 )]
 pub struct Crash {
-    /// Tick by which it had happened.
     pub tick: u64,
     /// Fastest approach of a part that touched [m/s].
     pub speed_m_s: f64,
@@ -26,10 +25,7 @@ pub struct Crash {
 pub enum EnvelopeViolation {
     /// A position, velocity, attitude or rate is infinite or not a number.
     #[error("the flight diverged: at tick {tick} the state is no longer finite")]
-    NotFinite {
-        /// Tick at which it was seen.
-        tick: u64,
-    },
+    NotFinite { tick: u64 },
     /// The airframe hit the ground as no landing does.
     #[error(transparent)]
     Crash(Crash),
@@ -40,7 +36,6 @@ pub enum EnvelopeViolation {
         tilt_rad.to_degrees(), tilt_max_rad.to_degrees()
     )]
     Tilt {
-        /// Tick at which it was seen.
         tick: u64,
         /// Angle between body z and the vertical [rad].
         tilt_rad: f64,

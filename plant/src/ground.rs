@@ -54,7 +54,6 @@ struct Corner {
     impulse_w: Vector3<f64>,
 }
 
-/// The body as impulses see it.
 struct Struck<'a> {
     body: &'a mut RigidBody,
     rot_wb: Matrix3<f64>,
@@ -106,7 +105,6 @@ fn take_back(airframe: &Airframe, free: &RigidBody, fall_m_s2: f64, body: &mut R
 
 impl Ground {
     /// Height of the lowest corner above the plane [m].
-    #[must_use]
     pub fn clearance_m(&self, airframe: &Airframe, body: &RigidBody) -> f64 {
         let down_b = body.attitude.rot_wb().row(2).transpose();
         let lowest = |least: f64, arm_b: &Vector3<f64>| least.min(down_b.dot(arm_b));
@@ -165,7 +163,6 @@ impl Ground {
     }
 
     /// Whether a contact was none of a landing.
-    #[must_use]
     pub fn crash(&self, tick: u64, contact: &Contact) -> Option<Crash> {
         let Contact {
             speed_m_s,

@@ -4,8 +4,7 @@ use ipc::clock::busy_wait;
 use ipc::error::Error;
 use ipc::{Blackboard, Wire};
 use messages::content::RotorSpeeds;
-use messages::fault::acts::Acts;
-use messages::fault::live::{LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
+use messages::fault::live::{Acts, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
 use messages::fault::{MessageFaults, NotTaken, Span};
 use messages::role::Role;
 
@@ -52,7 +51,6 @@ impl Injection {
         self.is_late = !faults.late.of(Role::Plant).is_empty();
     }
 
-    #[must_use]
     pub const fn messages(&self) -> &MessageFaults {
         &self.faults.messages
     }

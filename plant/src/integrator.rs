@@ -17,7 +17,6 @@ pub const SUBSTEPS: u32 = 4;
 ///
 /// The parameters and the rotor command (inside `spin`) hold for the whole tick. The stage uses [`SUBSTEPS`]; other
 /// numbers of steps are there to measure the order of convergence.
-#[must_use]
 pub fn integrate(
     body: &RigidBody,
     airframe: &Airframe,
@@ -38,7 +37,6 @@ pub fn integrate(
 }
 
 /// The same, with something that acts on the body after every step, and is told where it began: the ground.
-#[must_use]
 pub fn integrate_with(
     body: &RigidBody,
     dynamics: &Dynamics,

@@ -8,10 +8,8 @@ use nalgebra::Vector3;
 /// What a variate is drawn for; each has its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
-    /// White noise of the body rates.
     Gyro,
     GyroDrift,
-    /// White noise of the specific force.
     Accelerometer,
     Position,
     Velocity,
@@ -19,7 +17,6 @@ pub enum Stream {
 
 impl Stream {
     /// Three independent standard normal variates, for x, y, z.
-    #[must_use]
     pub fn normal(self, seed: u64, tick: u64) -> Vector3<f64> {
         let first = 3 * self as u64;
         Vector3::from_fn(|axis, _| standard_normal(seed, tick, first + axis as u64))

@@ -369,7 +369,6 @@ fn refusal(reason: &SwapError, tick: u64) -> SwapAnswer {
 }
 
 /// A swap that has taken hold, as it is told on topic `swaps`.
-#[must_use]
 pub fn swap_record(applied: &AppliedSwap) -> SwapRecord {
     let mut record = SwapRecord {
         parameter_epoch: applied.epoch,

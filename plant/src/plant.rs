@@ -17,8 +17,7 @@ use std::f64::consts::PI;
 
 use messages::attitude::Attitude;
 use messages::checks::{Check, is_on};
-use messages::content::Measured;
-use messages::content::{NO_TICK, ROTORS, RotorSpeeds, Stamped, State, Truth};
+use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State, Truth};
 use messages::fault::gate::{Gate, Passed};
 use messages::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
@@ -66,7 +65,6 @@ pub struct Plant {
     ramps: Ramps,
     /// Tick of the newest change of a parameter since the last [`Plant::begin`] or [`Plant::end`] began.
     changed_tick: Option<u64>,
-    /// Tick at which the body stands.
     tick: u64,
     /// Whether swaps, command and verdict of this tick are settled.
     has_begun: bool,
@@ -76,7 +74,6 @@ pub struct Plant {
 
 impl Plant {
     /// A plant at tick 0: where the settings say, rotors at the hover speed of the airframe.
-    #[must_use]
     pub fn new(settings: &PlantSettings) -> Self {
         let PlantSettings {
             period_s,
@@ -294,13 +291,11 @@ impl Plant {
     }
 
     /// What the sensors would show now. The accelerometer feels the rotors as they turned until now.
-    #[must_use]
     pub fn measured(&self) -> Measured {
         self.state().measured
     }
 
     /// The state as it would be published now.
-    #[must_use]
     pub fn state(&self) -> State {
         let mut state = State::default();
         self.show(&mut state);
@@ -366,32 +361,26 @@ impl Plant {
         *parameter = *airframe.values();
     }
 
-    /// The true parameters that hold now.
-    #[must_use]
     pub fn airframe(&self) -> &Airframe {
         &self.airframe
     }
 
-    #[must_use]
     pub fn parameter_epoch(&self) -> u64 {
         self.parameter_epoch
     }
 
     /// Swaps that the last [`Plant::begin`] or [`Plant::end`] applied, in order, those of skipped ticks among them.
-    #[must_use]
     pub fn applied(&self) -> &[AppliedSwap] {
         &self.applied
     }
 
     /// Tick of the newest change of a parameter, by a swap or a step of a ramp, that the last [`Plant::begin`] or
     /// [`Plant::end`] made.
-    #[must_use]
     pub const fn changed_tick(&self) -> Option<u64> {
         self.changed_tick
     }
 
     /// Height of the airframe's lowest point above the ground [m], where there is one.
-    #[must_use]
     pub fn clearance_m(&self) -> Option<f64> {
         self.ground
             .map(|ground| ground.clearance_m(&self.airframe, &self.body))

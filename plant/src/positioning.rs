@@ -47,7 +47,6 @@ pub struct Positioning {
 
 impl Positioning {
     /// A receiver that knows where the flight of an airframe begins; `period_s` is T [s].
-    #[must_use]
     pub fn new(period_s: f64, airframe: &Airframe, body: &RigidBody) -> Self {
         let start = Fix::of(0, body);
         let ticks = (LONGEST_S / period_s).round() as usize;
@@ -104,7 +103,6 @@ impl Positioning {
     }
 
     /// Position [m] and velocity [m/s], world frame, with the errors of the fix.
-    #[must_use]
     pub fn shown(&self, airframe: &Airframe, seed: u64) -> (Vector3<f64>, Vector3<f64>) {
         let Fix {
             tick,

@@ -12,8 +12,7 @@ use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wire};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, Run, RunPhase};
 use messages::content::{RotorSpeeds, Stamped, State};
-use messages::fault::acts::Acts;
-use messages::fault::live::LoopFaults;
+use messages::fault::live::{Acts, LoopFaults};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};
@@ -83,7 +82,6 @@ pub struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
     commands: Receiver<RotorSpeeds>,
-    /// Rung by the mixer in lockstep.
     doorbell: WakeEvent,
     in_force: Blackboard<ActiveParameters>,
     orders: Consumer<'a, Request>,
@@ -356,13 +354,7 @@ impl<'a> PlantProcess<'a> {
             let made_for = message.envelope.tick;
             let effective_tick =
                 pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
-            plant.offer(
-                &Stamped {
-                    tick: made_for,
-                    content: message.content,
-                },
-                effective_tick,
-            );
+            plant.offer(&Stamped::new(made_for, message.content), effective_tick);
         })
     }
 

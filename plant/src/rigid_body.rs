@@ -82,7 +82,6 @@ pub struct Dynamics {
 
 impl Dynamics {
     /// Its numbers, to lay them beside those of other airframes.
-    #[must_use]
     pub(crate) fn numbers(&self) -> [f64; 18] {
         let Self {
             g,
@@ -100,8 +99,6 @@ impl Dynamics {
         ]
     }
 
-    /// The same again, of its numbers.
-    #[must_use]
     #[inline(always)]
     pub(crate) fn of_numbers(numbers: [f64; 18]) -> Self {
         let [
@@ -136,7 +133,6 @@ impl Dynamics {
         }
     }
 
-    #[must_use]
     #[inline]
     pub fn new(airframe: &Airframe) -> Self {
         let (m, i_m) = (airframe.m(), Vector3::from(airframe.i_m()));
@@ -157,7 +153,6 @@ impl Dynamics {
     }
 
     /// What the rotors do, without the disturbance.
-    #[must_use]
     #[inline]
     pub fn forcing(&self, effort: &Effort) -> Forcing {
         let Effort { u, tau, om } = effort;
@@ -169,7 +164,6 @@ impl Dynamics {
     }
 
     /// The same with the disturbance; `h` is h(t), without unit.
-    #[must_use]
     #[inline(always)]
     pub fn disturbed(&self, forcing: &Forcing, h: &Vector3<f64>) -> Forcing {
         Forcing {
@@ -179,7 +173,6 @@ impl Dynamics {
     }
 
     /// (1): acceleration in the world frame [m/s^2] at an attitude and velocity `v` [m/s, world].
-    #[must_use]
     #[inline(always)]
     pub fn linear_acceleration(
         &self,
@@ -192,7 +185,6 @@ impl Dynamics {
     }
 
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
-    #[must_use]
     #[inline(always)]
     pub fn angular_acceleration(&self, nu2: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
         let [i_r_x, i_r_y] = self.gyroscopic;
@@ -203,7 +195,6 @@ impl Dynamics {
 
     /// Specific force in the body frame [m/s^2], under thrust `u` [N] and while the ground accelerates the body by
     /// `pushed_w` [m/s^2, world]: the acceleration less gravity, as an accelerometer in the centre of mass feels it.
-    #[must_use]
     #[inline]
     pub fn specific_force(
         &self,
@@ -217,14 +208,11 @@ impl Dynamics {
 
 impl Forcing {
     /// Its numbers, to lay them beside those of other airframes.
-    #[must_use]
     #[inline(always)]
     pub(crate) fn numbers(&self) -> [f64; 5] {
         [self.lift, self.push.x, self.push.y, self.push.z, self.om]
     }
 
-    /// The same again, of its numbers.
-    #[must_use]
     #[inline(always)]
     pub(crate) fn of_numbers([lift, x, y, z, om]: [f64; 5]) -> Self {
         Self {
@@ -237,15 +225,12 @@ impl Forcing {
 
 impl RigidBody {
     /// Its numbers, to lay them beside those of other bodies.
-    #[must_use]
     #[inline(always)]
     pub(crate) fn numbers(&self) -> [f64; 13] {
         let (e, v, n, [w, x, y, z]) = (&self.eta1, &self.v, &self.nu2, self.attitude.wxyz());
         [e.x, e.y, e.z, v.x, v.y, v.z, w, x, y, z, n.x, n.y, n.z]
     }
 
-    /// The same again, of its numbers.
-    #[must_use]
     #[inline(always)]
     pub(crate) fn of_numbers(
         [e_x, e_y, e_z, v_x, v_y, v_z, w, x, y, z, p, q, r]: [f64; 13],
@@ -259,7 +244,6 @@ impl RigidBody {
     }
 
     /// (1), (8) and that of the quaternion: the derivative under a forcing.
-    #[must_use]
     // Part of the integrator's loop: called, it would hand 25 numbers through memory, 16 times a tick.
     #[inline(always)]
     pub fn rate(&self, dynamics: &Dynamics, forcing: &Forcing) -> RigidBodyRate {
@@ -275,7 +259,6 @@ impl RigidBody {
     }
 
     /// The body moved along `rate` for `dt_s` [s]: one Euler step, the building block of the integrator.
-    #[must_use]
     #[inline(always)]
     pub fn along(&self, rate: &RigidBodyRate, dt_s: f64) -> Self {
         Self {
@@ -287,14 +270,12 @@ impl RigidBody {
     }
 
     /// Angle between body z and the vertical [rad]: 0 level, pi upside down.
-    #[must_use]
     pub fn tilt_rad(&self) -> f64 {
         let z_b = self.attitude.z_b_in_w();
         atan2((z_b.x * z_b.x + z_b.y * z_b.y).sqrt(), z_b.z)
     }
 
     /// Whether every component is a finite number.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         let attitude = self.attitude.wxyz();
         [self.eta1, self.v, self.nu2]

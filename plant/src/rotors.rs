@@ -43,7 +43,6 @@ pub struct SpinMeans {
 
 impl SpinMeans {
     /// The means of rotors that turn at a constant speed [rad/s].
-    #[must_use]
     pub fn steady(speed: &Vector4<f64>) -> Self {
         Self {
             speed: *speed,
@@ -54,7 +53,6 @@ impl SpinMeans {
 
 impl Spin {
     /// The motion from `start` [rad/s] under `command` [rad/s], with the motors of the airframe.
-    #[must_use]
     pub fn new(airframe: &Airframe, start: Vector4<f64>, command: Vector4<f64>) -> Self {
         Self {
             rotors: Rotors::new(airframe),
@@ -65,13 +63,11 @@ impl Spin {
     }
 
     /// Whether the speeds follow the command with a lag.
-    #[must_use]
     pub fn lags(&self) -> bool {
         self.time_constant_s != 0.0
     }
 
     /// Speeds w [rad/s] at `offset_s` [s] after the tick.
-    #[must_use]
     pub fn speed(&self, offset_s: f64) -> Vector4<f64> {
         if !self.lags() {
             return self.command;
@@ -80,13 +76,11 @@ impl Spin {
     }
 
     /// What the rotors do at `offset_s` [s] after the tick.
-    #[must_use]
     pub fn effort(&self, offset_s: f64) -> Effort {
         self.rotors.effort(&self.speed(offset_s))
     }
 
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
-    #[must_use]
     pub fn means(&self, period_s: f64) -> SpinMeans {
         let Self {
             command: w_c,
@@ -147,20 +141,17 @@ impl Rotors {
 }
 
 /// (6), (7): total thrust of rotors that turn at `w` [rad/s], with the true efficiencies [N].
-#[must_use]
 #[inline]
 pub fn thrust(airframe: &Airframe, w: &Vector4<f64>) -> f64 {
     Rotors::new(airframe).forces(w).sum()
 }
 
 /// (4), (6), (7): thrust, torque and net speed of rotors that turn at `w` [rad/s], with the true efficiencies.
-#[must_use]
 pub fn effort(airframe: &Airframe, w: &Vector4<f64>) -> Effort {
     Rotors::new(airframe).effort(w)
 }
 
 /// Speeds of all four rotors in hover [rad/s].
-#[must_use]
 pub fn hover(airframe: &Airframe) -> Vector4<f64> {
     Vector4::repeat(airframe.hover_speed_rad_s())
 }

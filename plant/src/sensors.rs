@@ -24,7 +24,6 @@ pub struct Sensors {
 
 impl Sensors {
     /// Those of a flight of `airframe` that begins with `body`; `period_s` is T [s].
-    #[must_use]
     pub fn new(period_s: f64, seed: u64, airframe: &Airframe, body: &RigidBody) -> Self {
         let positioning = Positioning::new(period_s, airframe, body);
         Self {
@@ -49,7 +48,6 @@ impl Sensors {
         self.positioning.take(self.tick, body);
     }
 
-    /// Follows a change of the parameters.
     pub fn tune(&mut self, airframe: &Airframe) {
         self.positioning.tune(airframe);
     }
@@ -60,7 +58,6 @@ impl Sensors {
     }
 
     /// Body rates [rad/s] as the gyro shows `nu2` [rad/s].
-    #[must_use]
     pub fn rates(&self, airframe: &Airframe, nu2: &Vector3<f64>) -> Vector3<f64> {
         if !Airframe::gyro_errs(airframe.values()) {
             return *nu2;
@@ -75,7 +72,6 @@ impl Sensors {
     }
 
     /// Specific force [m/s^2] as the accelerometer shows `force` [m/s^2], body frame.
-    #[must_use]
     pub fn specific_force(&self, airframe: &Airframe, force: &Vector3<f64>) -> Vector3<f64> {
         let sigma = airframe.get(Parameter::AccelerometerNoise) / self.period_s.sqrt();
         let bias = Vector3::repeat(airframe.get(Parameter::AccelerometerBias));
@@ -83,7 +79,6 @@ impl Sensors {
     }
 
     /// Position [m] and velocity [m/s], world frame, of the newest fix that has arrived.
-    #[must_use]
     pub fn fix(&self, airframe: &Airframe) -> (Vector3<f64>, Vector3<f64>) {
         self.positioning.shown(airframe, self.seed)
     }

@@ -7,7 +7,6 @@ use messages::parameters::Airframe;
 
 use crate::ground::Ground;
 
-/// What a plant is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantSettings {
     /// Length of a tick, T [s].

@@ -13,11 +13,9 @@ pub const PENDING_SWAPS: usize = 64;
 /// Steps of the longest ramp: 30 days, the longest flight, at the shortest tick, 0.1 ms.
 pub const STEPS_MAX: u64 = 30 * 86_400 * 10_000;
 
-/// What a parameter is to become.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     pub parameter: Parameter,
-    /// Its new value, in its unit.
     pub value: f64,
     /// Equal steps in which it gets there, one a tick from the swap's on; 1 is at once.
     pub steps: u64,
@@ -34,12 +32,10 @@ pub struct Swap {
     pub ticket: u64,
 }
 
-/// A swap that has taken hold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AppliedSwap {
     /// Grid tick from which on it holds.
     pub tick: u64,
-    /// Parameter epoch that began with it.
     pub epoch: u64,
     /// Number by which the asker knows it again.
     pub ticket: u64,
@@ -55,11 +51,7 @@ pub enum SwapError {
     Twice { parameter: Parameter },
     /// A ramp of no step, or of more than a flight has ticks.
     #[error("{parameter}: a ramp of {steps} steps: allowed are 1 to {STEPS_MAX}")]
-    Steps {
-        parameter: Parameter,
-        /// How many it was to take.
-        steps: u64,
-    },
+    Steps { parameter: Parameter, steps: u64 },
     /// A value is out of its range.
     #[error(transparent)]
     Value(#[from] ParameterError),

@@ -12,21 +12,17 @@ use plant::rotors::{Spin, effort};
 use plant::{Initial, Plant, PlantSettings};
 use proptest::prelude::*;
 
-const PERIOD_S: f64 = 0.001;
+use crate::{PERIOD_S, airframe};
 
 /// Without drag, rotor inertia and disturbance; gravity may stay.
 fn free() -> Airframe {
     use Parameter::{DisturbanceGain, RotationalDrag, RotorInertia, TranslationalDrag};
-    let mut airframe = Airframe::nominal();
-    for parameter in [
-        TranslationalDrag,
-        RotationalDrag,
-        RotorInertia,
-        DisturbanceGain,
-    ] {
-        airframe.set(parameter, 0.0).unwrap();
-    }
-    airframe
+    airframe(&[
+        (TranslationalDrag, 0.0),
+        (RotationalDrag, 0.0),
+        (RotorInertia, 0.0),
+        (DisturbanceGain, 0.0),
+    ])
 }
 
 fn length(attitude: &Attitude) -> f64 {
@@ -173,8 +169,7 @@ proptest! {
         nu2 in prop::array::uniform3(-1.0..1.0_f64),
         speeds in prop::array::uniform4(195.0..205.0_f64),
     ) {
-        let mut airframe = Airframe::nominal();
-        airframe.set(Parameter::DisturbanceGain, 0.0).unwrap();
+        let airframe = airframe(&[(Parameter::DisturbanceGain, 0.0)]);
         let speeds = Vector4::from(speeds);
         let spin = Spin::new(&airframe, speeds, speeds);
         let dynamics = Dynamics::new(&airframe);

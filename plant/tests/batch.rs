@@ -2,9 +2,11 @@
 
 use messages::content::{RotorSpeeds, Stamped, State};
 use messages::layout::Visit as _;
-use messages::parameters::{Airframe, Parameter};
+use messages::parameters::Parameter;
 use plant::{Ground, Initial, LANES, Plant, PlantBatch, PlantSettings, Swap, Target};
 use proptest::prelude::*;
+
+use crate::{airframe, command_of};
 
 const TICKS: u64 = 40;
 
@@ -63,14 +65,11 @@ fn drawn() -> impl Strategy<Value = Drawn> {
 
 impl Drawn {
     fn plant(&self) -> Plant {
-        let mut airframe = Airframe::nominal();
-        airframe.set(Parameter::Mass, self.mass_kg).unwrap();
-        airframe
-            .set(Parameter::InertiaX, self.inertia_x_kg_m2)
-            .unwrap();
-        airframe
-            .set(Parameter::MotorTimeConstant, self.lag_s)
-            .unwrap();
+        let airframe = airframe(&[
+            (Parameter::Mass, self.mass_kg),
+            (Parameter::InertiaX, self.inertia_x_kg_m2),
+            (Parameter::MotorTimeConstant, self.lag_s),
+        ]);
         let ground = Ground {
             z_m: 0.0,
             leg_m: 0.05,
@@ -104,14 +103,7 @@ impl Drawn {
     }
 
     fn command(&self, tick: u64) -> Stamped<RotorSpeeds> {
-        let speed_rad_s = self.speed_rad_s.map(|w| w + (tick % 7) as f64);
-        Stamped {
-            tick,
-            content: RotorSpeeds {
-                speed_rad_s,
-                ..RotorSpeeds::default()
-            },
-        }
+        command_of(tick, self.speed_rad_s.map(|w| w + (tick % 7) as f64))
     }
 }
 

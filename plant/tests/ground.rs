@@ -1,8 +1,7 @@
 //! Ground: rest, landing, sliding, tumbling; no energy gained, nothing below the plane.
 
-use messages::content::{RotorSpeeds, Stamped, State};
-use messages::limits::RotorLimits;
-use messages::parameters::{Airframe, Parameter};
+use messages::content::State;
+use messages::parameters::Parameter;
 use nalgebra::{Vector3, Vector4};
 use plant::ground::{Contact, Ground};
 use plant::integrator::{SUBSTEPS, integrate_with};
@@ -11,7 +10,10 @@ use plant::rotors::Spin;
 use plant::{EnvelopeViolation, Initial, Plant, PlantSettings};
 use proptest::prelude::*;
 
-const PERIOD_S: f64 = 0.001;
+use crate::{PERIOD_S, airframe, command_of};
+
+const IDLE: f64 = 30.0;
+
 const GROUND: Ground = Ground {
     z_m: -0.25,
     leg_m: 0.05,
@@ -32,13 +34,9 @@ fn plant(initial: Initial) -> Plant {
 
 /// Flies with all rotors at a speed, and shows every state.
 fn fly(plant: &mut Plant, ticks: u64, speed_rad_s: f64, mut see: impl FnMut(&State, &Plant)) {
-    let content = RotorSpeeds {
-        speed_rad_s: [speed_rad_s; 4],
-        ..RotorSpeeds::default()
-    };
     for tick in 0..ticks {
         see(&plant.begin(tick), plant);
-        plant.offer(&Stamped { tick, content }, tick + 1);
+        plant.offer(&command_of(tick, [speed_rad_s; 4]), tick + 1);
         plant.finish();
     }
 }
@@ -55,28 +53,22 @@ const fn at(position_w_m: [f64; 3]) -> Initial {
 #[test]
 fn at_rest_it_stays_where_it_stands_and_feels_its_weight() {
     let mut plant = plant(at([0.3, -0.2, REST_Z_M]));
-    fly(
-        &mut plant,
-        5000,
-        RotorLimits::default().min_rad_s,
-        |state, plant| {
-            let off =
-                Vector3::from(state.measured.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
-            assert!(off.norm() < 1e-6, "{state:?}");
-            assert!(
-                Vector3::from(state.measured.attitude_rad).norm() < 1e-6,
-                "{state:?}"
-            );
-            assert_eq!(plant.envelope(), Ok(()));
-            // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
-            if state.truth.position_w_m[2] < REST_Z_M + 1e-9
-                && plant.measured().rotor_speed_mean_rad_s[0] < 31.0
-            {
-                let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
-                assert!((felt - Vector3::z() * 9.8).norm() < 0.02, "{felt}");
-            }
-        },
-    );
+    fly(&mut plant, 5000, IDLE, |state, plant| {
+        let off = Vector3::from(state.measured.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
+        assert!(off.norm() < 1e-6, "{state:?}");
+        assert!(
+            Vector3::from(state.measured.attitude_rad).norm() < 1e-6,
+            "{state:?}"
+        );
+        assert_eq!(plant.envelope(), Ok(()));
+        // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
+        if state.truth.position_w_m[2] < REST_Z_M + 1e-9
+            && plant.measured().rotor_speed_mean_rad_s[0] < 31.0
+        {
+            let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
+            assert!((felt - Vector3::z() * 9.8).norm() < 0.02, "{felt}");
+        }
+    });
 }
 
 #[test]
@@ -87,12 +79,7 @@ fn a_gentle_descent_is_a_landing_and_a_fall_is_a_crash() {
             attitude_rad,
             ..at([0.0, 0.0, REST_Z_M + 0.2])
         });
-        fly(
-            &mut plant,
-            1500,
-            RotorLimits::default().min_rad_s,
-            |_, _| {},
-        );
+        fly(&mut plant, 1500, IDLE, |_, _| {});
         (plant.state().truth.position_w_m[2], plant.envelope())
     };
     // From 0.2 m it falls to 1.98 m/s at the most; the drag takes some of it.
@@ -129,21 +116,16 @@ fn it_slides_to_a_stop_as_friction_says() {
     });
     let mut stopped = None;
     let mut farthest: f64 = 0.0;
-    fly(
-        &mut plant,
-        1000,
-        RotorLimits::default().min_rad_s,
-        |state, _| {
-            farthest = farthest.max(state.measured.position_w_m[0]);
-            if stopped.is_none() && state.measured.velocity_w_m_s[0] < 1e-9 {
-                stopped = Some(state.measured.position_w_m[0]);
-            }
-            assert!(
-                state.measured.velocity_w_m_s[0] > -1e-6,
-                "it is not thrown back: {state:?}"
-            );
-        },
-    );
+    fly(&mut plant, 1000, IDLE, |state, _| {
+        farthest = farthest.max(state.measured.position_w_m[0]);
+        if stopped.is_none() && state.measured.velocity_w_m_s[0] < 1e-9 {
+            stopped = Some(state.measured.position_w_m[0]);
+        }
+        assert!(
+            state.measured.velocity_w_m_s[0] > -1e-6,
+            "it is not thrown back: {state:?}"
+        );
+    });
     // v^2 / (2 mu g) = 0.085 m without drag, which shortens it a little; tick 0 is flown at hover speed, without load.
     let stopped = stopped.unwrap();
     assert!((0.07..0.087).contains(&stopped), "{stopped}");
@@ -156,8 +138,7 @@ fn without_friction_it_slides_on() {
         friction: 0.0,
         ..GROUND
     };
-    let mut airframe = Airframe::nominal();
-    airframe.set(Parameter::TranslationalDrag, 0.0).unwrap();
+    let airframe = airframe(&[(Parameter::TranslationalDrag, 0.0)]);
     let initial = Initial {
         velocity_w_m_s: [1.0, 0.5, 0.0],
         ..at([0.0, 0.0, REST_Z_M])
@@ -169,12 +150,7 @@ fn without_friction_it_slides_on() {
         ..PlantSettings::default()
     };
     let mut plant = Plant::new(&settings);
-    fly(
-        &mut plant,
-        1000,
-        RotorLimits::default().min_rad_s,
-        |_, _| {},
-    );
+    fly(&mut plant, 1000, IDLE, |_, _| {});
     let v = plant.state().truth.velocity_w_m_s;
     assert!(
         (v[0] - 1.0).abs() < 1e-6 && (v[1] - 0.5).abs() < 1e-6,
@@ -201,11 +177,12 @@ proptest! {
         friction in 0.0..1.5_f64,
         inertia_z in 0.002..0.05_f64,
     ) {
-        let mut airframe = Airframe::nominal();
-        for parameter in [Parameter::DisturbanceGain, Parameter::TranslationalDrag, Parameter::RotationalDrag] {
-            airframe.set(parameter, 0.0).unwrap();
-        }
-        airframe.set(Parameter::InertiaZ, inertia_z).unwrap();
+        let airframe = airframe(&[
+            (Parameter::DisturbanceGain, 0.0),
+            (Parameter::TranslationalDrag, 0.0),
+            (Parameter::RotationalDrag, 0.0),
+            (Parameter::InertiaZ, inertia_z),
+        ]);
         let i_m = Vector3::from(airframe.i_m());
         let energy = |body: &RigidBody| {
             airframe.m() * (body.v.norm_squared() / 2.0 + airframe.g() * body.eta1.z)

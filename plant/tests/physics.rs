@@ -1,8 +1,7 @@
 //! Physics of the plant: equilibrium, energy, integrator order, rotor means.
 
 use messages::attitude::Attitude;
-use messages::content::{RotorSpeeds, Stamped, State};
-use messages::limits::RotorLimits;
+use messages::content::State;
 use messages::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
@@ -11,54 +10,23 @@ use plant::rotors::{Spin, effort, hover};
 use plant::{Initial, Plant, PlantSettings, Swap};
 use proptest::prelude::*;
 
-const PERIOD_S: f64 = 0.001;
-
-fn airframe(changes: &[(Parameter, f64)]) -> Airframe {
-    let mut airframe = Airframe::nominal();
-    for &(parameter, value) in changes {
-        airframe.set(parameter, value).unwrap();
-    }
-    airframe
-}
-
-fn settings(airframe: Airframe) -> PlantSettings {
-    PlantSettings {
-        period_s: PERIOD_S,
-        airframe,
-        rotor: RotorLimits::default(),
-        seed: 0,
-        ..PlantSettings::default()
-    }
-}
+use crate::{PERIOD_S, airframe, fly_at, settings};
 
 #[test]
 fn hover_stays_put() {
-    let airframe = airframe(&[(Parameter::DisturbanceGain, 0.0)]);
-    let mut plant = Plant::new(&settings(airframe));
-    let hover = RotorSpeeds {
-        speed_rad_s: hover(&airframe).into(),
-        ..RotorSpeeds::default()
-    };
+    let mut plant = Plant::new(&settings(&[(Parameter::DisturbanceGain, 0.0)]));
     for tick in 0..5000 {
-        let state = plant.begin(tick);
-        let worst = [
+        let state = fly_at(&mut plant, tick, crate::hover());
+        let parts = [
             state.measured.position_w_m,
             state.measured.velocity_w_m_s,
             state.measured.attitude_rad,
             state.truth.rate_b_rad_s,
-        ]
-        .iter()
-        .flatten()
-        .fold(0.0_f64, |worst, x| worst.max(x.abs()));
-        assert!(worst < 1e-12, "tick {tick}: off by {worst}");
-        plant.offer(
-            &Stamped {
-                tick,
-                content: hover,
-            },
-            tick + 1,
+        ];
+        assert!(
+            parts.iter().flatten().all(|x| x.abs() < 1e-12),
+            "tick {tick}: {parts:?}"
         );
-        plant.finish();
     }
 }
 
@@ -208,11 +176,11 @@ fn an_airframe_that_is_swapped_before_the_flight_flies_as_one_built_so() {
     };
     let mut built = Plant::new(&PlantSettings {
         initial,
-        ..settings(airframe(&changes))
+        ..settings(&changes)
     });
     let mut swapped = Plant::new(&PlantSettings {
         initial,
-        ..settings(airframe(&[]))
+        ..settings(&[])
     });
     swapped.schedule(Swap::new(0, &changes).unwrap()).unwrap();
     for tick in 0..200 {
@@ -231,23 +199,10 @@ fn an_airframe_that_is_swapped_before_the_flight_flies_as_one_built_so() {
 #[test]
 fn rotors_follow_a_step_of_the_command_with_their_time_constant() {
     let tau = 0.02;
-    let airframe = airframe(&[(Parameter::MotorTimeConstant, tau)]);
-    let mut plant = Plant::new(&settings(airframe));
-    let command = RotorSpeeds {
-        speed_rad_s: [300.0; 4],
-        ..RotorSpeeds::default()
-    };
-    let start = airframe.hover_speed_rad_s();
+    let mut plant = Plant::new(&settings(&[(Parameter::MotorTimeConstant, tau)]));
+    let [start, ..] = crate::hover();
     for tick in 0..200 {
-        let state = plant.begin(tick);
-        plant.offer(
-            &Stamped {
-                tick,
-                content: command,
-            },
-            tick + 1,
-        );
-        plant.finish();
+        let state = fly_at(&mut plant, tick, [300.0; 4]);
         // The first command acts from tick 1 on; the mean of [t_k-1, t_k) lies beside the speed half a tick earlier.
         let elapsed_s = (tick as f64 - 1.5) * PERIOD_S;
         if elapsed_s > 0.0 {

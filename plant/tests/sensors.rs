@@ -1,19 +1,15 @@
 //! Sensors: exact when nothing is set, noise by density whatever T, bias, drift, fixes with delay and rate.
 
-use messages::content::{RotorSpeeds, Stamped};
-use messages::parameters::{Airframe, Parameter};
+use messages::parameters::Parameter;
 use nalgebra::Vector3;
-use plant::{Initial, Plant, PlantSettings};
+use plant::{Initial, Plant, PlantSettings, Swap};
+
+use crate::fly_at;
 
 fn settings(changes: &[(Parameter, f64)]) -> PlantSettings {
-    let mut airframe = Airframe::nominal();
-    for &(parameter, value) in changes {
-        airframe.set(parameter, value).unwrap();
-    }
     PlantSettings {
-        airframe,
         seed: 3,
-        ..PlantSettings::default()
+        ..crate::settings(changes)
     }
 }
 
@@ -200,17 +196,30 @@ fn in_free_fall_it_feels_nothing_and_a_thrust_along_its_own_z() {
         (felt - Vector3::z() * 9.8).norm() < 1e-12,
         "hover thrust, whatever the attitude: {felt}"
     );
-    for tick in 0..3 {
-        plant.begin(tick);
-        plant.offer(
-            &Stamped {
-                tick,
-                content: RotorSpeeds::default(),
-            },
-            tick + 1,
-        );
-        plant.finish();
-    }
+    (0..3).for_each(|tick| drop(fly_at(&mut plant, tick, [0.0; 4])));
     plant.begin(3);
     assert_eq!(plant.measured().specific_force_b_m_s2, [0.0; 3]);
+}
+
+#[test]
+fn gyro_noise_is_in_the_measurement_and_not_in_the_truth() {
+    let plant = |seed| {
+        Plant::new(&PlantSettings {
+            seed,
+            ..settings(&[])
+        })
+    };
+    let [mut noisy, mut quiet, mut other] = [42, 42, 43].map(plant);
+    for plant in [&mut noisy, &mut other] {
+        let swap = Swap::new(10, &[(Parameter::GyroNoise, 0.01)]).unwrap();
+        plant.schedule(swap).unwrap();
+    }
+    for tick in 0..20 {
+        let [n, q, o] = [&mut noisy, &mut quiet, &mut other].map(|plant| crate::fly(plant, tick));
+        assert_eq!(q.measured.rate_b_rad_s, q.truth.rate_b_rad_s);
+        assert_eq!(n.truth.rate_b_rad_s, q.truth.rate_b_rad_s);
+        for same in [n.truth.rate_b_rad_s, o.measured.rate_b_rad_s] {
+            assert_eq!(n.measured.rate_b_rad_s == same, tick < 10);
+        }
+    }
 }

@@ -187,7 +187,7 @@ fn envelope(asked: &RequestedGates, evidence: &Evidence<'_>) -> Gate {
 const fn envelope_words(ending: Option<EndReason>) -> &'static str {
     match ending {
         None => "not left so far",
-        Some(ending) if ending.left_envelope() => ending.words(),
+        Some(ending) if ending.left_envelope() => ending.name(),
         Some(EndReason::Completed) => "not left",
         Some(_) => "not left until the end of the record",
     }

@@ -6,13 +6,13 @@ use flight_log::TOPICS;
 use flight_log::entry::Counts;
 use flight_log::writer::Fate;
 use messages::blackboards::{RolePhase, Status};
-use messages::inspection::{REASONS, Rejections};
-use messages::realtime::STEPS;
+use messages::inspection::{Reason, Rejections};
+use messages::realtime::RealtimeStep;
 use std::collections::BTreeMap;
 
 /// Rejections by the name of their reason.
 pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
-    REASONS
+    Reason::ALL
         .iter()
         .map(|reason| (reason.name().to_owned(), rejections.of(*reason)))
         .collect()
@@ -41,7 +41,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
         } else {
             "other".into()
         },
-        realtime: STEPS
+        realtime: RealtimeStep::ALL
             .iter()
             .filter(|step| status.grants.of(**step).asked == 1)
             .map(|step| {
@@ -51,7 +51,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
                         .ok()
                         .and_then(|v| v.as_str().map(str::to_owned))
                         .unwrap_or_default(),
-                    asked: (grant.value > 0 || *step == messages::realtime::RealtimeStep::Affinity)
+                    asked: (grant.value > 0 || *step == RealtimeStep::Affinity)
                         .then_some(grant.value),
                     granted: grant.granted(),
                     refused: (!grant.granted()).then(|| errno_text(grant.errno)),

@@ -113,7 +113,7 @@ pub fn flight_verdict(
             FlightVerdict::Lost,
             format!(
                 "{}; position error up to {:.2} m",
-                ending.words(),
+                ending.name(),
                 performance.position_error_max_m
             ),
         )

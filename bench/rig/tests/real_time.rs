@@ -260,7 +260,7 @@ fn armed<C: Topic>(wire: &Wire) -> Receiver<C> {
 
 fn bits<C: Topic>(content: &C) -> Vec<u64> {
     let mut bits = Vec::new();
-    content.numbers(|numbers| bits.extend(numbers.iter().map(|number| number.to_bits())));
+    content.numbers(|numbers, _| bits.extend(numbers.iter().map(|number| number.to_bits())));
     bits
 }
 

@@ -3,74 +3,37 @@
 //! It consists of the laws alone, so that it is soon compiled for another processor. Every function of `messages::math` is
 //! in the flight: motor lag, noise, limits, a fast reference. `.ci/same-bits` compares.
 
+<<<<<<< HEAD
 use control_api::description::Settings;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{INNER, OUTER};
 use controller::{ScaledTrajectory, Trajectory};
 use messages::content::{NO_TICK, Setpoint, Stamped};
+=======
+use controller::Trajectory;
+>>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
 use messages::output_hash::OutputHash;
-use messages::parameters::Parameter;
-use plant::{Plant, PlantSettings, Swap};
+use messages::parameters::Parameter::{GyroNoise, MotorTimeConstant, RotationalDrag};
+use plant::Swap;
+use scalar::laws::Laws;
 
 const LAST_TICK: u64 = 10_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let (rig, defaults) = (Rig::default(), Settings::default());
-    let Rig {
-        period_s,
-        airframe,
-        rotor,
-    } = rig;
-    let mut plant = Plant::new(&PlantSettings {
-        period_s,
-        airframe,
-        rotor,
-        seed: 1,
-        ..PlantSettings::default()
-    });
-    plant.schedule(Swap::new(
-        1000,
-        &[
-            (Parameter::MotorTimeConstant, 0.02),
-            (Parameter::GyroNoise, 0.01),
-        ],
-    )?)?;
-    plant.schedule(Swap::new(4000, &[(Parameter::RotationalDrag, 0.525)])?)?;
-    let route = ScaledTrajectory::of(Trajectory::Fast).route(period_s);
-    let mut outer = GuardedOuter::new(OUTER[0].make(&rig, &defaults)?, route, &rig);
-    let mut inner = GuardedInner::new(INNER[0].make(&rig, &defaults)?, &rig);
-    let mut mixer = GuardedMixer::new(mixer::LAWS[0].make(&rig, &defaults)?, &rig);
-
+    let mut laws = Laws::new(Trajectory::Fast, 1)?;
+    let slow_and_noisy = [(MotorTimeConstant, 0.02), (GyroNoise, 0.01)];
+    laws.plant.schedule(Swap::new(1000, &slow_and_noisy)?)?;
+    laws.plant
+        .schedule(Swap::new(4000, &[(RotationalDrag, 0.525)])?)?;
     let mut outputs = OutputHash::default();
-    let mut setpoint = Stamped {
-        tick: NO_TICK,
-        content: Setpoint::default(),
-    };
     for tick in 0..=LAST_TICK {
-        let state = Stamped {
-            tick,
-            content: plant.begin(tick),
-        };
-        outputs.take(tick, &state.content);
-        if let Some(content) = outer.tick(tick, &state) {
-            setpoint = Stamped { tick, content };
-            outputs.take(tick, &content);
+        laws.tick();
+        outputs.take(tick, &laws.state.content);
+        if laws.setpoint.tick == tick {
+            outputs.take(tick, &laws.setpoint.content);
         }
-        let wrench = Stamped {
-            tick,
-            content: inner.tick(tick, &state, &setpoint),
-        };
-        let speeds = mixer.tick(tick, &wrench);
-        outputs.take(tick, &wrench.content);
-        outputs.take(tick, &speeds);
-        plant.offer(
-            &Stamped {
-                tick,
-                content: speeds,
-            },
-            tick + 1,
-        );
-        plant.finish();
+        outputs.take(tick, &laws.wrench.content);
+        outputs.take(tick, &laws.speeds.content);
     }
     println!("{outputs}");
     Ok(())

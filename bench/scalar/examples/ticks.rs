@@ -2,6 +2,7 @@
 
 use std::hint::black_box;
 
+use controller::Trajectory;
 use scalar::ScalarFlight;
 use scalar::laws::Laws;
 
@@ -15,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .map_err(|e| format!("{ticks:?} is no number of ticks: {e}"))?;
     match who.as_str() {
         "laws" => {
-            let mut laws = Laws::new()?;
+            let mut laws = Laws::new(Trajectory::Lissajous, 0)?;
             (0..ticks).for_each(|_| black_box(&mut laws).tick());
         }
         "hand" => {

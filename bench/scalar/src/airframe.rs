@@ -15,47 +15,25 @@ const STEPS: usize = 4;
 /// Length of one [s].
 const H: f64 = T / STEPS as f64;
 
-/// Position and velocity in the world frame [m, m/s], attitude as quaternion, body rates [rad/s], and the attitude as
-/// roll, pitch, yaw [rad], which follows once a tick.
+/// Position and velocity in the world frame [m, m/s], attitude as quaternion w, x, y, z, body rates [rad/s], and the
+/// attitude as roll, pitch, yaw [rad], which follows once a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    pub x: f64,
-    pub y: f64,
-    pub z: f64,
-    pub vx: f64,
-    pub vy: f64,
-    pub vz: f64,
-    pub qw: f64,
-    pub qx: f64,
-    pub qy: f64,
-    pub qz: f64,
-    pub p: f64,
-    pub q: f64,
-    pub r: f64,
-    pub phi: f64,
-    pub theta: f64,
-    pub psi: f64,
+    pub x: [f64; 3],
+    pub v: [f64; 3],
+    pub q: [f64; 4],
+    pub nu: [f64; 3],
+    pub eta: [f64; 3],
 }
 
 impl Default for Body {
     fn default() -> Self {
         Self {
-            x: 0.0,
-            y: 0.0,
-            z: 0.0,
-            vx: 0.0,
-            vy: 0.0,
-            vz: 0.0,
-            qw: 1.0,
-            qx: 0.0,
-            qy: 0.0,
-            qz: 0.0,
-            p: 0.0,
-            q: 0.0,
-            r: 0.0,
-            phi: 0.0,
-            theta: 0.0,
-            psi: 0.0,
+            x: [0.0; 3],
+            v: [0.0; 3],
+            q: [1.0, 0.0, 0.0, 0.0],
+            nu: [0.0; 3],
+            eta: [0.0; 3],
         }
     }
 }
@@ -63,121 +41,95 @@ impl Default for Body {
 /// What the rotors do in a tick: thrust over mass [m/s^2], torque over inertia [rad/s^2], net speed [rad/s].
 struct Push {
     lift: f64,
-    roll: f64,
-    pitch: f64,
-    yaw: f64,
+    turn: [f64; 3],
     om: f64,
 }
 
-impl Body {
-    pub fn numbers(&self) -> [f64; 12] {
-        let &Self {
-            x,
-            y,
-            z,
-            vx,
-            vy,
-            vz,
-            phi,
-            theta,
-            psi,
-            p,
-            q,
-            r,
-            ..
-        } = self;
-        [x, y, z, vx, vy, vz, phi, theta, psi, p, q, r]
-    }
+/// Thrust [N] of each rotor at its speed [rad/s].
+pub fn thrusts(w: &[f64; 4]) -> [f64; 4] {
+    w.map(|w| K * w * w)
+}
 
+/// Torque over inertia [rad/s^2] of rotor thrusts [N].
+pub fn turn(f: &[f64; 4]) -> [f64; 3] {
+    [
+        C / I_X * (f[0] - f[1] - f[2] + f[3]),
+        C / I_Y * (f[0] + f[1] - f[2] - f[3]),
+        KAPPA / I_Z * (f[0] - f[1] + f[2] - f[3]),
+    ]
+}
+
+/// `a + d dt`.
+#[inline(always)]
+fn along<const N: usize>(a: &[f64; N], d: &[f64; N], dt: f64) -> [f64; N] {
+    std::array::from_fn(|i| a[i] + d[i] * dt)
+}
+
+impl Body {
     /// The body moved along a derivative for `dt` [s].
+    #[inline(always)]
     fn along(&self, d: &Self, dt: f64) -> Self {
         Self {
-            x: self.x + d.x * dt,
-            y: self.y + d.y * dt,
-            z: self.z + d.z * dt,
-            vx: self.vx + d.vx * dt,
-            vy: self.vy + d.vy * dt,
-            vz: self.vz + d.vz * dt,
-            qw: self.qw + d.qw * dt,
-            qx: self.qx + d.qx * dt,
-            qy: self.qy + d.qy * dt,
-            qz: self.qz + d.qz * dt,
-            p: self.p + d.p * dt,
-            q: self.q + d.q * dt,
-            r: self.r + d.r * dt,
+            x: along(&self.x, &d.x, dt),
+            v: along(&self.v, &d.v, dt),
+            q: along(&self.q, &d.q, dt),
+            nu: along(&self.nu, &d.nu, dt),
             ..*self
         }
     }
 
     /// Its derivative; `h` is delta sin t [rad/s^2].
+    #[inline(always)]
     fn rate(&self, push: &Push, h: f64) -> Self {
-        let &Self {
-            vx,
-            vy,
-            vz,
-            qw,
-            qx,
-            qy,
-            qz,
-            p,
-            q,
-            r,
-            ..
-        } = self;
+        let (v, [qw, qx, qy, qz], [p, q, r]) = (self.v, self.q, self.nu);
         let (hp, hq, hr) = (p / 2.0, q / 2.0, r / 2.0);
         Self {
-            x: vx,
-            y: vy,
-            z: vz,
-            vx: 2.0 * (qx * qz + qw * qy) * push.lift - K_T / M * vx,
-            vy: 2.0 * (qy * qz - qw * qx) * push.lift - K_T / M * vy,
-            vz: (1.0 - 2.0 * (qx * qx + qy * qy)) * push.lift - G - K_T / M * vz,
-            qw: -qx * hp - qy * hq - qz * hr,
-            qx: qw * hp + qy * hr - qz * hq,
-            qy: qw * hq + qz * hp - qx * hr,
-            qz: qw * hr + qx * hq - qy * hp,
-            p: (I_Y - I_Z) / I_X * q * r - I_R / I_X * push.om * q - K_R / I_X * p + h + push.roll,
-            q: (I_Z - I_X) / I_Y * p * r + I_R / I_Y * push.om * p - K_R / I_Y * q
-                + 0.8 * h
-                + push.pitch,
-            r: (I_X - I_Y) / I_Z * p * q - K_R / I_Z * r + 0.6 * h + push.yaw,
+            x: v,
+            v: [
+                2.0 * (qx * qz + qw * qy) * push.lift - K_T / M * v[0],
+                2.0 * (qy * qz - qw * qx) * push.lift - K_T / M * v[1],
+                (1.0 - 2.0 * (qx * qx + qy * qy)) * push.lift - G - K_T / M * v[2],
+            ],
+            q: [
+                -qx * hp - qy * hq - qz * hr,
+                qw * hp + qy * hr - qz * hq,
+                qw * hq + qz * hp - qx * hr,
+                qw * hr + qx * hq - qy * hp,
+            ],
+            nu: [
+                (I_Y - I_Z) / I_X * q * r - I_R / I_X * push.om * q - K_R / I_X * p
+                    + h
+                    + push.turn[0],
+                (I_Z - I_X) / I_Y * p * r + I_R / I_Y * push.om * p - K_R / I_Y * q
+                    + 0.8 * h
+                    + push.turn[1],
+                (I_X - I_Y) / I_Z * p * q - K_R / I_Z * r + 0.6 * h + push.turn[2],
+            ],
             ..*self
         }
     }
 
     /// The quaternion at length 1, and roll, pitch, yaw of it; yaw on the turn that is nearest to the last.
     fn settled(&self) -> Self {
-        let &Self { qw, qx, qy, qz, .. } = self;
-        let shrink = 1.0 / (qw * qw + qx * qx + qy * qy + qz * qz).sqrt();
-        let (qw, qx, qy, qz) = (qw * shrink, qx * shrink, qy * shrink, qz * shrink);
+        let shrink = 1.0 / self.q.iter().map(|q| q * q).sum::<f64>().sqrt();
+        let q = self.q.map(|q| q * shrink);
+        let [qw, qx, qy, qz] = q;
         let (r11, r21) = (1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz));
+        let phi = atan2(2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy));
+        let theta = atan2(2.0 * (qw * qy - qx * qz), (r11 * r11 + r21 * r21).sqrt());
         let psi = atan2(r21, r11);
-        Self {
-            qw,
-            qx,
-            qy,
-            qz,
-            phi: atan2(2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)),
-            theta: atan2(2.0 * (qw * qy - qx * qz), (r11 * r11 + r21 * r21).sqrt()),
-            psi: psi + ((self.psi - psi) / TAU).round() * TAU,
-            ..*self
-        }
+        let turns = ((self.eta[2] - psi) / TAU).round();
+        let eta = [phi, theta, psi + turns * TAU];
+        Self { q, eta, ..*self }
     }
 }
 
 /// The body one tick after `t` [s], under rotor speeds `w` [rad/s].
 pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
-    let f = [
-        K * w[0] * w[0],
-        K * w[1] * w[1],
-        K * w[2] * w[2],
-        K * w[3] * w[3],
-    ];
+    let f = thrusts(w);
     let push = Push {
         lift: (f[0] + f[1] + f[2] + f[3]) / M,
-        roll: C / I_X * (f[0] - f[1] - f[2] + f[3]),
-        pitch: C / I_Y * (f[0] + f[1] - f[2] - f[3]),
-        yaw: KAPPA / I_Z * (f[0] - f[1] + f[2] - f[3]),
+        turn: turn(&f),
         om: w[0] - w[1] + w[2] - w[3],
     };
     let mut b = *body;
@@ -186,10 +138,9 @@ pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
     let (sin_half, cos_half) = sin_cos(H / 2.0);
     let mut h_next = || {
         let h = DELTA * sin;
-        (sin, cos) = (
-            sin * cos_half + cos * sin_half,
-            cos * cos_half - sin * sin_half,
-        );
+        let next_sin = sin * cos_half + cos * sin_half;
+        cos = cos * cos_half - sin * sin_half;
+        sin = next_sin;
         h
     };
     let mut h_start = h_next();
@@ -199,11 +150,9 @@ pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
         let k2 = b.along(&k1, H / 2.0).rate(&push, h_middle);
         let k3 = b.along(&k2, H / 2.0).rate(&push, h_middle);
         let k4 = b.along(&k3, H).rate(&push, h_end);
-        b = b
-            .along(&k1, H / 6.0)
-            .along(&k2, H / 3.0)
-            .along(&k3, H / 3.0)
-            .along(&k4, H / 6.0);
+        for (k, share) in [(k1, 6.0), (k2, 3.0), (k3, 3.0), (k4, 6.0)] {
+            b = b.along(&k, H / share);
+        }
         h_start = h_end;
     }
     b.settled()

@@ -4,7 +4,7 @@
 
 use messages::math::{atan2, exp, exp_m1, sin, sin_cos};
 
-use crate::airframe::Body;
+use crate::airframe::{Body, thrusts, turn};
 use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
 
 /// K_P [1/s^2] and K_D [1/s].
@@ -82,9 +82,10 @@ pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
     let psi = axis(&s, t, 0.0, 0.5, 0.4);
     let drag = K_T / M;
 
-    let mut ax = x[2] + K_D * (x[1] - b.vx) + K_P * (x[0] - b.x) + drag * b.vx;
-    let mut ay = y[2] + K_D * (y[1] - b.vy) + K_P * (y[0] - b.y) + drag * b.vy;
-    let az_free = z[2] + K_D * (z[1] - b.vz) + K_P * (z[0] - b.z) + drag * b.vz + G;
+    let wanted = |i: usize, d: &[f64; 5]| {
+        d[2] + K_D * (d[1] - b.v[i]) + K_P * (d[0] - b.x[i]) + drag * b.v[i]
+    };
+    let (mut ax, mut ay, az_free) = (wanted(0, &x), wanted(1, &y), wanted(2, &z) + G);
     let az = az_free.clamp(A_MIN, A_MAX);
     let horizontal = (ax * ax + ay * ay).sqrt();
     let limited = az != az_free || horizontal > az * TILT_MAX;
@@ -104,9 +105,7 @@ pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
         tilt_rates(&x, &y, &z, &psi, s_psi, c_psi)
     };
 
-    let (s_phi, c_phi) = sin_cos(b.phi);
-    let (s_th, c_th) = sin_cos(b.theta);
-    let (s_yaw, c_yaw) = sin_cos(b.psi);
+    let [(s_phi, c_phi), (s_th, c_th), (s_yaw, c_yaw)] = b.eta.map(sin_cos);
     let u = M
         * (ax * (c_yaw * s_th * c_phi + s_yaw * s_phi)
             + ay * (s_yaw * s_th * c_phi - c_yaw * s_phi)
@@ -204,7 +203,7 @@ impl Inner {
     pub fn tick(&mut self, t: f64, b: &Body, w: &[f64; 4], order: &AttitudeSetpoint) -> [f64; 3] {
         let om = w[0] - w[1] + w[2] - w[3];
         let h = sin(t);
-        let nu2 = [b.p, b.q, b.r];
+        let nu2 = b.nu;
         if let Some((before, h_before)) = self.last {
             self.learn(&before, h_before, &nu2, h, om, w);
         }
@@ -224,15 +223,14 @@ impl Inner {
             e1[i] = self.decay[i] * (-w_f * w_f * T * y0 + (1.0 - w_f * T) * self.e1[i]);
         }
 
-        let (s_phi, c_phi) = sin_cos(b.phi);
-        let (s_th, c_th) = sin_cos(b.theta);
-        let &Body { p, q, r, .. } = b;
+        let ([p, q, r], [phi, theta, psi]) = (b.nu, b.eta);
+        let ((s_phi, c_phi), (s_th, c_th)) = (sin_cos(phi), sin_cos(theta));
         let dpsi = (s_phi * q + c_phi * r) / c_th;
         let dphi = p + s_th * dpsi;
         let dtheta = c_phi * q - s_phi * r;
-        let turn = {
+        let yaw_error = {
             use std::f64::consts::{PI, TAU};
-            let error = self.ec[2] - b.psi;
+            let error = self.ec[2] - psi;
             if error >= PI {
                 error - TAU
             } else if error < -PI {
@@ -242,9 +240,9 @@ impl Inner {
             }
         };
         let xi = [
-            self.e1[0] + K_ETA[0] * (self.ec[0] - b.phi),
-            self.e1[1] + K_ETA[1] * (self.ec[1] - b.theta),
-            self.e1[2] + K_ETA[2] * turn,
+            self.e1[0] + K_ETA[0] * (self.ec[0] - phi),
+            self.e1[1] + K_ETA[1] * (self.ec[1] - theta),
+            self.e1[2] + K_ETA[2] * yaw_error,
         ];
         let dxi = [
             e2[0] + K_ETA[0] * (self.e1[0] - dphi),
@@ -283,18 +281,8 @@ impl Inner {
 
     /// One step of the adaptation, from body rates `a` to `b` [rad/s] under rotor speeds `w` [rad/s].
     fn learn(&mut self, a: &[f64; 3], h_a: f64, b: &[f64; 3], h_b: f64, om: f64, w: &[f64; 4]) {
-        let f = [
-            K * w[0] * w[0],
-            K * w[1] * w[1],
-            K * w[2] * w[2],
-            K * w[3] * w[3],
-        ];
         let h = (h_a + h_b) / 2.0;
-        let (p, q, r) = (
-            (a[0] + b[0]) / 2.0,
-            (a[1] + b[1]) / 2.0,
-            (a[2] + b[2]) / 2.0,
-        );
+        let [p, q, r]: [f64; 3] = std::array::from_fn(|i| (a[i] + b[i]) / 2.0);
         let x = &mut self.x;
         let n = self.fresh;
         x[0][0] += n * (-om / I_X * q - x[0][0]);
@@ -306,15 +294,12 @@ impl Inner {
         x[2][1] += n * (-r / I_Z - x[2][1]);
         x[2][2] += n * (0.6 * h - x[2][2]);
         let y = &mut self.y;
-        let qr = (a[1] * a[2] + b[1] * b[2]) / 2.0;
-        let pr = (a[0] * a[2] + b[0] * b[2]) / 2.0;
-        let pq = (a[0] * a[1] + b[0] * b[1]) / 2.0;
-        let roll = C / I_X * (f[0] - f[1] - f[2] + f[3]);
-        let pitch = C / I_Y * (f[0] + f[1] - f[2] - f[3]);
-        let yaw = KAPPA / I_Z * (f[0] - f[1] + f[2] - f[3]);
-        y[0] += n * ((b[0] - a[0]) / T - (I_Y - I_Z) / I_X * qr - roll - y[0]);
-        y[1] += n * ((b[1] - a[1]) / T - (I_Z - I_X) / I_Y * pr - pitch - y[1]);
-        y[2] += n * ((b[2] - a[2]) / T - (I_X - I_Y) / I_Z * pq - yaw - y[2]);
+        let turn = turn(&thrusts(w));
+        let inertia = [(I_Y - I_Z) / I_X, (I_Z - I_X) / I_Y, (I_X - I_Y) / I_Z];
+        for (i, (j, k)) in [(1, 2), (0, 2), (0, 1)].into_iter().enumerate() {
+            let product = (a[j] * a[k] + b[j] * b[k]) / 2.0;
+            y[i] += n * ((b[i] - a[i]) / T - inertia[i] * product - turn[i] - y[i]);
+        }
 
         // (I + X G X^T) zb = Y - X theta, by the root-free Cholesky factors; G X^T, then the step along it.
         let theta = &mut self.theta;
@@ -353,12 +338,7 @@ pub fn mixer(u: f64, tau: &[f64; 3]) -> [f64; 4] {
         &[roll + pitch, pitch - roll, -roll - pitch, roll - pitch],
     );
     add(&mut f, &[yaw, -yaw, yaw, -yaw]);
-    [
-        (f[0] / K).sqrt(),
-        (f[1] / K).sqrt(),
-        (f[2] / K).sqrt(),
-        (f[3] / K).sqrt(),
-    ]
+    f.map(|f| (f / K).sqrt())
 }
 
 /// Adds as much of `d` to `f` [N] as the rotors can give.

@@ -36,7 +36,6 @@ const I_X: f64 = 0.0069;
 const I_Y: f64 = 0.0069;
 const I_Z: f64 = 0.0129;
 
-/// The flight, standing between two ticks.
 #[derive(Clone, Debug)]
 pub struct ScalarFlight {
     tick: u64,
@@ -51,7 +50,7 @@ pub struct ScalarFlight {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScalarSample {
     /// Position, velocity (world frame), attitude, body rates at the tick [m, m/s, rad, rad/s].
-    pub body: [f64; 12],
+    pub body: [[f64; 3]; 4],
     /// Thrust [N] and torque [N m] asked for.
     pub wrench: [f64; 4],
     /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
@@ -62,7 +61,6 @@ pub struct ScalarSample {
 
 impl ScalarFlight {
     /// The flight before tick 0: at rest in the origin, rotors at hover speed.
-    #[must_use]
     pub fn new() -> Self {
         let hover = (M * G / (4.0 * K)).sqrt();
         Self {
@@ -85,7 +83,7 @@ impl ScalarFlight {
         self.speed = command;
         self.tick += 1;
         ScalarSample {
-            body: body.numbers(),
+            body: [body.x, body.v, body.eta, body.nu],
             wrench: [order.u, tau[0], tau[1], tau[2]],
             estimate: self.inner.estimate(),
             speed: command,

@@ -7,6 +7,8 @@ use std::time::Instant;
 
 use control_api::description::Refused;
 
+use controller::Trajectory;
+
 use crate::ScalarFlight;
 use crate::laws::Laws;
 
@@ -21,7 +23,6 @@ pub struct TimedPair {
 
 impl TimedPair {
     /// How many times longer the laws take.
-    #[must_use]
     pub fn ratio(&self) -> f64 {
         self.laws_s / self.scalar_s
     }
@@ -33,7 +34,7 @@ impl TimedPair {
 pub fn pairs(pairs: usize, ticks: u64) -> Result<Vec<TimedPair>, Refused> {
     let pair = || {
         Ok(TimedPair {
-            laws_s: time(ticks, Laws::new()?, Laws::tick),
+            laws_s: time(ticks, Laws::new(Trajectory::Lissajous, 0)?, Laws::tick),
             scalar_s: time(ticks, ScalarFlight::new(), ScalarFlight::tick),
         })
     };
@@ -62,43 +63,44 @@ mod tests {
 
     #[test]
     fn the_flight_by_hand_is_the_flight_of_the_laws() {
-        let (mut laws, mut hand) = (Laws::new().unwrap(), ScalarFlight::new());
+        let (mut laws, mut hand) = (
+            Laws::new(Trajectory::Lissajous, 0).unwrap(),
+            ScalarFlight::new(),
+        );
         for tick in 0..=TICKS {
             laws.tick();
-            let (state, wrench, speeds) = laws.newest();
-            let sample = hand.tick();
-            let attitude = [state.measured.attitude_rad, state.measured.rate_b_rad_s].concat();
+            let (sample, wrench) = (hand.tick(), &laws.wrench.content);
+            let measured = &laws.state.content.measured;
             let body = [
-                [state.measured.position_w_m, state.measured.velocity_w_m_s].concat(),
-                attitude,
+                measured.position_w_m,
+                measured.velocity_w_m_s,
+                measured.attitude_rad,
+                measured.rate_b_rad_s,
             ]
             .concat();
             let demand = [[wrench.thrust_n].as_slice(), &wrench.torque_b_nm].concat();
+            let estimate = adaptive::estimate(&wrench.telemetry);
             for (name, ours, by_hand) in [
-                ("body", body.as_slice(), sample.body.as_slice()),
+                ("body", body.as_slice(), sample.body.as_flattened()),
                 ("thrust and torque", &demand, &sample.wrench),
+                ("estimates", &estimate, &sample.estimate),
                 (
-                    "estimates",
-                    &adaptive::estimate(&wrench.telemetry),
-                    &sample.estimate,
+                    "rotor speeds",
+                    &laws.speeds.content.speed_rad_s,
+                    &sample.speed,
                 ),
-                ("rotor speeds", &speeds.speed_rad_s, &sample.speed),
             ] {
-                for (i, (ours, by_hand)) in ours.iter().zip(by_hand).enumerate() {
+                for (ours, by_hand) in ours.iter().zip(by_hand) {
                     let off = (ours - by_hand).abs();
                     assert!(
                         off < 1e-9,
-                        "{name} {i} at tick {tick}: {by_hand} by hand, {ours} by the laws: {off:e}"
+                        "{name} at tick {tick}: {by_hand} by hand, not {ours}"
                     );
                 }
             }
         }
-        let (state, ..) = laws.newest();
-        assert!(
-            state.measured.position_w_m[2] > 1.0,
-            "it flew: {:?}",
-            state.measured.position_w_m
-        );
+        let height_m = laws.state.content.measured.position_w_m[2];
+        assert!(height_m > 1.0, "it flew: {height_m}");
     }
 
     #[test]

@@ -9,13 +9,11 @@
 //! is never late. After more than 100 ms without a measurement the filter restarts at rest from the measured attitude,
 //! as it does at the first tick: its old output says nothing about where the airframe is now.
 
-use control_api::description::{Description, Refused, Setting, Settings, Signal};
+use control_api::description::{Description, Refused, Setting, Settings, Signal, signal};
 use control_api::guard::HOLD_S;
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::net_speed;
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::Stamped;
+use messages::content::{Measured, Reference, Stamped};
 use messages::rate_dynamics::{Inertia, disturbance};
 use messages::role::Role;
 use messages::telemetry::{self, Telemetry};
@@ -31,14 +29,12 @@ use crate::rate_loop;
 use crate::rate_reference::rate_reference;
 
 /// Rate error e used in the law [rad/s], of the telemetry of [`Adaptive`] and [`Fixed`].
-#[must_use]
 pub fn rate_error(telemetry: &Telemetry) -> [f64; 3] {
     let [x, y, z, ..] = telemetry.value;
     [x, y, z]
 }
 
 /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2], of the telemetry of [`Adaptive`].
-#[must_use]
 pub fn estimate(telemetry: &Telemetry) -> [f64; 3] {
     let [_, _, _, i_r, k_r, delta, ..] = telemetry.value;
     [i_r, k_r, delta]
@@ -102,7 +98,6 @@ pub struct Fixed(Adaptive);
 
 impl Adaptive {
     /// The loop of gains, with its priors. Only gains that pass [`rate_loop::check`] fly.
-    #[must_use]
     pub fn with(rig: &Rig, gains: &Gains) -> Self {
         let adaptation = Adaptation::new(rig, gains);
         let w_f = Vector3::from(gains.command_filter_rad_s);
@@ -191,18 +186,9 @@ impl Law for Adaptive {
             RATE_ERROR[0],
             RATE_ERROR[1],
             RATE_ERROR[2],
-            Signal {
-                name: "rotor_inertia_kg_m2",
-                unit: "kg m^2",
-            },
-            Signal {
-                name: "rotational_drag_nm_s",
-                unit: "N m s",
-            },
-            Signal {
-                name: "disturbance_gain_rad_s2",
-                unit: "rad/s^2",
-            },
+            signal("rotor_inertia_kg_m2", "kg m^2"),
+            signal("rotational_drag_nm_s", "N m s"),
+            signal("disturbance_gain_rad_s2", "rad/s^2"),
         ],
     };
 

@@ -16,7 +16,6 @@ pub struct Attitude {
 
 impl Attitude {
     /// The rotation of w, x, y, z, of norm 1.
-    #[must_use]
     pub const fn new([w, x, y, z]: [f64; 4]) -> Self {
         Self {
             w,
@@ -25,14 +24,12 @@ impl Attitude {
     }
 
     /// Body to world at roll, pitch, yaw `eta2` [rad].
-    #[must_use]
     pub fn of(eta2: &Vector3<f64>) -> Self {
         let [x, y, z, w] = quaternion_wb(eta2);
         Self::new([w, x, y, z])
     }
 
     /// The shortest rotation that turns the unit vector `from` into `to`; none where they are opposite.
-    #[must_use]
     pub fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Self> {
         // 1 + cos a = 2 cos^2(a/2); below this the axis is lost in rounding.
         let twice_w2 = 1.0 + from.dot(to);
@@ -45,7 +42,6 @@ impl Attitude {
         })
     }
 
-    #[must_use]
     pub fn inverse(&self) -> Self {
         Self {
             w: self.w,
@@ -54,7 +50,6 @@ impl Attitude {
     }
 
     /// The product of two rotations, as `rot_ac = rot_ab * rot_bc`.
-    #[must_use]
     pub fn times(&self, other: &Self) -> Self {
         Self {
             w: self.w * other.w - self.v.dot(&other.v),
@@ -63,7 +58,6 @@ impl Attitude {
     }
 
     /// The same rotation, by the angle of at most pi.
-    #[must_use]
     pub fn short_way(self) -> Self {
         if self.w < 0.0 {
             Self {
@@ -75,7 +69,6 @@ impl Attitude {
         }
     }
 
-    #[must_use]
     #[rustfmt::skip]
     pub fn matrix(&self) -> Matrix3<f64> {
         let Self { w, v } = *self;
@@ -87,7 +80,6 @@ impl Attitude {
         )
     }
 
-    #[must_use]
     pub fn turn(&self, a: &Vector3<f64>) -> Vector3<f64> {
         self.matrix() * a
     }
@@ -105,7 +97,6 @@ pub struct DesiredAttitude {
 
 impl DesiredAttitude {
     /// Of the Euler angles wanted and their derivatives: W d(eta2), and its derivative.
-    #[must_use]
     pub fn of(wanted: &Desired) -> Self {
         let eta2 = Vector3::from(wanted.attitude_rad);
         let d_eta2 = Vector3::from(wanted.attitude_rate_rad_s);

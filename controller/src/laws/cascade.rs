@@ -1,6 +1,8 @@
 //! What every cascade of an attitude and a rate loop must keep to: refusals in words.
 
 use control_api::description::{Refused, Setting};
+use control_api::law::WrenchSetpoint;
+use nalgebra::Vector3;
 
 use crate::limits::Limits;
 use crate::rate_loop::loop_gain_limit;
@@ -8,9 +10,11 @@ use crate::rate_loop::loop_gain_limit;
 /// Delay that a rate loop must survive: one tick by design, and one more for a late command.
 const DELAY_TICKS: u32 = 2;
 
+/// A gap in the measurements after which filters and integrators start anew [s].
+const FORGET_S: f64 = 0.1;
+
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
-/// A setting with its three values.
 pub type Gain<'a> = (&'a Setting, &'a [f64; 3]);
 
 /// Refuses a rate gain that a late command makes unstable, and an attitude gain above the rate gain.
@@ -55,4 +59,39 @@ pub fn check_limits(limits: &Limits) -> Result<(), Refused> {
     Err(Refused(format!(
         "acceleration_z_min_g = {low} must be below acceleration_z_max_g = {high}: raise the one or lower the other"
     )))
+}
+
+/// What a law asks for in a tick without a measurement: no torque, and the last thrust.
+pub fn no_torque(thrust_n: f64) -> WrenchSetpoint {
+    WrenchSetpoint {
+        thrust_n,
+        ..WrenchSetpoint::default()
+    }
+}
+
+/// The body rates that were measured last.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LastRates(Option<(u64, Vector3<f64>)>);
+
+/// What the rates of a tick say together with those measured before.
+pub enum RateStep {
+    /// The mean acceleration over the tick that has ended [rad/s^2].
+    Whole(Vector3<f64>),
+    /// Nothing was measured for long: whatever is remembered is too old.
+    Forget,
+    /// A tick or some without a measurement.
+    Nothing,
+}
+
+impl LastRates {
+    /// Takes the rates of a tick [rad/s].
+    pub fn take(&mut self, tick: u64, nu2: &Vector3<f64>, period_s: f64) -> RateStep {
+        match self.0.replace((tick, *nu2)) {
+            Some((last, before)) if last + 1 == tick => RateStep::Whole((nu2 - before) / period_s),
+            Some((last, _)) if (tick.saturating_sub(last)) as f64 * period_s > FORGET_S => {
+                RateStep::Forget
+            }
+            _ => RateStep::Nothing,
+        }
+    }
 }

@@ -17,15 +17,14 @@
 //! R_ and v_ are those at the start of the tick, u_m is what the rotors really did in it. So a saturated or late
 //! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
 
-use control_api::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use control_api::description::{Description, Refused, Setting, Settings, number, signal};
 use control_api::law::{Desired, Law, OuterLaw, Rig};
-use messages::content::Measured;
-use messages::content::Reference;
+use messages::content::{Measured, Reference};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
-use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
+use crate::flatness::{desired, thrust_acceleration};
 use crate::laws::cascade::check_limits;
 use crate::laws::pd::z_b;
 use crate::limits::{self, AccelerationLimits, Limits};
@@ -38,71 +37,43 @@ const POSITION: Setting = Setting {
     name: "position_1_s2",
     unit: "1/s^2",
     meaning: "K_P of the position loop",
-    kind: SettingKind::Number {
-        default: 4.0,
-        min: 0.01,
-        max: 100.0,
-    },
+    kind: number(4.0, 0.01, 100.0),
 };
 const VELOCITY: Setting = Setting {
     name: "velocity_1_s",
     unit: "1/s",
     meaning: "K_D of the position loop",
-    kind: SettingKind::Number {
-        default: 3.4,
-        min: 0.01,
-        max: 100.0,
-    },
+    kind: number(3.4, 0.01, 100.0),
 };
 const THRUST_SCALE_GAIN: Setting = Setting {
     name: "thrust_scale_gain_s3_m2",
     unit: "s^3/m^2",
     meaning: "g_l, gain of the estimate of the thrust scale; 0 keeps the nominal mass",
-    kind: SettingKind::Number {
-        default: 0.02,
-        min: 0.0,
-        max: 10.0,
-    },
+    kind: number(0.02, 0.0, 10.0),
 };
 const DRAG_GAIN: Setting = Setting {
     name: "drag_gain_s_m2",
     unit: "s/m^2",
     meaning: "g_s, gain of the estimate of the drag; 0 keeps the nominal drag",
-    kind: SettingKind::Number {
-        default: 2.0,
-        min: 0.0,
-        max: 1000.0,
-    },
+    kind: number(2.0, 0.0, 1000.0),
 };
 const ACCELERATION_Z_MIN: Setting = Setting {
     name: "acceleration_z_min_g",
     unit: "g",
     meaning: "smallest vertical thrust acceleration",
-    kind: SettingKind::Number {
-        default: 0.2,
-        min: 0.01,
-        max: 1.0,
-    },
+    kind: number(0.2, 0.01, 1.0),
 };
 const ACCELERATION_Z_MAX: Setting = Setting {
     name: "acceleration_z_max_g",
     unit: "g",
     meaning: "largest vertical thrust acceleration",
-    kind: SettingKind::Number {
-        default: 2.0,
-        min: 1.0,
-        max: 20.0,
-    },
+    kind: number(2.0, 1.0, 20.0),
 };
 const TILT_MAX: Setting = Setting {
     name: "tilt_max_rad",
     unit: "rad",
     meaning: "largest angle between the thrust asked for and the vertical",
-    kind: SettingKind::Number {
-        default: 35_f64.to_radians(),
-        min: 0.001,
-        max: 1.5,
-    },
+    kind: number(35_f64.to_radians(), 0.001, 1.5),
 };
 
 /// The law, with what it has learnt.
@@ -151,27 +122,15 @@ impl Law for Estimating {
             limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)
         }),
         telemetry: &[
-            Signal {
-                name: "thrust_scale",
-                unit: "",
-            },
-            Signal {
-                name: "mass_kg",
-                unit: "kg",
-            },
-            Signal {
-                name: "drag_1_s",
-                unit: "1/s",
-            },
+            signal("thrust_scale", ""),
+            signal("mass_kg", "kg"),
+            signal("drag_1_s", "1/s"),
         ],
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let limits = Limits {
-            acceleration_z_min_g: settings.number(&ACCELERATION_Z_MIN),
-            acceleration_z_max_g: settings.number(&ACCELERATION_Z_MAX),
-            tilt_max_rad: settings.number(&TILT_MAX),
-        };
+        let names = [&ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, &TILT_MAX];
+        let limits = Limits::new(settings, names);
         check_limits(&limits)?;
         let sig = rig.airframe.k_t() / rig.airframe.m();
         if sig > DRAG.1 {
@@ -212,28 +171,6 @@ impl Estimating {
         self.lam = (self.lam + self.g_l * p1.dot(&z) / d).clamp(THRUST_SCALE.0, THRUST_SCALE.1);
         self.sig = (self.sig + self.g_s * p2.dot(&z) / d).clamp(DRAG.0, DRAG.1);
     }
-
-    /// (10) with the drag learnt: acceleration that the thrust must give, world frame [m/s^2].
-    fn thrust_acceleration(&self, wanted: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
-        wanted + self.rig.airframe.g() * Vector3::z() + self.sig * v
-    }
-
-    /// Derivatives of roll and pitch for a vehicle that flies the reference exactly.
-    fn ahead(&self, reference: &Reference, yaw: &Yaw) -> TiltRates {
-        let [v, dv, ddv, dddv] = [
-            reference.velocity_w_m_s,
-            reference.acceleration_w_m_s2,
-            reference.jerk_w_m_s3,
-            reference.snap_w_m_s4,
-        ]
-        .map(Vector3::from);
-        tilt_rates(
-            &self.thrust_acceleration(&dv, &v),
-            &(ddv + self.sig * dv),
-            &(dddv + self.sig * ddv),
-            yaw,
-        )
-    }
 }
 
 impl OuterLaw for Estimating {
@@ -264,37 +201,13 @@ impl OuterLaw for Estimating {
         let v_d = Vector3::from(reference.velocity_w_m_s);
         let dv_d = Vector3::from(reference.acceleration_w_m_s2);
         let wanted = dv_d + self.k_d * (v_d - v) + self.k_p * (p_d - p);
-        let (a, limited) = self.limits.limit(&self.thrust_acceleration(&wanted, &v));
-        let yaw = Yaw::new(
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-            reference.yaw_acceleration_rad_s2,
-        );
-        let (phi_d, theta_d) = tilt(&a, &yaw);
-        let ahead = if limited {
-            TiltRates {
-                dphi: 0.0,
-                dtheta: 0.0,
-                ddphi: 0.0,
-                ddtheta: 0.0,
-            }
-        } else {
-            self.ahead(reference, &yaw)
-        };
+        let (g, k) = (airframe.g(), airframe.k());
+        let (a, limited) = self
+            .limits
+            .limit(&thrust_acceleration(&wanted, &v, g, self.sig));
         // (15), (16), as `pd` has them.
         let u = airframe.m() * a.dot(&z_b) / self.lam;
-        let k = airframe.k();
         telemetry.value[..3].copy_from_slice(&[self.lam, airframe.m() / self.lam, self.sig]);
-        Desired {
-            thrust_n: u.clamp(4.0 * rotor.f_min(k), 4.0 * rotor.f_max(k)),
-            attitude_rad: [phi_d, theta_d, reference.yaw_rad],
-            attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, reference.yaw_rate_rad_s],
-            attitude_acceleration_rad_s2: [
-                ahead.ddphi,
-                ahead.ddtheta,
-                reference.yaw_acceleration_rad_s2,
-            ],
-            limited: u64::from(limited),
-        }
+        desired(rotor.limit(u, k), (&a, limited), reference, g, self.sig)
     }
 }

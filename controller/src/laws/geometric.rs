@@ -25,12 +25,10 @@
 
 use std::f64::consts::SQRT_2;
 
-use control_api::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use control_api::description::{Description, Refused, Setting, Settings, number, signal, three};
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::Stamped;
+use messages::content::{Measured, Reference, Stamped};
 use messages::math::sin_cos;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -44,71 +42,43 @@ const POSITION: Setting = Setting {
     name: "position_1_s2",
     unit: "1/s^2",
     meaning: "k_x/m of the position error",
-    kind: SettingKind::Number {
-        default: 4.0,
-        min: 0.01,
-        max: 100.0,
-    },
+    kind: number(4.0, 0.01, 100.0),
 };
 const VELOCITY: Setting = Setting {
     name: "velocity_1_s",
     unit: "1/s",
     meaning: "k_v/m of the velocity error",
-    kind: SettingKind::Number {
-        default: 3.4,
-        min: 0.01,
-        max: 100.0,
-    },
+    kind: number(3.4, 0.01, 100.0),
 };
 const ATTITUDE: Setting = Setting {
     name: "attitude_rad_s",
     unit: "rad/s",
     meaning: "root of k_R/J of the attitude error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2],
-        min: 0.1,
-        max: 200.0,
-    },
+    kind: three([14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2], 0.1, 200.0),
 };
 const RATE: Setting = Setting {
     name: "rate_1_s",
     unit: "1/s",
     meaning: "k_Omega/J of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [40.0, 40.0, 15.0],
-        min: 0.1,
-        max: 1000.0,
-    },
+    kind: three([40.0, 40.0, 15.0], 0.1, 1000.0),
 };
 const ACCELERATION_Z_MIN: Setting = Setting {
     name: "acceleration_z_min_g",
     unit: "g",
     meaning: "smallest vertical acceleration of A/m",
-    kind: SettingKind::Number {
-        default: 0.2,
-        min: 0.01,
-        max: 1.0,
-    },
+    kind: number(0.2, 0.01, 1.0),
 };
 const ACCELERATION_Z_MAX: Setting = Setting {
     name: "acceleration_z_max_g",
     unit: "g",
     meaning: "largest vertical acceleration of A/m",
-    kind: SettingKind::Number {
-        default: 2.0,
-        min: 1.0,
-        max: 20.0,
-    },
+    kind: number(2.0, 1.0, 20.0),
 };
 const TILT_MAX: Setting = Setting {
     name: "tilt_max_rad",
     unit: "rad",
     meaning: "largest angle between A and the vertical",
-    kind: SettingKind::Number {
-        default: 60_f64.to_radians(),
-        min: 0.001,
-        max: 1.5,
-    },
+    kind: number(60_f64.to_radians(), 0.001, 1.5),
 };
 
 /// The law. It keeps only what to hold in a tick without a measurement.
@@ -152,39 +122,18 @@ impl Law for Geometric {
             limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)
         }),
         telemetry: &[
-            Signal {
-                name: "position_error_m",
-                unit: "m",
-            },
-            Signal {
-                name: "attitude_error",
-                unit: "",
-            },
-            Signal {
-                name: "rate_error_x_rad_s",
-                unit: "rad/s",
-            },
-            Signal {
-                name: "rate_error_y_rad_s",
-                unit: "rad/s",
-            },
-            Signal {
-                name: "rate_error_z_rad_s",
-                unit: "rad/s",
-            },
-            Signal {
-                name: "limited",
-                unit: "",
-            },
+            signal("position_error_m", "m"),
+            signal("attitude_error", ""),
+            signal("rate_error_x_rad_s", "rad/s"),
+            signal("rate_error_y_rad_s", "rad/s"),
+            signal("rate_error_z_rad_s", "rad/s"),
+            signal("limited", ""),
         ],
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let limits = Limits {
-            acceleration_z_min_g: settings.number(&ACCELERATION_Z_MIN),
-            acceleration_z_max_g: settings.number(&ACCELERATION_Z_MAX),
-            tilt_max_rad: settings.number(&TILT_MAX),
-        };
+        let names = [&ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, &TILT_MAX];
+        let limits = Limits::new(settings, names);
         cascade::check_limits(&limits)?;
         let (attitude, rate) = (settings.three(&ATTITUDE), settings.three(&RATE));
         cascade::check((&ATTITUDE, &attitude), (&RATE, &rate), rig.period_s)?;
@@ -342,10 +291,7 @@ impl InnerLaw for Geometric {
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
         if measured.tick != tick {
-            return WrenchSetpoint {
-                thrust_n: self.f,
-                ..WrenchSetpoint::default()
-            };
+            return cascade::no_torque(self.f);
         }
         let state = &measured.content;
         let r = Attitude::new(state.attitude_quaternion).matrix();

@@ -23,63 +23,42 @@
 //! * Rates and accelerations along the reference (nu2_d, dnu2_d) are fed forward; the paper has none.
 
 use control_api::description::{
-    Description, Preset, Refused, Setting, SettingKind, Settings, Signal, Value,
+    Description, Preset, Refused, Setting, Settings, Value, number, signal, three,
 };
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::{ROTORS, Stamped};
+use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::{Vector3, Vector4};
 
 use crate::laws::attitude::{Attitude, DesiredAttitude};
-use crate::laws::cascade;
+use crate::laws::cascade::{self, LastRates, RateStep};
 use crate::laws::low_pass::LowPass;
-
-/// A gap in the measurements after which the filters start anew [s].
-const FORGET_S: f64 = 0.1;
 
 const ATTITUDE: Setting = Setting {
     name: "attitude_1_s",
     unit: "1/s",
     meaning: "K_eta of the attitude error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [8.0, 8.0, 3.0],
-        min: 0.1,
-        max: 200.0,
-    },
+    kind: three([8.0, 8.0, 3.0], 0.1, 200.0),
 };
 const RATE: Setting = Setting {
     name: "rate_1_s",
     unit: "1/s",
     meaning: "K_nu2 of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [40.0, 40.0, 20.0],
-        min: 0.1,
-        max: 1000.0,
-    },
+    kind: three([40.0, 40.0, 20.0], 0.1, 1000.0),
 };
 const FILTER: Setting = Setting {
     name: "filter_rad_s",
     unit: "rad/s",
     meaning: "w_n of the filter of acceleration and torque",
-    kind: SettingKind::Number {
-        default: 50.0,
-        min: 1.0,
-        max: 5000.0,
-    },
+    kind: number(50.0, 1.0, 5000.0),
 };
 const DAMPING: Setting = Setting {
     name: "filter_damping",
     unit: "",
     meaning: "zeta of that filter",
-    kind: SettingKind::Number {
-        default: 0.55,
-        min: 0.3,
-        max: 2.0,
-    },
+    kind: number(0.55, 0.3, 2.0),
 };
 
 /// The law: two filters and the last measurement.
@@ -95,15 +74,8 @@ pub struct Indi {
     /// tau_f [N m] and dnu2_f [rad/s^2] are what came out of these last.
     torque: LowPass,
     acceleration: LowPass,
-    last: Option<Sample>,
+    last: LastRates,
     thrust_n: f64,
-}
-
-/// Body rates that were measured at a tick.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    tick: u64,
-    nu2: Vector3<f64>,
 }
 
 impl Law for Indi {
@@ -125,42 +97,15 @@ impl Law for Indi {
         }],
         suited: None,
         telemetry: &[
-            Signal {
-                name: "acceleration_x_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "acceleration_y_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "acceleration_z_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "torque_x_nm",
-                unit: "N m",
-            },
-            Signal {
-                name: "torque_y_nm",
-                unit: "N m",
-            },
-            Signal {
-                name: "torque_z_nm",
-                unit: "N m",
-            },
-            Signal {
-                name: "disturbance_x_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "disturbance_y_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "disturbance_z_rad_s2",
-                unit: "rad/s^2",
-            },
+            signal("acceleration_x_rad_s2", "rad/s^2"),
+            signal("acceleration_y_rad_s2", "rad/s^2"),
+            signal("acceleration_z_rad_s2", "rad/s^2"),
+            signal("torque_x_nm", "N m"),
+            signal("torque_y_nm", "N m"),
+            signal("torque_z_nm", "N m"),
+            signal("disturbance_x_rad_s2", "rad/s^2"),
+            signal("disturbance_y_rad_s2", "rad/s^2"),
+            signal("disturbance_z_rad_s2", "rad/s^2"),
         ],
     };
 
@@ -178,7 +123,7 @@ impl Law for Indi {
             k_nu2: rate.into(),
             torque: filter,
             acceleration: filter,
-            last: None,
+            last: LastRates::default(),
             thrust_n: rig.airframe.m() * rig.airframe.g(),
         })
     }
@@ -187,18 +132,17 @@ impl Law for Indi {
 impl Indi {
     /// Takes the measurement of `tick`: both filters move on where the tick before it was measured too.
     fn take(&mut self, tick: u64, nu2: &Vector3<f64>, speed_squared: &[f64; ROTORS]) {
-        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else {
-            return;
-        };
-        if last.tick + 1 == tick {
-            let (_, tau_m) = self
-                .allocation
-                .wrench(&(Vector4::from(*speed_squared) * self.k));
-            self.torque.take(&tau_m);
-            self.acceleration.take(&((nu2 - last.nu2) / self.period_s));
-        } else if (tick.saturating_sub(last.tick)) as f64 * self.period_s > FORGET_S {
-            self.torque.forget();
-            self.acceleration.forget();
+        match self.last.take(tick, nu2, self.period_s) {
+            RateStep::Whole(acceleration) => {
+                let f = Vector4::from(*speed_squared) * self.k;
+                self.torque.take(&self.allocation.wrench(&f).1);
+                self.acceleration.take(&acceleration);
+            }
+            RateStep::Forget => {
+                self.torque.forget();
+                self.acceleration.forget();
+            }
+            RateStep::Nothing => {}
         }
     }
 }
@@ -214,10 +158,7 @@ impl InnerLaw for Indi {
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
         if measured.tick != tick {
-            return WrenchSetpoint {
-                thrust_n: self.thrust_n,
-                ..WrenchSetpoint::default()
-            };
+            return cascade::no_torque(self.thrust_n);
         }
         let state = &measured.content;
         let nu2 = Vector3::from(state.rate_b_rad_s);

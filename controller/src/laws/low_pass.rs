@@ -59,7 +59,6 @@ impl LowPass {
         y
     }
 
-    #[must_use]
     pub const fn output(&self) -> &Vector3<f64> {
         &self.output
     }
@@ -71,7 +70,7 @@ impl LowPass {
 
 #[cfg(test)]
 mod tests {
-    use control_api::description::SettingKind;
+    use control_api::description::number;
 
     use super::*;
 
@@ -79,11 +78,7 @@ mod tests {
         name: "filter_rad_s",
         unit: "rad/s",
         meaning: "",
-        kind: SettingKind::Number {
-            default: 50.0,
-            min: 1.0,
-            max: 1e4,
-        },
+        kind: number(50.0, 1.0, 1e4),
     };
 
     #[test]

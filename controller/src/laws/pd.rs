@@ -8,11 +8,10 @@
 //! * The derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
 use control_api::description::{
-    Description, Preset, Refused, Setting, SettingKind, Settings, Signal,
+    Description, Refused, Setting, SettingKind, Settings, number, signal,
 };
 use control_api::law::{Desired, Law, OuterLaw, Rig};
-use messages::content::Measured;
-use messages::content::Reference;
+use messages::content::{Measured, Reference};
 use messages::frames::RollPitch;
 use messages::limits::RotorLimits;
 use messages::parameters::Airframe;
@@ -20,8 +19,8 @@ use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
-use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
-use crate::gains::PRESET_NAMES;
+use crate::flatness::{desired, thrust_acceleration};
+use crate::gains::{PRESET_NAMES, preset};
 use crate::limits::{self, AccelerationLimits, Limits};
 
 pub const POSITION_1_S2: Setting = Setting {
@@ -53,11 +52,7 @@ pub const TILT_MAX_RAD: Setting = Setting {
     unit: "rad",
     meaning: "largest angle between the thrust and the vertical",
     // 35 degrees.
-    kind: SettingKind::Number {
-        default: 0.610_865_238_198_015_3,
-        min: 1e-3,
-        max: 1.5,
-    },
+    kind: number(0.610_865_238_198_015_3, 1e-3, 1.5),
 };
 
 const fn positive(default: f64) -> SettingKind {
@@ -96,48 +91,24 @@ impl Law for Pd {
             TILT_MAX_RAD,
         ],
         presets: &[
-            Preset {
-                name: PRESET_NAMES[0],
-                values: &[],
-            },
-            Preset {
-                name: PRESET_NAMES[1],
-                values: &[],
-            },
-            Preset {
-                name: PRESET_NAMES[2],
-                values: &[],
-            },
+            preset(PRESET_NAMES[0], &[]),
+            preset(PRESET_NAMES[1], &[]),
+            preset(PRESET_NAMES[2], &[]),
         ],
         suited: Some(|settings, rig| {
             limits::suited(settings, &ACCELERATION_Z_MIN_G, &ACCELERATION_Z_MAX_G, rig)
         }),
         telemetry: &[
-            Signal {
-                name: "acceleration_wanted_x_m_s2",
-                unit: "m/s^2",
-            },
-            Signal {
-                name: "acceleration_wanted_y_m_s2",
-                unit: "m/s^2",
-            },
-            Signal {
-                name: "acceleration_wanted_z_m_s2",
-                unit: "m/s^2",
-            },
+            signal("acceleration_wanted_x_m_s2", "m/s^2"),
+            signal("acceleration_wanted_y_m_s2", "m/s^2"),
+            signal("acceleration_wanted_z_m_s2", "m/s^2"),
         ],
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let (z_min_g, z_max_g) = (
-            settings.number(&ACCELERATION_Z_MIN_G),
-            settings.number(&ACCELERATION_Z_MAX_G),
-        );
-        let limits = Limits {
-            acceleration_z_min_g: z_min_g,
-            acceleration_z_max_g: z_max_g,
-            tilt_max_rad: settings.number(&TILT_MAX_RAD),
-        };
+        let names = [&ACCELERATION_Z_MIN_G, &ACCELERATION_Z_MAX_G, &TILT_MAX_RAD];
+        let limits = Limits::new(settings, names);
+        let (z_min_g, z_max_g) = (limits.acceleration_z_min_g, limits.acceleration_z_max_g);
         if z_min_g > z_max_g {
             return Err(Refused(format!(
                 "outer.{} = {z_min_g} must not be above outer.{} = {z_max_g}",
@@ -177,71 +148,19 @@ impl OuterLaw for Pd {
             + *k_d * (Vector3::from(reference.velocity_w_m_s) - velocity)
             + *k_p * (Vector3::from(reference.position_w_m) - position);
         telemetry.value[..3].copy_from_slice(wanted.as_slice());
-        let (a, limited) = limits.limit(&thrust_acceleration(&wanted, &velocity, model));
-        let &Reference {
-            yaw_rad,
-            yaw_rate_rad_s,
-            yaw_acceleration_rad_s2,
-            ..
-        } = reference;
-        let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
-        let (phi_d, theta_d) = tilt(&a, &yaw);
-        let ahead = if limited {
-            TiltRates {
-                dphi: 0.0,
-                dtheta: 0.0,
-                ddphi: 0.0,
-                ddtheta: 0.0,
-            }
-        } else {
-            reference_tilt_rates(reference, &yaw, model)
-        };
-        Desired {
-            thrust_n: limit_thrust(thrust(&a, &eta2, model), rotor, model),
-            attitude_rad: [phi_d, theta_d, yaw_rad],
-            attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, yaw_rate_rad_s],
-            attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, yaw_acceleration_rad_s2],
-            limited: u64::from(limited),
-        }
+        let (g, drag) = (model.g(), model.k_t() / model.m());
+        let (a, limited) = limits.limit(&thrust_acceleration(&wanted, &velocity, g, drag));
+        let thrust_n = rotor.limit(thrust(&a, &eta2, model), model.k());
+        desired(thrust_n, (&a, limited), reference, g, drag)
     }
 }
 
-/// (10): acceleration that the thrust must give for the airframe to accelerate by `wanted` at `velocity`.
-///
-/// All in the world frame, [m/s^2] and [m/s].
-#[must_use]
-pub fn thrust_acceleration(
-    wanted: &Vector3<f64>,
-    velocity: &Vector3<f64>,
-    model: &Airframe,
-) -> Vector3<f64> {
-    wanted + model.g() * Vector3::z() + model.k_t() / model.m() * velocity
-}
-
 /// (15), (16): total thrust u [N], the part of m `a` along the body's z axis at the measured attitude [rad].
-#[must_use]
 pub fn thrust(a: &Vector3<f64>, eta2: &Vector3<f64>, model: &Airframe) -> f64 {
     model.m() * a.dot(&z_b(eta2))
 }
 
 /// J1 z_e: body z in the world frame, at the attitude `eta2` [rad].
-#[must_use]
 pub fn z_b(eta2: &Vector3<f64>) -> Vector3<f64> {
     RollPitch::of(eta2).rot_wb(eta2.z).column(2).into_owned()
-}
-
-fn limit_thrust(u: f64, rotor: &RotorLimits, model: &Airframe) -> f64 {
-    let k = model.k();
-    u.clamp(4.0 * rotor.f_min(k), 4.0 * rotor.f_max(k))
-}
-
-/// Derivatives of roll and pitch for an airframe that flies the reference exactly.
-fn reference_tilt_rates(reference: &Reference, yaw: &Yaw, model: &Airframe) -> TiltRates {
-    let drag = model.k_t() / model.m();
-    let acceleration = Vector3::from(reference.acceleration_w_m_s2);
-    let jerk = Vector3::from(reference.jerk_w_m_s3);
-    let a = thrust_acceleration(&acceleration, &reference.velocity_w_m_s.into(), model);
-    let da = jerk + drag * acceleration;
-    let dda = Vector3::from(reference.snap_w_m_s4) + drag * jerk;
-    tilt_rates(&a, &da, &dda, yaw)
 }

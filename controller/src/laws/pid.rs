@@ -21,23 +21,19 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use control_api::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use control_api::description::{Description, Refused, Setting, Settings, number, signal, three};
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::Stamped;
+use messages::content::{Measured, Reference, Stamped};
 use messages::math::{atan2, sin_cos};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
 use crate::laws::attitude::{Attitude, DesiredAttitude};
-use crate::laws::cascade;
+use crate::laws::cascade::{self, LastRates, RateStep};
 use crate::laws::low_pass::LowPass;
 
-/// A gap in the measurements after which integrator and filter start anew [s].
-const FORGET_S: f64 = 0.1;
 /// Rate error at which the integrator takes nothing any more [rad/s].
 const INTEGRATOR_ERROR_MAX: f64 = 400_f64.to_radians();
 
@@ -45,81 +41,49 @@ const ATTITUDE: Setting = Setting {
     name: "attitude_1_s",
     unit: "1/s",
     meaning: "P of the attitude error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [8.0, 8.0, 3.0],
-        min: 0.1,
-        max: 200.0,
-    },
+    kind: three([8.0, 8.0, 3.0], 0.1, 200.0),
 };
 const YAW_WEIGHT: Setting = Setting {
     name: "yaw_weight",
     unit: "",
     meaning: "share of a yaw error that the attitude error holds; the gain makes up for it, up to the largest rate",
-    kind: SettingKind::Number {
-        default: 0.4,
-        min: 0.05,
-        max: 1.0,
-    },
+    kind: number(0.4, 0.05, 1.0),
 };
 const RATE_MAX: Setting = Setting {
     name: "rate_max_rad_s",
     unit: "rad/s",
     meaning: "largest rates wanted: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [4.0, 4.0, 3.5],
-        min: 0.1,
-        max: 40.0,
-    },
+    kind: three([4.0, 4.0, 3.5], 0.1, 40.0),
 };
 const RATE: Setting = Setting {
     name: "rate_1_s",
     unit: "1/s",
     meaning: "P of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [40.0, 40.0, 20.0],
-        min: 0.1,
-        max: 1000.0,
-    },
+    kind: three([40.0, 40.0, 20.0], 0.1, 1000.0),
 };
 const INTEGRAL: Setting = Setting {
     name: "integral_1_s2",
     unit: "1/s^2",
     meaning: "I of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [120.0, 120.0, 40.0],
-        min: 0.0,
-        max: 1e5,
-    },
+    kind: three([120.0, 120.0, 40.0], 0.0, 1e5),
 };
 const DERIVATIVE: Setting = Setting {
     name: "derivative",
     unit: "",
     meaning: "D, ratio of the angular acceleration: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [0.2, 0.2, 0.0],
-        min: 0.0,
-        max: 0.9,
-    },
+    kind: three([0.2, 0.2, 0.0], 0.0, 0.9),
 };
 const INTEGRAL_MAX: Setting = Setting {
     name: "integral_max_rad_s2",
     unit: "rad/s^2",
     meaning: "largest integrator: roll, pitch, yaw",
-    kind: SettingKind::Three {
-        default: [60.0, 60.0, 10.0],
-        min: 0.0,
-        max: 1e4,
-    },
+    kind: three([60.0, 60.0, 10.0], 0.0, 1e4),
 };
 const FILTER: Setting = Setting {
     name: "filter_rad_s",
     unit: "rad/s",
     meaning: "bandwidth of the low-pass of the angular acceleration",
-    kind: SettingKind::Number {
-        default: 190.0,
-        min: 1.0,
-        max: 5000.0,
-    },
+    kind: number(190.0, 1.0, 5000.0),
 };
 
 /// The law: integrator, filter, and the last measurement.
@@ -138,15 +102,8 @@ pub struct Pid {
     /// i [rad/s^2].
     integral: Vector3<f64>,
     acceleration: LowPass,
-    last: Option<Sample>,
+    last: LastRates,
     thrust_n: f64,
-}
-
-/// Body rates that were measured at a tick.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    tick: u64,
-    nu2: Vector3<f64>,
 }
 
 impl Law for Pid {
@@ -170,34 +127,13 @@ impl Law for Pid {
         presets: &[],
         suited: None,
         telemetry: &[
-            Signal {
-                name: "rate_error_x_rad_s",
-                unit: "rad/s",
-            },
-            Signal {
-                name: "rate_error_y_rad_s",
-                unit: "rad/s",
-            },
-            Signal {
-                name: "rate_error_z_rad_s",
-                unit: "rad/s",
-            },
-            Signal {
-                name: "integral_x_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "integral_y_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "integral_z_rad_s2",
-                unit: "rad/s^2",
-            },
-            Signal {
-                name: "saturated",
-                unit: "",
-            },
+            signal("rate_error_x_rad_s", "rad/s"),
+            signal("rate_error_y_rad_s", "rad/s"),
+            signal("rate_error_z_rad_s", "rad/s"),
+            signal("integral_x_rad_s2", "rad/s^2"),
+            signal("integral_y_rad_s2", "rad/s^2"),
+            signal("integral_z_rad_s2", "rad/s^2"),
+            signal("saturated", ""),
         ],
     };
 
@@ -222,7 +158,7 @@ impl Law for Pid {
                 FRAC_1_SQRT_2,
                 rig.period_s,
             )?,
-            last: None,
+            last: LastRates::default(),
             thrust_n: rig.airframe.m() * rig.airframe.g(),
         })
     }
@@ -247,15 +183,15 @@ fn weighted(q: &Attitude, q_d: &Attitude, weight: f64) -> Attitude {
 impl Pid {
     /// Takes the measurement of `tick`: the filter moves on where the tick before it was measured too.
     fn take(&mut self, tick: u64, nu2: &Vector3<f64>) {
-        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else {
-            return;
-        };
-        if last.tick + 1 == tick {
-            self.acceleration
-                .take(&((nu2 - last.nu2) / self.rig.period_s));
-        } else if (tick.saturating_sub(last.tick)) as f64 * self.rig.period_s > FORGET_S {
-            self.acceleration.forget();
-            self.integral = Vector3::zeros();
+        match self.last.take(tick, nu2, self.rig.period_s) {
+            RateStep::Whole(acceleration) => {
+                self.acceleration.take(&acceleration);
+            }
+            RateStep::Forget => {
+                self.acceleration.forget();
+                self.integral = Vector3::zeros();
+            }
+            RateStep::Nothing => {}
         }
     }
 
@@ -299,10 +235,7 @@ impl InnerLaw for Pid {
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
         if measured.tick != tick {
-            return WrenchSetpoint {
-                thrust_n: self.thrust_n,
-                ..WrenchSetpoint::default()
-            };
+            return cascade::no_torque(self.thrust_n);
         }
         let state = &measured.content;
         let nu2 = Vector3::from(state.rate_b_rad_s);

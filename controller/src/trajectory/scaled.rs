@@ -17,7 +17,6 @@ pub struct ScaledTrajectory {
     period: f64,
 }
 
-/// What the curve is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shape {
     Named(Trajectory),
@@ -26,8 +25,6 @@ enum Shape {
 }
 
 impl ScaledTrajectory {
-    /// A built-in trajectory as it is.
-    #[must_use]
     pub const fn of(trajectory: Trajectory) -> Self {
         Self {
             shape: Shape::Named(trajectory),
@@ -37,7 +34,6 @@ impl ScaledTrajectory {
     }
 
     /// The curve through points. It is never given back: make one per flight.
-    #[must_use]
     pub fn along(spline: Spline) -> Self {
         Self {
             shape: Shape::Points(Box::leak(Box::new(spline))),
@@ -47,7 +43,6 @@ impl ScaledTrajectory {
     }
 
     /// The same, `size` times as large in x, y and z, and taking `period` times as long.
-    #[must_use]
     pub const fn stretched(self, size: f64, period: f64) -> Self {
         Self {
             size,
@@ -57,7 +52,6 @@ impl ScaledTrajectory {
     }
 
     /// The reference at time `t_s` since the start of the flight [s].
-    #[must_use]
     pub fn reference(&self, t_s: f64) -> Reference {
         let t_s = t_s / self.period;
         let reference = match self.shape {
@@ -84,13 +78,11 @@ impl ScaledTrajectory {
     }
 
     /// The reference of each tick of `period_s` [s].
-    #[must_use]
     pub fn route(self, period_s: f64) -> Route {
         Arc::new(move |tick| self.reference(tick as f64 * period_s))
     }
 
     /// When it has left its ramp [s].
-    #[must_use]
     pub fn begun_s(&self) -> f64 {
         match self.shape {
             Shape::Named(trajectory) => trajectory.begun_s() * self.period,
@@ -99,7 +91,6 @@ impl ScaledTrajectory {
     }
 
     /// After which time it repeats, but for a climb [s]; none where it ends at rest.
-    #[must_use]
     pub fn cycle_s(&self) -> Option<f64> {
         match self.shape {
             Shape::Named(trajectory) => Some(trajectory.cycle_s()? * self.period),
@@ -108,7 +99,6 @@ impl ScaledTrajectory {
     }
 
     /// When it has come to rest for good [s], if it does.
-    #[must_use]
     pub fn end_s(&self) -> Option<f64> {
         match self.shape {
             Shape::Named(_) => None,

@@ -101,19 +101,16 @@ impl Spline {
     }
 
     /// When it comes to rest [s].
-    #[must_use]
     pub const fn end_s(&self) -> f64 {
         self.end.t_s
     }
 
     /// Value and derivatives at a time [s]; before its first point and after its last one, at rest there.
-    #[must_use]
     pub fn reference(&self, t_s: f64) -> Reference {
         reference_of(&self.axes(t_s))
     }
 
     /// The same as value and derivatives up to the fourth (columns) of x, y, z [m] and psi [rad] (rows).
-    #[must_use]
     pub fn axes(&self, t_s: f64) -> [[f64; ORDERS]; AXES] {
         if t_s >= self.end.t_s {
             return self.end.value.map(at_rest);

@@ -4,9 +4,7 @@ use control_api::GuardedMixer;
 use control_api::description::{Settings, Value};
 use control_api::law::{Desired, InnerLaw, Law, OuterLaw, Rig, WrenchSetpoint};
 use controller::Trajectory;
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::{Stamped, Wrench};
+use messages::content::{Measured, Reference, Stamped, Wrench};
 use messages::parameters::Parameter;
 use messages::telemetry::Telemetry;
 use mixer::Priority;
@@ -30,7 +28,6 @@ pub struct ScaledTrajectory {
     pub seconds: f64,
 }
 
-/// What came of it, per tick.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     /// Distance from the reference [m].
@@ -97,17 +94,11 @@ pub fn inner<L: Law + InnerLaw>(values: Vec<(&'static str, Value)>) -> Inner {
     let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
     let mut telemetry = Telemetry::default();
     Box::new(move |tick, measured, wanted, reference| {
-        let dated = Stamped {
-            tick,
-            content: *measured,
-        };
+        let dated = Stamped::new(tick, *measured);
         law.tick(
             tick,
             &dated,
-            &Stamped {
-                tick,
-                content: *wanted,
-            },
+            &Stamped::new(tick, *wanted),
             reference,
             &mut telemetry,
         )
@@ -164,20 +155,8 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
                 torque_b_nm,
                 ..Wrench::default()
             };
-            let command = mixer.tick(
-                tick,
-                &Stamped {
-                    tick,
-                    content: wrench,
-                },
-            );
-            plant.offer(
-                &Stamped {
-                    tick,
-                    content: command,
-                },
-                tick + course.delay_ticks,
-            );
+            let command = mixer.tick(tick, &Stamped::new(tick, wrench));
+            plant.offer(&Stamped::new(tick, command), tick + course.delay_ticks);
         }
         let error = Vector3::from(measured.position_w_m) - Vector3::from(reference.position_w_m);
         let lost = plant.envelope().is_err();

@@ -29,7 +29,6 @@ impl Plant {
     }
 
     /// Commands that were refused for what a fault had made of them.
-    #[must_use]
     pub fn rejections(&self) -> Rejections {
         self.gate
             .as_ref()

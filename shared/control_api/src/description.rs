@@ -9,6 +9,20 @@ use messages::telemetry::TELEMETRY;
 
 use crate::rig::Rig;
 
+pub const fn signal(name: &'static str, unit: &'static str) -> Signal {
+    Signal { name, unit }
+}
+
+/// The kind of a setting that is one number from `min` to `max`.
+pub const fn number(default: f64, min: f64, max: f64) -> SettingKind {
+    SettingKind::Number { default, min, max }
+}
+
+/// The kind of a setting that is three numbers, each from `min` to `max`.
+pub const fn three(default: [f64; 3], min: f64, max: f64) -> SettingKind {
+    SettingKind::Three { default, min, max }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub struct Description {
     pub name: &'static str,

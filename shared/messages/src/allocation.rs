@@ -24,7 +24,6 @@ pub struct Allocation {
 }
 
 impl Allocation {
-    #[must_use]
     #[inline]
     pub fn new(airframe: &Airframe) -> Self {
         let (c, kappa) = (
@@ -40,7 +39,6 @@ impl Allocation {
     }
 
     /// Thrust u [N] and torque tau [N m] of the rotor thrusts f [N]: A f.
-    #[must_use]
     #[inline]
     pub fn wrench(&self, f: &Vector4<f64>) -> (f64, Vector3<f64>) {
         let roll = f.x - f.y - f.z + f.w;
@@ -54,7 +52,6 @@ impl Allocation {
 
     /// Rotor thrusts [N] that give thrust u [N] and torque tau [N m]: the rows of A are orthogonal, so its
     /// inverse is its transpose with rows scaled. Infinite or NaN where kappa is 0 and `tau.z` is not.
-    #[must_use]
     #[inline]
     pub fn thrusts(&self, u: f64, tau: &Vector3<f64>) -> Vector4<f64> {
         let (roll, pitch) = (tau.x * self.per_4c, tau.y * self.per_4c);
@@ -74,7 +71,6 @@ impl Allocation {
 }
 
 /// (4): net rotor speed Om [rad/s] that the gyroscopic term sees.
-#[must_use]
 #[inline]
 pub fn net_speed(w: &Vector4<f64>) -> f64 {
     w.x - w.y + w.z - w.w

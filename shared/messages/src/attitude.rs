@@ -27,14 +27,12 @@ impl Default for Attitude {
 
 impl Attitude {
     /// Of w, x, y, z as [`Self::wxyz`] gives them.
-    #[must_use]
     #[inline(always)]
     pub fn of_wxyz(wxyz: [f64; 4]) -> Self {
         Self { q: wxyz.into() }
     }
 
     /// That of the Euler angles `eta2` [rad], ZYX.
-    #[must_use]
     pub fn of_euler(eta2: &Vector3<f64>) -> Self {
         let [x, y, z, w] = quaternion_wb(eta2);
         Self {
@@ -42,14 +40,12 @@ impl Attitude {
         }
     }
 
-    #[must_use]
     #[inline]
     pub fn wxyz(&self) -> [f64; 4] {
         self.q.into()
     }
 
     /// q_dot = 1/2 q (x) (0, nu2): the derivative at body rates `nu2` [rad/s].
-    #[must_use]
     #[inline]
     pub fn rate(&self, nu2: &Vector3<f64>) -> Vector4<f64> {
         let [w, x, y, z] = self.wxyz();
@@ -64,7 +60,6 @@ impl Attitude {
     }
 
     /// Moved along a derivative for `dt_s` [s], without regard to its length.
-    #[must_use]
     #[inline]
     pub fn along(&self, rate: &Vector4<f64>, dt_s: f64) -> Self {
         Self {
@@ -73,7 +68,6 @@ impl Attitude {
     }
 
     /// The same rotation at length 1, from which steps of an integrator lead away.
-    #[must_use]
     #[inline]
     pub fn normalised(&self) -> Self {
         Self {
@@ -82,7 +76,6 @@ impl Attitude {
     }
 
     /// Body z in the world frame: the third column of J1, along which the rotors push.
-    #[must_use]
     #[inline]
     pub fn z_b_in_w(&self) -> Vector3<f64> {
         let [w, x, y, z] = self.wxyz();
@@ -94,14 +87,12 @@ impl Attitude {
     }
 
     /// J1^T `v_w`: a vector of the world frame in the body frame.
-    #[must_use]
     #[inline]
     pub fn to_body(&self, v_w: &Vector3<f64>) -> Vector3<f64> {
         self.rot_wb().tr_mul(v_w)
     }
 
     /// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`.
-    #[must_use]
     #[rustfmt::skip]
     #[inline]
     pub fn rot_wb(&self) -> Matrix3<f64> {
@@ -117,7 +108,6 @@ impl Attitude {
     ///
     /// Followed tick by tick, roll and yaw are not wrapped. Where the pitch passes +-90 degrees both jump by 180
     /// degrees, which is in the nature of these angles; exactly there, roll and yaw are 0 on the nearest turn.
-    #[must_use]
     #[inline]
     pub fn euler_near(&self, last: &Vector3<f64>) -> Vector3<f64> {
         let [roll, pitch, yaw] = self.arcs().map(|(y, x)| atan2(y, x));
@@ -125,7 +115,6 @@ impl Attitude {
     }
 
     /// The same without a branch, for attitudes side by side; false where it is not, which is at rare ones.
-    #[must_use]
     #[inline(always)]
     pub fn euler_near_of_most(&self, last: &Vector3<f64>) -> (Vector3<f64>, bool) {
         // One by one: a closure over all three would be called, and nothing with a call goes side by side.

@@ -4,7 +4,7 @@
 
 use crate::content::NO_TICK;
 use crate::grid::{Grid, Pace};
-use crate::layout::{from_wire, layout};
+use crate::layout::{layout, wire_enum};
 use crate::parameters::PARAMETERS;
 use crate::realtime::{Grants, Lead, Usage};
 use crate::rejections::Rejections;
@@ -19,78 +19,40 @@ pub const SETTINGS: &str = "settings";
 /// Length of a tick on the clock that stands for lockstep: the ticks have no length [ns].
 pub const LOCKSTEP: u64 = 0;
 
-/// Where a run is between the first role's start and the last one's end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum RunPhase {
-    /// The plant waits for the other roles.
-    Mustering = 0,
-    /// t_0 is announced; the roles arm.
-    Opening = 1,
-    Flying = 2,
-    Closed = 3,
+wire_enum! {
+    /// Where a run is between the first role's start and the last one's end.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum RunPhase {
+        /// The plant waits for the other roles.
+        Mustering = 0,
+        /// t_0 is announced; the roles arm.
+        Opening = 1,
+        Flying = 2,
+        Closed = 3,
+    }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum EndReason {
-    None = 0,
-    /// The last tick asked for was flown.
-    Completed = 1,
-    /// A signal asked a role to end.
-    Interrupted = 2,
-    /// The airframe tilted beyond the limit of the settings.
-    Attitude = 3,
-    /// The position error left the envelope.
-    Position = 4,
-    /// The state was no longer finite.
-    NonFinite = 5,
-    Failed = 6,
-    /// The airframe hit the ground as no landing does.
-    Crash = 7,
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum EndReason {
+        None = 0 => "still flying",
+        /// The last tick asked for was flown.
+        Completed = 1 => "completed",
+        /// A signal asked a role to end.
+        Interrupted = 2 => "interrupted",
+        /// The airframe tilted beyond the limit of the settings.
+        Attitude = 3 => "left the envelope: tilt beyond its limit",
+        Position = 4 => "left the envelope: position error beyond its limit",
+        NonFinite = 5 => "left the envelope: the state is not finite",
+        Failed = 6 => "a role failed",
+        /// The airframe hit the ground as no landing does.
+        Crash = 7 => "left the envelope: crashed into the ground",
+    }
 }
-
-from_wire!(RunPhase {
-    Mustering,
-    Opening,
-    Flying,
-    Closed
-});
-from_wire!(EndReason {
-    None,
-    Completed,
-    Interrupted,
-    Attitude,
-    Position,
-    NonFinite,
-    Failed,
-    Crash
-});
-from_wire!(RolePhase {
-    Starting,
-    Ready,
-    Armed,
-    Flying,
-    Landed
-});
 
 impl EndReason {
-    #[must_use]
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::None => "still flying",
-            Self::Completed => "completed",
-            Self::Interrupted => "interrupted",
-            Self::Attitude => "left the envelope: tilt beyond its limit",
-            Self::Position => "left the envelope: position error beyond its limit",
-            Self::NonFinite => "left the envelope: the state is not finite",
-            Self::Failed => "a role failed",
-            Self::Crash => "left the envelope: crashed into the ground",
-        }
-    }
-
-    /// Whether the flight left its envelope.
-    #[must_use]
     pub const fn left_envelope(self) -> bool {
         matches!(
             self,
@@ -99,62 +61,43 @@ impl EndReason {
     }
 }
 
-/// The run, written by the plant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-pub struct Run {
-    /// A [`RunPhase`] as number.
-    pub phase: u64,
-    /// An [`EndReason`] as number.
-    pub ending: u64,
-    /// Number of the run: the wall clock when the plant opened it [ns since 1970].
-    pub run_id: u64,
-    pub settings: u64,
-    /// Process number of the plant: its board outlives it, and another plant may write on the same board.
-    pub plant_pid: u64,
-    /// Process number of the plant's launcher; 0 where it was started by hand.
-    pub launcher_pid: u64,
-    /// Begin of tick 0 on CLOCK_MONOTONIC [ns].
-    pub t0_ns: u64,
-    /// Begin of tick 0 on the wall clock [ns since 1970].
-    pub t0_wall_ns: u64,
-    /// Length of a tick on the clock [ns], or [`LOCKSTEP`].
-    pub period_ns: u64,
-    /// Sample time T of the laws [ns]: flight time is ticks times this.
-    pub sample_time_ns: u64,
-    /// Last tick that is to be flown.
-    pub last_tick: u64,
-    /// Newest tick that was published; [`NO_TICK`] before the first.
-    pub tick: u64,
-    pub ticks_run: u64,
-    pub ticks_skipped: u64,
-    pub deadlines_missed: u64,
-    /// Length of the run of missed deadlines at the end.
-    pub deadline_miss_run: u64,
-    pub parameter_epoch: u64,
-    /// How far ahead of a tick the plant's timer was set at take-off.
-    pub lead: Lead,
+layout! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Run {
+        /// A [`RunPhase`] as number.
+        pub phase: u64,
+        /// An [`EndReason`] as number.
+        pub ending: u64,
+        /// Number of the run: the wall clock when the plant opened it [ns since 1970].
+        pub run_id: u64,
+        pub settings: u64,
+        /// Process number of the plant: its board outlives it, and another plant may write on the same board.
+        pub plant_pid: u64,
+        /// Process number of the plant's launcher; 0 where it was started by hand.
+        pub launcher_pid: u64,
+        /// Begin of tick 0 on CLOCK_MONOTONIC [ns].
+        pub t0_ns: u64,
+        /// Begin of tick 0 on the wall clock [ns since 1970].
+        pub t0_wall_ns: u64,
+        /// Length of a tick on the clock [ns], or [`LOCKSTEP`].
+        pub period_ns: u64,
+        /// Sample time T of the laws [ns]: flight time is ticks times this.
+        pub sample_time_ns: u64,
+        /// Last tick that is to be flown.
+        pub last_tick: u64,
+        /// Newest tick that was published; [`NO_TICK`] before the first.
+        pub tick: u64,
+        pub ticks_run: u64,
+        pub ticks_skipped: u64,
+        pub deadlines_missed: u64,
+        /// Length of the run of missed deadlines at the end.
+        pub deadline_miss_run: u64,
+        pub parameter_epoch: u64,
+        /// How far ahead of a tick the plant's timer was set at take-off.
+        pub lead: Lead,
+    }
 }
-layout!(Run {
-    phase,
-    ending,
-    run_id,
-    settings,
-    plant_pid,
-    launcher_pid,
-    t0_ns,
-    t0_wall_ns,
-    period_ns,
-    sample_time_ns,
-    last_tick,
-    tick,
-    ticks_run,
-    ticks_skipped,
-    deadlines_missed,
-    deadline_miss_run,
-    parameter_epoch,
-    lead,
-});
 
 impl Default for Run {
     fn default() -> Self {
@@ -183,12 +126,10 @@ impl Default for Run {
 
 impl Run {
     /// Its phase; a number that is none counts as closed.
-    #[must_use]
     pub fn phase(&self) -> RunPhase {
         RunPhase::from_wire(self.phase).unwrap_or(RunPhase::Closed)
     }
 
-    #[must_use]
     pub const fn pace(&self) -> Pace {
         match self.period_ns {
             LOCKSTEP => Pace::Lockstep,
@@ -200,140 +141,113 @@ impl Run {
     }
 
     /// Time of the flight at which a tick begins [s].
-    #[must_use]
     pub fn flight_time_s(&self, tick: u64) -> f64 {
         (tick * self.sample_time_ns) as f64 / 1e9
     }
 
     /// Why it ended; a number that is none counts as a failure.
-    #[must_use]
     pub fn ending(&self) -> EndReason {
         EndReason::from_wire(self.ending).unwrap_or(EndReason::Failed)
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum RolePhase {
-    Starting = 0,
-    /// It waits for the plant to open a run.
-    Ready = 1,
-    /// It is connected and waits for tick 0.
-    Armed = 2,
-    Flying = 3,
-    /// Its loop is over, and its figures are final.
-    Landed = 4,
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum RolePhase {
+        Starting = 0,
+        /// It waits for the plant to open a run.
+        Ready = 1,
+        /// It is connected and waits for tick 0.
+        Armed = 2,
+        Flying = 3,
+        /// Its loop is over, and its figures are final.
+        Landed = 4,
+    }
 }
 
-/// When a process came past each part of its way to its first tick, on CLOCK_MONOTONIC [ns]; 0 where it has not yet.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Arrival {
-    /// It was started; a spare was told to go on.
-    pub begun_ns: u64,
-    /// It had its settings and its law.
-    pub made_ns: u64,
-    /// It had its place: the role's lock, a node of the middleware, its status board.
-    pub placed_ns: u64,
-    pub ported_ns: u64,
-    pub engaged_ns: u64,
-    /// Its ports were connected to those of a run.
-    pub armed_ns: u64,
+layout! {
+    /// When a process came past each part of its way to its first tick, on CLOCK_MONOTONIC [ns]; 0 where it has not yet.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Arrival {
+        /// It was started; a spare was told to go on.
+        pub begun_ns: u64,
+        /// It had its settings and its law.
+        pub made_ns: u64,
+        /// It had its place: the role's lock, a node of the middleware, its status board.
+        pub placed_ns: u64,
+        pub ported_ns: u64,
+        pub engaged_ns: u64,
+        /// Its ports were connected to those of a run.
+        pub armed_ns: u64,
+    }
 }
-layout!(Arrival {
-    begun_ns,
-    made_ns,
-    placed_ns,
-    ported_ns,
-    engaged_ns,
-    armed_ns
-});
 
-/// A role's status, written by itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct Status {
-    /// A [`RolePhase`] as number.
-    pub phase: u64,
-    pub pid: u64,
-    /// When it started on CLOCK_MONOTONIC [ns].
-    pub epoch: u64,
-    pub arrival: Arrival,
-    pub settings: u64,
-    /// t_0 that it is armed for [ns].
-    pub armed_t0_ns: u64,
-    /// An [`EndReason`] that it asks the plant for; 0 while it wants to go on.
-    pub wants_end: u64,
-    pub ticks_run: u64,
-    /// Ticks that it skipped because the next one had begun.
-    pub ticks_skipped: u64,
-    /// Ticks that it worked with an input that was not of the tick.
-    pub ticks_stale: u64,
-    /// Ticks after the first that it rehearsed, so none before take-off; 0 of the plant, which calls for them.
-    pub rehearsals: u64,
-    /// Messages that did not pass inspection.
-    pub rejections: Rejections,
-    pub grants: Grants,
-    /// What its loop used since it was armed; final once it has landed.
-    pub usage: Usage,
-    /// The run that the estimates are of; 0 where there are none, or a successor is not to have them.
-    pub estimates_run: u64,
-    /// What its law had learnt with its last message: what a process that was started again may begin with.
-    pub estimates: [f64; 3],
+layout! {
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct Status {
+        /// A [`RolePhase`] as number.
+        pub phase: u64,
+        pub pid: u64,
+        /// When it started on CLOCK_MONOTONIC [ns].
+        pub epoch: u64,
+        pub arrival: Arrival,
+        pub settings: u64,
+        /// t_0 that it is armed for [ns].
+        pub armed_t0_ns: u64,
+        /// An [`EndReason`] that it asks the plant for; 0 while it wants to go on.
+        pub wants_end: u64,
+        pub ticks_run: u64,
+        /// Ticks that it skipped because the next one had begun.
+        pub ticks_skipped: u64,
+        /// Ticks that it worked with an input that was not of the tick.
+        pub ticks_stale: u64,
+        /// Ticks after the first that it rehearsed, so none before take-off; 0 of the plant, which calls for them.
+        pub rehearsals: u64,
+        pub rejections: Rejections,
+        pub grants: Grants,
+        /// What its loop used since it was armed; final once it has landed.
+        pub usage: Usage,
+        /// The run that the estimates are of; 0 where there are none, or a successor is not to have them.
+        pub estimates_run: u64,
+        /// What its law had learnt with its last message: what a process that was started again may begin with.
+        pub estimates: [f64; 3],
+    }
 }
-layout!(Status {
-    phase,
-    pid,
-    epoch,
-    arrival,
-    settings,
-    armed_t0_ns,
-    wants_end,
-    ticks_run,
-    ticks_skipped,
-    ticks_stale,
-    rehearsals,
-    rejections,
-    grants,
-    usage,
-    estimates_run,
-    estimates,
-});
 
 impl Status {
     /// Its phase; a number that is none counts as starting.
-    #[must_use]
     pub fn phase(&self) -> RolePhase {
         RolePhase::from_wire(self.phase).unwrap_or(RolePhase::Starting)
     }
 }
 
-/// The parameters in force, written by the plant at each swap.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct ActiveParameters {
-    pub tick: u64,
-    pub parameter_epoch: u64,
-    /// Values in the order of the table [`crate::parameters::SPECS`].
-    pub value: [f64; PARAMETERS],
+layout! {
+    /// The parameters in force, written by the plant at each swap.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct ActiveParameters {
+        pub tick: u64,
+        pub parameter_epoch: u64,
+        /// Values in the order of the table [`crate::parameters::SPECS`].
+        pub value: [f64; PARAMETERS],
+    }
 }
-layout!(ActiveParameters {
-    tick,
-    parameter_epoch,
-    value
-});
 
 /// Longest settings text [bytes].
 pub const SETTINGS_MAX: usize = 8192;
 
-/// The settings that all roles of a run must share, as text.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-pub struct SettingsText {
-    length: u64,
-    bytes: [u8; SETTINGS_MAX],
+layout! {
+    /// The settings that all roles of a run must share, as text.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct SettingsText {
+        length: u64,
+        bytes: [u8; SETTINGS_MAX],
+    }
 }
-layout!(SettingsText { length, bytes });
 
 impl Default for SettingsText {
     fn default() -> Self {
@@ -346,7 +260,6 @@ impl Default for SettingsText {
 
 impl SettingsText {
     /// Puts a text on the board; `None` where it is too long.
-    #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         let mut value = Self {
             length: text.len() as u64,
@@ -360,7 +273,6 @@ impl SettingsText {
     }
 
     /// The text; empty where the board holds none.
-    #[must_use]
     pub fn text(&self) -> &str {
         let length = usize::try_from(self.length).unwrap_or(0).min(SETTINGS_MAX);
         std::str::from_utf8(&self.bytes[..length]).unwrap_or("")

@@ -13,7 +13,6 @@ const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
 /// Each step is one-to-one in the word that it takes in, and in the sum so far. Two messages that differ in one word,
 /// in one bit of it or in all, therefore never have the same check word. Of those that differ in more words, one in
 /// 2^64 or so does.
-#[must_use]
 #[inline]
 pub fn check_word(words: &[u64]) -> u64 {
     let mut sums = [1, 2, 3, 4];

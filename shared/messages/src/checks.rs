@@ -49,7 +49,6 @@ guards! {
 static OFF: AtomicU8 = AtomicU8::new(0);
 
 /// Whether a guard does its work: always, in a build that is no mutant.
-#[must_use]
 #[inline(always)]
 pub fn is_on(guard: Check) -> bool {
     !IS_MUTANT || OFF.load(Ordering::Relaxed) != guard as u8 + 1

@@ -8,7 +8,7 @@ use ironbird_law::abi::IRONBIRD_ROTORS;
 pub use ironbird_law::{Desired, Measured, Reference};
 use nalgebra::Vector3;
 
-use crate::layout::{from_wire, layout};
+use crate::layout::{layout, wire_enum};
 use crate::parameters::{ESTIMATED, PARAMETERS, Parameter};
 use crate::telemetry::Telemetry;
 
@@ -27,8 +27,19 @@ pub struct Stamped<T> {
 }
 
 impl<T> Stamped<T> {
+    pub const fn new(tick: u64, content: T) -> Self {
+        Self { tick, content }
+    }
+
+    /// What has not come yet.
+    pub fn never() -> Self
+    where
+        T: Default,
+    {
+        Self::new(NO_TICK, T::default())
+    }
+
     /// Ticks since it was made; `u64::MAX` if it never was.
-    #[must_use]
     pub const fn age(&self, tick: u64) -> u64 {
         if self.tick == NO_TICK {
             u64::MAX
@@ -38,140 +49,144 @@ impl<T> Stamped<T> {
     }
 }
 
-/// Topic `state`: what the sensors show at the tick, and the account that the plant keeps of commands and ticks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct State {
-    /// What a law is told of it.
-    pub measured: Measured,
-    /// Tick of the command in force; [`NO_TICK`] while none has arrived.
-    pub command_tick: u64,
-    /// Commands that have come so far, also those that never were in force.
-    pub commands_taken: u64,
-    /// Tick of the newest of them; [`NO_TICK`] while none has arrived.
-    pub command_taken_tick: u64,
-    /// 1 when the command in force could not meet what was asked of the rotors, else 0.
-    pub command_saturated: u64,
-    /// Deadlines missed so far: ticks that began without the command of the tick before.
-    pub deadlines_missed: u64,
-    /// Length of the run of missed deadlines that this tick belongs to; 0 when its command was in time.
-    pub deadline_miss_run: u64,
-    /// Ticks skipped so far because the plant woke after the next one had begun.
-    pub ticks_skipped: u64,
-    pub parameter_epoch: u64,
-    /// What no sensor shows; for monitors and records alone, never for a law.
-    pub truth: Truth,
+layout! {
+    /// Topic `state`: what the sensors show at the tick, and the account that the plant keeps of commands and ticks.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct State {
+        /// What a law is told of it.
+        pub measured: Measured,
+        /// Tick of the command in force; [`NO_TICK`] while none has arrived.
+        pub command_tick: u64,
+        /// Commands that have come so far, also those that never were in force.
+        pub commands_taken: u64,
+        /// Tick of the newest of them; [`NO_TICK`] while none has arrived.
+        pub command_taken_tick: u64,
+        /// 1 when the command in force could not meet what was asked of the rotors, else 0.
+        pub command_saturated: u64,
+        /// Deadlines missed so far: ticks that began without the command of the tick before.
+        pub deadlines_missed: u64,
+        /// Length of the run of missed deadlines that this tick belongs to; 0 when its command was in time.
+        pub deadline_miss_run: u64,
+        /// Ticks skipped so far because the plant woke after the next one had begun.
+        pub ticks_skipped: u64,
+        pub parameter_epoch: u64,
+        /// What no sensor shows; for monitors and records alone, never for a law.
+        pub truth: Truth,
+    }
 }
 
-/// The part of the plant's state that no sensor shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct Truth {
-    /// Position, world frame [m].
-    pub position_w_m: [f64; 3],
-    /// Velocity, world frame [m/s].
-    pub velocity_w_m_s: [f64; 3],
-    /// Body rates without the gyro's errors [rad/s].
-    pub rate_b_rad_s: [f64; 3],
-    /// 1 when the ground touched the airframe in the last tick, else 0.
-    pub touches_ground: u64,
-    /// True parameters in force, in the order of [`crate::parameters::SPECS`] and in their units.
-    pub parameter: [f64; PARAMETERS],
+layout! {
+    /// The part of the plant's state that no sensor shows.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct Truth {
+        /// Position, world frame [m].
+        pub position_w_m: [f64; 3],
+        /// Velocity, world frame [m/s].
+        pub velocity_w_m_s: [f64; 3],
+        /// Body rates without the gyro's errors [rad/s].
+        pub rate_b_rad_s: [f64; 3],
+        /// 1 when the ground touched the airframe in the last tick, else 0.
+        pub touches_ground: u64,
+        /// True parameters in force, in the order of [`crate::parameters::SPECS`] and in their units.
+        pub parameter: [f64; PARAMETERS],
+    }
 }
 
 impl Truth {
     /// True value of a parameter, in its unit.
-    #[must_use]
     pub const fn get(&self, parameter: Parameter) -> f64 {
         self.parameter[parameter as usize]
     }
 
     /// True values of the estimated parameters: I_R [kg m^2], k_r [N m s], delta [rad/s^2].
-    #[must_use]
     pub fn theta(&self) -> [f64; 3] {
         ESTIMATED.map(|parameter| self.get(parameter))
     }
 }
 
-/// Topic `setpoint`: what the outer loop wants of the inner one, and the reference that it follows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct Setpoint {
-    /// Total thrust u [N].
-    pub thrust_n: f64,
-    /// Roll, pitch, yaw wanted [rad].
-    pub attitude_rad: [f64; 3],
-    /// Their first derivatives along the reference [rad/s].
-    pub attitude_rate_rad_s: [f64; 3],
-    /// Their second derivatives along the reference [rad/s^2].
-    pub attitude_acceleration_rad_s2: [f64; 3],
-    /// 1 when a limit of the law was active, else 0.
-    pub limited: u64,
-    /// How the stage got here: a [`Mode`] as number.
-    pub mode: u64,
-    /// Where the vehicle should be at this tick.
-    pub reference: Reference,
-    /// What the law shows of itself.
-    pub telemetry: Telemetry,
+layout! {
+    /// Topic `setpoint`: what the outer loop wants of the inner one, and the reference that it follows.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct Setpoint {
+        /// Total thrust u [N].
+        pub thrust_n: f64,
+        /// Roll, pitch, yaw wanted [rad].
+        pub attitude_rad: [f64; 3],
+        /// Their first derivatives along the reference [rad/s].
+        pub attitude_rate_rad_s: [f64; 3],
+        /// Their second derivatives along the reference [rad/s^2].
+        pub attitude_acceleration_rad_s2: [f64; 3],
+        /// 1 when a limit of the law was active, else 0.
+        pub limited: u64,
+        /// How the stage got here: a [`Mode`] as number.
+        pub mode: u64,
+        /// Where the vehicle should be at this tick.
+        pub reference: Reference,
+        pub telemetry: Telemetry,
+    }
 }
 
 impl Setpoint {
     /// Distance between the vehicle, where it truly is, and its reference [m]: for those who judge, never for a law.
-    #[must_use]
     pub fn position_error_m(&self, state: &State) -> f64 {
         (Vector3::from(state.truth.position_w_m) - Vector3::from(self.reference.position_w_m))
             .norm()
     }
 }
 
-/// Topic `wrench`: thrust and torque that the inner loop asks of the rotors.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct Wrench {
-    /// Total thrust u [N].
-    pub thrust_n: f64,
-    /// Torque tau about body x, y, z, before saturation [N m].
-    pub torque_b_nm: [f64; 3],
-    /// How the stage got here: a [`Mode`] as number.
-    pub mode: u64,
-    /// What the law shows of itself.
-    pub telemetry: Telemetry,
+layout! {
+    /// Topic `wrench`: thrust and torque that the inner loop asks of the rotors.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct Wrench {
+        /// Total thrust u [N].
+        pub thrust_n: f64,
+        /// Torque tau about body x, y, z, before saturation [N m].
+        pub torque_b_nm: [f64; 3],
+        /// How the stage got here: a [`Mode`] as number.
+        pub mode: u64,
+        pub telemetry: Telemetry,
+    }
 }
 
-/// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct RotorSpeeds {
-    /// Speed of each rotor [rad/s].
-    pub speed_rad_s: [f64; ROTORS],
-    /// Thrust that these speeds give by the nominal model [N].
-    pub thrust_n: f64,
-    /// Torque that these speeds give by the nominal model [N m].
-    pub torque_b_nm: [f64; 3],
-    /// 1 when the demand could not be met in full, else 0.
-    pub saturated: u64,
-    /// How the stage got here: a [`Mode`] as number.
-    pub mode: u64,
-    /// What the law shows of itself.
-    pub telemetry: Telemetry,
+layout! {
+    /// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct RotorSpeeds {
+        /// Speed of each rotor [rad/s].
+        pub speed_rad_s: [f64; ROTORS],
+        /// Thrust that these speeds give by the nominal model [N].
+        pub thrust_n: f64,
+        /// Torque that these speeds give by the nominal model [N m].
+        pub torque_b_nm: [f64; 3],
+        /// 1 when the demand could not be met in full, else 0.
+        pub saturated: u64,
+        /// How the stage got here: a [`Mode`] as number.
+        pub mode: u64,
+        pub telemetry: Telemetry,
+    }
 }
 
-/// Topic `swaps`: a swap of the plant's parameters that has taken hold.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct SwapRecord {
-    /// Parameter epoch that began with it.
-    pub parameter_epoch: u64,
-    /// How many of the following are meant.
-    pub count: u64,
-    /// Parameters, as indices of the table [`crate::parameters::SPECS`].
-    pub parameter: [u64; PARAMETERS],
-    /// Their values before, in their units.
-    pub old: [f64; PARAMETERS],
-    /// Their values from the last of their steps on.
-    pub new: [f64; PARAMETERS],
-    /// Equal steps in which they get there, one a tick from the record's on; 1 is at once.
-    pub steps: [u64; PARAMETERS],
+layout! {
+    /// Topic `swaps`: a swap of the plant's parameters that has taken hold.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct SwapRecord {
+        pub parameter_epoch: u64,
+        /// How many of the following are meant.
+        pub count: u64,
+        /// Parameters, as indices of the table [`crate::parameters::SPECS`].
+        pub parameter: [u64; PARAMETERS],
+        pub old: [f64; PARAMETERS],
+        /// Their values from the last of their steps on.
+        pub new: [f64; PARAMETERS],
+        /// Equal steps in which they get there, one a tick from the record's on; 1 is at once.
+        pub steps: [u64; PARAMETERS],
+    }
 }
 
 /// A parameter's value before and after a swap.
@@ -180,7 +195,6 @@ pub struct Change {
     pub parameter: Parameter,
     /// Value until the swap, in the parameter's unit.
     pub old: f64,
-    /// Value from the last step on.
     pub new: f64,
     /// Equal steps in which it gets there, one a tick; 1 is at once.
     pub steps: u64,
@@ -201,28 +215,21 @@ impl SwapRecord {
     }
 }
 
-/// How a stage came by its output (docs/architecture.md, "Safety model").
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum Mode {
-    /// Every input was of this tick.
-    Fresh = 0,
-    /// An input was stale, and the last one was held.
-    Held = 1,
-    /// An input was stale for longer; the stage fell back to a safe output.
-    Fallback = 2,
-    Idle = 3,
-    /// The law's answer was not finite, or one that no airframe can give; the stage put a safe one in its place.
-    NotFinite = 4,
+wire_enum! {
+    /// How a stage came by its output (docs/architecture.md, "Safety model").
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum Mode {
+        Fresh = 0,
+        /// An input was stale, and the last one was held.
+        Held = 1,
+        /// An input was stale for longer; the stage fell back to a safe output.
+        Fallback = 2,
+        Idle = 3,
+        /// The law's answer was not finite, or one that no airframe can give; the stage put a safe one in its place.
+        NotFinite = 4,
+    }
 }
-
-from_wire!(Mode {
-    Fresh,
-    Held,
-    Fallback,
-    Idle,
-    NotFinite
-});
 
 layout!(Measured {
     position_w_m,
@@ -251,55 +258,4 @@ layout!(Desired {
     attitude_rate_rad_s,
     attitude_acceleration_rad_s2,
     limited,
-});
-layout!(State {
-    measured,
-    command_tick,
-    commands_taken,
-    command_taken_tick,
-    command_saturated,
-    deadlines_missed,
-    deadline_miss_run,
-    ticks_skipped,
-    parameter_epoch,
-    truth,
-});
-layout!(Truth {
-    position_w_m,
-    velocity_w_m_s,
-    rate_b_rad_s,
-    touches_ground,
-    parameter
-});
-layout!(Setpoint {
-    thrust_n,
-    attitude_rad,
-    attitude_rate_rad_s,
-    attitude_acceleration_rad_s2,
-    limited,
-    mode,
-    reference,
-    telemetry,
-});
-layout!(Wrench {
-    thrust_n,
-    torque_b_nm,
-    mode,
-    telemetry
-});
-layout!(SwapRecord {
-    parameter_epoch,
-    count,
-    parameter,
-    old,
-    new,
-    steps
-});
-layout!(RotorSpeeds {
-    speed_rad_s,
-    thrust_n,
-    torque_b_nm,
-    saturated,
-    mode,
-    telemetry
 });

@@ -40,7 +40,6 @@ pub const VOCABULARY: u64 = {
     hash
 };
 
-/// A layout with its fingerprint.
 pub trait Fingerprint: Layout {
     /// Hash over [`Layout::FIELDS`] and over the variants that numbers in them stand for.
     const FINGERPRINT: u64 = fnv1a(fingerprint(Self::FIELDS), &VOCABULARY.to_le_bytes());
@@ -55,27 +54,23 @@ mod tests {
 
     #[test]
     fn words_in_another_order_change_every_fingerprint() {
+        #[allow(dead_code, reason = "known by its hash alone")]
         mod here {
-            #[allow(dead_code, reason = "known by its variants alone")]
-            pub(super) enum Step {
-                Affinity,
-                Scheduler,
+            crate::layout::wire_enum! {
+                pub enum Step {
+                    Affinity = 0,
+                    Scheduler = 1,
+                }
             }
-            crate::enum_hash!(Step {
-                Affinity,
-                Scheduler
-            });
         }
+        #[allow(dead_code, reason = "known by its hash alone")]
         mod there {
-            #[allow(dead_code, reason = "known by its variants alone")]
-            pub(super) enum Step {
-                Scheduler,
-                Affinity,
+            crate::layout::wire_enum! {
+                pub enum Step {
+                    Scheduler = 0,
+                    Affinity = 1,
+                }
             }
-            crate::enum_hash!(Step {
-                Scheduler,
-                Affinity
-            });
         }
         assert_ne!(here::Step::ENUM_HASH, there::Step::ENUM_HASH);
         assert_eq!(

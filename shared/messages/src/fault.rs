@@ -4,18 +4,16 @@
 //! was made for. It is therefore the same fault in processes, in one process and in replay, at any pace. Faults of
 //! parameters go another way: they are swaps of the plant.
 
-pub mod acts;
 pub mod code;
 pub mod faulty_input;
 pub mod fields;
 pub mod gate;
-pub mod late;
 pub mod live;
 
 use std::fmt;
 
 use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
-use crate::layout::from_wire;
+use crate::layout::wire_enum;
 use crate::role::Role;
 use crate::topic::Topic;
 use fields::{Faulty as _, Field};
@@ -49,14 +47,12 @@ pub const PORTS: [Port; 5] = [
 
 impl Port {
     /// The input of a stage for a topic, if it has one that can have faults.
-    #[must_use]
     pub fn of(role: Role, topic: &str) -> Option<Self> {
         PORTS
             .into_iter()
             .find(|port| port.role() == role && port.topic() == topic)
     }
 
-    #[must_use]
     pub const fn role(self) -> Role {
         match self {
             Self::OuterState => Role::Outer,
@@ -67,7 +63,6 @@ impl Port {
     }
 
     /// Name of the topic that it receives.
-    #[must_use]
     pub const fn topic(self) -> &'static str {
         match self {
             Self::OuterState | Self::InnerState => State::NAME,
@@ -78,7 +73,6 @@ impl Port {
     }
 
     /// Fields of the topic that faults can strike.
-    #[must_use]
     pub const fn fields(self) -> &'static [Field] {
         match self {
             Self::OuterState | Self::InnerState => State::STRUCK,
@@ -99,7 +93,6 @@ pub struct Place {
 }
 
 impl Place {
-    #[must_use]
     pub fn meets(self, other: Self) -> bool {
         let same_axis = self.axis.zip(other.axis).is_none_or(|(a, b)| a == b);
         self.field == other.field && same_axis
@@ -115,7 +108,6 @@ pub enum Kind {
         lost: u64,
         of: u64,
     },
-    /// They come so many ticks later.
     Delay(u64),
     /// They come in time, and with the content of so many ticks before.
     Lag(u64),
@@ -129,7 +121,6 @@ pub enum Kind {
 }
 
 impl Kind {
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Drop(_) | Self::DropEach { .. } => "drop",
@@ -143,7 +134,6 @@ impl Kind {
     }
 
     /// Whether its numbers are ones that a fault may have.
-    #[must_use]
     pub fn is_possible(self) -> bool {
         match self {
             Self::Drop(share) => is_share(share),
@@ -156,17 +146,24 @@ impl Kind {
     }
 
     /// The number that it strikes, where it is not the whole message.
-    #[must_use]
     pub const fn place(self) -> Option<Place> {
         match self {
             Self::Noise(place, _) | Self::Bias(place, _) | Self::Nan(place) => Some(place),
             _ => None,
         }
     }
+
+    /// Whether it does what another kind does, to the whole message or to a number that both mean.
+    pub fn is_like(self, other: Self) -> bool {
+        let same_place = match (self.place(), other.place()) {
+            (Some(a), Some(b)) => a.meets(b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        self.name() == other.name() && same_place
+    }
 }
 
 /// Whether a number is a share of something, and not of nothing.
-#[must_use]
 pub fn is_share(number: f64) -> bool {
     number > 0.0 && number <= 1.0
 }
@@ -180,24 +177,18 @@ pub struct Span {
 }
 
 impl Span {
-    /// The end of what has none.
     pub const FOR_GOOD: u64 = u64::MAX;
 
-    /// Whether a tick lies in it.
-    #[must_use]
     pub const fn holds(self, tick: u64) -> bool {
         self.from <= tick && tick < self.to
     }
 
-    /// Whether some tick lies in both.
-    #[must_use]
     pub const fn meets(self, other: Self) -> bool {
         let (from, to) = (max(self.from, other.from), min(self.to, other.to));
         from < to
     }
 
     /// The same up to a tick; none of it is left where it begins then.
-    #[must_use]
     pub const fn cut(self, tick: u64) -> Self {
         Self {
             to: min(self.to, max(self.from, tick)),
@@ -222,34 +213,42 @@ pub struct MessageFault {
     pub span: Span,
 }
 
-impl MessageFault {
-    /// Whether both would have a say in the same message and contradict each other.
-    #[must_use]
-    pub fn contradicts(&self, other: &Self) -> bool {
-        self.is_like(other.port, other.kind) && self.span.meets(other.span)
+impl Spanned for MessageFault {
+    fn span(&self) -> Span {
+        self.span
     }
 
-    /// Whether it does to the same messages, or to a number of them, what this kind does.
-    fn is_like(&self, port: Port, kind: Kind) -> bool {
-        let same_place = match (self.kind.place(), kind.place()) {
-            (Some(a), Some(b)) => a.meets(b),
-            (a, b) => a.is_none() && b.is_none(),
-        };
-        self.port == port && self.kind.name() == kind.name() && same_place
+    fn span_mut(&mut self) -> &mut Span {
+        &mut self.span
+    }
+
+    fn contradicts(&self, other: &Self) -> bool {
+        self.port == other.port && self.kind.is_like(other.kind) && self.span.meets(other.span)
     }
 }
 
-/// The faults of a flight's messages, and the seed of what is random in them.
+/// Faults of one sort in a flight, and the seed of what is random in them.
 ///
 /// The place of a fault is its number: what it draws depends on seed, number and tick alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MessageFaults {
+pub struct FaultList<F> {
     pub seed: u64,
-    faults: [Option<MessageFault>; MOST],
+    faults: [Option<F>; MOST],
 }
 
-impl MessageFaults {
-    #[must_use]
+pub type MessageFaults = FaultList<MessageFault>;
+
+/// A fault that acts in a span of ticks.
+pub trait Spanned: Copy {
+    fn span(&self) -> Span;
+
+    fn span_mut(&mut self) -> &mut Span;
+
+    /// Whether both would have a say in the same message or stage, and contradict each other.
+    fn contradicts(&self, other: &Self) -> bool;
+}
+
+impl<F: Spanned> FaultList<F> {
     pub const fn none(seed: u64) -> Self {
         Self {
             seed,
@@ -257,69 +256,78 @@ impl MessageFaults {
         }
     }
 
-    pub fn push(&mut self, fault: MessageFault) -> Result<(), NotTaken> {
+    pub fn push(&mut self, fault: F) -> Result<(), NotTaken> {
         if self.iter().any(|(_, other)| other.contradicts(&fault)) {
             return Err(NotTaken::Contradiction);
         }
-        let place = self
-            .faults
-            .iter_mut()
+        let mut places = self.faults.iter_mut();
+        *places
             .find(|place| place.is_none())
-            .ok_or(NotTaken::NoRoom)?;
-        *place = Some(fault);
+            .ok_or(NotTaken::NoRoom)? = Some(fault);
         Ok(())
     }
 
-    /// Ends those that do at an input what `kind` does, from a tick on. Whatever number the kind has is not looked at.
-    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), NotTaken> {
-        let is_meant =
-            |fault: &&mut MessageFault| fault.is_like(port, kind) && fault.span.to > tick;
-        let mut meant = self.faults.iter_mut().flatten().filter(is_meant).peekable();
+    /// Ends those that are meant, from a tick on.
+    pub(crate) fn end_where(
+        &mut self,
+        tick: u64,
+        is_meant: impl Fn(&F) -> bool,
+    ) -> Result<(), NotTaken> {
+        let faults = self.faults.iter_mut().flatten();
+        let mut meant = faults
+            .filter(|fault| is_meant(fault) && fault.span().to > tick)
+            .peekable();
         meant.peek().ok_or(NotTaken::NothingToEnd)?;
-        meant.for_each(|fault| fault.span = fault.span.cut(tick));
+        meant.for_each(|fault| *fault.span_mut() = fault.span().cut(tick));
         Ok(())
+    }
+
+    /// Those that are meant, under their numbers.
+    pub(crate) fn only(&self, is_meant: impl Fn(&F) -> bool) -> Self {
+        Self {
+            faults: self.faults.map(|fault| fault.filter(&is_meant)),
+            ..*self
+        }
     }
 
     /// All of them, each with its number.
-    pub fn iter(&self) -> impl Iterator<Item = (u64, &MessageFault)> {
+    pub fn iter(&self) -> impl Iterator<Item = (u64, &F)> {
         (0..)
             .zip(&self.faults)
             .filter_map(|(number, fault)| Some((number, fault.as_ref()?)))
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.iter().next().is_none()
+    }
+}
+
+impl MessageFaults {
+    /// Ends those that do at an input what `kind` does, from a tick on. Whatever number the kind has is not looked at.
+    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), NotTaken> {
+        self.end_where(tick, |fault| fault.port == port && fault.kind.is_like(kind))
+    }
+
     pub fn of(&self, port: Port) -> impl Iterator<Item = (u64, &MessageFault)> {
         self.iter().filter(move |(_, fault)| fault.port == port)
     }
+}
 
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.faults[0].is_none()
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum NotTaken {
+        /// A flight has as many as it can have.
+        NoRoom = 1,
+        /// Another one has a say in the same ticks.
+        Contradiction = 2,
+        /// There is none that could be ended.
+        NothingToEnd = 3,
+        AfterTheEnd = 4,
+        /// It stops a stage for less than a tick.
+        UnderATick = 5,
     }
 }
-
-/// Why a fault was not taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum NotTaken {
-    /// A flight has as many as it can have.
-    NoRoom = 1,
-    /// Another one has a say in the same ticks.
-    Contradiction = 2,
-    /// There is none that could be ended.
-    NothingToEnd = 3,
-    /// The flight is over before it.
-    AfterTheEnd = 4,
-    /// It stops a stage for less than a tick.
-    UnderATick = 5,
-}
-
-from_wire!(NotTaken {
-    NoRoom,
-    Contradiction,
-    NothingToEnd,
-    AfterTheEnd,
-    UnderATick
-});
 
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -331,86 +339,64 @@ impl fmt::Display for Port {
 mod tests {
     use super::*;
 
+    use Port::{InnerState, OuterState};
+
     fn fault(port: Port, kind: Kind, from: u64, to: u64) -> MessageFault {
-        MessageFault {
-            port,
-            kind,
-            span: Span { from, to },
-        }
+        let span = Span { from, to };
+        MessageFault { port, kind, span }
+    }
+
+    const fn place(axis: Option<usize>) -> Place {
+        Place { field: 0, axis }
     }
 
     #[test]
     fn faults_contradict_each_other_in_the_same_messages_and_numbers_alone() {
-        use Port::{InnerState, OuterState};
-        let all = Place {
-            field: 0,
-            axis: None,
-        };
-        let one = |axis| Place {
-            field: 0,
-            axis: Some(axis),
-        };
         let drop = fault(OuterState, Kind::Drop(0.1), 10, 20);
-        assert!(drop.contradicts(&fault(
-            OuterState,
-            Kind::DropEach { lost: 1, of: 2 },
-            19,
-            30
-        )));
-        assert!(
-            !drop.contradicts(&fault(OuterState, Kind::Drop(0.2), 20, 30)),
-            "one after the other"
-        );
-        assert!(!drop.contradicts(&fault(InnerState, Kind::Drop(0.2), 10, 20)));
-        assert!(!drop.contradicts(&fault(OuterState, Kind::Delay(3), 10, 20)));
-        let bias = fault(OuterState, Kind::Bias(one(1), 1.0), 0, 9);
-        assert!(bias.contradicts(&fault(OuterState, Kind::Bias(all, 1.0), 0, 9)));
-        assert!(!bias.contradicts(&fault(OuterState, Kind::Bias(one(2), 1.0), 0, 9)));
-        assert!(!bias.contradicts(&fault(OuterState, Kind::Noise(one(1), 1.0), 0, 9)));
+        let bias = fault(OuterState, Kind::Bias(place(Some(1)), 1.0), 10, 20);
+        let pattern = Kind::DropEach { lost: 1, of: 2 };
+        for (fault, port, kind, from, expected) in [
+            (drop, OuterState, pattern, 19, true),
+            (drop, OuterState, Kind::Drop(0.2), 20, false),
+            (drop, InnerState, Kind::Drop(0.2), 10, false),
+            (drop, OuterState, Kind::Delay(3), 10, false),
+            (bias, OuterState, Kind::Bias(place(None), 1.0), 10, true),
+            (bias, OuterState, Kind::Bias(place(Some(2)), 1.0), 10, false),
+            (
+                bias,
+                OuterState,
+                Kind::Noise(place(Some(1)), 1.0),
+                10,
+                false,
+            ),
+        ] {
+            let other = self::fault(port, kind, from, 30);
+            assert_eq!(fault.contradicts(&other), expected, "{other:?}");
+        }
     }
 
     #[test]
     fn a_fault_is_ended_by_its_name_whatever_its_number() {
-        use Port::{InnerState, OuterState};
         let mut faults = MessageFaults::none(7);
         let drop = |port| fault(port, Kind::Drop(0.1), 10, Span::FOR_GOOD);
         faults.push(drop(OuterState)).unwrap();
         faults.push(drop(InnerState)).unwrap();
-        assert_eq!(
-            faults.end(OuterState, Kind::Delay(1), 20),
-            Err(NotTaken::NothingToEnd)
-        );
-        faults.end(OuterState, Kind::Drop(1.0), 20).unwrap();
-        assert_eq!(
-            faults.end(OuterState, Kind::Drop(1.0), 20),
-            Err(NotTaken::NothingToEnd),
-            "it has an end then"
-        );
+        let pattern = Kind::DropEach { lost: 1, of: 2 };
+        for (port, kind, tick, ended) in [
+            (OuterState, Kind::Delay(1), 20, Err(NotTaken::NothingToEnd)),
+            (OuterState, Kind::Drop(1.0), 20, Ok(())),
+            (OuterState, Kind::Drop(1.0), 20, Err(NotTaken::NothingToEnd)),
+            (InnerState, pattern, 5, Ok(())),
+        ] {
+            assert_eq!(faults.end(port, kind, tick), ended, "{kind:?}");
+        }
         let spans: Vec<Span> = faults.iter().map(|(_, fault)| fault.span).collect();
+        // What was ended before its begin never strikes, and contradicts nothing.
         assert_eq!(
             spans,
-            [
-                Span { from: 10, to: 20 },
-                Span {
-                    from: 10,
-                    to: Span::FOR_GOOD
-                }
-            ]
+            [(10, 20), (10, 10)].map(|(from, to)| Span { from, to })
         );
-        faults
-            .end(InnerState, Kind::DropEach { lost: 1, of: 2 }, 5)
-            .unwrap();
-        assert!(
-            (0..100).all(|tick| faults
-                .of(InnerState)
-                .all(|(_, fault)| !fault.span.holds(tick))),
-            "it never began"
-        );
-        assert_eq!(
-            faults.push(drop(InnerState)),
-            Ok(()),
-            "what never strikes contradicts nothing"
-        );
+        assert_eq!(faults.push(drop(InnerState)), Ok(()));
         assert_eq!(faults.push(drop(InnerState)), Err(NotTaken::Contradiction));
     }
 
@@ -421,11 +407,8 @@ mod tests {
         let one = |number: u64| fault(Port::MixerWrench, Kind::Freeze, number, number + 1);
         (0..MOST as u64).for_each(|number| faults.push(one(number)).unwrap());
         assert_eq!(faults.push(one(MOST as u64)), Err(NotTaken::NoRoom));
-        let numbers: Vec<u64> = faults
-            .of(Port::MixerWrench)
-            .map(|(number, _)| number)
-            .collect();
-        assert_eq!(numbers, (0..MOST as u64).collect::<Vec<_>>());
-        assert_eq!(faults.of(Port::OuterState).count(), 0);
+        let numbers = faults.of(Port::MixerWrench).map(|(number, _)| number);
+        assert!(numbers.eq(0..MOST as u64));
+        assert_eq!(faults.of(OuterState).count(), 0);
     }
 }

@@ -9,7 +9,6 @@ pub const LOCKSTEP_PATIENCE_NS: u64 = 5 * NS_PER_S;
 /// How often it looks up meanwhile, to see whether the run ends [ns].
 pub const LOCKSTEP_LOOK_UP_NS: u64 = NS_PER_S / 50;
 
-/// Length and pace of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlightPlan {
     /// Last tick to be flown; a flight has `last_tick + 1` ticks.

@@ -20,7 +20,6 @@ pub struct RollPitch {
 
 impl RollPitch {
     /// Those of the Euler angles `eta2` [rad].
-    #[must_use]
     #[inline]
     pub fn of(eta2: &Vector3<f64>) -> Self {
         let (s_phi, c_phi) = sin_cos(eta2.x);
@@ -34,7 +33,6 @@ impl RollPitch {
     }
 
     /// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`, at yaw `psi` [rad].
-    #[must_use]
     #[rustfmt::skip]
     #[inline]
     pub fn rot_wb(&self, psi: f64) -> Matrix3<f64> {
@@ -53,7 +51,6 @@ impl RollPitch {
     ///     J2 = [ 1  sin(phi)tan(theta)  cos(phi)tan(theta) ; 0  cos(phi)  -sin(phi) ;
     ///            0  sin(phi)/cos(theta)  cos(phi)/cos(theta) ]
     /// ```
-    #[must_use]
     #[inline]
     pub fn euler_rate(&self, nu2: &Vector3<f64>) -> Vector3<f64> {
         let Self {
@@ -71,7 +68,6 @@ impl RollPitch {
     /// ```text
     ///     W = [ 1  0  -sin(theta) ; 0  cos(phi)  sin(phi)cos(theta) ; 0  -sin(phi)  cos(phi)cos(theta) ]
     /// ```
-    #[must_use]
     #[inline]
     pub fn body_rate(&self, xi: &Vector3<f64>) -> Vector3<f64> {
         let Self {
@@ -94,7 +90,6 @@ impl RollPitch {
     ///     dW/dt = [ 0  0  -c_th dth ; 0  -s_phi dphi  c_phi c_th dphi - s_phi s_th dth ;
     ///               0  -c_phi dphi  -s_phi c_th dphi - c_phi s_th dth ]
     /// ```
-    #[must_use]
     #[inline]
     pub fn body_rate_dot(&self, d_eta2: &Vector3<f64>, xi: &Vector3<f64>) -> Vector3<f64> {
         let Self {
@@ -114,7 +109,6 @@ impl RollPitch {
 }
 
 /// The same rotation as a unit quaternion x, y, z, w.
-#[must_use]
 #[inline]
 pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
     let [(s_phi, c_phi), (s_th, c_th), (s_psi, c_psi)] =
@@ -128,7 +122,6 @@ pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
 }
 
 /// Brings an angle into [-pi, pi).
-#[must_use]
 #[inline]
 pub fn wrap(angle_rad: f64) -> f64 {
     if (-PI..PI).contains(&angle_rad) {

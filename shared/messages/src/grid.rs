@@ -17,27 +17,23 @@ pub struct Grid {
 
 impl Grid {
     /// When a tick begins [ns]; the end of time where it is further than that.
-    #[must_use]
     pub const fn begin_of(&self, tick: u64) -> u64 {
         self.t0_ns
             .saturating_add(tick.saturating_mul(self.period_ns))
     }
 
     /// When a stage waits no longer for its input of a tick [ns].
-    #[must_use]
     pub const fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
         self.begin_of(tick)
             .saturating_add(self.period_ns * stage.deadline_percent() / 100)
     }
 
     /// The tick that an instant lies in; 0 before the first has begun.
-    #[must_use]
     pub const fn tick_at(&self, instant_ns: u64) -> u64 {
         instant_ns.saturating_sub(self.t0_ns) / self.period_ns
     }
 
     /// The first tick that begins at or after an instant.
-    #[must_use]
     pub const fn first_tick_from(&self, instant_ns: u64) -> u64 {
         instant_ns
             .saturating_sub(self.t0_ns)
@@ -58,7 +54,6 @@ impl Pace {
     /// The latest tick whose messages may be there at an instant.
     ///
     /// On the grid it is the next one: it may begin between a look at the clock and one at a port.
-    #[must_use]
     pub const fn newest_tick(&self, instant_ns: u64) -> u64 {
         match self {
             Self::Realtime(grid) => grid.tick_at(instant_ns) + 1,
@@ -67,7 +62,6 @@ impl Pace {
     }
 
     /// The tick from which a command of `tick`, published at `send_ns`, is in force at the earliest.
-    #[must_use]
     pub const fn effective_tick(&self, tick: u64, send_ns: u64) -> u64 {
         match self {
             Self::Realtime(grid) => {

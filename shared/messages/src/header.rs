@@ -11,51 +11,53 @@ use crate::layout::{Element, FNV_OFFSET, Field, Kind, Layout, Plain, Visit, fnv1
 use crate::monitor::Monitor;
 use crate::role::{Role, STAGES};
 
-/// When a stage had its input, and when it published its output, on CLOCK_MONOTONIC.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Stamps {
-    /// The stage woke and took its input [ns]; for the plant: it woke on its timer.
-    pub receive_ns: u64,
-    /// The stage handed its output to the wire [ns].
-    pub send_ns: u64,
+layout! {
+    /// When a stage had its input, and when it published its output, on CLOCK_MONOTONIC.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Stamps {
+        /// The stage woke and took its input [ns]; for the plant: it woke on its timer.
+        pub receive_ns: u64,
+        /// The stage handed its output to the wire [ns].
+        pub send_ns: u64,
+    }
 }
 
-/// Origin and history of a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-pub struct Header {
-    /// [`LAYOUT`] of the sender's build.
-    pub layout: u64,
-    /// The run that the message belongs to.
-    pub run_id: u64,
-    /// Fingerprint of the settings that the sender flies with.
-    pub settings: u64,
-    /// When the sender started [ns]: a restarted sender has a later one.
-    pub epoch: u64,
-    /// Messages that the sender has published before this one, in this epoch.
-    pub seq: u64,
-    /// Tick that the message was made for.
-    pub tick: u64,
-    /// Parameter swaps that the plant had applied when it sampled.
-    pub parameter_epoch: u64,
-    /// When the plant sampled the state that it all goes back to [ns].
-    pub sample_ns: u64,
-    /// How far ahead of the tick the plant's timer was to be set [ns].
-    pub lead_ns: u64,
-    /// How late the kernel woke the plant, after the instant that its timer was set to [ns].
-    pub timer_late_ns: u64,
-    /// Tick of the newest state, set-point and wrench used; [`NO_TICK`] where none was.
-    pub input_tick: [u64; 3],
-    /// How long the sender's previous tick kept it busy, from waking to having notified [ns].
-    pub previous_busy_ns: u64,
-    /// Stamps of each stage so far, in the order of [`STAGES`]; zero for stages not passed in this tick.
-    pub stamps: [Stamps; STAGES.len()],
+layout! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Header as "Envelope" {
+        /// [`LAYOUT`] of the sender's build.
+        pub layout: u64,
+        /// The run that the message belongs to.
+        pub run_id: u64,
+        /// Fingerprint of the settings that the sender flies with.
+        pub settings: u64,
+        /// When the sender started [ns]: a restarted sender has a later one.
+        pub epoch: u64,
+        /// Messages that the sender has published before this one, in this epoch.
+        pub seq: u64,
+        /// Tick that the message was made for.
+        pub tick: u64,
+        /// Parameter swaps that the plant had applied when it sampled.
+        pub parameter_epoch: u64,
+        /// When the plant sampled the state that it all goes back to [ns].
+        pub sample_ns: u64,
+        /// How far ahead of the tick the plant's timer was to be set [ns].
+        pub lead_ns: u64,
+        /// How late the kernel woke the plant, after the instant that its timer was set to [ns].
+        pub timer_late_ns: u64,
+        /// Tick of the newest state, set-point and wrench used; [`NO_TICK`] where none was.
+        pub input_tick: [u64; 3],
+        /// How long the sender's previous tick kept it busy, from waking to having notified [ns].
+        pub previous_busy_ns: u64,
+        /// Stamps of each stage so far, in the order of [`STAGES`]; zero for stages not passed in this tick.
+        pub stamps: [Stamps; STAGES.len()],
+    }
 }
 
 impl Header {
     /// The envelope of a message that goes back to no sample yet.
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             layout: LAYOUT,
@@ -78,14 +80,12 @@ impl Header {
     }
 
     /// This history, with the tick of what was taken from the stage `sender`.
-    #[must_use]
     pub fn made_from(mut self, sender: Role, tick: u64) -> Self {
         self.input_tick[sender as usize] = tick;
         self
     }
 
     /// Stamps of a stage of the loop; the recorder has none.
-    #[must_use]
     pub fn stamps_of(&self, role: Role) -> Stamps {
         self.stamps.get(role as usize).copied().unwrap_or_default()
     }
@@ -134,26 +134,7 @@ impl<C: Visit> Layout for Message<C> {
     ];
 }
 
-layout!(Stamps {
-    receive_ns,
-    send_ns
-});
 // Logs written before the type was renamed stay readable.
-layout!(Header as "Envelope", {
-    layout,
-    run_id,
-    settings,
-    epoch,
-    seq,
-    tick,
-    parameter_epoch,
-    sample_ns,
-    lead_ns,
-    timer_late_ns,
-    input_tick,
-    previous_busy_ns,
-    stamps,
-});
 
 /// Fingerprint of all layouts of messages: processes whose fingerprints differ must not talk.
 pub const LAYOUT: u64 = {

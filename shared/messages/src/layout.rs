@@ -8,15 +8,9 @@
 //!
 //! What has a layout may lie in shared memory: [`Plain`] promises it, and [`layout!`] checks it.
 
-mod fingerprint;
-
-pub use fingerprint::{FNV_OFFSET, fingerprint, fnv1a, is_dense};
-
-/// What a field is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     U8,
-    /// A whole number with a sign.
     I64,
     U64,
     F64,
@@ -26,7 +20,6 @@ pub enum Kind {
     },
 }
 
-/// A field of a wire struct.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     pub name: &'static str,
@@ -70,7 +63,6 @@ pub trait Layout: Plain {
 }
 
 /// The words that a struct of numbers consists of.
-#[must_use]
 #[inline]
 #[allow(
     unsafe_code,
@@ -102,7 +94,6 @@ pub trait Visit: Layout {
     fn visit_mut<V: VisitorMut>(&mut self, visitor: &mut V);
 
     /// Whether every bit of every field is the same: `==` takes two zeros for one, and no number for another.
-    #[must_use]
     fn is_same(&self, other: &Self) -> bool;
 }
 
@@ -126,45 +117,42 @@ pub trait VisitorMut {
 pub trait Element: Plain {
     const KIND: Kind;
 
-    fn show<V: Visitor>(elements: &[Self], field: &'static Field, visitor: &mut V);
+    fn visit_all<V: Visitor>(elements: &[Self], field: &'static Field, visitor: &mut V);
 
-    fn lend<V: VisitorMut>(elements: &mut [Self], field: &'static Field, visitor: &mut V);
+    fn visit_all_mut<V: VisitorMut>(elements: &mut [Self], field: &'static Field, visitor: &mut V);
 
-    /// Whether every bit is the same.
     fn same_bits(&self, other: &Self) -> bool;
 }
 
 /// The type of a field: an element, or an array of them.
 pub trait FieldType: Plain {
-    const KIND: Kind;
+    type Item: Element;
     /// How many there are, where it is an array.
     const LENGTH: Option<usize>;
 
-    fn show<V: Visitor>(&self, field: &'static Field, visitor: &mut V);
+    fn items(&self) -> &[Self::Item];
 
-    fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V);
-
-    /// Whether every bit is the same.
-    fn same_bits(&self, other: &Self) -> bool;
-}
-
-impl<T: Element, const N: usize> FieldType for [T; N] {
-    const KIND: Kind = T::KIND;
-    const LENGTH: Option<usize> = Some(N);
-
-    fn show<V: Visitor>(&self, field: &'static Field, visitor: &mut V) {
-        T::show(self, field, visitor);
-    }
-
-    fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V) {
-        T::lend(self, field, visitor);
-    }
+    fn items_mut(&mut self) -> &mut [Self::Item];
 
     #[inline]
     fn same_bits(&self, other: &Self) -> bool {
-        self.iter()
-            .zip(other)
-            .all(|(this, other)| Element::same_bits(this, other))
+        let mut pairs = self.items().iter().zip(other.items());
+        pairs.all(|(this, other)| Element::same_bits(this, other))
+    }
+}
+
+impl<T: Element, const N: usize> FieldType for [T; N] {
+    type Item = T;
+    const LENGTH: Option<usize> = Some(N);
+
+    #[inline]
+    fn items(&self) -> &[T] {
+        self
+    }
+
+    #[inline]
+    fn items_mut(&mut self) -> &mut [T] {
+        self
     }
 }
 
@@ -181,7 +169,7 @@ macro_rules! element {
         impl $crate::layout::Element for $type {
             const KIND: $crate::layout::Kind = $kind;
 
-            fn show<V: $crate::layout::Visitor>(
+            fn visit_all<V: $crate::layout::Visitor>(
                 $elements: &[Self],
                 $field: &'static $crate::layout::Field,
                 $visitor: &mut V,
@@ -189,7 +177,7 @@ macro_rules! element {
                 $visit
             }
 
-            fn lend<V: $crate::layout::VisitorMut>(
+            fn visit_all_mut<V: $crate::layout::VisitorMut>(
                 $elements: &mut [Self],
                 $field: &'static $crate::layout::Field,
                 $visitor: &mut V,
@@ -205,28 +193,17 @@ macro_rules! element {
         }
 
         impl $crate::layout::FieldType for $type {
-            const KIND: $crate::layout::Kind = $kind;
+            type Item = Self;
             const LENGTH: Option<usize> = None;
 
-            fn show<V: $crate::layout::Visitor>(
-                &self,
-                field: &'static $crate::layout::Field,
-                visitor: &mut V,
-            ) {
-                <Self as $crate::layout::Element>::show(std::slice::from_ref(self), field, visitor);
-            }
-
-            fn lend<V: $crate::layout::VisitorMut>(
-                &mut self,
-                field: &'static $crate::layout::Field,
-                visitor: &mut V,
-            ) {
-                <Self as $crate::layout::Element>::lend(std::slice::from_mut(self), field, visitor);
+            #[inline]
+            fn items(&self) -> &[Self] {
+                std::slice::from_ref(self)
             }
 
             #[inline]
-            fn same_bits(&self, other: &Self) -> bool {
-                <Self as $crate::layout::Element>::same_bits(self, other)
+            fn items_mut(&mut self) -> &mut [Self] {
+                std::slice::from_mut(self)
             }
         }
     };
@@ -243,17 +220,19 @@ element!(
 element!(u8, Kind::U8, (_field, _visitor, _elements) => {}, (a, b) => a == b);
 element!(i64, Kind::I64, (_field, _visitor, _elements) => {}, (a, b) => a == b);
 
-/// Describes a wire struct: `repr(C)`, every field listed, in order, each a number or made of numbers.
+/// Declares a wire struct, or describes one that is declared elsewhere: `repr(C)`, every field listed, in order, each a
+/// number or made of numbers. `pub struct Name as "Logged"` is called `Logged` in logs.
 ///
 /// ```
 /// # use messages::layout::layout;
-/// #[derive(Clone, Copy)]
-/// #[repr(C)]
-/// struct Pose {
-///     north_m: u64,
-///     east_m: u64,
+/// layout! {
+///     #[derive(Clone, Copy)]
+///     #[repr(C)]
+///     pub struct Pose {
+///         pub north_m: u64,
+///         pub east_m: u64,
+///     }
 /// }
-/// layout!(Pose { north_m, east_m });
 /// ```
 ///
 /// What is not laid out like that does not compile: a struct without `repr(C)`,
@@ -294,6 +273,21 @@ element!(i64, Kind::I64, (_field, _visitor, _elements) => {}, (a, b) => a == b);
 /// ```
 #[macro_export]
 macro_rules! layout {
+    ($(#[$meta:meta])* pub struct $name:ident $(as $logged:literal)? {
+        $($(#[$doc:meta])* $vis:vis $field:ident: $type:ty),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        pub struct $name {
+            $($(#[$doc])* $vis $field: $type),+
+        }
+        $crate::layout!(@name $name $(as $logged)?, { $($field),+ });
+    };
+    (@name $name:tt as $logged:literal, $fields:tt) => {
+        $crate::layout!($name as $logged, $fields);
+    };
+    (@name $name:tt, $fields:tt) => {
+        $crate::layout!($name as stringify!($name), $fields);
+    };
     ($name:tt { $($field:ident),+ $(,)? }) => {
         $crate::layout!($name as stringify!($name), { $($field),+ });
     };
@@ -311,7 +305,7 @@ macro_rules! layout {
                     offset: usize,
                     _: fn(&$name) -> &T,
                 ) -> $crate::layout::Field {
-                    $crate::layout::Field { name, offset, size: size_of::<T>(), kind: T::KIND, length: T::LENGTH }
+                    $crate::layout::Field { name, offset, size: size_of::<T>(), kind: <T::Item as $crate::layout::Element>::KIND, length: T::LENGTH }
                 }
                 &[$(describe(stringify!($field), std::mem::offset_of!($name, $field), |message| &message.$field)),+]
             };
@@ -323,14 +317,14 @@ macro_rules! layout {
             fn visit<V: $crate::layout::Visitor>(&self, visitor: &mut V) {
                 let mut fields = <Self as $crate::layout::Layout>::FIELDS.iter();
                 $(if let Some(field) = fields.next() {
-                    $crate::layout::FieldType::show(&self.$field, field, visitor);
+                    $crate::layout::Element::visit_all($crate::layout::FieldType::items(&self.$field), field, visitor);
                 })+
             }
 
             fn visit_mut<V: $crate::layout::VisitorMut>(&mut self, visitor: &mut V) {
                 let mut fields = <Self as $crate::layout::Layout>::FIELDS.iter();
                 $(if let Some(field) = fields.next() {
-                    $crate::layout::FieldType::lend(&mut self.$field, field, visitor);
+                    $crate::layout::Element::visit_all_mut($crate::layout::FieldType::items_mut(&mut self.$field), field, visitor);
                 })+
             }
 
@@ -362,10 +356,10 @@ macro_rules! layout {
 }
 pub use layout;
 
-/// Gives an enum whose numbers are sent a hash over its variants and their numbers.
-#[doc(hidden)]
+/// Gives an enum whose numbers are sent a hash over its variants and their numbers, and its way back from a number:
+/// flags travel as integers, because a forged enum would be undefined behaviour.
 #[macro_export]
-macro_rules! enum_hash {
+macro_rules! from_wire {
     ($type:ident { $($variant:ident),+ $(,)? }) => {
         impl $type {
             /// Hash over its variants and their numbers: two builds that number them differently do not connect.
@@ -377,28 +371,252 @@ macro_rules! enum_hash {
                 )+
                 hash
             };
-        }
-    };
-}
-pub use enum_hash;
 
-/// Gives an enum of the wire its way back from a number: flags travel as integers, because a forged enum
-/// would be undefined behaviour.
-#[macro_export]
-macro_rules! from_wire {
-    ($type:ident { $($variant:ident),+ $(,)? }) => {
-        impl $type {
             /// The variant of a number on the wire, if there is one.
-            #[must_use]
             pub const fn from_wire(number: u64) -> Option<Self> {
                 $(if number == Self::$variant as u64 { return Some(Self::$variant); })+
                 None
             }
         }
-        $crate::enum_hash!($type { $($variant),+ });
     };
 }
 pub use from_wire;
 
+/// Declares an enum whose numbers are sent: its variants with their numbers, and names where it has them.
+macro_rules! wire_enum {
+    ($(#[$meta:meta])* pub enum $type:ident {
+        $($(#[$doc:meta])* $variant:ident = $number:literal $(=> $name:literal)?),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        pub enum $type {
+            $($(#[$doc])* $variant = $number),+
+        }
+        $crate::layout::from_wire!($type { $($variant),+ });
+        impl $type {
+            pub const ALL: [Self; [$($number),+].len()] = [$(Self::$variant),+];
+        }
+        $crate::layout::wire_enum!(@names $type { $($variant $(=> $name)?),+ });
+    };
+    (@names $type:ident { $($variant:ident => $name:literal),+ }) => {
+        impl $type {
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name),+
+                }
+            }
+        }
+    };
+    (@names $type:ident { $($variant:ident),+ }) => {};
+}
+pub(crate) use wire_enum;
+
+/// FNV-1a over names, offsets, sizes and kinds; of a struct within, over its fields likewise.
+pub const fn fingerprint(fields: &[Field]) -> u64 {
+    let mut hash = FNV_OFFSET;
+    let mut i = 0;
+    while i < fields.len() {
+        hash = fnv1a(hash, fields[i].name.as_bytes());
+        hash = fnv1a(hash, &fields[i].offset.to_le_bytes());
+        hash = fnv1a(hash, &fields[i].size.to_le_bytes());
+        hash = fnv1a(hash, fields[i].kind.word().as_bytes());
+        if let Kind::Struct { fields: inner, .. } = fields[i].kind {
+            hash = fnv1a(hash, &fingerprint(inner).to_le_bytes());
+        }
+        i += 1;
+    }
+    hash
+}
+
+impl Kind {
+    /// A word that no other kind has; of a struct, its name.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::I64 => "i64",
+            Self::U64 => "u64",
+            Self::F64 => "f64",
+            Self::Struct { name, .. } => name,
+        }
+    }
+}
+
+/// Start value of [`fnv1a`].
+pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// Continues a 64-bit FNV-1a hash over more bytes.
+pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
+        i += 1;
+    }
+    hash
+}
+
+/// Whether the fields follow each other without padding and fill the struct.
+pub const fn is_dense(fields: &[Field], size: usize) -> bool {
+    let mut end = 0;
+    let mut i = 0;
+    while i < fields.len() {
+        if fields[i].offset != end {
+            return false;
+        }
+        end += fields[i].size;
+        i += 1;
+    }
+    end == size
+}
+
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::content::State;
+    use crate::header::Header;
+
+    const A: Field = Field {
+        name: "a",
+        offset: 0,
+        size: 8,
+        kind: Kind::U64,
+        length: None,
+    };
+    const B: Field = Field {
+        name: "b",
+        offset: 8,
+        ..A
+    };
+
+    #[test]
+    fn swapped_renamed_or_resized_fields_change_the_fingerprint() {
+        let known = fingerprint(&[A, B]);
+        let swapped = [Field { offset: 0, ..B }, Field { offset: 8, ..A }];
+        let renamed = [A, Field { name: "c", ..B }];
+        let resized = [A, Field { size: 4, ..B }];
+        let number = [
+            A,
+            Field {
+                kind: Kind::F64,
+                ..B
+            },
+        ];
+        for other in [swapped, renamed, resized, number] {
+            assert_ne!(fingerprint(&other), known);
+        }
+    }
+
+    #[test]
+    fn a_struct_within_is_known_by_its_fields_and_not_by_its_name_alone() {
+        const fn holder(fields: &'static [Field]) -> [Field; 1] {
+            [Field {
+                name: "grants",
+                offset: 0,
+                size: 16,
+                kind: Kind::Struct {
+                    name: "Grants",
+                    fields,
+                },
+                length: None,
+            }]
+        }
+        const SWAPPED: [Field; 2] = [Field { offset: 0, ..B }, Field { offset: 8, ..A }];
+        assert_ne!(
+            fingerprint(&holder(&[A, B])),
+            fingerprint(&holder(&SWAPPED))
+        );
+    }
+
+    #[test]
+    fn every_field_is_visited_in_order_with_its_values() {
+        #[derive(Default)]
+        struct Seen(Vec<(&'static str, Vec<f64>)>);
+        impl Visitor for Seen {
+            fn integers(&mut self, field: &'static Field, values: &[u64]) {
+                self.0.push((
+                    field.name,
+                    values.iter().map(|value| *value as f64).collect(),
+                ));
+            }
+            fn numbers(&mut self, field: &'static Field, values: &[f64]) {
+                self.0.push((field.name, values.to_vec()));
+            }
+            fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
+                self.0.push((field.name, Vec::new()));
+                values.iter().for_each(|value| value.visit(self));
+            }
+        }
+        let mut envelope = Header {
+            tick: 7,
+            input_tick: [5, 6, 7],
+            ..Header::new()
+        };
+        envelope.stamps[2].send_ns = 9;
+        let mut seen = Seen::default();
+        envelope.visit(&mut seen);
+        let names: Vec<_> = Header::FIELDS.iter().map(|field| field.name).collect();
+        let of = |name: &str| -> Vec<Vec<f64>> {
+            seen.0
+                .iter()
+                .filter(|(seen, _)| *seen == name)
+                .map(|(_, values)| values.clone())
+                .collect()
+        };
+        assert!(names.iter().all(|name| of(name).len() == 1), "{:?}", seen.0);
+        assert_eq!(of("tick"), [[7.0]]);
+        assert_eq!(of("input_tick"), [[5.0, 6.0, 7.0]]);
+        assert_eq!(of("send_ns"), [[0.0], [0.0], [9.0], [0.0]]);
+        let stamps = Header::FIELDS
+            .iter()
+            .find(|field| field.name == "stamps")
+            .unwrap();
+        assert!(
+            matches!(stamps.kind, Kind::Struct { name: "Stamps", fields } if fields.len() == 2)
+        );
+        assert_eq!(stamps.length, Some(4));
+    }
+
+    #[test]
+    fn gaps_are_seen() {
+        assert!(is_dense(&[A, B], 16));
+        assert!(!is_dense(&[A, B], 24));
+        assert!(!is_dense(&[A, Field { offset: 12, ..B }], 20));
+    }
+
+    #[test]
+    fn what_differs_in_one_bit_is_not_the_same() {
+        /// Changes the sign or the highest bit of a word, the one after so many.
+        struct Flip(usize);
+        impl Flip {
+            fn is_due(&mut self) -> bool {
+                self.0 = self.0.wrapping_sub(1);
+                self.0 == usize::MAX
+            }
+        }
+        impl VisitorMut for Flip {
+            fn integers(&mut self, _: &'static Field, values: &mut [u64]) {
+                values
+                    .iter_mut()
+                    .filter(|_| self.is_due())
+                    .for_each(|value| *value ^= 1 << 63);
+            }
+            fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
+                values
+                    .iter_mut()
+                    .filter(|_| self.is_due())
+                    .for_each(|value| *value = -*value);
+            }
+            fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
+                values.iter_mut().for_each(|value| value.visit_mut(self));
+            }
+        }
+        let mut state = State::default();
+        assert!(state.is_same(&state));
+        for word in 0..size_of::<State>() / size_of::<u64>() {
+            let mut other = state;
+            other.visit_mut(&mut Flip(word));
+            // Zeros of either sign are equal.
+            assert!(!state.is_same(&other), "word {word}");
+        }
+        state.truth.parameter[1] = f64::NAN;
+        assert!(state.is_same(&state), "no number is the same as itself");
+    }
+}

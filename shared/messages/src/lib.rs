@@ -22,7 +22,6 @@ pub mod monitor;
 pub mod noise;
 pub mod output_hash;
 pub mod parameters;
-pub mod ranges;
 pub mod rate_dynamics;
 pub mod realtime;
 pub mod rejections;

@@ -25,14 +25,18 @@ impl Default for RotorLimits {
 
 impl RotorLimits {
     /// f_min: thrust of one rotor at its smallest speed [N], by (6); `k` is the thrust coefficient [N s^2].
-    #[must_use]
     #[inline]
     pub fn f_min(&self, k: f64) -> f64 {
         k * self.min_rad_s * self.min_rad_s
     }
 
+    /// A total thrust [N], kept to what four rotors give.
+    #[inline]
+    pub fn limit(&self, u: f64, k: f64) -> f64 {
+        u.clamp(4.0 * self.f_min(k), 4.0 * self.f_max(k))
+    }
+
     /// f_max: thrust of one rotor at its largest speed [N], by (6); `k` is the thrust coefficient [N s^2].
-    #[must_use]
     #[inline]
     pub fn f_max(&self, k: f64) -> f64 {
         k * self.max_rad_s * self.max_rad_s

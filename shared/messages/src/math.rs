@@ -12,55 +12,46 @@ pub use arc::atan2_of_most;
 pub use trig::sin_cos;
 
 /// Sine of an angle [rad].
-#[must_use]
 #[inline]
 pub fn sin(angle_rad: f64) -> f64 {
     sin_cos(angle_rad).0
 }
 
 /// Cosine of an angle [rad].
-#[must_use]
 #[inline]
 pub fn cos(angle_rad: f64) -> f64 {
     sin_cos(angle_rad).1
 }
 
 /// Tangent of an angle [rad].
-#[must_use]
 #[inline]
 pub fn tan(angle_rad: f64) -> f64 {
     libm::tan(angle_rad)
 }
 
 /// Angle of the point (x, y) from the axis of x [rad].
-#[must_use]
 #[inline]
 pub fn atan2(y: f64, x: f64) -> f64 {
     libm::atan2(y, x)
 }
 
-/// e to the power of x.
-#[must_use]
 #[inline]
 pub fn exp(x: f64) -> f64 {
     libm::exp(x)
 }
 
 /// e to the power of x, less 1: exact where x is small.
-#[must_use]
 #[inline]
 pub fn exp_m1(x: f64) -> f64 {
     libm::expm1(x)
 }
 
 /// Natural logarithm of 1 + x: exact where x is small.
-#[must_use]
 #[inline]
 pub fn ln_1p(x: f64) -> f64 {
     libm::log1p(x)
 }
 
-#[must_use]
 #[inline]
 pub fn ln(x: f64) -> f64 {
     libm::log(x)
@@ -79,7 +70,6 @@ mod tests {
         "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
         "powf", "powi", "cbrt", "hypot", "mul_add", "gamma", "ln_gamma", "sinc", "lp_norm",
     ];
-    /// Types of nalgebra that call them.
     const ROTATIONS: [&str; 6] = [
         "Rotation2",
         "Rotation3",
@@ -88,7 +78,6 @@ mod tests {
         "Isometry",
         "Similarity",
     ];
-    /// What the laws are compiled from.
     const LAWS: [&str; 5] = [
         "shared/messages/src",
         "shared/control_api/src",

@@ -27,7 +27,6 @@ const fn word(seed: u64, tick: u64, stream: u64, draw: u64) -> u64 {
     mixed(of_tick.wrapping_add(GOLDEN.wrapping_mul(stream.wrapping_mul(2).wrapping_add(draw))))
 }
 
-#[must_use]
 pub fn standard_normal(seed: u64, tick: u64, stream: u64) -> f64 {
     // The radius needs a number in (0, 1], the angle one in [0, 1).
     let radius = ln(((word(seed, tick, stream, 1) >> 11) + 1) as f64 * ULP);
@@ -36,7 +35,6 @@ pub fn standard_normal(seed: u64, tick: u64, stream: u64) -> f64 {
 }
 
 /// A number in [0, 1), each as likely.
-#[must_use]
 pub fn uniform(seed: u64, tick: u64, stream: u64) -> f64 {
     (word(seed, tick, stream, 1) >> 11) as f64 * ULP
 }

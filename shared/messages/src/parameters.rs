@@ -4,13 +4,11 @@
 //! flight. The controller and the mixer hold the *nominal* values of the same type as their model. Raw numbers become
 //! an [`Airframe`] only through [`Airframe::set`], which checks the range.
 
-mod airframe;
-
 use std::fmt;
 
+use ironbird_law::abi::IRONBIRD_ROTORS as ROTORS;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
-
-pub use airframe::Airframe;
 
 /// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -56,13 +54,20 @@ pub const ESTIMATED: [Parameter; 3] = [
     Parameter::DisturbanceGain,
 ];
 
+/// Efficiencies of the rotors, 1 to 4.
+pub const ROTOR_EFFICIENCY: [Parameter; ROTORS] = [
+    Parameter::RotorEfficiency1,
+    Parameter::RotorEfficiency2,
+    Parameter::RotorEfficiency3,
+    Parameter::RotorEfficiency4,
+];
+
 /// What is known about a parameter before any flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spec {
     pub parameter: Parameter,
     /// Name with its unit, as typed by the user.
     pub name: &'static str,
-    /// SI unit; empty for a ratio.
     pub unit: &'static str,
     pub min: f64,
     pub max: f64,
@@ -72,6 +77,16 @@ pub struct Spec {
     pub equation: &'static str,
     /// What it is, in a few words.
     pub meaning: &'static str,
+}
+
+impl Spec {
+    /// The range of the paper's airframe.
+    const fn range(&self) -> Range {
+        Range {
+            min: self.min,
+            max: self.max,
+        }
+    }
 }
 
 macro_rules! spec {
@@ -124,21 +139,18 @@ pub const SPECS: [Spec; PARAMETERS] = [
 ];
 
 impl Parameter {
-    #[must_use]
     #[inline]
     pub const fn spec(self) -> &'static Spec {
         &SPECS[self as usize]
     }
 
     /// Its name with unit, as typed by the user.
-    #[must_use]
     #[inline]
     pub const fn name(self) -> &'static str {
         self.spec().name
     }
 
     /// The parameter of an index on the wire, if there is one.
-    #[must_use]
     pub fn from_index(index: u64) -> Option<Self> {
         usize::try_from(index)
             .ok()
@@ -162,12 +174,57 @@ impl Parameter {
 
     /// Checks a value against the range that the parameter has for the paper's airframe.
     pub fn check(self, value: f64) -> Result<f64, ParameterError> {
+        self.spec().range().check(self, value)
+    }
+
+    /// Whether it measures the airframe's size, so that its range follows the airframe.
+    pub const fn has_size(self) -> bool {
+        matches!(
+            self,
+            Self::Mass
+                | Self::TranslationalDrag
+                | Self::RotationalDrag
+                | Self::ArmLength
+                | Self::ThrustCoefficient
+                | Self::DragFactor
+                | Self::RotorInertia
+                | Self::InertiaX
+                | Self::InertiaY
+                | Self::InertiaZ
+        )
+    }
+
+    /// Its range for an airframe that was built with the value `built`.
+    ///
+    /// Where that is 0 there is no factor, and the range is that of the table.
+    pub fn range_of(self, built: f64) -> Range {
         let spec = self.spec();
-        Range {
-            min: spec.min,
-            max: spec.max,
+        let size = (built / spec.nominal).abs();
+        if !self.has_size() || built == 0.0 {
+            return spec.range();
         }
-        .check(self, value)
+        let widest = self.widest();
+        Range {
+            min: (spec.min * size).max(widest.min),
+            max: (spec.max * size).min(widest.max),
+        }
+    }
+
+    /// What no airframe of any size is outside of.
+    pub fn widest(self) -> Range {
+        let spec = self.spec();
+        if !self.has_size() {
+            return spec.range();
+        }
+        let min = if spec.min < 0.0 {
+            spec.min * LARGER
+        } else {
+            spec.min * SMALLER
+        };
+        Range {
+            min,
+            max: spec.max * LARGER,
+        }
     }
 }
 
@@ -219,11 +276,178 @@ pub enum ParameterError {
     },
 }
 
+/// A full set of parameters, each within its range, and the values that the airframe was built with.
+///
+/// The ranges follow from what it was built with ([`Parameter::range_of`]). Indexed by [`Parameter`]; the accessors are the
+/// paper's symbols. As an array of numbers it is the paper's airframe with these values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "[f64; PARAMETERS]", try_from = "[f64; PARAMETERS]")]
+pub struct Airframe {
+    values: [f64; PARAMETERS],
+    built: [f64; PARAMETERS],
+}
+
+impl Airframe {
+    /// The paper's Table I, with every effect beyond the paper switched off.
+    pub const fn nominal() -> Self {
+        let mut values = [0.0; PARAMETERS];
+        let mut i = 0;
+        while i < PARAMETERS {
+            values[i] = SPECS[i].nominal;
+            i += 1;
+        }
+        Self {
+            values,
+            built: values,
+        }
+    }
+
+    /// The value of a parameter, in its unit.
+    #[inline]
+    pub const fn get(&self, parameter: Parameter) -> f64 {
+        self.values[parameter as usize]
+    }
+
+    pub fn set(&mut self, parameter: Parameter, value: f64) -> Result<(), ParameterError> {
+        self.values[parameter as usize] = self.check(parameter, value)?;
+        Ok(())
+    }
+
+    /// All values in the order of [`SPECS`].
+    #[inline]
+    pub const fn values(&self) -> &[f64; PARAMETERS] {
+        &self.values
+    }
+
+    /// Diagonal of I_M: I_x, I_y, I_z [kg m^2].
+    #[inline]
+    pub const fn i_m(&self) -> [f64; 3] {
+        use Parameter::{InertiaX, InertiaY, InertiaZ};
+        [self.get(InertiaX), self.get(InertiaY), self.get(InertiaZ)]
+    }
+
+    /// Efficiency of each rotor, 0 to 1.
+    #[inline]
+    pub const fn rotor_efficiency(&self) -> [f64; ROTORS] {
+        let [first, second, third, fourth] = ROTOR_EFFICIENCY;
+        [
+            self.get(first),
+            self.get(second),
+            self.get(third),
+            self.get(fourth),
+        ]
+    }
+
+    /// Whether the measured rates differ from the true ones.
+    pub fn gyro_errs(values: &[f64; PARAMETERS]) -> bool {
+        use Parameter::{GyroBias, GyroDrift, GyroNoise, GyroNoiseDensity};
+        [GyroNoise, GyroNoiseDensity, GyroBias, GyroDrift]
+            .iter()
+            .any(|&parameter| values[parameter as usize] != 0.0)
+    }
+
+    /// An airframe that is built with these values, in the order of [`SPECS`].
+    pub fn built_with(values: [f64; PARAMETERS]) -> Result<Self, ParameterError> {
+        for (spec, value) in SPECS.iter().zip(values) {
+            spec.parameter.widest().check(spec.parameter, value)?;
+        }
+        Ok(Self {
+            values,
+            built: values,
+        })
+    }
+
+    /// The same airframe as it was built.
+    pub const fn as_built(&self) -> Self {
+        Self {
+            values: self.built,
+            built: self.built,
+        }
+    }
+
+    /// The range of a parameter of this airframe.
+    pub fn range(&self, parameter: Parameter) -> Range {
+        parameter.range_of(self.built[parameter as usize])
+    }
+
+    /// Checks a value against the range of this airframe.
+    pub fn check(&self, parameter: Parameter, value: f64) -> Result<f64, ParameterError> {
+        self.range(parameter).check(parameter, value)
+    }
+    /// Speed of each rotor in hover, sqrt(m g / 4 k) [rad/s].
+    #[inline]
+    pub fn hover_speed_rad_s(&self) -> f64 {
+        (self.m() * self.g() / (4.0 * self.k())).sqrt()
+    }
+}
+
+impl From<Airframe> for [f64; PARAMETERS] {
+    fn from(airframe: Airframe) -> Self {
+        airframe.values
+    }
+}
+
+impl TryFrom<[f64; PARAMETERS]> for Airframe {
+    type Error = ParameterError;
+
+    fn try_from(values: [f64; PARAMETERS]) -> Result<Self, ParameterError> {
+        for (spec, value) in SPECS.iter().zip(values) {
+            spec.parameter.check(value)?;
+        }
+        Ok(Self {
+            values,
+            ..Self::nominal()
+        })
+    }
+}
+
+/// Accessors by the paper's symbols.
+macro_rules! symbols {
+    ($($(#[$doc:meta])* $symbol:ident => $parameter:ident;)+) => {
+        impl Airframe {
+            $($(#[$doc])*
+            #[inline]
+            pub const fn $symbol(&self) -> f64 {
+                self.get(Parameter::$parameter)
+            })+
+        }
+    };
+}
+
+symbols! {
+    /// m [kg].
+    m => Mass;
+    /// g [m/s^2].
+    g => Gravity;
+    /// k_t [kg/s].
+    k_t => TranslationalDrag;
+    /// k_r [N m s].
+    k_r => RotationalDrag;
+    /// l [m].
+    l => ArmLength;
+    /// k [N s^2].
+    k => ThrustCoefficient;
+    /// d [N m s^2].
+    d => DragFactor;
+    /// I_R [kg m^2].
+    i_r => RotorInertia;
+    /// delta [rad/s^2].
+    delta => DisturbanceGain;
+    /// Time constant of the motors [s]; 0 is no lag.
+    motor_time_constant_s => MotorTimeConstant;
+    /// Standard deviation of the gyro noise per sample [rad/s].
+    gyro_noise_rad_s => GyroNoise;
+}
+
+/// How much smaller than the least of the table, and larger than the greatest, a value may be that an airframe is built
+/// with: half a ton, or an inertia of a tenth of a gram by square millimetre.
+const SMALLER: f64 = 1e-6;
+const LARGER: f64 = 100.0;
+
 /// Likeness (Jaro-Winkler, 0 to 1) from which on a name may have been meant: below it, a suggestion would be a guess.
 const LIKE: f64 = 0.8;
 
 /// The name that may have been meant by one that is not known.
-#[must_use]
 pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let likeness = |known: &str| strsim::jaro_winkler(known, name);
     known
@@ -232,7 +456,6 @@ pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&
 }
 
 /// The end of an error about a name that is not known.
-#[must_use]
 pub fn did_you_mean(nearest: Option<&str>) -> String {
     nearest.map_or_else(String::new, |nearest| {
         format!("; did you mean `{nearest}`?")
@@ -240,7 +463,6 @@ pub fn did_you_mean(nearest: Option<&str>) -> String {
 }
 
 /// A number as it was typed; one of very many digits as a power of ten.
-#[must_use]
 pub fn shown(value: f64) -> String {
     let whole = value.to_string();
     if whole.len() > 24 {
@@ -251,7 +473,6 @@ pub fn shown(value: f64) -> String {
 }
 
 /// A unit as it stands after a number; a ratio has none.
-#[must_use]
 pub fn after_blank(unit: &str) -> String {
     if unit.is_empty() {
         String::new()
@@ -300,21 +521,60 @@ mod tests {
 
     #[test]
     fn a_number_of_hundreds_of_digits_is_told_in_short() {
-        let error = |value| Parameter::Mass.check(value).unwrap_err().to_string();
-        assert!(
-            error(1e300).starts_with("mass_kg = 1e300 is out of range"),
-            "{}",
-            error(1e300)
+        for (value, text) in [(1e300, "1e300"), (-1e-300, "-1e-300"), (50.25, "50.25")] {
+            let error = Parameter::Mass.check(value).unwrap_err().to_string();
+            assert!(
+                error.starts_with(&format!("mass_kg = {text} is out of range")),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused_and_change_nothing() {
+        let mut airframe = Airframe::nominal();
+        for value in [-1.0, f64::NAN, f64::INFINITY, 5.1] {
+            let error = airframe
+                .set(Parameter::Mass, value)
+                .unwrap_err()
+                .to_string();
+            assert!(
+                error.starts_with(&format!("mass_kg = {value} is out of range")),
+                "{error}"
+            );
+        }
+        assert_eq!(airframe, Airframe::nominal());
+    }
+
+    #[test]
+    fn ranges_follow_the_size_of_the_airframe() {
+        let paper = Airframe::nominal();
+        for spec in &SPECS {
+            assert_eq!(paper.range(spec.parameter), spec.range(), "{}", spec.name);
+        }
+        let mut values = *paper.values();
+        values[Parameter::Mass as usize] = 0.027;
+        let mut small = Airframe::built_with(values).unwrap();
+        let Range { min, max } = small.range(Parameter::Mass);
+        assert!((min - 0.05 * 0.027 / 0.52).abs() < 1e-15);
+        assert!((max - 5.0 * 0.027 / 0.52).abs() < 1e-15);
+        let error = small.set(Parameter::Mass, 0.52).unwrap_err().to_string();
+        let expected = "mass_kg = 0.52 is out of range: allowed are 0.00259";
+        assert!(error.starts_with(expected), "{error}");
+        assert_eq!(small.set(Parameter::Mass, 0.03), Ok(()));
+        assert_eq!((small.m(), small.as_built().m()), (0.03, 0.027));
+        let unit = Range { min: 0.0, max: 1.0 };
+        assert_eq!(small.range(Parameter::RotorEfficiency1), unit);
+        // The sign of the rotors' spin does not turn the range over, and 0 has no size.
+        let (min, max) = (-1e-3, 1e-3);
+        assert_eq!(
+            Parameter::RotorInertia.range_of(-3.36e-5),
+            Range { min, max }
         );
-        assert!(
-            error(-1e-300).starts_with("mass_kg = -1e-300 is out of range"),
-            "{}",
-            error(-1e-300)
-        );
-        assert!(
-            error(50.25).starts_with("mass_kg = 50.25 is out of range"),
-            "{}",
-            error(50.25)
-        );
+        assert_eq!(Parameter::RotationalDrag.range_of(0.0), unit);
+        for value in [f64::NAN, f64::INFINITY, -0.1, 0.0, 501.0] {
+            values[Parameter::Mass as usize] = value;
+            assert!(Airframe::built_with(values).is_err(), "{value}");
+        }
     }
 }

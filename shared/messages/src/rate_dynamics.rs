@@ -18,7 +18,6 @@ pub struct Inertia {
 
 impl Inertia {
     /// Of the diagonal of I_M [kg m^2].
-    #[must_use]
     #[inline]
     pub fn new(i_m: Vector3<f64>) -> Self {
         let ratio = Vector3::new(
@@ -34,7 +33,6 @@ impl Inertia {
     }
 
     /// What [`Self::coupling`] and [`Self::acceleration`] are made of, to lay it beside that of other airframes.
-    #[must_use]
     #[inline]
     pub fn numbers(&self) -> [f64; 9] {
         let Self {
@@ -47,8 +45,6 @@ impl Inertia {
         ]
     }
 
-    /// The same again, of its numbers.
-    #[must_use]
     #[inline(always)]
     pub fn of_numbers([a, b, c, d, e, f, g, h, i]: [f64; 9]) -> Self {
         Self {
@@ -59,14 +55,12 @@ impl Inertia {
     }
 
     /// The diagonal of I_M [kg m^2].
-    #[must_use]
     #[inline]
     pub const fn i_m(&self) -> &Vector3<f64> {
         &self.i_m
     }
 
     /// f: inertial coupling of the body rates [rad/s^2].
-    #[must_use]
     #[inline]
     pub fn coupling(&self, nu2: &Vector3<f64>) -> Vector3<f64> {
         let (p, q, r) = (nu2.x, nu2.y, nu2.z);
@@ -80,7 +74,6 @@ impl Inertia {
     /// Phi(nu2, Om, t) = [g1 g2 h]: columns for I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `h` is h(t).
     ///
     /// It is linear in (nu2, h): at the mean of two samples it is the mean of both.
-    #[must_use]
     #[rustfmt::skip]
     #[inline]
     pub fn regressor(&self, nu2: &Vector3<f64>, om: f64, h: &Vector3<f64>) -> Matrix3<f64> {
@@ -93,7 +86,6 @@ impl Inertia {
     }
 
     /// I_M^-1 tau: what a torque [N m] adds to d(nu2) [rad/s^2].
-    #[must_use]
     #[inline]
     pub fn acceleration(&self, tau: &Vector3<f64>) -> Vector3<f64> {
         tau.component_mul(&self.inverse)
@@ -101,7 +93,6 @@ impl Inertia {
 }
 
 /// h(t): direction of the periodic disturbance, without unit.
-#[must_use]
 #[inline]
 pub fn disturbance(t_s: f64) -> Vector3<f64> {
     along_h(sin(t_s))
@@ -117,13 +108,11 @@ fn along_h(sin_t: f64) -> Vector3<f64> {
 pub struct Disturbances {
     /// Sine and cosine of the present instant.
     now: (f64, f64),
-    /// Those of the time between two.
     step: (f64, f64),
 }
 
 impl Disturbances {
     /// From `t_s` [s] on, every `step_s` [s].
-    #[must_use]
     #[inline]
     pub fn new(t_s: f64, step_s: f64) -> Self {
         Self {

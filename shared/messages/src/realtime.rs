@@ -4,8 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::layout::enum_hash;
-use crate::layout::layout;
+use crate::layout::{layout, wire_enum};
 
 /// How much the user insists on real time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,7 +18,6 @@ pub enum RealtimeMode {
     Off,
 }
 
-/// What to ask the system for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RealtimeSettings {
     pub mode: RealtimeMode,
@@ -46,114 +44,83 @@ pub enum LeadSetting {
     Fixed(u64),
 }
 
-/// The lead at take-off: how far ahead of a tick the timer is set, and what the time is used for.
-///
-/// Every state's envelope says how far ahead it was set for its tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Lead {
-    /// How far ahead [ns]; 0 is at the tick.
-    pub lead_ns: u64,
-    /// 90th percentile of what a rehearsal took before take-off [ns]; 0 where none is held.
-    pub rehearsal_ns: u64,
-    /// 90th percentile of the timer's lateness as it was measured before take-off [ns]; 0 where it was not.
-    pub timer_p90_ns: u64,
-}
-layout!(Lead {
-    lead_ns,
-    rehearsal_ns,
-    timer_p90_ns
-});
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-#[repr(usize)]
-pub enum RealtimeStep {
-    Scheduler,
-    /// One processor for all loops; for the recorder, the others.
-    Affinity,
-    /// `mlockall`: no page is taken back.
-    MemoryLock,
-    /// `mallopt`: freed memory stays with the process.
-    Malloc,
-    /// Stack, heap and shared memory are touched before they are needed.
-    Prefault,
-    /// Timers of SCHED_OTHER fire without the default 50 us of slack.
-    TimerSlack,
-    /// /dev/cpu_dma_latency: processors stay out of deep sleep.
-    CpuLatency,
+layout! {
+    /// The lead at take-off: how far ahead of a tick the timer is set, and what the time is used for.
+    ///
+    /// Every state's envelope says how far ahead it was set for its tick.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Lead {
+        /// How far ahead [ns]; 0 is at the tick.
+        pub lead_ns: u64,
+        /// 90th percentile of what a rehearsal took before take-off [ns]; 0 where none is held.
+        pub rehearsal_ns: u64,
+        /// 90th percentile of the timer's lateness as it was measured before take-off [ns]; 0 where it was not.
+        pub timer_p90_ns: u64,
+    }
 }
 
-/// Every step, in the order of [`Grants`].
-pub const STEPS: [RealtimeStep; 7] = [
-    RealtimeStep::Scheduler,
-    RealtimeStep::Affinity,
-    RealtimeStep::MemoryLock,
-    RealtimeStep::Malloc,
-    RealtimeStep::Prefault,
-    RealtimeStep::TimerSlack,
-    RealtimeStep::CpuLatency,
-];
-
-enum_hash!(RealtimeStep {
-    Scheduler,
-    Affinity,
-    MemoryLock,
-    Malloc,
-    Prefault,
-    TimerSlack,
-    CpuLatency
-});
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+    #[serde(rename_all = "snake_case")]
+    #[repr(usize)]
+    pub enum RealtimeStep {
+        Scheduler = 0,
+        /// One processor for all loops; for the recorder, the others.
+        Affinity = 1,
+        /// `mlockall`: no page is taken back.
+        MemoryLock = 2,
+        /// `mallopt`: freed memory stays with the process.
+        Malloc = 3,
+        /// Stack, heap and shared memory are touched before they are needed.
+        Prefault = 4,
+        /// Timers of SCHED_OTHER fire without the default 50 us of slack.
+        TimerSlack = 5,
+        /// /dev/cpu_dma_latency: processors stay out of deep sleep.
+        CpuLatency = 6,
+    }
+}
 
 impl RealtimeStep {
     /// Whether `Mode::Require` insists on it: a machine without the device of the last step has no such sleep.
-    #[must_use]
     pub const fn required(self) -> bool {
         !matches!(self, Self::CpuLatency)
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Grant {
-    /// 1 when it was asked for.
-    pub asked: u64,
-    /// What was asked: a priority, a processor, bytes; 0 where a step has no number.
-    pub value: u64,
-    /// Error number of the refusal; 0 when it was granted.
-    pub errno: i64,
+layout! {
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Grant {
+        /// 1 when it was asked for.
+        pub asked: u64,
+        /// What was asked: a priority, a processor, bytes; 0 where a step has no number.
+        pub value: u64,
+        /// Error number of the refusal; 0 when it was granted.
+        pub errno: i64,
+    }
 }
-layout!(Grant {
-    asked,
-    value,
-    errno
-});
 
 impl Grant {
     /// Whether it was asked for and granted.
-    #[must_use]
     pub const fn granted(&self) -> bool {
         self.asked == 1 && self.errno == 0
     }
 }
 
-/// Outcome of every step, in the order of [`STEPS`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Grants {
-    grants: [Grant; STEPS.len()],
-    /// Scheduling policy in force (0 other, 1 fifo).
-    pub policy: u64,
-    pub priority: u64,
+layout! {
+    /// Outcome of every step, in the order of [`RealtimeStep`].
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Grants {
+        grants: [Grant; RealtimeStep::ALL.len()],
+        /// Scheduling policy in force (0 other, 1 fifo).
+        pub policy: u64,
+        pub priority: u64,
+    }
 }
-layout!(Grants {
-    grants,
-    policy,
-    priority
-});
 
 impl Grants {
-    #[must_use]
     pub const fn of(&self, step: RealtimeStep) -> &Grant {
         &self.grants[step as usize]
     }
@@ -169,32 +136,33 @@ impl Grants {
 
     /// Steps that were asked for and refused.
     pub fn refused(&self) -> impl Iterator<Item = RealtimeStep> + '_ {
-        STEPS
+        RealtimeStep::ALL
             .into_iter()
             .filter(|step| self.of(*step).asked == 1 && !self.of(*step).granted())
     }
 }
 
-/// Resources that one thread used between two instants.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Usage {
-    pub minor_faults: u64,
-    /// Page faults that had to wait for a disk.
-    pub major_faults: u64,
-    /// Times that it gave the processor up: once for every wait.
-    pub voluntary_switches: u64,
-    /// Times that the processor was taken from it.
-    pub involuntary_switches: u64,
-    /// [`NOT_COUNTED`](Self::NOT_COUNTED) in an executable that does not count them.
-    pub allocations: u64,
-    /// Processor time [ns].
-    pub cpu_ns: u64,
+layout! {
+    /// Resources that one thread used between two instants.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct Usage {
+        pub minor_faults: u64,
+        /// Page faults that had to wait for a disk.
+        pub major_faults: u64,
+        /// Times that it gave the processor up: once for every wait.
+        pub voluntary_switches: u64,
+        /// Times that the processor was taken from it.
+        pub involuntary_switches: u64,
+        /// [`NOT_COUNTED`](Self::NOT_COUNTED) in an executable that does not count them.
+        pub allocations: u64,
+        /// Processor time [ns].
+        pub cpu_ns: u64,
+    }
 }
 impl Usage {
     pub const NOT_COUNTED: u64 = u64::MAX;
 
-    #[must_use]
     pub const fn counted_allocations(&self) -> Option<u64> {
         match self.allocations {
             Self::NOT_COUNTED => None,
@@ -202,11 +170,3 @@ impl Usage {
         }
     }
 }
-layout!(Usage {
-    minor_faults,
-    major_faults,
-    voluntary_switches,
-    involuntary_switches,
-    allocations,
-    cpu_ns
-});

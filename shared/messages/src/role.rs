@@ -32,7 +32,6 @@ impl Role {
     /// Share of the tick, in percent, after which a stage no longer waits for its input.
     ///
     /// Staggered along the chain, so that each stage can still hand on what it makes of stale data.
-    #[must_use]
     pub const fn deadline_percent(self) -> u64 {
         match self {
             Self::Outer => 70,
@@ -42,7 +41,6 @@ impl Role {
     }
 
     /// Its name, which is also its subcommand.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Plant => "plant",
@@ -55,7 +53,6 @@ impl Role {
 
     /// Steps above the lowest real-time priority of the rig: later stages preempt earlier ones, so that a
     /// stage that has its input is never held up by one that has already delivered.
-    #[must_use]
     pub const fn priority_step(self) -> i32 {
         self as i32
     }

@@ -6,13 +6,11 @@ use crate::layout::{FNV_OFFSET, fnv1a};
 use crate::role::Role;
 use crate::telemetry::LAW_ROLES;
 
-#[must_use]
 pub fn fingerprint(text: &str) -> u64 {
     fnv1a(FNV_OFFSET, text.as_bytes())
 }
 
 /// Each key whose value differs, with both values; of another law its name alone.
-#[must_use]
 pub fn differences(ours: &str, theirs: &str, role: Role) -> Vec<String> {
     let (ours, theirs) = (pairs(ours), pairs(theirs));
     let differs = |key: &str| ours.get(key) != theirs.get(key);
@@ -42,7 +40,6 @@ pub fn differences(ours: &str, theirs: &str, role: Role) -> Vec<String> {
 }
 
 /// The options that choose the plant's laws, as `--inner geometric`, where ours are others; empty where none is.
-#[must_use]
 pub fn other_laws(ours: &str, theirs: &str) -> String {
     let (ours, theirs) = (pairs(ours), pairs(theirs));
     let option = |role: &Role| {

@@ -29,7 +29,6 @@ pub struct Signals {
 
 impl Signals {
     /// The signals of a role's law; none where it has no law.
-    #[must_use]
     pub const fn of(&self, role: Role) -> &'static [Signal] {
         match role {
             Role::Outer => self.outer,
@@ -40,7 +39,6 @@ impl Signals {
     }
 
     /// Places of signals among those of a role's law; none where it lacks one of them.
-    #[must_use]
     pub fn places<const N: usize>(&self, role: Role, names: [&str; N]) -> Option<[usize; N]> {
         let mut places = [0; N];
         for (place, name) in places.iter_mut().zip(names) {

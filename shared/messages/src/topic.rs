@@ -6,22 +6,23 @@ use crate::monitor::{CAUSES, Monitor};
 use crate::parameters::{PARAMETERS, Parameter};
 use crate::role::Role;
 use crate::telemetry::Telemetry;
+use Bound::{Any, Positive, Size};
 
 /// A content that travels on a topic of its own.
 pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
     const NAME: &'static str;
-    /// The one role that publishes it.
     const SENDER: Role;
     /// Processes that subscribe to it at the most: the loop's, and the recorder; none to what the recorder makes.
     const SUBSCRIBERS: usize;
     /// Whether several messages may be made for one tick.
     const MANY_PER_TICK: bool = false;
 
-    /// Calls `look` on every number that another stage reads. Telemetry is not among them: a law may show what it will.
-    fn numbers(&self, look: impl FnMut(&[f64]));
+    /// Calls `look` on every number that another stage reads, with what is plausible of it. Telemetry is not among them: a
+    /// law may show what it will.
+    fn numbers(&self, look: impl FnMut(&[f64], Bound));
 
-    /// Whether finite numbers are also physically possible, and flags are ones that exist.
-    fn plausible(&self) -> bool;
+    /// Whether flags and indices are ones that exist.
+    fn has_known_flags(&self) -> bool;
 
     /// What the law of its sender shows in it; none where the sender has no law.
     fn telemetry(&self) -> Option<&Telemetry> {
@@ -35,37 +36,56 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
 
     fn finite(&self) -> bool {
         let mut finite = true;
-        self.numbers(|numbers| finite &= numbers.iter().all(|number| number.is_finite()));
+        self.numbers(|numbers, _| finite &= numbers.iter().all(|number| number.is_finite()));
         finite
+    }
+
+    /// Whether finite numbers are also physically possible, and flags are ones that exist.
+    fn plausible(&self) -> bool {
+        let mut plausible = self.has_known_flags();
+        self.numbers(|numbers, bound| plausible &= bound.holds(numbers));
+        plausible
     }
 }
 
-/// Bounds far outside any flight that ends well: what lies beyond is a broken or forged message.
-mod bound {
-    pub(super) const POSITION_M: f64 = 1e5;
-    pub(super) const VELOCITY_M_S: f64 = 1e3;
-    pub(super) const ANGLE_RAD: f64 = 1e4;
-    /// A unit quaternion, with room for rounding.
-    pub(super) const QUATERNION: f64 = 1.001;
-    pub(super) const RATE_RAD_S: f64 = 1e4;
-    pub(super) const ACCELERATION_M_S2: f64 = 1e6;
-    pub(super) const ACCELERATION_RAD_S2: f64 = 1e8;
-    /// Derivatives of a reference that jumps: each goes with one over the time between two points, 1 ms at the least.
-    pub(super) const REFERENCE_ACCELERATION: f64 = 1e9;
-    pub(super) const REFERENCE_JERK: f64 = 1e12;
-    pub(super) const REFERENCE_SNAP: f64 = 1e15;
-    pub(super) const ROTOR_SPEED_RAD_S: f64 = 1e5;
-    pub(super) const THRUST_N: f64 = 1e4;
-    pub(super) const TORQUE_NM: f64 = 1e5;
-    pub(super) const PARAMETER: f64 = 1e3;
+// Bounds far outside any flight that ends well: what lies beyond is a broken or forged message.
+const POSITION_M: f64 = 1e5;
+const VELOCITY_M_S: f64 = 1e3;
+const ANGLE_RAD: f64 = 1e4;
+/// A unit quaternion, with room for rounding.
+const QUATERNION: f64 = 1.001;
+const RATE_RAD_S: f64 = 1e4;
+const ACCELERATION_M_S2: f64 = 1e6;
+const ACCELERATION_RAD_S2: f64 = 1e8;
+/// Derivatives of a reference that jumps: each goes with one over the time between two points, 1 ms at the least.
+const REFERENCE_ACCELERATION: f64 = 1e9;
+const REFERENCE_JERK: f64 = 1e12;
+const REFERENCE_SNAP: f64 = 1e15;
+const ROTOR_SPEED_RAD_S: f64 = 1e5;
+const THRUST_N: f64 = 1e4;
+const TORQUE_NM: f64 = 1e5;
+const PARAMETER: f64 = 1e3;
+
+/// What is plausible of some numbers.
+#[derive(Clone, Copy, Debug)]
+pub enum Bound {
+    /// Of either sign, up to this size.
+    Size(f64),
+    /// From 0 up to this.
+    Positive(f64),
+    /// Any finite number.
+    Any,
 }
 
-fn within(numbers: &[f64], bound: f64) -> bool {
-    numbers.iter().all(|number| number.abs() <= bound)
-}
-
-fn between_zero_and(numbers: &[f64], bound: f64) -> bool {
-    numbers.iter().all(|number| (0.0..=bound).contains(number))
+impl Bound {
+    #[inline]
+    fn holds(self, numbers: &[f64]) -> bool {
+        match self {
+            Self::Size(bound) => numbers.iter().all(|number| number.abs() <= bound),
+            Self::Positive(bound) => numbers.iter().all(|number| (0.0..=bound).contains(number)),
+            Self::Any => true,
+        }
+    }
 }
 
 impl Topic for State {
@@ -73,46 +93,36 @@ impl Topic for State {
     const SENDER: Role = Role::Plant;
     const SUBSCRIBERS: usize = 3;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        let measured = &self.measured;
-        look(&measured.position_w_m);
-        look(&measured.velocity_w_m_s);
-        look(&measured.attitude_rad);
-        look(&measured.attitude_quaternion);
-        look(&measured.rate_b_rad_s);
-        look(&measured.specific_force_b_m_s2);
-        look(&measured.rotor_speed_mean_rad_s);
-        look(&measured.rotor_speed_squared_mean_rad2_s2);
-        look(&measured.rotor_speed_command_rad_s);
-        look(&self.truth.position_w_m);
-        look(&self.truth.velocity_w_m_s);
-        look(&self.truth.rate_b_rad_s);
-        look(&self.truth.parameter);
+    #[inline]
+    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
+        let (measured, truth) = (&self.measured, &self.truth);
+        let speed_squared = ROTOR_SPEED_RAD_S * ROTOR_SPEED_RAD_S;
+        look(&measured.position_w_m, Size(POSITION_M));
+        look(&measured.velocity_w_m_s, Size(VELOCITY_M_S));
+        look(&measured.attitude_rad, Size(ANGLE_RAD));
+        look(&measured.attitude_quaternion, Size(QUATERNION));
+        look(&measured.rate_b_rad_s, Size(RATE_RAD_S));
+        look(&measured.specific_force_b_m_s2, Size(ACCELERATION_M_S2));
+        look(
+            &measured.rotor_speed_mean_rad_s,
+            Positive(ROTOR_SPEED_RAD_S),
+        );
+        look(
+            &measured.rotor_speed_squared_mean_rad2_s2,
+            Positive(speed_squared),
+        );
+        look(
+            &measured.rotor_speed_command_rad_s,
+            Positive(ROTOR_SPEED_RAD_S),
+        );
+        look(&truth.position_w_m, Size(POSITION_M));
+        look(&truth.velocity_w_m_s, Size(VELOCITY_M_S));
+        look(&truth.rate_b_rad_s, Size(RATE_RAD_S));
+        look(&truth.parameter, Size(PARAMETER));
     }
 
-    fn plausible(&self) -> bool {
-        let measured = &self.measured;
-        within(&measured.position_w_m, bound::POSITION_M)
-            && within(&measured.velocity_w_m_s, bound::VELOCITY_M_S)
-            && within(&measured.attitude_rad, bound::ANGLE_RAD)
-            && within(&measured.attitude_quaternion, bound::QUATERNION)
-            && within(&measured.rate_b_rad_s, bound::RATE_RAD_S)
-            && within(&measured.specific_force_b_m_s2, bound::ACCELERATION_M_S2)
-            && between_zero_and(&measured.rotor_speed_mean_rad_s, bound::ROTOR_SPEED_RAD_S)
-            && between_zero_and(
-                &measured.rotor_speed_command_rad_s,
-                bound::ROTOR_SPEED_RAD_S,
-            )
-            && between_zero_and(
-                &measured.rotor_speed_squared_mean_rad2_s2,
-                bound::ROTOR_SPEED_RAD_S * bound::ROTOR_SPEED_RAD_S,
-            )
-            && self.command_saturated <= 1
-            && self.truth.touches_ground <= 1
-            && within(&self.truth.position_w_m, bound::POSITION_M)
-            && within(&self.truth.velocity_w_m_s, bound::VELOCITY_M_S)
-            && within(&self.truth.rate_b_rad_s, bound::RATE_RAD_S)
-            && within(&self.truth.parameter, bound::PARAMETER)
+    fn has_known_flags(&self) -> bool {
+        self.command_saturated <= 1 && self.truth.touches_ground <= 1
     }
 }
 
@@ -121,22 +131,31 @@ impl Topic for Setpoint {
     const SENDER: Role = Role::Outer;
     const SUBSCRIBERS: usize = 2;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&[self.thrust_n]);
-        look(&self.attitude_rad);
-        look(&self.attitude_rate_rad_s);
-        look(&self.attitude_acceleration_rad_s2);
+    #[inline]
+    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
+        look(&[self.thrust_n], Positive(THRUST_N));
+        look(&self.attitude_rad, Size(ANGLE_RAD));
+        look(&self.attitude_rate_rad_s, Size(RATE_RAD_S));
+        look(
+            &self.attitude_acceleration_rad_s2,
+            Size(ACCELERATION_RAD_S2),
+        );
         let reference = &self.reference;
-        look(&reference.position_w_m);
-        look(&reference.velocity_w_m_s);
-        look(&reference.acceleration_w_m_s2);
-        look(&reference.jerk_w_m_s3);
-        look(&reference.snap_w_m_s4);
-        look(&[
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-            reference.yaw_acceleration_rad_s2,
-        ]);
+        look(&reference.position_w_m, Size(POSITION_M));
+        look(&reference.velocity_w_m_s, Size(VELOCITY_M_S));
+        look(&reference.acceleration_w_m_s2, Size(REFERENCE_ACCELERATION));
+        look(&reference.jerk_w_m_s3, Size(REFERENCE_JERK));
+        look(&reference.snap_w_m_s4, Size(REFERENCE_SNAP));
+        look(&[reference.yaw_rad], Size(ANGLE_RAD));
+        look(&[reference.yaw_rate_rad_s], Size(RATE_RAD_S));
+        look(
+            &[reference.yaw_acceleration_rad_s2],
+            Size(REFERENCE_ACCELERATION),
+        );
+    }
+
+    fn has_known_flags(&self) -> bool {
+        self.limited <= 1 && Mode::from_wire(self.mode).is_some()
     }
 
     fn telemetry(&self) -> Option<&Telemetry> {
@@ -145,33 +164,6 @@ impl Topic for Setpoint {
 
     fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
         Some(&mut self.telemetry)
-    }
-
-    fn plausible(&self) -> bool {
-        let reference = &self.reference;
-        between_zero_and(&[self.thrust_n], bound::THRUST_N)
-            && within(&self.attitude_rad, bound::ANGLE_RAD)
-            && within(&self.attitude_rate_rad_s, bound::RATE_RAD_S)
-            && within(
-                &self.attitude_acceleration_rad_s2,
-                bound::ACCELERATION_RAD_S2,
-            )
-            && within(&reference.position_w_m, bound::POSITION_M)
-            && within(&reference.velocity_w_m_s, bound::VELOCITY_M_S)
-            && within(
-                &reference.acceleration_w_m_s2,
-                bound::REFERENCE_ACCELERATION,
-            )
-            && within(&reference.jerk_w_m_s3, bound::REFERENCE_JERK)
-            && within(&reference.snap_w_m_s4, bound::REFERENCE_SNAP)
-            && within(&[reference.yaw_rad], bound::ANGLE_RAD)
-            && within(&[reference.yaw_rate_rad_s], bound::RATE_RAD_S)
-            && within(
-                &[reference.yaw_acceleration_rad_s2],
-                bound::REFERENCE_ACCELERATION,
-            )
-            && self.limited <= 1
-            && Mode::from_wire(self.mode).is_some()
     }
 }
 
@@ -180,9 +172,14 @@ impl Topic for Wrench {
     const SENDER: Role = Role::Inner;
     const SUBSCRIBERS: usize = 2;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&[self.thrust_n]);
-        look(&self.torque_b_nm);
+    #[inline]
+    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
+        look(&[self.thrust_n], Positive(THRUST_N));
+        look(&self.torque_b_nm, Size(TORQUE_NM));
+    }
+
+    fn has_known_flags(&self) -> bool {
+        Mode::from_wire(self.mode).is_some()
     }
 
     fn telemetry(&self) -> Option<&Telemetry> {
@@ -191,12 +188,6 @@ impl Topic for Wrench {
 
     fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
         Some(&mut self.telemetry)
-    }
-
-    fn plausible(&self) -> bool {
-        between_zero_and(&[self.thrust_n], bound::THRUST_N)
-            && within(&self.torque_b_nm, bound::TORQUE_NM)
-            && Mode::from_wire(self.mode).is_some()
     }
 }
 
@@ -205,10 +196,15 @@ impl Topic for RotorSpeeds {
     const SENDER: Role = Role::Mixer;
     const SUBSCRIBERS: usize = 2;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&self.speed_rad_s);
-        look(&[self.thrust_n]);
-        look(&self.torque_b_nm);
+    #[inline]
+    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
+        look(&self.speed_rad_s, Positive(ROTOR_SPEED_RAD_S));
+        look(&[self.thrust_n], Positive(THRUST_N));
+        look(&self.torque_b_nm, Size(TORQUE_NM));
+    }
+
+    fn has_known_flags(&self) -> bool {
+        self.saturated <= 1 && Mode::from_wire(self.mode).is_some()
     }
 
     fn telemetry(&self) -> Option<&Telemetry> {
@@ -217,14 +213,6 @@ impl Topic for RotorSpeeds {
 
     fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
         Some(&mut self.telemetry)
-    }
-
-    fn plausible(&self) -> bool {
-        between_zero_and(&self.speed_rad_s, bound::ROTOR_SPEED_RAD_S)
-            && between_zero_and(&[self.thrust_n], bound::THRUST_N)
-            && within(&self.torque_b_nm, bound::TORQUE_NM)
-            && self.saturated <= 1
-            && Mode::from_wire(self.mode).is_some()
     }
 }
 
@@ -234,21 +222,16 @@ impl Topic for SwapRecord {
     const SUBSCRIBERS: usize = 1;
     const MANY_PER_TICK: bool = true;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&self.old);
-        look(&self.new);
+    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
+        look(&self.old, Any);
+        look(&self.new, Any);
     }
 
-    fn plausible(&self) -> bool {
-        let meant = self
-            .parameter
-            .iter()
-            .zip(self.steps)
-            .take(self.count as usize);
-        self.count <= PARAMETERS as u64
-            && meant
-                .into_iter()
-                .all(|(index, steps)| Parameter::from_index(*index).is_some() && steps > 0)
+    fn has_known_flags(&self) -> bool {
+        let changes = self.parameter.iter().zip(self.steps);
+        let is_known =
+            |(index, steps): (&u64, u64)| Parameter::from_index(*index).is_some() && steps > 0;
+        self.count <= PARAMETERS as u64 && changes.take(self.count as usize).all(is_known)
     }
 }
 
@@ -257,30 +240,27 @@ impl Topic for Monitor {
     const SENDER: Role = Role::Record;
     const SUBSCRIBERS: usize = 0;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&self.rise_max);
-        look(&[
-            self.v_th,
-            self.v_th_start,
-            self.v_th_change,
-            self.v_th_change_predicted,
-        ]);
-        look(&[
-            self.descent,
-            self.descent_predicted,
-            self.step_excess_max,
-            self.mismatch_rad_s2,
-        ]);
-        look(&[self.v, self.v_change, self.v_change_bound, self.sigma]);
-        look(&[self.rate_error_rms_rad_s, self.rate_error_max_rad_s]);
-        look(&self.estimate_error);
-        look(&self.estimate_error_start);
-        look(&self.estimate_error_bound);
-        look(&[self.excitation, self.excitation_least]);
-        look(&self.identifiability);
+    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
+        look(&self.rise_max, Any);
+        look(&[self.v_th, self.v_th_start, self.v_th_change], Any);
+        look(&[self.v_th_change_predicted, self.mismatch_rad_s2], Any);
+        look(
+            &[self.descent, self.descent_predicted, self.step_excess_max],
+            Any,
+        );
+        look(
+            &[self.v, self.v_change, self.v_change_bound, self.sigma],
+            Any,
+        );
+        look(&[self.rate_error_rms_rad_s, self.rate_error_max_rad_s], Any);
+        look(&self.estimate_error, Any);
+        look(&self.estimate_error_start, Any);
+        look(&self.estimate_error_bound, Any);
+        look(&[self.excitation, self.excitation_least], Any);
+        look(&self.identifiability, Any);
     }
 
-    fn plausible(&self) -> bool {
+    fn has_known_flags(&self) -> bool {
         self.causes < 1 << CAUSES && self.is_violation <= 1 && self.is_live <= 1
     }
 }

@@ -12,20 +12,19 @@ prop_compose! {
     }
 }
 
-/// The matrix of a linear map.
 fn matrix(of: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(|unit| of(&unit)))
 }
 
-fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
+pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
     RollPitch::of(eta2).rot_wb(eta2.z)
 }
 
-fn j2(eta2: &Vector3<f64>) -> Matrix3<f64> {
+pub fn j2(eta2: &Vector3<f64>) -> Matrix3<f64> {
     matrix(|nu2| RollPitch::of(eta2).euler_rate(nu2))
 }
 
-fn w(eta2: &Vector3<f64>) -> Matrix3<f64> {
+pub fn w(eta2: &Vector3<f64>) -> Matrix3<f64> {
     matrix(|xi| RollPitch::of(eta2).body_rate(xi))
 }
 

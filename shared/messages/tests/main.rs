@@ -4,4 +4,6 @@
 mod faults;
 mod frames;
 mod parameters;
+#[path = "../../reference/vectors.rs"]
+mod reference;
 mod vectors;

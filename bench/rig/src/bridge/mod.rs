@@ -70,11 +70,21 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
             "topic theorem stays empty, not applicable: {why}\n"
         ))?;
     }
+<<<<<<< HEAD
     let served = serve(&mut observation, &mut channels, &mirror, &server, &stop);
     let ended = |ending: EndReason| format!("the flight has ended: {}", ending.words());
     if let Ok(Some(ending)) = served {
         server.publish_status(Status::info(ended(ending)));
         // The SDK drops what it has not sent when it is stopped.
+=======
+    let served = serve(&mut observation, &mut channels, &parameters, &server, &stop);
+    if let Ok(Some(ending)) = &served {
+        server.publish_status(Status::info(format!(
+            "the flight has ended: {}",
+            ending.name()
+        )));
+        // The SDK sends it by itself, and drops what it has not sent when it is stopped.
+>>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
         sleep(FINAL_STATUS);
     }
     server.stop().wait_blocking();
@@ -84,7 +94,11 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     remove_leftovers(&instance);
     match served? {
         Some(ending) => {
+<<<<<<< HEAD
             print(&(ended(ending) + "\n"))?;
+=======
+            print(&format!("the flight has ended: {}\n", ending.name()))?;
+>>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
             Ok(OK)
         }
         None => Ok(INTERRUPTED),

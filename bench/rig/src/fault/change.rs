@@ -179,7 +179,7 @@ impl LoopChange {
             return Err(unknown(what));
         };
         if ends {
-            if spec.is_once {
+            if spec.is_once() {
                 return Err(FaultError::NotLasting(what.to_owned()));
             }
             return with(spec, any_value(spec.value)).ok_or_else(|| unknown(what));
@@ -196,7 +196,7 @@ impl LoopChange {
             .ok_or_else(|| FaultError::Value {
                 what: what.to_owned(),
                 value: begin_of(value),
-                allowed: spec.allowed.replace("WHAT", what),
+                allowed: spec.allowed().replace("WHAT", what),
             })
     }
 

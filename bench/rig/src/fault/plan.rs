@@ -3,9 +3,8 @@
 
 use std::time::Duration;
 
-use messages::fault::acts::{Acts, RESTART_NS};
-use messages::fault::live::{FaultKind, LiveFault, LoopFaults};
-use messages::fault::{NotTaken, Span, late};
+use messages::fault::live::{Acts, FaultKind, LiveFault, LoopFaults, RESTART_NS, late_share};
+use messages::fault::{NotTaken, Span};
 use messages::parameters::Airframe;
 use messages::role::Role;
 use plant::Swap;
@@ -67,7 +66,7 @@ impl StageTicks {
         let Self::Late { least, most } = self else {
             return Lateness { output: 0, next: 1 };
         };
-        let periods = least + (most - least) * late::share(role, seed, tick);
+        let periods = least + (most - least) * late_share(role, seed, tick);
         // A whole number of periods is reached in the tick that then begins.
         Lateness {
             output: periods.floor() as u64,

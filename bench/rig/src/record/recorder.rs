@@ -228,7 +228,7 @@ impl Recorder<'_> {
         self.files.prepare_final_report();
         let mut report = self.build_report(Some(ending))?;
         let last_record = record(&[
-            ("ending", ending.words()),
+            ("ending", ending.name()),
             ("ticks_run", &run.ticks_run.to_string()),
             ("ticks_skipped", &run.ticks_skipped.to_string()),
             ("deadlines_missed", &run.deadlines_missed.to_string()),

@@ -144,7 +144,7 @@ impl<'a> ReportBuilder<'a> {
             wall_period_us: run.period_ns as f64 / 1e3,
             settings_fingerprint: format!("{:016x}", run.settings),
             laws: self.laws(tally),
-            ending: ending.unwrap_or(EndReason::None).words().into(),
+            ending: ending.unwrap_or(EndReason::None).name().into(),
             last_words: Vec::new(),
             in_flight: ending.is_none(),
         };

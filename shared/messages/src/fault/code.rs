@@ -2,45 +2,32 @@
 //!
 //! Whoever reads or prints a fault goes by the table and by [`FaultCode`], and needs no list of the kinds of its own.
 
-use crate::fault::{Kind, MessageFault, PORTS, Place, Port, Span, is_share};
-use crate::layout::{from_wire, layout};
+use std::mem::discriminant;
+
+use crate::fault::{Kind, PORTS, Place, Port, Span, is_share};
+use crate::layout::{layout, wire_enum};
 use crate::role::{Role, STAGES};
 
-/// What goes wrong, as a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum What {
-    Drop = 1,
-    DropEach = 2,
-    Delay = 3,
-    Lag = 4,
-    Freeze = 5,
-    Noise = 6,
-    Bias = 7,
-    Nan = 8,
-    Late = 9,
-    Stop = 10,
-    Kill = 11,
-    Hog = 12,
-    Load = 13,
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum What {
+        Drop = 1,
+        DropEach = 2,
+        Delay = 3,
+        Lag = 4,
+        Freeze = 5,
+        Noise = 6,
+        Bias = 7,
+        Nan = 8,
+        Late = 9,
+        Stop = 10,
+        Kill = 11,
+        Hog = 12,
+        Load = 13,
+    }
 }
-from_wire!(What {
-    Drop,
-    DropEach,
-    Delay,
-    Lag,
-    Freeze,
-    Noise,
-    Bias,
-    Nan,
-    Late,
-    Stop,
-    Kill,
-    Hog,
-    Load
-});
 
-/// What goes wrong in the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultKind {
     Messages {
@@ -70,7 +57,6 @@ pub enum FaultKind {
     },
     /// A process of ordinary priority is busy on the loops' processor.
     Load {
-        /// In this share of its time.
         share: f64,
     },
 }
@@ -82,7 +68,6 @@ pub const HIGHEST_PRIORITY: u64 = 99;
 
 impl FaultKind {
     /// Whether its numbers are ones that a fault may have, planned or injected.
-    #[must_use]
     pub fn is_possible(&self) -> bool {
         match *self {
             Self::Messages { kind, .. } => kind.is_possible(),
@@ -98,32 +83,29 @@ impl FaultKind {
     }
 
     /// Whether it happens once, at an instant, and nothing of it can be ended.
-    #[must_use]
     pub const fn is_once(&self) -> bool {
         matches!(self, Self::Stop { .. } | Self::Kill { .. })
     }
 
+    /// The stage that it acts on, where it acts on the process of one.
+    pub const fn role(&self) -> Option<Role> {
+        match *self {
+            Self::Late { role, .. } | Self::Stop { role, .. } | Self::Kill { role } => Some(role),
+            Self::Messages { .. } | Self::Hog { .. } | Self::Load { .. } => None,
+        }
+    }
+
     /// Whether it is the same thing that goes wrong, whatever the numbers are.
-    #[must_use]
     pub fn is_like(&self, other: &Self) -> bool {
         match (*self, *other) {
             (
                 Self::Messages { port, kind },
                 Self::Messages {
-                    port: other,
+                    port: at,
                     kind: with,
                 },
-            ) => MessageFault {
-                port,
-                kind,
-                span: Span { from: 0, to: 1 },
-            }
-            .is_like(other, with),
-            (Self::Late { role, .. }, Self::Late { role: other, .. })
-            | (Self::Stop { role, .. }, Self::Stop { role: other, .. })
-            | (Self::Kill { role }, Self::Kill { role: other }) => role == other,
-            (Self::Hog { .. }, Self::Hog { .. }) | (Self::Load { .. }, Self::Load { .. }) => true,
-            _ => false,
+            ) => port == at && kind.is_like(with),
+            _ => discriminant(self) == discriminant(other) && self.role() == other.role(),
         }
     }
 }
@@ -139,17 +121,13 @@ pub struct LiveFault {
 
 impl LiveFault {
     /// The ticks that it strikes of those that were asked for: what happens once happens in the first one.
-    #[must_use]
     pub const fn span_from(&self, asked: Span) -> Span {
-        match self.trouble {
-            FaultKind::Stop { .. } | FaultKind::Kill { .. } => {
-                asked.cut(asked.from.saturating_add(1))
-            }
-            _ if self.ends => asked.cut(asked.from.saturating_add(1)),
-            FaultKind::Late { .. } if asked.to == Span::FOR_GOOD => {
-                asked.cut(asked.from.saturating_add(1))
-            }
-            _ => asked,
+        let is_endless_late =
+            matches!(self.trouble, FaultKind::Late { .. }) && asked.to == Span::FOR_GOOD;
+        if self.trouble.is_once() || self.ends || is_endless_late {
+            asked.cut(asked.from.saturating_add(1))
+        } else {
+            asked
         }
     }
 }
@@ -175,9 +153,7 @@ pub enum ValueType {
     Share,
     /// `n/m`.
     Pattern,
-    /// Any number.
     Number,
-    /// A whole number.
     Integer,
     /// `20ms`.
     Time,
@@ -185,107 +161,71 @@ pub enum ValueType {
     TimeRange,
 }
 
-/// A kind of fault.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultSpec {
     pub what: What,
-    /// The last part of its name.
     pub name: &'static str,
     pub scope: Scope,
     pub value: ValueType,
-    /// Whether it happens at an instant, so that nothing of it can be ended.
-    pub is_once: bool,
-    /// The values that are allowed, for an error; `WHAT` stands for the full name.
-    pub allowed: &'static str,
 }
-
-const fn spec(
-    what: What,
-    name: &'static str,
-    scope: Scope,
-    value: ValueType,
-    allowed: &'static str,
-) -> FaultSpec {
-    FaultSpec {
-        what,
-        name,
-        scope,
-        value,
-        is_once: matches!(what, What::Stop | What::Kill),
-        allowed,
-    }
-}
-
-const SHARE_OR_PATTERN: &str =
-    "a share above 0 and up to 1, or n/m for the first n of each m, as in WHAT=0.1 or 2/5";
-const TICKS: &str = "whole ticks from 1 to 60, as in WHAT=5";
 
 /// Every kind of fault. Two rows of one name are two ways to write its value; the first is tried first.
 pub const FAULTS: [FaultSpec; 13] = {
     use Scope::{Message, Number, Processor, Stage};
     use ValueType as V;
+    use What::*;
     [
-        spec(
-            What::DropEach,
-            "drop",
-            Message,
-            V::Pattern,
-            SHARE_OR_PATTERN,
-        ),
-        spec(What::Drop, "drop", Message, V::Share, SHARE_OR_PATTERN),
-        spec(What::Delay, "delay", Message, V::Integer, TICKS),
-        spec(What::Lag, "lag", Message, V::Integer, TICKS),
-        spec(What::Freeze, "freeze", Message, V::None, ""),
-        spec(
-            What::Noise,
-            "noise",
-            Number,
-            V::Number,
-            "a standard deviation above 0 in the unit of the field, as in WHAT=0.1",
-        ),
-        spec(
-            What::Bias,
-            "bias",
-            Number,
-            V::Number,
-            "a number other than 0 in the unit of the field, as in WHAT=0.1",
-        ),
-        spec(What::Nan, "nan", Number, V::None, ""),
-        spec(
-            What::Late,
-            "late",
-            Stage,
-            V::TimeRange,
-            "a time above 0 and up to 1m, as in WHAT=20ms, or from the least to the most, WHAT=40us..400us",
-        ),
-        spec(
-            What::Stop,
-            "stop",
-            Stage,
-            V::Time,
-            "a time above 0 and up to 1m, as in WHAT=20ms",
-        ),
-        spec(What::Kill, "kill", Stage, V::None, ""),
-        spec(
-            What::Hog,
-            "hog",
-            Processor,
-            V::Integer,
-            "a SCHED_FIFO priority from 1 to 99, as in WHAT=90",
-        ),
-        spec(
-            What::Load,
-            "load",
-            Processor,
-            V::Share,
-            "a share above 0 and up to 1, as in WHAT=0.5",
-        ),
+        spec(DropEach, "drop", Message, V::Pattern),
+        spec(Drop, "drop", Message, V::Share),
+        spec(Delay, "delay", Message, V::Integer),
+        spec(Lag, "lag", Message, V::Integer),
+        spec(Freeze, "freeze", Message, V::None),
+        spec(Noise, "noise", Number, V::Number),
+        spec(Bias, "bias", Number, V::Number),
+        spec(Nan, "nan", Number, V::None),
+        spec(Late, "late", Stage, V::TimeRange),
+        spec(Stop, "stop", Stage, V::Time),
+        spec(Kill, "kill", Stage, V::None),
+        spec(Hog, "hog", Processor, V::Integer),
+        spec(Load, "load", Processor, V::Share),
     ]
 };
 
+const fn spec(what: What, name: &'static str, scope: Scope, value: ValueType) -> FaultSpec {
+    FaultSpec {
+        what,
+        name,
+        scope,
+        value,
+    }
+}
+
 impl FaultSpec {
+    /// Whether it happens at an instant, so that nothing of it can be ended.
+    pub const fn is_once(&self) -> bool {
+        matches!(self.what, What::Stop | What::Kill)
+    }
+
+    /// The values that are allowed, for an error; `WHAT` stands for the full name.
+    pub const fn allowed(&self) -> &'static str {
+        match self.what {
+            What::Drop | What::DropEach => {
+                "a share above 0 and up to 1, or n/m for the first n of each m, as in WHAT=0.1 or 2/5"
+            }
+            What::Delay | What::Lag => "whole ticks from 1 to 60, as in WHAT=5",
+            What::Noise => "a standard deviation above 0 in the unit of the field, as in WHAT=0.1",
+            What::Bias => "a number other than 0 in the unit of the field, as in WHAT=0.1",
+            What::Late => {
+                "a time above 0 and up to 1m, as in WHAT=20ms, or from the least to the most, WHAT=40us..400us"
+            }
+            What::Stop => "a time above 0 and up to 1m, as in WHAT=20ms",
+            What::Hog => "a SCHED_FIFO priority from 1 to 99, as in WHAT=90",
+            What::Load => "a share above 0 and up to 1, as in WHAT=0.5",
+            What::Freeze | What::Nan | What::Kill => "",
+        }
+    }
+
     /// The spec of a kind by its number; none where there is no such kind.
-    #[must_use]
     pub fn of(what: u64) -> Option<&'static Self> {
         FAULTS.iter().find(|spec| spec.what as u64 == what)
     }
@@ -306,67 +246,30 @@ impl FaultSpec {
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct FaultCode {
-    pub what: u64,
-    /// Place of the input among [`PORTS`], or of the stage among [`STAGES`].
-    pub place: u64,
-    /// Place of the field among those that faults can strike.
-    pub field: u64,
-    /// Place of the number in it, and 1; 0 is all of them.
-    pub axis: u64,
-    /// The number of the fault, or the bits of it.
-    pub first: u64,
-    pub second: u64,
-    pub ends: u64,
-    pub from: u64,
-    pub to: u64,
+layout! {
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct FaultCode {
+        pub what: u64,
+        /// Place of the input among [`PORTS`], or of the stage among [`STAGES`].
+        pub place: u64,
+        /// Place of the field among those that faults can strike.
+        pub field: u64,
+        /// Place of the number in it, and 1; 0 is all of them.
+        pub axis: u64,
+        /// The number of the fault, or the bits of it.
+        pub first: u64,
+        pub second: u64,
+        pub ends: u64,
+        pub from: u64,
+        pub to: u64,
+    }
 }
-layout!(FaultCode {
-    what,
-    place,
-    field,
-    axis,
-    first,
-    second,
-    ends,
-    from,
-    to
-});
 
 impl FaultCode {
-    #[must_use]
     pub fn of(fault: &LiveFault) -> Self {
-        let LiveFault {
-            trouble,
-            ends,
-            span,
-        } = *fault;
-        let words = Self {
-            ends: u64::from(ends),
-            from: span.from,
-            to: span.to,
-            ..Self::default()
-        };
-        let stage = |what: What, role: Role, first, second| Self {
-            what: what as u64,
-            place: role as u64,
-            first,
-            second,
-            ..words
-        };
-        match trouble {
+        let (what, place, struck, first, second) = match fault.trouble {
             FaultKind::Messages { port, kind } => {
-                let place = PORTS.iter().position(|it| *it == port).unwrap_or_default() as u64;
-                let words = match kind.place() {
-                    Some(Place { field, axis }) => Self {
-                        field: field as u64,
-                        axis: axis.map_or(0, |axis| axis as u64 + 1),
-                        ..words
-                    },
-                    None => words,
-                };
                 let (what, first, second) = match kind {
                     Kind::Drop(share) => (What::Drop, share.to_bits(), 0),
                     Kind::DropEach { lost, of } => (What::DropEach, lost, of),
@@ -377,36 +280,33 @@ impl FaultCode {
                     Kind::Bias(_, number) => (What::Bias, number.to_bits(), 0),
                     Kind::Nan(_) => (What::Nan, 0, 0),
                 };
-                Self {
-                    what: what as u64,
-                    place,
-                    first,
-                    second,
-                    ..words
-                }
+                (what, port as u64, kind.place(), first, second)
             }
             FaultKind::Late {
                 role,
                 least_ns,
                 most_ns,
-            } => stage(What::Late, role, least_ns, most_ns),
-            FaultKind::Stop { role, for_ns } => stage(What::Stop, role, for_ns, 0),
-            FaultKind::Kill { role } => stage(What::Kill, role, 0, 0),
-            FaultKind::Hog { priority } => Self {
-                what: What::Hog as u64,
-                first: priority,
-                ..words
-            },
-            FaultKind::Load { share } => Self {
-                what: What::Load as u64,
-                first: share.to_bits(),
-                ..words
-            },
+            } => (What::Late, role as u64, None, least_ns, most_ns),
+            FaultKind::Stop { role, for_ns } => (What::Stop, role as u64, None, for_ns, 0),
+            FaultKind::Kill { role } => (What::Kill, role as u64, None, 0, 0),
+            FaultKind::Hog { priority } => (What::Hog, 0, None, priority, 0),
+            FaultKind::Load { share } => (What::Load, 0, None, share.to_bits(), 0),
+        };
+        let axis = struck.and_then(|place| place.axis);
+        Self {
+            what: what as u64,
+            place,
+            field: struck.map_or(0, |place| place.field as u64),
+            axis: axis.map_or(0, |axis| axis as u64 + 1),
+            first,
+            second,
+            ends: u64::from(fault.ends),
+            from: fault.span.from,
+            to: fault.span.to,
         }
     }
 
     /// The fault; nothing where the numbers are none that a fault may have.
-    #[must_use]
     pub fn fault(&self) -> Option<LiveFault> {
         let Self {
             what,
@@ -423,32 +323,25 @@ impl FaultCode {
         let role = || STAGES.get(at).copied();
         let port = || PORTS.get(at).copied();
         let struck = || self.struck(port()?);
-        let messages = |kind| {
-            Some(FaultKind::Messages {
-                port: port()?,
-                kind,
-            })
-        };
+        let of = |kind| port().map(|port| FaultKind::Messages { port, kind });
+        let (lost, least_ns, for_ns, most_ns) = (first, first, first, second);
         let trouble = match What::from_wire(what)? {
-            What::Drop => messages(Kind::Drop(number))?,
-            What::DropEach => messages(Kind::DropEach {
-                lost: first,
-                of: second,
-            })?,
-            What::Delay => messages(Kind::Delay(first))?,
-            What::Lag => messages(Kind::Lag(first))?,
-            What::Freeze => messages(Kind::Freeze)?,
-            What::Noise => messages(Kind::Noise(struck()?, number))?,
-            What::Bias => messages(Kind::Bias(struck()?, number))?,
-            What::Nan => messages(Kind::Nan(struck()?))?,
+            What::Drop => of(Kind::Drop(number))?,
+            What::DropEach => of(Kind::DropEach { lost, of: second })?,
+            What::Delay => of(Kind::Delay(first))?,
+            What::Lag => of(Kind::Lag(first))?,
+            What::Freeze => of(Kind::Freeze)?,
+            What::Noise => of(Kind::Noise(struck()?, number))?,
+            What::Bias => of(Kind::Bias(struck()?, number))?,
+            What::Nan => of(Kind::Nan(struck()?))?,
             What::Late => FaultKind::Late {
                 role: role()?,
-                least_ns: first,
-                most_ns: second,
+                least_ns,
+                most_ns,
             },
             What::Stop => FaultKind::Stop {
                 role: role()?,
-                for_ns: first,
+                for_ns,
             },
             What::Kill => FaultKind::Kill { role: role()? },
             What::Hog => FaultKind::Hog { priority: first },
@@ -477,44 +370,20 @@ impl FaultCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::LONGEST_PATTERN;
+    use crate::fault::{LONGEST_DELAY, LONGEST_PATTERN};
 
-    const SPAN: Span = Span { from: 10, to: 20 };
-
-    #[test]
-    fn the_table_has_each_kind_once_and_knows_the_bounds() {
-        for what in 1..=FAULTS.len() as u64 {
-            let rows = FAULTS.iter().filter(|spec| spec.what as u64 == what);
-            assert_eq!(rows.count(), 1, "{what}");
-        }
-        assert!(
-            TICKS.contains(&format!("1 to {} as", crate::fault::LONGEST_DELAY).replace(" as", ","))
-        );
-        for fault in every_trouble() {
-            let spec = FaultSpec::of(words(fault).what).unwrap();
-            assert_eq!(spec.is_once, fault.is_once(), "{fault:?}");
-        }
-    }
-
-    fn words(trouble: FaultKind) -> FaultCode {
-        FaultCode::of(&LiveFault {
+    fn live(trouble: FaultKind, ends: bool) -> LiveFault {
+        let span = Span { from: 10, to: 20 };
+        LiveFault {
             trouble,
-            ends: false,
-            span: SPAN,
-        })
+            ends,
+            span,
+        }
     }
 
-    fn every_trouble() -> Vec<FaultKind> {
-        let (one, all) = (
-            Place {
-                field: 2,
-                axis: Some(1),
-            },
-            Place {
-                field: 0,
-                axis: None,
-            },
-        );
+    fn every_fault() -> Vec<FaultKind> {
+        let place = |field, axis| Place { field, axis };
+        let (one, all) = (place(2, Some(1)), place(0, None));
         let kinds = [
             Kind::Drop(0.1),
             Kind::DropEach { lost: 2, of: 5 },
@@ -525,172 +394,105 @@ mod tests {
             Kind::Bias(all, -3.0),
             Kind::Nan(one),
         ];
-        let messages = PORTS
-            .into_iter()
-            .flat_map(|port| kinds.map(|kind| FaultKind::Messages { port, kind }));
-        let has_field = |trouble: &FaultKind| match trouble {
-            FaultKind::Messages { port, kind } => kind
-                .place()
-                .is_none_or(|place| place.field < port.fields().len()),
-            _ => true,
-        };
+        let messages = PORTS.into_iter().flat_map(|port| {
+            let has = move |kind: &Kind| {
+                kind.place()
+                    .is_none_or(|place| place.field < port.fields().len())
+            };
+            let kinds = kinds.into_iter().filter(has);
+            kinds.map(move |kind| FaultKind::Messages { port, kind })
+        });
+        let (least_ns, most_ns, for_ns) = (1, 9, 5);
         let stages = STAGES.into_iter().flat_map(|role| {
             [
                 FaultKind::Late {
                     role,
-                    least_ns: 1,
-                    most_ns: 9,
+                    least_ns,
+                    most_ns,
                 },
-                FaultKind::Stop { role, for_ns: 5 },
+                FaultKind::Stop { role, for_ns },
                 FaultKind::Kill { role },
             ]
         });
-        let processor = [
+        let (hog, load) = (
             FaultKind::Hog { priority: 90 },
             FaultKind::Load { share: 0.5 },
-        ];
-        let is_possible = |trouble: &FaultKind| *trouble != FaultKind::Kill { role: Role::Plant };
-        messages
-            .filter(has_field)
-            .chain(stages.filter(is_possible))
-            .chain(processor)
-            .collect()
+        );
+        let all = messages.chain(stages).chain([hog, load]);
+        all.filter(FaultKind::is_possible).collect()
     }
 
     #[test]
-    fn every_fault_comes_back_from_its_numbers() {
-        for trouble in every_trouble() {
-            for ends in [false, true]
-                .into_iter()
-                .filter(|ends| !(*ends && trouble.is_once()))
-            {
-                let fault = LiveFault {
-                    trouble,
-                    ends,
-                    span: SPAN,
-                };
-                assert_eq!(FaultCode::of(&fault).fault(), Some(fault));
+    fn the_table_has_each_kind_once_and_every_fault_comes_back_from_its_numbers() {
+        for what in 1..=FAULTS.len() as u64 {
+            let rows = FAULTS.iter().filter(|spec| spec.what as u64 == what);
+            assert_eq!(rows.count(), 1, "{what}");
+        }
+        let delay = FaultSpec::of(What::Delay as u64).unwrap();
+        assert!(delay.allowed().contains(&format!("1 to {LONGEST_DELAY},")));
+        for trouble in every_fault() {
+            let spec = FaultSpec::of(FaultCode::of(&live(trouble, false)).what).unwrap();
+            assert_eq!(spec.is_once(), trouble.is_once(), "{trouble:?}");
+            for ends in [false, true] {
+                let fault = live(trouble, ends);
+                let expected = (!ends || !trouble.is_once()).then_some(fault);
+                assert_eq!(FaultCode::of(&fault).fault(), expected);
             }
         }
     }
 
     #[test]
     fn numbers_that_are_no_fault_are_none() {
-        let [late, stop] = [(9, 40, 400), (10, 5, 0)].map(|(what, first, second)| FaultCode {
+        let share = |share: f64| share.to_bits();
+        let (third, long) = (3, 1 << 62);
+        // What, place, field, axis, first, second, ends.
+        let code = |[what, place, field, axis, first, second, ends]: [u64; 7]| FaultCode {
             what,
-            place: 2,
+            place,
+            field,
+            axis,
             first,
             second,
+            ends,
             ..FaultCode::default()
-        });
-        assert!(late.fault().is_some() && stop.fault().is_some());
-        let drop = words(FaultKind::Messages {
-            port: Port::OuterState,
-            kind: Kind::Drop(0.1),
-        });
-        let noise = words(FaultKind::Messages {
-            port: Port::MixerWrench,
-            kind: Kind::Noise(
-                Place {
-                    field: 1,
-                    axis: Some(2),
-                },
-                1.0,
-            ),
-        });
-        for broken in [
-            FaultCode { what: 0, ..drop },
-            FaultCode { what: 14, ..drop },
-            FaultCode { place: 5, ..drop },
-            FaultCode {
-                first: 1.5_f64.to_bits(),
-                ..drop
-            },
-            FaultCode {
-                first: f64::NAN.to_bits(),
-                ..drop
-            },
-            FaultCode {
-                what: 2,
-                first: 3,
-                second: 2,
-                ..drop
-            },
-            FaultCode {
-                what: 3,
-                first: 61,
-                ..drop
-            },
-            FaultCode {
-                what: 4,
-                first: 0,
-                ..drop
-            },
-            FaultCode { field: 2, ..noise },
-            FaultCode { axis: 4, ..noise },
-            FaultCode {
-                first: f64::INFINITY.to_bits(),
-                ..noise
-            },
-            FaultCode {
-                what: 9,
-                place: 4,
-                ..drop
-            },
-            FaultCode {
-                what: 2,
-                first: 1,
-                second: LONGEST_PATTERN + 1,
-                ..drop
-            },
-            FaultCode {
-                first: (-1.0_f64).to_bits(),
-                ..noise
-            },
-            FaultCode {
-                what: 7,
-                first: 0.0_f64.to_bits(),
-                ..noise
-            },
-            FaultCode { ends: 2, ..drop },
-            FaultCode { first: 401, ..late },
-            FaultCode { first: 0, ..late },
-            FaultCode {
-                second: 1 << 62,
-                ..late
-            },
-            FaultCode {
-                first: 1 << 62,
-                ..stop
-            },
-            FaultCode { ends: 1, ..stop },
-            FaultCode {
-                what: 11,
-                ends: 1,
-                ..stop
-            },
-            FaultCode {
-                what: 11,
-                place: Role::Plant as u64,
-                ..stop
-            },
-            FaultCode {
-                what: 12,
-                first: 100,
-                ..stop
-            },
-            FaultCode {
-                what: 12,
-                first: 0,
-                ..stop
-            },
-            FaultCode {
-                what: 13,
-                first: 1.5_f64.to_bits(),
-                ..stop
-            },
+        };
+        for sound in [
+            [1, 0, 0, 0, share(0.1), 0, 0],
+            [6, third, 1, 3, share(1.0), 0, 0],
+            [9, 2, 0, 0, 40, 400, 0],
+            [10, 2, 0, 0, 5, 0, 0],
         ] {
-            assert_eq!(broken.fault(), None, "{broken:?}");
+            assert!(code(sound).fault().is_some(), "{sound:?}");
+        }
+        for broken in [
+            [0, 0, 0, 0, share(0.1), 0, 0],
+            [14, 0, 0, 0, share(0.1), 0, 0],
+            [1, 5, 0, 0, share(0.1), 0, 0],
+            [1, 0, 0, 0, share(1.5), 0, 0],
+            [1, 0, 0, 0, share(f64::NAN), 0, 0],
+            [1, 0, 0, 0, share(0.1), 0, 2],
+            [2, 0, 0, 0, 3, 2, 0],
+            [2, 0, 0, 0, 1, LONGEST_PATTERN + 1, 0],
+            [3, 0, 0, 0, 61, 0, 0],
+            [4, 0, 0, 0, 0, 0, 0],
+            [6, third, 2, 3, share(1.0), 0, 0],
+            [6, third, 1, 4, share(1.0), 0, 0],
+            [6, third, 1, 3, share(f64::INFINITY), 0, 0],
+            [6, third, 1, 3, share(-1.0), 0, 0],
+            [7, third, 1, 3, share(0.0), 0, 0],
+            [9, 4, 0, 0, 40, 400, 0],
+            [9, 2, 0, 0, 401, 400, 0],
+            [9, 2, 0, 0, 0, 400, 0],
+            [9, 2, 0, 0, 40, long, 0],
+            [10, 2, 0, 0, long, 0, 0],
+            [10, 2, 0, 0, 5, 0, 1],
+            [11, 2, 0, 0, 5, 0, 1],
+            [11, Role::Plant as u64, 0, 0, 5, 0, 0],
+            [12, 2, 0, 0, 100, 0, 0],
+            [12, 2, 0, 0, 0, 0, 0],
+            [13, 2, 0, 0, share(1.5), 0, 0],
+        ] {
+            assert_eq!(code(broken).fault(), None, "{broken:?}");
         }
     }
 }

@@ -25,7 +25,6 @@ pub struct FaultyInput<C: Faulty> {
 
 impl<C: Faulty> FaultyInput<C> {
     /// An input that nothing has come to.
-    #[must_use]
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
             gate: Gate::new(faults, port),
@@ -35,7 +34,6 @@ impl<C: Faulty> FaultyInput<C> {
     }
 
     /// An input that nothing has come to, and whose faults may change in flight.
-    #[must_use]
     pub fn changing(faults: &MessageFaults, port: Port) -> Self {
         let mut inlet = Self::new(&MessageFaults::none(faults.seed), port);
         // Memory that was never touched is none yet.
@@ -109,21 +107,15 @@ impl<C: Faulty> FaultyInput<C> {
     }
 
     /// The newest message that the stage has.
-    #[must_use]
     pub const fn newest(&self) -> &Message<C> {
         &self.newest
     }
 
-    #[must_use]
     pub const fn dated(&self) -> Stamped<C> {
-        Stamped {
-            tick: self.newest.envelope.tick,
-            content: self.newest.content,
-        }
+        Stamped::new(self.newest.envelope.tick, self.newest.content)
     }
 
     /// Messages that were refused for what a fault had made of them.
-    #[must_use]
     pub fn rejections(&self) -> Rejections {
         self.gate
             .as_ref()

@@ -27,7 +27,6 @@ const STREAMS: u64 = 8;
 /// What comes of a message at a gate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passed<C> {
-    /// What the stage gets of it.
     pub content: C,
     pub delay: u64,
 }
@@ -48,7 +47,6 @@ pub struct Gate<C> {
 
 impl<C: Faulty> Gate<C> {
     /// The gate of an input before its first message; none where it has no faults.
-    #[must_use]
     pub fn new(faults: &MessageFaults, port: Port) -> Option<Self> {
         let lags = faults
             .of(port)
@@ -58,7 +56,6 @@ impl<C: Faulty> Gate<C> {
     }
 
     /// The gate of an input whose faults may change in flight: it has room for whatever they will be.
-    #[must_use]
     pub fn changing(faults: &MessageFaults, port: Port) -> Self {
         Self::with_room(faults, port, KEPT)
     }
@@ -126,7 +123,6 @@ impl<C: Faulty> Gate<C> {
     }
 
     /// Messages that were refused for what a fault had made of them.
-    #[must_use]
     pub const fn rejections(&self) -> &Rejections {
         &self.rejections
     }
@@ -160,7 +156,6 @@ impl<C: Faulty> Gate<C> {
     }
 }
 
-/// The stream of a fault's axis.
 const fn stream(number: u64, axis: u64) -> u64 {
     FIRST_STREAM + STREAMS * number + axis
 }

@@ -7,9 +7,12 @@
 
 use crate::fault::code::FaultCode;
 pub use crate::fault::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
-use crate::fault::late::{Late, LateStages};
-use crate::fault::{LONGEST_DELAY, MessageFault, MessageFaults, NotTaken};
+use crate::fault::{
+    FaultList, LONGEST_DELAY, MessageFault, MessageFaults, NotTaken, Span, Spanned,
+};
 use crate::layout::layout;
+use crate::noise::uniform;
+use crate::role::Role;
 
 /// Name of the plant's board with the [`LiveBlackboard`].
 pub const LIVE: &str = "faults";
@@ -20,14 +23,15 @@ pub const MOST_LIVE: usize = 64;
 /// Ticks from the plant's taking in a fault to the first one that it strikes, at the least.
 pub const NOTICE_TICKS: u64 = LONGEST_DELAY + 4;
 
-/// What was injected so far, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-pub struct LiveBlackboard {
-    pub count: u64,
-    pub faults: [FaultCode; MOST_LIVE],
+layout! {
+    /// What was injected so far, in order.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct LiveBlackboard {
+        pub count: u64,
+        pub faults: [FaultCode; MOST_LIVE],
+    }
 }
-layout!(LiveBlackboard { count, faults });
 
 impl Default for LiveBlackboard {
     fn default() -> Self {
@@ -65,7 +69,6 @@ pub struct LoopFaults {
 }
 
 impl LoopFaults {
-    #[must_use]
     pub const fn none(seed: u64) -> Self {
         Self {
             messages: MessageFaults::none(seed),
@@ -104,7 +107,6 @@ impl LoopFaults {
     }
 
     /// These with those of a board, which the plant has taken before.
-    #[must_use]
     pub fn with(mut self, live: &LiveBlackboard) -> Self {
         for fault in live.iter() {
             // The plant has refused what cannot be.
@@ -114,55 +116,326 @@ impl LoopFaults {
     }
 }
 
+/// Streams of random numbers of late stages; those of messages lie below.
+const FIRST_STREAM: u64 = 1 << 33;
+
+/// A number in [0, 1) for a stage and a tick of the flight of `seed`: how far it is from the least to the most.
+pub fn late_share(role: Role, seed: u64, tick: u64) -> f64 {
+    uniform(seed, tick, FIRST_STREAM + role as u64)
+}
+
+/// A stage computes longer: by a time between the two, each as likely.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Late {
+    pub role: Role,
+    pub least_ns: u64,
+    pub most_ns: u64,
+    pub span: Span,
+}
+
+impl Spanned for Late {
+    fn span(&self) -> Span {
+        self.span
+    }
+
+    fn span_mut(&mut self) -> &mut Span {
+        &mut self.span
+    }
+
+    fn contradicts(&self, other: &Self) -> bool {
+        self.role == other.role && self.span.meets(other.span)
+    }
+}
+
+pub type LateStages = FaultList<Late>;
+
+impl LateStages {
+    /// Ends those of a stage from a tick on.
+    pub fn end(&mut self, role: Role, tick: u64) -> Result<(), NotTaken> {
+        self.end_where(tick, |late| late.role == role)
+    }
+
+    pub fn of(&self, role: Role) -> Self {
+        self.only(|late| late.role == role)
+    }
+
+    /// How much longer a stage computes at a tick [ns].
+    pub fn late_ns(&self, role: Role, tick: u64) -> u64 {
+        let late = self
+            .iter()
+            .find(|(_, late)| late.role == role && late.span.holds(tick));
+        late.map_or(0, |(_, late)| {
+            let range_ns = late.most_ns.saturating_sub(late.least_ns) as f64;
+            late.least_ns
+                .saturating_add((range_ns * late_share(role, self.seed, tick)) as u64)
+        })
+    }
+}
+
+/// How long a stage that was killed takes until it works again [ns]: a launcher that lets nothing start anew within
+/// 50 ms, and a process that is ready well within as much again.
+pub const RESTART_NS: u64 = 100_000_000;
+
+/// What is done to processes in a flight, in the order in which it was planned or injected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Acts {
+    sample_time_ns: u64,
+    acts: [Option<LiveFault>; MOST_LIVE],
+}
+
+impl Acts {
+    /// Nothing, in a flight with ticks of so much flight time [ns].
+    pub const fn none(sample_time_ns: u64) -> Self {
+        Self {
+            sample_time_ns,
+            acts: [None; MOST_LIVE],
+        }
+    }
+
+    /// Takes one more, or the end of one. Faults of messages are taken and do nothing here.
+    ///
+    /// It refuses where two faults of a stage would meet, or two hogs or loads; where a stop is shorter than a tick;
+    /// where there is nothing to end, or where there are [`MOST_LIVE`]. Nothing is changed then.
+    pub fn take(&mut self, fault: &LiveFault) -> Result<(), NotTaken> {
+        let LiveFault {
+            trouble,
+            ends,
+            span,
+        } = *fault;
+        if matches!(trouble, FaultKind::Messages { .. }) {
+            return Ok(());
+        }
+        if matches!(trouble, FaultKind::Stop { for_ns, .. } if for_ns < self.sample_time_ns) {
+            return Err(NotTaken::UnderATick);
+        }
+        let own = self.outage(fault);
+        let contradicts = |other: &LiveFault| match (own, self.outage(other)) {
+            (Some((role, own)), Some((other, span))) => other == role && span.meets(own),
+            (_, None) => other.trouble.is_like(&trouble) && other.span.meets(span),
+            (None, _) => false,
+        };
+        if !ends && self.begun().any(contradicts) {
+            return Err(NotTaken::Contradiction);
+        }
+        let is_meant = |other: &LiveFault| {
+            let Span { from, to } = other.span;
+            other.trouble.is_like(&trouble) && to > span.from && from < to
+        };
+        if ends && !self.begun().any(is_meant) {
+            return Err(NotTaken::NothingToEnd);
+        }
+        let place = self
+            .acts
+            .iter()
+            .position(Option::is_none)
+            .ok_or(NotTaken::NoRoom)?;
+        if ends {
+            let meant = self
+                .acts
+                .iter_mut()
+                .flatten()
+                .filter(|other| !other.ends && is_meant(other));
+            meant.for_each(|other| other.span = other.span.cut(span.from));
+        }
+        self.acts[place] = Some(*fault);
+        Ok(())
+    }
+
+    /// What is begun, up to its end; ends are not among it.
+    pub fn begun(&self) -> impl Iterator<Item = &LiveFault> {
+        self.acts.iter().flatten().filter(|fault| !fault.ends)
+    }
+
+    /// The ticks in which a fault has its stage not do what it does otherwise; none where it has no stage.
+    fn outage(&self, fault: &LiveFault) -> Option<(Role, Span)> {
+        let Span { from, .. } = fault.span;
+        let ticks = |ns: u64| (ns / self.sample_time_ns.max(1)).max(1);
+        let out = |ns| Span {
+            from,
+            to: from.saturating_add(ticks(ns)),
+        };
+        let span = match fault.trouble {
+            FaultKind::Stop { for_ns, .. } => out(for_ns),
+            FaultKind::Kill { .. } => out(RESTART_NS),
+            _ => fault.span,
+        };
+        Some((fault.trouble.role()?, span))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::{Kind, Port, Span};
+    use crate::fault::{Kind, Port};
+
+    const HOG: FaultKind = FaultKind::Hog { priority: 90 };
+    const OTHER_HOG: FaultKind = FaultKind::Hog { priority: 1 };
+    const LOAD: FaultKind = FaultKind::Load { share: 0.5 };
+    const MS: u64 = 1_000_000;
+    const CONTRADICTION: Result<(), NotTaken> = Err(NotTaken::Contradiction);
+    const NOTHING: Result<(), NotTaken> = Err(NotTaken::NothingToEnd);
+
+    fn live(trouble: FaultKind, ends: bool, from: u64, to: u64) -> LiveFault {
+        let span = Span { from, to };
+        LiveFault {
+            trouble,
+            ends,
+            span,
+        }
+    }
+
+    fn fault(trouble: FaultKind, from: u64, to: u64) -> LiveFault {
+        live(trouble, false, from, to)
+    }
+
+    fn off(trouble: FaultKind, from: u64) -> LiveFault {
+        live(trouble, true, from, from + 1)
+    }
+
+    fn stop(role: Role, from: u64, for_ns: u64) -> LiveFault {
+        fault(FaultKind::Stop { role, for_ns }, from, from + 1)
+    }
+
+    fn late(role: Role) -> FaultKind {
+        FaultKind::Late {
+            role,
+            least_ns: 40_000,
+            most_ns: 400_000,
+        }
+    }
+
+    /// Takes one after the other, each with what is expected of it.
+    fn take(faults: &[(LiveFault, Result<(), NotTaken>)]) -> Acts {
+        let mut acts = Acts::none(MS);
+        for (fault, expected) in faults {
+            assert_eq!(acts.take(fault), *expected, "{fault:?}");
+        }
+        acts
+    }
 
     #[test]
     fn a_board_is_taken_in_its_order_and_has_so_many_places() {
-        let trouble = FaultKind::Messages {
+        let drop = FaultKind::Messages {
             port: Port::OuterState,
             kind: Kind::Drop(0.1),
         };
-        let fault = |ends, from| LiveFault {
-            trouble,
-            ends,
-            span: Span {
-                from,
-                to: Span::FOR_GOOD,
-            },
-        };
+        let fault = |ends, from| live(drop, ends, from, Span::FOR_GOOD);
         let mut board = LiveBlackboard::default();
-        board.push(&fault(false, 10)).unwrap();
-        board.push(&fault(true, 20)).unwrap();
-        board.push(&fault(false, 30)).unwrap();
+        for (ends, from) in [(false, 10), (true, 20), (false, 30)] {
+            board.push(&fault(ends, from)).unwrap();
+        }
         let faults = LoopFaults::none(7).with(&board);
-        let spans: Vec<Span> = faults
-            .messages
-            .iter()
-            .map(|(_, fault)| fault.span)
-            .collect();
-        assert_eq!(
-            spans,
-            [
-                Span { from: 10, to: 20 },
-                Span {
-                    from: 30,
-                    to: Span::FOR_GOOD
-                }
-            ]
-        );
+        let spans = faults.messages.iter();
+        let spans: Vec<_> = spans.map(|(_, it)| (it.span.from, it.span.to)).collect();
+        assert_eq!(spans, [(10, 20), (30, Span::FOR_GOOD)]);
         (3..MOST_LIVE).for_each(|_| board.push(&fault(true, 40)).unwrap());
         assert_eq!(board.push(&fault(true, 40)), Err(NotTaken::NoRoom));
-        assert_eq!(
-            LiveBlackboard {
-                count: u64::MAX,
-                ..board
-            }
-            .iter()
-            .count(),
-            MOST_LIVE
+        board.count = u64::MAX;
+        assert_eq!(board.iter().count(), MOST_LIVE);
+    }
+
+    #[test]
+    fn a_stage_is_late_in_its_ticks_by_a_time_within_the_range_until_it_is_ended() {
+        let mut faults = LoopFaults::none(7);
+        faults.take(&fault(late(Role::Inner), 10, 1010)).unwrap();
+        let lates = faults.late;
+        let late_ns = |tick| lates.late_ns(Role::Inner, tick);
+        let times: Vec<u64> = (10..1010).map(late_ns).collect();
+        assert!(times.iter().all(|ns| (40_000..400_000).contains(ns)));
+        assert!(times.iter().any(|ns| *ns < 60_000) && times.iter().any(|ns| *ns > 380_000));
+        assert_eq!([9, 1010].map(late_ns), [0, 0]);
+        assert_eq!(lates.late_ns(Role::Outer, 100), 0);
+        assert_eq!(lates.of(Role::Inner).late_ns(Role::Inner, 77), times[67]);
+        assert!(lates.of(Role::Outer).is_empty() && !lates.is_empty());
+
+        for (fault, expected) in [
+            (fault(late(Role::Inner), 500, 600), CONTRADICTION),
+            (fault(late(Role::Mixer), 500, 600), Ok(())),
+            (off(late(Role::Outer), 100), NOTHING),
+            (off(late(Role::Inner), 100), Ok(())),
+            (off(late(Role::Inner), 100), NOTHING),
+        ] {
+            assert_eq!(faults.take(&fault), expected);
+        }
+        assert!(faults.late.late_ns(Role::Inner, 99) > 0);
+        assert_eq!(faults.late.late_ns(Role::Inner, 100), 0);
+        let mut ticks = 1..;
+        let full = |tick| faults.take(&fault(late(Role::Plant), tick, tick + 1));
+        assert!(
+            ticks
+                .by_ref()
+                .map(full)
+                .any(|taken| taken == Err(NotTaken::NoRoom))
         );
+    }
+
+    #[test]
+    fn a_stage_has_one_fault_at_a_time() {
+        let kill = |role| fault(FaultKind::Kill { role }, 110, 111);
+        take(&[
+            (stop(Role::Inner, 100, 20 * MS), Ok(())),
+            // Its end would cut the other short.
+            (stop(Role::Inner, 119, 500 * MS), CONTRADICTION),
+            (stop(Role::Inner, 120, 5 * MS), Ok(())),
+            (fault(late(Role::Inner), 90, 101), CONTRADICTION),
+            (kill(Role::Inner), CONTRADICTION),
+            (kill(Role::Mixer), Ok(())),
+            (stop(Role::Mixer, 209, MS), CONTRADICTION),
+            (stop(Role::Mixer, 210, MS), Ok(())),
+            (fault(late(Role::Inner), 200, Span::FOR_GOOD), Ok(())),
+            (off(late(Role::Inner), 300), Ok(())),
+            (stop(Role::Inner, 300, MS), Ok(())),
+        ]);
+    }
+
+    #[test]
+    fn what_is_not_on_is_not_ended_and_what_is_ended_is_not_on() {
+        let acts = take(&[
+            (off(HOG, 100), NOTHING),
+            (fault(HOG, 50, 90), Ok(())),
+            // Its time is over by then.
+            (off(HOG, 90), NOTHING),
+            (fault(HOG, 200, Span::FOR_GOOD), Ok(())),
+            (off(LOAD, 100), NOTHING),
+            (off(OTHER_HOG, 100), Ok(())),
+            (off(HOG, 101), NOTHING),
+        ]);
+        let left: Vec<_> = acts.begun().map(|it| (it.span.from, it.span.to)).collect();
+        assert_eq!(left, [(50, 90), (200, 200)]);
+    }
+
+    #[test]
+    fn the_processor_has_one_hog_and_one_load_at_a_time() {
+        take(&[
+            (fault(HOG, 100, Span::FOR_GOOD), Ok(())),
+            (fault(OTHER_HOG, 200, 300), CONTRADICTION),
+            (fault(LOAD, 200, 300), Ok(())),
+            (
+                fault(FaultKind::Load { share: 0.1 }, 299, 400),
+                CONTRADICTION,
+            ),
+            (fault(OTHER_HOG, 50, 100), Ok(())),
+            (off(HOG, 250), Ok(())),
+            (fault(OTHER_HOG, 250, 300), Ok(())),
+        ]);
+    }
+
+    #[test]
+    fn a_stop_takes_a_tick_at_least_and_a_flight_has_room_for_so_many() {
+        for (tick_ns, for_ns, expected) in [
+            (MS, MS - 1, Err(NotTaken::UnderATick)),
+            (MS, MS, Ok(())),
+            (2 * MS, MS, Err(NotTaken::UnderATick)),
+        ] {
+            let taken = Acts::none(tick_ns).take(&stop(Role::Inner, 100, for_ns));
+            assert_eq!(taken, expected);
+        }
+        let mut acts = Acts::none(MS);
+        (0..MOST_LIVE as u64).for_each(|n| acts.take(&stop(Role::Inner, n, MS)).unwrap());
+        assert_eq!(
+            acts.take(&stop(Role::Inner, 500, MS)),
+            Err(NotTaken::NoRoom)
+        );
+        assert_eq!(acts.begun().count(), MOST_LIVE);
     }
 }

@@ -29,7 +29,6 @@ const LOW: [f64; 4] = [
 
 /// Angle of the point (x, y) from the axis of x [rad]; false, and no angle, where x is 0 or not finite, or far smaller
 /// than y.
-#[must_use]
 #[inline(always)]
 pub fn atan2_of_most(y: f64, x: f64) -> (f64, bool) {
     let quotient = (y / x).abs();

@@ -13,7 +13,6 @@ use std::f64::consts::FRAC_PI_4;
 const REDUCED_RAD: f64 = 1e6;
 
 /// Sine and cosine of an angle [rad], each within an ulp; the sine of -0 is 0.
-#[must_use]
 #[inline]
 pub fn sin_cos(angle_rad: f64) -> (f64, f64) {
     if angle_rad.abs() <= FRAC_PI_4 {

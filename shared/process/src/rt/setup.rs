@@ -276,7 +276,7 @@ pub fn hold_cpu_latency() -> io::Result<File> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::realtime::{Grant, LeadSetting, STEPS};
+    use messages::realtime::{Grant, LeadSetting};
 
     const fn settings(mode: RealtimeMode, priority: i32) -> RealtimeSettings {
         RealtimeSettings {
@@ -363,16 +363,20 @@ mod tests {
     fn off_asks_for_nothing() {
         let settings = settings(RealtimeMode::Off, 80);
         let engaged = Engaged::engage(Role::Plant, &settings, None).unwrap();
-        assert!(STEPS.iter().all(|step| engaged.grants.of(*step).asked == 0));
+        assert!(
+            RealtimeStep::ALL
+                .iter()
+                .all(|step| engaged.grants.of(*step).asked == 0)
+        );
     }
 
     #[test]
     fn each_refusal_has_a_remedy_of_its_own() {
-        let remedies: BTreeSet<_> = STEPS
+        let remedies: BTreeSet<_> = RealtimeStep::ALL
             .iter()
             .map(|step| remedy(*step, i64::from(libc::EPERM)))
             .collect();
-        assert_eq!(remedies.len(), STEPS.len(), "{remedies:?}");
+        assert_eq!(remedies.len(), RealtimeStep::ALL.len(), "{remedies:?}");
         let refused = Engaged {
             grants: {
                 let mut grants = Grants::default();
