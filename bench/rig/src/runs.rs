@@ -15,7 +15,7 @@ use crate::cli::RunsArgs;
 use crate::export;
 use crate::output::print;
 use crate::record::hlog;
-use crate::run_directory::{FACTS, entries, is_held, is_ours, out_or_default};
+use crate::run_directory::{FACTS, LATENCIES, entries, is_held, is_ours, out_or_default};
 use crate::settings::airframe::PAPER;
 use crate::settings::last_name;
 use crate::wall_time::utc;
@@ -96,7 +96,7 @@ impl RecordedRun {
         let started = report.as_ref().map_or(made, |report| {
             UNIX_EPOCH + Duration::from_nanos(report.run.run_id)
         });
-        let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
+        let is_in_the_air = directory.join(LATENCIES).exists() && hlog::lives(directory);
         let is_held = is_held(directory);
         let status = match &report {
             _ if is_in_the_air => "in the air".into(),

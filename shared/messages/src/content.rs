@@ -26,7 +26,18 @@ pub struct Stamped<T> {
     pub content: T,
 }
 
+impl<T: Default> Stamped<T> {
+    /// Nothing received yet.
+    pub fn none() -> Self {
+        Self::new(NO_TICK, T::default())
+    }
+}
+
 impl<T> Stamped<T> {
+    pub const fn new(tick: u64, content: T) -> Self {
+        Self { tick, content }
+    }
+
     /// Ticks since it was made; `u64::MAX` if it never was.
     #[must_use]
     pub const fn age(&self, tick: u64) -> u64 {

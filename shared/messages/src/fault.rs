@@ -183,6 +183,15 @@ impl Span {
     /// The end of what has none.
     pub const FOR_GOOD: u64 = u64::MAX;
 
+    pub const fn new(from: u64, to: u64) -> Self {
+        Self { from, to }
+    }
+
+    /// The first tick alone.
+    pub const fn once(self) -> Self {
+        self.cut(self.from.saturating_add(1))
+    }
+
     /// Whether a tick lies in it.
     #[must_use]
     pub const fn holds(self, tick: u64) -> bool {

@@ -29,7 +29,7 @@ use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::Observation;
 use crate::output::print;
-use crate::roles::remove_leftovers;
+use crate::record::kernel_trace::remove_leftovers;
 use crate::settings::law_settings;
 use channels::Channels;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
