@@ -15,7 +15,6 @@ pub static VERSION: LazyLock<String> = LazyLock::new(|| here().to_string());
 /// assert_eq!(build.to_string(), *ironbird::build::VERSION);
 /// assert!(build.token().ends_with(&build.profile) && !build.token().contains(' '));
 /// ```
-#[must_use]
 pub fn here() -> Build {
     Build {
         version: env!("CARGO_PKG_VERSION").into(),

@@ -1,9 +1,14 @@
-//! The command line: one struct per command, and the settings that its flags override.
+//! The command line: one struct per command, the settings that its flags override, and what only commands do.
+//!
+//! Nothing below this module knows clap or the flags: it takes plain values.
 
-mod flight;
+pub mod commands;
+pub(crate) mod flight;
+pub mod fly;
 mod interaction;
 mod machine;
 mod records;
+pub mod roles;
 mod study;
 pub(crate) mod values;
 
@@ -13,14 +18,16 @@ use toml::Value;
 use crate::build::VERSION;
 use crate::laws::LawsArgs;
 use crate::new_law::NewCommand;
-use crate::supervisor::cpu_load::CpuLoadArgs;
+use crate::settings::Overrides;
 
 pub use flight::{
     FlightArgs, FlyArgs, GateArgs, GateName, LeadArg, LogArg, OnDeath, PaceArg, RecordArgs,
     RecorderArgs, RoleArgs, RtArgs, RtMode, SimulateArgs, TrajectoryArgs,
 };
 pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};
-pub use machine::{CleanArgs, CompletionsArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs, Set};
+pub use machine::{
+    CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs, Set,
+};
 pub use records::{
     DiffArgs, DiffFormat, ExportArgs, ExportFormat, Format, ReplayArgs, ReportArgs, ReportCommand,
     RunsArgs,
@@ -142,6 +149,11 @@ Example:
     /// A process that loads the loops' CPU.
     #[command(hide = true)]
     CpuLoad(CpuLoadArgs),
+}
+
+/// The overrides of the flags that were given.
+fn overrides<const N: usize>(flags: [Option<(&'static str, Value)>; N]) -> Overrides {
+    flags.into_iter().flatten().collect()
 }
 
 /// An override of the setting `key`, if its flag was given.

@@ -18,7 +18,7 @@ use std::time::Duration;
 
 pub use change::{Change, LoopChange};
 pub use error::FaultError;
-pub(crate) use error::typed;
+pub(crate) use error::{duration, typed};
 use messages::fault::Span;
 use messages::fault::live::LiveFault;
 use messages::parameters::Airframe;
@@ -27,17 +27,15 @@ pub use parameter::{Desired, RequestedValue, targets_of};
 use plant::Swap;
 use report::faults::InjectedFault;
 
-/// When a fault strikes, or ends.
+/// When a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum At {
     Tick(u64),
-    /// At the tick that begins at this time of the flight.
+    /// The tick that begins at this time of the flight.
     Time(Duration),
 }
 
 impl At {
-    /// The tick, where one takes `period_s` [s].
-    #[must_use]
     pub fn tick(self, period_s: f64) -> u64 {
         match self {
             Self::Tick(tick) => tick,
@@ -46,11 +44,27 @@ impl At {
     }
 }
 
-/// What goes wrong together, and when.
+impl FromStr for At {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let at = match text.strip_prefix("tick") {
+            Some(tick) => tick.parse().ok().map(Self::Tick),
+            None => humantime::parse_duration(text).ok().map(Self::Time),
+        };
+        at.ok_or_else(|| {
+            FaultError::fault(format!(
+                "`{text}` is no instant: write @8s, @500ms or @tick8000, and ..9s behind it for an end"
+            ))
+        })
+    }
+}
+
+/// Changes that begin, and end, together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
     pub from: At,
-    /// Until when; none is for good, or once.
+    /// `None` lasts until the flight ends, or happens once.
     pub to: Option<At>,
     pub changes: Vec<Change>,
 }
@@ -59,107 +73,81 @@ impl FromStr for Fault {
     type Err = FaultError;
 
     fn from_str(text: &str) -> Result<Self, FaultError> {
-        let (changes, at) = text
-            .rsplit_once('@')
-            .ok_or_else(|| FaultError::NoInstant(text.to_owned()))?;
+        let (changes, at) = text.rsplit_once('@').ok_or_else(|| {
+            FaultError::fault(format!(
+                "`{text}` has no time: write it behind, as in {text}@8s or {text}@tick8000"
+            ))
+        })?;
         if changes.contains('@') {
-            return Err(FaultError::SeveralInstants(text.to_owned()));
+            return Err(FaultError::fault(format!(
+                "`{text}` has several instants: give --fault once for each"
+            )));
         }
-        let instant = |at: &str| match at.strip_prefix("tick") {
-            Some(tick) => tick
-                .parse()
-                .map(At::Tick)
-                .map_err(|_| FaultError::Instant(at.to_owned())),
-            None => humantime::parse_duration(at)
-                .map(At::Time)
-                .map_err(|_| FaultError::Instant(at.to_owned())),
-        };
         let (from, to) = match at.split_once("..") {
-            Some((from, to)) => (instant(from)?, Some(instant(to)?)),
-            None => (instant(at)?, None),
+            Some((from, to)) => (from.parse()?, Some(to.parse()?)),
+            None => (at.parse()?, None),
         };
-        let changes = changes
-            .split(',')
-            .map(str::parse)
-            .collect::<Result<Vec<Change>, _>>()?;
-        let fault = Self { from, to, changes };
-        fault.check_ends()?;
+        let fault = Self {
+            from,
+            to,
+            changes: changes
+                .split(',')
+                .map(str::parse)
+                .collect::<Result<_, _>>()?,
+        };
+        if to.is_some() {
+            fault.changes.iter().try_for_each(Change::check_end)?;
+        }
         check_once(&fault.wanted())?;
         Ok(fault)
     }
 }
 
 impl Fault {
-    /// What goes wrong, as it is typed, and until when where it has an end.
-    #[must_use]
+    /// The changes as they are typed, and until when where there is an end.
     pub fn what(&self) -> String {
-        let what = self
-            .changes
-            .iter()
-            .map(Change::to_string)
-            .collect::<Vec<_>>()
-            .join(",");
+        let what = joined(&self.changes);
         self.to
             .map_or_else(|| what.clone(), |to| format!("{what} until {to}"))
     }
 
-    /// What goes wrong with messages, stages and their processor.
+    /// The changes of messages, stages and the processor.
     pub fn of_the_loop(&self) -> impl Iterator<Item = &Change> {
         self.changes
             .iter()
             .filter(|change| !matches!(change, Change::Parameter(_)))
     }
 
-    /// What is wanted of the airframe's parameters.
-    #[must_use]
+    /// The changes of parameters.
     pub fn wanted(&self) -> Vec<Desired> {
         self.changes.iter().filter_map(Change::wanted).collect()
     }
 
-    /// What of it the plant of an airframe schedules, with ticks of `period_s` [s]; nothing where it is no parameter's.
+    /// The parameter changes as the plant schedules them; `None` if there are none.
     pub fn swap(&self, period_s: f64, airframe: &Airframe) -> Result<Option<Swap>, FaultError> {
         let wanted = self.wanted();
         if wanted.is_empty() {
             return Ok(None);
         }
-        Ok(Some(Swap::to(
-            self.from.tick(period_s),
-            &targets_of(&wanted, airframe, period_s)?,
-        )?))
+        let targets = targets_of(&wanted, airframe, period_s)?;
+        Ok(Some(Swap::to(self.from.tick(period_s), &targets)?))
     }
 
-    /// Its ticks, where one takes `period_s` [s].
     pub fn span(&self, period_s: f64) -> Result<Span, FaultError> {
-        let (from, to) = (
-            self.from.tick(period_s),
-            self.to.map(|to| to.tick(period_s)),
-        );
-        match to {
-            Some(to) if to <= from => Err(FaultError::Order {
-                fault: self.to_string(),
-                from,
-                to,
-            }),
-            _ => Ok(Span {
-                from,
-                to: to.unwrap_or(Span::FOR_GOOD),
-            }),
+        let from = self.from.tick(period_s);
+        let to = self.to.map_or(Span::FOR_GOOD, |to| to.tick(period_s));
+        if self.to.is_some() && to <= from {
+            return Err(FaultError::fault(format!(
+                "`{self}` ends at tick {to}, and begins at tick {from}: write the earlier one first, as in @8s..9s"
+            )));
         }
+        Ok(Span { from, to })
     }
+}
 
-    /// Refuses an end for what has none.
-    fn check_ends(&self) -> Result<(), FaultError> {
-        if self.to.is_none() {
-            return Ok(());
-        }
-        let endless = |change: &Change| match change {
-            Change::Parameter(wanted) => Some(FaultError::ParameterEnds(wanted.parameter)),
-            Change::Loop(change) if change.ends => Some(FaultError::StageEnds(change.to_string())),
-            Change::Loop(_) if !change.lasts() => Some(FaultError::StageEnds(change.what())),
-            Change::Loop(_) => None,
-        };
-        self.changes.iter().find_map(endless).map_or(Ok(()), Err)
-    }
+fn joined<'a>(changes: impl IntoIterator<Item = &'a Change>) -> String {
+    let texts: Vec<String> = changes.into_iter().map(Change::to_string).collect();
+    texts.join(",")
 }
 
 impl fmt::Display for At {
@@ -173,26 +161,21 @@ impl fmt::Display for At {
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, change) in self.changes.iter().enumerate() {
-            write!(f, "{}{change}", if i == 0 { "" } else { "," })?;
-        }
-        write!(f, "@{}", self.from)?;
+        write!(f, "{}@{}", joined(&self.changes), self.from)?;
         self.to.map_or(Ok(()), |to| write!(f, "..{to}"))
     }
 }
 
 /// Injected faults as faults with the same ticks that can be planned.
-#[must_use]
 pub fn planned_again(live: &[LiveFault]) -> Vec<Fault> {
     let mut faults = Vec::new();
     let mut rest = live;
     while let Some(first) = rest.first() {
         let (change, length) = Change::joined(rest, first);
-        let to = Some(At::Tick(first.span.to))
-            .filter(|_| change.lasts() && first.span.to != Span::FOR_GOOD);
+        let ends = change.lasts() && first.span.to != Span::FOR_GOOD;
         faults.push(Fault {
             from: At::Tick(first.span.from),
-            to,
+            to: ends.then_some(At::Tick(first.span.to)),
             changes: vec![change],
         });
         rest = &rest[length..];
@@ -200,25 +183,22 @@ pub fn planned_again(live: &[LiveFault]) -> Vec<Fault> {
     faults
 }
 
-#[must_use]
+/// Injected faults for the report.
 pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
-    let described = |fault: Fault| {
-        let to = fault.to.map(|to| to.tick(period_s));
-        let what = fault
-            .changes
-            .iter()
-            .map(Change::to_string)
-            .collect::<Vec<_>>()
-            .join(",");
-        InjectedFault::new(what, fault.from.tick(period_s), to, period_s).in_flight()
-    };
     let mut ended = live.to_vec();
     for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
-        let is_meant = |fault: &&mut LiveFault| !fault.ends && fault.trouble.is_like(&end.trouble);
-        ended[..place]
-            .iter_mut()
-            .filter(is_meant)
-            .for_each(|fault| fault.span.to = fault.span.to.min(end.span.from));
+        for fault in &mut ended[..place] {
+            if !fault.ends && fault.trouble.is_like(&end.trouble) {
+                fault.span.to = fault.span.to.min(end.span.from);
+            }
+        }
     }
+    let described = |fault: Fault| {
+        let (from, to) = (
+            fault.from.tick(period_s),
+            fault.to.map(|to| to.tick(period_s)),
+        );
+        InjectedFault::new(joined(&fault.changes), from, to, period_s).in_flight()
+    };
     planned_again(&ended).into_iter().map(described).collect()
 }

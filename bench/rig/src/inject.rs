@@ -1,46 +1,34 @@
-//! `ironbird inject`: swaps parameters of a flying airframe, and has messages, stages and their processor fail.
-
-pub mod strike;
+//! Changes parameters of a running flight's airframe, and injects faults of messages, stages and their processor.
+//!
+//! Both are requests to the plant, which answers with the ticks, or with the reason for refusing.
 
 use std::fmt;
 use std::time::Duration;
 
+use ipc::injection::{ENDED, MALFORMED, MOST_AT_ONCE, STRIKES};
 use ipc::instance::Instance;
-use ipc::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
-use messages::blackboards::{RUN, Run, RunPhase, SETTINGS, SettingsText};
+use ipc::{FaultAnswer, FaultOrder, SwapAnswer, SwapOrder, SwapOutcome, Wire};
+use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
 use messages::content::{self, NO_TICK};
+use messages::fault::code::FaultCode;
+use messages::fault::live::{LiveFault, MOST_LIVE, NOTICE_TICKS};
+use messages::fault::{MOST, NotTaken, Span};
 use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
 use messages::role::Role;
 use plant::Target;
 
-use crate::cli::InjectArgs;
-use crate::cli::values::duration;
-use crate::fault::{Change, Desired, FaultError, RequestedValue, check_once, targets_of};
-use crate::inject::strike::strike;
-use crate::output::print;
+use crate::fault::plan::refused;
+use crate::fault::{
+    Change, Desired, RequestedValue, check_once, duration, injected as described, targets_of,
+};
 use crate::settings::airframe::{PAPER, airframe_of, pairs};
-use errors::{Failure, OK};
+use crate::settings::faults::{check_possible, check_priority};
+use errors::Failure;
 
-/// How long the plant may take to answer, beyond the time until the tick that was asked for.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// How long the plant may take to answer, beyond the time until the requested tick.
+const TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Asks the plant for what goes wrong and prints what it answers.
-pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
-    let changes = args.parsed().map_err(|e| listed(&e))?;
-    let when = match (args.at_tick, args.after) {
-        (Some(tick), _) => When::AtTick(tick),
-        (None, after) => When::In(after.unwrap_or_default()),
-    };
-    print(&injected(
-        &Instance::new(&args.instance)?,
-        &changes,
-        when,
-        args.lasts,
-    )?)?;
-    Ok(OK)
-}
-
-/// Injects parameters, or faults of the loop that last for a time; says what came of it.
+/// Changes parameters, or injects faults of the loop that last for a time; returns what the plant answered.
 pub fn injected(
     instance: &Instance,
     changes: &[Change],
@@ -49,7 +37,7 @@ pub fn injected(
 ) -> Result<String, Failure> {
     let wanted: Vec<Desired> = changes.iter().filter_map(Change::wanted).collect();
     if wanted.is_empty() {
-        return Ok(strike(instance, changes, when, lasts)?.to_string());
+        return inject_faults(instance, changes, when, lasts);
     }
     if wanted.len() < changes.len() {
         return Err(Failure::usage(
@@ -66,35 +54,28 @@ pub fn injected(
     Ok(ask(instance, &wanted, when)?.to_string())
 }
 
-/// What somebody typed into a line: `state.drop=0.1,inner.late=1ms for 1s`.
+/// What a user typed into a line: `state.drop=0.1,inner.late=1ms for 1s`.
 pub fn words_of(text: &str) -> Result<(Vec<Change>, Option<Duration>), String> {
     let (what, time) = match text.split_once(" for ") {
         Some((what, time)) => (what, Some(time.trim())),
         None => (text, None),
     };
-    let changes = what
-        .trim()
-        .split(',')
-        .map(str::parse)
-        .collect::<Result<Vec<Change>, _>>();
+    let changes = what.trim().split(',').map(str::parse);
+    let changes = changes.collect::<Result<Vec<Change>, _>>();
     let lasts = time.map(duration).transpose()?;
     Ok((changes.map_err(|e| e.to_string())?, lasts))
-}
-
-fn listed(error: &FaultError) -> Failure {
-    Failure::usage(error.to_string()).help(error.listed(""))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
     AtTick(u64),
-    /// This much flight time later; from the next tick on where it is nothing.
+    /// This much flight time later; from the next tick on if it is zero.
     In(Duration),
 }
 
-/// The same in ticks, as the plant is asked.
+/// The same in ticks, as the request to the plant has it.
 struct Instant {
-    /// The tick; `NO_TICK` where it is counted from now.
+    /// The tick; `NO_TICK` if it is counted from now.
     at_tick: u64,
     in_ticks: u64,
     wait_ticks: u64,
@@ -103,23 +84,19 @@ struct Instant {
 impl When {
     fn of(self, run: &Run) -> Result<Instant, Failure> {
         let present = if run.tick == NO_TICK { 0 } else { run.tick };
-        let (at_tick, in_ticks) = match self {
-            Self::AtTick(tick) => (tick, 0),
-            Self::In(after) => (NO_TICK, ticks(after, run.sample_time_ns)),
-        };
-        let wanted = if at_tick == NO_TICK {
-            present.saturating_add(in_ticks)
-        } else {
-            at_tick
+        let (at_tick, in_ticks, wanted) = match self {
+            Self::AtTick(tick) => (tick, 0, tick),
+            Self::In(after) => {
+                let ticks = ticks(after, run.sample_time_ns);
+                (NO_TICK, ticks, present.saturating_add(ticks))
+            }
         };
         if wanted > run.last_tick {
-            let what = format!(
-                "tick {wanted} never comes: the flight ends at tick {}",
-                run.last_tick
-            );
-            return Err(
-                Failure::usage(what).help(format!("name one from {present} to {}", run.last_tick))
-            );
+            let last_tick = run.last_tick;
+            return Err(Failure::usage(format!(
+                "tick {wanted} never comes: the flight ends at tick {last_tick}"
+            ))
+            .help(format!("name one from {present} to {last_tick}")));
         }
         Ok(Instant {
             at_tick,
@@ -129,12 +106,17 @@ impl When {
     }
 }
 
+fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / sample_time_ns.max(1)
+}
+
+/// A parameter change that the plant has applied.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
     pub tick: u64,
-    /// The tick that was asked for, where it was past.
+    /// The requested tick, if it was past.
     pub past_tick: Option<u64>,
-    /// The same as time of the flight [s].
+    /// The tick as time of the flight [s].
     pub time_s: f64,
     /// Parameter epoch that began with it.
     pub parameter_epoch: u64,
@@ -154,19 +136,15 @@ impl fmt::Display for Applied {
             Some(past) => writeln!(f, ": tick {past} was past")?,
             None => writeln!(f)?,
         }
-        for content::Change {
-            parameter,
-            old,
-            new,
-            steps,
-        } in &self.changes
-        {
+        for change in &self.changes {
+            let (parameter, steps) = (change.parameter, change.steps);
+            let unit = after_blank(parameter.spec().unit);
             write!(
                 f,
-                "  {parameter}  {old:?} -> {new:?}{}",
-                after_blank(parameter.spec().unit)
+                "  {parameter}  {:?} -> {:?}{unit}",
+                change.old, change.new
             )?;
-            if *steps > 1 {
+            if steps > 1 {
                 let over = Duration::from_nanos(steps.saturating_mul(self.sample_time_ns));
                 write!(f, " over {} s", over.as_secs_f64())?;
             }
@@ -176,52 +154,59 @@ impl fmt::Display for Applied {
     }
 }
 
-fn wrong(error: &impl fmt::Display) -> Failure {
-    Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
-}
-
-/// Asks the plant of an instance for a swap, and waits for its answer.
+/// Requests a parameter change from the plant of an instance, and waits for its answer.
 pub fn ask(instance: &Instance, wanted: &[Desired], when: When) -> Result<Applied, Failure> {
+    let wrong = |error: &dyn fmt::Display| {
+        Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
+    };
     check_once(wanted).map_err(|e| wrong(&e))?;
     if flight(instance).is_ok_and(|flight| flight.is_none()) {
-        check_possible(wanted)?;
+        check_widest_ranges(wanted).map_err(|e| {
+            wrong(&format!(
+                "{e} for the airframe `{PAPER}`, and no other flies"
+            ))
+        })?;
     }
     let (wire, run) = flying(instance)?;
     let airframe = airframe(&wire)?;
-    let targets =
-        targets_of(wanted, &airframe, run.sample_time_ns as f64 / 1e9).map_err(|e| wrong(&e))?;
+    let period_s = run.sample_time_ns as f64 / 1e9;
+    let targets = targets_of(wanted, &airframe, period_s).map_err(|e| wrong(&e))?;
     plant::Swap::to(0, &targets).map_err(|e| wrong(&e))?;
-    let Instant {
-        at_tick,
-        in_ticks,
-        wait_ticks,
-    } = when.of(&run)?;
+    let instant = when.of(&run)?;
     let mut order = SwapOrder {
-        at_tick,
-        in_ticks,
+        at_tick: instant.at_tick,
+        in_ticks: instant.in_ticks,
         count: targets.len() as u64,
         parameter: [0; PARAMETERS],
         value: [0.0; PARAMETERS],
         steps: [1; PARAMETERS],
     };
-    for (
-        i,
-        &Target {
-            parameter,
-            value,
-            steps,
-        },
-    ) in targets.iter().enumerate()
-    {
-        (order.parameter[i], order.value[i], order.steps[i]) = (parameter as u64, value, steps);
+    for (i, target) in targets.iter().enumerate() {
+        order.parameter[i] = target.parameter as u64;
+        order.value[i] = target.value;
+        order.steps[i] = target.steps;
     }
-    let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
-    let answer = wire.swap_client()?.ask(order, patience)?;
-    read_answer(&targets, at_tick, &answer, &run, &airframe)
+    let wait = Duration::from_nanos(instant.wait_ticks.saturating_mul(run.period_ns));
+    let answer = wire.swap_client()?.ask(order, TIMEOUT + wait)?;
+    check_applied(&targets, &answer, &airframe)?;
+    let change = |(target, old): (&Target, f64)| content::Change {
+        parameter: target.parameter,
+        old,
+        new: target.value,
+        steps: target.steps,
+    };
+    Ok(Applied {
+        tick: answer.tick,
+        past_tick: Some(instant.at_tick).filter(|tick| *tick < answer.tick),
+        time_s: run.flight_time_s(answer.tick),
+        parameter_epoch: answer.parameter_epoch,
+        sample_time_ns: run.sample_time_ns,
+        changes: targets.iter().zip(answer.old).map(change).collect(),
+    })
 }
 
-/// Refuses what no airframe of any size can have: that need not wait for one that flies.
-fn check_possible(wanted: &[Desired]) -> Result<(), Failure> {
+/// Refuses values that no airframe of any size can have: that need not wait for one that flies.
+fn check_widest_ranges(wanted: &[Desired]) -> Result<(), ParameterError> {
     for Desired {
         parameter, value, ..
     } in wanted
@@ -229,36 +214,174 @@ fn check_possible(wanted: &[Desired]) -> Result<(), Failure> {
         if let RequestedValue::Number(value) = *value
             && parameter.widest().check(*parameter, value).is_err()
         {
-            let paper = |e| {
-                wrong(&format!(
-                    "{e} for the airframe `{PAPER}`, and no other flies"
-                ))
-            };
-            parameter.check(value).map_err(paper)?;
+            parameter.check(value)?;
         }
     }
     Ok(())
 }
 
-fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / sample_time_ns.max(1)
+/// The error of a request that the plant has refused.
+fn check_applied(
+    targets: &[Target],
+    answer: &SwapAnswer,
+    airframe: &Airframe,
+) -> Result<(), Failure> {
+    let Some(outcome) = SwapOutcome::from_wire(answer.verdict) else {
+        return Err(other_version(answer.verdict));
+    };
+    let out_of_range = |parameter: Parameter| {
+        let target = targets.iter().find(|target| target.parameter == parameter);
+        let error = ParameterError::OutOfRange {
+            parameter,
+            value: target.map_or(f64::NAN, |target| target.value),
+            range: airframe.range(parameter),
+        };
+        error.to_string()
+    };
+    let why = match outcome {
+        SwapOutcome::Applied => return Ok(()),
+        SwapOutcome::OutOfRange => Parameter::from_index(answer.parameter)
+            .map_or_else(|| "a value is out of range".into(), out_of_range),
+        SwapOutcome::UnknownParameter => "it does not know one of the parameters".into(),
+        SwapOutcome::Malformed => {
+            "the swap names no parameter, or one twice, or a ramp of no length".into()
+        }
+        SwapOutcome::QueueFull => "too many swaps wait for their ticks; ask again later".into(),
+        SwapOutcome::Ended => "the run ended before the tick".into(),
+    };
+    Err(plant_refused(&why))
+}
+
+fn plant_refused(why: &str) -> Failure {
+    Failure::failed(format!("the plant refused: {why}"))
+}
+
+fn other_version(verdict: u64) -> Failure {
+    Failure::failed(format!(
+        "the plant's answer {verdict} is of another version"
+    ))
+}
+
+/// Requests faults of the loop from the plant of an instance, and waits for its answer.
+fn inject_faults(
+    instance: &Instance,
+    changes: &[Change],
+    when: When,
+    lasts: Option<Duration>,
+) -> Result<String, Failure> {
+    if let Some(once) = changes
+        .iter()
+        .find(|change| lasts.is_some() && !change.lasts())
+    {
+        return Err(
+            Failure::usage(format!("--for: {once} happens once, at an instant"))
+                .help("leave it out"),
+        );
+    }
+    let (wire, run) = flying(instance)?;
+    for change in changes {
+        for (kind, ends) in change.kinds() {
+            let in_lockstep = run.period_ns == LOCKSTEP;
+            check_possible(
+                &kind,
+                &change.to_string(),
+                in_lockstep,
+                run.launcher_pid != 0,
+            )?;
+            if !ends {
+                check_priority(&kind)?;
+            }
+        }
+    }
+    let period_s = run.sample_time_ns as f64 / 1e9;
+    let for_ticks = lasts.map_or(Span::FOR_GOOD, |time| ticks(time, run.sample_time_ns));
+    if for_ticks == 0 {
+        let tick_ms = period_s * 1e3;
+        return Err(Failure::usage(format!(
+            "--for: it is less than a tick, which is {tick_ms} ms here"
+        )));
+    }
+    let faults = |span| changes.iter().flat_map(move |change| change.faults(span));
+    let requested: Vec<LiveFault> = faults(Span::new(0, for_ticks)).collect();
+    let count = requested.len();
+    if count > MOST_AT_ONCE {
+        return Err(Failure::usage(format!(
+            "{count} faults at once, counted by input: allowed are {MOST_AT_ONCE}"
+        ))
+        .help("give several commands, all with --at-tick N for the same tick"));
+    }
+    let instant = when.of(&run)?;
+    let mut order = FaultOrder {
+        at_tick: instant.at_tick,
+        in_ticks: instant.in_ticks,
+        for_ticks,
+        count: count as u64,
+        faults: [FaultCode::default(); MOST_AT_ONCE],
+    };
+    for (code, fault) in order.faults.iter_mut().zip(&requested) {
+        *code = FaultCode::of(fault);
+    }
+    // The plant answers when it has taken them; they begin later.
+    let timeout = TIMEOUT + Duration::from_nanos(run.period_ns);
+    let answer = wire.fault_client()?.ask(order, timeout)?;
+    check_taken(&answer, &requested, period_s)?;
+    let taken: Vec<LiveFault> = faults(Span::new(answer.from, answer.to)).collect();
+    let mut text = String::new();
+    for fault in described(&taken, period_s) {
+        text += &format!("{}\n", fault.words());
+    }
+    if instant.at_tick < answer.from {
+        let tick = instant.at_tick;
+        text += &format!(
+            "tick {tick} was past, or too near: all stages are told {NOTICE_TICKS} ticks before\n"
+        );
+    }
+    Ok(text)
+}
+
+/// The error of faults that the plant has refused.
+fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Result<(), Failure> {
+    let why = match answer.verdict {
+        STRIKES => return Ok(()),
+        MALFORMED => "what was asked for is no fault".into(),
+        ENDED => "the run ended before it".into(),
+        verdict => {
+            let reason = NotTaken::from_wire(verdict).ok_or_else(|| other_version(verdict))?;
+            let which = usize::try_from(answer.which)
+                .ok()
+                .and_then(|i| faults.get(i));
+            match which.filter(|_| reason != NotTaken::NoRoom) {
+                Some(fault) => refused(reason, fault, period_s).to_string(),
+                None => format!(
+                    "it has no room for more: a flight takes {MOST_LIVE} faults by `inject`, counted by input, of \
+                     which {MOST} of messages with those that were planned"
+                ),
+            }
+        }
+    };
+    Err(plant_refused(&why))
 }
 
 /// The wire and the run of an instance that flies.
 pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
-    flight(instance)?.ok_or_else(|| {
-        if instance.is_alive() {
-            return Failure::failed(format!("instance `{}` has not taken off, or has landed", instance.name()))
-                .help("a flight begins when plant, outer, inner and mixer are ready; each says for whom it waits");
-        }
-        let others: Vec<String> = Instance::flying().iter().map(|other| other.name().to_owned()).collect();
-        let help = if others.is_empty() {
-            "no instance flies; start one: ironbird fly".to_owned()
-        } else {
-            format!("running instances: {}; name one with --instance NAME", others.join(", "))
-        };
-        Failure::failed(format!("no flight is running as instance `{}`", instance.name())).help(help)
-    })
+    if let Some(flight) = flight(instance)? {
+        return Ok(flight);
+    }
+    let name = instance.name();
+    if instance.is_alive() {
+        return Err(
+            Failure::failed(format!("instance `{name}` has not taken off, or has landed")).help(
+                "a flight begins when plant, outer, inner and mixer are ready; each says for whom it waits",
+            ),
+        );
+    }
+    let others = Instance::flying();
+    let others: Vec<&str> = others.iter().map(Instance::name).collect();
+    let help = match others.join(", ") {
+        none if none.is_empty() => "no instance flies; start one: ironbird fly".to_owned(),
+        others => format!("running instances: {others}; name one with --instance NAME"),
+    };
+    Err(Failure::failed(format!("no flight is running as instance `{name}`")).help(help))
 }
 
 /// The wire and the run of an instance, if it flies.
@@ -267,85 +390,14 @@ pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
         return Ok(None);
     }
     let wire = Wire::open(instance)?;
-    let run = wire
-        .blackboard_reader::<Run>(RUN)?
-        .map(|board| board.get())
-        .unwrap_or_default();
+    let run = wire.blackboard_reader::<Run>(RUN)?;
+    let run = run.map(|blackboard| blackboard.get()).unwrap_or_default();
     Ok((run.phase() == RunPhase::Flying).then_some((wire, run)))
 }
 
 /// The airframe that flies, as it was built.
 pub fn airframe(wire: &Wire) -> Result<Airframe, Failure> {
-    let text = wire
-        .blackboard_reader::<SettingsText>(SETTINGS)?
-        .map(|board| board.get())
-        .unwrap_or_default();
+    let text = wire.blackboard_reader::<SettingsText>(SETTINGS)?;
+    let text = text.map(|blackboard| blackboard.get()).unwrap_or_default();
     airframe_of(&pairs(text.text()))
-}
-
-fn read_answer(
-    targets: &[Target],
-    at_tick: u64,
-    answer: &SwapAnswer,
-    run: &Run,
-    airframe: &Airframe,
-) -> Result<Applied, Failure> {
-    let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
-    match SwapOutcome::from_wire(answer.verdict) {
-        Some(SwapOutcome::Applied) => Ok(Applied {
-            tick: answer.tick,
-            past_tick: (at_tick < answer.tick).then_some(at_tick),
-            time_s: run.flight_time_s(answer.tick),
-            parameter_epoch: answer.parameter_epoch,
-            sample_time_ns: run.sample_time_ns,
-            changes: targets
-                .iter()
-                .zip(answer.old)
-                .map(
-                    |(
-                        &Target {
-                            parameter,
-                            value,
-                            steps,
-                        },
-                        old,
-                    )| content::Change {
-                        parameter,
-                        old,
-                        new: value,
-                        steps,
-                    },
-                )
-                .collect(),
-        }),
-        Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {
-            Some(parameter) => {
-                let wanted = targets.iter().find(|target| target.parameter == parameter);
-                let value = wanted.map_or(f64::NAN, |target| target.value);
-                refused(
-                    ParameterError::OutOfRange {
-                        parameter,
-                        value,
-                        range: airframe.range(parameter),
-                    }
-                    .to_string(),
-                )
-            }
-            None => refused("a value is out of range".into()),
-        },
-        Some(SwapOutcome::UnknownParameter) => {
-            refused("it does not know one of the parameters".into())
-        }
-        Some(SwapOutcome::Malformed) => {
-            refused("the swap names no parameter, or one twice, or a ramp of no length".into())
-        }
-        Some(SwapOutcome::QueueFull) => {
-            refused("too many swaps wait for their ticks; ask again later".into())
-        }
-        Some(SwapOutcome::Ended) => refused("the run ended before the tick".into()),
-        None => Err(Failure::failed(format!(
-            "the plant's answer {} is of another version",
-            answer.verdict
-        ))),
-    }
 }

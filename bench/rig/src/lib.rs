@@ -31,7 +31,6 @@ pub mod recorded_timing;
 pub mod replay;
 pub mod report_command;
 pub mod resource_limits;
-pub mod roles;
 pub mod run_directory;
 pub mod runs;
 pub mod settings;

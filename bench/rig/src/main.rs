@@ -4,14 +4,18 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use errors::Failure;
+<<<<<<< HEAD
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::fault::listing;
 use ironbird::floor;
+=======
+use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
+use ironbird::floor::{self, ring_stage};
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
 use ironbird::output::say;
-use ironbird::supervisor::cpu_load;
 use ironbird::{
-    campaign, clean, compare, doctor, export, inject, laws, manual, margin, new_law, params,
-    replay, report_command, resource_limits, roles, runs, simulate, supervisor, watch,
+    campaign, clean, compare, doctor, export, laws, manual, margin, new_law, params,
+    report_command, resource_limits, runs, watch,
 };
 use messages::checks;
 use messages::role::Role;
@@ -46,7 +50,7 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Result<u8, Failure> {
     match &cli.command {
-        Command::Fly(args) => supervisor::fly_command::fly(args),
+        Command::Fly(args) => fly::fly(args),
         Command::Watch(args) => watch::watch(args),
         #[cfg(feature = "foxglove")]
         Command::Bridge(BridgeTo::Foxglove(args)) => ironbird::bridge::foxglove(args),
@@ -55,16 +59,16 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
             "this build of ironbird has no bridge to Foxglove",
         )
         .help("build one that has: cargo run --release --features foxglove -- bridge foxglove")),
-        Command::Inject(args) => inject::inject(args),
+        Command::Inject(args) => commands::inject(args),
         Command::Params(args) => params::params(args),
-        Command::Faults => listing::faults(),
+        Command::Faults => commands::faults(),
         Command::Laws(args) => laws::laws(args),
         Command::New(args) => new_law::new(args),
         Command::Report(args) => report_command::show(args),
         Command::Export(args) => export::export(args),
-        Command::Replay(args) => replay::replay(args),
+        Command::Replay(args) => commands::replay(args),
         Command::Runs(args) => runs::runs(args),
-        Command::Simulate(args) => simulate::simulate(args),
+        Command::Simulate(args) => commands::simulate(args),
         Command::Compare(args) => compare::compare(args),
         Command::Margin(args) => margin::margin(args),
         Command::Campaign(command) => campaign::campaign(command),
@@ -78,7 +82,12 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Inner(args) => roles::play(Role::Inner, args),
         Command::Mixer(args) => roles::play(Role::Mixer, args),
         Command::Record(args) => roles::record(args),
+<<<<<<< HEAD
         Command::RingHop(args) => floor::ring_hop(args),
         Command::CpuLoad(args) => cpu_load::cpu_load(args),
+=======
+        Command::RingHop(args) => ring_stage::run(args),
+        Command::CpuLoad(args) => commands::cpu_load(args),
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
     }
 }

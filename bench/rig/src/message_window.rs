@@ -16,7 +16,6 @@ pub struct MessageWindow<C: Topic> {
 
 impl<C: Topic> MessageWindow<C> {
     /// An empty window that keeps `kept` processed messages.
-    #[must_use]
     pub const fn keeping(kept: usize) -> Self {
         Self {
             kept,
@@ -25,15 +24,14 @@ impl<C: Topic> MessageWindow<C> {
         }
     }
 
-    pub fn extend(&mut self, messages: &[Message<C>]) {
+    pub fn push(&mut self, message: Message<C>) {
         let forgotten = self.done.saturating_sub(self.kept);
         self.messages.drain(..forgotten);
         self.done -= forgotten;
-        self.messages.extend(messages);
+        self.messages.push_back(message);
     }
 
     /// The first message that has not been processed.
-    #[must_use]
     pub fn next(&self) -> Option<&Message<C>> {
         self.messages.get(self.done)
     }
@@ -53,29 +51,19 @@ impl<C: Topic> MessageWindow<C> {
         }
     }
 
-    #[must_use]
     pub fn newest_tick(&self) -> Option<u64> {
         self.messages.back().map(|message| message.envelope.tick)
     }
 
     /// The input of a stage, by the tick that the stage reports; none if that message is not in the window.
-    #[must_use]
     pub fn input(&self, input_tick: u64) -> Option<Stamped<C>> {
         if input_tick == NO_TICK {
-            return Some(Stamped {
-                tick: NO_TICK,
-                content: C::default(),
-            });
+            return Some(Stamped::none());
         }
-        let content = self.of(input_tick)?.content;
-        Some(Stamped {
-            tick: input_tick,
-            content,
-        })
+        Some(Stamped::new(input_tick, self.of(input_tick)?.content))
     }
 
     /// The `count` messages up to tick `last`; none if there are fewer.
-    #[must_use]
     pub fn up_to(&self, last: u64, count: u64) -> Option<impl Iterator<Item = &Message<C>>> {
         let end = if count > 0 { self.place(last)? + 1 } else { 0 };
         let begin = end.checked_sub(usize::try_from(count).ok()?)?;
@@ -84,7 +72,6 @@ impl<C: Topic> MessageWindow<C> {
 
     /// The first `first` messages after tick `before`, and the `last` messages up to tick `until`; none if no message lies
     /// between the two groups.
-    #[must_use]
     pub fn parted(
         &self,
         before: u64,
@@ -103,27 +90,18 @@ impl<C: Topic> MessageWindow<C> {
         (head.end < tail.start).then(|| self.messages.range(head).chain(self.messages.range(tail)))
     }
 
-    #[must_use]
     pub fn of(&self, tick: u64) -> Option<&Message<C>> {
         self.messages.get(self.place(tick)?)
     }
 
     fn place(&self, tick: u64) -> Option<usize> {
+        let tick_of = |message: &Message<C>| message.envelope.tick;
         // Without gaps, the distance from the first tick is the index.
-        let first = self
-            .messages
-            .front()
-            .map_or(0, |message| message.envelope.tick);
+        let first = self.messages.front().map_or(0, tick_of);
         let likely = usize::try_from(tick.wrapping_sub(first)).unwrap_or(usize::MAX);
-        if self
-            .messages
-            .get(likely)
-            .is_some_and(|message| message.envelope.tick == tick)
-        {
+        if self.messages.get(likely).map(tick_of) == Some(tick) {
             return Some(likely);
         }
-        self.messages
-            .binary_search_by_key(&tick, |message| message.envelope.tick)
-            .ok()
+        self.messages.binary_search_by_key(&tick, tick_of).ok()
     }
 }

@@ -7,14 +7,14 @@
 use std::path::Path;
 
 use flight_log::entry::LogEntry;
-use flight_log::reader::{End, LogReader};
+use flight_log::reader::{End, Kept, LogReader};
 use messages::grid::Pace;
-use messages::header::Header;
+use messages::header::Message;
 use messages::role::Role;
 use report::flight_statistics::is_last_word;
+use report::phrase::count;
 use sha2::{Digest as _, Sha256};
 
-use crate::replay::log_check::{check_whole, first_of};
 use crate::settings::Settings;
 use errors::Failure;
 
@@ -77,56 +77,40 @@ impl Timing {
             .help("name a flight in real time: `ironbird fly --log all --pace realtime`"));
         }
         let mut take = |entry: &LogEntry| {
-            let event = |envelope: &Header, role: Role, source| {
-                let Header { tick, epoch, .. } = *envelope;
-                Event {
-                    sent_ns: envelope.stamps_of(role).send_ns,
-                    tick,
-                    epoch,
-                    source,
+            let (envelope, role, source) = match entry {
+                LogEntry::State(Message { envelope, content }) => {
+                    last_tick = envelope.tick;
+                    let source = Source::State {
+                        taken: content.commands_taken,
+                        taken_tick: content.command_taken_tick,
+                    };
+                    (envelope, Role::Plant, source)
                 }
-            };
-            match entry {
-                LogEntry::State(message) => {
-                    let (taken, taken_tick) = (
-                        message.content.commands_taken,
-                        message.content.command_taken_tick,
-                    );
-                    last_tick = message.envelope.tick;
-                    events.push(event(
-                        &message.envelope,
-                        Role::Plant,
-                        Source::State { taken, taken_tick },
-                    ));
+                LogEntry::Setpoint(Message { envelope, .. }) => {
+                    let state = envelope.input_tick[0];
+                    (envelope, Role::Outer, Source::Setpoint { state })
                 }
-                LogEntry::Setpoint(message) => {
-                    let state = message.envelope.input_tick[0];
-                    events.push(event(
-                        &message.envelope,
-                        Role::Outer,
-                        Source::Setpoint { state },
-                    ));
-                }
-                LogEntry::Wrench(message) => {
-                    let [state, setpoint, _] = message.envelope.input_tick;
-                    events.push(event(
-                        &message.envelope,
-                        Role::Inner,
-                        Source::Wrench { state, setpoint },
-                    ));
+                LogEntry::Wrench(Message { envelope, .. }) => {
+                    let [state, setpoint, _] = envelope.input_tick;
+                    (envelope, Role::Inner, Source::Wrench { state, setpoint })
                 }
                 LogEntry::RotorSpeeds(message) if !is_last_word(message) => {
-                    let (envelope, wrench) = (&message.envelope, message.envelope.input_tick[2]);
-                    let acts_from =
-                        pace.effective_tick(envelope.tick, envelope.stamps_of(Role::Mixer).send_ns);
-                    events.push(event(
-                        envelope,
-                        Role::Mixer,
-                        Source::RotorSpeeds { wrench, acts_from },
-                    ));
+                    let envelope = &message.envelope;
+                    let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
+                    let source = Source::RotorSpeeds {
+                        wrench: envelope.input_tick[2],
+                        acts_from: pace.effective_tick(envelope.tick, sent_ns),
+                    };
+                    (envelope, Role::Mixer, source)
                 }
-                LogEntry::RotorSpeeds(_) | LogEntry::Swap(_) | LogEntry::Theorem(_) => {}
-            }
+                LogEntry::RotorSpeeds(_) | LogEntry::Swap(_) | LogEntry::Theorem(_) => return,
+            };
+            events.push(Event {
+                sent_ns: envelope.stamps_of(role).send_ns,
+                tick: envelope.tick,
+                epoch: envelope.epoch,
+                source,
+            });
         };
         take(&first);
         while let Some(entry) = reader.next_entry()? {
@@ -148,30 +132,22 @@ impl Timing {
     }
 
     /// A checksum over the order of events, independent of the file and of absolute times.
-    #[must_use]
     pub fn sum(&self) -> String {
         let mut sum = Sha256::new();
         let mut add = |numbers: &[u64]| {
-            numbers
-                .iter()
-                .for_each(|number| sum.update(number.to_le_bytes()))
+            for number in numbers {
+                sum.update(number.to_le_bytes());
+            }
         };
         add(&[self.sample_time_ns, self.last_tick]);
-        for Event {
-            sent_ns: _,
-            tick,
-            epoch,
-            source,
-        } in &self.events
-        {
-            match source {
-                Source::State { taken, taken_tick } => {
-                    add(&[0, *tick, *epoch, *taken, *taken_tick])
-                }
-                Source::Setpoint { state } => add(&[1, *tick, *epoch, *state]),
-                Source::Wrench { state, setpoint } => add(&[2, *tick, *epoch, *state, *setpoint]),
+        for event in &self.events {
+            let (tick, epoch) = (event.tick, event.epoch);
+            match event.source {
+                Source::State { taken, taken_tick } => add(&[0, tick, epoch, taken, taken_tick]),
+                Source::Setpoint { state } => add(&[1, tick, epoch, state]),
+                Source::Wrench { state, setpoint } => add(&[2, tick, epoch, state, setpoint]),
                 Source::RotorSpeeds { wrench, acts_from } => {
-                    add(&[3, *tick, *epoch, *wrench, *acts_from])
+                    add(&[3, tick, epoch, wrench, acts_from]);
                 }
             }
         }
@@ -208,4 +184,39 @@ impl Timing {
         }
         Ok(())
     }
+}
+
+/// The first message of a log; everything about the flight stands before it.
+pub fn first_of(reader: &mut LogReader) -> Result<LogEntry, Failure> {
+    if let Some(first) = reader.next_entry()? {
+        return Ok(*first);
+    }
+    let path = reader.path().display();
+    Err(match reader.end() {
+        End::Complete => Failure::failed(format!("{path} holds no message: nothing was flown")),
+        End::Truncated => Failure::failed(format!("{path} is truncated before its first message"))
+            .help("nothing can be replayed or exported from it; name another flight"),
+    })
+}
+
+/// Refuses partial logs, whose initial state is unknown.
+pub(crate) fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
+    let Kept {
+        around_ticks,
+        files_before,
+    } = reader.kept()?;
+    let what = match around_ticks {
+        Some(ticks) => format!(
+            "it keeps excerpts, {} before and after each event",
+            count(ticks, "tick")
+        ),
+        None if files_before > 0 => {
+            format!("it is not the log's first file; missing before it: {files_before}")
+        }
+        None => return Ok(()),
+    };
+    Err(Failure::failed(format!("{} cannot be replayed: {what}", path.display())).help(
+        "a state depends on everything before it, so that only a whole log can be flown again: `fly --log all`, with \
+         `recorder.log_files = 0`; `ironbird export` gives what is there",
+    ))
 }

@@ -15,7 +15,6 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 use toml::Table;
 
-use crate::record::hlog;
 use crate::settings::{LogName, Settings};
 use crate::wall_time::file_stamp;
 use errors::{Failure, InFile as _, open_file, read_text};
@@ -32,7 +31,6 @@ pub struct RunDirectory {
 }
 
 /// Whether the process that created a run directory still runs.
-#[must_use]
 pub fn is_held(directory: &Path) -> bool {
     let locked = |file: File| flock(&file, FlockOperation::NonBlockingLockShared);
     open_file(&directory.join(FACTS)).is_ok_and(|file| locked(file) == Err(Errno::WOULDBLOCK))
@@ -40,6 +38,8 @@ pub fn is_held(directory: &Path) -> bool {
 
 /// The file with build, settings and host; a directory with this file is a flight.
 pub const FACTS: &str = "run.json";
+/// The file with every latency series; its recorder holds a lock on it.
+pub const LATENCIES: &str = "latency.hlog";
 
 /// Files of a flight besides its log and the output of its processes.
 const FILES: [&str; 11] = [
@@ -51,13 +51,12 @@ const FILES: [&str; 11] = [
     "report.txt",
     "report.html",
     "flight.svg",
-    hlog::FILE,
+    LATENCIES,
     "states.csv",
     flight_log::perfetto::FILE,
 ];
 
 /// Whether a flight creates a file of this name.
-#[must_use]
 pub fn is_ours(name: &str) -> bool {
     let role = name
         .strip_suffix(".log")
@@ -65,17 +64,16 @@ pub fn is_ours(name: &str) -> bool {
     FILES.contains(&name) || role.is_some() || flight_log::part_of(name).is_some()
 }
 
+/// Names of the entries of a directory.
+fn names(directory: &Path) -> impl Iterator<Item = String> {
+    let entries = fs::read_dir(directory).into_iter().flatten();
+    entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+}
+
 /// Entries of a directory by name.
-#[must_use]
 pub fn entries(directory: &Path, is_wanted: impl Fn(&str) -> bool) -> Vec<PathBuf> {
-    let entries = fs::read_dir(directory)
-        .into_iter()
-        .flatten()
-        .filter_map(Result::ok);
-    entries
-        .filter(|entry| entry.file_name().to_str().is_some_and(&is_wanted))
-        .map(|entry| entry.path())
-        .collect()
+    let wanted = names(directory).filter(|name| is_wanted(name));
+    wanted.map(|name| directory.join(name)).collect()
 }
 
 /// The directory with all flights: the given one, or the one in the settings.
@@ -152,7 +150,6 @@ impl RunDirectory {
         let _ = fs::remove_dir(&self.path);
     }
 
-    #[must_use]
     pub fn settings_file(&self) -> PathBuf {
         self.path.join("settings.toml")
     }
@@ -189,36 +186,24 @@ pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     let mut candidates = vec![run.to_owned(), out.join(run)];
     // An absolute path gives the same candidate twice.
     candidates.dedup();
-    candidates
-        .iter()
-        .find(|path| path.is_dir())
-        .cloned()
-        .ok_or_else(|| {
-            let places: Vec<String> = candidates
-                .iter()
-                .map(|path| path.display().to_string())
-                .collect();
-            Failure::usage(format!(
-                "no flight at {}; {}",
-                places.join(" or "),
-                flights_in(&out)
-            ))
-            .help(
-                "name a run directory or `latest`; --out DIR names the directory with all flights",
-            )
-        })
+    if let Some(found) = candidates.iter().find(|path| path.is_dir()) {
+        return Ok(found.clone());
+    }
+    let places = candidates.iter().map(|path| path.display().to_string());
+    let places: Vec<String> = places.collect();
+    Err(Failure::usage(format!(
+        "no flight at {}; {}",
+        places.join(" or "),
+        flights_in(&out)
+    ))
+    .help("name a run directory or `latest`; --out DIR names the directory with all flights"))
 }
 
 /// The newest flights of a directory, as text.
 fn flights_in(out: &Path) -> String {
     const SHOWN: usize = 5;
-    let mut flights: Vec<String> = fs::read_dir(out)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| Some(entry.ok()?.path()).filter(|path| path.join(FACTS).is_file()))
-        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
-        .filter(|name| name != "latest")
-        .collect();
+    let is_flight = |name: &String| name != "latest" && out.join(name).join(FACTS).is_file();
+    let mut flights: Vec<String> = names(out).filter(is_flight).collect();
     flights.sort_by(|a, b| b.cmp(a));
     match flights.len() {
         0 => format!("{} holds no flight", out.display()),
@@ -232,20 +217,13 @@ fn flights_in(out: &Path) -> String {
 }
 
 /// The files of a flight's log, in order. The first ones of a long log may have been removed.
-#[must_use]
 pub fn log_files(directory: &Path) -> Vec<PathBuf> {
-    let names = fs::read_dir(directory)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-    let mut parts: Vec<u64> = names
+    let mut parts: Vec<u64> = names(directory)
         .filter_map(|name| flight_log::part_of(&name))
         .collect();
     parts.sort_unstable();
-    parts
-        .into_iter()
-        .map(|part| directory.join(flight_log::file_name(part)))
-        .collect()
+    let path = |part| directory.join(flight_log::file_name(part));
+    parts.into_iter().map(path).collect()
 }
 
 /// The first file of a flight's log; `run` is a run directory, `latest`, or the file itself.
@@ -257,29 +235,24 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     if let Some(first) = log_files(&directory).first() {
         return Ok(first.clone());
     }
-    let settings = read_text("read", &directory.join("settings.toml"))
-        .ok()
-        .and_then(|text| text.parse::<Table>().ok());
-    let kept = settings
-        .as_ref()
-        .and_then(|settings| settings.get("recorder")?.get("log")?.as_str());
-    if kept == Some(LogName::Off.name()) {
+    let place = directory.display();
+    let settings = read_text("read", &directory.join("settings.toml")).unwrap_or_default();
+    let settings: Table = settings.parse().unwrap_or_default();
+    let log = settings
+        .get("recorder")
+        .and_then(|recorder| recorder.get("log")?.as_str());
+    if log == Some(LogName::Off.name()) {
         return Err(Failure::usage(format!(
-            "{} holds no {FILE}: it was flown with recorder.log = \"off\"",
-            directory.display()
+            "{place} holds no {FILE}: it was flown with recorder.log = \"off\""
         ))
         .help("name a flight that has one; `fly --log all` logs every message, `--log around-misses` excerpts"));
     }
-    let mut there: Vec<String> = fs::read_dir(&directory)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| Some(entry.ok()?.file_name().to_string_lossy().into_owned()))
-        .collect();
+    let mut there: Vec<String> = names(&directory).collect();
     there.sort();
-    Err(Failure::usage(format!(
-        "{} holds no {FILE}; it holds: {}",
-        directory.display(),
-        there.join(", ")
-    ))
-    .help("name a flight that has one, or the file itself; flights of earlier versions have none"))
+    let there = there.join(", ");
+    Err(
+        Failure::usage(format!("{place} holds no {FILE}; it holds: {there}")).help(
+            "name a flight that has one, or the file itself; flights of earlier versions have none",
+        ),
+    )
 }

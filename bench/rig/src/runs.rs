@@ -15,7 +15,7 @@ use crate::cli::RunsArgs;
 use crate::export;
 use crate::output::{print, print_json};
 use crate::record::hlog;
-use crate::run_directory::{FACTS, entries, is_held, is_ours, out_or_default};
+use crate::run_directory::{FACTS, LATENCIES, entries, is_held, is_ours, out_or_default};
 use crate::settings::airframe::PAPER;
 use crate::settings::last_name;
 use crate::wall_time::utc;
@@ -84,6 +84,7 @@ impl RecordedRun {
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
+<<<<<<< HEAD
         let text = read_text("read", &facts).ok()?;
         let RunFacts { settings, .. } = serde_json::from_str(&text).ok()?;
         let airframe = settings["flight"]["airframe"].as_str().unwrap_or(PAPER);
@@ -95,6 +96,18 @@ impl RecordedRun {
         let started_at = |report: &Report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id);
         let started_after = report.map_or(made, started_at).duration_since(UNIX_EPOCH);
         let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
+=======
+        let RunFacts { settings, .. } =
+            serde_json::from_str(&read_text("read", &facts).ok()?).ok()?;
+        let report = Report::read(&directory.join("report.json")).ok();
+        let made = fs::metadata(&facts)
+            .and_then(|it| it.modified())
+            .unwrap_or(UNIX_EPOCH);
+        let started = report.as_ref().map_or(made, |report| {
+            UNIX_EPOCH + Duration::from_nanos(report.run.run_id)
+        });
+        let is_in_the_air = directory.join(LATENCIES).exists() && hlog::lives(directory);
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
         let is_held = is_held(directory);
         let status = match report {
             _ if is_in_the_air => "in the air".into(),

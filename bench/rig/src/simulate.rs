@@ -1,22 +1,20 @@
-//! `ironbird simulate`: runs the four tick functions in one process, in simulated time.
+//! Simulates a flight and prints the result: the report of `ironbird simulate`.
 
 use std::path::Path;
 use std::time::Instant;
 
 use controller::laws::adaptive;
-use messages::parameters::{ESTIMATED, Parameter};
+use messages::parameters::ESTIMATED;
 
-use crate::cli::SimulateArgs;
 use crate::invalid_outputs::InvalidOutputs;
-use crate::output::{print, say};
+use crate::output::print;
 use crate::recorded_timing::Timing;
-use crate::run_directory::find_log;
 use crate::settings::Settings;
 use crate::simulator::Simulator;
 pub(crate) use crate::simulator::simulated_flight::{Judge, follow};
 pub use crate::simulator::simulated_flight::{SimulatedFlight, fly, fly_with};
 use crate::wall_time::speed;
-use errors::{Failure, GATE, OK, check_writable, write_text};
+use errors::{Failure, GATE, OK, write_text};
 use report::phrase::count;
 use report::render::figures::Figures;
 use report::render::picture;
@@ -26,29 +24,6 @@ use report::status::FlightStatus;
 use report::theorem::TheoremStatistics;
 use report::tracer::Tracer;
 use report::tracking::Tracking;
-
-pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
-    let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
-    check_writable("--states", args.states.as_deref())?;
-    check_writable("--plot", args.plot.as_deref())?;
-    check_drawn(args.plot.as_deref())?;
-    for warning in settings.warnings()? {
-        say(&format!("warning: {warning}\n"));
-    }
-    let timing = args
-        .timing
-        .as_deref()
-        .map(|run| Timing::read(&find_log(run, args.out.as_deref())?))
-        .transpose()?;
-    timing
-        .iter()
-        .try_for_each(|timing| timing.check(&settings, "--timing"))?;
-    let leaves = OutputFiles {
-        states: args.states.as_deref(),
-        plot: args.plot.as_deref(),
-    };
-    Ok(report(&settings, timing.as_ref(), &leaves)?.1)
-}
 
 /// Files to write.
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,13 +40,9 @@ pub fn report(
 ) -> Result<(SimulatedFlight, u8), Failure> {
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let laws = settings.flown_laws()?;
-    let mut states = match leaves.states {
-        Some(path) => {
-            let every = settings.recorder.states_every_ticks;
-            Some(StatesWriter::create(path, tracking, laws, every)?)
-        }
-        None => None,
-    };
+    let every = settings.recorder.states_every_ticks;
+    let create = |path| StatesWriter::create(path, tracking, laws, every);
+    let mut states = leaves.states.map(create).transpose()?;
     let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?);
     let mut observations = Observations::new(settings)?;
     let start = Instant::now();
@@ -109,32 +80,20 @@ pub fn report(
         .gate_theorem
         .then(|| Gate::theorem(&theorem));
     let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
-    let mut text =
-        summary(&flown, settings, wall_s) + &observations.estimates() + "\n" + &theorem.text();
-    text.extend(
-        observations
-            .unusable
-            .sentences(settings)?
-            .iter()
-            .map(|sentence| format!("{sentence}\n")),
-    );
+    let mut lines = observations.unusable.sentences(settings)?;
     for fault in settings.injected()? {
-        text += &format!("fault {}\n", fault.words());
+        lines.push(format!("fault {}", fault.words()));
     }
     if timing.is_some() || !settings.planned()?.spares_the_loop() {
-        text += &outages(&rig);
+        lines.push(outages(&rig));
     }
-    text.extend(
-        flown
-            .departure
-            .iter()
-            .map(|departure| format!("{departure}\n")),
-    );
-    text.extend(
-        gate.iter()
-            .filter(|gate| !gate.held)
-            .map(|gate| format!("{gate}\n")),
-    );
+    lines.extend(flown.departure.clone());
+    lines.extend(gate.iter().filter(|gate| !gate.held).map(Gate::to_string));
+    let mut text =
+        summary(&flown, settings, wall_s) + &observations.estimates() + "\n" + &theorem.text();
+    for line in lines {
+        text += &(line + "\n");
+    }
     let status = if passes {
         FlightStatus::Pass
     } else {
@@ -155,25 +114,11 @@ pub fn report(
 fn outages(rig: &Simulator) -> String {
     let state = rig.state();
     format!(
-        "{} skipped, {} missed, {} refused\n",
+        "{} skipped, {} missed, {} refused",
         count(state.ticks_skipped, "tick"),
         count(state.deadlines_missed, "deadline"),
         count(rig.rejections().total(), "message")
     )
-}
-
-/// Refuses a plot file that is not SVG.
-fn check_drawn(path: Option<&Path>) -> Result<(), Failure> {
-    match path.filter(|path| {
-        path.extension()
-            .is_none_or(|ending| !ending.eq_ignore_ascii_case("svg"))
-    }) {
-        Some(path) => Err(
-            Failure::usage(format!("--plot {}: only SVG is drawn", path.display()))
-                .help("name a file that ends in .svg; browsers and most converters read it"),
-        ),
-        None => Ok(()),
-    }
 }
 
 fn summary(flown: &SimulatedFlight, settings: &Settings, wall_s: f64) -> String {
@@ -201,9 +146,9 @@ impl Observations {
         let mut theorem = TheoremStatistics::default();
         theorem.flown_by(&settings.airframe()?);
         let law_without = settings.law_without_theorem()?;
-        law_without
-            .into_iter()
-            .for_each(|law| theorem.does_not_apply(law));
+        if let Some(law) = law_without {
+            theorem.does_not_apply(law);
+        }
         Ok(Self {
             theorem,
             has_estimates: law_without.is_none(),
@@ -219,9 +164,9 @@ impl Observations {
         let Some(wrench) = rig.new_wrench() else {
             return;
         };
-        rig.monitor()
-            .into_iter()
-            .for_each(|monitor| self.theorem.take(0, monitor));
+        if let Some(monitor) = rig.monitor() {
+            self.theorem.take(0, monitor);
+        }
         if self.has_estimates {
             let estimate = adaptive::estimate(&wrench.telemetry);
             self.newest = Some(std::array::from_fn(|i| (estimate[i], actual[i])));
@@ -229,16 +174,12 @@ impl Observations {
     }
 
     fn estimates(&self) -> String {
-        let line = |(parameter, (estimated, actual)): (Parameter, (f64, f64))| {
-            format!(
-                "  {:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n",
-                parameter.name()
-            )
-        };
-        self.newest
-            .into_iter()
-            .flat_map(|newest| ESTIMATED.into_iter().zip(newest))
-            .map(line)
-            .collect()
+        let mut text = String::new();
+        let newest = self.newest.into_iter().flatten();
+        for (parameter, (estimated, actual)) in ESTIMATED.into_iter().zip(newest) {
+            let name = parameter.name();
+            text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
+        }
+        text
     }
 }

@@ -11,16 +11,17 @@ pub mod simulated_flight;
 pub mod timed;
 
 use std::collections::VecDeque;
+use std::mem::replace;
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
 use errors::Failure;
-use messages::content::{NO_TICK, Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::fault::faulty_input::FaultyInput;
 use messages::fault::gate::Gate;
 use messages::fault::live::FaultKind;
 use messages::fault::{MessageFaults, Port};
-use messages::header::{Header, Message};
+use messages::header::Message;
 use messages::inspection::Rejections;
 use messages::monitor::Monitor;
 use messages::role::{Role, STAGES};
@@ -29,12 +30,10 @@ use plant::command_hold::PENDING_COMMANDS;
 use plant::{EnvelopeViolation, Plant};
 use report::states::{Joined, TickRecord};
 
-use crate::fault::FaultError;
 use crate::fault::plan::{Lateness, Planned, StageFault, StageTicks};
 use crate::settings::Settings;
 
 /// A simulated flight between two ticks.
-#[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub struct Simulator {
     plant: Plant,
     outer: GuardedOuter,
@@ -52,13 +51,8 @@ pub struct Simulator {
     faulted: Option<Box<Faulted>>,
 }
 
-fn needs_no_processor(what: &'static str) -> Failure {
-    Failure::usage(format!("fault: {}", FaultError::Processor(what)))
-}
-
 impl Simulator {
     /// A flight before tick 0.
-    #[must_use]
     pub fn new(
         plant: &plant::PlantSettings,
         outer: GuardedOuter,
@@ -70,22 +64,10 @@ impl Simulator {
             outer,
             inner,
             mixer,
-            state: Stamped {
-                tick: NO_TICK,
-                content: State::default(),
-            },
-            setpoint: Stamped {
-                tick: NO_TICK,
-                content: Setpoint::default(),
-            },
-            wrench: Stamped {
-                tick: NO_TICK,
-                content: Wrench::default(),
-            },
-            rotor_speeds: Stamped {
-                tick: NO_TICK,
-                content: RotorSpeeds::default(),
-            },
+            state: Stamped::none(),
+            setpoint: Stamped::none(),
+            wrench: Stamped::none(),
+            rotor_speeds: Stamped::none(),
             tick: 0,
             envelope: Ok(()),
             theorem: None,
@@ -100,9 +82,6 @@ impl Simulator {
     }
 
     /// The same with other loops than the settings name.
-    ///
-    /// # Errors
-    /// As [`Self::of`]; usage if a fault kills such a loop, because it cannot be created again.
     pub fn with(
         settings: &Settings,
         outer: GuardedOuter,
@@ -129,11 +108,14 @@ impl Simulator {
         let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
         let planned = settings.planned()?;
         for fault in &planned.acts {
-            match fault.trouble {
-                FaultKind::Hog { .. } => return Err(needs_no_processor("cpu.hog")),
-                FaultKind::Load { .. } => return Err(needs_no_processor("cpu.load")),
-                _ => {}
-            }
+            let name = match fault.trouble {
+                FaultKind::Hog { .. } => "cpu.hog",
+                FaultKind::Load { .. } => "cpu.load",
+                _ => continue,
+            };
+            return Err(Failure::usage(format!(
+                "fault: {name}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`"
+            )));
         }
         if !planned.spares_the_loop() {
             let faulted = Faulted::new(settings, &planned)?;
@@ -149,7 +131,6 @@ impl Simulator {
     }
 
     /// Adds the theorem's monitor, if the inner law has a theorem.
-    #[must_use]
     pub fn with_monitor(self, theorem: Option<TheoremMonitor>) -> Self {
         let mut rig = Self { theorem, ..self };
         if let Some(faulted) = &mut rig.faulted {
@@ -247,30 +228,25 @@ impl Simulator {
     }
 
     /// The last tick; [`NO_TICK`] before the first.
-    #[must_use]
     pub const fn flown_tick(&self) -> u64 {
         self.tick.wrapping_sub(1)
     }
 
-    #[must_use]
     pub const fn next_tick(&self) -> u64 {
         self.tick
     }
 
     /// Tick of the newest state.
-    #[must_use]
     pub const fn state_tick(&self) -> u64 {
         self.state.tick
     }
 
     /// Whether the plant published a state in the last tick: not during its outage.
-    #[must_use]
     pub const fn has_state(&self) -> bool {
         self.state.tick == self.flown_tick()
     }
 
     /// Messages that inspection rejected after a fault.
-    #[must_use]
     pub fn rejections(&self) -> Rejections {
         let of_stages = self
             .faulted
@@ -281,43 +257,36 @@ impl Simulator {
     }
 
     /// State of the last tick; an older one during an outage of the plant.
-    #[must_use]
     pub const fn state(&self) -> &State {
         &self.state.content
     }
 
     /// The set-point of the last tick, if there is one.
-    #[must_use]
     pub fn setpoint(&self) -> Option<&Setpoint> {
         (self.setpoint.tick == self.flown_tick()).then_some(&self.setpoint.content)
     }
 
     /// The newest wrench.
-    #[must_use]
     pub const fn wrench(&self) -> &Wrench {
         &self.wrench.content
     }
 
     /// The newest rotor command.
-    #[must_use]
     pub const fn rotor_speeds(&self) -> &RotorSpeeds {
         &self.rotor_speeds.content
     }
 
     /// The wrench of the last tick, if there is one.
-    #[must_use]
     pub fn new_wrench(&self) -> Option<&Wrench> {
         (self.wrench.tick == self.flown_tick()).then_some(&self.wrench.content)
     }
 
     /// The rotor command of the last tick, if there is one.
-    #[must_use]
     pub fn new_rotor_speeds(&self) -> Option<&RotorSpeeds> {
         (self.rotor_speeds.tick == self.flown_tick()).then_some(&self.rotor_speeds.content)
     }
 
     /// The state with the outputs of the stages.
-    #[must_use]
     pub fn joined(&self) -> Joined {
         let wrench = self.new_wrench().copied();
         Joined {
@@ -330,12 +299,10 @@ impl Simulator {
         }
     }
 
-    #[must_use]
     pub const fn monitor(&self) -> Option<&Monitor> {
         self.monitor.as_ref()
     }
 
-    #[must_use]
     pub fn record(&self) -> TickRecord {
         TickRecord {
             tick: self.state.tick,
@@ -353,7 +320,6 @@ impl Simulator {
     }
 
     /// The plant: parameters, applied swaps, envelope.
-    #[must_use]
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
@@ -375,7 +341,6 @@ enum Replacement {
 }
 
 /// Faulty inputs, outages and delays of the stages.
-#[allow(missing_debug_implementations, reason = "a law need not have one")]
 struct Faulted {
     /// Laws that replace killed ones, each with its first tick.
     replacements: Vec<(u64, Replacement)>,
@@ -417,10 +382,6 @@ impl Faulted {
             };
             replacements.push((fault.span.to, replacement));
         }
-        let before = Stamped {
-            tick: NO_TICK,
-            content: State::default(),
-        };
         Ok(Self {
             replacements,
             messages,
@@ -432,7 +393,7 @@ impl Faulted {
             mixer_wrench: FaultyInput::new(&messages, Port::MixerWrench),
             commands: VecDeque::with_capacity(PENDING_COMMANDS + 1),
             states: VecDeque::with_capacity(KEPT + 1),
-            used: before,
+            used: Stamped::none(),
             theorem: None,
             rejections: Rejections::default(),
         })
@@ -475,11 +436,8 @@ impl Faulted {
             self.plant(tick, rig);
         }
         if self.works(Role::Outer, tick) {
-            let state = self.outer_state.settle(tick);
-            let state = Stamped {
-                tick: state.envelope.tick,
-                content: state.content,
-            };
+            self.outer_state.settle(tick);
+            let state = self.outer_state.dated();
             if rig.outer.tick_into(tick, &state, &mut rig.setpoint.content) {
                 rig.setpoint.tick = tick;
                 let late = self.lateness(Role::Outer, tick);
@@ -491,11 +449,8 @@ impl Faulted {
             self.inner(tick, rig);
         }
         if self.works(Role::Mixer, tick) {
-            let wrench = self.mixer_wrench.settle(tick);
-            let wrench = Stamped {
-                tick: wrench.envelope.tick,
-                content: wrench.content,
-            };
+            self.mixer_wrench.settle(tick);
+            let wrench = self.mixer_wrench.dated();
             rig.mixer
                 .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
             rig.rotor_speeds.tick = tick;
@@ -503,8 +458,8 @@ impl Faulted {
             if self.commands.len() == PENDING_COMMANDS {
                 self.commands.pop_front();
             }
-            self.commands
-                .push_back((rig.rotor_speeds, tick + 1 + late.output));
+            let acts_from = tick + 1 + late.output;
+            self.commands.push_back((rig.rotor_speeds, acts_from));
         }
         if plant_works {
             rig.plant.finish();
@@ -560,29 +515,27 @@ impl Faulted {
         let is_due = |(from, _): &mut (u64, Replacement)| *from == tick;
         for (_, replacement) in self.replacements.extract_if(.., is_due) {
             let messages = &self.messages;
-            match replacement {
+            let counted = match replacement {
                 Replacement::Outer(outer) => {
                     rig.outer = outer;
-                    self.rejections = self.rejections.and(&self.outer_state.rejections());
-                    self.outer_state = FaultyInput::new(messages, Port::OuterState);
+                    let unused = FaultyInput::new(messages, Port::OuterState);
+                    replace(&mut self.outer_state, unused).rejections()
                 }
                 Replacement::Inner(inner) => {
                     rig.inner = inner;
                     rig.theorem.clone_from(&self.theorem);
-                    let refused = self
-                        .inner_state
-                        .rejections()
-                        .and(&self.inner_setpoint.rejections());
-                    self.rejections = self.rejections.and(&refused);
-                    self.inner_state = FaultyInput::new(messages, Port::InnerState);
-                    self.inner_setpoint = FaultyInput::new(messages, Port::InnerSetpoint);
+                    let unused = FaultyInput::new(messages, Port::InnerState);
+                    let states = replace(&mut self.inner_state, unused).rejections();
+                    let unused = FaultyInput::new(messages, Port::InnerSetpoint);
+                    states.and(&replace(&mut self.inner_setpoint, unused).rejections())
                 }
                 Replacement::Mixer(mixer) => {
                     rig.mixer = mixer;
-                    self.rejections = self.rejections.and(&self.mixer_wrench.rejections());
-                    self.mixer_wrench = FaultyInput::new(messages, Port::MixerWrench);
+                    let unused = FaultyInput::new(messages, Port::MixerWrench);
+                    replace(&mut self.mixer_wrench, unused).rejections()
                 }
-            }
+            };
+            self.rejections = self.rejections.and(&counted);
         }
     }
 
@@ -597,25 +550,20 @@ impl Faulted {
 
     /// How late the output and the next tick of a stage are.
     fn lateness(&mut self, role: Role, tick: u64) -> Lateness {
+        let is_active = |fault: &&StageFault| fault.role == role && fault.span.holds(tick);
         let late = self
             .stages
             .iter()
-            .find(|fault| fault.role == role && fault.span.holds(tick));
-        let late = late.map_or(Lateness { output: 0, next: 1 }, |fault| {
-            fault.kind.lateness(role, self.messages.seed, tick)
-        });
+            .find(is_active)
+            .map_or(Lateness::NONE, |fault| {
+                fault.kind.lateness(role, self.messages.seed, tick)
+            });
         self.next_tick[role as usize] = tick + late.next;
         late
     }
 }
 
 /// The message that a process would have sent.
-fn message<C: Topic>(dated: &Stamped<C>) -> Message<C> {
-    Message {
-        envelope: Header {
-            tick: dated.tick,
-            ..Header::new()
-        },
-        content: dated.content,
-    }
+fn message<C: Topic>(stamped: &Stamped<C>) -> Message<C> {
+    Message::of_tick(stamped.tick, stamped.content)
 }

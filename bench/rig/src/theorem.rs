@@ -21,7 +21,6 @@ pub struct FlightMonitor {
 }
 
 impl FlightMonitor {
-    #[must_use]
     pub const fn new(begin: Option<TheoremMonitor>) -> Self {
         Self {
             begin,
@@ -31,7 +30,6 @@ impl FlightMonitor {
         }
     }
 
-    #[must_use]
     pub const fn applies(&self) -> bool {
         self.begin.is_some()
     }
@@ -66,70 +64,45 @@ impl FlightMonitor {
 mod tests {
     use control_api::Rig;
     use controller::Gains;
-    use messages::header::Header;
 
     use super::*;
 
     fn wrench(epoch: u64, seq: u64) -> Message<Wrench> {
-        let envelope = Header {
-            epoch,
-            seq,
-            tick: 100 * epoch + seq,
-            ..Header::new()
-        };
-        Message {
-            envelope,
-            content: Wrench::default(),
-        }
+        let mut wrench = Message::of_tick(100 * epoch + seq, Wrench::default());
+        (wrench.envelope.epoch, wrench.envelope.seq) = (epoch, seq);
+        wrench
     }
 
-    /// What is said of a wrench: how many stale ticks there have been, as its state is never of its tick.
-    fn said(monitor: &mut FlightMonitor, epoch: u64, seq: u64, has_state: bool) -> Option<u64> {
-        let state = Stamped {
-            tick: 1,
-            content: State::default(),
-        };
-        let said = monitor.watch(&wrench(epoch, seq), has_state.then_some(&state))?;
-        assert_eq!(said.envelope, wrench(epoch, seq).envelope);
-        Some(said.content.ticks_stale)
-    }
-
-    fn monitor() -> FlightMonitor {
-        FlightMonitor::new(Some(TheoremMonitor::new(
-            &Rig::default(),
-            &Gains::default(),
-        )))
+    /// The results for wrenches, each with its epoch, its sequence number and whether its state has arrived: how many
+    /// stale ticks there have been, as the state is never of the wrench's tick.
+    fn results<const N: usize>(wrenches: [(u64, u64, bool); N]) -> [Option<u64>; N] {
+        let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
+        let mut monitor = FlightMonitor::new(Some(begin));
+        let state = Stamped::new(1, State::default());
+        wrenches.map(|(epoch, seq, has_state)| {
+            let wrench = wrench(epoch, seq);
+            let result = monitor.watch(&wrench, has_state.then_some(&state))?;
+            assert_eq!(result.envelope, wrench.envelope);
+            Some(result.content.ticks_stale)
+        })
     }
 
     #[test]
-    fn every_process_of_the_loop_has_a_monitor_of_its_own() {
-        let mut monitor = monitor();
-        let counted: Vec<_> = (0..3).map(|seq| said(&mut monitor, 1, seq, true)).collect();
-        assert_eq!(counted, [Some(1), Some(2), Some(3)]);
-        assert_eq!(said(&mut monitor, 2, 0, true), Some(1));
+    fn every_process_of_the_loop_has_its_own_monitor() {
+        let wrenches = [(1, 0, true), (1, 1, true), (1, 2, true), (2, 0, true)];
+        assert_eq!(results(wrenches), [Some(1), Some(2), Some(3), Some(1)]);
     }
 
     #[test]
-    fn after_a_lost_message_nothing_is_said_until_the_next_process_begins() {
-        let lost: [fn(&mut FlightMonitor) -> Option<u64>; 2] = [
-            |monitor| said(monitor, 1, 1, false),
-            |monitor| said(monitor, 1, 2, true),
-        ];
-        for lost in lost {
-            let mut monitor = monitor();
-            assert_eq!(said(&mut monitor, 1, 0, true), Some(1));
-            assert_eq!(lost(&mut monitor), None);
-            assert_eq!(said(&mut monitor, 1, 3, true), None);
-            assert_eq!(said(&mut monitor, 2, 0, true), Some(1));
+    fn after_a_lost_message_there_is_no_result_until_the_next_process_begins() {
+        for lost in [(1, 1, false), (1, 2, true)] {
+            let wrenches = [(1, 0, true), lost, (1, 3, true), (2, 0, true)];
+            assert_eq!(results(wrenches), [Some(1), None, None, Some(1)]);
         }
     }
 
     #[test]
-    fn of_a_process_that_was_not_seen_from_its_begin_on_nothing_is_said() {
-        let mut monitor = monitor();
-        assert_eq!(
-            [7, 8].map(|seq| said(&mut monitor, 1, seq, true)),
-            [None; 2]
-        );
+    fn a_process_without_its_first_message_has_no_result() {
+        assert_eq!(results([(1, 7, true), (1, 8, true)]), [None; 2]);
     }
 }

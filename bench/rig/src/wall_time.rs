@@ -3,7 +3,6 @@
 use std::time::SystemTime;
 
 /// A time for people: `2026-03-01 14:05:09 UTC`.
-#[must_use]
 pub fn utc(instant: SystemTime) -> String {
     humantime::format_rfc3339_seconds(instant)
         .to_string()
@@ -12,7 +11,6 @@ pub fn utc(instant: SystemTime) -> String {
 }
 
 /// A time as a file name: `2026-03-01T14-05-09Z`.
-#[must_use]
 pub fn file_stamp(instant: SystemTime) -> String {
     humantime::format_rfc3339_seconds(instant)
         .to_string()
@@ -20,7 +18,6 @@ pub fn file_stamp(instant: SystemTime) -> String {
 }
 
 /// The speed of a simulation of `flown_s` seconds of flight: `0.071 s (850 times real time)`.
-#[must_use]
 pub fn speed(flown_s: f64, wall_s: f64) -> String {
     format!("{wall_s:.3} s ({:.0} times real time)", flown_s / wall_s)
 }

@@ -26,11 +26,19 @@ pub struct Stamped<T> {
     pub content: T,
 }
 
+impl<T: Default> Stamped<T> {
+    /// Nothing received yet.
+    pub fn none() -> Self {
+        Self::new(NO_TICK, T::default())
+    }
+}
+
 impl<T> Stamped<T> {
     pub const fn new(tick: u64, content: T) -> Self {
         Self { tick, content }
     }
 
+<<<<<<< HEAD
     /// What has not come yet.
     pub fn never() -> Self
     where
@@ -39,6 +47,8 @@ impl<T> Stamped<T> {
         Self::new(NO_TICK, T::default())
     }
 
+=======
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
     /// Ticks since it was made; `u64::MAX` if it never was.
     pub const fn age(&self, tick: u64) -> u64 {
         if self.tick == NO_TICK {

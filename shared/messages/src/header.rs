@@ -105,6 +105,17 @@ pub struct Message<C> {
     pub content: C,
 }
 
+impl<C> Message<C> {
+    /// A message of a tick; the rest of its header is empty.
+    pub fn of_tick(tick: u64, content: C) -> Self {
+        let envelope = Header {
+            tick,
+            ..Header::new()
+        };
+        Self { envelope, content }
+    }
+}
+
 #[allow(
     unsafe_code,
     reason = "`layout!` knows no struct with a type parameter"

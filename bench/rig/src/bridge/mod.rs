@@ -28,8 +28,12 @@ use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
 use crate::output::print;
+<<<<<<< HEAD
 use crate::parallel::asked_to_stop;
 use crate::roles::remove_leftovers;
+=======
+use crate::record::kernel_trace::remove_leftovers;
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
 use crate::settings::law_settings;
 use channels::Channels;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};

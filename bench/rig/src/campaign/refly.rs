@@ -9,7 +9,7 @@ use errors::{Failure, GATE, InFile as _, OK};
 
 use super::flight_settings::{Plan, plan_of};
 use crate::cli::{
-    CampaignFlyArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs, TrajectoryArgs,
+    self, CampaignFlyArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs, TrajectoryArgs,
 };
 use crate::output::print;
 use crate::recorded_timing::Timing;
@@ -18,7 +18,6 @@ use crate::run_directory::find_log;
 use crate::settings::law_settings::Moved;
 use crate::settings::{PaceName, Settings};
 use crate::simulate::{OutputFiles, report};
-use crate::supervisor::fly_command;
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.
 pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
@@ -57,7 +56,7 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         .map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
     let file = held.path().join("settings.toml");
     fs::write(&file, settings.commented()?).in_file("write", &file)?;
-    let code = fly_command::fly(&asked(file, args.instance.clone()))?;
+    let code = cli::fly::fly(&asked(file, args.instance.clone()))?;
     if ![OK, GATE].contains(&code) {
         return Ok(code);
     }

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use errors::Failure;
 use toml::Value;
 
-use crate::cli::{name_of, set, values};
+use crate::cli::{name_of, overrides, set, values};
 use crate::fault::Fault;
 use crate::settings::{Overrides, PaceName, Settings};
 
@@ -41,11 +41,10 @@ pub struct TrajectoryArgs {
 }
 
 impl TrajectoryArgs {
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
         let faults = (!self.faults.is_empty())
             .then(|| self.faults.iter().map(Fault::to_string).collect::<Vec<_>>());
-        [
+        overrides([
             set("flight.trajectory", self.trajectory.clone()),
             set("flight.airframe", self.airframe.clone()),
             set("flight.preset", self.preset.clone()),
@@ -55,10 +54,7 @@ impl TrajectoryArgs {
             ),
             set("flight.seed", self.seed),
             set("flight.faults", faults),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
+        ])
     }
 }
 
@@ -83,20 +79,15 @@ pub struct FlightArgs {
 }
 
 impl FlightArgs {
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
-        let laws = [
+        let resume = self.resume_estimates.then_some(true);
+        let laws = overrides([
             set("outer.law", self.outer.clone()),
             set("inner.law", self.inner.clone()),
             set("mixer.law", self.mixer.clone()),
-            set(
-                "flight.resume_estimates",
-                self.resume_estimates.then_some(true),
-            ),
-        ];
-        let mut overrides = self.course.overrides();
-        overrides.extend(laws.into_iter().flatten());
-        overrides
+            set("flight.resume_estimates", resume),
+        ]);
+        [self.course.overrides(), laws].concat()
     }
 }
 
@@ -152,22 +143,26 @@ pub enum LeadArg {
     Us(u32),
 }
 
-/// Refuses a flag that needs the clock in a lockstep flight.
-fn on_the_clock(flag: &str, settings: &Settings) -> Result<(), Failure> {
-    match settings.flight.pace {
-        PaceName::Realtime => Ok(()),
-        PaceName::Lockstep => Err(Failure::usage(format!(
+/// Refuses flags that need the clock, each with whether it is given, in a lockstep flight.
+pub(crate) fn check_clock_flags(
+    settings: &Settings,
+    flags: &[(&str, bool)],
+) -> Result<(), Failure> {
+    let given = flags.iter().find(|(_, is_given)| *is_given);
+    match (settings.flight.pace, given) {
+        (PaceName::Lockstep, Some((flag, _))) => Err(Failure::usage(format!(
             "{flag} has no meaning in lockstep, where no clock moves the ticks"
         ))
         .help(format!(
             "remove {flag}, or fly in real time: --pace realtime"
         ))),
+        _ => Ok(()),
     }
 }
 
 impl RtArgs {
-    /// Refuses flags that a lockstep flight would ignore.
-    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+    /// The flags that need the clock, each with whether it is given.
+    pub(crate) fn clock_flags(&self) -> [(&'static str, bool); 4] {
         let wants_rt = self.rt.is_some_and(|mode| !matches!(mode, RtMode::Off));
         [
             ("--rt", wants_rt),
@@ -175,27 +170,20 @@ impl RtArgs {
             ("--lead", self.lead.is_some()),
             ("--rehearse", self.rehearse.is_some()),
         ]
-        .into_iter()
-        .filter(|(_, is_given)| *is_given)
-        .try_for_each(|(flag, _)| on_the_clock(flag, settings))
     }
 
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
         let lead = self.lead.map(|lead| match lead {
             LeadArg::Auto => Value::from("auto"),
             LeadArg::Us(us) => Value::from(i64::from(us)),
         });
-        [
+        overrides([
             set("rt.mode", self.rt.map(name_of)),
             set("flight.pace", self.pace.map(name_of)),
             set("rt.cpu", self.cpu.map(i64::from)),
             set("rt.lead_us", lead),
             set("rt.rehearse", self.rehearse),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
+        ])
     }
 }
 
@@ -236,9 +224,8 @@ pub enum GateName {
 }
 
 impl GateArgs {
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
-        [
+        overrides([
             set("recorder.max_miss_rate_ppm", self.max_miss_rate),
             set("recorder.max_skip_rate_ppm", self.max_skip_rate),
             set("recorder.max_stale_rate_ppm", self.max_stale_rate),
@@ -247,10 +234,7 @@ impl GateArgs {
             set("recorder.max_tracking_error_m", self.max_tracking_error),
             set("recorder.max_steal_percent", self.max_steal),
             theorem_gate(&self.gates),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
+        ])
     }
 }
 
@@ -295,32 +279,18 @@ pub enum LogArg {
 }
 
 impl RecorderArgs {
-    /// Refuses flags that a lockstep flight would ignore.
-    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
-        if self.trace {
-            on_the_clock("--trace", settings)
-        } else {
-            Ok(())
-        }
-    }
-
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
         let out = self
             .out
             .as_ref()
             .map(|out| out.to_string_lossy().into_owned());
-        let mut overrides: Overrides = [
+        let files = overrides([
             set("recorder.out", out),
             set("recorder.log", self.log.map(name_of)),
             set("recorder.states_every_ticks", self.every),
             set("recorder.trace", self.trace.then_some(true)),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
-        overrides.extend(self.gates.overrides());
-        overrides
+        ]);
+        [files, self.gates.overrides()].concat()
     }
 }
 
@@ -359,16 +329,6 @@ pub enum OnDeath {
     /// Replace the process by its hot standby, or restart it, at most 5 times in 10 s. A process that hangs for more than
     /// 80 ms is killed first. The flight ends if the plant dies.
     Restart,
-}
-
-impl FlyArgs {
-    /// Refuses restarts in lockstep, where no process can join a flight.
-    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
-        match self.on_death {
-            OnDeath::End => Ok(()),
-            OnDeath::Restart => on_the_clock("--on-death restart", settings),
-        }
-    }
 }
 
 /// Flags of `plant`, `outer`, `inner` and `mixer`.
@@ -422,11 +382,11 @@ pub struct SimulateArgs {
 }
 
 impl SimulateArgs {
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
-        let mut overrides = self.flight.overrides();
-        overrides.extend(set("recorder.states_every_ticks", self.every));
-        overrides.extend(theorem_gate(&self.gates));
-        overrides
+        let own = overrides([
+            set("recorder.states_every_ticks", self.every),
+            theorem_gate(&self.gates),
+        ]);
+        [self.flight.overrides(), own].concat()
     }
 }

@@ -66,6 +66,31 @@ pub struct HopArgs {
     pub launcher: u32,
 }
 
+/// Flags of the hidden `cpu-load`.
+#[derive(Clone, Debug, Args)]
+pub struct CpuLoadArgs {
+    #[arg(long)]
+    pub cpu: usize,
+    /// SCHED_FIFO priority; 0 is SCHED_OTHER.
+    #[arg(long)]
+    pub priority: i32,
+    /// Share of the time in which it is busy.
+    #[arg(long)]
+    pub share: f64,
+    /// When it begins, on CLOCK_MONOTONIC [ns].
+    #[arg(long)]
+    pub from_ns: u64,
+    /// When it ends [ns].
+    #[arg(long)]
+    pub until_ns: u64,
+    /// Name of the instance that it disturbs, shown in the list of processes.
+    #[arg(long)]
+    pub instance: String,
+    /// Process number of the supervisor; this process ends with it.
+    #[arg(long)]
+    pub launcher: u32,
+}
+
 #[derive(Clone, Debug, Args)]
 pub struct DoctorArgs {
     /// Print JSON.

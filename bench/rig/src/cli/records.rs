@@ -136,7 +136,6 @@ pub struct ReplayArgs {
 
 impl ReplayArgs {
     /// The libraries of laws that are no longer where the log says.
-    #[must_use]
     pub fn moved(&self) -> Moved {
         [
             (Role::Outer, &self.outer),

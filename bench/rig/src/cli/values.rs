@@ -1,9 +1,12 @@
 //! Parses the values of flags. An error says what is allowed.
 
 use std::ffi::OsStr;
-use std::time::Duration;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
 
 use crate::cli::{LeadArg, Shard};
+pub(crate) use crate::fault::duration;
 use crate::fault::{Fault, FaultError};
 use crate::settings::law_settings::preset_names;
 use crate::settings::trajectory::is_file;
@@ -12,19 +15,6 @@ use clap::builder::{
 };
 use clap::{Arg, Command};
 use controller::Trajectory;
-
-/// A length of time with its unit.
-pub(crate) fn duration(text: &str) -> Result<Duration, String> {
-    const WRITE: &str = "write a number of 0 or more and its unit, as in 500ms, 30s or 2m";
-    humantime::parse_duration(text).map_err(|e| {
-        let why = if text.starts_with('-') {
-            "a time is not negative".into()
-        } else {
-            e.to_string()
-        };
-        format!("{}; {WRITE}", why.trim_end())
-    })
-}
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.
@@ -107,62 +97,56 @@ pub(crate) fn limit(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more, as in 100 or 2.5".into())
 }
 
+fn whole<T: FromStr + PartialOrd + Display>(
+    text: &str,
+    range: RangeInclusive<T>,
+) -> Result<T, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| {
+        format!(
+            "write a whole number from {} to {}",
+            range.start(),
+            range.end()
+        )
+    })
+}
+
 /// A seed, as a settings file can have it.
 pub(crate) fn seed(text: &str) -> Result<i64, String> {
-    let number = text.parse().ok().filter(|number| *number >= 0);
-    number.ok_or_else(|| format!("write a whole number from 0 to {}", i64::MAX))
+    whole(text, 0..=i64::MAX)
 }
 
 /// A number of ticks of which one is taken.
 pub(crate) fn every(text: &str) -> Result<u32, String> {
-    const MOST: u32 = 1_000_000_000;
-    let number = text
-        .parse()
-        .ok()
-        .filter(|number| (1..=MOST).contains(number));
-    number.ok_or_else(|| format!("write a whole number from 1 to {MOST}"))
-}
-
-/// A part of a campaign, as K/N or auto/N.
-pub(crate) fn shard(text: &str) -> Result<Shard, String> {
-    let wrong = || "write K/N with K from 1 to N, as in 3/24, or auto/24".to_owned();
-    let (number, of) = text.split_once('/').ok_or_else(wrong)?;
-    let of = of
-        .parse()
-        .ok()
-        .filter(|of| (1..=1_000_000).contains(of))
-        .ok_or_else(wrong)?;
-    match number {
-        "auto" => Ok(Shard { number: None, of }),
-        number => {
-            let number = number
-                .parse()
-                .ok()
-                .filter(|number| (1..=of).contains(number))
-                .ok_or_else(wrong)?;
-            Ok(Shard {
-                number: Some(number),
-                of,
-            })
-        }
-    }
+    whole(text, 1..=1_000_000_000)
 }
 
 pub(crate) fn shards(text: &str) -> Result<u64, String> {
-    let number = text
-        .parse()
-        .ok()
-        .filter(|number| (1..=1_000_000).contains(number));
-    number.ok_or_else(|| "write a whole number from 1 to 1000000".into())
+    whole(text, 1..=1_000_000)
 }
 
 /// A number of flights at once.
 pub(crate) fn jobs(text: &str) -> Result<usize, String> {
-    let number = text
-        .parse()
-        .ok()
-        .filter(|number| (1..=4096).contains(number));
-    number.ok_or_else(|| "write a whole number from 1 to 4096".into())
+    whole(text, 1..=4096)
+}
+
+/// A number of instants of a trajectory.
+pub(crate) fn phases(text: &str) -> Result<u32, String> {
+    whole(text, 1..=1000)
+}
+
+/// A part of a campaign, as K/N or auto/N.
+pub(crate) fn shard(text: &str) -> Result<Shard, String> {
+    let read = || {
+        let (number, of) = text.split_once('/')?;
+        let of = shards(of).ok()?;
+        let number = match number {
+            "auto" => None,
+            number => Some(whole(number, 1..=of).ok()?),
+        };
+        Some(Shard { number, of })
+    };
+    read().ok_or_else(|| "write K/N with K from 1 to N, as in 3/24, or auto/24".to_owned())
 }
 
 /// The origin of a page, as a browser tells it.

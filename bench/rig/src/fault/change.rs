@@ -2,11 +2,12 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use messages::fault::code::{FAULTS, FaultCode, FaultSpec, Scope, ValueType};
 use messages::fault::live::{FaultKind, LiveFault};
-use messages::fault::{PORTS, Place, Port, Span};
+use messages::fault::{PORTS, Port, Span};
 use messages::parameters::{did_you_mean, nearest};
 use messages::role::{Role, STAGES};
 
@@ -25,7 +26,7 @@ pub enum Change {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopChange {
     pub kind: FaultKind,
-    /// Whether it is at the input of every stage that receives the topic, of which `kind` names one.
+    /// Whether it is at the input of every stage that receives the topic, of which `kind` names the first.
     pub every_input: bool,
     /// Whether it ends; the numbers of `kind` mean nothing then.
     pub ends: bool,
@@ -34,8 +35,84 @@ pub struct LoopChange {
 /// The value that ends what lasts.
 const OFF: &str = "off";
 
-/// What the names of [`Scope::Processor`] begin with.
-const PROCESSOR: &str = "cpu";
+/// What a fault can act on.
+#[derive(Debug)]
+pub(super) struct FaultTarget {
+    /// `ROLE`, `cpu`, `[ROLE.]TOPIC` or `[ROLE.]TOPIC.FIELD[.AXIS]`.
+    name: String,
+    pub(super) scope: Scope,
+    /// Place, field and axis; the kind is not set.
+    code: FaultCode,
+    every_input: bool,
+}
+
+pub(super) static TARGETS: LazyLock<Vec<FaultTarget>> = LazyLock::new(|| {
+    let mut targets = Vec::new();
+    let mut add = |name, scope, code, every_input| {
+        targets.push(FaultTarget {
+            name,
+            scope,
+            code,
+            every_input,
+        });
+    };
+    let at = |place| FaultCode {
+        place,
+        ..FaultCode::default()
+    };
+    for (place, port) in (0..).zip(PORTS) {
+        let is_first = inputs_of(port.topic()).next() == Some(port);
+        let topic = is_first.then(|| (port.topic().to_owned(), true));
+        for (input, every_input) in topic.into_iter().chain([(port.to_string(), false)]) {
+            add(input.clone(), Scope::Message, at(place), every_input);
+            for (field, spec) in (0..).zip(port.fields()) {
+                let name = format!("{input}.{}", spec.name);
+                let code = FaultCode { field, ..at(place) };
+                add(name.clone(), Scope::Number, code, every_input);
+                for (axis, axis_name) in (1..).zip(spec.axes) {
+                    let code = FaultCode { axis, ..code };
+                    add(
+                        format!("{name}.{axis_name}"),
+                        Scope::Number,
+                        code,
+                        every_input,
+                    );
+                }
+            }
+        }
+    }
+    for role in STAGES {
+        add(role.to_string(), Scope::Stage, at(role as u64), false);
+    }
+    add("cpu".into(), Scope::Processor, at(0), false);
+    targets
+});
+
+/// The inputs of a topic, in the order of the stages.
+fn inputs_of(topic: &str) -> impl Iterator<Item = Port> {
+    PORTS.into_iter().filter(move |port| port.topic() == topic)
+}
+
+impl FaultTarget {
+    fn named(name: &str) -> Option<&'static Self> {
+        TARGETS.iter().find(|target| target.name == name)
+    }
+
+    /// The fault of a kind with these numbers; `None` if the kind does not allow them.
+    pub(super) fn change(&self, spec: &FaultSpec, [first, second]: [u64; 2]) -> Option<LoopChange> {
+        let code = FaultCode {
+            what: spec.what as u64,
+            first,
+            second,
+            ..self.code
+        };
+        code.fault().map(|fault| LoopChange {
+            kind: fault.trouble,
+            every_input: self.every_input,
+            ends: false,
+        })
+    }
+}
 
 impl FromStr for Change {
     type Err = FaultError;
@@ -54,7 +131,6 @@ impl FromStr for Change {
 }
 
 impl Change {
-    #[must_use]
     pub const fn wanted(&self) -> Option<Desired> {
         match self {
             Self::Parameter(wanted) => Some(*wanted),
@@ -63,7 +139,6 @@ impl Change {
     }
 
     /// Whether it lasts as long as its ticks say.
-    #[must_use]
     pub const fn lasts(&self) -> bool {
         match self {
             Self::Parameter(_) => false,
@@ -72,7 +147,6 @@ impl Change {
     }
 
     /// Its name, without its value.
-    #[must_use]
     pub fn what(&self) -> String {
         match self {
             Self::Parameter(wanted) => wanted.parameter.to_string(),
@@ -81,18 +155,21 @@ impl Change {
     }
 
     /// The faults of the loop, input by input, and whether each ends; none of a parameter.
-    #[must_use]
     pub fn kinds(&self) -> Vec<(FaultKind, bool)> {
-        let Self::Loop(change) = self else {
+        let Self::Loop(LoopChange {
+            kind,
+            every_input,
+            ends,
+        }) = *self
+        else {
             return Vec::new();
         };
-        let kinds: Vec<FaultKind> = match change.kind {
-            FaultKind::Messages { port, kind } if change.every_input => inputs_of(port.topic())
-                .map(|port| FaultKind::Messages { port, kind })
+        match kind {
+            FaultKind::Messages { port, kind } if every_input => inputs_of(port.topic())
+                .map(|port| (FaultKind::Messages { port, kind }, ends))
                 .collect(),
-            kind => vec![kind],
-        };
-        kinds.into_iter().map(|kind| (kind, change.ends)).collect()
+            kind => vec![(kind, ends)],
+        }
     }
 
     /// The same as faults of these ticks.
@@ -103,57 +180,62 @@ impl Change {
                 ends,
                 span: requested,
             };
-            LiveFault {
-                span: fault.span_from(requested),
-                ..fault
-            }
+            let span = fault.span_from(requested);
+            LiveFault { span, ..fault }
         })
+    }
+
+    /// Refuses an end for what has none.
+    pub(super) fn check_end(&self) -> Result<(), FaultError> {
+        match self {
+            Self::Parameter(Desired { parameter, .. }) => Err(FaultError::parameter(format!(
+                "{parameter} holds until it is changed again: leave the end out, and plan the change back, as in \
+                 {parameter}=nominal@9s"
+            ))),
+            Self::Loop(_) if self.lasts() => Ok(()),
+            Self::Loop(change) => {
+                let what = if change.ends {
+                    change.to_string()
+                } else {
+                    change.what()
+                };
+                Err(FaultError::fault(format!(
+                    "{what} happens once, at an instant: leave the end out"
+                )))
+            }
+        }
     }
 
     /// The change that makes the first of some faults, with those behind it that are of the same topic's other inputs;
     /// and how many these are.
     pub(super) fn joined(faults: &[LiveFault], first: &LiveFault) -> (Self, usize) {
-        let LiveFault {
-            trouble: kind,
-            ends,
-            ..
-        } = *first;
-        let mut change = LoopChange {
-            kind,
+        let alone = LoopChange {
+            kind: first.trouble,
             every_input: false,
-            ends,
+            ends: first.ends,
         };
-        let mut length = 1;
-        if let FaultKind::Messages { port, kind } = kind {
-            let all: Vec<LiveFault> = inputs_of(port.topic())
-                .map(|port| LiveFault {
-                    trouble: FaultKind::Messages { port, kind },
-                    ..*first
-                })
-                .collect();
-            change.every_input = faults.starts_with(&all);
-            length = if change.every_input { all.len() } else { 1 };
+        let every = Self::Loop(LoopChange {
+            every_input: true,
+            ..alone
+        });
+        let is_like = |(fault, (kind, ends)): (&LiveFault, (FaultKind, bool))| {
+            (fault.trouble, fault.ends, fault.span) == (kind, ends, first.span)
+        };
+        let kinds = every.kinds();
+        let is_message = matches!(first.trouble, FaultKind::Messages { .. });
+        if is_message
+            && faults.len() >= kinds.len()
+            && faults.iter().zip(kinds.clone()).all(is_like)
+        {
+            return (every, kinds.len());
         }
-        (Self::Loop(change), length)
+        (Self::Loop(alone), 1)
     }
-}
-
-/// The inputs of a topic, in the order of the stages.
-fn inputs_of(topic: &str) -> impl Iterator<Item = Port> {
-    PORTS.into_iter().filter(move |port| port.topic() == topic)
-}
-
-/// A name that was read: what it acts on, and the name of its kind.
-struct Name<'a> {
-    scope: Scope,
-    name: &'a str,
-    /// The stage or the input, and the number of it; the kind is not set.
-    code: FaultCode,
-    every_input: bool,
 }
 
 impl LoopChange {
     fn read(what: &str, value: Option<&str>) -> Result<Self, FaultError> {
+<<<<<<< HEAD
         let Name {
             scope,
             name,
@@ -181,59 +263,92 @@ impl LoopChange {
         if ends {
             if spec.is_once() {
                 return Err(FaultError::NotLasting(what.to_owned()));
+=======
+        let parts = what.rsplit_once('.');
+        let (target, name) = parts
+            .and_then(|(target, name)| Some((FaultTarget::named(target)?, name)))
+            .ok_or_else(|| unknown(what))?;
+        let mut specs = FaultSpec::named(target.scope, name).peekable();
+        let spec = *specs.peek().ok_or_else(|| unknown(what))?;
+        if value == Some(OFF) {
+            if spec.is_once {
+                return Err(FaultError::fault(format!(
+                    "{what} happens once: there is nothing to end"
+                )));
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
             }
-            return with(spec, any_value(spec.value)).ok_or_else(|| unknown(what));
+            // Numbers that every kind of such a value allows.
+            let any = match spec.value {
+                ValueType::Share | ValueType::Number => [1.0_f64.to_bits(), 0],
+                _ => [1, 1],
+            };
+            let change = target.change(spec, any).ok_or_else(|| unknown(what))?;
+            return Ok(Self {
+                ends: true,
+                ..change
+            });
         }
         if spec.value == ValueType::None {
             if value.is_some() {
-                return Err(FaultError::TakesNoValue(what.to_owned()));
+                let end = if spec.is_once {
+                    String::new()
+                } else {
+                    format!(" or {what}@8s..9s")
+                };
+                return Err(FaultError::fault(format!(
+                    "{what} takes no value: write {what}@8s{end}"
+                )));
             }
-            return with(spec, [0, 0]).ok_or(FaultError::PlantKilled);
+            return target.change(spec, [0, 0]).ok_or_else(|| {
+                FaultError::fault(
+                    "plant.kill: a flight ends with its plant; plant.stop=20ms stops it for a while",
+                )
+            });
         }
         let value = value.unwrap_or_default();
         specs
+<<<<<<< HEAD
             .find_map(|spec| with(spec, read_value(spec.value, value)?))
             .ok_or_else(|| FaultError::Value {
                 what: what.to_owned(),
                 value: begin_of(value),
                 allowed: spec.allowed().replace("WHAT", what),
+=======
+            .find_map(|spec| target.change(spec, read_value(spec.value, value)?))
+            .ok_or_else(|| {
+                let allowed = spec.allowed.replace("WHAT", what);
+                FaultError::fault(format!("{what} = `{}`: write {allowed}", begin_of(value)))
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
             })
     }
 
     /// Its name, without its value.
     fn what(&self) -> String {
-        let code = self.code();
-        let Some(spec) = FaultSpec::of(code.what) else {
+        let FaultCode {
+            what,
+            place,
+            field,
+            axis,
+            ..
+        } = self.code();
+        let Some(spec) = FaultSpec::of(what) else {
             return String::new();
         };
-        let of = match self.kind {
-            FaultKind::Messages { port, kind } => {
-                let input = match self.every_input {
-                    true => port.topic().to_owned(),
-                    false => port.to_string(),
-                };
-                match kind.place() {
-                    None => input,
-                    Some(Place { field, axis }) => {
-                        let field = port.fields()[field];
-                        let axis = axis.map(|axis| format!(".{}", field.axes[axis]));
-                        format!("{input}.{}{}", field.name, axis.unwrap_or_default())
-                    }
-                }
-            }
-            FaultKind::Late { role, .. }
-            | FaultKind::Stop { role, .. }
-            | FaultKind::Kill { role } => role.to_string(),
-            FaultKind::Hog { .. } | FaultKind::Load { .. } => PROCESSOR.to_owned(),
-        };
-        format!("{of}.{}", spec.name)
+        let target = TARGETS.iter().find(|target| {
+            let code = target.code;
+            (target.scope, target.every_input) == (spec.scope, self.every_input)
+                && (code.place, code.field, code.axis) == (place, field, axis)
+        });
+        target.map_or_else(String::new, |target| {
+            format!("{}.{}", target.name, spec.name)
+        })
     }
 
     fn code(&self) -> FaultCode {
         FaultCode::of(&LiveFault {
             trouble: self.kind,
             ends: false,
-            span: Span { from: 0, to: 1 },
+            span: Span::new(0, 1),
         })
     }
 }
@@ -273,7 +388,7 @@ impl fmt::Display for LoopChange {
     }
 }
 
-/// The two numbers of a value, as [`FaultCode`] has them; none where it cannot be read.
+/// The two numbers of a value, as [`FaultCode`] has them; `None` if it cannot be read.
 fn read_value(of: ValueType, text: &str) -> Option<[u64; 2]> {
     let time = |text: &str| {
         let time = humantime::parse_duration(text.trim()).ok()?;
@@ -295,113 +410,41 @@ fn read_value(of: ValueType, text: &str) -> Option<[u64; 2]> {
     })
 }
 
-/// A value that every fault of the type may have.
-const fn any_value(of: ValueType) -> [u64; 2] {
-    match of {
-        ValueType::Share | ValueType::Number => [1.0_f64.to_bits(), 0],
-        _ => [1, 1],
-    }
-}
-
-impl<'a> Name<'a> {
-    /// Reads `ROLE.NAME`, `cpu.NAME`, `[ROLE.]TOPIC.NAME` or `[ROLE.]TOPIC.FIELD[.AXIS].NAME`.
-    fn read(what: &'a str) -> Result<Self, FaultError> {
-        let (of, name) = what.rsplit_once('.').ok_or_else(|| unknown(what))?;
-        let here = |scope, code, every_input| {
-            Ok(Self {
-                scope,
-                name,
-                code,
-                every_input,
-            })
-        };
-        if of == PROCESSOR {
-            return here(Scope::Processor, FaultCode::default(), false);
-        }
-        let mut parts: Vec<&str> = of.split('.').collect();
-        let role = STAGES.into_iter().find(|role| role.name() == parts[0]);
-        if let Some(role) = role {
-            parts.remove(0);
-            if parts.is_empty() {
-                let code = FaultCode {
-                    place: role as u64,
-                    ..FaultCode::default()
-                };
-                return here(Scope::Stage, code, false);
-            }
-        }
-        let topic = parts.first().and_then(|topic| inputs_of(topic).next());
-        let first = topic.ok_or_else(|| unknown(what))?;
-        let port = match role {
-            None => first,
-            Some(role) => Port::of(role, first.topic()).ok_or(FaultError::NoInput {
-                role,
-                topic: first.topic(),
-            })?,
-        };
-        let place = PORTS.iter().position(|it| *it == port).unwrap_or_default();
-        let code = FaultCode {
-            place: place as u64,
-            ..FaultCode::default()
-        };
-        let field_of = |name: &str| {
-            let field = port.fields().iter().position(|field| field.name == name);
-            field.ok_or_else(|| unknown(what))
-        };
-        match parts[1..] {
-            [] => here(Scope::Message, code, role.is_none()),
-            [field] => {
-                let field = field_of(field)? as u64;
-                here(Scope::Number, FaultCode { field, ..code }, role.is_none())
-            }
-            [field, axis] => {
-                let field = field_of(field)?;
-                let mut axes = port.fields()[field].axes.iter();
-                let axis = axes.position(|known| *known == axis);
-                let code = FaultCode {
-                    field: field as u64,
-                    axis: axis.ok_or_else(|| unknown(what))? as u64 + 1,
-                    ..code
-                };
-                here(Scope::Number, code, role.is_none())
-            }
-            _ => Err(unknown(what)),
-        }
-    }
-}
-
-/// All names of faults of the loop, those of single numbers left out.
-pub(super) fn known() -> Vec<String> {
-    let mut known: Vec<String> = Vec::new();
-    for port in PORTS {
-        for input in [port.topic().to_owned(), port.to_string()] {
-            known.extend(FaultSpec::names(Scope::Message).map(|name| format!("{input}.{name}")));
-            for field in port.fields() {
-                let names = FaultSpec::names(Scope::Number);
-                known.extend(names.map(|name| format!("{input}.{}.{name}", field.name)));
-            }
-        }
-    }
-    for role in STAGES {
-        let names = FaultSpec::names(Scope::Stage).filter(|name| is_possible(role, name));
-        known.extend(names.map(|name| format!("{role}.{name}")));
-    }
-    known.extend(FaultSpec::names(Scope::Processor).map(|name| format!("{PROCESSOR}.{name}")));
-    known
-}
-
-/// A flight ends with its plant.
-fn is_possible(role: Role, name: &str) -> bool {
-    (role, name) != (Role::Plant, "kill")
+/// All names of faults of the loop, except those of single numbers of a field.
+pub(super) fn known() -> impl Iterator<Item = String> {
+    let fields = TARGETS.iter().filter(|target| target.code.axis == 0);
+    fields.flat_map(|target| {
+        FaultSpec::names(target.scope)
+            .map(|name| format!("{}.{name}", target.name))
+            // A flight ends with its plant.
+            .filter(|name| name != "plant.kill")
+    })
 }
 
 fn unknown(name: &str) -> FaultError {
-    let known = known();
-    let like = || did_you_mean(nearest(name, known.iter().map(String::as_str)));
-    FaultError::Unknown {
-        name: name.to_owned(),
-        hint: hint(name).unwrap_or_else(like),
+    let (of, rest) = name.split_once('.').unwrap_or((name, ""));
+    let role = STAGES.into_iter().find(|role| role.name() == of);
+    let topic = rest
+        .split('.')
+        .next()
+        .and_then(|topic| inputs_of(topic).next());
+    if let (Some(role), Some(port)) = (role, topic)
+        && Port::of(role, port.topic()).is_none()
+    {
+        let inputs = PORTS.into_iter().filter(|port| port.role() == role);
+        let inputs: Vec<String> = inputs.map(|port| format!("`{}`", port.topic())).collect();
+        return FaultError::fault(format!(
+            "{role} does not receive `{}`: it receives {}",
+            port.topic(),
+            inputs.join(" and ")
+        ));
     }
+    let known: Vec<String> = known().collect();
+    let like = || did_you_mean(nearest(name, known.iter().map(String::as_str)));
+    FaultError::fault(format!(
+        "unknown fault `{name}`{}",
+        hint(name).unwrap_or_else(like)
+    ))
 }
 
 /// What is wrong with a name of which each part is known.
@@ -409,11 +452,10 @@ fn hint(name: &str) -> Option<String> {
     let (rest, kind) = name.rsplit_once('.')?;
     let scope = FAULTS.iter().find(|spec| spec.name == kind)?.scope;
     if rest == "record" && scope == Scope::Stage {
-        let stages: Vec<&str> = STAGES
+        let stages = STAGES
             .into_iter()
-            .filter(|role| is_possible(*role, kind))
-            .map(Role::name)
-            .collect();
+            .filter(|role| kind != "kill" || *role != Role::Plant);
+        let stages: Vec<&str> = stages.map(Role::name).collect();
         return Some(format!(
             ": the recorder is no stage; `STAGE.{kind}` is for {}",
             stages.join(", ")
@@ -422,24 +464,19 @@ fn hint(name: &str) -> Option<String> {
     if scope != Scope::Number {
         return None;
     }
-    let inputs = PORTS
-        .into_iter()
-        .flat_map(|port| [(port, port.topic().to_owned()), (port, port.to_string())]);
-    inputs.into_iter().find_map(|(port, input)| {
-        let field = port.fields().first()?.name;
-        if rest == input {
-            return Some(format!(
-                ": it is a fault of a number: name which, as in `{input}.{field}.{kind}`"
-            ));
-        }
-        let (field, _axis) = rest
-            .strip_prefix(&input)?
-            .strip_prefix('.')?
-            .split_once('.')?;
-        let axes = port.fields().iter().find(|known| known.name == field)?.axes;
-        Some(match axes {
-            [] => format!(": `{field}` is one number, without axes"),
-            axes => format!(": the axes of `{field}` are {}", axes.join(", ")),
-        })
+    let fields = |target: &FaultTarget| PORTS[target.code.place as usize].fields();
+    if let Some(target) = FaultTarget::named(rest).filter(|target| target.scope == Scope::Message) {
+        let field = fields(target).first()?.name;
+        return Some(format!(
+            ": it is a fault of a number: name which, as in `{rest}.{field}.{kind}`"
+        ));
+    }
+    let (field, _axis) = rest.rsplit_once('.')?;
+    let target = FaultTarget::named(field)
+        .filter(|target| target.scope == Scope::Number && target.code.axis == 0)?;
+    let field = &fields(target)[target.code.field as usize];
+    Some(match field.axes {
+        [] => format!(": `{}` is one number, without axes", field.name),
+        axes => format!(": the axes of `{}` are {}", field.name, axes.join(", ")),
     })
 }

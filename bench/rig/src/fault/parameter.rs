@@ -17,9 +17,8 @@ use crate::fault::error::{FaultError, begin_of, typed};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Desired {
     pub parameter: Parameter,
-    /// Its value, as it was typed.
     pub value: RequestedValue,
-    /// How long it takes to get there; `None` is at once.
+    /// Length of the ramp; `None` is at once.
     pub over: Option<Duration>,
 }
 
@@ -31,7 +30,7 @@ const LONGEST_RAMP: Duration = Duration::from_secs(30 * 86_400);
 pub enum RequestedValue {
     /// In the unit of the parameter.
     Number(f64),
-    /// That of the airframe as it was built, and so many percent of it more.
+    /// This many percent more than nominal.
     Percent(f64),
     /// That of the airframe as it was built.
     Nominal,
@@ -42,36 +41,34 @@ impl FromStr for Desired {
 
     /// Reads one `NAME=VALUE`.
     fn from_str(text: &str) -> Result<Self, FaultError> {
-        let (name, value) = text
-            .split_once('=')
-            .ok_or_else(|| FaultError::NoAssignment(text.to_owned()))?;
+        let (name, value) = text.split_once('=').ok_or_else(|| {
+            FaultError::parameter(format!(
+                "`{text}` is not an assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525"
+            ))
+        })?;
         let (name, value) = (name.trim(), value.trim());
         let parameter = Parameter::from_name(name)?;
         let (value, over) = match value.split_once('~') {
             Some((value, time)) => (value.trim(), Some(ramp_time(name, value, time.trim())?)),
             None => (value, None),
         };
-        let number = |number: &str| {
-            number.parse().map_err(|_| FaultError::NotANumber {
-                name: name.to_owned(),
-                value: begin_of(value),
-            })
-        };
-        let share = |percent: &str| {
-            let is_share = |percent: &f64| percent.is_finite();
-            let wrong = || FaultError::NotANumber {
-                name: name.to_owned(),
-                value: begin_of(value),
-            };
-            number(percent).ok().filter(is_share).ok_or_else(wrong)
-        };
+        let not_a_number =
+            || FaultError::parameter(format!("{name} = `{}` is not a number", begin_of(value)));
         let value = match value.strip_suffix('%') {
             Some(percent) if percent.starts_with(['+', '-']) => {
-                RequestedValue::Percent(share(percent)?)
+                let percent = percent
+                    .parse()
+                    .ok()
+                    .filter(|percent: &f64| percent.is_finite());
+                RequestedValue::Percent(percent.ok_or_else(not_a_number)?)
             }
-            Some(_) => return Err(FaultError::Unsigned(text.to_owned())),
+            Some(_) => {
+                return Err(FaultError::parameter(format!(
+                    "`{text}` has no sign: write NAME=+30% for three tenths more than nominal, NAME=-30% for less"
+                )));
+            }
             None if value == "nominal" => RequestedValue::Nominal,
-            None => RequestedValue::Number(number(value)?),
+            None => RequestedValue::Number(value.parse().map_err(|_| not_a_number())?),
         };
         Ok(Self {
             parameter,
@@ -82,25 +79,18 @@ impl FromStr for Desired {
 }
 
 fn ramp_time(name: &str, value: &str, time: &str) -> Result<Duration, FaultError> {
-    let wrong = |why: String| {
-        let (name, value, time) = (name.to_owned(), value.to_owned(), time.to_owned());
-        Err(FaultError::RampTime {
-            name,
-            value,
-            time,
-            why,
-        })
-    };
-    match humantime::parse_duration(time) {
-        _ if time.starts_with('-') => wrong("a time is not negative".into()),
+    let why = match humantime::parse_duration(time) {
+        _ if time.starts_with('-') => "a time is not negative".into(),
         // humantime reads a bare 0 as well.
-        Ok(Duration::ZERO) => wrong("it is no time; without ~ the change is at once".into()),
-        Ok(over) if over > LONGEST_RAMP => {
-            wrong("it is longer than the longest flight, 30 days".into())
-        }
-        Ok(over) => Ok(over),
-        Err(e) => wrong(e.to_string().trim_end().to_owned()),
-    }
+        Ok(Duration::ZERO) => "it is no time; without ~ the change is at once".into(),
+        Ok(over) if over <= LONGEST_RAMP => return Ok(over),
+        Ok(_) => "it is longer than the longest flight, 30 days".into(),
+        Err(e) => e.to_string(),
+    };
+    Err(FaultError::parameter(format!(
+        "{name}: a ramp of `{time}`: {}; write the time that it takes, as in {name}={value}~2s or ~500ms",
+        why.trim_end()
+    )))
 }
 
 impl Desired {
@@ -111,7 +101,13 @@ impl Desired {
         let value = match self.value {
             RequestedValue::Number(number) => number,
             RequestedValue::Percent(_) if nominal == 0.0 => {
-                return Err(FaultError::NothingToScale(parameter));
+                let unit = match parameter.spec().unit {
+                    "" => String::new(),
+                    unit => format!(" in {unit}"),
+                };
+                return Err(FaultError::parameter(format!(
+                    "{parameter} is nominally 0, of which there is no share: write a number{unit}"
+                )));
             }
             RequestedValue::Percent(percent) => nominal * (1.0 + percent / 100.0),
             RequestedValue::Nominal => nominal,
@@ -122,13 +118,11 @@ impl Desired {
     /// The same with the steps that it takes in ticks of `period_s` [s], at least one.
     pub fn target(&self, airframe: &Airframe, period_s: f64) -> Result<Target, FaultError> {
         let (parameter, value) = self.of(airframe)?;
-        let steps = self.over.map_or(1, |over| {
-            (over.as_secs_f64() / period_s).round().max(1.0) as u64
-        });
+        let ticks = |over: Duration| (over.as_secs_f64() / period_s).round().max(1.0) as u64;
         Ok(Target {
             parameter,
             value,
-            steps,
+            steps: self.over.map_or(1, ticks),
         })
     }
 }
@@ -160,13 +154,11 @@ pub fn targets_of(
 
 /// Refuses two values for one parameter.
 pub(crate) fn check_once(wanted: &[Desired]) -> Result<(), SwapError> {
-    let again = wanted
-        .iter()
-        .enumerate()
-        .find(|(i, one)| wanted[..*i].iter().any(|it| it.parameter == one.parameter));
-    again.map_or(Ok(()), |(_, one)| {
-        Err(SwapError::Twice {
-            parameter: one.parameter,
-        })
-    })
+    for (place, Desired { parameter, .. }) in wanted.iter().enumerate() {
+        let parameter = *parameter;
+        if wanted[..place].iter().any(|it| it.parameter == parameter) {
+            return Err(SwapError::Twice { parameter });
+        }
+    }
+    Ok(())
 }

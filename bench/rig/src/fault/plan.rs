@@ -1,16 +1,22 @@
-//! What the faults of a flight are in its ticks: swaps, faults of messages, outages and lateness of stages, and what its
-//! launcher does to processes.
+//! The faults of a flight in its ticks: swaps, faults of messages, outages and lateness of stages, and what the
+//! supervisor does to processes.
 
 use std::time::Duration;
 
+<<<<<<< HEAD
 use messages::fault::live::{Acts, FaultKind, LiveFault, LoopFaults, RESTART_NS, late_share};
 use messages::fault::{NotTaken, Span};
+=======
+use messages::fault::acts::{Acts, RESTART_NS};
+use messages::fault::live::{FaultKind, LiveFault, LoopFaults, MOST_LIVE, NOTICE_TICKS};
+use messages::fault::{MOST, NotTaken, Span, late};
+>>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
 use messages::parameters::Airframe;
 use messages::role::Role;
 use plant::Swap;
 
 use crate::fault::error::typed;
-use crate::fault::{Change, Fault, FaultError, planned_again};
+use crate::fault::{Change, Fault, FaultError};
 
 /// How long a stage that was killed takes until it works again.
 pub const RESTART: Duration = Duration::from_nanos(RESTART_NS);
@@ -19,11 +25,11 @@ pub const RESTART: Duration = Duration::from_nanos(RESTART_NS);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
     pub swaps: Vec<Swap>,
-    /// Those that stages strike themselves with: of messages, and lateness.
+    /// Those that stages inject themselves: of messages, and lateness.
     pub loops: LoopFaults,
-    /// What a launcher does to processes on the clock: stop, kill, keep the processor busy.
+    /// What a supervisor does to processes on the clock: stop, kill, keep the processor busy.
     pub acts: Vec<LiveFault>,
-    /// The same, and lateness, by the rules that hold in flight, too.
+    /// The same, and lateness, by the rules that also hold in flight.
     pub table: Acts,
     /// Those of stages, in simulated ticks.
     pub stages: Vec<StageFault>,
@@ -41,30 +47,33 @@ pub struct StageFault {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StageTicks {
     Out,
-    /// None is worked, and the stage then begins anew.
+    /// The stage misses them, and then starts again.
     Anew,
-    /// Each takes so many periods longer, between the two.
+    /// Each takes this many periods longer.
     Late {
         least: f64,
         most: f64,
     },
 }
 
-/// What becomes of a tick that a late stage works.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What becomes of a tick that a late stage runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lateness {
-    /// Ticks by which what it publishes is late.
+    /// Ticks by which its output is late.
     pub output: u64,
-    /// Ticks until it can work the next one; 1 is none missed.
+    /// Ticks until it can run the next one; 1 misses none.
     pub next: u64,
 }
 
+impl Lateness {
+    pub const NONE: Self = Self { output: 0, next: 1 };
+}
+
 impl StageTicks {
-    /// What becomes of a tick that was worked, by the seed of the flight.
-    #[must_use]
+    /// What becomes of a tick, by the seed of the flight.
     pub fn lateness(self, role: Role, seed: u64, tick: u64) -> Lateness {
         let Self::Late { least, most } = self else {
-            return Lateness { output: 0, next: 1 };
+            return Lateness::NONE;
         };
         let periods = least + (most - least) * late_share(role, seed, tick);
         // A whole number of periods is reached in the tick that then begins.
@@ -76,7 +85,7 @@ impl StageTicks {
 }
 
 impl Planned {
-    /// The faults of a flight of an airframe, with ticks of `period_s` [s] and a seed.
+    /// The faults of a flight with an airframe, ticks of `period_s` [s] and a seed.
     pub fn new(
         faults: &[Fault],
         period_s: f64,
@@ -103,9 +112,9 @@ impl Planned {
                         kind => planned.take_stage(&kind, span, period_s)?,
                     }
                 }
-                change
-                    .faults(span)
-                    .try_for_each(|fault| planned.take(&fault, period_s))?;
+                for fault in change.faults(span) {
+                    planned.take(&fault, period_s)?;
+                }
             }
         }
         Ok(planned)
@@ -114,24 +123,20 @@ impl Planned {
     fn take(&mut self, fault: &LiveFault, period_s: f64) -> Result<(), FaultError> {
         let taken = self.loops.take(fault).and_then(|()| self.table.take(fault));
         taken.map_err(|reason| refused(reason, fault, period_s))?;
-        if !matches!(
-            fault.trouble,
-            FaultKind::Messages { .. } | FaultKind::Late { .. }
-        ) {
-            self.acts.push(*fault);
+        match fault.trouble {
+            FaultKind::Messages { .. } | FaultKind::Late { .. } => {}
+            _ => self.acts.push(*fault),
         }
         Ok(())
     }
 
     /// A stage is no longer late.
     fn end_late(&mut self, role: Role, tick: u64) {
-        let is_late = |fault: &&mut StageFault| {
-            fault.role == role && matches!(fault.kind, StageTicks::Late { .. })
-        };
-        self.stages
-            .iter_mut()
-            .filter(is_late)
-            .for_each(|fault| fault.span = fault.span.cut(tick));
+        for fault in &mut self.stages {
+            if fault.role == role && matches!(fault.kind, StageTicks::Late { .. }) {
+                fault.span = fault.span.cut(tick);
+            }
+        }
     }
 
     fn take_stage(
@@ -141,9 +146,9 @@ impl Planned {
         period_s: f64,
     ) -> Result<(), FaultError> {
         let periods = |ns| periods(Duration::from_nanos(ns).as_secs_f64(), period_s);
-        let out = |periods: f64| Span {
-            from: span.from,
-            to: span.from.saturating_add(periods.floor() as u64),
+        let out = |periods: f64| {
+            let ticks = periods.floor() as u64;
+            Span::new(span.from, span.from.saturating_add(ticks))
         };
         let (role, kind, span) = match *kind {
             FaultKind::Late {
@@ -151,13 +156,12 @@ impl Planned {
                 least_ns,
                 most_ns,
             } => {
-                let once = span.cut(span.from.saturating_add(1));
                 let kind = StageTicks::Late {
                     least: periods(least_ns),
                     most: periods(most_ns),
                 };
                 let is_once = span.to == Span::FOR_GOOD;
-                (role, kind, if is_once { once } else { span })
+                (role, kind, if is_once { span.once() } else { span })
             }
             // One that is shorter than a tick is refused with the others of its table.
             FaultKind::Stop { role, for_ns } => (role, StageTicks::Out, out(periods(for_ns))),
@@ -166,22 +170,18 @@ impl Planned {
                 return Ok(());
             }
         };
-        if let Some(other) = self
-            .stages
-            .iter()
-            .find(|other| other.role == role && other.span.meets(span))
-        {
-            return Err(FaultError::StageMeets {
-                role,
-                first: other.span.from,
-                second: span.from,
-            });
+        let meets = |other: &&StageFault| other.role == role && other.span.meets(span);
+        if let Some(other) = self.stages.iter().find(meets) {
+            return Err(FaultError::fault(format!(
+                "two faults of {role} meet: one from tick {}, one from tick {}: let one end before",
+                other.span.from, span.from
+            )));
         }
         self.stages.push(StageFault { role, kind, span });
         Ok(())
     }
 
-    #[must_use]
+    /// Whether neither messages nor stages have faults.
     pub fn spares_the_loop(&self) -> bool {
         self.loops.messages.is_empty() && self.stages.is_empty()
     }
@@ -189,38 +189,37 @@ impl Planned {
 
 /// Why a fault is not taken, with its name, in a flight with ticks of `period_s` [s].
 pub(crate) fn refused(reason: NotTaken, fault: &LiveFault, period_s: f64) -> FaultError {
-    let what = || {
-        let change = planned_again(&[*fault])
-            .first()
-            .and_then(|fault| fault.changes.first().copied());
-        change.map(|change| change.what()).unwrap_or_default()
-    };
-    match (reason, fault.trouble) {
-        (NotTaken::NoRoom, _) => FaultError::TooMany,
-        (NotTaken::UnderATick, trouble) => FaultError::Value {
-            what: what(),
-            value: match trouble {
+    let what = Change::joined(&[*fault], fault).0.what();
+    FaultError::fault(match (reason, fault.trouble) {
+        (NotTaken::NoRoom, _) => format!(
+            "there are more than {MOST} faults of messages, counted by input, or more than {MOST_LIVE} of processes: \
+             leave some out"
+        ),
+        (NotTaken::UnderATick, trouble) => {
+            let value = match trouble {
                 FaultKind::Stop { for_ns, .. } => typed(Duration::from_nanos(for_ns)),
                 _ => String::new(),
-            },
-            allowed: format!(
-                "a time of at least one tick, which is {} ms here",
-                period_s * 1e3
-            ),
-        },
-        (NotTaken::AfterTheEnd, _) => FaultError::AfterTheEnd(what()),
-        (NotTaken::NothingToEnd, _) => FaultError::NothingToEnd(what()),
-        (NotTaken::Contradiction, FaultKind::Messages { port, kind }) => {
-            FaultError::Contradiction {
-                what: kind.name(),
-                port,
-            }
+            };
+            let tick_ms = period_s * 1e3;
+            format!(
+                "{what} = `{value}`: write a time of at least one tick, which is {tick_ms} ms here"
+            )
         }
-        (NotTaken::Contradiction, _) => FaultError::Again(what()),
-    }
+        (NotTaken::AfterTheEnd, _) => format!(
+            "{what} never strikes: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
+        ),
+        (NotTaken::NothingToEnd, _) => format!("{what}=off: it does not strike then or later"),
+        (NotTaken::Contradiction, FaultKind::Messages { port, kind }) => format!(
+            "`{}` is given twice for the same ticks at {port}: let one end before the other begins",
+            kind.name()
+        ),
+        (NotTaken::Contradiction, _) => {
+            format!("{what} is given for these ticks already: let one end before the other begins")
+        }
+    })
 }
 
-/// A time [s] in periods; where it is whole ones but for rounding, it is whole.
+/// A time [s] in periods; a whole number if it is one but for rounding.
 fn periods(time_s: f64, period_s: f64) -> f64 {
     let periods = time_s / period_s;
     if (periods - periods.round()).abs() < 1e-9 * periods {

@@ -44,9 +44,6 @@ impl AtomicFileWriter {
     }
 
     /// Hands over the next text, without waiting.
-    ///
-    /// # Errors
-    /// The first error of an earlier write, reported once.
     pub fn put(&self, text: String) -> Result<(), Failure> {
         let mut state = self.0.state();
         state.next = Some(text);
@@ -59,10 +56,9 @@ impl AtomicFileWriter {
         let mut state = self.0.state();
         (state.next, state.is_closed) = (None, true);
         self.0.changed.notify_all();
-        let waited = self
-            .0
-            .changed
-            .wait_timeout_while(state, CLOSE_TIMEOUT, |state| state.busy);
+        let is_busy = |state: &mut WriterState| state.busy;
+        let changed = &self.0.changed;
+        let waited = changed.wait_timeout_while(state, CLOSE_TIMEOUT, is_busy);
         drop(waited.unwrap_or_else(PoisonError::into_inner));
     }
 }
@@ -132,11 +128,8 @@ mod tests {
         file.put("too late".into()).unwrap();
         drop(file);
         assert_eq!(fs::read_to_string(&path).unwrap(), "final");
-        assert_eq!(
-            fs::read_dir(place.path()).unwrap().count(),
-            1,
-            "no draft is left"
-        );
+        let files = fs::read_dir(place.path()).unwrap().count();
+        assert_eq!(files, 1, "no draft is left");
     }
 
     #[test]

@@ -15,14 +15,14 @@ use errors::{Failure, InFile as _, open_file};
 use flight_log::async_writer::AsyncWriter;
 use report::series::SeriesSet;
 
-pub const FILE: &str = "latency.hlog";
+use crate::run_directory::LATENCIES;
+
 /// Disk space left free for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
 
 #[derive(Clone, Debug)]
 pub struct Lines(AsyncWriter);
 
-#[allow(missing_debug_implementations, reason = "the writer has none")]
 pub struct Hlog<'a> {
     writer: IntervalLogWriter<'a, 'a, AsyncWriter, V2DeflateSerializer>,
     lines: Lines,
@@ -33,7 +33,7 @@ pub struct Hlog<'a> {
 impl Lines {
     /// Creates an empty file in a run directory, locked until this process ends.
     pub fn create(directory: &Path) -> Result<Self, Failure> {
-        let path = directory.join(FILE);
+        let path = directory.join(LATENCIES);
         let file = File::create(&path).in_file("write", &path)?;
         // A file system without locks: `lives` then returns false for every flight.
         let _ = flock(&file, FlockOperation::LockExclusive);
@@ -42,14 +42,15 @@ impl Lines {
             .in_file("write", &path)
     }
 
-    #[must_use]
     pub fn out(&self) -> AsyncWriter {
         self.0.clone()
     }
 
     pub fn finish(&self) -> Result<(), Failure> {
         self.0.finish().map_or(Ok(()), |reason| {
-            Err(Failure::failed(format!("{FILE} is not whole: {reason}")))
+            Err(Failure::failed(format!(
+                "{LATENCIES} is not whole: {reason}"
+            )))
         })
     }
 }
@@ -72,7 +73,7 @@ impl<'a> Hlog<'a> {
             .with_base_time(start)
             .with_max_value_divisor(1e6)
             .begin_log_with(out, serializer)
-            .map_err(|e| Failure::failed(format!("cannot write {FILE}: {e:?}")))?;
+            .map_err(|e| Failure::failed(format!("cannot write {LATENCIES}: {e:?}")))?;
         lines.0.settle_or_drop();
         Ok(Self {
             writer,
@@ -98,9 +99,8 @@ impl<'a> Hlog<'a> {
 }
 
 /// Whether a recorder still writes into a run directory. Returns true if that is unknown.
-#[must_use]
 pub fn lives(directory: &Path) -> bool {
-    match open_file(&directory.join(FILE)) {
+    match open_file(&directory.join(LATENCIES)) {
         Ok(file) => flock(&file, FlockOperation::NonBlockingLockShared).is_err(),
         // A pipe or a device is not a recorder's file.
         Err(e) => e.kind() != ErrorKind::InvalidInput,
@@ -118,13 +118,8 @@ mod tests {
     fn an_interval(directory: &Path, is_file: bool) -> Result<(), Failure> {
         let lines = Lines::create(directory)?;
         let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
-        let mut hlog = Hlog::begin(
-            &lines,
-            &mut out,
-            &mut serializer,
-            1_700_000_000_000_000_000,
-            1,
-        )?;
+        let start_ns = 1_700_000_000_000_000_000;
+        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, start_ns, 1)?;
         let mut series = SeriesSet::new()?;
         series.record(Series::Loop, 30_000);
         assert_eq!(lives(directory), is_file, "it is locked");
@@ -135,30 +130,23 @@ mod tests {
     #[test]
     fn a_full_disk_is_an_error_with_its_reason() {
         let directory = tempfile::tempdir().unwrap();
-        std::os::unix::fs::symlink("/dev/full", directory.path().join(FILE)).unwrap();
+        let file = directory.path().join(LATENCIES);
+        std::os::unix::fs::symlink("/dev/full", file).unwrap();
         let failure = an_interval(directory.path(), false)
             .unwrap_err()
             .to_string();
-        assert!(
-            failure.contains("latency.hlog is not whole: No space left on device"),
-            "{failure}"
-        );
+        let expected = "latency.hlog is not whole: No space left on device";
+        assert!(failure.contains(expected), "{failure}");
     }
 
     #[test]
     fn a_finished_log_is_of_whole_lines_and_free_again() {
         let directory = tempfile::tempdir().unwrap();
         an_interval(directory.path(), true).unwrap();
-        let text = fs::read_to_string(directory.path().join(FILE)).unwrap();
-        assert!(
-            text.ends_with('\n')
-                && text
-                    .lines()
-                    .last()
-                    .unwrap()
-                    .starts_with("Tag=loop,0.000,1.000,"),
-            "{text}"
-        );
+        let text = fs::read_to_string(directory.path().join(LATENCIES)).unwrap();
+        let last = text.lines().last().unwrap();
+        let is_whole = text.ends_with('\n') && last.starts_with("Tag=loop,0.000,1.000,");
+        assert!(is_whole, "{text}");
         while lives(directory.path()) {
             std::thread::yield_now();
         }

@@ -15,7 +15,6 @@ use report::host::{Host, InterruptSection, Steal};
 use super::kernel_trace::KernelTrace;
 use super::role_statuses::RoleStatuses;
 
-#[allow(missing_debug_implementations, reason = "the doctor's parts have none")]
 pub struct HostMonitor {
     pub host: Host,
     pub diagnosis: Diagnosis,
@@ -44,20 +43,15 @@ impl HostMonitor {
         })
     }
 
-    #[must_use]
     pub const fn is_virtual(&self) -> bool {
         self.counters.is_virtual
     }
 
-    #[must_use]
     pub const fn has_cpu(&self) -> bool {
         self.counters.processor.is_some()
     }
 
     /// Samples the loops' counters, then classifies the deadlines missed so far.
-    ///
-    /// # Errors
-    /// The kernel's trace can no longer be read.
     pub fn sample(
         &mut self,
         roles: &RoleStatuses,
@@ -79,9 +73,6 @@ impl HostMonitor {
     }
 
     /// Takes the last trace and classifies the remaining misses.
-    ///
-    /// # Errors
-    /// The kernel's trace can no longer be read.
     pub fn finish(
         &mut self,
         roles: &RoleStatuses,
@@ -105,14 +96,12 @@ impl HostMonitor {
     }
 
     /// CPU time that the hypervisor took since the start.
-    #[must_use]
     pub fn steal(&self) -> Steal {
         self.cpu_times
             .steal_until(&CpuTimes::read(self.counters.processor))
     }
 
     /// Interrupts on the loops' CPU since the start.
-    #[must_use]
     pub fn interrupts(&self) -> InterruptSection {
         let processor = self.counters.processor;
         InterruptSection {

@@ -7,10 +7,6 @@ use messages::fault::live::{LIVE, LiveBlackboard, LiveFault};
 
 use crate::fault::planned_again;
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 #[derive(Default)]
 pub struct InjectedFaults {
     blackboard: Option<BlackboardReader<LiveBlackboard>>,
@@ -34,7 +30,6 @@ impl InjectedFaults {
 }
 
 /// The faults by number, each as the text that would plan it.
-#[must_use]
 pub fn injected_record(faults: &[LiveFault]) -> Record {
     (1..)
         .zip(planned_again(faults))

@@ -48,13 +48,15 @@ fn ring_of(instance: &Instance) -> String {
     instance.prefix().trim_end_matches('.').to_owned()
 }
 
-/// Removes the ring buffer that a killed recorder left behind, unless a program reads it.
-pub fn remove_left(instance: &Instance) {
+/// Removes what the processes of an instance left, if none of them lives. What cannot be removed is found by the next
+/// start, or by `ironbird clean`, which names it.
+pub fn remove_leftovers(instance: &Instance) {
+    let _ = instance.remove_leftovers();
+    // Not if a program reads it.
     let _ = trace::remove_left(&ring_of(instance));
 }
 
 /// Ring buffers under this root without a running instance.
-#[must_use]
 pub fn leftovers() -> Vec<String> {
     let alive: Vec<String> = Instance::known()
         .iter()

@@ -9,8 +9,7 @@ use flight_log::facts::{
 use messages::blackboards;
 use messages::header::LAYOUT;
 use report::host::Host;
-use report::laws::{FlownLaws, NotFinite, no_theorem};
-use report::schema::LawSection;
+use report::laws::{NotFinite, no_theorem};
 use report::schema::RoleSection;
 
 use crate::build;
@@ -53,28 +52,23 @@ pub fn metadata(
         ("settings.toml", &settings.commented()?),
         ("shared", &settings.shared_text()?),
     ]);
-    texts.extend(
-        settings
-            .points
-            .iter()
-            .map(|points| (POINTS.to_owned(), points.text.clone())),
-    );
+    if let Some(points) = &settings.points {
+        texts.insert(POINTS.to_owned(), points.text.clone());
+    }
     let laws = settings
         .chosen_laws()?
         .into_iter()
         .flat_map(law_entries)
         .collect();
+    let hypervisor = host
+        .hypervisor
+        .map_or_else(|| "unknown".into(), |it| it.to_string());
     let host = record(&[
         ("kernel", &host.kernel),
         ("preemption", &host.preemption),
         ("cpu", &host.cpu),
         ("cpus", &host.cpus.to_string()),
-        (
-            "hypervisor",
-            &host
-                .hypervisor
-                .map_or_else(|| "unknown".into(), |it| it.to_string()),
-        ),
+        ("hypervisor", &hypervisor),
         ("clock_source", &host.clock_source),
         ("rt_runtime_us", &host.rt_runtime_us.to_string()),
     ]);
@@ -82,13 +76,9 @@ pub fn metadata(
         .iter()
         .map(|(role, section)| (role.clone(), granted(section)))
         .collect();
-    let plan = settings.log_plan();
-    let FlownLaws {
-        signals,
-        without_theorem,
-    } = settings.flown_laws()?;
-    let faults: Record = (1..)
-        .zip(settings.injected()?)
+    let laws_flown = settings.flown_laws()?;
+    let faults = (1..).zip(settings.injected()?);
+    let faults: Record = faults
         .map(|(n, fault)| (format!("{n}"), fault.words()))
         .collect();
     let mut records = vec![
@@ -104,32 +94,24 @@ pub fn metadata(
     Ok(Facts {
         pace,
         sample_time_ns,
-        plan,
-        signals,
-        no_theorem: without_theorem.map(no_theorem),
+        plan: settings.log_plan(),
+        signals: laws_flown.signals,
+        no_theorem: laws_flown.without_theorem.map(no_theorem),
         records,
     })
 }
 
 fn law_entries(law: Chosen) -> Vec<(String, String)> {
-    let LawSection {
-        name,
-        version,
-        file,
-        sha256,
-        ..
-    } = law.section(NotFinite::default(), Vec::new());
+    let section = law.section(NotFinite::default(), Vec::new());
     let role = law.description().role;
     let entries = [
-        ("name", Some(name)),
-        ("version", Some(version)),
-        ("file", file),
-        ("sha256", sha256),
+        ("name", Some(section.name)),
+        ("version", Some(section.version)),
+        ("file", section.file),
+        ("sha256", section.sha256),
     ];
-    entries
-        .into_iter()
-        .filter_map(|(key, text)| Some((format!("{role}.{key}"), text?)))
-        .collect()
+    let entry = |(key, text): (_, Option<String>)| Some((format!("{role}.{key}"), text?));
+    entries.into_iter().filter_map(entry).collect()
 }
 
 /// Which real-time settings a process requested and got, one per line.
@@ -138,11 +120,13 @@ fn granted(section: &RoleSection) -> String {
     for step in &section.realtime {
         let requested = step
             .asked
-            .map_or_else(String::new, |value| format!(" {value}"));
-        let outcome = step
+            .map(|value| format!(" {value}"))
+            .unwrap_or_default();
+        let refused = step
             .refused
             .as_ref()
-            .map_or_else(|| "granted".into(), |reason| format!("refused: {reason}"));
+            .map(|reason| format!("refused: {reason}"));
+        let outcome = refused.unwrap_or_else(|| "granted".into());
         text.push_str(&format!("\n{}{requested}: {outcome}", step.step));
     }
     text

@@ -21,10 +21,6 @@ use crate::theorem::FlightMonitor;
 const OBSERVERS: &str = "what observers see";
 
 /// The recorder's ports, opened before the plant takes off.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct StreamPorts {
     receivers: Ports,
     relays: Relays,
@@ -43,10 +39,6 @@ impl StreamPorts {
     }
 }
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct MessageStreams {
     ports: StreamPorts,
     pub tally: FlightStatistics,
@@ -57,7 +49,6 @@ pub struct MessageStreams {
 }
 
 impl MessageStreams {
-    #[must_use]
     pub fn new(ports: StreamPorts, tally: FlightStatistics, monitor: FlightMonitor) -> Self {
         Self {
             ports,
@@ -98,10 +89,8 @@ impl MessageStreams {
             keep_first(&mut relayed, relays.setpoints.pass_on(message));
             files.log(LogEntry::Setpoint(*message));
             tally.setpoint(message);
-            joiner.take(
-                message.envelope.tick,
-                LoopMessage::Setpoint(message.content),
-            );
+            let content = LoopMessage::Setpoint(message.content);
+            joiner.take(message.envelope.tick, content);
         })?;
         receivers.wrenches.drain(horizon, |message| {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
@@ -114,10 +103,8 @@ impl MessageStreams {
             files.log(LogEntry::RotorSpeeds(*message));
             tally.rotor_speeds(message);
             if !is_last_word(message) {
-                joiner.take(
-                    message.envelope.tick,
-                    LoopMessage::RotorSpeeds(message.content),
-                );
+                let content = LoopMessage::RotorSpeeds(message.content);
+                joiner.take(message.envelope.tick, content);
             }
         })?;
         receivers.swaps.drain(horizon, |message| {
@@ -136,7 +123,6 @@ impl MessageStreams {
     }
 
     /// Whether every parameter change that the plant counted has been received.
-    #[must_use]
     pub fn has_all_swaps(&self, counted_by_plant: u64) -> bool {
         // The plant also counts the change of a tick that was skipped at the very end, which is in no state.
         self.tally.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
@@ -158,12 +144,10 @@ impl MessageStreams {
     }
 
     /// Messages that did not pass inspection.
-    #[must_use]
     pub fn rejections(&self) -> Rejections {
         self.ports.receivers.rejections()
     }
 
-    #[must_use]
     pub const fn incomplete_ticks(&self) -> u64 {
         self.joiner.incomplete
     }
@@ -186,10 +170,9 @@ impl MessageStreams {
             None if self.monitor.applies() => self.tally.theorem.unwatched(),
             None => {}
         }
-        self.joiner.take(
-            wrench.envelope.tick,
-            LoopMessage::Wrench(wrench.content, result.map(|message| message.content)),
-        );
+        let result = result.map(|message| message.content);
+        let content = LoopMessage::Wrench(wrench.content, result);
+        self.joiner.take(wrench.envelope.tick, content);
     }
 
     fn write_state(&mut self, joined: &Joined, files: &mut RunFiles<'_>) {

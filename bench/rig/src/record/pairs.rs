@@ -20,7 +20,6 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             states: MessageWindow::keeping(KEPT),
@@ -29,7 +28,7 @@ impl Pairs {
     }
 
     pub fn state(&mut self, message: &Message<State>) {
-        self.states.extend(std::slice::from_ref(message));
+        self.states.push(*message);
         self.states.advance();
     }
 
@@ -42,12 +41,8 @@ impl Pairs {
         let input_tick = self.wrenches.front()?.envelope.input_tick[0];
         let state = self.states.input(input_tick);
         // States arrive in order: one older than the newest no longer arrives.
-        if state.is_none()
-            && self
-                .states
-                .newest_tick()
-                .is_none_or(|newest| newest < input_tick)
-        {
+        let newest = self.states.newest_tick();
+        if state.is_none() && newest.is_none_or(|newest| newest < input_tick) {
             return None;
         }
         // Later wrenches are not computed from older states.
@@ -64,91 +59,70 @@ impl Pairs {
     }
 }
 
-impl Default for Pairs {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use messages::header::Header;
-
     use super::*;
 
-    fn state(pairs: &mut Pairs, tick: u64) {
-        let mut message = Message::<State>::default();
-        (message.envelope.tick, message.content.ticks_skipped) = (tick, tick);
-        pairs.state(&message);
-    }
-
-    fn wrench(pairs: &mut Pairs, tick: u64, of_tick: u64) {
-        let envelope = Header {
-            tick,
-            input_tick: [of_tick, NO_TICK, NO_TICK],
-            ..Header::new()
-        };
-        pairs.wrench(&Message {
-            envelope,
-            content: Wrench::default(),
-        });
+    /// Pairs after the states of these ticks, and wrenches of these ticks, each with the tick of its state.
+    fn take(
+        pairs: &mut Pairs,
+        states: impl IntoIterator<Item = u64>,
+        wrenches: impl IntoIterator<Item = (u64, u64)>,
+    ) {
+        for tick in states {
+            pairs.state(&Message::of_tick(tick, State::default()));
+        }
+        for (tick, of_tick) in wrenches {
+            let mut wrench = Message::of_tick(tick, Wrench::default());
+            wrench.envelope.input_tick = [of_tick, NO_TICK, NO_TICK];
+            pairs.wrench(&wrench);
+        }
     }
 
     /// Ticks of the matched wrenches, each with the tick of its state.
     fn paired(pairs: &mut Pairs) -> Vec<(u64, Option<u64>)> {
-        let ticks =
-            |(wrench, state): (Message<Wrench>, Option<Stamped<State>>)| {
-                let of = state.map(|state| state.tick);
-                assert!(of.is_none_or(
-                    |tick| tick == NO_TICK || tick == state.unwrap().content.ticks_skipped
-                ));
-                (wrench.envelope.tick, of)
-            };
-        std::iter::from_fn(|| pairs.paired()).map(ticks).collect()
+        let next = std::iter::from_fn(|| pairs.paired());
+        next.map(|(wrench, state)| (wrench.envelope.tick, state.map(|state| state.tick)))
+            .collect()
     }
 
     #[test]
     fn a_wrench_waits_for_a_state_received_after_it() {
         let mut pairs = Pairs::new();
-        state(&mut pairs, 0);
-        (0..3).for_each(|tick| wrench(&mut pairs, tick, tick));
+        take(&mut pairs, [0], (0..3).map(|tick| (tick, tick)));
         assert_eq!(paired(&mut pairs), [(0, Some(0))]);
-        (1..9).for_each(|tick| state(&mut pairs, tick));
+        take(&mut pairs, 1..9, []);
         assert_eq!(paired(&mut pairs), [(1, Some(1)), (2, Some(2))]);
     }
 
     #[test]
     fn a_stale_state_is_used_again_and_a_missing_one_is_none() {
         let mut pairs = Pairs::new();
-        wrench(&mut pairs, 0, NO_TICK);
-        (1..4).for_each(|tick| wrench(&mut pairs, tick, 1));
-        [0, 1].into_iter().for_each(|tick| state(&mut pairs, tick));
-        assert_eq!(
-            paired(&mut pairs),
-            [(0, Some(NO_TICK)), (1, Some(1)), (2, Some(1)), (3, Some(1))]
-        );
+        take(&mut pairs, [], [(0, NO_TICK), (1, 1), (2, 1), (3, 1)]);
+        take(&mut pairs, [0, 1], []);
+        let expected = [(0, Some(NO_TICK)), (1, Some(1)), (2, Some(1)), (3, Some(1))];
+        assert_eq!(paired(&mut pairs), expected);
     }
 
     #[test]
     fn a_lost_state_delays_nothing_once_a_later_one_arrives() {
         let mut pairs = Pairs::new();
-        (0..4).for_each(|tick| wrench(&mut pairs, tick, tick));
-        [0, 2].into_iter().for_each(|tick| state(&mut pairs, tick));
+        take(&mut pairs, [0, 2], (0..4).map(|tick| (tick, tick)));
         assert_eq!(paired(&mut pairs), [(0, Some(0)), (1, None), (2, Some(2))]);
         let (last, state) = pairs.rest().unwrap();
-        assert_eq!(
-            (last.envelope.tick, state, pairs.rest().is_none()),
-            (3, None, true)
-        );
+        assert_eq!((last.envelope.tick, state), (3, None));
+        assert!(pairs.rest().is_none());
     }
 
     #[test]
     fn the_number_of_unmatched_states_is_bounded() {
         let mut pairs = Pairs::new();
         let (kept, last) = (KEPT as u64, 5 * KEPT as u64);
-        (0..=last).for_each(|tick| state(&mut pairs, tick));
-        wrench(&mut pairs, last, last - kept - 1);
-        wrench(&mut pairs, last + 1, last - kept);
+        take(
+            &mut pairs,
+            0..=last,
+            [(last, last - kept - 1), (last + 1, last - kept)],
+        );
         assert_eq!(
             paired(&mut pairs),
             [(last, None), (last + 1, Some(last - kept))]

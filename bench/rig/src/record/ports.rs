@@ -17,10 +17,6 @@ pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
 /// Share of a tick after which its stages have normally finished [%].
 const LOOPS_DONE_PERCENT: u64 = 15;
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Ports {
     pub states: Receiver<State>,
     pub setpoints: Receiver<Setpoint>,
@@ -61,7 +57,6 @@ impl Ports {
     }
 
     /// Messages that did not pass inspection.
-    #[must_use]
     pub fn rejections(&self) -> Rejections {
         self.states
             .rejections()
@@ -73,10 +68,6 @@ impl Ports {
 }
 
 /// Ports through which the recorder passes every topic on to observers, and publishes the monitor's results.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Relays {
     pub states: Relay<State>,
     pub setpoints: Relay<Setpoint>,
@@ -157,26 +148,23 @@ mod tests {
 
     #[test]
     fn topics_are_drained_about_every_10_ms_when_the_loops_are_done() {
-        let ms = |ms: f64| (ms * 1e6).round() as u64;
-        let at = |period: f64, now: f64| {
-            next_drain(
-                Grid {
-                    t0_ns: ms(100.0),
-                    period_ns: ms(period),
-                },
-                ms(now),
-            )
-        };
-        assert_eq!(at(1.0, 100.15), ms(110.15));
-        assert_eq!(at(1.0, 100.90), ms(110.15), "it took its time");
-        assert_eq!(
-            at(1.0, 20.0),
-            ms(100.15),
-            "before the first tick there is nothing to drain"
-        );
-        // In slow motion: never at once, and at the beginning of no tick.
-        assert_eq!(at(20.0, 103.0), ms(113.0));
-        assert_eq!(at(20.0, 113.0), ms(123.0));
-        assert_eq!(at(20.0, 100.0), ms(103.0));
+        let ns = |ms: f64| (ms * 1e6).round() as u64;
+        for (period_ms, now_ms, expected_ms) in [
+            (1.0, 100.15, 110.15),
+            // It took its time.
+            (1.0, 100.90, 110.15),
+            // Before the first tick there is nothing to drain.
+            (1.0, 20.0, 100.15),
+            // In slow motion: never at once, and at the beginning of no tick.
+            (20.0, 103.0, 113.0),
+            (20.0, 113.0, 123.0),
+            (20.0, 100.0, 103.0),
+        ] {
+            let grid = Grid {
+                t0_ns: ns(100.0),
+                period_ns: ns(period_ms),
+            };
+            assert_eq!(next_drain(grid, ns(now_ms)), ns(expected_ms), "{now_ms}");
+        }
     }
 }

@@ -10,12 +10,12 @@ use host::Machine;
 use host::sampler::fallen;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
-use messages::grid::NS_PER_S;
+use messages::grid::{NS_PER_S, Pace};
 use messages::role::Role;
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 use report::flight_statistics::FlightStatistics;
-use report::schema::Report;
+use report::schema::{MarginSection, Report};
 use report::tracking::Tracking;
 
 use super::hlog::{Hlog, Lines};
@@ -27,7 +27,6 @@ use super::ports::{DRAIN_EVERY, rest};
 use super::report_builder::{RecordedParts, ReportBuilder};
 use super::role_statuses::RoleStatuses;
 use super::run_files::{Files, RunFiles};
-use crate::margin::table;
 use crate::settings::Settings;
 use crate::theorem::FlightMonitor;
 
@@ -36,11 +35,13 @@ const LANDING_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long it then waits for the records of the last parameter changes, which do not come from the plant's loop.
 const LAST_SWAPS_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// Records until the plant closes the run; returns the flight's report.
+/// Records until the plant closes the run; returns the flight's report. `margin` gives what the report compares outages
+/// with.
 pub fn run(
     mut session: RoleSession,
     settings: &Settings,
     files: &Files,
+    margin: impl FnOnce(Pace) -> Result<Option<MarginSection>, Failure>,
 ) -> Result<Report, Failure> {
     let mut ports = StreamPorts::open(session.wire())?;
     let machine = Machine::here(
@@ -84,12 +85,7 @@ pub fn run(
         settings,
         armed: &armed,
         files: RunFiles::create(files, settings, &metadata, latencies, (tracking, laws))?,
-        report: ReportBuilder::new(
-            settings,
-            instance.name(),
-            &meter,
-            table::of_flight(armed.pace, settings, &files.directory)?,
-        )?,
+        report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
         streams: MessageStreams::new(ports, tally, FlightMonitor::new(settings.theorem()?)),
         host,
         roles,

@@ -13,15 +13,10 @@ use report::deadlines::LateStretch;
 use report::distribution::buckets;
 use report::flight_statistics::FlightStatistics;
 use report::gates::{gates, verdict};
-use report::laws::NotFinite;
-use report::laws::SignalStatistics;
+use report::laws::{NotFinite, SignalStatistics};
 use report::miss_analysis::MissAnalysis;
 use report::outages::WORST_SHOWN;
-use report::schema;
-use report::schema::LawSection;
-use report::schema::MarginSection;
-use report::schema::Verdicts;
-use report::schema::{Report, RunLength};
+use report::schema::{self, LawSection, MarginSection, Report, RunLength, Verdicts};
 use report::sections::rejected;
 use report::series::Series;
 use report::verdicts::Evidence;
@@ -36,7 +31,6 @@ use crate::settings::law_settings::Chosen;
 use crate::wall_time::utc;
 
 /// Parts of the recorder that the report is built from.
-#[allow(missing_debug_implementations, reason = "the parts have none")]
 pub struct RecordedParts<'a> {
     pub streams: &'a MessageStreams,
     pub files: &'a RunFiles<'a>,
@@ -45,7 +39,6 @@ pub struct RecordedParts<'a> {
     pub faults: &'a [LiveFault],
 }
 
-#[allow(missing_debug_implementations, reason = "the laws have none")]
 pub struct ReportBuilder<'a> {
     settings: &'a Settings,
     /// The laws as loaded at the start: a law file that disappears during the flight does not matter.
@@ -89,37 +82,42 @@ impl<'a> ReportBuilder<'a> {
         let period_s = self.settings.flight.period_s;
         let ticks = tally.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(tally.states);
-        let late = tally.series.flight(Series::Late);
         let missed = tally.miss_runs.missed();
+        let run_length = |(length_ticks, count)| RunLength {
+            length_ticks,
+            count,
+        };
+        let stretch = |stretch: &LateStretch| schema::LateStretchSection {
+            tick: stretch.tick,
+            time_s: stretch.tick as f64 * period_s,
+            length_ticks: stretch.length_ticks,
+            late_us: stretch.late_ns as f64 / 1e3,
+        };
+        let late_commands = &tally.late_commands;
         let deadlines = schema::DeadlineSection {
             not_fresh: tally.not_fresh(&ticks),
             missed,
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-            missed_by_stamps: tally.late_commands.count(),
-            late: late.map(buckets).unwrap_or_default(),
+            missed_by_stamps: late_commands.count(),
+            late: tally
+                .series
+                .flight(Series::Late)
+                .map(buckets)
+                .unwrap_or_default(),
             runs: tally
                 .miss_runs
                 .lengths()
                 .into_iter()
-                .map(|(length_ticks, count)| RunLength {
-                    length_ticks,
-                    count,
-                })
+                .map(run_length)
                 .collect(),
-            stretches: tally
-                .late_commands
-                .stretches()
-                .iter()
-                .map(|stretch| late_stretch(stretch, period_s))
-                .collect(),
-            stretches_left_out: tally.late_commands.left_out(),
+            stretches: late_commands.stretches().iter().map(stretch).collect(),
+            stretches_left_out: late_commands.left_out(),
         };
         let series = tally.series.statistics();
         let theorem = tally.theorem.section();
         let lost_messages = tally.lost().iter().sum();
-        let lost = TOPICS
-            .iter()
-            .zip(tally.lost())
+        let lost = TOPICS.iter().zip(tally.lost());
+        let lost = lost
             .map(|(topic, lost)| ((*topic).to_owned(), lost))
             .collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
@@ -161,12 +159,8 @@ impl<'a> ReportBuilder<'a> {
             lost: lost_messages,
         };
         let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
-        let mut autopsy = tally
-            .autopsy
-            .as_ref()
-            .map(MissAnalysis::section)
-            .unwrap_or_default()
-            .struck_by(&faults);
+        let autopsy = tally.autopsy.as_ref().map(MissAnalysis::section);
+        let mut autopsy = autopsy.unwrap_or_default().struck_by(&faults);
         if ending.is_none() {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);
@@ -218,26 +212,11 @@ impl<'a> ReportBuilder<'a> {
 
     /// The laws of the flight with their telemetry and their unusable outputs.
     fn laws(&self, tally: &FlightStatistics) -> BTreeMap<String, LawSection> {
-        let counted = self
-            .laws
-            .into_iter()
-            .zip(tally.not_finite)
-            .zip(&tally.telemetry);
+        let laws = self.laws.into_iter().zip(tally.not_finite);
         let section = |((law, not_finite), telemetry): ((Chosen, NotFinite), &SignalStatistics)| {
-            (
-                law.description().role.to_string(),
-                law.section(not_finite, telemetry.section()),
-            )
+            let role = law.description().role.to_string();
+            (role, law.section(not_finite, telemetry.section()))
         };
-        counted.map(section).collect()
-    }
-}
-
-fn late_stretch(stretch: &LateStretch, period_s: f64) -> schema::LateStretchSection {
-    schema::LateStretchSection {
-        tick: stretch.tick,
-        time_s: stretch.tick as f64 * period_s,
-        length_ticks: stretch.length_ticks,
-        late_us: stretch.late_ns as f64 / 1e3,
+        laws.zip(&tally.telemetry).map(section).collect()
     }
 }

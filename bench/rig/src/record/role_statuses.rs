@@ -11,10 +11,6 @@ use process::session::status_board;
 use report::schema::RoleSection;
 use report::sections::role_section;
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 #[derive(Default)]
 pub struct RoleStatuses(BTreeMap<Role, BlackboardReader<Status>>);
 
@@ -30,27 +26,24 @@ impl RoleStatuses {
         Ok(Self(boards))
     }
 
-    #[must_use]
     pub fn statuses(&self) -> BTreeMap<Role, Status> {
-        self.0
-            .iter()
-            .map(|(role, board)| (*role, board.get()))
-            .collect()
+        let statuses = self.0.iter().map(|(role, board)| (*role, board.get()));
+        statuses.collect()
+    }
+
+    /// The status that the process with this number has written.
+    pub fn of_process(&self, role: Role, pid: u32) -> Option<Status> {
+        let status = self.0.get(&role)?.get();
+        (status.pid == u64::from(pid)).then_some(status)
     }
 
     /// The statuses of the control loop's processes; the default for a process without a blackboard.
-    #[must_use]
     pub fn loops(&self) -> [Status; STAGES.len()] {
-        STAGES.map(|role| {
-            self.0
-                .get(&role)
-                .map(BlackboardReader::get)
-                .unwrap_or_default()
-        })
+        let status = |role| Some(self.0.get(&role)?.get());
+        STAGES.map(|role| status(role).unwrap_or_default())
     }
 
     /// Warm-up runs of the mixer, the last stage of the chain.
-    #[must_use]
     pub fn rehearsals(&self) -> u64 {
         self.0
             .get(&Role::Mixer)
@@ -58,7 +51,6 @@ impl RoleStatuses {
     }
 
     /// Each process's section of the report, by name.
-    #[must_use]
     pub fn sections(&self) -> BTreeMap<String, RoleSection> {
         self.0
             .iter()

@@ -21,8 +21,8 @@ use report::status::FlightStatus;
 use report::tracking::Tracking;
 
 use super::atomic_file::AtomicFileWriter;
-use super::hlog::{self, Hlog};
-use crate::run_directory::make_latest;
+use super::hlog::Hlog;
+use crate::run_directory::{LATENCIES, make_latest};
 use crate::settings::{LogName, Settings};
 
 const REPORT: &str = "report.json";
@@ -35,7 +35,6 @@ pub struct Files {
     pub states: Option<PathBuf>,
 }
 
-#[allow(missing_debug_implementations, reason = "the writers have none")]
 pub struct RunFiles<'a> {
     directory: &'a Path,
     latencies: Hlog<'a>,
@@ -139,7 +138,7 @@ impl<'a> RunFiles<'a> {
 
     pub fn write_latencies(&mut self, series: &mut SeriesSet) {
         let written = self.latencies.close_interval(series);
-        self.note(hlog::FILE, written);
+        self.note(LATENCIES, written);
     }
 
     pub fn finish_latencies(&mut self, series: &mut SeriesSet) {
@@ -147,7 +146,7 @@ impl<'a> RunFiles<'a> {
             .latencies
             .close_interval(series)
             .and_then(|()| self.latencies.finish());
-        self.note(hlog::FILE, written);
+        self.note(LATENCIES, written);
     }
 
     /// Writes report.json during the flight, and makes `latest` point to the flight once that file exists.
@@ -175,9 +174,6 @@ impl<'a> RunFiles<'a> {
     }
 
     /// Ends the log, then writes the final report.
-    ///
-    /// # Errors
-    /// The report cannot be written.
     pub fn finish(mut self, report: &mut Report, ending: Record) -> Result<(), Failure> {
         // The log is the last file that needs much room; the report says whether it is complete.
         if let Some(log) = self.log.take() {
@@ -197,7 +193,6 @@ impl<'a> RunFiles<'a> {
     }
 
     /// Incomplete files, each with the first reason.
-    #[must_use]
     pub fn incomplete(&self) -> BTreeMap<String, String> {
         self.incomplete
             .iter()
@@ -206,7 +201,6 @@ impl<'a> RunFiles<'a> {
     }
 
     /// What became of the logged messages so far.
-    #[must_use]
     pub fn log_section(&self) -> LogSection {
         let fate = self.log.as_ref().map(FlightLog::fate).unwrap_or_default();
         log_section(self.log_name, &fate)

@@ -4,50 +4,14 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_
 
 use errors::Failure;
 use flight_log::entry::LogEntry;
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use messages::header::Message;
-use messages::monitor::Monitor;
 
 /// Batch size [messages]: replaying one takes longer than waking a thread.
 const BATCH: usize = 256;
 /// Batches in flight: one chunk of the log, which is decompressed at once.
 const ON_THEIR_WAY: usize = 16;
 
-/// Messages by topic, each in the order of the log.
-#[derive(Clone, Debug, Default)]
-pub struct Batch {
-    pub states: Vec<Message<State>>,
-    pub setpoints: Vec<Message<Setpoint>>,
-    pub wrenches: Vec<Message<Wrench>>,
-    pub rotor_speeds: Vec<Message<RotorSpeeds>>,
-    pub swaps: Vec<Message<SwapRecord>>,
-    pub theorem: Vec<Message<Monitor>>,
-    length: usize,
-}
-
-impl Batch {
-    fn push(&mut self, entry: &LogEntry) {
-        match entry {
-            LogEntry::State(message) => self.states.push(*message),
-            LogEntry::Setpoint(message) => self.setpoints.push(*message),
-            LogEntry::Wrench(message) => self.wrenches.push(*message),
-            LogEntry::RotorSpeeds(message) => self.rotor_speeds.push(*message),
-            LogEntry::Swap(message) => self.swaps.push(*message),
-            LogEntry::Theorem(message) => self.theorem.push(*message),
-        }
-        self.length += 1;
-    }
-
-    fn clear(&mut self) {
-        self.states.clear();
-        self.setpoints.clear();
-        self.wrenches.clear();
-        self.rotor_speeds.clear();
-        self.swaps.clear();
-        self.theorem.clear();
-        self.length = 0;
-    }
-}
+/// Messages in the order of the log.
+pub type Batch = Vec<LogEntry>;
 
 #[derive(Debug)]
 pub struct ToFlight {
@@ -63,28 +27,26 @@ pub struct FromLog {
     empty: Sender<Batch>,
 }
 
-#[must_use]
 pub fn batches() -> (ToFlight, FromLog) {
-    let (full, from_log) = sync_channel(ON_THEIR_WAY);
+    let (to_flight, full) = sync_channel(ON_THEIR_WAY);
     let (to_log, empty) = channel();
-    (
-        ToFlight {
-            batch: Batch::default(),
-            full,
-            empty,
-        },
-        FromLog {
-            full: from_log,
-            empty: to_log,
-        },
-    )
+    let to_flight = ToFlight {
+        batch: Batch::with_capacity(BATCH),
+        full: to_flight,
+        empty,
+    };
+    let from_log = FromLog {
+        full,
+        empty: to_log,
+    };
+    (to_flight, from_log)
 }
 
 impl ToFlight {
     /// Adds a message; ignored after the replay has ended.
     pub fn push(&mut self, entry: &LogEntry) {
-        self.batch.push(entry);
-        if self.batch.length == BATCH {
+        self.batch.push(*entry);
+        if self.batch.len() == BATCH {
             self.hand_over();
         }
     }
@@ -94,16 +56,14 @@ impl ToFlight {
     }
 
     fn hand_over(&mut self) {
-        let next = match self.empty.try_recv() {
-            Ok(mut empty) => {
-                empty.clear();
-                empty
-            }
-            Err(TryRecvError::Empty) => Batch::default(),
+        let mut next = match self.empty.try_recv() {
+            Ok(empty) => empty,
+            Err(TryRecvError::Empty) => Batch::with_capacity(BATCH),
             // The flight has ended. The log is still read to its end.
             Err(TryRecvError::Disconnected) => return self.batch.clear(),
         };
-        // It may end between the two.
+        next.clear();
+        // The flight may end between the two.
         let _ = self.full.send(std::mem::replace(&mut self.batch, next));
     }
 }
@@ -115,7 +75,7 @@ impl FromLog {
             if !fly(&batch)? {
                 break;
             }
-            // One that reads no more needs none.
+            // A reader that has finished needs none.
             let _ = self.empty.send(batch);
         }
         Ok(())
@@ -124,53 +84,42 @@ impl FromLog {
 
 #[cfg(test)]
 mod tests {
-    use messages::header::Header;
+    use messages::content::State;
+    use messages::header::Message;
 
     use super::*;
 
-    fn state(tick: u64) -> LogEntry {
-        LogEntry::State(Message {
-            envelope: Header {
-                tick,
-                ..Header::new()
-            },
-            content: State::default(),
-        })
+    const MESSAGES: u64 = 3 * (BATCH * ON_THEIR_WAY) as u64 + 1;
+
+    /// The ticks that a flight gets of a log, if it ends after `batches`.
+    fn ticks_until(most_batches: usize) -> Vec<u64> {
+        let (mut to_flight, from_log) = batches();
+        let (mut ticks, mut taken) = (Vec::new(), 0);
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                for tick in 0..MESSAGES {
+                    let message = Message::of_tick(tick, State::default());
+                    to_flight.push(&LogEntry::State(message));
+                }
+                to_flight.finish();
+            });
+            let each = from_log.each(|batch| {
+                ticks.extend(batch.iter().map(|entry| entry.envelope().tick));
+                taken += 1;
+                Ok(taken < most_batches)
+            });
+            each.unwrap();
+        });
+        ticks
     }
 
     #[test]
     fn every_message_comes_once_and_in_order_also_of_the_last_batch() {
-        const MESSAGES: u64 = 3 * (BATCH * ON_THEIR_WAY) as u64 + 1;
-        let (mut to_flight, from_log) = batches();
-        let mut came = Vec::new();
-        std::thread::scope(|scope| {
-            scope.spawn(move || {
-                (0..MESSAGES).for_each(|tick| to_flight.push(&state(tick)));
-                to_flight.finish();
-            });
-            let mut take = |batch: &Batch| {
-                came.extend(batch.states.iter().map(|message| message.envelope.tick))
-            };
-            from_log
-                .each(|batch| {
-                    take(batch);
-                    Ok(true)
-                })
-                .unwrap();
-        });
-        assert!(came.iter().copied().eq(0..MESSAGES), "{} came", came.len());
+        assert!(ticks_until(usize::MAX).into_iter().eq(0..MESSAGES));
     }
 
     #[test]
-    fn a_flight_that_has_ended_keeps_nobody_from_reading_on() {
-        let (mut to_flight, from_log) = batches();
-        std::thread::scope(|scope| {
-            let flight = scope.spawn(move || from_log.each(|_| Ok(false)));
-            for tick in 0..3 * (BATCH * ON_THEIR_WAY) as u64 {
-                to_flight.push(&state(tick));
-            }
-            to_flight.finish();
-            flight.join().unwrap().unwrap();
-        });
+    fn the_log_is_read_to_its_end_after_the_flight_has_ended() {
+        assert_eq!(ticks_until(1).len(), BATCH);
     }
 }

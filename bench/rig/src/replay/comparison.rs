@@ -4,7 +4,6 @@ use std::fmt;
 
 use messages::role::Role;
 use messages::telemetry::{Signals, TELEMETRY, Telemetry};
-use messages::topic::Topic;
 
 use flight_log::codec::Logged;
 use flight_log::rows::{named, words};
@@ -23,17 +22,10 @@ pub struct Divergence {
 
 impl fmt::Display for Divergence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            tick,
-            stage,
-            topic,
-            field,
-            recorded,
-            replayed,
-        } = self;
         write!(
             f,
-            "tick {tick}, stage {stage}: {topic}.{field} was {recorded}, replayed {replayed}"
+            "tick {}, stage {}: {}.{} was {}, replayed {}",
+            self.tick, self.stage, self.topic, self.field, self.recorded, self.replayed
         )
     }
 }
@@ -48,7 +40,6 @@ pub struct ReplayComparison {
 }
 
 impl ReplayComparison {
-    #[must_use]
     pub fn from(from_tick: u64, signals: Signals) -> Self {
         Self {
             from_tick,
@@ -68,23 +59,19 @@ impl ReplayComparison {
             self.values += (size_of::<C>() / size_of::<u64>() - no_signals) as u64;
             return;
         }
-        match words(recorded)
-            .iter()
-            .zip(&words(replayed))
-            .position(|(a, b)| a != b)
-        {
+        let mut pairs = words(recorded).into_iter().zip(words(replayed));
+        match pairs.position(|(recorded, replayed)| recorded != replayed) {
             Some(place) => {
                 let name = |content: &C| named(content).into_iter().nth(place).unwrap_or_default();
                 let ((field, recorded), (_, replayed)) = (name(recorded), name(replayed));
-                self.differ::<C>(tick, field, recorded, replayed);
+                self.keep::<C>(tick, C::NAME, [field, recorded, replayed]);
             }
             // All else is the same.
-            None => self.differ_shown::<C>(tick, recorded.telemetry(), replayed.telemetry()),
+            None => self.compare_telemetry::<C>(tick, recorded.telemetry(), replayed.telemetry()),
         }
     }
 
-    /// Keeps a difference in telemetry if it is the first.
-    fn differ_shown<C: Logged>(
+    fn compare_telemetry<C: Logged>(
         &mut self,
         tick: u64,
         recorded: Option<&Telemetry>,
@@ -99,14 +86,29 @@ impl ReplayComparison {
         let Some(place) = (0..TELEMETRY).find(differs) else {
             return;
         };
-        // The law of another build may have shown more than is known here.
+        // The law of another build may have signals that are not known here.
         let signal = self.signals.of(C::SENDER).get(place);
-        let field = signal.map_or_else(
-            || format!("value[{place}]"),
-            |signal| signal.name.to_owned(),
-        );
+        let field = signal.map_or_else(|| format!("value[{place}]"), |it| it.name.to_owned());
         let [recorded, replayed] =
-            [recorded, replayed].map(|shown| format!("{:?}", shown.value[place]));
+            [recorded, replayed].map(|telemetry| format!("{:?}", telemetry.value[place]));
+        self.keep::<C>(tick, topic, [field, recorded, replayed]);
+    }
+
+    /// A message was recorded, and the replay has none; `field` is its first one.
+    pub fn lacks<C: Logged>(&mut self, tick: u64, field: &str) {
+        let values = [field, "published", "nothing"].map(str::to_owned);
+        if tick >= self.from_tick {
+            self.keep::<C>(tick, C::NAME, values);
+        }
+    }
+
+    /// Keeps a difference if it is the first.
+    fn keep<C: Logged>(
+        &mut self,
+        tick: u64,
+        topic: &'static str,
+        [field, recorded, replayed]: [String; 3],
+    ) {
         self.first.get_or_insert(Divergence {
             tick,
             stage: C::SENDER,
@@ -115,27 +117,6 @@ impl ReplayComparison {
             recorded,
             replayed,
         });
-    }
-
-    /// Keeps a difference if it is the first.
-    pub fn differ<C: Logged>(
-        &mut self,
-        tick: u64,
-        field: String,
-        recorded: String,
-        replayed: String,
-    ) {
-        if tick >= self.from_tick {
-            let (stage, topic) = (C::SENDER, <C as Topic>::NAME);
-            self.first.get_or_insert(Divergence {
-                tick,
-                stage,
-                topic,
-                field,
-                recorded,
-                replayed,
-            });
-        }
     }
 }
 
@@ -148,7 +129,7 @@ mod tests {
 
     #[test]
     fn every_number_that_a_law_showed_is_compared_whatever_is_known_of_its_signals() {
-        const SIGNALS: &[Signal] = &[Signal {
+        const INNER: &[Signal] = &[Signal {
             name: "mass_kg",
             unit: "kg",
         }];
@@ -157,20 +138,17 @@ mod tests {
             (1, "value[1] was 0.5"),
             (31, "value[31] was 0.5"),
         ] {
-            let mut comparison = ReplayComparison::from(
-                3,
-                Signals {
-                    inner: SIGNALS,
-                    ..Signals::default()
-                },
-            );
+            let signals = Signals {
+                inner: INNER,
+                ..Signals::default()
+            };
+            let mut comparison = ReplayComparison::from(3, signals);
             let (mut recorded, replayed) = (Wrench::default(), Wrench::default());
             recorded.telemetry.value[place] = 0.5;
             comparison.compare(2, &recorded, &replayed);
-            assert_eq!(
-                (comparison.first.as_ref(), comparison.values),
-                (None, 0),
-                "before the first tick that counts"
+            assert!(
+                comparison.first.is_none() && comparison.values == 0,
+                "too early"
             );
             comparison.compare(4, &recorded, &replayed);
             let said = format!("tick 4, stage inner: inner_telemetry.{said}, replayed 0.0");

@@ -1,13 +1,22 @@
-//! The recorded messages around the replayed tick, and gaps in them.
+//! The recorded messages around the replayed tick, gaps in them, and what each stage had as its input.
+//!
+//! The log holds messages as they were sent, and for each output the ticks of its inputs. A fault's effect on a message
+//! depends only on that message and earlier ones, so the fault filters of the inputs run again here. Lost and late messages
+//! need no such treatment: they show in the ticks of the inputs.
 
+use std::collections::VecDeque;
+
+use flight_log::entry::LogEntry;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::header::Message;
+use messages::fault::fields::Faulty;
+use messages::fault::gate::Gate;
+use messages::fault::{MessageFaults, Port};
+use messages::header::{Header, Message};
 use messages::monitor::Monitor;
 use messages::role::Role;
 use messages::topic::Topic;
 
 use crate::message_window::MessageWindow;
-use crate::replay::batches::Batch;
 use crate::replay::log_check::gap;
 use errors::Failure;
 use ipc::DEEP;
@@ -27,8 +36,17 @@ pub struct Inputs {
     has_theorem: bool,
 }
 
+/// The next message to replay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Next {
+    pub tick: u64,
+    pub stage: Role,
+    /// Whether no unread message can be earlier or one of its inputs: each topic rises in ticks and has a message that is
+    /// not earlier.
+    pub is_settled: bool,
+}
+
 impl Inputs {
-    #[must_use]
     pub const fn new(has_theorem: bool) -> Self {
         Self {
             states: MessageWindow::keeping(KEPT),
@@ -40,93 +58,51 @@ impl Inputs {
         }
     }
 
-    /// Takes messages of the log and returns how many of them have to be replayed.
-    pub fn take(&mut self, batch: &Batch) -> usize {
-        let Batch {
-            states,
-            setpoints,
-            wrenches,
-            rotor_speeds,
-            theorem,
-            ..
-        } = batch;
-        self.states.extend(states);
-        self.setpoints.extend(setpoints);
-        self.wrenches.extend(wrenches);
-        self.rotor_speeds.extend(rotor_speeds);
-        self.theorem.extend(theorem);
-        states.len() + setpoints.len() + wrenches.len() + rotor_speeds.len() + theorem.len()
+    /// Takes a message of the log. A swap is not replayed by itself.
+    pub fn take(&mut self, entry: &LogEntry) {
+        match entry {
+            LogEntry::State(message) => self.states.push(*message),
+            LogEntry::Setpoint(message) => self.setpoints.push(*message),
+            LogEntry::Wrench(message) => self.wrenches.push(*message),
+            LogEntry::RotorSpeeds(message) => self.rotor_speeds.push(*message),
+            LogEntry::Theorem(message) => self.theorem.push(*message),
+            LogEntry::Swap(_) => {}
+        }
     }
 
     /// The earliest message not replayed yet.
-    #[must_use]
     pub fn earliest(&self) -> Option<Next> {
+        fn next<C: Topic>(window: &MessageWindow<C>) -> Option<&Header> {
+            window.next().map(|message| &message.envelope)
+        }
         let next = [
-            (next_tick(&self.states), Role::Plant),
-            (next_tick(&self.setpoints), Role::Outer),
-            (next_tick(&self.wrenches), Role::Inner),
-            (next_tick(&self.rotor_speeds), Role::Mixer),
-            (next_tick(&self.theorem), Role::Record),
+            (next(&self.states), Role::Plant),
+            (next(&self.setpoints), Role::Outer),
+            (next(&self.wrenches), Role::Inner),
+            (next(&self.rotor_speeds), Role::Mixer),
+            (next(&self.theorem), Role::Record),
         ];
-        let goes_on = |(tick, role): &(Option<u64>, Role)| {
-            tick.is_some() || (*role == Role::Record && !self.has_theorem)
+        let goes_on = |(next, role): &(Option<&Header>, Role)| {
+            next.is_some() || (*role == Role::Record && !self.has_theorem)
         };
         let all_go_on = next.iter().all(goes_on);
-        let (tick, stage) = next
+        let next = next
             .into_iter()
-            .filter_map(|(tick, role)| Some((tick?, role)))
-            .min()?;
+            .filter_map(|(next, role)| Some((next?, role)));
+        let (header, stage) = next.min_by_key(|(next, role)| (next.tick, *role))?;
+        let tick = header.tick;
+        let is_earlier = |input: u64| input == NO_TICK || input <= tick;
+        // Other stages may be ahead of a plant that was stopped.
+        let goes_back = match (stage, self.states.next()) {
+            (Role::Plant, Some(state)) => is_earlier(state.content.command_taken_tick),
+            _ => header.input_tick.into_iter().all(is_earlier),
+        };
         Some(Next {
             tick,
             stage,
-            is_settled: all_go_on && self.goes_back(tick, stage),
+            is_settled: all_go_on && goes_back,
         })
     }
-
-    /// Whether the next message of a stage used only inputs of this or earlier ticks.
-    fn goes_back(&self, tick: u64, stage: Role) -> bool {
-        let earlier = |input: u64| input == NO_TICK || input <= tick;
-        let inputs = match stage {
-            // Other stages may be ahead of a plant that was stopped.
-            Role::Plant => {
-                return self
-                    .states
-                    .next()
-                    .is_some_and(|state| earlier(state.content.command_taken_tick));
-            }
-            Role::Outer => self
-                .setpoints
-                .next()
-                .map(|message| message.envelope.input_tick),
-            Role::Inner => self
-                .wrenches
-                .next()
-                .map(|message| message.envelope.input_tick),
-            Role::Mixer => self
-                .rotor_speeds
-                .next()
-                .map(|message| message.envelope.input_tick),
-            Role::Record => self
-                .theorem
-                .next()
-                .map(|message| message.envelope.input_tick),
-        };
-        inputs.is_some_and(|inputs| inputs.into_iter().all(earlier))
-    }
-}
-
-/// The next message to replay.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Next {
-    pub tick: u64,
-    pub stage: Role,
-    /// Whether no unread message can be earlier or one of its inputs: each topic rises in ticks and has a message that is
-    /// not earlier.
-    pub is_settled: bool,
-}
-
-fn next_tick<C: Topic>(window: &MessageWindow<C>) -> Option<u64> {
-    window.next().map(|message| message.envelope.tick)
 }
 
 pub fn of<C: Topic>(window: &MessageWindow<C>, tick: u64) -> Result<&Message<C>, Failure> {
@@ -159,123 +135,152 @@ pub fn up_to<C: Topic>(
     })
 }
 
-pub(super) fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
+fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
     gap(&format!(
         "at tick {tick} the `{}` of tick {of_tick} was used, which is not in it",
         C::NAME
     ))
 }
 
+/// An input of a stage that is replayed.
+#[derive(Clone, Debug)]
+pub struct RecordedInput<C> {
+    gate: Option<Gate<C>>,
+    /// Messages that passed the filter and were not used yet.
+    passed: VecDeque<Stamped<C>>,
+    used: Stamped<C>,
+}
+
+impl<C: Faulty> RecordedInput<C> {
+    /// An input that has received nothing.
+    pub fn new(faults: &MessageFaults, port: Port) -> Self {
+        Self {
+            gate: Gate::new(faults, port),
+            passed: VecDeque::new(),
+            used: Stamped::none(),
+        }
+    }
+
+    /// Takes the next message of the topic.
+    pub fn take(&mut self, message: &Message<C>) {
+        let Some(gate) = &mut self.gate else { return };
+        let tick = message.envelope.tick;
+        if let Some(passed) = gate.pass(tick, &message.content) {
+            if self.passed.len() == DEEP {
+                self.passed.pop_front();
+            }
+            self.passed.push_back(Stamped::new(tick, passed.content));
+        }
+    }
+
+    /// The newest input that the stage had at `tick`, identified by the tick it recorded.
+    pub fn input(
+        &mut self,
+        messages: &MessageWindow<C>,
+        input_tick: u64,
+        tick: u64,
+    ) -> Result<Stamped<C>, Failure> {
+        if self.gate.is_none() || input_tick == NO_TICK {
+            return input(messages, input_tick, tick);
+        }
+        while self.used.tick != input_tick {
+            let next = self.passed.pop_front_if(|passed| passed.tick <= input_tick);
+            self.used = next.ok_or_else(|| lacks::<C>(input_tick, tick))?;
+        }
+        Ok(self.used)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use messages::header::Header;
+    use messages::fault::{Kind, MessageFault, Span};
 
     use super::*;
 
     fn message<C: Topic>(tick: u64, input_tick: u64) -> Message<C> {
-        let envelope = Header {
-            tick,
-            input_tick: [input_tick; 3],
-            ..Header::new()
-        };
-        Message {
-            envelope,
-            content: C::default(),
-        }
+        let mut message = Message::of_tick(tick, C::default());
+        message.envelope.input_tick = [input_tick; 3];
+        message
     }
 
-    fn state(tick: u64, command_taken_tick: u64) -> Message<State> {
-        let content = State {
-            command_taken_tick,
-            ..State::default()
-        };
-        Message {
-            content,
-            ..message(tick, NO_TICK)
-        }
-    }
-
-    /// Messages of tick 7 from every stage, and what was said of it; changed by `change`.
-    fn earliest(has_theorem: bool, change: fn(&mut Batch)) -> Option<Next> {
-        let mut batch = Batch::default();
-        batch.states.push(state(7, NO_TICK));
-        batch.setpoints.push(message(7, 7));
-        batch.wrenches.push(message(7, 7));
-        batch.rotor_speeds.push(message(7, 7));
-        batch.theorem.push(message(7, 7));
-        change(&mut batch);
+    /// The earliest of messages of tick 7 from every stage, unless they are changed: the tick of the state and of the
+    /// command that the plant had taken, the tick of the set-point and of its input, and whether the last two topics have
+    /// a message.
+    fn earliest(
+        [state_tick, taken_tick]: [u64; 2],
+        setpoint: Option<[u64; 2]>,
+        has_monitor: bool,
+        has_theorem: bool,
+    ) -> Next {
         let mut inputs = Inputs::new(has_theorem);
-        inputs.take(&batch);
-        inputs.earliest()
-    }
-
-    /// The plant had taken the command of this tick.
-    fn took(batch: &mut Batch, tick: u64) {
-        batch.states[0].content.command_taken_tick = tick;
-    }
-
-    /// The set-point comes first, and was made from the state of this tick.
-    fn without_state(batch: &mut Batch, input_tick: u64) {
-        batch.states[0].envelope.tick = 9;
-        batch.setpoints[0].envelope.input_tick[0] = input_tick;
+        let mut state = message::<State>(state_tick, NO_TICK);
+        state.content.command_taken_tick = taken_tick;
+        inputs.take(&LogEntry::State(state));
+        if let Some([tick, input_tick]) = setpoint {
+            inputs.take(&LogEntry::Setpoint(message(tick, input_tick)));
+        }
+        inputs.take(&LogEntry::Wrench(message(7, 7)));
+        inputs.take(&LogEntry::RotorSpeeds(message(7, 7)));
+        if has_monitor {
+            inputs.take(&LogEntry::Theorem(message(7, 7)));
+        }
+        inputs.earliest().unwrap()
     }
 
     #[test]
     fn the_earliest_message_is_settled_once_every_topic_has_gone_on() {
-        let settled = |is_settled| {
-            Some(Next {
-                tick: 7,
-                stage: Role::Plant,
-                is_settled,
-            })
-        };
-        assert_eq!(earliest(true, |_| ()), settled(true));
-        assert_eq!(
-            earliest(true, |batch| batch.setpoints[0].envelope.tick = 8),
-            settled(true),
-            "7 has no set-point"
-        );
-        assert_eq!(
-            earliest(true, |batch| batch.setpoints.clear()),
-            settled(false)
-        );
-        assert_eq!(
-            earliest(true, |batch| batch.theorem.clear()),
-            settled(false)
-        );
-        assert_eq!(
-            earliest(false, |batch| batch.theorem.clear()),
-            settled(true),
-            "a law without a theorem"
-        );
-        assert_eq!(earliest(false, |batch| *batch = Batch::default()), None);
-    }
-
-    #[test]
-    fn what_goes_back_to_a_later_tick_is_not_settled_by_its_own() {
-        let settled = |stage, is_settled| {
-            Some(Next {
+        let (now, taken_later) = ([7, NO_TICK], [7, 9]);
+        for (state, setpoint, has_monitor, has_theorem, stage, is_settled) in [
+            (now, Some([7, 7]), true, true, Role::Plant, true),
+            // Tick 7 has no set-point.
+            (now, Some([8, 7]), true, true, Role::Plant, true),
+            (now, None, true, true, Role::Plant, false),
+            (now, Some([7, 7]), false, true, Role::Plant, false),
+            // A law without a theorem.
+            (now, Some([7, 7]), false, false, Role::Plant, true),
+            // The mixer was ahead of the plant, which had taken a later command.
+            ([7, 6], Some([7, 7]), true, true, Role::Plant, true),
+            (taken_later, Some([7, 7]), true, true, Role::Plant, false),
+            // The set-point is first, and was made from the state of its tick, or of a later one.
+            ([9, NO_TICK], Some([7, 7]), true, true, Role::Outer, true),
+            ([9, NO_TICK], Some([7, 8]), true, true, Role::Outer, false),
+        ] {
+            let next = Next {
                 tick: 7,
                 stage,
                 is_settled,
-            })
+            };
+            assert_eq!(earliest(state, setpoint, has_monitor, has_theorem), next);
+        }
+        assert_eq!(Inputs::new(false).earliest(), None);
+    }
+
+    #[test]
+    fn finds_inputs_as_received_and_reports_impossible_ones_as_gaps() {
+        let mut faults = MessageFaults::none(7);
+        let freeze = MessageFault {
+            port: Port::MixerWrench,
+            kind: Kind::Freeze,
+            span: Span::new(2, 5),
+        };
+        faults.push(freeze).unwrap();
+        let mut input_with_faults = RecordedInput::new(&faults, Port::MixerWrench);
+        for tick in 0..7 {
+            let content = Wrench {
+                thrust_n: tick as f64,
+                ..Wrench::default()
+            };
+            input_with_faults.take(&Message::of_tick(tick, content));
+        }
+        let none = MessageWindow::keeping(1);
+        let mut thrust = |input_tick| {
+            let input = input_with_faults.input(&none, input_tick, 9).ok()?;
+            Some(input.content.thrust_n)
         };
         assert_eq!(
-            earliest(true, |batch| took(batch, 6)),
-            settled(Role::Plant, true)
+            [NO_TICK, 1, 1, 3, 6].map(&mut thrust),
+            [Some(0.0), Some(1.0), Some(1.0), Some(1.0), Some(6.0)]
         );
-        assert_eq!(
-            earliest(true, |batch| took(batch, 9)),
-            settled(Role::Plant, false),
-            "the mixer was further on"
-        );
-        assert_eq!(
-            earliest(true, |batch| without_state(batch, 7)),
-            settled(Role::Outer, true)
-        );
-        assert_eq!(
-            earliest(true, |batch| without_state(batch, 8)),
-            settled(Role::Outer, false)
-        );
+        assert_eq!(thrust(8), None);
     }
 }

@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::content::SwapRecord;
 use messages::fault::live::FaultKind;
 use messages::grid::Pace;
 use messages::header::{Header, LAYOUT, Message};
-use messages::monitor::Monitor;
 use messages::settings_text::fingerprint;
-use messages::topic::Topic;
 
 use crate::fault::{Change, Fault};
+use crate::recorded_timing::check_whole;
+pub use crate::recorded_timing::first_of;
 use crate::settings::law_settings::{LAW, Moved};
 use crate::settings::trajectory::is_file;
 use crate::settings::{PointsFile, Settings};
@@ -20,7 +20,7 @@ use flight_log::build::Build;
 use flight_log::entry::{Counts, LogEntry};
 use flight_log::facts::{INJECTED, POINTS, RUN, SETTINGS};
 use flight_log::fault_record::injected;
-use flight_log::reader::{End, Kept, LogReader};
+use flight_log::reader::{End, LogReader};
 use report::phrase::count;
 
 /// A log that can be replayed.
@@ -35,7 +35,6 @@ pub struct LogCheck {
 }
 
 /// Checks a log while reading it.
-#[allow(missing_debug_implementations, reason = "its reader has none")]
 pub struct LogValidator {
     reader: LogReader,
     pub settings: Settings,
@@ -104,41 +103,6 @@ impl LogValidator {
     }
 }
 
-/// The first message of a log; everything about the flight stands before it.
-pub fn first_of(reader: &mut LogReader) -> Result<LogEntry, Failure> {
-    if let Some(first) = reader.next_entry()? {
-        return Ok(*first);
-    }
-    let path = reader.path().display();
-    Err(match reader.end() {
-        End::Complete => Failure::failed(format!("{path} holds no message: nothing was flown")),
-        End::Truncated => Failure::failed(format!("{path} is truncated before its first message"))
-            .help("nothing can be replayed or exported from it; name another flight"),
-    })
-}
-
-/// Refuses partial logs, whose initial state is unknown.
-pub fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
-    let Kept {
-        around_ticks,
-        files_before,
-    } = reader.kept()?;
-    let what = match around_ticks {
-        Some(ticks) => format!(
-            "it keeps excerpts, {} before and after each event",
-            count(ticks, "tick")
-        ),
-        None if files_before > 0 => {
-            format!("it is not the log's first file; missing before it: {files_before}")
-        }
-        None => return Ok(()),
-    };
-    Err(Failure::failed(format!("{} cannot be replayed: {what}", path.display())).help(
-        "a state depends on everything before it, so that only a whole log can be flown again: `fly --log all`, with \
-         `recorder.log_files = 0`; `ironbird export` gives what is there",
-    ))
-}
-
 /// The settings in a log, if they are those that its processes agreed on.
 pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     let text = reader.fact(SETTINGS, "settings.toml")?;
@@ -175,12 +139,8 @@ fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Re
         let fault: Fault = text
             .parse()
             .map_err(|e| reader.damaged(&format!("its record `{INJECTED}` has `{text}`: {e}")))?;
-        if fault
-            .changes
-            .iter()
-            .flat_map(Change::kinds)
-            .any(|(it, _)| matches!(it, FaultKind::Messages { .. }))
-        {
+        let mut kinds = fault.changes.iter().flat_map(Change::kinds);
+        if kinds.any(|(kind, _)| matches!(kind, FaultKind::Messages { .. })) {
             settings.flight.faults.push(text);
         }
     }
@@ -194,13 +154,10 @@ fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Re
 /// Takes the new places of law libraries, and refuses other laws.
 fn take_moved(settings: &mut Settings, moved: &Moved) -> Result<(), Failure> {
     for (role, file) in moved {
-        let section = settings
-            .law_sections()
-            .into_iter()
-            .find(|(it, _)| it == role);
-        let flown = section
-            .and_then(|(_, section)| section.get(LAW)?.as_str())
-            .unwrap_or_default();
+        let sections = settings.law_sections();
+        let section = sections.iter().find(|(it, _)| it == role);
+        let flown = section.and_then(|(_, section)| section.get(LAW)?.as_str());
+        let flown = flown.unwrap_or_default();
         if !plugin::is_file(flown) {
             return Err(Failure::usage(format!(
                 "--{role} {}: the flight flew the {role} law `{flown}`, which is built in",
@@ -264,15 +221,11 @@ struct Sent {
 impl ExpectedMessages {
     fn new(reader: &LogReader) -> Result<Self, Failure> {
         let text = reader.fact(RUN, "settings")?;
-        let settings = u64::from_str_radix(text, 16).map_err(|_| {
-            reader.damaged(&format!(
-                "its record `{RUN}` has settings = `{text}`, which is no fingerprint"
-            ))
-        })?;
-        let run_id = reader.number("run_id")?;
+        let no_fingerprint =
+            format!("its record `{RUN}` has settings = `{text}`, which is no fingerprint");
         Ok(Self {
-            run_id,
-            settings,
+            run_id: reader.number("run_id")?,
+            settings: u64::from_str_radix(text, 16).map_err(|_| reader.damaged(&no_fingerprint))?,
             messages: [0; TOPICS.len()],
             newest: [None; TOPICS.len()],
         })
@@ -303,14 +256,7 @@ impl ExpectedMessages {
 
     fn check(&mut self, entry: &LogEntry) -> Result<(), Failure> {
         let (place, topic) = (entry.topic(), TOPICS[entry.topic()]);
-        let many_per_tick = match entry {
-            LogEntry::State(_) => State::MANY_PER_TICK,
-            LogEntry::Setpoint(_) => Setpoint::MANY_PER_TICK,
-            LogEntry::Wrench(_) => Wrench::MANY_PER_TICK,
-            LogEntry::RotorSpeeds(_) => RotorSpeeds::MANY_PER_TICK,
-            LogEntry::Swap(_) => SwapRecord::MANY_PER_TICK,
-            LogEntry::Theorem(_) => Monitor::MANY_PER_TICK,
-        };
+        let many_per_tick = matches!(entry, LogEntry::Swap(_));
         let Header {
             layout,
             run_id,
@@ -332,19 +278,12 @@ impl ExpectedMessages {
         let same_sender = last.filter(|last| last.epoch == epoch);
         let owed = same_sender.map_or(0, |last| last.seq.saturating_add(1));
         if seq != owed {
-            let missing = seq.wrapping_sub(owed);
+            let missing = count(seq.wrapping_sub(owed), "message");
             return Err(gap(&format!(
-                "topic `{topic}` lacks {} before tick {tick}",
-                count(missing, "message")
+                "topic `{topic}` lacks {missing} before tick {tick}"
             )));
         }
-        let rises = |last: Sent| {
-            if many_per_tick {
-                last.tick <= tick
-            } else {
-                last.tick < tick
-            }
-        };
+        let rises = |last: Sent| last.tick < tick || many_per_tick && last.tick == tick;
         if last.is_some_and(|last| !rises(last) || last.epoch > epoch) {
             return Err(gap(&format!("topic `{topic}` goes back to tick {tick}")));
         }

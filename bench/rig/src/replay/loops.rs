@@ -7,15 +7,13 @@ use messages::header::Message;
 use messages::monitor::Monitor;
 
 use crate::replay::comparison::ReplayComparison;
-use crate::replay::inputs::{Inputs, input, of};
-use crate::replay::recorded_input::RecordedInput;
+use crate::replay::inputs::{Inputs, RecordedInput, input, of};
 use crate::settings::Settings;
 use crate::theorem::FlightMonitor;
 use errors::Failure;
 use report::flight_statistics::is_last_word;
 
 /// Outer loop, inner loop and mixer, and the theorem's monitor.
-#[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub struct LoopsReplay {
     settings: Settings,
     /// The outer loop with the epoch of the process it replays; likewise below.
@@ -86,12 +84,7 @@ impl LoopsReplay {
         let replayed = outer.tick(tick, &state);
         match &replayed {
             Some(setpoint) => comparison.compare(tick, &message.content, setpoint),
-            None => comparison.differ::<Setpoint>(
-                tick,
-                "thrust_n".into(),
-                "published".into(),
-                "nothing".into(),
-            ),
+            None => comparison.lacks::<Setpoint>(tick, "thrust_n"),
         }
         Ok(replayed)
     }
@@ -152,12 +145,7 @@ impl LoopsReplay {
         let state = input(&inputs.states, wrench.envelope.input_tick[0], tick)?;
         match self.theorem.watch(wrench, Some(&state)) {
             Some(replayed) => comparison.compare(tick, &message.content, &replayed.content),
-            None => comparison.differ::<Monitor>(
-                tick,
-                "ticks_checked".into(),
-                "published".into(),
-                "nothing".into(),
-            ),
+            None => comparison.lacks::<Monitor>(tick, "ticks_checked"),
         }
         Ok(())
     }
@@ -173,11 +161,8 @@ fn resumed(
     setpoint: &Stamped<Setpoint>,
 ) -> Result<GuardedInner, Failure> {
     let bits = |wrench: &Wrench| wrench.telemetry.value.map(f64::to_bits);
-    for estimates in estimates
-        .into_iter()
-        .flatten()
-        .filter(|_| settings.flight.resume_estimates)
-    {
+    let may_resume = settings.flight.resume_estimates;
+    for estimates in estimates.into_iter().flatten().filter(|_| may_resume) {
         let mut inner = settings.inner_stage()?;
         let is_it = |wrench: Wrench| bits(&wrench) == bits(&first.content);
         if inner.resume(estimates)

@@ -40,20 +40,17 @@ pub struct AirframeReplay {
 }
 
 impl AirframeReplay {
-    #[must_use]
     pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
         let mut plant = Plant::new(settings);
         plant.gate(Gate::new(faults, Port::PlantRotorSpeeds));
-        let room = pending_commands(settings.period_s) as u64;
-        let swaps = VecDeque::new();
         Self {
             plant,
             pace,
-            swaps,
+            swaps: VecDeque::new(),
             swaps_known: 0,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
-            room,
+            room: pending_commands(settings.period_s) as u64,
         }
     }
 
@@ -64,7 +61,6 @@ impl AirframeReplay {
     }
 
     /// Whether the records of all swaps in this state have been read.
-    #[must_use]
     pub const fn knows_swaps_of(&self, state: &State) -> bool {
         state.parameter_epoch <= self.swaps_known
     }
@@ -127,22 +123,15 @@ impl AirframeReplay {
     fn schedule_until(&mut self, tick: u64) -> Result<Vec<Message<SwapRecord>>, Failure> {
         let mut due = Vec::new();
         while let Some(swap) = self.swaps.pop_front_if(|swap| swap.envelope.tick <= tick) {
-            let target = |Change {
-                              parameter,
-                              new,
-                              steps,
-                              ..
-                          }| Target {
-                parameter,
-                value: new,
-                steps,
+            let target = |change: Change| Target {
+                parameter: change.parameter,
+                value: change.new,
+                steps: change.steps,
             };
             let targets: Vec<Target> = swap.content.changes().map(target).collect();
             let refused = |e: &dyn std::fmt::Display| {
-                Failure::failed(format!(
-                    "swap {} of the log cannot be applied: {e}",
-                    swap.content.parameter_epoch
-                ))
+                let epoch = swap.content.parameter_epoch;
+                Failure::failed(format!("swap {epoch} of the log cannot be applied: {e}"))
             };
             let order = Swap::to(swap.envelope.tick, &targets).map_err(|e| refused(&e))?;
             let held_from = self.plant.schedule(order).map_err(|e| refused(&e))?;
@@ -167,20 +156,13 @@ fn begun<'a>(
 ) -> State {
     for Message { envelope, content } in commands {
         let acts_from = pace.effective_tick(envelope.tick, envelope.stamps_of(Role::Mixer).send_ns);
-        plant.offer(
-            &Stamped {
-                tick: envelope.tick,
-                content: *content,
-            },
-            acts_from,
-        );
+        plant.offer(&Stamped::new(envelope.tick, *content), acts_from);
     }
     plant.begin(tick)
 }
 
 #[cfg(test)]
 mod tests {
-    use messages::header::Header;
     use messages::telemetry::Signals;
     use plant::PlantSettings;
 
@@ -189,74 +171,46 @@ mod tests {
     const TICK: u64 = 91;
 
     fn command(tick: u64) -> Message<RotorSpeeds> {
-        let speed_rad_s = [200.0 + tick as f64 * 0.1; 4];
         let content = RotorSpeeds {
-            speed_rad_s,
+            speed_rad_s: [200.0 + tick as f64 * 0.1; 4],
             ..RotorSpeeds::default()
         };
-        Message {
-            envelope: Header {
-                tick,
-                ..Header::new()
-            },
-            content,
-        }
+        Message::of_tick(tick, content)
     }
 
-    /// States of tick 1 and of tick 91, before which a plant took the first commands behind that of tick 0, and the
-    /// last ones.
-    fn flown(first: u64, last: u64) -> [Message<State>; 2] {
+    /// States of the ticks 0, 1 and 91. Before the last one, the plant took the `first` commands behind that of tick 0,
+    /// and the `last` ones.
+    fn flown(first: u64, last: u64) -> [Message<State>; 3] {
         let mut plant = Plant::new(&PlantSettings::default());
-        plant.begin(0);
-        plant.finish();
         let mut state = |tick, commands: Vec<u64>| {
             let commands: Vec<_> = commands.into_iter().map(command).collect();
             let content = begun(&mut plant, Pace::Lockstep, commands.iter(), tick);
             plant.finish();
-            Message {
-                envelope: Header {
-                    tick,
-                    ..Header::new()
-                },
-                content,
-            }
+            Message::of_tick(tick, content)
         };
-        [
-            state(1, vec![0]),
-            state(TICK, (1..=first).chain(TICK - last..TICK).collect()),
-        ]
+        let late = (1..=first).chain(TICK - last..TICK).collect();
+        [state(0, vec![]), state(1, vec![0]), state(TICK, late)]
     }
 
     #[test]
     fn whatever_a_plant_took_before_its_port_overflowed_is_found() {
         let (settings, none) = (PlantSettings::default(), MessageFaults::none(0));
         let room = pending_commands(settings.period_s) as u64;
+        let mut commands = MessageWindow::keeping(TICK as usize);
+        (0..TICK).for_each(|tick| commands.push(command(tick)));
         for (first, more) in [(0, 0), (1, 0), (1, 1), (2, 0), (1, 5), (9, 2), (0, 3)] {
             let mut airframe = AirframeReplay::new(&settings, Pace::Lockstep, &none);
-            let (mut commands, mut comparison) = (
-                MessageWindow::keeping(TICK as usize),
-                ReplayComparison::from(0, Signals::default()),
-            );
-            commands.extend(&(0..TICK).map(command).collect::<Vec<_>>());
-            let mut plant = Plant::new(&settings);
-            let zero = Message {
-                envelope: Header {
-                    tick: 0,
-                    ..Header::new()
-                },
-                content: plant.begin(0),
-            };
-            let [one, late] = flown(first, room + more);
-            for state in [zero, one, late] {
+            let mut comparison = ReplayComparison::from(0, Signals::default());
+            for state in flown(first, room + more) {
                 let replayed = airframe.step(&state, &commands, &mut comparison).unwrap();
+                let tick = state.envelope.tick;
                 assert!(
                     replayed.is_same(&state.content),
-                    "tick {}, {first} and {more}",
-                    state.envelope.tick
+                    "tick {tick}, {first} and {more}"
                 );
             }
         }
-        let [early, late] = [flown(1, room + 1), flown(2, room)].map(|[_, late]| late.content);
+        let [early, late] = [flown(1, room + 1), flown(2, room)].map(|[.., late]| late.content);
         assert!(
             early.commands_taken == late.commands_taken && !early.is_same(&late),
             "the record alone does not say"

@@ -2,6 +2,7 @@
 
 use controller::laws::adaptive;
 use messages::content::{Mode, RotorSpeeds, State, Wrench};
+use messages::header::Message;
 use messages::output_hash::OutputHash;
 
 use crate::replay::log_check::LogCheck;
@@ -38,7 +39,6 @@ pub struct Summary {
 }
 
 impl Summary {
-    #[must_use]
     pub fn new(tracking: Tracking, from_tick: u64) -> Self {
         Self {
             tracking,
@@ -77,12 +77,10 @@ impl Summary {
     }
 
     /// Ticks from the first to the newest one, including skipped ones.
-    #[must_use]
     pub fn flown_ticks(&self) -> u64 {
         self.newest.map_or(0, |(tick, _)| tick + 1)
     }
 
-    #[must_use]
     pub fn text(&self, survey: &LogCheck) -> String {
         let flight = &survey.settings.flight;
         let (tick, state) = self.newest.unwrap_or_default();
@@ -90,51 +88,39 @@ impl Summary {
             state.ticks_skipped - self.before[0],
             state.deadlines_missed - self.before[1],
         ];
-        let from = if self.from_tick > 0 {
-            format!("from tick {} ", self.from_tick)
-        } else {
-            String::new()
+        let from = match self.from_tick {
+            0 => String::new(),
+            from => format!("from tick {from} "),
         };
+        let [replayed, saturated] = [self.ticks, self.saturated].map(|ticks| count(ticks, "tick"));
         let mut text = format!(
-            "{}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
+            "{}: {replayed} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n\
+             position error {}\n\
+             inner loop {}; started {} in flight\n\
+             mixer      {}; rotors saturated in {saturated}\n\
+             outputs    {}\n",
             survey.settings.flown(),
-            count(self.ticks, "tick"),
             tick as f64 * flight.period_s,
-            count(missed, "deadline")
+            count(missed, "deadline"),
+            self.error,
+            modes(&self.inner),
+            count(self.restarts, "time"),
+            modes(&self.mixer),
+            self.outputs
         );
-        text += &format!("position error {}\n", self.error);
-        let [restarts, saturated] = [count(self.restarts, "time"), count(self.saturated, "tick")];
-        text += &format!(
-            "inner loop {}; started {restarts} in flight\n",
-            modes(&self.inner)
-        );
-        text += &format!(
-            "mixer      {}; rotors saturated in {saturated}\n",
-            modes(&self.mixer)
-        );
-        text += &format!("outputs    {}\n", self.outputs);
-        let [i_r, k_r, delta] = self.estimate;
-        if survey
-            .settings
-            .law_without_theorem()
-            .is_ok_and(|law| law.is_none())
-        {
+        let law_without_theorem = survey.settings.law_without_theorem();
+        if law_without_theorem.is_ok_and(|law| law.is_none()) {
+            let [i_r, k_r, delta] = self.estimate;
             text += &format!(
                 "estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n"
             );
         }
-        for swap in survey
-            .swaps
-            .iter()
-            .filter(|swap| swap.envelope.tick >= self.from_tick)
-        {
-            let swap = AppliedSwap::new(swap.envelope.tick, flight.period_s, &swap.content);
-            text += &format!(
-                "swap {} at tick {}: {}\n",
-                swap.parameter_epoch,
-                swap.tick,
-                swap.words()
-            );
+        for Message { envelope, content } in &survey.swaps {
+            if envelope.tick >= self.from_tick {
+                let swap = AppliedSwap::new(envelope.tick, flight.period_s, content);
+                let (epoch, tick) = (swap.parameter_epoch, swap.tick);
+                text += &format!("swap {epoch} at tick {tick}: {}\n", swap.words());
+            }
         }
         text
     }
@@ -147,10 +133,9 @@ fn take(counts: &mut [u64; MODES.len()], mode: u64) {
 }
 
 fn modes(counts: &[u64; MODES.len()]) -> String {
-    MODES
-        .iter()
-        .zip(counts)
+    let modes = MODES.iter().zip(counts);
+    let modes: Vec<String> = modes
         .map(|((_, name), count)| format!("{name} {count}"))
-        .collect::<Vec<_>>()
-        .join(", ")
+        .collect();
+    modes.join(", ")
 }

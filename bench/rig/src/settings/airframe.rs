@@ -12,11 +12,10 @@ use errors::Failure;
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, ParameterError, SPECS, shown};
 use toml::{Table, Value};
-use toml_edit::{Document, Item};
+use toml_edit::{Document, Item, TableLike};
 
-use crate::settings::DEFAULT;
-use crate::settings::toml_access::{nearest, section, text_of};
-use crate::settings::trajectory::sha256_of;
+use crate::settings::toml_access::{DEFAULT_TABLE, nearest, table, text_of};
+use crate::settings::trajectory::{is_file, sha256_of};
 
 const BUILT_IN: [(&str, &str); 3] = [
     (PAPER, include_str!("../../airframes/paper.toml")),
@@ -39,25 +38,19 @@ pub(super) struct Design {
 }
 
 /// The airframe of a name or of a file.
-///
-/// `model` has the parameters that the controller believes in as its keys.
-pub(super) fn design(name: &str, model: &Table) -> Result<Design, Failure> {
-    let place = || format!("airframe file {name}");
+pub(super) fn design(name: &str) -> Result<Design, Failure> {
     let (text, sha256) = match BUILT_IN.iter().find(|(known, _)| *known == name) {
         Some((_, text)) => ((*text).to_owned(), String::new()),
-        None if is_path(name) => {
+        None if is_file(name) => {
             let text = text_of(Path::new(name)).map_err(|e| {
-                Failure::usage(format!("cannot read the {}: {e}", place()))
+                Failure::usage(format!("cannot read the airframe file {name}: {e}"))
                     .help("name a file that you can read; docs/airframes.md has one to begin with")
             })?;
             let sha256 = sha256_of(&text);
             (text, sha256)
         }
         None => {
-            let names: Vec<String> = BUILT_IN
-                .iter()
-                .map(|(name, _)| (*name).to_owned())
-                .collect();
+            let names = BUILT_IN.map(|(name, _)| name.to_owned());
             return Err(Failure::usage(format!(
                 "unknown airframe `{name}`{}",
                 nearest(name, names.iter())
@@ -68,228 +61,179 @@ pub(super) fn design(name: &str, model: &Table) -> Result<Design, Failure> {
             )));
         }
     };
-    let help = "docs/airframes.md has the format; `ironbird params` lists names, units and ranges";
-    let design = read(&text, model);
-    let design = design.map_err(|mistakes| {
-        Failure::usage(format!("{}: {}", place(), mistakes.join("; "))).help(help)
+    let design = read(&text).map_err(|mistakes| {
+        Failure::usage(format!("airframe file {name}: {}", mistakes.join("; "))).help(
+            "docs/airframes.md has the format; `ironbird params` lists names, units and ranges",
+        )
     })?;
     Ok(Design { sha256, ..design })
 }
 
-/// Whether it names a file, by its ending or a folder in it.
-fn is_path(name: &str) -> bool {
-    name.contains('/') || Path::new(name).extension().is_some()
+/// The mistakes of a file, each with its line; those of the whole file have the last one.
+struct Mistakes<'a> {
+    text: &'a str,
+    found: Vec<(usize, String)>,
 }
 
-/// Reads the text of an airframe file, or tells every mistake in it.
-fn read(text: &str, model: &Table) -> Result<Design, Vec<String>> {
+/// The numbers of a section by key, each with its line; `None` for a value that is no number, a mistake of its own.
+type Numbers = BTreeMap<String, (Option<f64>, usize)>;
+
+const SECTIONS: [&str; 3] = ["airframe", "rotor", "model"];
+
+/// Reads the text of an airframe file, or returns every mistake in it.
+fn read(text: &str) -> Result<Design, Vec<String>> {
     let document = Document::parse(text).map_err(|e| {
         let line = e.span().map_or(1, |span| line_of(text, &span));
         vec![format!("line {line}: {}", e.message().replace('\n', ", "))]
     })?;
-    let mut reader = Reader {
+    let mut mistakes = Mistakes {
         text,
-        mistakes: Vec::new(),
+        found: Vec::new(),
     };
-    let mut sections: BTreeMap<&str, BTreeMap<String, (f64, usize)>> = BTreeMap::new();
+    let mut sections = SECTIONS.map(|_| Numbers::new());
     for (name, item) in document.iter() {
-        let line = document
-            .key(name)
-            .and_then(toml_edit::Key::span)
-            .map_or(1, |span| line_of(text, &span));
-        match (
-            ["airframe", "rotor", "model"]
-                .into_iter()
-                .find(|known| *known == name),
-            item.as_table_like(),
-        ) {
-            (Some(known), Some(_)) => {
-                sections.insert(known, reader.numbers(known, item));
-            }
-            (Some(known), None) => {
-                reader.says(line, format!("`{known}` must be a section: [{known}]"))
-            }
-            (None, _) => reader.says(
-                line,
+        let span = document.key(name).and_then(toml_edit::Key::span);
+        let place = SECTIONS.iter().position(|known| *known == name);
+        match (place, item.as_table_like()) {
+            (Some(place), Some(table)) => sections[place] = mistakes.numbers(name, table),
+            (Some(_), None) => mistakes.add(span, format!("`{name}` must be a section: [{name}]")),
+            (None, _) => mistakes.add(
+                span,
                 format!("unknown `{name}`: the sections are [airframe], [rotor], [model]"),
             ),
         }
     }
-    let values = sections.remove("airframe").unwrap_or_default();
-    let (believed, rotor) = (
-        sections.remove("model").unwrap_or_default(),
-        sections.remove("rotor").unwrap_or_default(),
-    );
-    let airframe = reader.airframe(&values);
-    let rotor = reader.rotor(&rotor);
-    let believed = reader.believed(&believed, model, airframe.as_ref());
-    match (airframe, reader.mistakes.is_empty()) {
-        (Some(airframe), true) => Ok(Design {
+    let [airframe, rotor, model] = &sections;
+    let airframe = mistakes.airframe(airframe);
+    let rotor = mistakes.rotor(rotor);
+    let believed = mistakes.believed(model, airframe.as_ref());
+    match airframe.filter(|_| mistakes.found.is_empty()) {
+        Some(airframe) => Ok(Design {
             airframe,
             rotor,
             believed,
             sha256: String::new(),
         }),
-        _ => Err(reader.told()),
+        None => Err(mistakes.describe()),
     }
 }
 
-/// Collects the mistakes of a file.
-struct Reader<'a> {
-    text: &'a str,
-    /// With their lines; those of the whole file come last.
-    mistakes: Vec<(usize, String)>,
-}
-
-impl Reader<'_> {
-    fn says(&mut self, line: usize, mistake: String) {
-        self.mistakes.push((line, mistake));
+impl Mistakes<'_> {
+    fn add(&mut self, span: Option<Range<usize>>, mistake: String) {
+        let line = span.map_or(1, |span| line_of(self.text, &span));
+        self.found.push((line, mistake));
     }
 
-    fn told(mut self) -> Vec<String> {
-        self.mistakes.sort_by_key(|(line, _)| *line);
-        let told = |(line, mistake)| match line {
+    fn add_missing<'a>(
+        &mut self,
+        section: &str,
+        given: &Numbers,
+        needed: impl Iterator<Item = &'a str>,
+    ) {
+        let missing: Vec<&str> = needed.filter(|key| !given.contains_key(*key)).collect();
+        if !missing.is_empty() {
+            let mistake = format!("missing in [{section}]: {}", missing.join(", "));
+            self.found.push((usize::MAX, mistake));
+        }
+    }
+
+    fn describe(mut self) -> Vec<String> {
+        self.found.sort_by_key(|(line, _)| *line);
+        let describe = |(line, mistake)| match line {
             usize::MAX => mistake,
             line => format!("line {line}: {mistake}"),
         };
-        self.mistakes.into_iter().map(told).collect()
+        self.found.into_iter().map(describe).collect()
     }
 
-    /// The numbers of a section, with their lines.
-    fn numbers(&mut self, section: &str, item: &Item) -> BTreeMap<String, (f64, usize)> {
-        let mut numbers = BTreeMap::new();
-        for (key, item) in item
-            .as_table_like()
-            .into_iter()
-            .flat_map(|table| table.iter())
-        {
+    fn numbers(&mut self, section: &str, table: &dyn TableLike) -> Numbers {
+        let number = |item: &Item| {
+            item.as_float()
+                .or_else(|| item.as_integer().map(|i| i as f64))
+        };
+        let mut numbers = Numbers::new();
+        for (key, item) in table.iter() {
             let line = item.span().map_or(1, |span| line_of(self.text, &span));
-            let number = item
-                .as_float()
-                .or_else(|| item.as_integer().map(|whole| whole as f64));
-            match number {
-                Some(number) => {
-                    numbers.insert(key.to_owned(), (number, line));
-                }
-                None => {
-                    let found = item.to_string();
-                    self.says(
-                        line,
-                        format!("{section}.{key} = {}: expected a number", found.trim()),
-                    );
-                    // It is there, so it is not missing as well.
-                    numbers.insert(key.to_owned(), (f64::NAN, usize::MAX));
-                }
+            if number(item).is_none() {
+                let found = item.to_string();
+                let mistake = format!("{section}.{key} = {}: expected a number", found.trim());
+                self.found.push((line, mistake));
             }
+            numbers.insert(key.to_owned(), (number(item), line));
         }
         numbers
     }
 
-    fn airframe(&mut self, given: &BTreeMap<String, (f64, usize)>) -> Option<Airframe> {
-        let before = self.mistakes.len();
+    fn airframe(&mut self, given: &Numbers) -> Option<Airframe> {
+        let before = self.found.len();
         let mut values = *Airframe::nominal().values();
         for (name, &(value, line)) in given {
-            match Parameter::from_name(name).and_then(|parameter| {
-                parameter
-                    .widest()
-                    .check(parameter, value)
-                    .map(|_| parameter)
-            }) {
-                Ok(parameter) => values[parameter as usize] = value,
-                Err(ParameterError::OutOfRange { .. }) if line == usize::MAX => {}
-                Err(error) => self.says(line, format!("airframe: {error}")),
+            let checked = Parameter::from_name(name).and_then(|parameter| match value {
+                Some(value) => Ok((parameter, parameter.widest().check(parameter, value)?)),
+                None => Ok((parameter, f64::NAN)),
+            });
+            match checked {
+                Ok((parameter, value)) => values[parameter as usize] = value,
+                Err(error) => self.found.push((line, format!("airframe: {error}"))),
             }
         }
         let needed = SPECS
             .iter()
             .filter(|spec| spec.parameter.has_size() || spec.parameter == Parameter::Gravity);
-        let missing: Vec<&str> = needed
-            .map(|spec| spec.name)
-            .filter(|name| !given.contains_key(*name))
-            .collect();
-        if !missing.is_empty() {
-            self.says(
-                usize::MAX,
-                format!("missing in [airframe]: {}", missing.join(", ")),
-            );
-        }
-        if self.mistakes.len() > before {
-            None
-        } else {
-            Airframe::built_with(values).ok()
-        }
+        self.add_missing("airframe", given, needed.map(|spec| spec.name));
+        let is_right = self.found.len() == before;
+        Airframe::built_with(values).ok().filter(|_| is_right)
     }
 
-    fn rotor(&mut self, given: &BTreeMap<String, (f64, usize)>) -> RotorLimits {
-        let mut limits = RotorLimits {
-            min_rad_s: 0.0,
-            max_rad_s: 0.0,
-        };
+    fn rotor(&mut self, given: &Numbers) -> RotorLimits {
+        const KEYS: [&str; 2] = ["min_rad_s", "max_rad_s"];
         for (key, &(value, line)) in given {
-            let place = match key.as_str() {
-                "min_rad_s" => &mut limits.min_rad_s,
-                "max_rad_s" => &mut limits.max_rad_s,
-                _ => {
-                    self.says(
-                        line,
-                        format!("unknown key `rotor.{key}`: the keys are min_rad_s, max_rad_s"),
-                    );
-                    continue;
-                }
-            };
-            *place = value;
-            if line != usize::MAX && !(0.0..=1e5).contains(&value) {
-                self.says(
-                    line,
-                    format!(
-                        "rotor.{key} = {} is out of range: allowed are 0 to 100000 rad/s",
-                        shown(value)
-                    ),
+            if !KEYS.contains(&key.as_str()) {
+                let mistake =
+                    format!("unknown key `rotor.{key}`: the keys are min_rad_s, max_rad_s");
+                self.found.push((line, mistake));
+            } else if let Some(value) = value.filter(|value| !(0.0..=1e5).contains(value)) {
+                let mistake = format!(
+                    "rotor.{key} = {} is out of range: allowed are 0 to 100000 rad/s",
+                    shown(value)
                 );
+                self.found.push((line, mistake));
             }
         }
-        let missing: Vec<&str> = ["min_rad_s", "max_rad_s"]
-            .into_iter()
-            .filter(|key| !given.contains_key(*key))
-            .collect();
-        if !missing.is_empty() {
-            self.says(
-                usize::MAX,
-                format!("missing in [rotor]: {}", missing.join(", ")),
-            );
+        self.add_missing("rotor", given, KEYS.into_iter());
+        let [(min, line), (max, _)] = KEYS.map(|key| given.get(key).copied().unwrap_or_default());
+        if let (Some(min), Some(max)) = (min, max)
+            && min > max
+        {
+            let mistake =
+                format!("rotor.min_rad_s = {min} must not be above rotor.max_rad_s = {max}");
+            self.found.push((line, mistake));
         }
-        let [min, max] = [limits.min_rad_s, limits.max_rad_s];
-        if let (true, Some((_, line))) = (min > max, given.get("min_rad_s")) {
-            self.says(
-                *line,
-                format!("rotor.min_rad_s = {min} must not be above rotor.max_rad_s = {max}"),
-            );
+        RotorLimits {
+            min_rad_s: min.unwrap_or_default(),
+            max_rad_s: max.unwrap_or_default(),
         }
-        limits
     }
 
-    fn believed(
-        &mut self,
-        given: &BTreeMap<String, (f64, usize)>,
-        model: &Table,
-        airframe: Option<&Airframe>,
-    ) -> BTreeMap<String, f64> {
+    fn believed(&mut self, given: &Numbers, airframe: Option<&Airframe>) -> BTreeMap<String, f64> {
+        let model = table(&DEFAULT_TABLE, "model")
+            .into_iter()
+            .flat_map(Table::keys);
+        let model: Vec<&String> = model.collect();
         let mut believed = BTreeMap::new();
         for (name, &(value, line)) in given {
-            if !model.contains_key(name) {
-                self.says(
-                    line,
-                    format!("unknown key `model.{name}`{}", nearest(name, model.keys())),
-                );
-            } else if line == usize::MAX {
-                // It is no number, which has been said.
-            } else if let (Some(airframe), Ok(parameter)) = (airframe, Parameter::from_name(name))
+            if !model.contains(&name) {
+                let like = nearest(name, model.iter().copied());
+                self.found
+                    .push((line, format!("unknown key `model.{name}`{like}")));
+            }
+            let Some(value) = value else { continue };
+            if let (Some(airframe), Ok(parameter)) = (airframe, Parameter::from_name(name))
                 && let Err(error) = airframe.check(parameter, value)
             {
-                self.says(line, format!("model: {error}"));
-            } else {
-                believed.insert(name.clone(), value);
+                self.found.push((line, format!("model: {error}")));
             }
+            believed.insert(name.clone(), value);
         }
         believed
     }
@@ -297,54 +241,43 @@ impl Reader<'_> {
 
 /// The line of a place in a text, from 1.
 pub(super) fn line_of(text: &str, span: &Range<usize>) -> usize {
-    1 + text
-        .as_bytes()
-        .iter()
-        .take(span.start)
-        .filter(|byte| **byte == b'\n')
-        .count()
+    1 + text[..span.start].matches('\n').count()
 }
 
 impl Design {
     /// Puts it into the settings: what it was built with, how it is at tick 0, what is believed of it, its rotors.
     pub(super) fn lay(&self, settings: &mut Table) {
-        let built = |name: &str| {
-            Parameter::from_name(name).map_or(0.0, |parameter| self.airframe.get(parameter))
-        };
-        settings.insert("airframe".into(), Value::Table(table_of(&self.airframe)));
-        for section in ["plant", "model"] {
-            for (name, value) in settings
-                .get_mut(section)
-                .and_then(Value::as_table_mut)
-                .into_iter()
-                .flatten()
-            {
-                let believed = self.believed.get(name).filter(|_| section == "model");
-                *value = Value::Float(believed.copied().unwrap_or_else(|| built(name)));
-            }
-        }
-        if let Some(rotor) = settings.get_mut("rotor").and_then(Value::as_table_mut) {
-            rotor.insert("min_rad_s".into(), Value::Float(self.rotor.min_rad_s));
-            rotor.insert("max_rad_s".into(), Value::Float(self.rotor.max_rad_s));
-        }
-        if let Some(flight) = settings.get_mut("flight").and_then(Value::as_table_mut) {
-            flight.insert("airframe_sha256".into(), Value::String(self.sha256.clone()));
-        }
-    }
-}
-
-/// What an airframe was built with, by name.
-fn table_of(airframe: &Airframe) -> Table {
-    let built = airframe.as_built();
-    SPECS
-        .iter()
-        .map(|spec| {
+        let built = self.airframe.as_built();
+        let airframe = SPECS.iter().map(|spec| {
             (
                 spec.name.to_owned(),
                 Value::Float(built.get(spec.parameter)),
             )
-        })
-        .collect()
+        });
+        settings.insert("airframe".into(), Value::Table(airframe.collect()));
+        for (section, keys) in settings.iter_mut() {
+            let Value::Table(keys) = keys else { continue };
+            let mut set = |key: &str, value| keys.insert(key.into(), Value::Float(value));
+            match section.as_str() {
+                "rotor" => {
+                    set("min_rad_s", self.rotor.min_rad_s);
+                    set("max_rad_s", self.rotor.max_rad_s);
+                }
+                "flight" => {
+                    let sum = Value::String(self.sha256.clone());
+                    keys.insert("airframe_sha256".into(), sum);
+                }
+                "plant" | "model" => {
+                    for (name, value) in keys.iter_mut() {
+                        let built = || Some(self.airframe.get(Parameter::from_name(name).ok()?));
+                        let believed = self.believed.get(name).filter(|_| section == "model");
+                        *value = Value::Float(believed.copied().or_else(built).unwrap_or_default());
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
 }
 
 /// The airframe that a section `[airframe]` of the settings describes.
@@ -359,29 +292,23 @@ pub(crate) fn built(values: &BTreeMap<String, f64>) -> Result<Airframe, Paramete
 /// The keys and values of a settings text, which is TOML of lines `section.key = value`; strings without their quotes.
 pub(crate) fn pairs(text: &str) -> BTreeMap<String, String> {
     let table: Table = text.parse().unwrap_or_default();
-    let sections = table
-        .iter()
-        .flat_map(|(section, keys)| keys.as_table().map(|keys| (section, keys)));
-    let told = |value: &Value| {
-        value
-            .as_str()
-            .map_or_else(|| value.to_string(), str::to_owned)
-    };
-    sections
-        .flat_map(|(section, keys)| {
-            keys.iter()
-                .map(move |(k, v)| (format!("{section}.{k}"), told(v)))
-        })
-        .collect()
+    let mut pairs = BTreeMap::new();
+    for (section, keys) in &table {
+        for (key, value) in keys.as_table().into_iter().flatten() {
+            let text = value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned);
+            pairs.insert(format!("{section}.{key}"), text);
+        }
+    }
+    pairs
 }
 
 /// The airframe, as it was built, of settings that all roles share.
 pub(crate) fn airframe_of(settings: &BTreeMap<String, String>) -> Result<Airframe, Failure> {
     let named = |(key, value): (&String, &String)| {
-        Some((
-            key.strip_prefix("airframe.")?.to_owned(),
-            value.parse().unwrap_or(f64::NAN),
-        ))
+        let name = key.strip_prefix("airframe.")?.to_owned();
+        Some((name, value.parse().unwrap_or(f64::NAN)))
     };
     built(&settings.iter().filter_map(named).collect())
         .map_err(|e| Failure::failed(format!("the flight's settings describe no airframe: {e}")))
@@ -389,18 +316,15 @@ pub(crate) fn airframe_of(settings: &BTreeMap<String, String>) -> Result<Airfram
 
 /// The airframe of a name or file, as it was built.
 pub(crate) fn named(name: &str) -> Result<Airframe, Failure> {
-    let default: Table = DEFAULT
-        .parse()
-        .map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
-    Ok(design(name, &section(&default, "model"))?.airframe)
+    Ok(design(name)?.airframe)
 }
 
 /// The section `[airframe]` of the paper's airframe.
 pub(super) fn paper() -> BTreeMap<String, f64> {
-    SPECS
+    let nominal = SPECS
         .iter()
-        .map(|spec| (spec.name.to_owned(), spec.nominal))
-        .collect()
+        .map(|spec| (spec.name.to_owned(), spec.nominal));
+    nominal.collect()
 }
 
 /// The section `[airframe]` as text, for the commented settings.
@@ -420,14 +344,9 @@ pub(super) fn commented(values: &BTreeMap<String, f64>) -> toml_edit::Table {
 mod tests {
     use super::*;
 
-    fn model() -> Table {
-        let table: Table = DEFAULT.parse().unwrap();
-        table["model"].as_table().unwrap().clone()
-    }
-
     #[test]
     fn the_papers_file_is_the_table() {
-        let paper = design(PAPER, &model()).unwrap();
+        let paper = design(PAPER).unwrap();
         assert_eq!(paper.airframe, Airframe::nominal());
         assert_eq!(paper.rotor, RotorLimits::default());
     }
@@ -437,65 +356,49 @@ mod tests {
         for (name, _) in BUILT_IN {
             let Design {
                 airframe, rotor, ..
-            } = design(name, &model()).unwrap();
+            } = design(name).unwrap();
             let hover = airframe.hover_speed_rad_s();
-            assert!(
-                rotor.min_rad_s < 0.2 * hover && 1.1 * hover < rotor.max_rad_s,
-                "{name}: {hover}"
-            );
+            let hovers = rotor.min_rad_s < 0.2 * hover && 1.1 * hover < rotor.max_rad_s;
+            assert!(hovers, "{name}: {hover}");
         }
     }
 
     #[test]
-    fn every_mistake_of_a_file_is_told_at_once_with_its_line() {
-        let text = "[airframe]\nmas_kg = 1\ngravity_m_s2 = nan\narm_length_m = \"long\"\nmotor_time_constant_s = 9\n\
-                    [rotor]\nmin_rad_s = -3\nidle = 4\n[modle]\n[model]\nrotor_inertia_kg_m2 = 1\n";
-        let mistakes = read(text, &model()).unwrap_err().join("; ");
-        for told in [
-            "line 2: airframe: unknown parameter `mas_kg`; did you mean `mass_kg`?",
-            "line 3: airframe: gravity_m_s2 = NaN is out of range: allowed are 0.0 to 30.0 m/s^2",
-            "line 4: airframe.arm_length_m = \"long\": expected a number",
-            "line 5: airframe: motor_time_constant_s = 9 is out of range",
-            "line 7: rotor.min_rad_s = -3 is out of range",
-            "line 8: unknown key `rotor.idle`",
-            "line 9: unknown `modle`",
-            "line 11: unknown key `model.rotor_inertia_kg_m2`",
-            "missing in [airframe]: mass_kg, translational_drag_kg_s, rotational_drag_nm_s, thrust_coefficient_n_s2,",
-            "missing in [rotor]: max_rad_s",
+    fn all_mistakes_of_a_file_are_reported_at_once_with_their_lines() {
+        let paper = BUILT_IN[0].1;
+        let believes = |what: &str| format!("{paper}\n[model]\n{what}\n");
+        let wrong = "[airframe]\nmas_kg = 1\ngravity_m_s2 = nan\narm_length_m = \"long\"\nmotor_time_constant_s = 9\n\
+                     [rotor]\nmin_rad_s = -3\nidle = 4\n[modle]\n[model]\nrotor_inertia_kg_m2 = 1\n";
+        for (text, expected) in [
+            (
+                wrong,
+                "line 2: airframe: unknown parameter `mas_kg`; did you mean `mass_kg`?
+                 line 3: airframe: gravity_m_s2 = NaN is out of range: allowed are 0.0 to 30.0 m/s^2
+                 line 4: airframe.arm_length_m = \"long\": expected a number
+                 line 5: airframe: motor_time_constant_s = 9 is out of range
+                 line 7: rotor.min_rad_s = -3 is out of range
+                 line 8: unknown key `rotor.idle`
+                 line 9: unknown `modle`
+                 line 11: unknown key `model.rotor_inertia_kg_m2`
+                 missing in [airframe]: mass_kg, translational_drag_kg_s, rotational_drag_nm_s, thrust_coefficient_n_s2,
+                 missing in [rotor]: max_rad_s",
+            ),
+            ("[airframe\n", "line 1: "),
+            (&believes("mass_kg = \"light\""), "line 25: model.mass_kg = \"light\": expected a number"),
+            (&believes("mass_kg = 50"), "line 25: model: mass_kg = 50 is out of range"),
+            (
+                "airframe = 3\n",
+                "line 1: `airframe` must be a section
+                 missing in [airframe]:
+                 missing in [rotor]: min_rad_s, max_rad_s",
+            ),
         ] {
-            assert!(mistakes.contains(told), "{told}: {mistakes}");
+            let mistakes = read(text).unwrap_err();
+            let expected: Vec<&str> = expected.lines().map(str::trim_start).collect();
+            assert_eq!(mistakes.len(), expected.len(), "{mistakes:?}");
+            for (mistake, expected) in mistakes.iter().zip(expected) {
+                assert!(mistake.starts_with(expected), "{mistake}: {expected}");
+            }
         }
-        assert!(
-            !mistakes.contains("arm_length_m, "),
-            "it is there, if wrong: {mistakes}"
-        );
-        assert_eq!(read("[airframe\n", &model()).unwrap_err().len(), 1);
-        let (_, paper) = BUILT_IN[0];
-        let believes =
-            |what: &str| read(&format!("{paper}\n[model]\n{what}\n"), &model()).unwrap_err();
-        let (no_number, too_much) = (believes("mass_kg = \"light\""), believes("mass_kg = 50"));
-        assert!(
-            no_number[0].contains("model.mass_kg = \"light\": expected a number"),
-            "{no_number:?}"
-        );
-        assert!(
-            too_much[0].contains("model: mass_kg = 50 is out of range"),
-            "{too_much:?}"
-        );
-        assert_eq!(
-            (no_number.len(), too_much.len()),
-            (1, 1),
-            "{no_number:?} {too_much:?}"
-        );
-        assert!(
-            read("airframe = 3\n", &model()).unwrap_err()[0]
-                .starts_with("line 1: `airframe` must be a section")
-        );
-        assert!(
-            read("", &model())
-                .unwrap_err()
-                .join(" ")
-                .contains("missing in [rotor]: min_rad_s, max_rad_s")
-        );
     }
 }

@@ -6,19 +6,19 @@ use messages::realtime::RealtimeStep;
 use process::rt::{fifo_refusal, remedy};
 
 use crate::fault::plan::Planned;
-use crate::fault::{Fault, FaultError};
+use crate::fault::{Change, Fault, FaultError};
 use crate::settings::{PaceName, Settings, airframe};
 use errors::Failure;
 use report::faults::InjectedFault;
 
 impl Settings {
-    /// What is planned to go wrong.
+    /// The faults in ticks.
     pub fn planned(&self) -> Result<Planned, Failure> {
         let airframe = self.airframe()?;
-        let faults = self.typed_faults();
-        let planned = faults.and_then(|faults| {
-            Planned::new(&faults, self.flight.period_s, &airframe, self.flight.seed)
-        });
+        let (period_s, seed) = (self.flight.period_s, self.flight.seed);
+        let planned = self
+            .typed_faults()
+            .and_then(|faults| Planned::new(&faults, period_s, &airframe, seed));
         planned.map_err(|e| {
             let flags = match self.flight.airframe.as_str() {
                 airframe::PAPER => String::new(),
@@ -33,57 +33,57 @@ impl Settings {
         self.flight.faults.iter().map(|text| text.parse()).collect()
     }
 
+    /// The same, each with its ticks.
+    fn spans(&self) -> Result<Vec<(Fault, Span)>, Failure> {
+        let spans = |faults: Vec<Fault>| {
+            let span = |fault: Fault| {
+                let span = fault.span(self.flight.period_s)?;
+                Ok((fault, span))
+            };
+            faults.into_iter().map(span).collect()
+        };
+        let spans: Result<_, FaultError> = self.typed_faults().and_then(spans);
+        spans.map_err(|e| Failure::usage(format!("fault: {e}")))
+    }
+
     /// The faults of messages, stages and their processor, for the report.
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
         let period_s = self.flight.period_s;
-        let refused = |e: FaultError| Failure::usage(format!("fault: {e}"));
         let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
-        for fault in self.typed_faults().map_err(refused)? {
-            let Span { from, to } = fault.span(period_s).map_err(refused)?;
-            let what: Vec<String> = fault
-                .of_the_loop()
-                .map(|change| change.to_string())
-                .collect();
+        for (fault, Span { from, to }) in self.spans()? {
+            let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
             if what.is_empty() {
                 continue;
             }
-            let (ends, begins): (Vec<_>, Vec<_>) = fault
-                .of_the_loop()
-                .flat_map(|change| change.kinds())
-                .partition(|(_, ends)| *ends);
-            let is_ended = |trouble: &FaultKind| ends.iter().any(|(end, _)| trouble.is_like(end));
-            let ended = injected
-                .iter_mut()
-                .filter(|(_, of)| !of.is_empty() && of.iter().all(is_ended));
-            ended.for_each(|(fault, _)| fault.end(from, period_s));
+            let kinds = fault.of_the_loop().flat_map(Change::kinds);
+            let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
+            let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
+            for (fault, kinds) in &mut injected {
+                if !kinds.is_empty() && kinds.iter().all(is_ended) {
+                    fault.end(from, period_s);
+                }
+            }
             let to = (to != Span::FOR_GOOD).then_some(to);
-            let told = InjectedFault::new(what.join(","), from, to, period_s);
+            let described = InjectedFault::new(what.join(","), from, to, period_s);
             injected.push((
-                told,
-                begins.into_iter().map(|(trouble, _)| trouble).collect(),
+                described,
+                begins.into_iter().map(|(kind, _)| kind).collect(),
             ));
         }
         Ok(injected.into_iter().map(|(fault, _)| fault).collect())
     }
 
     pub(super) fn check_faults(&self) -> Result<(), Failure> {
-        let planned = self.planned()?;
-        if planned.swaps.len() > plant::swap::PENDING_SWAPS {
+        let swaps = self.planned()?.swaps.len();
+        let most = plant::swap::PENDING_SWAPS;
+        if swaps > most {
             return Err(Failure::usage(format!(
-                "flight.faults has {} swaps: allowed are {}",
-                planned.swaps.len(),
-                plant::swap::PENDING_SWAPS
+                "flight.faults has {swaps} swaps: allowed are {most}"
             ))
             .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
         }
         let last_tick = self.last_tick();
-        for fault in self
-            .typed_faults()
-            .map_err(|e| Failure::usage(format!("fault: {e}")))?
-        {
-            let Span { from, to } = fault
-                .span(self.flight.period_s)
-                .map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        for (fault, Span { from, to }) in self.spans()? {
             if from > last_tick {
                 return Err(Failure::usage(format!(
                     "a fault at tick {from} never strikes: the flight ends at tick {last_tick}"
@@ -100,19 +100,14 @@ impl Settings {
         Ok(())
     }
 
-    /// Refuses what processes cannot be made to do: those of a launcher, or those that were started by hand.
+    /// Refuses faults that these processes cannot have: those of a supervisor, or those that were started by hand.
     pub fn check_faults_of_processes(&self, launched: bool) -> Result<(), Failure> {
-        let faults = self
-            .typed_faults()
-            .map_err(|e| Failure::usage(format!("fault: {e}")))?;
-        for change in faults.iter().flat_map(Fault::of_the_loop) {
-            for (trouble, _) in change.kinds() {
-                check_possible(
-                    &trouble,
-                    &change.to_string(),
-                    self.flight.pace == PaceName::Lockstep,
-                    launched,
-                )?;
+        let in_lockstep = self.flight.pace == PaceName::Lockstep;
+        for (fault, _) in self.spans()? {
+            for change in fault.of_the_loop() {
+                for (kind, _) in change.kinds() {
+                    check_possible(&kind, &change.to_string(), in_lockstep, launched)?;
+                }
             }
         }
         Ok(())
@@ -120,9 +115,8 @@ impl Settings {
 
     /// Refuses a planned process whose priority the kernel does not grant here.
     pub fn check_priorities(&self) -> Result<(), Failure> {
-        self.planned()?
-            .acts
-            .iter()
+        let acts = self.planned()?.acts;
+        acts.iter()
             .try_for_each(|fault| check_priority(&fault.trouble))
     }
 }

@@ -10,7 +10,7 @@ use control_api::description::{self, Description, Setting, SettingKind, Value as
 use control_api::law::Rig;
 use control_api::registry::Entry;
 use messages::role::Role;
-use messages::telemetry::{LAW_ROLES, Signals};
+use messages::telemetry::Signals;
 use plugin::Library;
 use toml::{Table, Value};
 
@@ -38,25 +38,20 @@ pub(crate) const DEFAULT_PRESET: &str = "flight";
 
 const EXPLAINED: &str = "`ironbird laws` lists the laws, `ironbird laws NAME` explains one";
 
-/// What the laws of a role say of themselves; the first one flies when nothing is said. None for another role.
-#[must_use]
+/// The descriptions of a role's built-in laws; the first one is the default. None for another role.
 pub fn known(role: Role) -> Vec<&'static Description> {
+    fn all<L: ?Sized>(entries: &[Entry<L>]) -> Vec<&'static Description> {
+        entries.iter().map(|entry| entry.description).collect()
+    }
     match role {
-        Role::Outer => controller::laws::OUTER
-            .iter()
-            .map(|entry| entry.description)
-            .collect(),
-        Role::Inner => controller::laws::INNER
-            .iter()
-            .map(|entry| entry.description)
-            .collect(),
-        Role::Mixer => mixer::LAWS.iter().map(|entry| entry.description).collect(),
+        Role::Outer => all(controller::laws::OUTER),
+        Role::Inner => all(controller::laws::INNER),
+        Role::Mixer => all(mixer::LAWS),
         Role::Plant | Role::Record => Vec::new(),
     }
 }
 
 /// Names of all presets of all laws.
-#[must_use]
 pub fn preset_names() -> Vec<&'static str> {
     let mut names = vec![DEFAULT_PRESET];
     for (_, role) in SECTIONS {
@@ -76,7 +71,6 @@ pub enum Chosen {
 }
 
 impl Chosen {
-    #[must_use]
     pub const fn description(self) -> &'static Description {
         match self {
             Self::BuiltIn(description) => description,
@@ -85,7 +79,6 @@ impl Chosen {
     }
 
     /// Its file, where it is that of a file.
-    #[must_use]
     pub const fn library(self) -> Option<&'static Library> {
         match self {
             Self::BuiltIn(_) => None,
@@ -110,7 +103,6 @@ impl Chosen {
     }
 
     /// What a report says of it.
-    #[must_use]
     pub fn section(self, not_finite: NotFinite, telemetry: Vec<SignalSection>) -> LawSection {
         let Description { name, version, .. } = *self.description();
         let library = self.library();
@@ -141,7 +133,7 @@ impl Chosen {
 /// Where the files of laws are now, by role, where they are not at the place that the settings name.
 pub type Moved = BTreeMap<Role, PathBuf>;
 
-/// The law of a role by its name or file; the first one where none is named.
+/// The law of a role by its name or file; the first one if none is named.
 pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<Chosen, Failure> {
     let known = known(role);
     let Some(name) = name else {
@@ -150,35 +142,31 @@ pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<C
     let refused =
         |what: String| Failure::usage(format!("{role}.{LAW} = {name}: {what}")).help(EXPLAINED);
     let Some(text) = name.as_str() else {
-        return Err(refused(format!(
-            "expected a string, as in \"{}\"",
-            known[0].name
-        )));
+        let example = known[0].name;
+        return Err(refused(format!("expected a string, as in \"{example}\"")));
     };
     if plugin::is_file(text) {
         let library = plugin::open(
             role,
             moved.get(&role).map_or(Path::new(text), PathBuf::as_path),
         )?;
-        let of_ours = SECTIONS.iter().flat_map(|(_, role)| self::known(*role));
-        return match of_ours
-            .map(|law| law.name)
-            .find(|name| *name == library.description.name)
-        {
-            Some(name) => Err(refused(format!(
+        let name = library.description.name;
+        let mut built_in = SECTIONS.iter().flat_map(|(_, role)| self::known(*role));
+        if built_in.any(|law| law.name == name) {
+            return Err(refused(format!(
                 "its name is `{name}`, and a law of that name is built in"
             ))
-            .help("give it another name: the report and the log tell laws apart by it")),
-            None => Ok(Chosen::Library(library)),
-        };
+            .help("give it another name: the report and the log tell laws apart by it"));
+        }
+        return Ok(Chosen::Library(library));
     }
-    known.iter().find(|law| law.name == text).map(|law| Chosen::BuiltIn(law)).ok_or_else(|| {
-        let names: Vec<&str> = known.iter().map(|law| law.name).collect();
-        refused(format!(
+    match known.iter().find(|law| law.name == text) {
+        Some(law) => Ok(Chosen::BuiltIn(law)),
+        None => Err(refused(format!(
             "there is no {role} law of that name; there are {}; a law of a file is named as ./{text}",
-            nearest_first(text, names)
-        ))
-    })
+            nearest_first(text, known.iter().map(|law| law.name).collect())
+        ))),
+    }
 }
 
 /// A law's section when nothing is said but a preset, as it suits the rig.
@@ -204,31 +192,21 @@ pub(super) fn section(chosen: Chosen, preset: &str, rig: &Rig) -> Table {
     table
 }
 
-/// Enters a chosen law's file by its absolute path, so that roles in different folders mean the same; and its sum, where
+/// Enters a chosen law's file by its absolute path, so that roles in different folders mean the same; and its sum, if
 /// none was given.
 pub(super) fn identify(table: &mut Table, section: &str, chosen: Chosen) {
-    let Some(Value::Table(keys)) = table
-        .get_mut(section)
-        .filter(|_| chosen.library().is_some())
-    else {
+    let Some(Value::Table(keys)) = table.get_mut(section) else {
         return;
     };
     for (key, value) in chosen.identity() {
-        let is_given = key == SHA256
-            && keys
-                .get(key)
-                .and_then(Value::as_str)
-                .is_some_and(|sum| !sum.is_empty());
-        if !is_given {
+        let given = keys.get(key).and_then(Value::as_str).unwrap_or_default();
+        if key == LAW || given.is_empty() {
             keys.insert(key.into(), value);
         }
     }
 }
 
 /// A law with the settings of its section, each of them checked.
-///
-/// # Errors
-/// As [`named`]; a usage [`Failure`] names the setting, or both sums of a file that has changed.
 pub(super) fn chosen(
     role: Role,
     section: &Table,
@@ -241,27 +219,23 @@ pub(super) fn chosen(
         check_same(role, &library.file, &library.sha256, section)?;
     }
     let defaults = self::section(chosen, DEFAULT_PRESET, &Rig::default());
-    let rigs = chosen.identity();
+    let identity = chosen.identity();
+    let is_own = |key: &str| identity.iter().all(|(of_rig, _)| key != *of_rig);
     let mut values = Vec::new();
-    for (key, value) in section
-        .iter()
-        .filter(|(key, _)| rigs.iter().all(|(rigs, _)| key != rigs))
-    {
-        let Some(setting) = law.settings.iter().find(|setting| setting.name == key) else {
-            return Err(refused(format!(
-                "{role}.{key}: the law `{}` has no such setting",
-                law.name
-            )));
-        };
+    for (key, value) in section.iter().filter(|(key, _)| is_own(key)) {
+        let setting = law.settings.iter().find(|setting| setting.name == key);
+        let setting = setting.ok_or_else(|| {
+            let law = law.name;
+            refused(format!("{role}.{key}: the law `{law}` has no such setting"))
+        })?;
         let expected = &defaults[key];
-        let taken = coerce(value, expected)
-            .and_then(|value| taken(setting, &value))
-            .ok_or_else(|| {
-                refused(format!(
-                    "{role}.{key} = {value}: expected {}, as in {expected}",
-                    kind(expected)
-                ))
-            })?;
+        let taken = coerce(value, expected).and_then(|value| taken(setting, &value));
+        let taken = taken.ok_or_else(|| {
+            let kind = kind(expected);
+            refused(format!(
+                "{role}.{key} = {value}: expected {kind}, as in {expected}"
+            ))
+        })?;
         if !setting.allows(&taken) {
             return Err(refused(format!(
                 "{role}.{key} = {value} is out of range: allowed is {}",
@@ -300,58 +274,49 @@ pub(super) fn without_theorem(
         .then_some(law.name)
 }
 
-/// What the report knows of the laws of these sections: outer, inner, mixer.
-fn flown(sections: [(Role, &Table); 3]) -> Result<FlownLaws, Failure> {
-    let [outer, inner, mixer] =
-        sections.map(|(role, section)| chosen(role, section, &Moved::new()));
-    let (outer, (inner, settings), mixer) =
-        (outer?.0.description(), inner?, mixer?.0.description());
-    let inner = inner.description();
-    let signals = Signals {
-        outer: outer.telemetry,
-        inner: inner.telemetry,
-        mixer: mixer.telemetry,
-    };
-    Ok(FlownLaws {
-        signals,
-        without_theorem: without_theorem(inner, &settings),
-    })
+/// What the report knows of the laws in settings that all roles share. Fails if another version flies, with a law or a
+/// setting that is not known here.
+pub(crate) fn shared(settings: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
+    let chosen = |role| chosen(role, &shared_section(role, settings)?, &Moved::new());
+    let [outer, (inner, settings), mixer] = [
+        chosen(Role::Outer)?,
+        chosen(Role::Inner)?,
+        chosen(Role::Mixer)?,
+    ];
+    Ok(flown(outer.0, inner, mixer.0, &settings))
 }
 
-/// The same of settings that all roles share.
-///
-/// # Errors
-/// [`Failure`] where another version flies, with a law or a setting that is not known here.
-pub(crate) fn shared(settings: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
-    let [outer, inner, mixer] = LAW_ROLES.map(|role| shared_section(role, settings));
-    flown([
-        (Role::Outer, &outer?),
-        (Role::Inner, &inner?),
-        (Role::Mixer, &mixer?),
-    ])
+/// What the report knows of chosen laws, by the settings of the inner one.
+pub(super) fn flown(
+    outer: Chosen,
+    inner: Chosen,
+    mixer: Chosen,
+    settings: &description::Settings,
+) -> FlownLaws {
+    FlownLaws {
+        signals: Signals {
+            outer: outer.description().telemetry,
+            inner: inner.description().telemetry,
+            mixer: mixer.description().telemetry,
+        },
+        without_theorem: without_theorem(inner.description(), settings),
+    }
 }
 
 /// The section of a role in them.
 fn shared_section(role: Role, settings: &BTreeMap<String, String>) -> Result<Table, Failure> {
     let own = |(key, text): (&String, &String)| {
-        Some((
-            key.strip_prefix(role.name())?.strip_prefix('.')?.to_owned(),
-            Value::from(text.as_str()),
-        ))
+        let key = key.strip_prefix(role.name())?.strip_prefix('.')?;
+        Some((key.to_owned(), Value::from(text.as_str())))
     };
     let mut section: Table = settings.iter().filter_map(own).collect();
     let law = named(role, section.get(LAW), &Moved::new())?.description();
     // A word has lost its quotes, and may look like a number.
-    for setting in law
-        .settings
-        .iter()
-        .filter(|setting| !matches!(setting.kind, SettingKind::Word(_)))
-    {
-        let number = section
-            .get(setting.name)
-            .and_then(Value::as_str)
-            .and_then(|text| text.parse().ok());
-        section.extend(number.map(|number: Value| (setting.name.to_owned(), number)));
+    let is_number = |setting: &&Setting| !matches!(setting.kind, SettingKind::Word(_));
+    for setting in law.settings.iter().filter(is_number) {
+        let text = section.get(setting.name).and_then(Value::as_str);
+        let number: Option<Value> = text.and_then(|text| text.parse().ok());
+        section.extend(number.map(|number| (setting.name.to_owned(), number)));
     }
     Ok(section)
 }
@@ -396,10 +361,9 @@ pub(super) fn commented(role: Role, section: &Table, moved: &Moved) -> Result<St
     }
     for setting in law.settings {
         let value = &section[setting.name];
-        let unit = if setting.unit.is_empty() {
-            String::new()
-        } else {
-            format!(" [{}]", setting.unit)
+        let unit = match setting.unit {
+            "" => String::new(),
+            unit => format!(" [{unit}]"),
         };
         text += &format!("{} = {value} # {}{unit}\n", setting.name, setting.meaning);
     }
@@ -408,24 +372,23 @@ pub(super) fn commented(role: Role, section: &Table, moved: &Moved) -> Result<St
 
 /// Where the keys of sections that laws have taken over are now.
 pub(super) fn moved(section: &str, keys: &Table) -> Option<String> {
-    let new_place = |key: &str| match (section, key) {
-        ("limits", _) | ("gains", "position_1_s2" | "velocity_1_s") => format!("outer.{key}"),
-        ("gains", "adaptation") => "inner.adaptation_gain".to_owned(),
-        _ => format!("inner.{key}"),
-    };
     if !["gains", "limits"].contains(&section) {
         return None;
     }
-    let places: Vec<String> = keys
-        .keys()
-        .map(|key| format!("`{section}.{key}` is `{}`", new_place(key)))
-        .collect();
-    let places = if places.is_empty() {
-        "[outer] and [inner]".to_owned()
-    } else {
-        places.join(", ")
+    let place = |key: &String| {
+        let new_key = match (section, key.as_str()) {
+            ("limits", _) | ("gains", "position_1_s2" | "velocity_1_s") => format!("outer.{key}"),
+            ("gains", "adaptation") => "inner.adaptation_gain".to_owned(),
+            _ => format!("inner.{key}"),
+        };
+        format!("`{section}.{key}` is `{new_key}`")
     };
+    let mut places: Vec<String> = keys.keys().map(place).collect();
+    if places.is_empty() {
+        places.push("[outer] and [inner]".to_owned());
+    }
     Some(format!(
-        "there is no section [{section}] any more, its keys are the laws' own: {places}"
+        "there is no section [{section}] any more, its keys are the laws' own: {}",
+        places.join(", ")
     ))
 }

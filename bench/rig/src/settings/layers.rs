@@ -12,9 +12,11 @@ use messages::role::Role;
 use toml::{Table, Value};
 
 use crate::settings::airframe::{self, Design, PAPER};
-use crate::settings::law_settings::{Chosen, Moved};
-use crate::settings::toml_access::{beside, coerce, example, kind, nearest, section, text_of};
-use crate::settings::{DEFAULT, LAWS, Overrides, Settings, law_settings};
+use crate::settings::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SECTIONS, SHA256};
+use crate::settings::toml_access::{
+    DEFAULT_TABLE, beside, coerce, example, kind, nearest, table, text, text_of,
+};
+use crate::settings::{LAWS, Overrides, Settings};
 use errors::Failure;
 
 impl Settings {
@@ -24,20 +26,12 @@ impl Settings {
     }
 }
 
-/// The commented default as a table: read once, since a campaign resolves settings for each of its flights.
-fn default() -> Result<&'static Table, Failure> {
-    static READ: LazyLock<Result<Table, String>> =
-        LazyLock::new(|| DEFAULT.parse().map_err(|e| format!("{e}")));
-    READ.as_ref()
-        .map_err(|e| Failure::failed(format!("the default is broken: {e}")))
-}
-
-/// The same with the paper's airframe laid over it, and that airframe.
+/// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
+/// each of its flights.
 fn with_paper() -> Result<&'static (Table, Design), Failure> {
     static LAID: LazyLock<Result<(Table, Design), String>> = LazyLock::new(|| {
-        let mut table = default().map_err(|e| e.to_string())?.clone();
-        let design =
-            airframe::design(PAPER, &section(&table, "model")).map_err(|e| e.to_string())?;
+        let mut table = DEFAULT_TABLE.clone();
+        let design = airframe::design(PAPER).map_err(|e| e.to_string())?;
         design.lay(&mut table);
         Ok((table, design))
     });
@@ -46,177 +40,307 @@ fn with_paper() -> Result<&'static (Table, Design), Failure> {
 
 /// The settings as a table: what is given, over the defaults and below what flags set. The file is where it was read.
 pub(super) fn layered(
-    mut given: Table,
+    given: Table,
     file: Option<&Path>,
     overrides: &Overrides,
 ) -> Result<Table, Failure> {
-    let place = file
-        .map(|path| format!(" (settings file {})", path.display()))
-        .unwrap_or_default();
-    let flag = |key: &str| {
-        overrides
-            .iter()
-            .find(|(k, _)| *k == key)
-            .map(|(_, value)| value)
-    };
-    let said = |section: &str, key: &str| {
-        flag(&format!("{section}.{key}")).or_else(|| given.get(section)?.get(key))
-    };
-    let mut table = with_paper()?.0.clone();
-    let preset = said("flight", "preset")
-        .and_then(Value::as_str)
-        .unwrap_or(law_settings::DEFAULT_PRESET)
-        .to_owned();
-    let mut presets = vec![law_settings::DEFAULT_PRESET];
-    let mut chosen = Vec::new();
-    for (section, role) in law_settings::SECTIONS {
-        let law = match flag(&format!("{section}.{}", law_settings::LAW)) {
-            Some(name) => law_settings::named(role, Some(name), &Moved::new()),
-            None => law_settings::named(
-                role,
-                said(section, law_settings::LAW)
-                    .map(|name| beside(file, name))
-                    .as_ref(),
-                &Moved::new(),
-            )
-            .map_err(|failure| failure.append(&place)),
-        }?;
-        let of_law = law.description().presets.iter().map(|preset| preset.name);
-        presets.extend(
-            of_law
-                .filter(|name| !presets.contains(name))
-                .collect::<Vec<_>>(),
-        );
-        table.insert(
-            section.into(),
-            Value::Table(law_settings::section(law, &preset, &Rig::default())),
-        );
-        chosen.push((section, law));
-    }
-    if !presets.contains(&preset.as_str()) {
-        return Err(Failure::usage(format!(
-            "flight.preset: unknown preset `{preset}` of the chosen laws [possible values: {}]{place}",
-            presets.join(", ")
-        ))
-        .help("see `ironbird fly --print-config`"));
-    }
-    for (section, law) in chosen
-        .iter()
-        .filter(|(section, _)| flag(&format!("{section}.{}", law_settings::LAW)).is_some())
-    {
-        check_law(file, &mut given, section, *law)?;
-    }
-    given = checked(file, given, &table)?;
-    check_airframe(
+    Layers {
+        given,
         file,
-        &given,
-        &table,
-        flag("flight.airframe").and_then(Value::as_str),
-    )?;
-    check_preset(
-        file,
-        &given,
-        &table,
-        flag("flight.preset").and_then(Value::as_str),
-    )?;
-    let Design {
-        airframe, rotor, ..
-    } = lay_airframe(
-        &mut table,
-        &mut given,
-        flag("flight.airframe").and_then(Value::as_str),
-        &place,
-    )?;
-    forget_sums(
-        &mut given,
-        flag("flight.trajectory").and_then(Value::as_str),
-    );
-    let rig = Rig {
-        airframe,
-        rotor,
-        ..Rig::default()
-    };
-    for (section, law) in &chosen {
-        table.insert(
-            (*section).into(),
-            Value::Table(law_settings::section(*law, &preset, &rig)),
-        );
+        overrides,
     }
-    for (section, keys) in given {
-        if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys) {
-            into.extend(keys);
-        }
-    }
-    for (key, value) in overrides {
-        if let Some((section, key)) = key.split_once('.')
-            && let Some(Value::Table(into)) = table.get_mut(section)
-        {
-            into.insert(key.into(), value.clone());
-        }
-    }
-    for (section, law) in chosen {
-        law_settings::identify(&mut table, section, law);
-    }
-    Ok(table)
+    .merge()
 }
 
-/// Lays the airframe over the defaults: that of the flag, or that of the settings file, or the paper's.
-///
-/// A section `[airframe]` of the file goes before the name in it: where it is whole, as in the settings of a flight, no
-/// other file is read. A flag goes before both.
-fn lay_airframe(
-    table: &mut Table,
-    given: &mut Table,
-    flag: Option<&str>,
-    place: &str,
-) -> Result<Design, Failure> {
-    let kept = given
-        .remove("airframe")
-        .and_then(|kept| kept.as_table().cloned())
-        .filter(|_| flag.is_none());
-    let named = given
-        .get("flight")
-        .and_then(|flight| flight.get("airframe"))
-        .and_then(Value::as_str);
-    let mut values = section(table, "airframe");
-    let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == values.len());
-    let name = flag
-        .or(named)
-        .filter(|_| !is_whole)
-        .unwrap_or(PAPER)
-        .to_owned();
-    let mut design = match name.as_str() {
-        PAPER => with_paper()?.1.clone(),
-        name => airframe::design(name, &section(table, "model"))?,
-    };
-    if is_whole {
-        let rotor = section(given, "rotor");
-        if !["min_rad_s", "max_rad_s"]
-            .iter()
-            .all(|key| rotor.contains_key(*key))
-        {
-            return Err(Failure::usage(format!(
-                "a whole section [airframe] has its own rotors{place}"
-            ))
-            .help("write them beside it: [rotor] with min_rad_s and max_rad_s"));
+struct Layers<'a> {
+    given: Table,
+    file: Option<&'a Path>,
+    overrides: &'a Overrides,
+}
+
+/// Sections that say of themselves which airframe they were made for, if they are whole.
+const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
+/// Sections that override what the airframe flag names.
+const KEPT: [&str; 6] = ["plant", "model", "rotor", "outer", "inner", "mixer"];
+/// Key of `[flight]` with the SHA-256 of the airframe's file.
+const SUM: &str = "airframe_sha256";
+
+impl Layers<'_> {
+    fn flag(&self, section: &str, key: &str) -> Option<&Value> {
+        let is_it = |flag: &str| flag.split_once('.') == Some((section, key));
+        let flag = self.overrides.iter().find(|(flag, _)| is_it(flag));
+        flag.map(|(_, value)| value)
+    }
+
+    fn flag_text(&self, key: &str) -> Option<&str> {
+        self.flag("flight", key).and_then(Value::as_str)
+    }
+
+    fn given_text(&self, key: &str) -> Option<&str> {
+        text(&self.given, "flight", key)
+    }
+
+    /// The file, as the end of an error.
+    fn place(&self) -> String {
+        self.file
+            .map(|path| format!(" (settings file {})", path.display()))
+            .unwrap_or_default()
+    }
+
+    fn merge(mut self) -> Result<Table, Failure> {
+        let mut table = with_paper()?.0.clone();
+        let preset = self.flag_text("preset").or(self.given_text("preset"));
+        let preset = preset.unwrap_or(DEFAULT_PRESET).to_owned();
+        let laws = self.laws()?;
+        let insert_laws = |table: &mut Table, rig: &Rig| {
+            for (section, law) in &laws {
+                let keys = law_settings::section(*law, &preset, rig);
+                table.insert((*section).into(), Value::Table(keys));
+            }
+        };
+        insert_laws(&mut table, &Rig::default());
+        self.check_preset_name(&preset, &laws)?;
+        for (section, law) in &laws {
+            if self.flag(section, LAW).is_some() {
+                self.check_law(section, *law)?;
+            }
         }
-        design.sha256 = kept_sum(given);
+        self.check_keys(&table)?;
+        self.check_whole_sections(&table)?;
+        let Design {
+            airframe, rotor, ..
+        } = self.lay_airframe(&mut table)?;
+        self.forget_sums();
+        let rig = Rig {
+            airframe,
+            rotor,
+            ..Rig::default()
+        };
+        insert_laws(&mut table, &rig);
+        for (section, keys) in self.given {
+            if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys)
+            {
+                into.extend(keys);
+            }
+        }
+        for (key, value) in self.overrides {
+            if let Some((section, key)) = key.split_once('.')
+                && let Some(Value::Table(into)) = table.get_mut(section)
+            {
+                into.insert(key.into(), value.clone());
+            }
+        }
+        for (section, law) in laws {
+            law_settings::identify(&mut table, section, law);
+        }
+        Ok(table)
+    }
+
+    /// The laws that the flags or the file name, each with its section.
+    fn laws(&self) -> Result<Vec<(&'static str, Chosen)>, Failure> {
+        let law = |(section, role)| {
+            let law = match self.flag(section, LAW) {
+                Some(name) => law_settings::named(role, Some(name), &Moved::new()),
+                None => {
+                    let name = self.given.get(section).and_then(|keys| keys.get(LAW));
+                    let name = name.map(|name| beside(self.file, name));
+                    law_settings::named(role, name.as_ref(), &Moved::new())
+                        .map_err(|failure| failure.append(&self.place()))
+                }
+            };
+            Ok((section, law?))
+        };
+        SECTIONS.into_iter().map(law).collect()
+    }
+
+    fn check_preset_name(&self, preset: &str, laws: &[(&str, Chosen)]) -> Result<(), Failure> {
+        let mut known = vec![DEFAULT_PRESET];
+        for of_law in laws.iter().flat_map(|(_, law)| law.description().presets) {
+            if !known.contains(&of_law.name) {
+                known.push(of_law.name);
+            }
+        }
+        if known.contains(&preset) {
+            return Ok(());
+        }
+        Err(Failure::usage(format!(
+            "flight.preset: unknown preset `{preset}` of the chosen laws [possible values: {}]{}",
+            known.join(", "),
+            self.place()
+        ))
+        .help("see `ironbird fly --print-config`"))
+    }
+
+    /// Every given key must be known, and of the type that the default has.
+    fn check_keys(&mut self, default: &Table) -> Result<(), Failure> {
+        let here = |what: String| here(self.file, what);
+        for (section, keys) in &mut self.given {
+            let moved = keys
+                .as_table()
+                .and_then(|keys| law_settings::moved(section, keys));
+            if let Some(moved) = moved {
+                return Err(here(moved));
+            }
+            let Some(known) = table(default, section) else {
+                let like = nearest(section, default.keys());
+                return Err(here(format!("unknown section [{section}]{like}")));
+            };
+            let Some(keys) = keys.as_table_mut() else {
+                return Err(here(format!("`{section}` must be a section: [{section}]")));
+            };
+            for (key, value) in keys {
+                let Some(expected) = known.get(key) else {
+                    let law = known.get(LAW).map(|law| format!(" of the law {law}"));
+                    return Err(here(format!(
+                        "unknown key `{section}.{key}`{}{}",
+                        law.unwrap_or_default(),
+                        nearest(key, known.keys())
+                    )));
+                };
+                *value = coerce(value, expected).ok_or_else(|| {
+                    here(unexpected(&format!("{section}.{key}"), value, expected))
+                })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses whole sections of the file beside a flag that names another airframe or preset than the file.
+    fn check_whole_sections(&self, default: &Table) -> Result<(), Failure> {
+        // Whether a section has every key that it can have.
+        let is_whole = |section: &&str| {
+            let given = table(&self.given, section).zip(table(default, section));
+            given.is_some_and(|(given, known)| {
+                known
+                    .keys()
+                    .all(|key| key == LAW || given.contains_key(key))
+            })
+        };
+        let has_settings = |section: &&str| {
+            table(&self.given, section).is_some_and(|keys| keys.keys().any(|key| is_laws(key)))
+        };
+        let mut of_airframe: Vec<&str> = KEPT.into_iter().filter(is_whole).collect();
+        if !OF_ONE_AIRFRAME.iter().any(|section| is_whole(section)) {
+            of_airframe.clear();
+        }
+        let laws = SECTIONS.into_iter().map(|(section, _)| section);
+        let of_preset = laws.filter(is_whole).filter(has_settings).collect();
+        for (kind, default, sections) in [
+            ("airframe", PAPER, of_airframe),
+            ("preset", DEFAULT_PRESET, of_preset),
+        ] {
+            let named = self.given_text(kind).unwrap_or(default);
+            if let Some(flag) = self.flag_text(kind).filter(|flag| *flag != named)
+                && !sections.is_empty()
+            {
+                return Err(mixed(self.file, &sections, (kind, named), (kind, flag)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses the settings of a law in the file beside a flag that names another one. If the file has only the law's
+    /// name, its sum is forgotten with it.
+    fn check_law(&mut self, section: &str, flag: Chosen) -> Result<(), Failure> {
+        let Some(Value::Table(keys)) = self.given.get_mut(section) else {
+            return Ok(());
+        };
+        let named = keys.get(LAW).map(|law| beside(self.file, law));
+        let named = named.as_ref().and_then(Value::as_str);
+        let Some(named) = named.filter(|named| !flag.is_named(named)) else {
+            return Ok(());
+        };
+        if keys.keys().any(|key| is_laws(key)) {
+            let other = flag.named();
+            return Err(mixed(
+                self.file,
+                &[section],
+                ("law", named),
+                (section, &other),
+            ));
+        }
+        keys.remove(SHA256);
+        Ok(())
+    }
+
+    /// Lays the airframe over the defaults: that of the flag, or that of the settings file, or the paper's.
+    ///
+    /// A section `[airframe]` of the file overrides the name in it: if it is whole, as in the settings of a flight, no
+    /// other file is read. A flag overrides both.
+    fn lay_airframe(&mut self, settings: &mut Table) -> Result<Design, Failure> {
+        let flag = self.flag_text("airframe").map(str::to_owned);
+        let kept = match self.given.remove("airframe") {
+            Some(Value::Table(kept)) if flag.is_none() => Some(kept),
+            _ => None,
+        };
+        let keys = table(settings, "airframe").map_or(0, Table::len);
+        let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == keys);
+        let name = flag.as_deref().or(self.given_text("airframe"));
+        let name = name.filter(|_| !is_whole).unwrap_or(PAPER);
+        let mut design = match name {
+            PAPER => with_paper()?.1.clone(),
+            name => airframe::design(name)?,
+        };
+        let wanted = self.given_text(SUM).unwrap_or_default();
+        if is_whole {
+            let rotor = table(&self.given, "rotor");
+            let has = |key| rotor.is_some_and(|rotor| rotor.contains_key(key));
+            if !has("min_rad_s") || !has("max_rad_s") {
+                return Err(Failure::usage(format!(
+                    "a whole section [airframe] has its own rotors{}",
+                    self.place()
+                ))
+                .help("write them beside it: [rotor] with min_rad_s and max_rad_s"));
+            }
+            design.sha256 = wanted.to_owned();
+        } else if flag.is_none() || flag.as_deref() == self.given_text("airframe") {
+            check_sum(wanted, name, &design.sha256)?;
+        }
+        design.lay(settings);
+        if let Some(kept) = kept {
+            let mut values = table(settings, "airframe").cloned().unwrap_or_default();
+            values.extend(kept);
+            let number = |(name, value): (String, Value)| Some((name, value.as_float()?));
+            let values = values.into_iter().filter_map(number).collect();
+            design.airframe = airframe::built(&values).map_err(|e| {
+                Failure::usage(format!("airframe: {e}")).help("see `ironbird params`")
+            })?;
+            design.lay(settings);
+        }
+        Ok(design)
+    }
+
+    /// Takes the sums out of the file's settings that belong to another airframe or trajectory than what is flown.
+    fn forget_sums(&mut self) {
+        let flag = self.flag_text("trajectory");
+        let is_another = flag.is_some() && flag != self.given_text("trajectory");
+        let mut forget = |section: &str, key: &str| {
+            if let Some(Value::Table(keys)) = self.given.get_mut(section) {
+                keys.remove(key);
+            }
+        };
+        // That of the airframe's file is known from the file itself.
+        forget("flight", SUM);
+        if is_another {
+            forget("trajectory", "sha256");
+        }
+    }
+}
+
+/// Refuses an airframe file that is no longer the one that the settings were made for.
+fn check_sum(wanted: &str, name: &str, sha256: &str) -> Result<(), Failure> {
+    if wanted.is_empty() || wanted == sha256 {
+        return Ok(());
+    }
+    let found = if sha256.is_empty() {
+        "is built in".to_owned()
     } else {
-        check_sum(given, flag, &name, &design.sha256)?;
-    }
-    if let Some(kept) = kept {
-        design.lay(table);
-        values = section(table, "airframe");
-        values.extend(kept);
-        let values = values
-            .into_iter()
-            .filter_map(|(name, value)| Some((name, value.as_float()?)))
-            .collect();
-        design.airframe = airframe::built(&values)
-            .map_err(|e| Failure::usage(format!("airframe: {e}")).help("see `ironbird params`"))?;
-    }
-    design.lay(table);
-    Ok(design)
+        format!("has the SHA-256 {sha256}")
+    };
+    Err(Failure::usage(format!(
+        "airframe {name} {found}, but the settings were made for a file with {wanted}"
+    ))
+    .help("bring the old file back, or take flight.airframe_sha256 out of the settings"))
 }
 
 /// What is wrong with the settings that are given, and where.
@@ -228,200 +352,50 @@ fn here(file: Option<&Path>, what: impl Display) -> Failure {
     Failure::usage(format!("{place}: {what}")).help("see `ironbird fly --print-config`")
 }
 
+fn unexpected(key: &str, value: &Value, expected: &Value) -> String {
+    let (kind, example) = (kind(expected), example(expected));
+    format!("{key} = {value}: expected {kind}, as in {example}")
+}
+
 pub(super) fn read(path: &Path) -> Result<Table, Failure> {
-    let text = text_of(path).map_err(|e| {
-        Failure::usage(format!(
-            "cannot read the settings file {}: {e}",
-            path.display()
-        ))
-        .help(
+    let text =
+        text_of(path).map_err(|e| {
+            Failure::usage(format!("cannot read the settings file {}: {e}", path.display())).help(
             "name a file that you can read; `ironbird fly --print-config` writes one to begin with",
         )
-    })?;
+        })?;
     text.parse().map_err(|e: toml::de::Error| {
         match e.span().filter(|_| e.message().contains("integer `")) {
-            Some(span) => here(
-                Some(path),
-                format!("line {}: {BEYOND}", airframe::line_of(&text, &span)),
-            ),
+            Some(span) => {
+                let line = airframe::line_of(&text, &span);
+                let beyond = "a whole number beyond 9223372036854775807 cannot be read";
+                here(Some(path), format!("line {line}: {beyond}"))
+            }
             None => here(Some(path), e),
         }
     })
 }
 
-const BEYOND: &str = "a whole number beyond 9223372036854775807 cannot be read";
-
-/// What is given: every key must be known, and of the type that the default has.
-fn checked(file: Option<&Path>, mut given: Table, default: &Table) -> Result<Table, Failure> {
-    let here = |what: String| here(file, what);
-    for (section, keys) in &mut given {
-        if let Some(moved) = keys
-            .as_table()
-            .and_then(|keys| law_settings::moved(section, keys))
-        {
-            return Err(here(moved));
-        }
-        let known = default.get(section).and_then(Value::as_table);
-        let Some(known) = known else {
-            return Err(here(format!(
-                "unknown section [{section}]{}",
-                nearest(section, default.keys())
-            )));
-        };
-        let Some(keys) = keys.as_table_mut() else {
-            return Err(here(format!("`{section}` must be a section: [{section}]")));
-        };
-        for (key, value) in keys {
-            let Some(expected) = known.get(key) else {
-                let of = known
-                    .get(law_settings::LAW)
-                    .map(|law| format!(" of the law {law}"))
-                    .unwrap_or_default();
-                return Err(here(format!(
-                    "unknown key `{section}.{key}`{of}{}",
-                    nearest(key, known.keys())
-                )));
-            };
-            *value = coerce(value, expected).ok_or_else(|| {
-                here(format!(
-                    "{section}.{key} = {value}: expected {}, as in {}",
-                    kind(expected),
-                    example(expected)
-                ))
-            })?;
-        }
-    }
-    Ok(given)
-}
-
-/// What is said beside the settings: of the type that the default has.
+/// What is set beside the settings: of the type that the default has.
 pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
-    let default = default()?;
     let typed = |(key, value): &(&'static str, Value)| {
         let known = key
             .split_once('.')
-            .and_then(|(section, key)| default.get(section)?.get(key));
-        // A law's name is looked at where the law is found.
+            .and_then(|(section, key)| DEFAULT_TABLE.get(section)?.get(key));
+        // A law's name is checked when the law is looked up.
         let Some(expected) = known else {
             return Ok((*key, value.clone()));
         };
         coerce(value, expected)
             .map(|value| (*key, value))
-            .ok_or_else(|| {
-                here(
-                    None,
-                    format!(
-                        "{key} = {value}: expected {}, as in {}",
-                        kind(expected),
-                        example(expected)
-                    ),
-                )
-            })
+            .ok_or_else(|| here(None, unexpected(key, value, expected)))
     };
     overrides.iter().map(typed).collect()
 }
 
-/// Sections that say of themselves which airframe they were made for, where they are whole.
-const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
-/// Sections that go before what the flag names.
-const KEPT: [&str; 6] = ["plant", "model", "rotor", "outer", "inner", "mixer"];
-/// Key of `[flight]` with the SHA-256 of the airframe's file.
-const SUM: &str = "airframe_sha256";
-
-/// Refuses whole sections of a settings file beside a flag that names another airframe than the file.
-pub(super) fn check_airframe(
-    file: Option<&Path>,
-    given: &Table,
-    default: &Table,
-    flag: Option<&str>,
-) -> Result<(), Failure> {
-    let named = text(given, "flight", "airframe").unwrap_or(PAPER);
-    let Some(flag) = flag.filter(|flag| *flag != named) else {
-        return Ok(());
-    };
-    let kept: Vec<&str> = KEPT
-        .into_iter()
-        .filter(|section| is_whole(given, default, section))
-        .collect();
-    if kept.is_empty()
-        || !OF_ONE_AIRFRAME
-            .iter()
-            .any(|section| is_whole(given, default, section))
-    {
-        return Ok(());
-    }
-    Err(mixed(file, &kept, ("airframe", named), ("airframe", flag)))
-}
-
-/// Refuses whole sections of laws in a settings file beside a flag that names another preset than the file.
-pub(super) fn check_preset(
-    file: Option<&Path>,
-    given: &Table,
-    default: &Table,
-    flag: Option<&str>,
-) -> Result<(), Failure> {
-    let named = text(given, "flight", "preset").unwrap_or(law_settings::DEFAULT_PRESET);
-    let Some(flag) = flag.filter(|flag| *flag != named) else {
-        return Ok(());
-    };
-    let has_settings = |section: &&str| {
-        table(given, section).is_some_and(|keys| keys.keys().any(|key| is_laws(key)))
-    };
-    let of_laws = law_settings::SECTIONS
-        .into_iter()
-        .map(|(section, _)| section);
-    let kept: Vec<&str> = of_laws
-        .filter(|section| is_whole(given, default, section))
-        .filter(has_settings)
-        .collect();
-    if kept.is_empty() {
-        return Ok(());
-    }
-    Err(mixed(file, &kept, ("preset", named), ("preset", flag)))
-}
-
-/// Refuses the settings of a law that a settings file names beside a flag that names another one. Where the file has
-/// none but the law's name, its sum is forgotten with it.
-pub(super) fn check_law(
-    file: Option<&Path>,
-    given: &mut Table,
-    section: &str,
-    flag: Chosen,
-) -> Result<(), Failure> {
-    let Some(keys) = given.get_mut(section).and_then(Value::as_table_mut) else {
-        return Ok(());
-    };
-    let Some(named) = keys.get(law_settings::LAW).map(|law| beside(file, law)) else {
-        return Ok(());
-    };
-    let Some(named) = named.as_str().filter(|named| !flag.is_named(named)) else {
-        return Ok(());
-    };
-    if keys.keys().any(|key| is_laws(key)) {
-        return Err(mixed(
-            file,
-            &[section],
-            ("law", named),
-            (section, &flag.named()),
-        ));
-    }
-    keys.remove(law_settings::SHA256);
-    Ok(())
-}
-
 /// Whether a key of a law's section is the law's own.
 fn is_laws(key: &str) -> bool {
-    ![law_settings::LAW, law_settings::SHA256].contains(&key)
-}
-
-/// Whether a section has every key that it can have.
-fn is_whole(given: &Table, default: &Table, section: &str) -> bool {
-    let (Some(given), Some(known)) = (table(given, section), table(default, section)) else {
-        return false;
-    };
-    known
-        .keys()
-        .all(|key| key == law_settings::LAW || given.contains_key(key))
+    ![LAW, SHA256].contains(&key)
 }
 
 /// Says which sections are whose, and what the flag names instead; beside sections that are in no file, the argument.
@@ -431,11 +405,11 @@ fn mixed(
     (kind, named): (&str, &str),
     (key, other): (&str, &str),
 ) -> Failure {
-    let all = sections
+    let all: Vec<String> = sections
         .iter()
         .map(|section| format!("[{section}]"))
-        .collect::<Vec<_>>()
-        .join(", ");
+        .collect();
+    let all = all.join(", ");
     let (what, them) = match sections.len() {
         1 => (format!("its section {all} is"), "it"),
         _ => (format!("its whole sections {all} are"), "them"),
@@ -458,69 +432,11 @@ fn mixed(
 
 /// Refuses the settings of a law beside a law that the rig does not know, as [`Settings::of`] does beside one it knows.
 pub fn check_foreign_law(role: Role, section: &Table, other: &str) -> Result<(), Failure> {
-    let Some(named) = section.get(law_settings::LAW).and_then(Value::as_str) else {
-        return Ok(());
-    };
-    match section.keys().any(|key| is_laws(key)) {
-        true => Err(mixed(
-            None,
-            &[role.name()],
-            ("law", named),
-            (role.name(), other),
-        )),
-        false => Ok(()),
+    match section.get(LAW).and_then(Value::as_str) {
+        Some(named) if section.keys().any(|key| is_laws(key)) => {
+            let name = role.name();
+            Err(mixed(None, &[name], ("law", named), (name, other)))
+        }
+        _ => Ok(()),
     }
-}
-
-/// The SHA-256 that a settings file has of its airframe's file; empty where it has none.
-pub(super) fn kept_sum(given: &Table) -> String {
-    text(given, "flight", SUM).unwrap_or_default().to_owned()
-}
-
-/// Refuses an airframe file that is no longer the one that the settings were made for. A flag may name another.
-pub(super) fn check_sum(
-    given: &Table,
-    flag: Option<&str>,
-    name: &str,
-    sha256: &str,
-) -> Result<(), Failure> {
-    let wanted = kept_sum(given);
-    let is_another = flag.is_some_and(|flag| text(given, "flight", "airframe") != Some(flag));
-    if is_another || wanted.is_empty() || wanted == sha256 {
-        return Ok(());
-    }
-    let found = if sha256.is_empty() {
-        "is built in".to_owned()
-    } else {
-        format!("has the SHA-256 {sha256}")
-    };
-    Err(Failure::usage(format!(
-        "airframe {name} {found}, but the settings were made for a file with {wanted}"
-    ))
-    .help("bring the old file back, or take flight.airframe_sha256 out of the settings"))
-}
-
-/// Takes the sums out of a file's settings that belong to another airframe or trajectory than what is flown.
-pub(super) fn forget_sums(given: &mut Table, trajectory: Option<&str>) {
-    let is_another =
-        trajectory.is_some_and(|flag| text(given, "flight", "trajectory") != Some(flag));
-    let mut forget = |section: &str, key: &str| {
-        given
-            .get_mut(section)
-            .and_then(Value::as_table_mut)
-            .and_then(|section| section.remove(key));
-    };
-    // That of the airframe's file is known from the file itself.
-    forget("flight", SUM);
-    if is_another {
-        forget("trajectory", "sha256");
-    }
-}
-
-fn table<'a>(of: &'a Table, section: &str) -> Option<&'a Table> {
-    of.get(section).and_then(Value::as_table)
-}
-
-fn text<'a>(of: &'a Table, section: &str, key: &str) -> Option<&'a str> {
-    table(of, section)?.get(key).and_then(Value::as_str)
 }

@@ -2,17 +2,24 @@
 
 use std::io::{self, Read as _};
 use std::path::Path;
+use std::sync::LazyLock;
 
 use errors::open_file;
 use messages::parameters::{self, did_you_mean};
 use toml::{Table, Value};
 
-pub(super) fn section(table: &Table, name: &str) -> Table {
-    table
-        .get(name)
-        .and_then(Value::as_table)
-        .cloned()
-        .unwrap_or_default()
+use super::DEFAULT;
+
+/// The commented default as a table.
+pub(super) static DEFAULT_TABLE: LazyLock<Table> =
+    LazyLock::new(|| DEFAULT.parse().unwrap_or_default());
+
+pub(super) fn table<'a>(of: &'a Table, section: &str) -> Option<&'a Table> {
+    of.get(section).and_then(Value::as_table)
+}
+
+pub(super) fn text<'a>(of: &'a Table, section: &str, key: &str) -> Option<&'a str> {
+    table(of, section)?.get(key).and_then(Value::as_str)
 }
 
 /// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.

@@ -258,71 +258,58 @@ mod tests {
     #[test]
     fn points_are_read_from_what_spreadsheets_write() {
         let plain = points("t,x,y,z,yaw\n0,0,0,0,0\n1.5,1e0,-2,0.5,3\n").unwrap();
-        assert_eq!(
-            plain[1],
-            Point {
-                t_s: 1.5,
-                value: [1.0, -2.0, 0.5, 3.0]
-            }
-        );
+        assert_eq!((plain[1].t_s, plain[1].value), (1.5, [1.0, -2.0, 0.5, 3.0]));
         let marked = "\u{feff}t, x, y, z, yaw\r\n0,0,0,0,0\r\n 1.5 , 1 ,-2,0.5,3";
         assert_eq!(points(marked).unwrap(), plain);
     }
 
     #[test]
-    fn every_mistake_is_told_with_line_and_column() {
-        for (text, told) in [
-            ("", "line 1 is ``: expected t,x,y,z,yaw"),
+    fn every_mistake_is_reported_with_line_and_column() {
+        for (rows, expected) in [
+            ("", "it has no point"),
+            ("0,0,0,0,0", "it has 1 point"),
+            ("0,0,0,0,0 1,2,3", "line 3 has 3 columns: expected 5"),
+            ("0,0,0,0,0 1", "line 3 has 1 column: expected 5"),
             (
-                "0,0,0,0,0\n1,1,1,1,1\n",
-                "line 1 is `0,0,0,0,0`: expected t,x,y,z,yaw",
-            ),
-            ("t,x,y,z\n0,0,0,0\n", "line 1 is `t,x,y,z`"),
-            ("t,x,y,z,yaw\n", "it has no point"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n", "it has 1 point"),
-            (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,3\n",
-                "line 3 has 3 columns: expected 5",
-            ),
-            (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1\n",
-                "line 3 has 1 column: expected 5",
-            ),
-            (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1,a,3,4,5\n",
+                "0,0,0,0,0 1,a,3,4,5",
                 "line 3, column x: `a` is not a number",
             ),
             (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,nan,5\n",
+                "0,0,0,0,0 1,2,3,nan,5",
                 "line 3, column z: NaN is out of range",
             ),
             (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,4,inf\n",
+                "0,0,0,0,0 1,2,3,4,inf",
                 "line 3, column yaw: inf is out of range",
             ),
             (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,2e4,4,0\n",
+                "0,0,0,0,0 1,2,2e4,4,0",
                 "line 3, column y: 20000 is out of range",
             ),
             (
-                "t,x,y,z,yaw\n1,0,0,0,0\n2,0,0,0,0\n",
+                "1,0,0,0,0",
                 "line 2, column t: the first point is at 1 s: expected 0",
             ),
             (
-                "t,x,y,z,yaw\n0,0,0,0,0\n1,0,0,0,0\n1,0,0,0,0\n",
+                "0,0,0,0,0 1,0,0,0,0 1,0,0,0,0",
                 "line 4, column t: 1 s follows 1 s: expected at least",
             ),
         ] {
-            let error = points(text).unwrap_err();
-            assert!(error.contains(told), "{text}: {error}");
+            let error = points(&format!("{HEADER}\n{}\n", rows.replace(' ', "\n"))).unwrap_err();
+            assert!(error.contains(expected), "{rows}: {error}");
+        }
+        for header in ["", "0,0,0,0,0", "t,x,y,z"] {
+            let error = points(&format!("{header}\n1,1,1,1,1\n")).unwrap_err();
+            assert_eq!(error, format!("line 1 is `{header}`: expected {HEADER}"));
         }
         let many: String = (0..=MOST_POINTS)
             .map(|i| format!("{i},0,0,0,0\n"))
             .collect();
         let error = points(&format!("{HEADER}\n{many}")).unwrap_err();
+        let line = MOST_POINTS + 2;
         assert_eq!(
             error,
-            format!("line {}: more than {MOST_POINTS} points", MOST_POINTS + 2)
+            format!("line {line}: more than {MOST_POINTS} points")
         );
     }
 

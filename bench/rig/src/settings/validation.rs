@@ -12,7 +12,7 @@ use plant::Plant;
 use toml::{Table, Value};
 
 use super::layers::layered;
-use super::{Overrides, RecorderSettings, Settings, law_settings};
+use super::{Overrides, Settings, law_settings};
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
@@ -46,25 +46,43 @@ const RANGES: [(&str, &str, f64, f64); 20] = [
 pub(super) fn check_ranges(table: &Table) -> Result<(), Failure> {
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
     for (section, key, min, max) in RANGES {
-        match table.get(section).and_then(|keys| keys.get(key)) {
-            Some(Value::Array(values)) => {
-                for (i, value) in values.iter().filter_map(number).enumerate() {
-                    // Beyond a pitch of 90 degrees roll and yaw turn over.
-                    let is_pitch = (key, i) == ("attitude_rad", 1);
-                    let (min, max) = if is_pitch {
-                        (-FRAC_PI_2, FRAC_PI_2)
-                    } else {
-                        (min, max)
-                    };
-                    within(&format!("{section}.{key}[{i}]"), value, min, max)?;
-                }
-            }
-            Some(value) => {
-                if let Some(value) = number(value) {
-                    within(&format!("{section}.{key}"), value, min, max)?;
-                }
-            }
-            None => {}
+        let Some(value) = table.get(section).and_then(|keys| keys.get(key)) else {
+            continue;
+        };
+        if let Some(value) = number(value) {
+            within(&format!("{section}.{key}"), value, min, max)?;
+        }
+        let values = value.as_array().into_iter().flatten().filter_map(number);
+        for (i, value) in values.enumerate() {
+            // Beyond a pitch of 90 degrees roll and yaw turn over.
+            let most = match (key, i) {
+                ("attitude_rad", 1) => FRAC_PI_2,
+                _ => max,
+            };
+            within(&format!("{section}.{key}[{i}]"), value, -most, most)?;
+        }
+    }
+    check_gates(table)
+}
+
+/// Refuses a limit that no number is compared with: it would be no gate, or one that always holds.
+fn check_gates(table: &Table) -> Result<(), Failure> {
+    for (key, limit) in table
+        .get("recorder")
+        .and_then(Value::as_table)
+        .into_iter()
+        .flatten()
+    {
+        let Some(limit) = limit.as_float().filter(|_| key.starts_with("max_")) else {
+            continue;
+        };
+        let is_share = key.ends_with("percent");
+        if !limit.is_finite() || is_share && limit > 100.0 {
+            let most = if is_share { "0 to 100" } else { "0 and more" };
+            return Err(Failure::usage(format!(
+                "recorder.{key} = {limit}: allowed are {most}, and a negative number for no gate"
+            ))
+            .help("`ironbird fly --print-config` explains every setting"));
         }
     }
     Ok(())
@@ -128,41 +146,17 @@ pub(super) fn is_of_flags(failure: &Failure, overrides: &Overrides) -> bool {
 }
 
 impl Settings {
-    /// Refuses settings that do not fit on the board that the processes of a flight share them by.
-    pub(super) fn check_length(&self) -> Result<(), Failure> {
-        let length = self.shared_text()?.len();
-        if length <= SETTINGS_MAX {
-            return Ok(());
-        }
-        let faults: usize = self.flight.faults.iter().map(String::len).sum();
-        Err(Failure::usage(format!(
-            "the settings that the processes share are {length} bytes long: allowed are {SETTINGS_MAX}, and \
-             flight.faults takes {faults} of them"
-        ))
-        .help(
-            "put values that change at the same instant into one fault, write numbers of fewer digits, or plan fewer \
-             and inject the rest in flight",
-        ))
-    }
-}
-
-impl Settings {
     pub(super) fn check(&self, makes: &[Role]) -> Result<(), Failure> {
         let flight = &self.flight;
         Rig::check_period(flight.period_s).map_err(refused)?;
-        within(
-            "flight.duration_s",
-            flight.duration_s,
-            flight.period_s,
-            LONGEST_S,
-        )?;
+        let (period_s, duration_s) = (flight.period_s, flight.duration_s);
+        within("flight.duration_s", duration_s, period_s, LONGEST_S)?;
         if self.recorder.log_files == 1 {
             return Err(Failure::usage(
                 "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",
             )
             .help("the newest file may have only just begun; `ironbird fly --print-config` explains every setting"));
         }
-        self.recorder.check_gates()?;
         self.rig()?.check().map_err(refused)?;
         for (_, role) in law_settings::SECTIONS {
             self.check_law(role, makes)?;
@@ -180,57 +174,35 @@ impl Settings {
         self.realtime()?;
         self.check_length()
     }
-}
 
-impl Settings {
     /// Refuses a flight that begins in the ground.
-    pub(super) fn check_start(&self) -> Result<(), Failure> {
+    fn check_start(&self) -> Result<(), Failure> {
         // What rounding leaves of a start on the ground.
         const ROUNDING_M: f64 = 1e-9;
-        let clearance_m = Plant::new(&self.plant()?).clearance_m();
-        match clearance_m.filter(|clearance_m| *clearance_m < -ROUNDING_M) {
-            Some(clearance_m) => Err(Failure::usage(format!(
+        match Plant::new(&self.plant()?).clearance_m() {
+            Some(clearance_m) if clearance_m < -ROUNDING_M => Err(Failure::usage(format!(
                 "initial.position_w_m[2] = {} is {:.3} m too low: the airframe would begin in the ground at {} m",
                 self.initial.position_w_m[2], -clearance_m, self.flight.ground_z_m
             ))
             .help("begin higher, or set ground.contact = \"off\"")),
-            None => Ok(()),
-        }
-    }
-}
-
-impl RecorderSettings {
-    /// Refuses a limit that no number is held against: it would be no gate, or one that always holds.
-    pub(super) fn check_gates(&self) -> Result<(), Failure> {
-        let is_wrong = |(key, limit): &&(&str, f64)| {
-            !limit.is_finite() || key.ends_with("percent") && *limit > 100.0
-        };
-        match self.limits().iter().find(is_wrong) {
-            Some((key, limit)) => {
-                let most = if key.ends_with("percent") {
-                    "0 to 100"
-                } else {
-                    "0 and more"
-                };
-                Err(Failure::usage(format!(
-                    "recorder.{key} = {limit}: allowed are {most}, and a negative number for no gate"
-                ))
-                .help("`ironbird fly --print-config` explains every setting"))
-            }
-            None => Ok(()),
+            _ => Ok(()),
         }
     }
 
-    /// The limits of gates by their keys; a negative one is none.
-    const fn limits(&self) -> [(&'static str, f64); 7] {
-        [
-            ("max_miss_rate_ppm", self.max_miss_rate_ppm),
-            ("max_skip_rate_ppm", self.max_skip_rate_ppm),
-            ("max_stale_rate_ppm", self.max_stale_rate_ppm),
-            ("max_wake_p999_us", self.max_wake_p999_us),
-            ("max_loop_p999_us", self.max_loop_p999_us),
-            ("max_tracking_error_m", self.max_tracking_error_m),
-            ("max_steal_percent", self.max_steal_percent),
-        ]
+    /// Refuses settings that do not fit on the blackboard by which the processes of a flight share them.
+    fn check_length(&self) -> Result<(), Failure> {
+        let length = self.shared_text()?.len();
+        if length <= SETTINGS_MAX {
+            return Ok(());
+        }
+        let faults: usize = self.flight.faults.iter().map(String::len).sum();
+        Err(Failure::usage(format!(
+            "the settings that the processes share are {length} bytes long: allowed are {SETTINGS_MAX}, and \
+             flight.faults takes {faults} of them"
+        ))
+        .help(
+            "put values that change at the same instant into one fault, write numbers of fewer digits, or plan fewer \
+             and inject the rest in flight",
+        ))
     }
 }

@@ -5,7 +5,7 @@ use plant::EnvelopeViolation;
 use plant::parameter_server::swap_record;
 
 use crate::recorded_timing::{Source, Timing};
-use crate::settings::{FlightSettings, Settings};
+use crate::settings::Settings;
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
 use errors::Failure;
@@ -26,9 +26,6 @@ pub struct SimulatedFlight {
 }
 
 /// Runs to the last tick or until the flight leaves its envelope, and calls `look` after each tick.
-///
-/// # Errors
-/// A failure of `look` ends the flight.
 pub fn fly(
     rig: &mut Simulator,
     settings: &Settings,
@@ -111,27 +108,21 @@ pub(crate) struct Judge {
 
 impl Judge {
     pub(crate) fn new(settings: &Settings) -> Result<Self, Failure> {
-        let flown = SimulatedFlight {
-            ticks: 0,
-            outputs: OutputHash::default(),
-            error: TrackingError::default(),
-            swaps: Vec::new(),
-            departure: None,
-        };
-        let &FlightSettings {
-            period_s,
-            position_error_max_m,
-            ground_z_m,
-            ..
-        } = &settings.flight;
+        let flight = &settings.flight;
         Ok(Self {
             last_tick: settings.last_tick(),
-            period_s,
-            allowed_m: position_error_max_m,
-            ground_z_m,
-            tracking: Tracking::along(settings.course()?, period_s),
+            period_s: flight.period_s,
+            allowed_m: flight.position_error_max_m,
+            ground_z_m: flight.ground_z_m,
+            tracking: Tracking::along(settings.course()?, flight.period_s),
             lowest_z_m: f64::INFINITY,
-            flown,
+            flown: SimulatedFlight {
+                ticks: 0,
+                outputs: OutputHash::default(),
+                error: TrackingError::default(),
+                swaps: Vec::new(),
+                departure: None,
+            },
         })
     }
 
@@ -151,17 +142,17 @@ impl Judge {
                 return Ok(());
             }
             self.flown.outputs.take(tick, rig.state());
-            rig.setpoint()
-                .iter()
-                .for_each(|setpoint| self.flown.outputs.take(tick, *setpoint));
+            if let Some(setpoint) = rig.setpoint() {
+                self.flown.outputs.take(tick, setpoint);
+            }
         }
         self.flown.ticks += 1;
-        rig.new_wrench()
-            .into_iter()
-            .for_each(|wrench| self.flown.outputs.take(tick, wrench));
-        rig.new_rotor_speeds()
-            .into_iter()
-            .for_each(|speeds| self.flown.outputs.take(tick, speeds));
+        if let Some(wrench) = rig.new_wrench() {
+            self.flown.outputs.take(tick, wrench);
+        }
+        if let Some(speeds) = rig.new_rotor_speeds() {
+            self.flown.outputs.take(tick, speeds);
+        }
         if rig.has_state() {
             look(rig)?;
             self.leaves(rig);
@@ -205,18 +196,13 @@ impl Judge {
         }
     }
 
-    pub(crate) fn end(self) -> SimulatedFlight {
-        let Self {
-            mut flown,
-            lowest_z_m,
-            ground_z_m,
-            ..
-        } = self;
-        if flown.departure.is_none() && lowest_z_m < ground_z_m {
-            flown.departure = Some(format!(
+    pub(crate) fn end(mut self) -> SimulatedFlight {
+        let (lowest_z_m, ground_z_m) = (self.lowest_z_m, self.ground_z_m);
+        if self.flown.departure.is_none() && lowest_z_m < ground_z_m {
+            self.flown.departure = Some(format!(
                 "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"
             ));
         }
-        flown
+        self.flown
     }
 }

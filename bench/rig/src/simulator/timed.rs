@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use ipc::DEEP;
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::header::{Header, Message};
+use messages::header::Message;
 use messages::output_hash::OutputHash;
 use messages::topic::Topic;
 
@@ -131,20 +131,10 @@ impl Timed {
     fn watch(&mut self, event: &Event, state: &Stamped<State>, rig: &mut Simulator) {
         let seq = self.wrenches_of_epoch;
         self.wrenches_of_epoch += 1;
-        let envelope = Header {
-            tick: event.tick,
-            epoch: event.epoch,
-            seq,
-            ..Header::new()
-        };
-        let wrench = Message {
-            envelope,
-            content: rig.wrench.content,
-        };
-        rig.monitor = self
-            .theorem
-            .watch(&wrench, Some(state))
-            .map(|said| said.content);
+        let mut wrench = Message::of_tick(event.tick, rig.wrench.content);
+        (wrench.envelope.epoch, wrench.envelope.seq) = (event.epoch, seq);
+        let result = self.theorem.watch(&wrench, Some(state));
+        rig.monitor = result.map(|message| message.content);
     }
 }
 
@@ -153,12 +143,6 @@ fn begins(epoch: &mut Option<u64>, now: u64) -> bool {
 }
 
 fn put<C: Topic>(window: &mut MessageWindow<C>, tick: u64, content: &C) {
-    window.extend(&[Message {
-        envelope: Header {
-            tick,
-            ..Header::new()
-        },
-        content: *content,
-    }]);
+    window.push(Message::of_tick(tick, *content));
     window.advance();
 }

@@ -17,8 +17,8 @@ use rustix::process::{
     pidfd_send_signal, waitid,
 };
 
-use crate::cli::FlyArgs;
 use crate::run_directory::RunDirectory;
+use crate::supervisor::FlightOptions;
 use errors::{Failure, InFile as _};
 
 /// How long processes may take to end after a request.
@@ -54,14 +54,14 @@ impl Spawner {
         executable: PathBuf,
         instance: &Instance,
         directory: &RunDirectory,
-        args: &FlyArgs,
+        options: &FlightOptions,
     ) -> Self {
         Self {
             executable,
             instance: instance.name().into(),
             settings_file: directory.settings_file(),
             directory: directory.path.clone(),
-            states: args.recorder.states.clone(),
+            states: options.states.clone(),
         }
     }
 
@@ -71,11 +71,8 @@ impl Spawner {
         if role == Role::Record {
             command.arg("--run-dir").arg(&recording.path);
             // Only the first recorder writes the file of --states, which begins with the flight.
-            if let Some(states) = self
-                .states
-                .as_ref()
-                .filter(|_| recording.path == self.directory)
-            {
+            let is_first = recording.path == self.directory;
+            if let Some(states) = self.states.as_ref().filter(|_| is_first) {
                 command.arg("--states").arg(states);
             }
         }
@@ -150,13 +147,10 @@ impl ChildWatch {
     /// Sends a signal to a child. Fails if the child has ended.
     pub(super) fn signal(&self, pid: u32, signal: Signal) -> io::Result<()> {
         let watched = self.0.iter().find(|watched| watched.pid == pid);
-        match watched.ok_or(io::Errno::SRCH)? {
-            Watched {
-                descriptor: Some(descriptor),
-                ..
-            } => pidfd_send_signal(descriptor, signal),
+        match &watched.ok_or(io::Errno::SRCH)?.descriptor {
+            Some(descriptor) => pidfd_send_signal(descriptor, signal),
             // The number is the child's until it has been reaped.
-            Watched { pid, .. } => kill_process(pid_of(*pid).ok_or(io::Errno::SRCH)?, signal),
+            None => kill_process(pid_of(pid).ok_or(io::Errno::SRCH)?, signal),
         }
     }
 
@@ -165,19 +159,17 @@ impl ChildWatch {
     ///
     /// Each end ends one wait. A child that cannot be reaped yet, as under a debugger, does not end the next one.
     pub(super) fn wait_until(&mut self, instant_ns: u64) -> bool {
-        let mut waiting = Vec::new();
-        let mut ends = Vec::new();
-        for (i, watched) in self.0.iter().enumerate() {
-            if let Some(descriptor) = watched.descriptor.as_ref().filter(|_| !watched.has_ended) {
-                waiting.push(i);
+        let (mut waiting, mut ends): (Vec<&mut bool>, Vec<PollFd<'_>>) = (Vec::new(), Vec::new());
+        for watched in self.0.iter_mut().filter(|watched| !watched.has_ended) {
+            if let Some(descriptor) = &watched.descriptor {
+                waiting.push(&mut watched.has_ended);
                 ends.push(PollFd::from_borrowed_fd(descriptor.as_fd(), PollFlags::IN));
             }
         }
         let time = timespec(instant_ns.saturating_sub(now_ns()));
         let has_ended = poll(&mut ends, Some(&time)).is_ok_and(|ended| ended > 0);
-        let ended: Vec<bool> = ends.iter().map(|end| !end.revents().is_empty()).collect();
-        for (i, ended) in waiting.into_iter().zip(ended) {
-            self.0[i].has_ended = has_ended && ended;
+        for (ended, end) in waiting.into_iter().zip(&ends) {
+            *ended = has_ended && !end.revents().is_empty();
         }
         has_ended
     }

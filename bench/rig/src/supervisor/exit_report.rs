@@ -20,9 +20,9 @@ use report::schema::Report;
 use report::status::FlightStatus;
 
 #[derive(Default)]
-pub(super) struct Outcome {
+pub(crate) struct Outcome {
     /// The process whose end ended the flight.
-    pub(super) failed: Option<ProcessExit>,
+    pub(crate) failed: Option<ProcessExit>,
     /// The process that a signal of another process ended.
     pub(super) stopped: Option<ProcessExit>,
     /// Whether a signal to the supervisor requested the end.
@@ -39,7 +39,7 @@ pub(super) struct Outcome {
     pub(super) grid: Option<Pace>,
 }
 
-pub(super) struct ProcessExit {
+pub(crate) struct ProcessExit {
     pub(super) role: Role,
     pub(super) pid: u32,
     pub(super) status: ExitStatus,
@@ -53,7 +53,7 @@ pub(super) struct ProcessExit {
 
 /// Why the supervisor killed a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum KillReason {
+pub(crate) enum KillReason {
     Hang,
     /// It did not end with the flight.
     AfterFlight,
@@ -71,11 +71,8 @@ impl Outcome {
             }
         } else if !exit.is_in_order() || early && !requested {
             // A recorder that ends because another process failed may be reaped before that one.
-            if self
-                .failed
-                .as_ref()
-                .is_none_or(|known| known.role == Role::Record)
-            {
+            let known = self.failed.as_ref();
+            if known.is_none_or(|known| known.role == Role::Record) {
                 self.failed = Some(exit);
             }
         }
@@ -88,39 +85,34 @@ impl Outcome {
 
     /// Adds to the report what the recorder could not know: that a process failed, or that its own final message is
     /// missing. Returns whether there was anything to add.
-    pub(super) fn correct(&self, report: &mut Report, directory: &Path) -> bool {
-        let (status, ending) = match &self.failed {
-            Some(failed) => {
-                report.run.last_words = failed.last_lines(directory);
-                let law = flown_law(report, failed.role);
-                (FlightStatus::Aborted, failed.describe(&law))
-            }
-            None if !report.run.in_flight => {
-                match self
-                    .role_without_landing(report)
-                    .filter(|_| !self.is_over())
-                {
-                    Some(role) => {
-                        let process = title(role) + &flown_law(report, role);
-                        (
-                            FlightStatus::Aborted,
-                            format!("the {process} ended before it had landed"),
-                        )
-                    }
-                    None => return self.note_failures(report),
-                }
-            }
-            None if self.is_over() => (FlightStatus::Interrupted, "interrupted".into()),
-            None => (FlightStatus::Aborted, "the recorder ended too early".into()),
+    pub(crate) fn correct(&self, report: &mut Report, directory: &Path) -> bool {
+        let (status, ending) = if let Some(failed) = &self.failed {
+            report.run.last_words = failed.last_lines(directory);
+            let law = flown_law(report, failed.role);
+            (FlightStatus::Aborted, failed.describe(&law))
+        } else if !report.run.in_flight {
+            let role = self
+                .role_without_landing(report)
+                .filter(|_| !self.is_over());
+            let Some(role) = role else {
+                return self.note_failures(report);
+            };
+            let process = title(role) + &flown_law(report, role);
+            let ending = format!("the {process} ended before it had landed");
+            (FlightStatus::Aborted, ending)
+        } else if self.is_over() {
+            (FlightStatus::Interrupted, "interrupted".into())
+        } else {
+            (FlightStatus::Aborted, "the recorder ended too early".into())
         };
-        let killed = self.killed.iter().map(|role| {
-            let process = title(*role) + &flown_law(report, *role);
-            format!(
-                "; the {process} did not end within {} s of being told to and was killed",
-                LANDING.as_secs()
-            )
-        });
-        let ending = std::iter::once(ending).chain(killed).collect();
+        let mut ending: String = ending;
+        for role in &self.killed {
+            let (process, law) = (title(*role), flown_law(report, *role));
+            let seconds = LANDING.as_secs();
+            ending += &format!(
+                "; the {process}{law} did not end within {seconds} s of being told to and was killed"
+            );
+        }
         break_off(report, status, ending);
         self.note_failures(report);
         true
@@ -135,26 +127,23 @@ impl Outcome {
     }
 
     /// The first stage whose final figures the recorder did not get, and that was gone when the run was closed: an exit
-    /// code of 0 alone does not show that it landed. ObservedFailure failures are reported as such.
+    /// code of 0 alone does not show that it landed. Failures in flight are reported as such.
     fn role_without_landing(&self, report: &Report) -> Option<Role> {
-        let has_landed = |role: Role| {
-            report
-                .roles
-                .get(role.name())
-                .is_none_or(|section| section.landed)
+        let has_landed = |role: &Role| {
+            let section = report.roles.get(role.name());
+            section.is_none_or(|section| section.landed)
         };
-        let is_noted = |role: Role| self.noted.iter().any(|noted| noted.role == role.name());
+        let is_noted = |role: &Role| self.noted.iter().any(|noted| noted.role == role.name());
         STAGES
             .into_iter()
-            .find(|role| !has_landed(*role) && !self.outlasted.contains(role) && !is_noted(*role))
+            .find(|role| !has_landed(role) && !self.outlasted.contains(role) && !is_noted(role))
     }
 
     /// The error of a flight without a report.
     pub(super) fn failure(&self, directory: &Path) -> Failure {
-        self.failed
-            .iter()
-            .chain(&self.stopped)
-            .for_each(|exit| say(&exit.log(directory)));
+        for exit in self.failed.iter().chain(&self.stopped) {
+            say(&exit.log(directory));
+        }
         let when = if self.flown {
             "the flight had a report"
         } else {
@@ -170,10 +159,9 @@ impl Outcome {
                 let code = failed
                     .status
                     .code()
-                    .and_then(|code| u8::try_from(code).ok())
-                    .filter(|code| *code != 0);
+                    .and_then(|code| u8::try_from(code).ok());
                 let what = format!("the {} ended before {when}", title(failed.role));
-                Failure::new(code.unwrap_or(FAILED), what)
+                Failure::new(code.filter(|code| *code != 0).unwrap_or(FAILED), what)
             }
             _ if self.interrupted => {
                 Failure::new(INTERRUPTED, format!("interrupted before {when}"))
@@ -220,7 +208,7 @@ impl ProcessExit {
     }
 
     /// How it ended, and its log.
-    pub(super) fn log(&self, directory: &Path) -> String {
+    pub(crate) fn log(&self, directory: &Path) -> String {
         let mut log = read_log(directory, self.role);
         if log.is_empty() && is_full(directory) {
             log = format!(
@@ -254,28 +242,18 @@ impl ProcessExit {
 
 /// The law that a role flew, if it comes from a file: it is the first suspect when the process ends.
 fn flown_law(report: &Report, role: Role) -> String {
-    let law = report
-        .run
-        .laws
-        .get(role.name())
-        .filter(|law| law.file.is_some());
-    law.map_or_else(String::new, |law| {
-        format!(", which flew the law {},", law.named())
-    })
+    match report.run.laws.get(role.name()) {
+        Some(law) if law.file.is_some() => format!(", which flew the law {},", law.named()),
+        _ => String::new(),
+    }
 }
 
 /// The warnings of a flight's processes, a line each, up to a number that a user still reads.
-pub(super) fn warnings(directory: &Path) -> Vec<String> {
+pub(crate) fn warnings(directory: &Path) -> Vec<String> {
     const MAX_LINES: usize = 20;
-    let logs: String = ROLES
-        .iter()
-        .map(|role| read_log(directory, *role) + "\n")
-        .collect();
-    logs.lines()
-        .filter(|line| line.starts_with("warning: "))
-        .map(harmless)
-        .take(MAX_LINES)
-        .collect()
+    let logs = ROLES.map(|role| read_log(directory, role)).join("\n");
+    let warnings = logs.lines().filter(|line| line.starts_with("warning: "));
+    warnings.map(harmless).take(MAX_LINES).collect()
 }
 
 fn is_full(directory: &Path) -> bool {
@@ -313,26 +291,28 @@ mod tests {
 
     #[test]
     fn an_early_exit_ends_the_flight_with_the_code_of_its_process() {
-        let after = |role, raw, early| {
+        for (role, raw, early, is_over, exit_code) in [
+            (Role::Outer, code(0), true, true, FAILED),
+            (Role::Outer, code(130), true, true, INTERRUPTED),
+            (Role::Outer, code(5), true, true, 5),
+            (Role::Outer, 9, true, true, FAILED),
+            (Role::Plant, SIGTERM, true, true, INTERRUPTED),
+            (Role::Plant, SIGHUP, true, true, INTERRUPTED),
+            (Role::Plant, SIGINT, true, true, INTERRUPTED),
+            (Role::Plant, SIGQUIT, true, true, INTERRUPTED),
+            (Role::Outer, code(0), false, false, FAILED),
+            (Role::Record, code(3), false, false, FAILED),
+            (Role::Mixer, code(3), false, true, 3),
+        ] {
             let mut outcome = Outcome::default();
             outcome.take(exit(role, raw), false, early);
             let failure = outcome.failure(Path::new("/nonexistent"));
-            (outcome.is_over(), failure.code)
-        };
-        assert_eq!(after(Role::Outer, code(0), true), (true, FAILED));
-        assert_eq!(after(Role::Outer, code(130), true), (true, INTERRUPTED));
-        assert_eq!(after(Role::Outer, code(5), true), (true, 5));
-        assert_eq!(after(Role::Outer, 9, true), (true, FAILED));
-        for signal in [SIGTERM, SIGHUP, SIGINT, SIGQUIT] {
             assert_eq!(
-                after(Role::Plant, signal, true),
-                (true, INTERRUPTED),
-                "signal {signal}"
+                (outcome.is_over(), failure.code),
+                (is_over, exit_code),
+                "{role} {raw}"
             );
         }
-        assert_eq!(after(Role::Outer, code(0), false), (false, FAILED));
-        assert_eq!(after(Role::Record, code(3), false), (false, FAILED));
-        assert_eq!(after(Role::Mixer, code(3), false), (true, 3));
     }
 
     #[test]
@@ -353,18 +333,14 @@ mod tests {
             fs::write(log_path(directory.path(), Role::Inner), log).unwrap();
             exit(Role::Inner, code(1)).last_lines(directory.path())
         };
-        assert_eq!(
-            last_lines(b"Traceback:\n  gain\nerror: \x1b[31mred\n"),
-            ["Traceback:", "  gain", "error: \\u{1b}[31mred"]
-        );
-        assert_eq!(
-            last_lines(b"\xff\xfe\nerror: SIGSEGV\n"),
-            ["\u{fffd}\u{fffd}", "error: SIGSEGV"]
-        );
+        let lines = last_lines(b"Traceback:\n  gain\nerror: \x1b[31mred\n");
+        assert_eq!(lines, ["Traceback:", "  gain", "error: \\u{1b}[31mred"]);
+        let lines = last_lines(b"\xff\xfe\nerror: SIGSEGV\n");
+        assert_eq!(lines, ["\u{fffd}\u{fffd}", "error: SIGSEGV"]);
         let long: String = (0..100).map(|i| format!("{i}\n")).collect();
-        let kept = last_lines((long + &"x".repeat(1000)).as_bytes());
+        let lines = last_lines((long + &"x".repeat(1000)).as_bytes());
         assert_eq!(
-            (kept.len(), kept[0].as_str(), kept[39].len()),
+            (lines.len(), lines[0].as_str(), lines[39].len()),
             (40, "61", 400)
         );
         let outer = exit(Role::Outer, code(1));

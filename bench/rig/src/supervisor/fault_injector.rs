@@ -68,12 +68,11 @@ pub(super) struct Players<'a> {
 impl Players<'_> {
     /// Sends a signal to the process that plays a role; returns its number.
     fn signal(&self, role: Role, tick: u64, signal: Signal) -> Result<u32, Failure> {
-        let pid = self.pids.iter().find(|(known, _)| *known == role);
-        pid.map(|(_, pid)| *pid)
-            .filter(|pid| self.watch.signal(*pid, signal).is_ok())
-            .ok_or_else(|| {
-                Failure::failed(format!("tick {tick}: no process plays the role {role}"))
-            })
+        let known = self.pids.iter().find(|(known, _)| *known == role);
+        let signalled = known.filter(|(_, pid)| self.watch.signal(*pid, signal).is_ok());
+        signalled.map(|(_, pid)| *pid).ok_or_else(|| {
+            Failure::failed(format!("tick {tick}: no process plays the role {role}"))
+        })
     }
 }
 
@@ -100,10 +99,8 @@ impl FaultInjector {
 
     /// The tick in which a fault killed a process.
     pub(super) fn killed(&self, pid: u32) -> Option<u64> {
-        self.killed
-            .iter()
-            .find(|(known, _)| *known == pid)
-            .map(|(_, tick)| *tick)
+        let killed = self.killed.iter().find(|(known, _)| *known == pid);
+        killed.map(|(_, tick)| *tick)
     }
 
     /// Rests for a time, or until a child has ended, and injects meanwhile what is due. `run` is what the supervisor
@@ -134,15 +131,10 @@ impl FaultInjector {
             if now >= until {
                 return;
             }
-            let next_action = self
-                .due
-                .iter()
-                .map(|(at, _)| at.saturating_sub(AIM_NS))
-                .min();
+            let due = self.due.iter().map(|(at, _)| at.saturating_sub(AIM_NS));
+            let next_action = due.min().unwrap_or(u64::MAX);
             let next_look = on_clock.map_or(u64::MAX, |(_, grid)| {
-                next_action
-                    .unwrap_or(u64::MAX)
-                    .min(now + look_every_ns(&grid))
+                next_action.min(now + look_every_ns(&grid))
             });
             if players.watch.wait_until(next_look.min(until)) {
                 return;
@@ -275,26 +267,23 @@ impl FaultInjector {
     ) -> Result<(), Failure> {
         let span = fault.span;
         let until_ns = grid.begin_of(span.to.min(run.last_tick + 1));
-        let flags = [
-            ("--cpu", self.cpu.to_string()),
-            ("--priority", priority.to_string()),
-            ("--instance", self.instance.clone()),
-            ("--share", share.to_string()),
-            ("--launcher", std::process::id().to_string()),
-            ("--from-ns", grid.begin_of(span.from).to_string()),
-            ("--until-ns", until_ns.to_string()),
-        ];
         let child = Command::new(&self.executable)
             .arg("cpu-load")
-            .args(flags.iter().flat_map(|(flag, value)| [*flag, value]))
+            .args(["--cpu", &self.cpu.to_string()])
+            .args(["--priority", &priority.to_string()])
+            .args(["--instance", &self.instance])
+            .args(["--share", &share.to_string()])
+            .args(["--launcher", &std::process::id().to_string()])
+            .args(["--from-ns", &grid.begin_of(span.from).to_string()])
+            .args(["--until-ns", &until_ns.to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .spawn()
-            .map_err(|e| {
-                Failure::failed(format!(
-                    "cannot start a process that loads the processor: {e}"
-                ))
-            })?;
+            .spawn();
+        let child = child.map_err(|e| {
+            Failure::failed(format!(
+                "cannot start a process that loads the processor: {e}"
+            ))
+        })?;
         self.loads.push((*fault, child));
         Ok(())
     }
@@ -358,13 +347,10 @@ mod tests {
 
     /// Runs a test with the fault injector of a flight at tick 0, on the clock.
     fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
-        let root = tempfile::Builder::new()
-            .prefix("ib-")
-            .tempdir_in("/tmp")
-            .unwrap();
+        let root = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::under(root.path(), "injector").unwrap();
-        let settings =
-            Settings::resolve(None, &vec![("flight.faults", faults.to_vec().into())]).unwrap();
+        let overrides = vec![("flight.faults", faults.to_vec().into())];
+        let settings = Settings::resolve(None, &overrides).unwrap();
         // Stands in for `ironbird cpu-load`.
         let load = root.path().join("load");
         std::fs::write(&load, "#!/bin/sh\nexec sleep 600\n").unwrap();
@@ -386,13 +372,13 @@ mod tests {
         instance.remove_leftovers().unwrap();
     }
 
-    const LOADS: [&str; 2] = ["cpu.load=0.5@tick0..tick4500", "cpu.load=0.4@tick5000"];
-
-    fn rest(wire: &Wire, injector: &mut FaultInjector, run: &Run) {
-        let mut players = Players {
-            watch: &mut ChildWatch::default(),
-            pids: &[],
-        };
+    fn rest(
+        (wire, run): (&Wire, &Run),
+        injector: &mut FaultInjector,
+        watch: &mut ChildWatch,
+        pids: &[(Role, u32)],
+    ) {
+        let mut players = Players { watch, pids };
         injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
     }
 
@@ -405,21 +391,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_injected_once_the_flight_ends() {
-        with_injector(&LOADS, |wire, injector, run| {
-            rest(wire, injector, run);
+    fn an_end_cancels_later_faults_and_after_the_flight_nothing_is_injected() {
+        let loads = ["cpu.load=0.5@tick0..tick4500", "cpu.load=0.4@tick5000"];
+        with_injector(&loads, |wire, injector, run| {
+            let mut children = ChildWatch::default();
+            rest((wire, run), injector, &mut children, &[]);
             assert_eq!((injector.loads.len(), injector.due.len()), (1, 1));
-            injector.release(&ChildWatch::default());
-            injector.planned.push(load(0.5, false, 0, Span::FOR_GOOD));
-            rest(wire, injector, run);
-            assert_eq!((injector.loads.len(), injector.due.len()), (0, 0));
-        });
-    }
-
-    #[test]
-    fn an_end_cancels_later_faults_and_leaves_the_present_one_until_then() {
-        with_injector(&LOADS, |wire, injector, run| {
-            rest(wire, injector, run);
             let Pace::Realtime(grid) = run.pace() else {
                 panic!()
             };
@@ -428,6 +405,10 @@ mod tests {
                 panic!("{:?}", injector.due)
             };
             assert!(left.ends && injector.loads.len() == 1, "{left:?}");
+            injector.release(&children);
+            injector.planned.push(load(0.5, false, 0, Span::FOR_GOOD));
+            rest((wire, run), injector, &mut children, &[]);
+            assert_eq!((injector.loads.len(), injector.due.len()), (0, 0));
         });
     }
 
@@ -439,19 +420,13 @@ mod tests {
             let (mut inner, mut foreign) = (sleeper(), sleeper());
             let instance = wire.instance();
             let lock = instance.lock(Role::Inner).unwrap();
-            std::fs::write(
-                instance.directory().join("inner.lock"),
-                format!("{}\n", foreign.id()),
-            )
-            .unwrap();
+            let lock_file = instance.directory().join("inner.lock");
+            std::fs::write(lock_file, format!("{}\n", foreign.id())).unwrap();
             assert_eq!(instance.pid_of(Role::Inner), Some(foreign.id()));
-            let mut watch = ChildWatch::default();
-            watch.watch(&inner);
-            let mut players = Players {
-                watch: &mut watch,
-                pids: &[(Role::Inner, inner.id())],
-            };
-            injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
+            let mut children = ChildWatch::default();
+            children.watch(&inner);
+            let pids = [(Role::Inner, inner.id())];
+            rest((wire, run), injector, &mut children, &pids);
             drop(lock);
             assert_eq!(inner.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));
             assert_eq!(injector.killed(inner.id()), Some(0));
@@ -462,34 +437,26 @@ mod tests {
 
     #[test]
     fn it_looks_often_enough_for_the_notice_that_stages_have() {
-        for (period_ns, every_ns) in [
-            (50_000, 1_000_000),
-            (100_000, 1_600_000),
-            (1_000_000, 16_000_000),
-            (10_000_000, 20_000_000),
-        ] {
-            let grid = Grid {
+        let look_every = |period_ns| {
+            look_every_ns(&Grid {
                 t0_ns: 0,
                 period_ns,
-            };
-            assert_eq!(look_every_ns(&grid), every_ns);
-        }
+            })
+        };
+        let periods_ns = [50_000, 100_000, 1_000_000, 10_000_000];
+        let expected_ns = [1_000_000, 1_600_000, 16_000_000, 20_000_000];
+        assert_eq!(periods_ns.map(look_every), expected_ns);
     }
 
     #[test]
     fn a_late_fault_is_reported() {
+        let (role, for_ns) = (Role::Inner, 20_000_000);
         let fault = LiveFault {
-            trouble: FaultKind::Stop {
-                role: Role::Inner,
-                for_ns: 20_000_000,
-            },
+            trouble: FaultKind::Stop { role, for_ns },
             ..load(0.0, false, 100, 101)
         };
         assert_eq!([99, 100].map(|tick| delay(&fault, tick)), [None, None]);
         let message = delay(&fault, 107).unwrap();
-        assert!(
-            message.starts_with("the fault inner.stop=20ms@tick100 begins 7 ticks late"),
-            "{message}"
-        );
+        assert!(message.starts_with("the fault inner.stop=20ms@tick100 begins 7 ticks late"));
     }
 }

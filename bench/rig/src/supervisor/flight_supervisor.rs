@@ -25,12 +25,12 @@ use messages::role::{ROLES, Role};
 use process::rt::Raised;
 use rustix::process::Signal;
 
-use crate::cli::{FlyArgs, OnDeath};
 use crate::dashboard::Dashboard;
 use crate::output::say;
 use crate::record::role_statuses::RoleStatuses;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
+use crate::supervisor::FlightOptions;
 use crate::supervisor::child_process::{
     ChildWatch, ENDING, LANDING, Spawner, kill, kill_and_reap, terminate,
 };
@@ -52,7 +52,7 @@ const GETTING_READY: Duration = Duration::from_secs(10);
 
 pub(super) struct FlightSupervisor {
     spawner: Spawner,
-    children: Vec<(Role, Child)>,
+    children: Vec<RoleProcess>,
     child_watch: ChildWatch,
     standbys: Standbys,
     restarts_roles: bool,
@@ -64,10 +64,6 @@ pub(super) struct FlightSupervisor {
     raised: Option<Raised>,
     hang_detector: Option<HangDetector>,
     last_look: Instant,
-    /// Children that the supervisor has killed.
-    killed: Vec<(u32, KillReason)>,
-    /// Restarted processes that came too late for the flight, and were asked to end.
-    dismissed: Vec<u32>,
     recordings: Recordings,
     fault_injector: FaultInjector,
     /// The status blackboards of all roles, from the first tick on.
@@ -77,6 +73,32 @@ pub(super) struct FlightSupervisor {
     status_line: StatusLine,
     phase: Phase,
     outcome: Outcome,
+}
+
+/// A child that plays a role.
+struct RoleProcess {
+    role: Role,
+    child: Child,
+    /// Why the supervisor has killed it.
+    killed: Option<KillReason>,
+    /// A restarted process that came too late for the flight, and was asked to end.
+    is_dismissed: bool,
+}
+
+impl RoleProcess {
+    const fn new(role: Role, child: Child) -> Self {
+        Self {
+            role,
+            child,
+            killed: None,
+            is_dismissed: false,
+        }
+    }
+
+    fn kill(&mut self, reason: KillReason) {
+        self.killed.get_or_insert(reason);
+        kill(&mut self.child);
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -112,26 +134,24 @@ impl FlightSupervisor {
         instance: &Instance,
         directory: &RunDirectory,
         settings: &Settings,
-        args: &FlyArgs,
+        options: &FlightOptions,
     ) -> Result<Self, Failure> {
         // Before any role starts, because it removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
         let (now, executable) = (Instant::now(), own_executable()?);
         let mut supervisor = Self {
             fault_injector: FaultInjector::new(instance, &executable, settings)?,
-            spawner: Spawner::new(executable, instance, directory, args),
+            spawner: Spawner::new(executable, instance, directory, options),
             children: Vec::new(),
             child_watch: ChildWatch::default(),
             standbys: Standbys::new(now),
-            restarts_roles: args.on_death == OnDeath::Restart,
+            restarts_roles: options.restarts_roles,
             restart_limits: ROLES.map(|_| RestartLimit::new(now)),
             due: Vec::new(),
             may_be_raised: settings.realtime()?.mode != RealtimeMode::Off,
             raised: None,
             hang_detector: None,
             last_look: now,
-            killed: Vec::new(),
-            dismissed: Vec::new(),
             recordings: Recordings::new(directory, settings, instance),
             role_statuses: None,
             dashboard: None,
@@ -146,10 +166,10 @@ impl FlightSupervisor {
         for role in ROLES {
             let child = supervisor.spawner.start(role, directory)?;
             supervisor.child_watch.watch(&child);
-            supervisor.children.push((role, child));
+            supervisor.children.push(RoleProcess::new(role, child));
             supervisor.standbys.delay(role, now);
         }
-        if args.watch {
+        if options.shows_dashboard {
             supervisor.dashboard = Some(Dashboard::open(&supervisor.spawner.executable, instance)?);
         }
         Ok(supervisor)
@@ -200,11 +220,8 @@ impl FlightSupervisor {
         } else {
             LOOK_EVERY
         };
-        let pids: Vec<(Role, u32)> = self
-            .children
-            .iter()
-            .map(|(role, child)| (*role, child.id()))
-            .collect();
+        let pids = self.children.iter().map(|it| (it.role, it.child.id()));
+        let pids: Vec<(Role, u32)> = pids.collect();
         let mut players = Players {
             watch: &mut self.child_watch,
             pids: &pids,
@@ -217,25 +234,22 @@ impl FlightSupervisor {
     fn reap(&mut self, interrupted: bool) -> Result<Vec<ProcessExit>, Failure> {
         let mut exits = Vec::new();
         let mut next = 0;
-        while let Some((role, child)) = self.children.get_mut(next) {
-            let (role, pid) = (*role, child.id());
-            let Some(status) = self
-                .child_watch
-                .reap(child)
-                .map_err(|e| Failure::failed(format!("cannot wait for {role}: {e}")))?
-            else {
+        while let Some(process) = self.children.get_mut(next) {
+            let (role, pid) = (process.role, process.child.id());
+            let status = self.child_watch.reap(&mut process.child);
+            let status =
+                status.map_err(|e| Failure::failed(format!("cannot wait for {role}: {e}")))?;
+            let Some(status) = status else {
                 next += 1;
                 continue;
             };
-            self.children.remove(next);
-            let killed = self.killed.iter().find(|(known, _)| *known == pid);
-            let killed = killed
-                .map(|(_, reason)| *reason)
-                .or_else(|| self.fault_injector.killed(pid).map(KillReason::Fault))
-                // It may have ended by itself before the signal came.
-                .filter(|_| status.signal() == Some(Signal::KILL.as_raw()));
+            let process = self.children.remove(next);
+            let by_fault = || self.fault_injector.killed(pid).map(KillReason::Fault);
+            // It may have ended by itself before the signal came.
+            let is_killed = status.signal() == Some(Signal::KILL.as_raw());
+            let killed = process.killed.or_else(by_fault).filter(|_| is_killed);
             self.fault_injector.forget(pid);
-            if !self.dismissed.contains(&pid) {
+            if !process.is_dismissed {
                 exits.push(ProcessExit {
                     role,
                     pid,
@@ -266,7 +280,7 @@ impl FlightSupervisor {
         if self.outcome.outlasted.is_empty()
             && run.is_some_and(|run| is_ours(run) && run.phase() == RunPhase::Closed)
         {
-            self.outcome.outlasted = self.children.iter().map(|(role, _)| *role).collect();
+            self.outcome.outlasted = self.roles();
         }
         if self.role_statuses.is_none() && self.in_flight(run).is_some() {
             self.role_statuses = Some(RoleStatuses::open(&self.wire)?);
@@ -314,7 +328,7 @@ impl FlightSupervisor {
                 self.phase = Phase::Landing { since: now };
             }
             Phase::Stopping { since } if since.elapsed() > LANDING && !is_urgent => {
-                self.outcome.killed = self.children.iter().map(|(role, _)| *role).collect();
+                self.outcome.killed = self.roles();
                 self.phase = Phase::Killing;
             }
             _ if is_urgent => self.phase = Phase::Killing,
@@ -330,7 +344,7 @@ impl FlightSupervisor {
                 self.maintain_roles(run)?;
             }
             (Phase::Landing { since }, Some(run)) => self.land(since.elapsed(), run.phase()),
-            (Phase::Killing, _) => self.children.iter_mut().for_each(|(_, child)| kill(child)),
+            (Phase::Killing, _) => self.children.iter_mut().for_each(|it| kill(&mut it.child)),
             _ => {}
         }
         Ok(())
@@ -352,49 +366,31 @@ impl FlightSupervisor {
     fn land(&mut self, over: Duration, run_phase: RunPhase) {
         self.dismiss_latecomers();
         self.standbys.dismiss();
-        if over > LANDING {
-            self.kill_where(KillReason::AfterFlight, |supervisor, _, pid| {
-                supervisor.dismissed.contains(&pid)
-            });
-            self.kill_where(KillReason::Hang, |_, _, pid| is_stopped(pid));
-        }
-        if over > ENDING {
-            // The plant first if it has not closed the run: the others end when it is gone. If it does not go, a stage
-            // that computes without end at a higher priority keeps it from its processor, and so from its end.
-            let waits_for_plant = over <= ENDING + LANDING
-                && run_phase != RunPhase::Closed
-                && self.children.iter().any(|(role, _)| *role == Role::Plant);
-            self.kill_where(KillReason::AfterFlight, |_, role, _| {
-                !waits_for_plant || role == Role::Plant
-            });
-        }
-    }
-
-    fn kill_where(&mut self, reason: KillReason, applies: impl Fn(&Self, Role, u32) -> bool) {
-        let pids: Vec<u32> = self
-            .children
-            .iter()
-            .map(|(role, child)| (*role, child.id()))
-            .filter(|(role, pid)| applies(self, *role, *pid))
-            .map(|(_, pid)| pid)
-            .collect();
-        for (_, child) in &mut self.children {
-            if pids.contains(&child.id()) {
-                self.killed.push((child.id(), reason));
-                kill(child);
+        // The plant first if it has not closed the run: the others end when it is gone. If it does not go, a stage that
+        // computes without end at a higher priority keeps it from its processor, and so from its end.
+        let waits_for_plant = over <= ENDING + LANDING
+            && run_phase != RunPhase::Closed
+            && self.roles().contains(&Role::Plant);
+        for process in &mut self.children {
+            if over > LANDING && process.is_dismissed {
+                process.kill(KillReason::AfterFlight);
+            }
+            if over > LANDING && is_stopped(process.child.id()) {
+                process.kill(KillReason::Hang);
+            }
+            if over > ENDING && (!waits_for_plant || process.role == Role::Plant) {
+                process.kill(KillReason::AfterFlight);
             }
         }
     }
 
+    fn roles(&self) -> Vec<Role> {
+        self.children.iter().map(|process| process.role).collect()
+    }
+
     /// What a role's blackboard shows, if the process with this number has written it.
     fn status_of(&self, role: Role, pid: u32) -> Option<Status> {
-        let status = self
-            .role_statuses
-            .as_ref()?
-            .statuses()
-            .get(&role)
-            .copied()?;
-        (status.pid == u64::from(pid)).then_some(status)
+        self.role_statuses.as_ref()?.of_process(role, pid)
     }
 
     /// Kills loops that hang, and restarted processes that do not come to fly.
@@ -407,31 +403,36 @@ impl FlightSupervisor {
             .hang_detector
             .get_or_insert_with(|| HangDetector::new(Duration::from_nanos(run.period_ns)))
             .hanging(&statuses.loops(), since, Look::at);
-        self.kill_where(KillReason::Hang, |supervisor, role, pid| {
-            let restart = &supervisor.restart_limits[role as usize];
+        for process in &mut self.children {
+            let (role, pid) = (process.role, process.child.id());
+            let restart = &self.restart_limits[role as usize];
             let is_late = |timeout| restart.is_restarted() && restart.age() > timeout;
-            match supervisor.status_of(role, pid) {
+            let hangs = match statuses.of_process(role, pid) {
                 Some(status) if status.phase() == RolePhase::Flying => hanging.contains(&role),
                 // A process that a signal has stopped on its way does not arrive.
                 _ => {
                     is_late(GETTING_READY)
                         || (is_late(hang_detector::HANG_TIMEOUT) && is_stopped(pid))
                 }
+            };
+            if hangs {
+                process.kill(KillReason::Hang);
             }
-        });
+        }
     }
 
     /// Asks restarted processes to end that have not come to fly before the flight was over.
     fn dismiss_latecomers(&mut self) {
         self.due.clear();
-        for (role, child) in &self.children {
-            let pid = child.id();
-            let phase = self.status_of(*role, pid).map(|status| status.phase());
+        for process in &mut self.children {
+            let statuses = self.role_statuses.as_ref();
+            let status = statuses.and_then(|it| it.of_process(process.role, process.child.id()));
+            let phase = status.map(|status| status.phase());
             let has_flown = matches!(phase, Some(RolePhase::Flying | RolePhase::Landed));
-            let is_restarted = self.restart_limits[*role as usize].is_restarted();
-            if is_restarted && !has_flown && !self.dismissed.contains(&pid) {
-                self.dismissed.push(pid);
-                terminate(child);
+            let is_restarted = self.restart_limits[process.role as usize].is_restarted();
+            if is_restarted && !has_flown && !process.is_dismissed {
+                process.is_dismissed = true;
+                terminate(&process.child);
             }
         }
     }
@@ -440,7 +441,7 @@ impl FlightSupervisor {
         self.due.clear();
         self.standbys.dismiss();
         self.fault_injector.release(&self.child_watch);
-        self.children.iter().for_each(|(_, child)| terminate(child));
+        self.children.iter().for_each(|it| terminate(&it.child));
     }
 
     /// Notes that a process has failed in flight, and schedules the restart of its role; returns the exit if the role
@@ -455,32 +456,28 @@ impl FlightSupervisor {
             noticed_ns: now_ns(),
             way: Replacement::default(),
         };
-        let limit = &mut self.restart_limits[exit.role as usize];
-        let due = if !self.restarts_roles {
-            None
-        } else if exit.role == Role::Plant {
+        let mut due = None;
+        if self.restarts_roles && exit.role == Role::Plant {
             exit.not_restarted = Some("a plant cannot be started again in flight".into());
-            None
-        } else {
-            let due = limit.due(Instant::now());
-            if due.is_none() {
-                exit.not_restarted = Some(format!(
-                    "it has been started again {MAX_RESTARTS} times within {} s, which is the most",
-                    WITHIN.as_secs()
-                ));
-            }
-            due
-        };
+        } else if self.restarts_roles {
+            due = self.restart_limits[exit.role as usize].due(Instant::now());
+            exit.not_restarted = due.is_none().then(|| {
+                let within_s = WITHIN.as_secs();
+                format!(
+                    "it has been started again {MAX_RESTARTS} times within {within_s} s, which is the most"
+                )
+            });
+        }
         if due.is_some() {
             // What it held is then free for its successor.
             self.wire.remove_leavings();
             noted.way.cleaned_ns = now_ns();
         }
         self.outcome.noted.push(noted);
-        match due {
-            Some(due) => self.due.push((exit, due)),
-            None => return Some(exit),
-        }
+        let Some(due) = due else {
+            return Some(exit);
+        };
+        self.due.push((exit, due));
         None
     }
 
@@ -489,33 +486,31 @@ impl FlightSupervisor {
         let now = Instant::now();
         for (exit, _) in self.due.extract_if(.., |(_, due)| *due <= now) {
             let role = exit.role;
+            let how = exit.describe("");
             if role == Role::Record
                 && let Err(failure) = self.recordings.begin_another()
             {
                 say(&format!(
-                    "{}; the flight goes on without a recorder: {failure}\n",
-                    exit.describe("")
+                    "{how}; the flight goes on without a recorder: {failure}\n"
                 ));
                 continue;
             }
-            let (child, is_standby) = match self.standbys.activate(role) {
-                Some(child) => (child, true),
+            let standby = self.standbys.activate(role);
+            let is_standby = standby.is_some();
+            let child = match standby {
+                Some(child) => child,
                 None => {
                     let child = self.spawner.start(role, self.recordings.newest())?;
                     self.child_watch.watch(&child);
-                    (child, false)
+                    child
                 }
             };
             self.restart_limits[role as usize].restarted(now);
-            if let Some(noted) = self
-                .outcome
-                .noted
-                .iter_mut()
-                .rfind(|noted| noted.role == role.name())
-            {
+            let mut noted = self.outcome.noted.iter_mut();
+            if let Some(noted) = noted.rfind(|noted| noted.role == role.name()) {
                 (noted.way.pid, noted.way.is_spare) = (child.id(), is_standby);
             }
-            self.children.push((role, child));
+            self.children.push(RoleProcess::new(role, child));
             self.standbys.delay(role, now);
             self.status_line.clear();
             let by = if is_standby {
@@ -523,7 +518,7 @@ impl FlightSupervisor {
             } else {
                 ""
             };
-            say(&format!("{}; it is started again{by}\n", exit.describe("")));
+            say(&format!("{how}; it is started again{by}\n"));
         }
         Ok(())
     }
@@ -531,13 +526,13 @@ impl FlightSupervisor {
     /// Notes when restarted processes came to fly.
     fn note_arrivals(&mut self) {
         let mut noted = std::mem::take(&mut self.outcome.noted);
-        for noted in noted
-            .iter_mut()
-            .filter(|noted| noted.way.pid != 0 && noted.way.arrival.armed_ns == 0)
-        {
+        for noted in &mut noted {
+            let way = &mut noted.way;
             let role = ROLES.into_iter().find(|role| role.name() == noted.role);
-            if let Some(status) = role.and_then(|role| self.status_of(role, noted.way.pid)) {
-                noted.way.arrival = status.arrival;
+            if let Some(role) = role.filter(|_| way.pid != 0 && way.arrival.armed_ns == 0)
+                && let Some(status) = self.status_of(role, way.pid)
+            {
+                way.arrival = status.arrival;
             }
         }
         self.outcome.noted = noted;
@@ -546,11 +541,11 @@ impl FlightSupervisor {
 
 impl Drop for FlightSupervisor {
     fn drop(&mut self) {
-        for (_, child) in &mut self.children {
-            kill(child);
+        for process in &mut self.children {
+            kill(&mut process.child);
         }
-        for (_, child) in &mut self.children {
-            kill_and_reap(child);
+        for process in &mut self.children {
+            kill_and_reap(&mut process.child);
         }
         self.standbys
             .end(&mut self.child_watch, &self.wire, Duration::ZERO);

@@ -124,45 +124,43 @@ mod tests {
         let mut hanging = Vec::new();
         for look in 0..looks {
             let status = |advances| flying(if advances { u64::from(look) } else { 7 });
-            let ran_ns = (f64::from(look) * since.as_nanos() as f64 * ran_share) as u64;
-            hanging = detector.hanging(&advances.map(status), since, |_| {
-                Some(Look {
-                    state,
-                    ran_ns,
-                    is_dying: false,
-                })
-            });
+            let look = Look {
+                state,
+                ran_ns: (f64::from(look) * since.as_nanos() as f64 * ran_share) as u64,
+                is_dying: false,
+            };
+            hanging = detector.hanging(&advances.map(status), since, |_| Some(look));
         }
         hanging
     }
 
     #[test]
-    fn a_counter_that_stops_is_a_hang_after_80_ms() {
-        for state in ['S', 'D', 'T', 't'] {
-            let after = |looks| hanging(ALL_BUT_INNER, state, 0.0, MS_10, looks);
-            assert_eq!(after(9), [STAGES[INNER]], "{state}");
-            assert_eq!(after(8), [], "{state}");
-        }
-        assert_eq!(
-            hanging(ALL_BUT_INNER, 'R', 0.9, MS_10, 9),
-            [STAGES[INNER]],
-            "it computes without end"
-        );
-        assert_eq!(hanging([true; 4], 'S', 0.0, MS_10, 20), []);
-    }
-
-    #[test]
-    fn a_loop_that_waits_for_the_processor_does_not_hang() {
-        assert_eq!(hanging(ALL_BUT_INNER, 'R', 0.1, MS_10, 20), []);
-    }
-
-    #[test]
-    fn if_all_counters_stop_only_a_stopped_process_hangs() {
-        assert_eq!(hanging([false; 4], 'S', 0.0, MS_10, 20), []);
-        assert_eq!(hanging([false; 4], 'T', 0.0, MS_10, 20), STAGES);
-        // A supervisor that did not get to look for a second has seen nothing of it.
+    fn a_counter_that_stops_is_a_hang_after_80_ms_unless_the_loop_or_the_machine_waits() {
+        let inner = [STAGES[INNER]];
         let second = Duration::from_secs(1);
-        assert_eq!(hanging(ALL_BUT_INNER, 'S', 0.0, second, 4), []);
+        for (advances, state, ran_share, since, looks, expected) in [
+            (ALL_BUT_INNER, 'S', 0.0, MS_10, 9, &inner[..]),
+            (ALL_BUT_INNER, 'S', 0.0, MS_10, 8, &[]),
+            (ALL_BUT_INNER, 'D', 0.0, MS_10, 9, &inner),
+            (ALL_BUT_INNER, 'D', 0.0, MS_10, 8, &[]),
+            (ALL_BUT_INNER, 'T', 0.0, MS_10, 9, &inner),
+            (ALL_BUT_INNER, 't', 0.0, MS_10, 9, &inner),
+            // It computes without end.
+            (ALL_BUT_INNER, 'R', 0.9, MS_10, 9, &inner),
+            // It waits for the processor.
+            (ALL_BUT_INNER, 'R', 0.1, MS_10, 20, &[]),
+            ([true; 4], 'S', 0.0, MS_10, 20, &[]),
+            ([false; 4], 'S', 0.0, MS_10, 20, &[]),
+            ([false; 4], 'T', 0.0, MS_10, 20, &STAGES),
+            // A supervisor that did not get to look for a second has seen nothing of it.
+            (ALL_BUT_INNER, 'S', 0.0, second, 4, &[]),
+        ] {
+            let hanging = hanging(advances, state, ran_share, since, looks);
+            assert_eq!(
+                hanging, expected,
+                "{advances:?} {state} {ran_share} {looks}"
+            );
+        }
     }
 
     #[test]
@@ -177,21 +175,21 @@ mod tests {
 
     #[test]
     fn the_timeout_is_five_long_ticks_and_a_dying_process_does_not_hang() {
-        let looks_until_a_hang = |tick_ms, is_dying| {
+        for (tick_ms, is_dying, expected) in
+            [(1, false, Some(8)), (100, false, Some(50)), (1, true, None)]
+        {
             let mut detector = HangDetector::new(Duration::from_millis(tick_ms));
             let look = Look {
                 state: 'D',
                 ran_ns: 0,
                 is_dying,
             };
-            (0..100).find(|&ticks| {
+            let looks = (0..100).find(|&ticks| {
                 let (on, stopped) = (flying(ticks), flying(7));
                 let loops = [on, on, stopped, on];
                 !detector.hanging(&loops, MS_10, |_| Some(look)).is_empty()
-            })
-        };
-        assert_eq!(looks_until_a_hang(1, false), Some(8));
-        assert_eq!(looks_until_a_hang(100, false), Some(50));
-        assert_eq!(looks_until_a_hang(1, true), None);
+            });
+            assert_eq!(looks, expected, "{tick_ms} {is_dying}");
+        }
     }
 }

@@ -48,31 +48,26 @@ impl Recordings {
 
     /// The directory with the last report, when the flight is over: the reports before it say where the flight goes on.
     pub(super) fn settle(&self) -> Result<RunDirectory, Failure> {
-        let mut all: Vec<RunDirectory> = std::iter::once(&self.first)
-            .chain(&self.later)
-            .cloned()
-            .collect();
-        let is_reported = |directory: &RunDirectory| directory.path.join("report.json").exists();
+        let all: Vec<&RunDirectory> = std::iter::once(&self.first).chain(&self.later).collect();
+        let is_reported = |directory: &&RunDirectory| directory.path.join("report.json").exists();
         let last = all.iter().rposition(is_reported).unwrap_or(0);
-        let last = all.remove(last);
-        for directory in &all {
+        let next = all[last]
+            .path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy();
+        for (place, directory) in all.iter().enumerate().filter(|(place, _)| *place != last) {
             if is_reported(directory) {
                 let mut report = Report::read(&directory.path.join("report.json"))?;
-                let next = last
-                    .path
-                    .file_name()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .into_owned();
                 let ending = format!(
                     "the recorder died; the flight went on, and another recorder wrote {next}"
                 );
                 break_off(&mut report, FlightStatus::Aborted, ending);
                 write_all(&report, &directory.path)?;
-            } else if directory.path != self.first.path {
+            } else if place > 0 {
                 directory.discard();
             }
         }
-        Ok(last)
+        Ok(all[last].clone())
     }
 }

@@ -1,6 +1,5 @@
 //! Restarts of failed roles: how often and when, and the hot standbys that take over.
 
-use std::collections::VecDeque;
 use std::io::Write as _;
 use std::process::{Child, ExitStatus};
 use std::time::{Duration, Instant};
@@ -24,33 +23,28 @@ const MIN_INTERVAL: Duration = Duration::from_millis(50);
 pub(super) struct RestartLimit {
     started: Instant,
     /// Restarts within [`WITHIN`].
-    restarts: VecDeque<Instant>,
+    restarts: Vec<Instant>,
 }
 
 impl RestartLimit {
     pub(super) const fn new(started: Instant) -> Self {
         Self {
             started,
-            restarts: VecDeque::new(),
+            restarts: Vec::new(),
         }
     }
 
     /// When to restart a role that has failed; `None` if it has failed too often.
     pub(super) fn due(&mut self, now: Instant) -> Option<Instant> {
-        while self
-            .restarts
-            .front()
-            .is_some_and(|then| now.duration_since(*then) >= WITHIN)
-        {
-            self.restarts.pop_front();
-        }
+        self.restarts
+            .retain(|then| now.duration_since(*then) < WITHIN);
         (self.restarts.len() < MAX_RESTARTS || !is_on(Check::RestartLimit))
             .then(|| now.max(self.started + MIN_INTERVAL))
     }
 
     pub(super) fn restarted(&mut self, now: Instant) {
         self.started = now;
-        self.restarts.push_back(now);
+        self.restarts.push(now);
     }
 
     pub(super) fn is_restarted(&self) -> bool {
@@ -102,11 +96,8 @@ impl Standbys {
             self.allowed_from[*role as usize].is_some_and(|from| from <= now)
                 && !self.waiting.iter().any(|(known, _)| known == role)
         };
-        let Some(role) = STANDBY_ROLES
-            .into_iter()
-            .find(is_missing)
-            .filter(|_| self.next_start <= now)
-        else {
+        let missing = STANDBY_ROLES.into_iter().find(is_missing);
+        let Some(role) = missing.filter(|_| self.next_start <= now) else {
             return;
         };
         self.next_start = now + STANDBY_INTERVAL;
@@ -202,13 +193,13 @@ mod tests {
     use super::*;
 
     /// When a role is restarted that fails each time after `lifetime`.
-    fn restarts(lifetime: Duration, times: usize) -> Vec<Option<Duration>> {
-        let begin = Instant::now();
+    fn restarts(lifetime_ms: u64, times: usize) -> Vec<Option<u128>> {
+        let (begin, lifetime) = (Instant::now(), Duration::from_millis(lifetime_ms));
         let (mut limit, mut failed) = (RestartLimit::new(begin), begin + lifetime);
         let mut started = Vec::new();
         for _ in 0..times {
             let due = limit.due(failed);
-            started.push(due.map(|due| due - begin));
+            started.push(due.map(|due| (due - begin).as_millis()));
             let Some(due) = due else { break };
             limit.restarted(due);
             failed = due + lifetime;
@@ -218,21 +209,11 @@ mod tests {
 
     #[test]
     fn five_restarts_in_ten_seconds_and_no_sixth() {
-        let ms = Duration::from_millis;
+        let at_once = [Some(50), Some(100), Some(150), Some(200), Some(250), None];
+        assert_eq!(restarts(0, 9), at_once);
+        assert_eq!(restarts(1999, 9).len(), 6, "the sixth comes too early");
         assert_eq!(
-            restarts(ms(0), 9),
-            [
-                Some(ms(50)),
-                Some(ms(100)),
-                Some(ms(150)),
-                Some(ms(200)),
-                Some(ms(250)),
-                None
-            ]
-        );
-        assert_eq!(restarts(ms(1999), 9).len(), 6, "the sixth comes too early");
-        assert_eq!(
-            restarts(ms(2000), 100).len(),
+            restarts(2000, 100).len(),
             100,
             "a failure every two seconds is tolerated"
         );

@@ -16,24 +16,23 @@ use crate::output::say;
 pub(super) struct StatusLine {
     on_terminal: bool,
     duration_s: f64,
-    figures: WatchedFigures,
+    figures: ReportFigures,
 }
 
 impl StatusLine {
     pub(super) fn new(directory: &Path, duration_s: f64) -> Self {
-        let figures = WatchedFigures {
-            path: directory.join("report.json"),
-            written: None,
-            words: String::new(),
-        };
         Self {
             on_terminal: io::stderr().is_terminal(),
             duration_s,
-            figures,
+            figures: ReportFigures {
+                path: directory.join("report.json"),
+                written: None,
+                text: String::new(),
+            },
         }
     }
 
-    /// Shows how the flight goes, unless somebody else has the terminal.
+    /// Shows how the flight goes, unless the dashboard has the terminal.
     pub(super) fn show(&mut self, run: &Run, terminal_taken: bool) {
         self.figures.look();
         let line = match run.phase() {
@@ -57,7 +56,7 @@ impl StatusLine {
             run.deadlines_missed,
             run.ticks_skipped,
             run.parameter_epoch,
-            self.figures.words
+            self.figures.text
         )
     }
 
@@ -90,16 +89,16 @@ fn cut(line: &str, columns: usize) -> String {
 }
 
 /// Figures of the recorder's report, which it writes anew once a second.
-struct WatchedFigures {
+struct ReportFigures {
     path: PathBuf,
     /// When the report was written that has been read.
     written: Option<SystemTime>,
-    words: String,
+    text: String,
 }
 
 /// What the line shows of a report.
 #[derive(Deserialize)]
-struct EventLog {
+struct ReportExcerpt {
     series: Vec<SeriesExcerpt>,
     flight: FlightExcerpt,
 }
@@ -116,7 +115,7 @@ struct FlightExcerpt {
     position_error_final_m: f64,
 }
 
-impl WatchedFigures {
+impl ReportFigures {
     /// Reads the report where it is another one than at the last look; says whether it was.
     fn look(&mut self) -> bool {
         let written = fs::metadata(&self.path)
@@ -128,17 +127,14 @@ impl WatchedFigures {
         self.written = written;
         // A flight does not depend on its status line.
         let text = fs::read_to_string(&self.path).unwrap_or_default();
-        let Ok(EventLog { series, flight }) = serde_json::from_str(&text) else {
-            return true;
-        };
-        let chain = series.iter().find(|series| series.name == "loop");
-        let chain = chain
-            .map(|chain| format!("   loop p50 {:.1} p99 {:.1} us", chain.p50_us, chain.p99_us));
-        self.words = format!(
-            "{}   error {:.3} m",
-            chain.unwrap_or_default(),
-            flight.position_error_final_m
-        );
+        if let Ok(ReportExcerpt { series, flight }) = serde_json::from_str(&text) {
+            self.text.clear();
+            if let Some(chain) = series.iter().find(|series| series.name == "loop") {
+                let SeriesExcerpt { p50_us, p99_us, .. } = chain;
+                self.text += &format!("   loop p50 {p50_us:.1} p99 {p99_us:.1} us");
+            }
+            self.text += &format!("   error {:.3} m", flight.position_error_final_m);
+        }
         true
     }
 }
@@ -150,51 +146,36 @@ mod tests {
     #[test]
     fn a_line_never_fills_its_terminal() {
         let line = "    1.0 of 30.0 s   missed 12   loop p99 678";
-        assert_eq!(cut(line, 80), line);
-        assert_eq!(
-            cut(line, line.len()),
-            "    1.0 of 30.0 s   missed 12",
-            "half a number is another one"
-        );
-        assert_eq!(cut(line, 20), "    1.0 of 30.0 s");
-        assert_eq!(cut(line, 8), "", "not even its first field has the room");
-        assert_eq!(cut("armed", 80), "armed");
-        assert_eq!(cut("armed", 1), "");
+        for (line, columns, expected) in [
+            (line, 80, line),
+            // Half a number is another one.
+            (line, line.len(), "    1.0 of 30.0 s   missed 12"),
+            (line, 20, "    1.0 of 30.0 s"),
+            (line, 8, ""),
+            ("armed", 80, "armed"),
+            ("armed", 1, ""),
+        ] {
+            assert_eq!(cut(line, columns), expected, "{columns}");
+        }
     }
 
     #[test]
     fn a_report_is_read_once_each_time_it_is_written() {
         let directory = tempfile::tempdir().unwrap();
-        let mut line = StatusLine::new(directory.path(), 30.0);
-        let figures = &mut line.figures;
+        let path = directory.path().join("report.json");
+        let mut figures = StatusLine::new(directory.path(), 30.0).figures;
         assert!(!figures.look());
-        let write = |p50: f64, written: SystemTime| {
-            let path = directory.path().join("report.json");
-            let series = format!(
-                "[{{\"name\": \"loop\", \"p50_us\": {p50}, \"p99_us\": 20, \"count\": 5}}]"
-            );
+        for (p50_us, written) in [(10, SystemTime::UNIX_EPOCH), (11, SystemTime::now())] {
             let text = format!(
-                "{{\"series\": {series}, \"flight\": {{\"position_error_final_m\": 0.5}}}}"
+                "{{\"series\": [{{\"name\": \"loop\", \"p50_us\": {p50_us}, \"p99_us\": 20, \"count\": 5}}], \
+                 \"flight\": {{\"position_error_final_m\": 0.5}}}}"
             );
             fs::write(&path, text).unwrap();
-            fs::File::options()
-                .write(true)
-                .open(path)
-                .unwrap()
-                .set_modified(written)
-                .unwrap();
-        };
-        write(10.0, SystemTime::UNIX_EPOCH);
-        assert_eq!(
-            (figures.look(), figures.look(), figures.look()),
-            (true, false, false)
-        );
-        assert_eq!(
-            figures.words,
-            "   loop p50 10.0 p99 20.0 us   error 0.500 m"
-        );
-        write(11.0, SystemTime::now());
-        assert_eq!((figures.look(), figures.look()), (true, false));
-        assert!(figures.words.contains("p50 11.0"), "{}", figures.words);
+            let file = fs::File::options().write(true).open(&path).unwrap();
+            file.set_modified(written).unwrap();
+            assert_eq!((figures.look(), figures.look()), (true, false));
+            let expected = format!("   loop p50 {p50_us}.0 p99 20.0 us   error 0.500 m");
+            assert_eq!(figures.text, expected);
+        }
     }
 }

@@ -7,16 +7,16 @@ use signal_hook::iterator::Signals;
 use errors::Failure;
 
 #[derive(Debug)]
-pub(super) struct StopRequests {
+pub(crate) struct StopRequests {
     signals: Signals,
     /// A signal has requested the end of the flight.
-    pub(super) is_requested: bool,
+    pub(crate) is_requested: bool,
     /// A person has repeated the request: the flight ends at once.
-    pub(super) is_urgent: bool,
+    pub(crate) is_urgent: bool,
 }
 
 impl StopRequests {
-    pub(super) fn listen() -> Result<Self, Failure> {
+    pub(crate) fn listen() -> Result<Self, Failure> {
         let mut handled = stop_signals();
         // If it were ignored, as the parent process may have chosen, no child could be waited for.
         handled.push(SIGCHLD);
@@ -30,7 +30,7 @@ impl StopRequests {
     }
 
     /// Takes the signals since the last call. Only a later call takes a repeated request as such.
-    pub(super) fn poll(&mut self) {
+    pub(crate) fn poll(&mut self) {
         let was_requested = self.is_requested;
         for signal in self.signals.pending().filter(|signal| *signal != SIGCHLD) {
             self.is_requested = true;

@@ -14,7 +14,6 @@ pub mod inputs;
 pub mod log_check;
 pub mod loops;
 pub mod plant;
-pub mod recorded_input;
 pub mod summary;
 
 use std::path::Path;
@@ -24,7 +23,6 @@ use std::time::Instant;
 use messages::grid::Pace;
 use messages::role::Role;
 
-use crate::cli::ReplayArgs;
 use crate::output::{print, say};
 use crate::replay::batches::{Batch, FromLog, batches};
 use crate::replay::comparison::ReplayComparison;
@@ -33,11 +31,11 @@ use crate::replay::log_check::{LogCheck, LogValidator};
 use crate::replay::loops::LoopsReplay;
 use crate::replay::plant::AirframeReplay;
 use crate::replay::summary::Summary;
-use crate::run_directory::find_log;
 use crate::settings::Settings;
 use crate::settings::law_settings::Moved;
 use crate::wall_time::speed;
 use errors::{Failure, GATE, OK};
+use flight_log::entry::LogEntry;
 use flight_log::reader::End;
 use report::flight_statistics::is_last_word;
 use report::phrase::count;
@@ -50,20 +48,20 @@ pub const LOOKAHEAD: usize = 20_000;
 /// number of ticks later; this is about one second of lockstep.
 const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
 
-pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
-    let path = find_log(&args.run, args.out.as_deref())?;
+/// Replays a log from tick 0, compares from a tick on, and prints the verdict or a summary.
+pub fn replay(path: &Path, from: u64, verify: bool, moved: &Moved) -> Result<u8, Failure> {
     let start = Instant::now();
-    let replayed = fly_again(&path, args.from, args.verify, &args.moved())?;
+    let replayed = fly_again(path, from, verify, moved)?;
     // Standard output is the verdict alone.
     let flown_s = replayed.summary.flown_ticks() as f64 * replayed.survey.settings.flight.period_s;
     say(&format!(
         "{flown_s:.3} s replayed in {}\n",
         speed(flown_s, start.elapsed().as_secs_f64())
     ));
-    if args.verify {
-        verdict(&path, &replayed)
+    if verify {
+        verdict(path, &replayed)
     } else {
-        print_summary(&path, &replayed)
+        print_summary(path, &replayed)
     }
 }
 
@@ -76,7 +74,6 @@ pub struct ReplayResult {
 
 impl ReplayResult {
     /// Whether the whole flight was replayed and every value is the recorded one.
-    #[must_use]
     pub fn is_identical(&self) -> bool {
         self.comparison.first.is_none() && self.survey.end == End::Complete
     }
@@ -113,10 +110,9 @@ fn replay_log(
         .and_then(|pace| ReplayRun::new(&settings, pace, from_tick));
     let (survey, replayed) = thread::scope(|scope| -> Result<_, Failure> {
         let (mut to_flight, from_log) = batches();
+        let fly = move || replayed.and_then(|replayed| replayed.fly(from_log, stops));
         let flight = thread::Builder::new()
-            .spawn_scoped(scope, move || {
-                replayed.and_then(|replayed| replayed.fly(from_log, stops))
-            })
+            .spawn_scoped(scope, fly)
             .map_err(|e| Failure::failed(format!("cannot start a thread for the replay: {e}")))?;
         let survey = surveyor.look_through(|entry| to_flight.push(entry))?;
         to_flight.finish();
@@ -132,15 +128,11 @@ fn replay_log(
         ))
         .help(format!("name a tick from 0 to {last_tick}")));
     }
-    let ReplayRun {
-        comparison,
-        summary,
-        ..
-    } = replayed?;
+    let replayed = replayed?;
     Ok(ReplayResult {
         survey,
-        comparison,
-        summary,
+        comparison: replayed.comparison,
+        summary: replayed.summary,
     })
 }
 
@@ -214,20 +206,14 @@ struct ReplayRun {
 
 impl ReplayRun {
     fn new(settings: &Settings, pace: Pace, from_tick: u64) -> Result<Self, Failure> {
-        let flight = &settings.flight;
+        let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
+        let faults = settings.planned()?.loops.messages;
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(
-                &settings.plant()?,
-                pace,
-                &settings.planned()?.loops.messages,
-            ),
+            airframe: AirframeReplay::new(&settings.plant()?, pace, &faults),
             loops: LoopsReplay::new(settings)?,
             comparison: ReplayComparison::from(from_tick, settings.flown_laws()?.signals),
-            summary: Summary::new(
-                Tracking::along(settings.course()?, flight.period_s),
-                from_tick,
-            ),
+            summary: Summary::new(tracking, from_tick),
             restarts_before: 0,
             inputs: Inputs::new(settings.theorem()?.is_some()),
             ahead: 0,
@@ -279,11 +265,14 @@ impl ReplayRun {
     }
 
     fn take(&mut self, batch: &Batch) {
-        self.ahead += self.inputs.take(batch);
-        batch
-            .swaps
-            .iter()
-            .for_each(|swap| self.airframe.push_swap(swap));
+        for entry in batch {
+            if let LogEntry::Swap(swap) = entry {
+                self.airframe.push_swap(swap);
+            } else {
+                self.inputs.take(entry);
+                self.ahead += 1;
+            }
+        }
     }
 
     fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {

@@ -1,0 +1,78 @@
+//! Commands that only have to check their flags before they run: `simulate`, `replay`, `inject`, `faults`, `cpu-load`.
+
+use std::path::Path;
+
+use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
+use crate::fault::listing;
+use crate::inject::{self, When};
+use crate::output::{print, say};
+use crate::recorded_timing::Timing;
+use crate::replay;
+use crate::run_directory::find_log;
+use crate::settings::Settings;
+use crate::simulate::{self, OutputFiles};
+use crate::supervisor::cpu_load;
+use errors::{Failure, OK, check_writable};
+use ipc::instance::Instance;
+
+pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
+    let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
+    check_writable("--states", args.states.as_deref())?;
+    check_writable("--plot", args.plot.as_deref())?;
+    let is_svg = |path: &Path| {
+        path.extension()
+            .is_some_and(|it| it.eq_ignore_ascii_case("svg"))
+    };
+    if let Some(path) = args.plot.as_deref().filter(|path| !is_svg(path)) {
+        return Err(
+            Failure::usage(format!("--plot {}: only SVG is drawn", path.display()))
+                .help("name a file that ends in .svg; browsers and most converters read it"),
+        );
+    }
+    for warning in settings.warnings()? {
+        say(&format!("warning: {warning}\n"));
+    }
+    let mut timing = None;
+    if let Some(run) = &args.timing {
+        let recorded = Timing::read(&find_log(run, args.out.as_deref())?)?;
+        recorded.check(&settings, "--timing")?;
+        timing = Some(recorded);
+    }
+    let files = OutputFiles {
+        states: args.states.as_deref(),
+        plot: args.plot.as_deref(),
+    };
+    Ok(simulate::report(&settings, timing.as_ref(), &files)?.1)
+}
+
+pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
+    let path = find_log(&args.run, args.out.as_deref())?;
+    replay::replay(&path, args.from, args.verify, &args.moved())
+}
+
+pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
+    let changes = args.parsed();
+    let changes = changes.map_err(|e| Failure::usage(e.to_string()).help(e.listed("")))?;
+    let when = match (args.at_tick, args.after) {
+        (Some(tick), _) => When::AtTick(tick),
+        (None, after) => When::In(after.unwrap_or_default()),
+    };
+    let instance = Instance::new(&args.instance)?;
+    print(&inject::injected(&instance, &changes, when, args.lasts)?)?;
+    Ok(OK)
+}
+
+pub fn faults() -> Result<u8, Failure> {
+    print(&listing::text())?;
+    Ok(OK)
+}
+
+pub fn cpu_load(args: &CpuLoadArgs) -> Result<u8, Failure> {
+    let time_ns = args.from_ns..args.until_ns;
+    cpu_load::cpu_load(
+        (args.cpu, args.priority),
+        args.share,
+        time_ns,
+        args.launcher,
+    )
+}

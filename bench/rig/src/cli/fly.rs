@@ -1,0 +1,195 @@
+//! `ironbird fly`: checks the settings, has the flight supervised, completes and prints its report.
+
+use std::fs;
+use std::io::{self, IsTerminal as _};
+use std::thread::sleep;
+use std::time::Duration;
+
+use crate::browser::open_page;
+use crate::cli::flight::check_clock_flags;
+use crate::cli::{FlyArgs, OnDeath};
+use crate::floor::flight_baseline;
+use crate::output::{print, say};
+use crate::record::kernel_trace;
+use crate::report_command;
+use crate::run_directory::make_latest;
+use crate::settings::law_settings::Chosen;
+use crate::settings::{PaceName, Settings};
+use crate::supervisor::exit_report::warnings;
+use crate::supervisor::stop_requests::StopRequests;
+use crate::supervisor::{self, FinishedFlight, FlightOptions};
+use errors::{Failure, INTERRUPTED, InFile as _, OK, check_writable};
+use host::executable::own_executable;
+use report::baseline::Baseline;
+use report::render::files::write_all;
+use report::render::junit;
+use report::schema::Report;
+
+pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
+    check_writable("--junit", args.junit.as_deref())?;
+    let junit = args.junit.as_ref();
+    // The result of an earlier flight is none of this one, however its process ends.
+    if let Some(earlier) = junit.filter(|path| !args.print_config && path.is_file()) {
+        fs::remove_file(earlier).in_file("replace", earlier)?;
+    }
+    match conduct(args) {
+        Ok(None) => Ok(OK),
+        Ok(Some((settings, requests, flight))) => complete(args, &settings, requests, flight),
+        Err(failure) => {
+            let written = junit.map_or(Ok(()), |path| junit::write_failure(&failure, path));
+            Err(match written {
+                Ok(()) => failure,
+                Err(unwritten) => failure.append(&format!("; {unwritten}")),
+            })
+        }
+    }
+}
+
+/// Flies; only prints the settings, and returns nothing, if that is all the flags request.
+fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
+    let overrides = [
+        args.flight.overrides(),
+        args.rt.overrides(),
+        args.recorder.overrides(),
+    ];
+    let file = args.flight.course.config.as_deref();
+    let settings = Settings::resolve(file, &overrides.concat())?;
+    settings.check_faults_of_processes(true)?;
+    let restarts_roles = args.on_death == OnDeath::Restart;
+    check_clock_flags(&settings, &args.rt.clock_flags())?;
+    check_clock_flags(
+        &settings,
+        &[
+            ("--trace", args.recorder.trace),
+            ("--on-death restart", restarts_roles),
+        ],
+    )?;
+    if args.print_config {
+        print(&settings.commented()?)?;
+        return Ok(None);
+    }
+    let mut warnings = settings.warnings()?;
+    if settings.flight.pace == PaceName::Realtime {
+        warnings.extend(slow_laws(&settings)?);
+    }
+    for warning in warnings {
+        say(&format!("warning: {warning}\n"));
+    }
+    // First, so that what a check makes goes with it.
+    let mut requests = StopRequests::listen()?;
+    settings.check_cpu()?;
+    settings.check_priorities()?;
+    check_writable("--states", args.recorder.states.as_deref())?;
+    kernel_trace::check(settings.recorder.trace)?;
+    if let Some(duration) = args.floor {
+        flight_baseline::check(&settings, duration)?;
+    }
+    let options = FlightOptions {
+        instance: args.rt.instance.clone(),
+        restarts_roles,
+        shows_dashboard: args.watch,
+        states: args.recorder.states.clone(),
+    };
+    let flight = supervisor::fly(&settings, &options, &mut requests)?;
+    Ok(Some((settings, requests, flight)))
+}
+
+/// The laws that promise nothing about their time, a sentence each.
+fn slow_laws(settings: &Settings) -> Result<Vec<String>, Failure> {
+    let laws = settings.chosen_laws()?.into_iter();
+    let slow = laws
+        .filter_map(Chosen::library)
+        .filter(|law| law.not_real_time);
+    let sentence = |law: &plugin::Library| {
+        format!(
+            "the {} is not real-time: it may miss deadlines",
+            law.words()
+        )
+    };
+    Ok(slow.map(sentence).collect())
+}
+
+/// Completes the report of a flight, and prints it.
+fn complete(
+    args: &FlyArgs,
+    settings: &Settings,
+    mut requests: StopRequests,
+    flight: FinishedFlight,
+) -> Result<u8, Failure> {
+    let FinishedFlight {
+        directory,
+        outcome,
+        mut report,
+    } = flight;
+    let corrected = outcome.correct(&mut report, &directory.path);
+    let mut exit_code = report.verdict.exit_code;
+    let mut measured = Ok(());
+    if let Some(duration) = args.floor.filter(|_| outcome.failed.is_none()) {
+        match measure_floors(&report, settings, duration, &mut requests) {
+            Ok(Some(beside)) => report.beside = Some(beside),
+            Ok(None) if exit_code == OK => exit_code = INTERRUPTED,
+            Ok(None) => {}
+            Err(failure) => measured = Err(failure),
+        }
+    }
+    // Every step is taken, whatever becomes of the one before; the first failure is reported.
+    let mut written = Ok(());
+    if corrected || report.beside.is_some() {
+        written = write_all(&report, &directory.path);
+    }
+    if corrected {
+        // A recorder that died may not have come to it.
+        written = written.and(make_latest(&directory.path));
+    }
+    if let Some(path) = &args.junit {
+        written = written.and(junit::write(&report, path));
+    }
+    if let Some(failed) = &outcome.failed {
+        say(&failed.log(&directory.path));
+    }
+    for warning in warnings(&directory.path) {
+        say(&format!("{warning}\n"));
+    }
+    print(&report_command::ended(&report, &directory.path))?;
+    let mut rest = written.and(measured);
+    if args.open && rest.is_ok() {
+        rest = open_page(&directory.path);
+    }
+    // The verdict of the flight takes precedence over the failure of another step.
+    rest.map(|()| exit_code)
+        .map_err(|failure| failure.or_code(exit_code))
+}
+
+/// Measures the machine after the flight; nothing if a signal has come, and the report then goes without.
+fn measure_floors(
+    report: &Report,
+    settings: &Settings,
+    duration: Duration,
+    requests: &mut StopRequests,
+) -> Result<Option<Baseline>, Failure> {
+    if io::stderr().is_terminal() {
+        say(&format!(
+            "measuring the machine's floors, twice {}\n",
+            humantime::format_duration(duration)
+        ));
+    }
+    let (report, settings, executable) = (report.clone(), settings.clone(), own_executable()?);
+    let measuring = std::thread::Builder::new()
+        .spawn(move || flight_baseline::take(&report, &settings, duration, &executable))
+        .map_err(|e| {
+            Failure::failed(format!("cannot start a thread to measure the floors: {e}"))
+        })?;
+    while !measuring.is_finished() {
+        requests.poll();
+        if requests.is_requested {
+            // The thread and its processes end with this one.
+            say("interrupted: the machine's floors are not measured\n");
+            return Ok(None);
+        }
+        sleep(Duration::from_millis(50));
+    }
+    let measured = measuring
+        .join()
+        .unwrap_or_else(|_| Err(Failure::failed("the measuring thread panicked")));
+    measured.map(Some)
+}

@@ -1,0 +1,210 @@
+//! `ironbird plant | outer | inner | mixer | record`: one role in this process.
+
+use std::io::IsTerminal as _;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use ipc::clock::now_ns;
+use ipc::instance::Instance;
+use messages::flight_plan::FlightPlan;
+use messages::role::Role;
+use plant::PlantSettings;
+use process::launcher::is_on_its_own;
+use process::rt::{loops_cpu, take_stand};
+use process::session::{RoleSession, StartConfig};
+use process::shell::{self, Flight};
+use process::standby;
+
+use crate::cli::flight::check_clock_flags;
+use crate::cli::{RecordArgs, RoleArgs};
+use crate::margin::table;
+use crate::output::print;
+use crate::record::kernel_trace::{self, remove_leftovers};
+use crate::record::recorder;
+use crate::record::run_files::Files;
+use crate::report_command::ended;
+use crate::run_directory::{LATENCIES, RunDirectory};
+use crate::settings::{Overrides, PaceName, Settings};
+use errors::{Failure, OK, check_writable};
+
+/// Runs a role of the loop until the run is over.
+pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
+    let begun_ns = now_ns();
+    let settings = resolve(args, &[role], Overrides::new())?;
+    settings.check_faults_of_processes(args.launcher.is_some())?;
+    let stage = Stage::new(role, &settings)?;
+    let mut config = start_config(args, &settings, begun_ns)?;
+    if args.spare {
+        let instance = config.instance.clone();
+        match standby::stand_by(role, config) {
+            Ok(Some(activated)) => config = activated,
+            // Its launcher may be dead.
+            ended => {
+                leave(&instance, args);
+                return ended.map(|_| OK).map_err(Failure::from);
+            }
+        }
+    }
+    let session = RoleSession::take(role, config)?;
+    let (instance, stop) = (session.wire().instance().clone(), session.stop_flag());
+    let flown = stage.run(session, &settings);
+    leave(&instance, args);
+    flown
+        .map(|()| OK)
+        .map_err(|failure| failure.broken_off(stop.load(Ordering::Relaxed)))
+}
+
+fn resolve(args: &RoleArgs, makes: &[Role], more: Overrides) -> Result<Settings, Failure> {
+    let overrides = [args.flight.overrides(), args.rt.overrides(), more].concat();
+    let file = args.flight.course.config.as_deref();
+    let settings = Settings::resolve_to_make(makes, file, &overrides)?;
+    check_clock_flags(&settings, &args.rt.clock_flags())?;
+    Ok(settings)
+}
+
+/// What a role's process flies, before it has joined a run.
+#[allow(clippy::large_enum_variant, reason = "there is one of it in a process")]
+enum Stage {
+    Plant(Box<PlantSettings>),
+    Outer(GuardedOuter),
+    Inner(GuardedInner),
+    Mixer(GuardedMixer),
+}
+
+impl Stage {
+    fn new(role: Role, settings: &Settings) -> Result<Self, Failure> {
+        Ok(match role {
+            Role::Plant => Self::Plant(Box::new(settings.plant()?)),
+            Role::Outer => Self::Outer(settings.outer_stage()?),
+            Role::Inner => Self::Inner(settings.inner_stage()?),
+            Role::Mixer => Self::Mixer(settings.mixer_stage()?),
+            Role::Record => {
+                let why = "the recorder has a command of its own: `ironbird record`";
+                return Err(Failure::usage(why));
+            }
+        })
+    }
+
+    fn run(self, session: RoleSession, settings: &Settings) -> Result<(), Failure> {
+        let lockstep = settings.flight.pace == PaceName::Lockstep;
+        if lockstep {
+            // One after the other on one processor: to wake another one takes longer than a stage computes. If that is
+            // refused, the flight is slower and the same.
+            let _ = take_stand(loops_cpu(), 0);
+        }
+        let faults = settings.planned()?;
+        let flight = Flight {
+            lockstep,
+            slowdown: settings.flight.slowdown,
+            faults: faults.loops,
+        };
+        match self {
+            Self::Plant(plant) => {
+                let plan = FlightPlan {
+                    last_tick: settings.last_tick(),
+                    sample_time_ns: settings.sample_time_ns(),
+                    wall_period_ns: settings.wall_period_ns(),
+                };
+                let of_loop = (&faults.loops, &faults.table);
+                plant::process::run(session, &plant, plan, &faults.swaps, of_loop)?;
+            }
+            Self::Outer(outer) => {
+                let error_max_m = settings.flight.position_error_max_m;
+                shell::outer(session, outer, error_max_m, &flight)?;
+            }
+            Self::Inner(inner) => shell::inner(session, inner, &flight)?,
+            Self::Mixer(mixer) => shell::mixer(session, mixer, &flight)?,
+        }
+        Ok(())
+    }
+}
+
+/// The last process without a supervisor removes what the middleware leaves; a supervisor does so itself.
+fn leave(instance: &Instance, args: &RoleArgs) {
+    if is_on_its_own(args.launcher) {
+        remove_leftovers(instance);
+    }
+}
+
+/// Records until the run is over; without a supervisor, prints the report.
+pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
+    let begun_ns = now_ns();
+    let settings = resolve(&args.role, &[], args.recorder.overrides())?;
+    check_clock_flags(&settings, &[("--trace", args.recorder.trace)])?;
+    check_writable("--states", args.recorder.states.as_deref())?;
+    // A supervisor has checked it already.
+    kernel_trace::check(settings.recorder.trace && args.role.launcher.is_none())?;
+    let session = RoleSession::take(Role::Record, start_config(&args.role, &settings, begun_ns)?)?;
+    let instance = session.wire().instance().clone();
+    let mut created = None;
+    if args.run_dir.is_none() {
+        let out = Path::new(&settings.recorder.out);
+        match RunDirectory::create(out, &settings, &args.role.rt.instance) {
+            Ok(directory) => created = Some(directory),
+            Err(failure) => {
+                drop(session);
+                leave(&instance, &args.role);
+                return Err(failure);
+            }
+        }
+    }
+    let created_path = created.as_ref().map(|created| &created.path);
+    let directory = args
+        .run_dir
+        .as_ref()
+        .or(created_path)
+        .cloned()
+        .unwrap_or_default();
+    let files = Files {
+        directory: directory.clone(),
+        states: args.recorder.states.clone(),
+    };
+    let stop = session.stop_flag();
+    let margin = |pace| table::of_flight(pace, &settings, &directory);
+    let recorded = recorder::run(session, &settings, &files, margin);
+    leave(&instance, &args.role);
+    // Once the flight has begun, a file that cannot be written is no consequence of a signal.
+    let has_begun = directory.join(LATENCIES).exists();
+    let recorded =
+        recorded.map_err(|failure| failure.broken_off(!has_begun && stop.load(Ordering::Relaxed)));
+    if let (Err(_), Some(created)) = (&recorded, created) {
+        created.discard();
+    }
+    let report = recorded?;
+    if args.role.launcher.is_none() {
+        print(&ended(&report, &directory))?;
+    }
+    Ok(report.verdict.exit_code)
+}
+
+fn start_config(
+    args: &RoleArgs,
+    settings: &Settings,
+    begun_ns: u64,
+) -> Result<StartConfig, Failure> {
+    settings.check_cpu()?;
+    log_to_stderr();
+    Ok(StartConfig {
+        instance: Instance::new(&args.rt.instance)?,
+        rt: settings.realtime()?,
+        settings: settings.shared_text()?,
+        law_options: settings.law_options()?,
+        resume_estimates: settings.flight.resume_estimates,
+        launcher: args.launcher,
+        begun_ns,
+        ready: None,
+    })
+}
+
+/// Messages of a process that waits go to standard error; a loop that flies writes none.
+fn log_to_stderr() {
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        // If the log's disk is full there is no other place to say so; the default would print, and panic.
+        .log_internal_errors(false)
+        .init();
+}
