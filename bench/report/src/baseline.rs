@@ -30,7 +30,6 @@ pub struct SeriesBaseline {
 
 impl SeriesBaseline {
     /// The floor of a series of the flight.
-    #[must_use]
     pub fn of(series: &str, what: &str, histogram: &Histogram<u64>) -> Self {
         Self {
             series: series.into(),

@@ -123,7 +123,6 @@ const TAIL_PERCENT: u64 = 20;
 
 impl TimingWindow<'_> {
     /// Whether the recorder lost messages between the first and the last sample.
-    #[must_use]
     pub fn messages_lost(&self) -> bool {
         self.samples
             .first()
@@ -146,7 +145,6 @@ impl TimingWindow<'_> {
     }
 
     /// What the late stage's counters say of the time in which it was late.
-    #[must_use]
     pub fn usage(&self, suspect: &CandidateCause) -> StageUsage {
         let stage = suspect.stage as usize;
         let of = |sample: &CounterSample| sample.stages[stage];
@@ -200,7 +198,6 @@ impl TimingWindow<'_> {
     }
 
     /// Who had the loops' processor while the stage was late, the longest first; nothing where no trace covers it.
-    #[must_use]
     pub fn ran(&self, suspect: &CandidateCause) -> Option<Vec<(&Runner, u64)>> {
         let times = runners(self.slices, suspect.from_ns, suspect.to_ns)
             .filter(|_| self.share_processor)?;
@@ -210,7 +207,6 @@ impl TimingWindow<'_> {
     }
 
     /// The thread of a stage, as far as it is known.
-    #[must_use]
     pub fn thread_of(&self, stage: Role) -> Option<u64> {
         self.samples
             .last()
@@ -218,7 +214,6 @@ impl TimingWindow<'_> {
     }
 
     /// What is known of the loops' processor while the stage was late.
-    #[must_use]
     pub fn processor(&self, suspect: &CandidateCause) -> ProcessorUsage {
         let Some((first, last)) = self.around(suspect).filter(|_| self.share_processor) else {
             return ProcessorUsage::default();
@@ -261,7 +256,6 @@ impl TimingWindow<'_> {
 
     /// What the other stages on the same processor did while the stage was late; nothing is known where they do not
     /// share one.
-    #[must_use]
     pub fn others(&self, suspect: &CandidateCause) -> Option<OtherStages> {
         if !self.share_processor {
             return None;
@@ -296,7 +290,6 @@ impl TimingWindow<'_> {
     }
 
     /// Whether the stage computed long in another tick around, too.
-    #[must_use]
     pub fn recurs(&self, suspect: &CandidateCause) -> bool {
         let stage = suspect.stage as usize;
         let long = |passage: &StageTiming| {
@@ -326,7 +319,6 @@ pub enum Delay {
 
 impl Delay {
     /// Whether it is the next stage that tells of it.
-    #[must_use]
     pub const fn is_of_input(self) -> bool {
         matches!(self, Self::Input | Self::Unused)
     }
@@ -349,7 +341,6 @@ pub struct CandidateCause {
 }
 
 impl CandidateCause {
-    #[must_use]
     pub fn words(&self) -> String {
         let us = self.excess_ns / 1000;
         match self.delay {
@@ -376,7 +367,6 @@ pub(super) fn usual_of(mut values: Vec<u64>) -> u64 {
 
 impl TimingWindow<'_> {
     /// The delays in a tick that were longer than usual, in the order of the chain.
-    #[must_use]
     pub fn suspects(&self, tick: u64) -> Vec<CandidateCause> {
         let begin_ns = self.grid.begin_of(tick);
         let trace = self.traces.get(&tick).copied().unwrap_or_default();
@@ -474,7 +464,6 @@ impl TimingWindow<'_> {
     }
 
     /// The stage whose work took most of the time for which another one on the same processor did not wake.
-    #[must_use]
     pub fn at_work_instead(&self, late: &CandidateCause) -> Option<CandidateCause> {
         if late.delay != Delay::Wake || !self.share_processor {
             return None;

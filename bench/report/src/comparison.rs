@@ -122,7 +122,6 @@ pub struct Effort {
 
 impl Comparison {
     /// Whether the combinations differ in their mixers: else its name says nothing.
-    #[must_use]
     pub fn mixers_differ(&self) -> bool {
         self.outcomes
             .windows(2)
@@ -130,7 +129,6 @@ impl Comparison {
     }
 
     /// The name of a combination among these: `pd + adaptive`.
-    #[must_use]
     pub fn name_of(&self, laws: &Laws) -> String {
         let Laws {
             outer,
@@ -147,7 +145,6 @@ impl Comparison {
 
 impl Flight {
     /// From when on an error counts as lasting [ticks]; none without a fault.
-    #[must_use]
     pub fn settled_tick(&self) -> Option<u64> {
         self.faults
             .last()
@@ -155,7 +152,6 @@ impl Flight {
     }
 
     /// Instant of a tick [s].
-    #[must_use]
     pub fn time_s(&self, tick: u64) -> f64 {
         tick as f64 * self.period_s
     }

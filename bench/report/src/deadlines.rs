@@ -27,7 +27,6 @@ pub struct Deadlines {
 }
 
 impl Deadlines {
-    #[must_use]
     pub const fn new(grid: Grid) -> Self {
         Self {
             grid,
@@ -36,7 +35,6 @@ impl Deadlines {
     }
 
     /// From the first command on that comes.
-    #[must_use]
     pub const fn joining(grid: Grid) -> Self {
         Self {
             grid,
@@ -126,18 +124,15 @@ impl LateCommands {
         }
     }
 
-    #[must_use]
     pub const fn count(&self) -> u64 {
         self.count
     }
 
     /// The first [`KEPT`] stretches.
-    #[must_use]
     pub fn stretches(&self) -> &[LateStretch] {
         &self.stretches
     }
 
-    #[must_use]
     pub const fn left_out(&self) -> u64 {
         self.left_out
     }
@@ -157,7 +152,6 @@ pub struct MissRuns {
 
 impl MissRuns {
     /// From the counters of a flight under way on: what was missed before is part of no run, a run under way is.
-    #[must_use]
     pub fn joining(missed: u64, run: u64) -> Self {
         Self {
             missed,
@@ -189,13 +183,11 @@ impl MissRuns {
         }
     }
 
-    #[must_use]
     pub const fn missed(&self) -> u64 {
         self.missed
     }
 
     /// How many runs there were of each length; the one that has not ended counts with its present length.
-    #[must_use]
     pub fn lengths(&self) -> BTreeMap<u64, u64> {
         let mut all = self.clone();
         all.end(self.run);

@@ -213,7 +213,6 @@ fn differences(a: &[BTreeMap<String, Value>], b: &[BTreeMap<String, Value>]) -> 
 }
 
 /// Compares two groups of flights, of at least one flight each.
-#[must_use]
 pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
     let mut figures = paired(a, b);
     let few = a.len().min(b.len());
@@ -394,7 +393,6 @@ pub struct Figure {
 }
 
 /// The figures of a flight; every flight has the same names in the same order, as long as it has the series.
-#[must_use]
 pub fn figures(report: &Report) -> Vec<Figure> {
     let performance = &report.flight;
     let ticks = (report.ticks.run + report.ticks.skipped) as f64;

@@ -98,7 +98,6 @@ pub const PERCENTS: [(f64, u64); 5] = [
 impl Distribution {
     /// The distribution of a histogram of nanoseconds whose bins are finest around `about_ns`: the tick's length for a
     /// period, 0 for other latencies.
-    #[must_use]
     pub fn of(name: &str, histogram: &Histogram<u64>, about_ns: u64) -> Self {
         Self {
             name: name.to_owned(),
@@ -113,7 +112,6 @@ impl Distribution {
     }
 
     /// A percentile of the report; none where there are too few values.
-    #[must_use]
     pub fn percentile(&self, percent: f64) -> Option<&Percentile> {
         self.percentiles
             .iter()
@@ -153,7 +151,6 @@ fn curve(histogram: &Histogram<u64>) -> Vec<(f64, f64)> {
 }
 
 /// A logarithmic histogram: three bars a decade.
-#[must_use]
 pub fn buckets(histogram: &Histogram<u64>) -> Vec<Bucket> {
     let edges: Vec<u64> = std::iter::once(0)
         .chain((2..=10).flat_map(|decade| [1, 2, 5].map(|step| step * 10_u64.pow(decade))))

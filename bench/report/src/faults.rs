@@ -30,7 +30,6 @@ pub struct InjectedFault {
 
 impl InjectedFault {
     /// A fault that strikes from a tick of `period_s` [s] on, and up to another where it has an end.
-    #[must_use]
     pub fn new(what: String, tick: u64, to_tick: Option<u64>, period_s: f64) -> Self {
         let time_s = |tick: u64| tick as f64 * period_s;
         Self {
@@ -43,13 +42,11 @@ impl InjectedFault {
         }
     }
 
-    #[must_use]
     pub fn in_flight(self) -> Self {
         Self { live: true, ..self }
     }
 
     /// `setpoint.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)`.
-    #[must_use]
     pub fn words(&self) -> String {
         let Self {
             what, tick, time_s, ..
@@ -74,7 +71,6 @@ impl InjectedFault {
     }
 
     /// The same in short, by the time of the flight.
-    #[must_use]
     pub fn brief(&self) -> String {
         let Self { what, time_s, .. } = self;
         match self.until() {
@@ -86,7 +82,6 @@ impl InjectedFault {
     }
 
     /// Whether it struck in some ticks, or just before them: what happens once is seen in the next tick, too.
-    #[must_use]
     pub fn strikes(&self, first: u64, last: u64) -> bool {
         let to = if self.happens_once() {
             self.tick.saturating_add(2)
@@ -119,7 +114,6 @@ impl InjectedFault {
     }
 
     /// Until when it strikes: an instant, for good, or once.
-    #[must_use]
     pub fn until(&self) -> String {
         match self.to_s {
             _ if self.is_called_off() => CALLED_OFF.into(),

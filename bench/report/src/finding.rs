@@ -15,7 +15,6 @@ pub enum Level {
 }
 
 impl Level {
-    #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -41,7 +40,6 @@ pub enum RealtimeClass {
 }
 
 impl RealtimeClass {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::Hard => "hard",
@@ -65,7 +63,6 @@ pub struct Finding {
 }
 
 impl Finding {
-    #[must_use]
     pub fn ok(subject: &str, found: impl Into<String>, why: &str) -> Self {
         Self {
             subject: subject.into(),
@@ -78,7 +75,6 @@ impl Finding {
     }
 
     /// It could be better, and wake-ups are as bounded as without it.
-    #[must_use]
     pub fn could_be_better(self, fix: impl Into<String>) -> Self {
         Self {
             level: Level::Warning,
@@ -88,7 +84,6 @@ impl Finding {
     }
 
     /// It makes wake-ups late now and then.
-    #[must_use]
     pub fn softens(self, fix: impl Into<String>) -> Self {
         Self {
             level: Level::Warning,
@@ -99,7 +94,6 @@ impl Finding {
     }
 
     /// It keeps anything from flying in real time.
-    #[must_use]
     pub fn blocks(self, fix: impl Into<String>) -> Self {
         Self {
             level: Level::Blocks,
@@ -120,7 +114,6 @@ pub struct Diagnosis {
 
 impl Diagnosis {
     /// The verdict is the worst that any finding leaves open.
-    #[must_use]
     pub fn of(findings: &[Finding]) -> Self {
         let verdict = findings
             .iter()

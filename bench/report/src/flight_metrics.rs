@@ -28,7 +28,6 @@ pub struct FlightMetrics {
 }
 
 impl FlightMetrics {
-    #[must_use]
     pub fn new(period_s: f64, airframe: &Airframe) -> Self {
         let hover = airframe.as_built().hover_speed_rad_s();
         Self {
@@ -63,24 +62,20 @@ impl FlightMetrics {
         power
     }
 
-    #[must_use]
     pub const fn error(&self) -> &TrackingError {
         &self.error
     }
 
-    #[must_use]
     pub const fn recent(&self) -> &RecentStates {
         &self.recent
     }
 
     /// Largest angle between body z and the vertical [rad].
-    #[must_use]
     pub fn tilt_max_rad(&self) -> f64 {
         let upright = self.upright_min;
         math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
     }
 
-    #[must_use]
     pub fn effort(&self) -> Effort {
         let ticks = self.error.states();
         let changes = ROTORS as f64 * ticks.saturating_sub(1).max(1) as f64;
@@ -103,7 +98,6 @@ pub struct ComparedFlight {
 }
 
 impl ComparedFlight {
-    #[must_use]
     pub fn new(tracking: Tracking, airframe: &Airframe) -> Self {
         Self {
             tracking,
@@ -128,7 +122,6 @@ impl ComparedFlight {
     }
 
     /// The figures of the flight, with the recoveries from its planned faults.
-    #[must_use]
     pub fn figures(&self, flight: &Flight) -> Figures {
         let ticks = self.error_m.len();
         let part = |from: u64, to: u64| {

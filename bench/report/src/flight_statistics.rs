@@ -98,7 +98,6 @@ impl Sequence {
 }
 
 /// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
-#[must_use]
 pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
     message.envelope.stamps_of(Role::Mixer).receive_ns == 0
 }
@@ -219,7 +218,6 @@ impl FlightStatistics {
     }
 
     /// Tick of the newest state; 0 before the first.
-    #[must_use]
     pub fn newest_tick(&self) -> u64 {
         self.newest.map_or(0, |(tick, _)| tick)
     }
@@ -308,13 +306,11 @@ impl FlightStatistics {
     }
 
     /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
-    #[must_use]
     pub fn lost(&self) -> Counts {
         self.sequences.map(|sequence| sequence.lost)
     }
 
     /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
-    #[must_use]
     pub fn ticks(&self, run: &blackboards::Run) -> schema::Ticks {
         let elapsed_periods = self.newest.map_or(0, |(tick, sample_ns)| match self.grid {
             Some(grid) => grid.tick_at(sample_ns) + 1,
@@ -356,13 +352,11 @@ impl FlightStatistics {
     }
 
     /// Ticks that flew without a fresh command on time; nothing in lockstep, where there are no deadlines.
-    #[must_use]
     pub fn not_fresh(&self, ticks: &schema::Ticks) -> Option<schema::NotFresh> {
         self.grid
             .map(|_| schema::NotFresh::new(self.freshness.missed(), self.freshness.stale(), ticks))
     }
 
-    #[must_use]
     pub fn flight(&self) -> schema::ControlPerformance {
         self.flight.performance(&self.recent)
     }
@@ -439,7 +433,6 @@ impl FlightStatistics {
     }
 
     /// The lead, at take-off and in flight, and what waiting for the ticks cost of the time that the flight took.
-    #[must_use]
     pub fn lead(&self, at_take_off: &Lead, rehearsals: u64) -> LeadSection {
         let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
         self.leads.section(at_take_off, rehearsals, flown_ns)

@@ -154,13 +154,11 @@ impl FreshnessStatistics {
     }
 
     /// Ticks that ran, and whose command was late or never came.
-    #[must_use]
     pub const fn missed(&self) -> u64 {
         self.missed
     }
 
     /// Ticks whose command was on time, but came of an older input.
-    #[must_use]
     pub const fn stale(&self) -> u64 {
         self.stale
     }

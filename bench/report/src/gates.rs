@@ -46,7 +46,6 @@ pub struct RequestedGates {
 const ENVELOPE: &str = "flight envelope";
 
 /// What the flight must satisfy, and whether it does.
-#[must_use]
 pub fn gates(asked: &RequestedGates, evidence: &Evidence<'_>) -> Vec<Gate> {
     let mut gates = vec![envelope(asked, evidence), ticks(evidence)];
     let fresh = limits([(
@@ -283,7 +282,6 @@ fn steal(evidence: &Evidence<'_>) -> Found {
 }
 
 impl Gate {
-    #[must_use]
     pub fn theorem(theorem: &Theorem) -> Self {
         let Explained { word, why } = stability_verdict(theorem);
         Self {
@@ -316,7 +314,6 @@ impl fmt::Display for Gate {
 }
 
 /// Whether a flight passed, from its gates, the messages that were lost, and how it ended; nothing while it flies.
-#[must_use]
 pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<EndReason>) -> AcceptanceResult {
     let held = gates.iter().all(|gate| gate.held);
     let status = match ending {
@@ -336,14 +333,12 @@ pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<EndReason>) -> Accept
 
 impl AcceptanceResult {
     /// How many of the gates that were asked for held, and how many were asked for.
-    #[must_use]
     pub fn asked(&self) -> (usize, usize) {
         let asked = || self.gates.iter().filter(|gate| gate.asked);
         (asked().filter(|gate| gate.held).count(), asked().count())
     }
 
     /// The status, with how many gates it follows from.
-    #[must_use]
     pub fn words(&self) -> String {
         match self.asked() {
             (_, 0) if self.status == FlightStatus::Pass => {

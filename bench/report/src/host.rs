@@ -22,7 +22,6 @@ pub struct Host {
 
 impl Host {
     /// Whether a hypervisor runs below, after a list of what does.
-    #[must_use]
     pub const fn below(&self) -> &'static str {
         match self.hypervisor {
             Some(true) => ", under a hypervisor",
@@ -49,7 +48,6 @@ pub struct Steal {
 
 impl Steal {
     /// Whose time it is, in words.
-    #[must_use]
     pub fn processors(&self) -> String {
         self.processor.map_or_else(
             || "all processors".into(),

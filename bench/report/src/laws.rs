@@ -25,7 +25,6 @@ pub struct FlownLaws {
 pub struct Places([usize; 3]);
 
 impl Places {
-    #[must_use]
     pub fn of(&self, wrench: &Wrench) -> [f64; 3] {
         self.0.map(|place| wrench.telemetry.value[place])
     }
@@ -33,13 +32,11 @@ impl Places {
 
 impl FlownLaws {
     /// Where the rate error of the inner law is [rad/s]; none where it shows none.
-    #[must_use]
     pub fn rate_error(&self) -> Option<Places> {
         self.signals.places(Role::Inner, RATE_ERROR).map(Places)
     }
 
     /// Where its estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2] are; none where it estimates nothing.
-    #[must_use]
     pub fn estimates(&self) -> Option<Places> {
         let names = ESTIMATED.map(Parameter::name);
         self.signals
@@ -50,7 +47,6 @@ impl FlownLaws {
 }
 
 /// Why the theorem says nothing of a flight with this inner law.
-#[must_use]
 pub fn no_theorem(law: &str) -> String {
     let settings = if may_have_theorem(law) {
         " with its settings"
@@ -76,7 +72,6 @@ impl NotFinite {
         }
     }
 
-    #[must_use]
     pub fn section(self, name: &str, telemetry: Vec<SignalSection>) -> LawSection {
         LawSection {
             name: name.into(),
@@ -89,7 +84,6 @@ impl NotFinite {
 }
 
 impl LawSection {
-    #[must_use]
     pub fn named(&self) -> String {
         match self.file.as_deref() {
             Some(file) => format!(
@@ -102,7 +96,6 @@ impl LawSection {
     }
 
     /// What is said of answers that could not be used, where there were some.
-    #[must_use]
     pub fn not_finite(&self, role: &str) -> Option<String> {
         let (first, ticks) = (self.first_not_finite?, count(self.ticks_not_finite, "tick"));
         Some(format!(
@@ -123,7 +116,6 @@ pub fn in_order(
 
 /// What laws did that no law should, a sentence each: of every law its answers that could not be used; of one of a
 /// file also its time, its allocations and its page faults.
-#[must_use]
 pub fn sentences(
     run: &RunSection,
     series: &[Statistics],
@@ -209,7 +201,6 @@ pub struct SignalStatistics {
 
 impl SignalStatistics {
     /// Of a law with these signals, before its first tick.
-    #[must_use]
     pub const fn new(signals: &'static [Signal]) -> Self {
         Self {
             signals,
@@ -226,7 +217,6 @@ impl SignalStatistics {
         }
     }
 
-    #[must_use]
     pub fn section(&self) -> Vec<SignalSection> {
         let section = |(signal, [last, min, max]): (&Signal, [f64; 3])| SignalSection {
             name: signal.name.into(),

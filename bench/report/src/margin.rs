@@ -151,13 +151,11 @@ pub struct PatternMargin {
 
 impl OutageMargin {
     /// The least over all phases [ticks].
-    #[must_use]
     pub fn least(&self) -> u64 {
         self.ticks.iter().copied().min().unwrap_or(0)
     }
 
     /// Half of the phases bear at least so much [ticks].
-    #[must_use]
     pub fn median(&self) -> u64 {
         let mut sorted = self.ticks.clone();
         sorted.sort_unstable();
@@ -170,7 +168,6 @@ impl OutageMargin {
 
 impl PatternMargin {
     /// The pattern that loses the largest share; of those alike, the one with the longest row.
-    #[must_use]
     pub fn weakest(&self) -> Option<[u64; 2]> {
         self.most
             .iter()
@@ -181,7 +178,6 @@ impl PatternMargin {
 
 impl Margins {
     /// The name of a combination: its mixer only where they differ.
-    #[must_use]
     pub fn name_of(&self, laws: &Laws) -> String {
         let Laws {
             outer,
@@ -199,7 +195,6 @@ impl Margins {
         }
     }
 
-    #[must_use]
     pub fn flown(&self) -> String {
         let Self {
             trajectory,
@@ -211,7 +206,6 @@ impl Margins {
         format!("trajectory {trajectory}, gains {preset}, airframe {airframe}, seed {seed}")
     }
 
-    #[must_use]
     pub fn phases(&self) -> String {
         let first_s = self.phases_s.first().copied().unwrap_or_default();
         let of = match self.cycle_s {
@@ -228,7 +222,6 @@ impl Margins {
         )
     }
 
-    #[must_use]
     pub fn gate_words(&self) -> String {
         let Gate {
             recovered_below_m,

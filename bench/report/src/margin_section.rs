@@ -9,7 +9,6 @@ use flight_log::build::Build;
 
 impl MarginSection {
     /// Of a flight whose margins nobody has measured; `command` measures them.
-    #[must_use]
     pub fn unknown(fingerprint: String, command: String) -> Self {
         Self {
             fingerprint,
@@ -20,7 +19,6 @@ impl MarginSection {
 
     /// Of a flight of a build, whose laws bear what a table says; nothing where the table is of other settings, or lacks
     /// a stage.
-    #[must_use]
     pub fn known(fingerprint: &str, table: &Margins, build: &Build) -> Option<Self> {
         let law = table
             .laws
@@ -57,7 +55,6 @@ impl MarginSection {
     }
 
     /// The same with the outages of a flight.
-    #[must_use]
     pub fn with(mut self, outages: &OutageSection) -> Self {
         // A report from before they were counted keeps what it says.
         if let Some(longest) = &outages.longest {
@@ -80,7 +77,6 @@ impl MarginSection {
         self
     }
 
-    #[must_use]
     pub fn sentence(&self) -> String {
         if let Some(command) = &self.unknown {
             return format!("not known: run {command}");
@@ -128,7 +124,6 @@ impl MarginSection {
 }
 
 /// The line of a flight, where it has one. A margin is of one airframe: that of the settings.
-#[must_use]
 pub fn sentence(report: &Report) -> Option<String> {
     let margin = report.margin.as_ref()?;
     let swaps = report.swaps.len() as u64 + report.swaps_left_out;

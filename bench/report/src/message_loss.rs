@@ -8,13 +8,11 @@ use flight_log::facts::OFF;
 use std::collections::BTreeMap;
 
 /// Messages that never reached the recorder.
-#[must_use]
 pub fn lost(report: &Report) -> u64 {
     sum(&report.recorder.lost)
 }
 
 /// Messages that reached the recorder, and not flight.mcap.
-#[must_use]
 pub fn unlogged(report: &Report) -> u64 {
     sum(&report.recorder.log.dropped)
 }
@@ -27,7 +25,6 @@ pub fn sum(counts: &BTreeMap<String, u64>) -> u64 {
 }
 
 /// What is missing, and what laws could not say, a sentence each.
-#[must_use]
 pub fn sentences(report: &Report) -> Vec<String> {
     let mut sentences = Vec::new();
     let (lost, unlogged) = (lost(report), unlogged(report));

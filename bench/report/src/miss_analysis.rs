@@ -76,7 +76,6 @@ struct Judged {
 
 impl MissAnalysis {
     /// Follows a flight on a grid.
-    #[must_use]
     pub const fn new(grid: Grid, is_virtual: bool, share_processor: bool) -> Self {
         Self {
             grid,
@@ -425,7 +424,6 @@ impl MissAnalysis {
         }
     }
 
-    #[must_use]
     pub fn section(&self) -> OutageSection {
         let mut classes: Vec<CauseCount> = self
             .counts

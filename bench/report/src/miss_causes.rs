@@ -40,7 +40,6 @@ pub enum MissCause {
 }
 
 impl MissCause {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::HostStall => "host stall",
@@ -58,7 +57,6 @@ impl MissCause {
     }
 
     /// Whether the stage wanted to run and the machine did not let it.
-    #[must_use]
     pub const fn is_of_the_machine(self) -> bool {
         matches!(
             self,
@@ -95,7 +93,6 @@ pub struct Attribution {
 /// Share of a delay, in percent, that the counters must explain.
 const EXPLAINS_PERCENT: u64 = 50;
 
-#[must_use]
 pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
     let unknown = |evidence: &str| Attribution {
         class: MissCause::CannotTell,
@@ -377,7 +374,6 @@ fn urgent_ns(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> u64 {
 }
 
 /// Stages of the loop by their place in [`STAGES`].
-#[must_use]
 pub fn index(role: Role) -> usize {
     (role as usize).min(STAGES.len() - 1)
 }

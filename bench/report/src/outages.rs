@@ -85,7 +85,6 @@ pub struct TimelineStage {
 
 impl OutageSection {
     /// The same, and each outage with the faults that were on.
-    #[must_use]
     pub fn struck_by(mut self, faults: &[InjectedFault]) -> Self {
         for case in &mut self.worst {
             let strikes =

@@ -8,7 +8,6 @@ pub const WIDTH: usize = 80;
 pub const INDENT: &str = "          ";
 
 /// A sentence as lines of a terminal.
-#[must_use]
 pub fn wrapped(sentence: &str) -> Vec<String> {
     let options = Options::new(WIDTH)
         .subsequent_indent(INDENT)
@@ -19,7 +18,6 @@ pub fn wrapped(sentence: &str) -> Vec<String> {
         .collect()
 }
 
-#[must_use]
 pub fn count(number: u64, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }

@@ -126,7 +126,6 @@ impl ProcessFailure {
     }
 }
 
-#[must_use]
 pub const fn number(report: &Report) -> u64 {
     (report.deaths.len() as u64).saturating_add(report.deaths_left_out)
 }
@@ -156,7 +155,6 @@ struct Sender {
 
 impl FailureStatistics {
     /// Of a flight in ticks of `period_s` [s].
-    #[must_use]
     pub fn new(period_s: f64) -> Self {
         let cost_ticks = (COST_S / period_s).round() as u64;
         Self {

@@ -22,7 +22,6 @@ pub enum Runner {
 
 impl Runner {
     /// The thread's number; 0 is nobody's.
-    #[must_use]
     pub const fn pid(&self) -> u64 {
         match self {
             Self::Thread { pid, .. } => *pid,
@@ -30,7 +29,6 @@ impl Runner {
         }
     }
 
-    #[must_use]
     pub fn words(&self) -> String {
         match self {
             Self::Idle => "idle".into(),
@@ -59,7 +57,6 @@ pub struct RunnerTime {
 }
 
 /// How long each had the processor in a span; nothing where the trace does not cover at least half of it.
-#[must_use]
 pub fn runners(slices: &[Slice], from_ns: u64, to_ns: u64) -> Option<BTreeMap<&Runner, u64>> {
     let mut times = BTreeMap::<&Runner, u64>::new();
     for slice in slices {

@@ -182,7 +182,6 @@ pub struct NotFresh {
 }
 
 impl NotFresh {
-    #[must_use]
     pub fn new(missed: u64, stale: u64, ticks: &Ticks) -> Self {
         let skipped = ticks.skipped;
         let not_fresh = missed.saturating_add(stale).saturating_add(skipped);
@@ -197,7 +196,6 @@ impl NotFresh {
     }
 
     /// The parts of the sum.
-    #[must_use]
     pub fn parts(&self) -> String {
         format!(
             "{} missed + {} stale + {} skipped",
@@ -338,7 +336,6 @@ pub struct LogSection {
 
 impl Report {
     /// Statistics of a series by name.
-    #[must_use]
     pub fn series(&self, name: &str) -> Option<&Statistics> {
         self.series.iter().find(|series| series.name == name)
     }

@@ -18,7 +18,6 @@ pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
         .collect()
 }
 
-#[must_use]
 pub fn role_section(status: &Status) -> schema::RoleSection {
     let landed = status.phase() == RolePhase::Landed;
     let usage = &status.usage;

@@ -46,7 +46,6 @@ pub enum Series {
 
 impl Series {
     /// Every series, in the order of the report.
-    #[must_use]
     pub fn all() -> Vec<Self> {
         let [plant, outer, inner, mixer] = STAGES;
         let mut all = vec![Self::Loop, Self::Slack, Self::Late, Self::Timer];
@@ -63,7 +62,6 @@ impl Series {
     }
 
     /// Its name in reports and logs.
-    #[must_use]
     pub fn name(self) -> String {
         match self {
             Self::Timer => "timer".into(),
@@ -115,7 +113,6 @@ impl SeriesSet {
     }
 
     /// The histogram of a series over the flight.
-    #[must_use]
     pub fn flight(&self, series: Series) -> Option<&Histogram<u64>> {
         self.entries
             .iter()
@@ -146,7 +143,6 @@ impl SeriesSet {
     }
 
     /// Distributions of every series that has values; a tick is `tick_ns` long, 0 where it has no length.
-    #[must_use]
     pub fn distributions(&self, tick_ns: u64) -> Vec<Distribution> {
         let about_ns = |series: Series| {
             if matches!(series, Series::Period(_)) {
@@ -165,7 +161,6 @@ impl SeriesSet {
     }
 
     /// Statistics of every series that has values.
-    #[must_use]
     pub fn statistics(&self) -> Vec<Statistics> {
         self.entries
             .iter()
@@ -194,7 +189,6 @@ pub struct Statistics {
 
 impl Statistics {
     /// Statistics of a histogram of nanoseconds.
-    #[must_use]
     pub fn of(name: &str, histogram: &Histogram<u64>) -> Self {
         let us = |ns: u64| ns as f64 / 1e3;
         let quantile = |q: f64| us(histogram.value_at_quantile(q));

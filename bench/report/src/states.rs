@@ -128,7 +128,6 @@ impl StatesWriter {
     }
 
     /// Whether a tick has a row.
-    #[must_use]
     pub const fn wants(&self, tick: u64) -> bool {
         tick.is_multiple_of(self.every_ticks)
     }
@@ -225,7 +224,6 @@ pub struct Joined {
 
 impl Joined {
     /// What outer, inner and mixer law showed at the tick; none of a stage that published nothing.
-    #[must_use]
     pub fn telemetry(&self) -> [Option<&Telemetry>; LAW_ROLES.len()] {
         [
             self.setpoint.as_ref().map(|setpoint| &setpoint.telemetry),

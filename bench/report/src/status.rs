@@ -18,7 +18,6 @@ pub enum FlightStatus {
 }
 
 impl FlightStatus {
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Flying => "FLYING",
@@ -30,7 +29,6 @@ impl FlightStatus {
         }
     }
 
-    #[must_use]
     pub const fn exit_code(self) -> u8 {
         match self {
             Self::Flying | Self::Pass | Self::Incomplete => OK,
@@ -41,7 +39,6 @@ impl FlightStatus {
     }
 
     /// Whether the flight came to its end in order.
-    #[must_use]
     pub const fn is_over(self) -> bool {
         matches!(self, Self::Pass | Self::Incomplete | Self::Fail)
     }

@@ -26,7 +26,6 @@ pub struct ParameterChange {
 
 impl AppliedSwap {
     /// A swap that holds from a tick of `period_s` [s] on.
-    #[must_use]
     pub fn new(tick: u64, period_s: f64, record: &SwapRecord) -> Self {
         Self {
             tick,
@@ -59,7 +58,6 @@ impl AppliedSwap {
     }
 
     /// What changed: `mass_kg 0.52 -> 0.676`, and of a ramp also `over 2 s from tick 8000`.
-    #[must_use]
     pub fn words(&self) -> String {
         let words = |change: &ParameterChange| {
             let ParameterChange {

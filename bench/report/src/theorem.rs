@@ -162,7 +162,6 @@ impl TheoremStatistics {
     }
 
     /// Whether the inner law has a theorem, and so estimates.
-    #[must_use]
     pub const fn applies(&self) -> bool {
         self.law_without.is_none()
     }
@@ -187,7 +186,6 @@ impl TheoremStatistics {
         self.newest = Some((epoch, *monitor));
     }
 
-    #[must_use]
     pub fn section(&self) -> Theorem {
         let Some((_, newest)) = self.newest else {
             let law_without = self.law_without.map(str::to_owned);
@@ -231,7 +229,6 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
 impl Theorem {
     /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
     /// airframe was built with, and the causes since the bounds began.
-    #[must_use]
     pub fn of(monitor: &Monitor, theta: [f64; 3], built: [f64; 3], causes: u64) -> Self {
         let broken = UNBOUNDED
             .into_iter()

@@ -48,7 +48,6 @@ struct PathSample {
 
 impl Tracer {
     /// Of a flight with this reference.
-    #[must_use]
     pub fn new(tracking: Tracking) -> Self {
         Self {
             tracking,
@@ -135,7 +134,6 @@ impl Tracer {
         *range = range.and(Range::of(value_ns as f64 / 1e3));
     }
 
-    #[must_use]
     pub fn traces(&self) -> Traces {
         let sample = |pick: fn(&PathSample) -> [f64; 3]| {
             self.path.iter().map(|s| pick(s).map(rounded)).collect()

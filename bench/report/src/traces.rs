@@ -106,13 +106,11 @@ pub struct Span {
 
 impl Traces {
     /// Whether the inner law estimates what the traces have the truth of.
-    #[must_use]
     pub fn has_estimates(&self) -> bool {
         self.flight.has(ESTIMATE[0])
     }
 
     /// Whether the inner law shows its rate error.
-    #[must_use]
     pub fn has_rate_error(&self) -> bool {
         self.flight.has(RATE_ERROR[0])
     }
@@ -120,7 +118,6 @@ impl Traces {
 
 impl Group {
     /// Whether a channel was followed at all.
-    #[must_use]
     pub fn has(&self, channel: &str) -> bool {
         self.spans(channel).next().is_some()
     }

@@ -23,31 +23,26 @@ pub struct Tracking {
 
 impl Tracking {
     /// Of a trajectory that is flown in ticks of `period_s` [s].
-    #[must_use]
     pub const fn of(trajectory: Trajectory, period_s: f64) -> Self {
         Self::along(ScaledTrajectory::of(trajectory), period_s)
     }
 
     /// Of a course that is flown in ticks of `period_s` [s].
-    #[must_use]
     pub const fn along(course: ScaledTrajectory, period_s: f64) -> Self {
         Self { course, period_s }
     }
 
     /// Sample time of the laws [s].
-    #[must_use]
     pub const fn period_s(&self) -> f64 {
         self.period_s
     }
 
     /// Reference position at a tick, world frame [m]: that of the tick's set-point, bit for bit.
-    #[must_use]
     pub fn position_w_m(&self, tick: u64) -> [f64; 3] {
         self.reference(tick).position_w_m
     }
 
     /// Reference yaw at a tick [rad].
-    #[must_use]
     pub fn yaw_rad(&self, tick: u64) -> f64 {
         self.reference(tick).yaw_rad
     }
@@ -57,7 +52,6 @@ impl Tracking {
     }
 
     /// True distance of the state of a tick from its reference [m].
-    #[must_use]
     pub fn error_m(&self, tick: u64, state: &State) -> f64 {
         Setpoint {
             reference: self.reference(tick),
@@ -85,25 +79,21 @@ impl TrackingError {
         self.last_m = error_m;
     }
 
-    #[must_use]
     pub const fn states(&self) -> u64 {
         self.states
     }
 
     /// Root mean square [m]; 0 without a state.
-    #[must_use]
     pub fn rms_m(&self) -> f64 {
         (self.squared_sum_m2 / self.states.max(1) as f64).sqrt()
     }
 
     /// Largest [m].
-    #[must_use]
     pub const fn max_m(&self) -> f64 {
         self.max_m
     }
 
     /// That of the newest state [m].
-    #[must_use]
     pub const fn last_m(&self) -> f64 {
         self.last_m
     }
@@ -126,7 +116,6 @@ pub struct RecentStates {
 
 impl RecentStates {
     /// Of a flight in ticks of `period_s` [s].
-    #[must_use]
     pub fn new(period_s: f64) -> Self {
         Self {
             length_ticks: (RECENT_S / period_s).round() as u64,
@@ -161,13 +150,11 @@ impl RecentStates {
     }
 
     /// Largest error [m]; 0 without a state.
-    #[must_use]
     pub fn error_max_m(&self) -> f64 {
         self.errors.front().map_or(0.0, |(_, error_m)| *error_m)
     }
 
     /// How long they last [s]: less than [`RECENT_S`] in a short flight.
-    #[must_use]
     pub fn length_s(&self) -> f64 {
         let ticks = self.first_tick.map_or(0, |first| {
             (self.newest_tick - first + 1).min(self.length_ticks)
@@ -176,7 +163,6 @@ impl RecentStates {
     }
 
     /// Lowest point of the whole flight [m]; 0 without a state.
-    #[must_use]
     pub fn lowest_z_m(&self) -> f64 {
         if self.lowest_z_m.is_finite() {
             self.lowest_z_m

@@ -45,7 +45,6 @@ pub struct Evidence<'a> {
 }
 
 impl Verdicts {
-    #[must_use]
     pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
         let Evidence {
             run,
@@ -100,7 +99,6 @@ impl Verdicts {
 }
 
 /// Whether a flight follows its reference; it still flies without an ending.
-#[must_use]
 pub fn flight_verdict(
     performance: &ControlPerformance,
     ending: Option<EndReason>,
@@ -142,7 +140,6 @@ pub fn flight_verdict(
 }
 
 /// Whether a flight was in time.
-#[must_use]
 pub fn timing_verdict(
     ticks: &Ticks,
     not_fresh: &NotFresh,
@@ -175,7 +172,6 @@ pub fn timing_verdict(
     Explained { word, why }
 }
 
-#[must_use]
 pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     let unexplained = theorem.unexplained();
     let counts = theorem.counts();
@@ -213,7 +209,6 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
 }
 
 impl FlightVerdict {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::NotSeen => "not seen",
@@ -226,7 +221,6 @@ impl FlightVerdict {
 }
 
 impl TimingVerdict {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::NotMeasured => "not measured",
@@ -238,7 +232,6 @@ impl TimingVerdict {
 }
 
 impl StabilityVerdict {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::NotApplicable => "not applicable",
@@ -251,7 +244,6 @@ impl StabilityVerdict {
 
 impl Verdicts {
     /// Subject, word and reason of each, in order.
-    #[must_use]
     pub fn each(&self) -> [(&'static str, &'static str, &str); 3] {
         [
             ("Flight", self.flight.word.words(), &self.flight.why),
@@ -261,7 +253,6 @@ impl Verdicts {
     }
 
     /// As `key=value` pairs of a line for programs.
-    #[must_use]
     pub fn pairs(&self) -> String {
         let pair = |(subject, word, _): (&str, &str, &str)| {
             format!("{}={}", subject.to_lowercase(), word.replace(' ', "-"))

@@ -38,7 +38,6 @@ pub struct Left {
 }
 
 /// Renders the short report of a flight, with where the rest is.
-#[must_use]
 pub fn render(report: &Report, left: &Left) -> String {
     let foot = [latencies(report), foot(left)].concat();
     let mut head: Vec<String> = sentences(report)

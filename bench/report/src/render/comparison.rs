@@ -11,7 +11,6 @@ use crate::traces::Span;
 /// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
 const ERROR_MIN_M: f64 = 1e-4;
 
-#[must_use]
 pub fn document(comparison: &Comparison) -> Document {
     let flight = &comparison.flight;
     let combinations = comparison.outcomes.len();
@@ -248,7 +247,6 @@ fn ending(outcome: &Outcome) -> Option<String> {
 }
 
 /// A length in millimetres [mm], with three digits that count.
-#[must_use]
 pub fn millimetres(length_m: f64) -> String {
     significant(1e3 * length_m)
 }
@@ -272,7 +270,6 @@ type Answer = (String, Option<f64>);
 type Measure = fn(&Outcome) -> Answer;
 
 /// The Markdown tables of comparisons of the same laws, each with the name of its row; what is best in its row is bold.
-#[must_use]
 pub fn tables(rows: &[(String, Comparison)]) -> String {
     let Some((_, first)) = rows.first() else {
         return String::new();

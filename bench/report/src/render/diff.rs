@@ -5,7 +5,6 @@ use crate::phrase::{count, wrapped};
 use crate::render::document::{Block, Section, known, row, table};
 use serde_json::Value;
 
-#[must_use]
 pub fn render(diff: &Diff) -> String {
     let (said, rest): (Vec<_>, Vec<_>) = diff
         .figures

@@ -105,7 +105,6 @@ impl<T: Display> From<T> for Cell {
 }
 
 impl Cell {
-    #[must_use]
     pub fn colored(text: impl Display, class: &'static str) -> Self {
         Self {
             class,
@@ -114,12 +113,10 @@ impl Cell {
     }
 }
 
-#[must_use]
 pub fn row<const N: usize>(cells: [&dyn Display; N]) -> Vec<Cell> {
     cells.map(Cell::from).into()
 }
 
-#[must_use]
 pub fn table(
     columns: impl IntoIterator<Item = impl Into<String>>,
     rows: impl IntoIterator<Item = Vec<Cell>>,
@@ -128,18 +125,15 @@ pub fn table(
 }
 
 /// A number, or a dash where there is none.
-#[must_use]
 pub fn known<T: Display>(value: Option<T>) -> String {
     value.map_or_else(|| "-".into(), |value| value.to_string())
 }
 
-#[must_use]
 pub fn us(value: f64) -> String {
     format!("{value:.1}")
 }
 
 impl Document {
-    #[must_use]
     pub fn text(&self) -> String {
         let sections = self.sections.iter().filter_map(|section| {
             let text = section.text();
@@ -149,7 +143,6 @@ impl Document {
         std::iter::once(text(&self.lead)).chain(sections).collect()
     }
 
-    #[must_use]
     pub fn html(&self) -> String {
         let page = html! {
             (DOCTYPE)
@@ -196,20 +189,17 @@ impl Document {
 }
 
 impl Section {
-    #[must_use]
     pub fn new(id: &'static str, title: impl Into<String>, blocks: Vec<Block>) -> Self {
         let title = title.into();
         Self { id, title, blocks }
     }
 
     /// What a terminal shows below the title.
-    #[must_use]
     pub fn text(&self) -> String {
         text(&self.blocks)
     }
 }
 
-#[must_use]
 pub fn text(blocks: &[Block]) -> String {
     blocks.iter().map(Block::text).collect()
 }
@@ -274,7 +264,6 @@ impl Block {
 }
 
 impl Figure {
-    #[must_use]
     pub fn new(
         name: impl Into<String>,
         title: impl Into<String>,
@@ -305,7 +294,6 @@ impl Figure {
 }
 
 impl Table {
-    #[must_use]
     pub fn new(
         columns: impl IntoIterator<Item = impl Into<String>>,
         rows: impl IntoIterator<Item = Vec<Cell>>,
@@ -317,7 +305,6 @@ impl Table {
     }
 
     /// A table whose rows have names; `first` is above these.
-    #[must_use]
     pub fn named(
         first: &str,
         columns: impl IntoIterator<Item = impl ToString>,
@@ -334,13 +321,11 @@ impl Table {
     }
 
     /// With the names of the rows indented below that of their column, and columns of numbers to the right.
-    #[must_use]
     pub fn text(&self) -> String {
         self.aligned("  ")
     }
 
     /// The same without an indent: a table that is all that is printed.
-    #[must_use]
     pub fn list(&self) -> String {
         self.aligned("")
     }
@@ -406,7 +391,6 @@ impl Table {
         }
     }
 
-    #[must_use]
     pub fn markdown(&self) -> String {
         let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
         let head = line(self.columns.iter().map(String::as_str).collect());

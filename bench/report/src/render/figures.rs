@@ -51,7 +51,6 @@ pub struct Figures<'a> {
 
 impl<'a> Figures<'a> {
     /// Of the flight of a report; none while it is in the air.
-    #[must_use]
     pub fn of(report: &'a Report) -> Option<Self> {
         Some(Self {
             traces: report.traces.as_ref()?,
@@ -63,7 +62,6 @@ impl<'a> Figures<'a> {
     }
 
     /// Roll, pitch or yaw, with what the outer loop wants.
-    #[must_use]
     pub fn attitude(&self, i: usize) -> Figure {
         let name = ANGLES[i];
         let lines = [
@@ -75,7 +73,6 @@ impl<'a> Figures<'a> {
     }
 
     /// A component of the position, with its reference.
-    #[must_use]
     pub fn position(&self, i: usize) -> Figure {
         let name = AXES[i];
         let lines = [
@@ -86,7 +83,6 @@ impl<'a> Figures<'a> {
         self.over_time(name, &title, &format!("{name} [m]"), &lines, 0.01)
     }
 
-    #[must_use]
     pub fn distance(&self) -> Figure {
         let lines = [("flown", traces::DISTANCE, "")];
         let title = "Distance from the reference";
@@ -94,7 +90,6 @@ impl<'a> Figures<'a> {
     }
 
     /// Attitude, position, errors, and what the laws demanded.
-    #[must_use]
     pub fn flight(&self) -> Vec<Figure> {
         fn three(names: [&'static str; 3], channels: traces::Names) -> [Line<'static>; 3] {
             std::array::from_fn(|i| (names[i], channels[i], names[i]))
@@ -138,7 +133,6 @@ impl<'a> Figures<'a> {
     }
 
     /// An estimate, with what is true.
-    #[must_use]
     pub fn estimate(&self, i: usize) -> Figure {
         let lines = [
             ("reference", traces::ACTUAL[i], "true"),
@@ -159,7 +153,6 @@ impl<'a> Figures<'a> {
     }
 
     /// The signals of a role's law, low, as there may be many.
-    #[must_use]
     pub fn telemetry(&self, role: &'static str, signals: &[SignalSection]) -> Vec<Figure> {
         let Some(group) = self.traces.telemetry.get(role) else {
             return Vec::new();
@@ -182,7 +175,6 @@ impl<'a> Figures<'a> {
     }
 
     /// V, V_th, their changes, and violating steps by cause.
-    #[must_use]
     pub fn theorem(&self) -> Vec<Figure> {
         let group = &self.traces.flight;
         let both = |name: &str, title: &str, label: &str, channels: [&str; 2], along| {
@@ -220,7 +212,6 @@ impl<'a> Figures<'a> {
     }
 
     /// Latencies over time; `tick_us` is the length of a tick, where ticks have one.
-    #[must_use]
     pub fn latencies(&self, tick_us: Option<f64>) -> Vec<Figure> {
         let latency = |name: &str, title: &str, line: Line<'_>| {
             let (label, along) = ("latency [us]", Along::Log(tick_us));
@@ -255,7 +246,6 @@ impl<'a> Figures<'a> {
     }
 
     /// The way flown, projected on the plane of two axes at one scale.
-    #[must_use]
     pub fn path(&self, across: usize, up: usize) -> Chart {
         let Path {
             tick,

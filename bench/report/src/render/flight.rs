@@ -56,13 +56,11 @@ pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
 };
 
 /// The whole report for a terminal.
-#[must_use]
 pub fn text(report: &Report) -> String {
     SECTION_NAMES.map(|name| section(report, name)).join("\n")
 }
 
 /// The section of a name for a terminal.
-#[must_use]
 pub fn section(report: &Report, name: &str) -> String {
     let named = SECTIONS.iter().filter(|(it, ..)| *it == name);
     named
@@ -71,7 +69,6 @@ pub fn section(report: &Report, name: &str) -> String {
 }
 
 /// The report as a page: it shows what report.json holds, and nothing else.
-#[must_use]
 pub fn page(report: &Report) -> String {
     let (run, verdict) = (&report.run, &report.verdict);
     let build = run.build.of_version(&run.version).to_string();
@@ -99,7 +96,6 @@ pub fn page(report: &Report) -> String {
 }
 
 /// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
-#[must_use]
 pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
     let comma = if airframe.is_empty() {
         ""
@@ -110,7 +106,6 @@ pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> 
 }
 
 /// An airframe in a word: its name, and of a file also the begin of its SHA-256.
-#[must_use]
 pub fn airframe(name: &str, sha256: &str) -> String {
     match sha256.get(..12) {
         Some(begin) => format!("{name} (sha256 {begin})"),
@@ -120,20 +115,17 @@ pub fn airframe(name: &str, sha256: &str) -> String {
 
 impl RunSection {
     /// What was flown; reports from before airframes were named have none.
-    #[must_use]
     pub fn flown(&self) -> String {
         let airframe = airframe(&self.airframe, &self.airframe_sha256);
         flown(&self.trajectory, &self.preset, &airframe)
     }
 }
 
-#[must_use]
 pub fn title(run: &RunSection) -> String {
     format!("{}, {}", run.flown(), run.started)
 }
 
 /// The one parseable last line of a flight.
-#[must_use]
 pub fn result_line(report: &Report, directory: &str) -> String {
     let percentile = |name: &str, pick: fn(&Statistics) -> Option<f64>| {
         report
@@ -254,7 +246,6 @@ fn head(report: &Report) -> Vec<Block> {
 }
 
 /// How it ended, where it has.
-#[must_use]
 pub fn ending(report: &Report) -> &str {
     if report.run.in_flight {
         "IN FLIGHT, numbers so far"
@@ -280,7 +271,6 @@ fn here(report: &Report) -> String {
 }
 
 /// What was flown, and how fast.
-#[must_use]
 pub fn pace(report: &Report) -> String {
     let run = &report.run;
     let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * run.period_us / 1e6;
@@ -300,7 +290,6 @@ pub fn pace(report: &Report) -> String {
 }
 
 /// Which laws flew, in words; nothing in reports from before they could be chosen.
-#[must_use]
 pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
     let named = |(role, law): (&str, &LawSection)| {
         let slow = if law.not_real_time {
@@ -406,7 +395,6 @@ fn deaths(report: &Report) -> Vec<Block> {
 
 impl ProcessFailure {
     /// Who, when and how, and what it cost, in one line.
-    #[must_use]
     pub fn line(&self) -> String {
         let Self {
             role, tick, time_s, ..
@@ -444,7 +432,6 @@ impl ProcessFailure {
 
 impl RecoveryPhases {
     /// The parts in their order, each with what it is called [ms].
-    #[must_use]
     pub const fn named(&self) -> [(&'static str, f64); 9] {
         [
             ("noticed", self.noticed_ms),
@@ -460,12 +447,10 @@ impl RecoveryPhases {
     }
 
     /// All of them [ms].
-    #[must_use]
     pub fn sum_ms(&self) -> f64 {
         self.named().iter().map(|(_, ms)| ms).sum()
     }
 
-    #[must_use]
     pub fn line(&self) -> String {
         let parts = self
             .named()
@@ -671,7 +656,6 @@ fn lead(report: &Report) -> Option<String> {
 
 impl LeadSection {
     /// As a line of text; of a flight of `ticks`.
-    #[must_use]
     pub fn text(&self, ticks: u64) -> String {
         let Self {
             lead_us,
@@ -740,7 +724,6 @@ fn log(log: &LogSection) -> String {
 }
 
 /// The position error in words, for all that is said of a flight.
-#[must_use]
 pub fn position_error(report: &Report) -> String {
     let flight = &report.flight;
     let without = match flight.ticks_without_state {

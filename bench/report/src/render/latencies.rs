@@ -71,7 +71,6 @@ fn class(series: &str) -> &'static str {
     class.unwrap_or("plant")
 }
 
-#[must_use]
 pub fn blocks(report: &Report) -> Vec<Block> {
     let mut blocks = percentiles(report);
     if !report.distributions.is_empty() {

@@ -10,7 +10,6 @@ use crate::render::scale::Scale;
 /// Errors below are drawn as this [m].
 const ERROR_MIN_M: f64 = 1e-4;
 
-#[must_use]
 pub fn document(margins: &Margins) -> Document {
     let lead = [
         margins.flown(),

@@ -12,7 +12,6 @@ use crate::schema::Report;
 use crate::speed::Speed;
 use messages::role::STAGES;
 
-#[must_use]
 pub fn blocks(report: &Report) -> Vec<Block> {
     let outages = &report.autopsy;
     let margin = margin_section::sentence(report).map(|margin| Block::Fact("Margin", margin));
@@ -79,7 +78,6 @@ fn list(outages: &OutageSection) -> Vec<Block> {
 }
 
 impl OutageSection {
-    #[must_use]
     pub fn text(&self) -> String {
         document::text(&list(self))
     }
@@ -91,7 +89,6 @@ fn named(class: &str, stage: Option<&str>) -> String {
 }
 
 impl CauseCount {
-    #[must_use]
     pub fn cause(&self) -> String {
         named(self.class.words(), self.stage.as_deref())
     }
@@ -99,7 +96,6 @@ impl CauseCount {
 
 impl OutageCase {
     /// Where, how long and why, in one line.
-    #[must_use]
     pub fn line(&self) -> String {
         let Self {
             tick,

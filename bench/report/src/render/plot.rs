@@ -47,7 +47,6 @@ pub struct Axis {
 }
 
 impl Axis {
-    #[must_use]
     pub fn new(scale: Scale, label: impl Into<String>) -> Self {
         Self {
             scale,
@@ -109,7 +108,6 @@ pub enum Layer {
 
 impl Layer {
     /// Lines from the foot of the chart up to points.
-    #[must_use]
     pub fn stems(class: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let stem = |(x, y)| ([(x, f64::NEG_INFINITY), (x, y)], String::new());
         Self::Segments {
@@ -119,7 +117,6 @@ impl Layer {
     }
 
     /// Lines over the whole height, each with a word.
-    #[must_use]
     pub fn verticals(class: &str, at: impl IntoIterator<Item = (f64, String)>) -> Self {
         let vertical = |(x, word)| ([(x, f64::NEG_INFINITY), (x, f64::INFINITY)], word);
         Self::Segments {
@@ -164,7 +161,6 @@ struct Frame {
 }
 
 impl Chart {
-    #[must_use]
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, layers: Vec<Layer>) -> Self {
         let height = match &y.scale.kind {
             Kind::Rows(names) => ABOVE + ROW * names.len() as f64 + BELOW,
@@ -181,7 +177,6 @@ impl Chart {
     }
 
     /// The chart as an `svg` element; `place` are attributes that put it into another one: x, y, width, height.
-    #[must_use]
     pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
         let frame = self.frame();
         let [x, y, width, height] = place.map_or([None; 4], |place| place.map(Some));
@@ -245,7 +240,6 @@ impl Chart {
     }
 
     /// Width by height of the rectangle inside the axes.
-    #[must_use]
     pub fn proportion(&self) -> f64 {
         let Frame {
             left,

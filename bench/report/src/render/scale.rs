@@ -45,19 +45,16 @@ const LOG_TICKS: f64 = 6.0;
 const TICKS_MOST: usize = 100;
 
 impl Scale {
-    #[must_use]
     pub const fn new(kind: Kind, low: f64, high: f64) -> Self {
         Self { kind, low, high }
     }
 
     /// An axis from the first to the last of some instants.
-    #[must_use]
     pub fn time(begin: f64, end: f64) -> Self {
         Self::new(Kind::Linear, begin, end.max(begin + 1e-9))
     }
 
     /// A linear axis around some values that is at least `least` long, and a share of the numbers on it.
-    #[must_use]
     pub fn linear(values: impl Iterator<Item = f64>, least: f64) -> Self {
         let (low, high) = extent(values).unwrap_or((0.0, least));
         let least = match least.max(LEAST_SHARE * low.abs().max(high.abs())) {
@@ -70,7 +67,6 @@ impl Scale {
     }
 
     /// A logarithmic axis around those of some values that are above 0, and at least half a decade long.
-    #[must_use]
     pub fn log(values: impl Iterator<Item = f64>) -> Self {
         let (low, high) = extent(values.filter(|value| *value > 0.0)).unwrap_or((1.0, 10.0));
         let decades = (high / low).log10();
@@ -80,7 +76,6 @@ impl Scale {
     }
 
     /// An axis with 0 on it, which spans six decades of the values' sizes.
-    #[must_use]
     pub fn symmetric(values: impl Iterator<Item = f64>) -> Self {
         let (low, high) = extent(values).unwrap_or((-1.0, 1.0));
         let largest = low.abs().max(high.abs());
@@ -93,20 +88,17 @@ impl Scale {
     }
 
     /// An axis of the shares of a distribution that is known up to `share`.
-    #[must_use]
     pub fn tail(share: f64) -> Self {
         Self::new(Kind::Tail, 0.0, share.clamp(0.99, 1.0 - 1e-9))
     }
 
     /// Rows below each other.
-    #[must_use]
     pub fn rows(names: Vec<String>) -> Self {
         let end = names.len() as f64;
         Self::new(Kind::Rows(names), end, 0.0)
     }
 
     /// Stretches of time, and named instants.
-    #[must_use]
     pub fn windows(windows: Vec<(f64, f64)>, instants: Vec<(f64, String)>) -> Self {
         let first = windows.first().map_or(0.0, |window| window.0);
         let last = windows.last().map_or(1.0, |window| window.1);
@@ -114,7 +106,6 @@ impl Scale {
     }
 
     /// Place of a value, from 0 at the begin to 1 at the end of the axis, where what lies beyond stands too.
-    #[must_use]
     pub fn place(&self, value: f64) -> f64 {
         let bent = |value: f64| match &self.kind {
             Kind::Linear | Kind::Rows(_) => value,
@@ -128,7 +119,6 @@ impl Scale {
     }
 
     /// Ticks, about as many as asked where the scale leaves a choice.
-    #[must_use]
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let (low, high) = (self.low, self.high);
         let row = |(i, name): (usize, &String)| Tick {

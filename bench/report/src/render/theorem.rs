@@ -9,25 +9,21 @@ use messages::monitor::Cause;
 use std::collections::BTreeMap;
 
 impl Theorem {
-    #[must_use]
     pub fn text(&self) -> String {
         document::text(&blocks(self, None))
     }
 
     /// Why it says nothing of a flight whose inner law has no theorem.
-    #[must_use]
     pub fn inapplicable(&self) -> Option<String> {
         self.law_without.as_deref().map(no_theorem)
     }
 
-    #[must_use]
     pub fn unexplained(&self) -> u64 {
         let unexplained = self.violations.get(Cause::Unexplained.name());
         unexplained.copied().unwrap_or(0)
     }
 
     /// How many steps were checked, and how often V rose in one.
-    #[must_use]
     pub fn counts(&self) -> String {
         let violations = self.violations.values();
         let violations = violations.fold(0, |sum: u64, count| sum.saturating_add(*count));
@@ -45,7 +41,6 @@ impl Theorem {
         }
     }
 
-    #[must_use]
     pub fn found(&self) -> String {
         let live = if self.is_live {
             "live"
@@ -55,7 +50,6 @@ impl Theorem {
         format!("{} unexplained, estimates {live}", self.unexplained())
     }
 
-    #[must_use]
     pub fn verdict(&self) -> &'static str {
         match (self.holds, self.violations.values().sum::<u64>()) {
             _ if self.law_without.is_some() => "not applicable",
@@ -80,7 +74,6 @@ impl Theorem {
 }
 
 /// The section; with charts where there are traces.
-#[must_use]
 pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
     let fact = |said: String| vec![Block::Fact("Theorem", said)];
     if let Some(why) = theorem.inapplicable() {
