@@ -4,7 +4,6 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Whether something is as it should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
@@ -27,7 +26,6 @@ impl Level {
 /// What can be expected of a machine; the later, the better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum RealtimeClass {
-    /// Latencies say nothing about the loops.
     #[default]
     #[serde(rename = "not real-time here")]
     NotRealTime,
@@ -83,7 +81,6 @@ impl Finding {
         }
     }
 
-    /// It makes wake-ups late now and then.
     pub fn softens(self, fix: impl Into<String>) -> Self {
         Self {
             level: Level::Warning,
@@ -93,7 +90,6 @@ impl Finding {
         }
     }
 
-    /// It keeps anything from flying in real time.
     pub fn blocks(self, fix: impl Into<String>) -> Self {
         Self {
             level: Level::Blocks,
@@ -104,7 +100,6 @@ impl Finding {
     }
 }
 
-/// A verdict with the findings that it is due to.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Diagnosis {
     pub verdict: RealtimeClass,
@@ -113,7 +108,6 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
-    /// The verdict is the worst that any finding leaves open.
     pub fn of(findings: &[Finding]) -> Self {
         let verdict = findings
             .iter()

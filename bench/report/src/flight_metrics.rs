@@ -70,7 +70,6 @@ impl FlightMetrics {
         &self.recent
     }
 
-    /// Largest angle between body z and the vertical [rad].
     pub fn tilt_max_rad(&self) -> f64 {
         let upright = self.upright_min;
         math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
@@ -92,7 +91,6 @@ impl FlightMetrics {
 pub struct ComparedFlight {
     tracking: Tracking,
     metrics: FlightMetrics,
-    /// True position error of each tick [m].
     error_m: Vec<f64>,
     trace: Stretches<Range>,
 }
@@ -166,7 +164,6 @@ impl ComparedFlight {
     }
 }
 
-/// Figures of errors [m]; none without one.
 fn error_figures(errors_m: &[f64]) -> Option<ErrorFigures> {
     let mut sorted = errors_m.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -184,8 +181,6 @@ fn error_figures(errors_m: &[f64]) -> Option<ErrorFigures> {
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
-    use messages::content::Measured;
-    use messages::content::Truth;
 
     use super::*;
 
@@ -210,37 +205,22 @@ mod tests {
     /// A flight with these errors, whose sensors show none of them; its rotors turn at hover speed.
     fn flown(errors_m: &[f64]) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
-        let mut tally = ComparedFlight::new(tracking, &airframe);
+        let mut compared = ComparedFlight::new(tracking, &airframe);
         for (tick, error_m) in (0..).zip(errors_m) {
-            let position_w_m = tracking.position_w_m(tick);
-            let hover = [airframe.hover_speed_rad_s(); ROTORS];
-            let measured = Measured {
-                position_w_m,
-                rotor_speed_mean_rad_s: hover,
-                ..Measured::default()
-            };
-            let [x, y, z] = position_w_m;
-            let truth = Truth {
-                position_w_m: [x, y - error_m, z],
-                ..Truth::default()
-            };
+            let [x, y, z] = tracking.position_w_m(tick);
+            let mut state = State::default();
+            state.measured.position_w_m = [x, y, z];
+            state.measured.rotor_speed_mean_rad_s = [airframe.hover_speed_rad_s(); ROTORS];
+            state.truth.position_w_m = [x, y - error_m, z];
             let speed = 200.0 + if tick % 2 == 0 { 0.0 } else { 3.0 };
             let rotors = RotorSpeeds {
                 speed_rad_s: [speed, speed, 200.0, 200.0],
                 saturated: u64::from(tick % 4 == 0),
                 ..RotorSpeeds::default()
             };
-            tally.take(
-                tick,
-                &State {
-                    measured,
-                    truth,
-                    ..State::default()
-                },
-                &rotors,
-            );
+            compared.take(tick, &state, &rotors);
         }
-        tally
+        compared
     }
 
     fn close(a: f64, b: f64) -> bool {
@@ -249,44 +229,38 @@ mod tests {
 
     #[test]
     fn errors_are_the_true_ones_before_the_first_fault_and_from_5_s_after_the_last() {
-        let errors: Vec<f64> = (0..=200)
-            .map(|tick| {
-                if tick < 100 {
-                    f64::from(tick) / 100.0
-                } else {
-                    2.0
-                }
-            })
-            .collect();
-        let tally = flown(&errors);
-        let figures = tally.figures(&flight(200, &[50, 120]));
-        let before = figures.error_before.unwrap();
+        let error_m = |tick| {
+            if tick < 100 {
+                f64::from(tick) / 100.0
+            } else {
+                2.0
+            }
+        };
+        let compared = flown(&(0..=200).map(error_m).collect::<Vec<f64>>());
+        let figures = |faults: &[u64]| compared.figures(&flight(200, faults));
+        let both = figures(&[50, 120]);
+        let before = both.error_before.unwrap();
         assert!(
             close(before.worst_m, 0.49) && close(before.p99_m, 0.49),
             "{before:?}"
         );
-        let after = figures.error_after.unwrap();
+        let after = both.error_after.unwrap();
         assert!(
             close(after.rms_m, 2.0) && close(after.worst_m, 2.0),
             "{after:?}"
         );
         // 199 of 201 values are not above 2, and the 99th percentile is the 199th.
         assert!(
-            close(figures.error.worst_m, 2.0) && close(figures.error.p99_m, 2.0),
-            "{figures:?}"
+            close(both.error.worst_m, 2.0) && close(both.error.p99_m, 2.0),
+            "{both:?}"
         );
+        // There is nothing before tick 0, and 5 s after tick 180 the flight was over.
+        assert_eq!(figures(&[0]).error_before, None);
+        assert_eq!(figures(&[180]).error_after, None);
         assert_eq!(
-            tally.figures(&flight(200, &[0])).error_before,
-            None,
-            "there is no before"
+            (figures(&[]).error_before, figures(&[]).error_after),
+            (None, None)
         );
-        assert_eq!(
-            tally.figures(&flight(200, &[180])).error_after,
-            None,
-            "5 s later the flight was over"
-        );
-        let without = tally.figures(&flight(200, &[]));
-        assert_eq!((without.error_before, without.error_after), (None, None));
     }
 
     #[test]
@@ -306,27 +280,24 @@ mod tests {
         errors[50..70].fill(0.9);
         errors[75] = 0.6;
         errors[130..].fill(0.7);
-        let plan = flight(200, &[50, 100, 130]);
+        let recovered = |errors: &[f64]| {
+            flown(errors)
+                .figures(&flight(200, &[50, 100, 130]))
+                .recovery_s
+        };
         // Back once at 70, for good after 75; the second fault does nothing; the third stays.
-        let recovered = flown(&errors).figures(&plan).recovery_s;
-        assert!(close(recovered[0].unwrap(), 2.6), "{recovered:?}");
-        assert_eq!(recovered[1..], [Some(0.0), None]);
+        let found = recovered(&errors);
+        assert!(close(found[0].unwrap(), 2.6), "{found:?}");
+        assert_eq!(found[1..], [Some(0.0), None]);
         // Less than a second below the bound is not yet a stay.
         errors[130..].fill(0.1);
         errors[192] = 0.6;
-        assert_eq!(flown(&errors).figures(&plan).recovery_s[2], None);
+        assert_eq!(recovered(&errors)[2], None);
         errors.swap(192, 190);
-        assert!(close(
-            flown(&errors).figures(&plan).recovery_s[2].unwrap(),
-            6.1
-        ));
-    }
-
-    #[test]
-    fn of_a_flight_that_ended_early_no_recovery_is_told() {
-        let errors = vec![0.1; 150];
-        let figures = flown(&errors).figures(&flight(200, &[50, 100, 180]));
-        assert_eq!(figures.recovery_s, [Some(0.0), None, None]);
+        assert!(close(recovered(&errors)[2].unwrap(), 6.1));
+        // Of a flight that ended early, no recovery is known.
+        let early = flown(&[0.1; 150]).figures(&flight(200, &[50, 100, 180]));
+        assert_eq!(early.recovery_s, [Some(0.0), None, None]);
     }
 
     #[test]
@@ -340,9 +311,7 @@ mod tests {
             "{effort:?}"
         );
         assert_eq!(trace.spans(POWER).count(), 101);
-        assert_eq!(
-            flown(&[]).figures(&flight(100, &[])).effort.agitation_rad_s,
-            0.0
-        );
+        let nothing = flown(&[]).figures(&flight(100, &[]));
+        assert_eq!(nothing.effort.agitation_rad_s, 0.0);
     }
 }

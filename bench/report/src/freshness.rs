@@ -31,7 +31,6 @@ pub struct FreshnessStatistics {
     seen: [Option<u64>; 3],
 }
 
-/// The counters of a state.
 #[derive(Clone, Copy, Debug)]
 struct Judged {
     tick: u64,
@@ -57,7 +56,6 @@ const fn held(mode: Mode) -> bool {
 }
 
 impl FreshnessStatistics {
-    /// Counts from the counters of a flight under way on.
     pub fn join(&mut self, state: &State) {
         // A skipped tick has no command either, and counts as skipped alone.
         self.missed = state.deadlines_missed.saturating_sub(state.ticks_skipped);
@@ -84,10 +82,8 @@ impl FreshnessStatistics {
         } else if missed > skipped {
             self.missed += 1;
         } else {
-            self.on_time.push_back(OnTime {
-                tick: last.tick,
-                by_stamps: missed > 0,
-            });
+            let (tick, by_stamps) = (last.tick, missed > 0);
+            self.on_time.push_back(OnTime { tick, by_stamps });
         }
     }
 
@@ -99,7 +95,6 @@ impl FreshnessStatistics {
         }
     }
 
-    /// Takes a rotor command.
     pub fn command(&mut self, envelope: &Header, sent_ns: u64, mode: u64) {
         let tick = envelope.tick;
         self.seen[2] = self.seen[2].max(Some(tick));
@@ -127,29 +122,22 @@ impl FreshnessStatistics {
             }
             self.on_time.pop_front();
         }
-        let oldest = self
-            .on_time
-            .front()
-            .map(|it| it.tick)
-            .or(self.last.map(|last| last.tick))
-            .unwrap_or(0);
+        let next = self.on_time.front().map(|it| it.tick);
+        let oldest = next.or(self.last.map(|last| last.tick)).unwrap_or(0);
         self.commands = self.commands.split_off(&oldest);
         self.held = self.held.split_off(&oldest);
     }
 
     /// The flight is over: the plant's last verdicts, where it gave any after its last state.
     pub fn finish(&mut self, next_tick: u64, missed: u64, skipped: u64, grid: Option<Grid>) {
-        let follows_loss = self
-            .last
-            .is_some_and(|last| next_tick - last.tick > 1 + skipped - last.skipped);
-        self.judge(
-            Judged {
-                tick: next_tick,
-                missed,
-                skipped,
-            },
-            follows_loss,
-        );
+        let is_lost = |last: Judged| next_tick - last.tick > 1 + skipped - last.skipped;
+        let follows_loss = self.last.is_some_and(is_lost);
+        let now = Judged {
+            tick: next_tick,
+            missed,
+            skipped,
+        };
+        self.judge(now, follows_loss);
         self.decide(grid, true);
     }
 

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 /// Stolen time above which latencies tell of the host, and not of the loops [%].
 pub const STEAL_LIMIT_PERCENT: f64 = 1.0;
 
-/// The machine, as far as it explains latencies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Host {
     pub kernel: String,
@@ -36,7 +35,6 @@ impl Host {
 pub struct Steal {
     /// Stolen [ms], in the kernel's resolution of 10 ms.
     pub stolen_ms: u64,
-    /// Share of their time [%].
     pub percent: f64,
     /// Their time [ms]; 0 where the kernel counts none, and in reports from before it was kept.
     #[serde(default)]
@@ -47,7 +45,6 @@ pub struct Steal {
 }
 
 impl Steal {
-    /// Whose time it is, in words.
     pub fn processors(&self) -> String {
         self.processor.map_or_else(
             || "all processors".into(),
@@ -65,7 +62,6 @@ pub enum InterruptKind {
     Soft,
 }
 
-/// How often an interrupt came during the flight.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InterruptCount {
     pub kind: InterruptKind,
@@ -76,11 +72,9 @@ pub struct InterruptCount {
     pub count: u64,
 }
 
-/// Interrupts of the loops' processor during the flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InterruptSection {
     /// The processor; none where the loops did not share one, and all are counted together.
     pub processor: Option<u64>,
-    /// What came, the most frequent first.
     pub counts: Vec<InterruptCount>,
 }

@@ -61,7 +61,6 @@ pub struct OutageCase {
     pub timeline: Vec<TimelineTick>,
 }
 
-/// What the stages did in a tick.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimelineTick {
     pub tick: u64,

@@ -7,7 +7,6 @@ pub const WIDTH: usize = 80;
 /// Every line of a sentence after the first begins with this.
 pub const INDENT: &str = "          ";
 
-/// A sentence as lines of a terminal.
 pub fn wrapped(sentence: &str) -> Vec<String> {
     let options = Options::new(WIDTH)
         .subsequent_indent(INDENT)

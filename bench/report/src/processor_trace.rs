@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Who or what had a processor.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Runner {
     Idle,
@@ -21,7 +20,6 @@ pub enum Runner {
 }
 
 impl Runner {
-    /// The thread's number; 0 is nobody's.
     pub const fn pid(&self) -> u64 {
         match self {
             Self::Thread { pid, .. } => *pid,
@@ -38,17 +36,13 @@ impl Runner {
     }
 }
 
-/// A stretch in which somebody had a processor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Slice {
-    /// From here [ns].
     pub from_ns: u64,
-    /// To here [ns].
     pub to_ns: u64,
     pub runner: Runner,
 }
 
-/// How long somebody had the processor during a delay.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunnerTime {
     pub who: String,

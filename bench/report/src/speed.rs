@@ -3,7 +3,6 @@
 use crate::schema::RunSection;
 use messages::blackboards::LOCKSTEP;
 
-/// How fast a flight went, against the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speed {
     /// As fast as its processes pass ticks on.

@@ -38,7 +38,6 @@ impl FlightStatus {
         }
     }
 
-    /// Whether the flight came to its end in order.
     pub const fn is_over(self) -> bool {
         matches!(self, Self::Pass | Self::Incomplete | Self::Fail)
     }

@@ -63,14 +63,11 @@ pub struct Traces {
     pub violations: BTreeMap<String, Vec<Violations>>,
 }
 
-/// Numbers that share their stretches of time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Group {
-    /// Length of a stretch [ticks].
     pub every_ticks: u64,
     /// First tick of each stretch that has values.
     pub tick: Vec<u64>,
-    /// The numbers, by name with unit.
     pub channels: BTreeMap<String, Trace>,
 }
 
@@ -81,13 +78,10 @@ pub struct Trace {
     pub max: Vec<Option<f64>>,
 }
 
-/// The way flown, as samples at equal distances in time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Path {
     pub tick: Vec<u64>,
-    /// Position, world frame [m].
     pub position_w_m: Vec<[f64; 3]>,
-    /// Reference, world frame [m].
     pub reference_w_m: Vec<[f64; 3]>,
 }
 
@@ -110,14 +104,12 @@ impl Traces {
         self.flight.has(ESTIMATE[0])
     }
 
-    /// Whether the inner law shows its rate error.
     pub fn has_rate_error(&self) -> bool {
         self.flight.has(RATE_ERROR[0])
     }
 }
 
 impl Group {
-    /// Whether a channel was followed at all.
     pub fn has(&self, channel: &str) -> bool {
         self.spans(channel).next().is_some()
     }

@@ -52,7 +52,6 @@ pub fn render(report: &Report, left: &Left) -> String {
     [head, foot].concat().join("\n") + "\n"
 }
 
-/// What there is to say, what matters first.
 fn sentences(report: &Report) -> Vec<String> {
     let word = |(subject, word, why): (&str, &str, &str)| {
         format!("{subject:<9} {}: {why}", word.to_uppercase())
@@ -97,7 +96,6 @@ fn sentences(report: &Report) -> Vec<String> {
     all
 }
 
-/// A sentence in as many lines as it may have.
 fn lines(sentence: &str) -> Vec<String> {
     const CUT: &str = " ...";
     let mut lines = wrapped(sentence);

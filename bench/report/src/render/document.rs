@@ -51,7 +51,6 @@ pub enum Block {
     KeyFigures(Vec<(String, String, String)>),
     Note(String),
     PageHeading(&'static str),
-    /// Colours and what they stand for.
     Legend(Vec<(&'static str, &'static str)>),
     Figures(Vec<Figure>),
     /// Figures of which few stand beside each other.
@@ -64,16 +63,13 @@ pub struct Verdict {
     pub subject: &'static str,
     pub word: &'static str,
     pub why: String,
-    /// `good`, `bad` or `open`.
     pub tone: &'static str,
 }
 
 #[derive(Clone, Debug)]
 pub struct Figure {
-    /// Tells it from the others.
     pub name: String,
     pub title: String,
-    /// Colour and word of each line.
     pub keys: Vec<(&'static str, String)>,
     pub note: String,
     pub chart: Chart,
@@ -89,7 +85,6 @@ pub struct Table {
 #[derive(Clone, Debug, Default)]
 pub struct Cell {
     pub text: String,
-    /// Its colour on a page.
     pub class: &'static str,
     /// How dark it is on a page [%].
     pub shade: Option<f64>,
@@ -194,7 +189,6 @@ impl Section {
         Self { id, title, blocks }
     }
 
-    /// What a terminal shows below the title.
     pub fn text(&self) -> String {
         text(&self.blocks)
     }

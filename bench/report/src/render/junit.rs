@@ -30,7 +30,6 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Writes the gates of a flight.
 pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
     let mut properties = Properties::new();
     for (subject, word, why) in report.words.each() {

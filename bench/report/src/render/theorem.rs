@@ -193,7 +193,6 @@ fn causes(theorem: &Theorem) -> Table {
     )
 }
 
-/// What a cause of a violation is, in words.
 fn explained(cause: &str) -> &'static str {
     match cause {
         "live_swap" => "samples from before a live swap had not faded",
