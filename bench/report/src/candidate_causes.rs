@@ -30,7 +30,6 @@ pub enum Life {
     /// It can, or nothing is known of it.
     #[default]
     Lives,
-    /// A signal or a debugger has stopped it.
     Stopped,
     Dead,
 }
@@ -42,7 +41,6 @@ pub struct Counters {
     pub pid: u64,
     pub life: Life,
     pub faults: u64,
-    /// Times that the processor was taken from it.
     pub involuntary_switches: u64,
     /// Time that it was ready to run and did not have a processor [ns].
     pub waited_ns: u64,
@@ -82,7 +80,6 @@ pub struct TimingWindow<'a> {
 pub struct StageUsage {
     pub is_stopped: bool,
     pub is_dead: bool,
-    /// The process that had its place afterwards.
     pub successor: Option<u64>,
     pub faults: u64,
     pub involuntary_switches: u64,

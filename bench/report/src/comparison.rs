@@ -70,7 +70,6 @@ pub struct Outcome {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
-    /// True position error of the whole flight.
     pub error: ErrorFigures,
     /// The same before the first fault; none where a fault strikes at tick 0, or there is none.
     pub error_before: Option<ErrorFigures>,
@@ -79,7 +78,6 @@ pub struct Figures {
     /// Per fault, time until the true position error was below the bound, and stayed there until the next fault or the
     /// end, for [`STAYING_S`] at least [s]; none where it was not.
     pub recovery_s: Vec<Option<f64>>,
-    /// What the rotors were made to do.
     pub effort: Effort,
     pub trace: Group,
 }
@@ -89,7 +87,7 @@ pub const TRUE_ERROR: &str = "true_position_error_m";
 /// Channel of the trace: sum of the cubed rotor speeds, as a multiple of that in hover.
 pub const POWER: &str = "rotor_power";
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorFigures {
     pub rms_m: f64,
     pub p99_m: f64,

@@ -40,8 +40,7 @@ impl Deadlines {
         }
     }
 
-    /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`; `judge` is
-    /// told the tick of each.
+    /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`.
     pub fn published(
         &mut self,
         tick: u64,
@@ -51,11 +50,9 @@ impl Deadlines {
         let first_owed = self.owed_tick.unwrap_or(tick);
         for owed in first_owed..=tick {
             let deadline_ns = self.grid.begin_of(owed + 1);
-            let verdict = match deadline_ns.checked_sub(send_ns) {
-                Some(slack_ns) => DeadlineOutcome::Slack(slack_ns),
-                None => DeadlineOutcome::Late(send_ns - deadline_ns),
-            };
-            judge(owed, verdict);
+            let slack_ns = deadline_ns.checked_sub(send_ns);
+            let late = || DeadlineOutcome::Late(send_ns - deadline_ns);
+            judge(owed, slack_ns.map_or_else(late, DeadlineOutcome::Slack));
         }
         self.owed_tick = Some(first_owed.max(tick + 1));
     }
@@ -73,10 +70,8 @@ impl Deadlines {
         mut judge: impl FnMut(u64, DeadlineOutcome),
     ) {
         for owed in self.owed_tick.unwrap_or(last_tick + 1)..=last_tick {
-            judge(
-                owed,
-                DeadlineOutcome::Late(end_ns.saturating_sub(self.grid.begin_of(owed + 1))),
-            );
+            let late_ns = end_ns.saturating_sub(self.grid.begin_of(owed + 1));
+            judge(owed, DeadlineOutcome::Late(late_ns));
         }
         self.owed_tick = self.owed_tick.max(Some(last_tick + 1));
     }
@@ -84,10 +79,11 @@ impl Deadlines {
 
 #[derive(Clone, Debug, Default)]
 pub struct LateCommands {
-    count: u64,
-    stretches: Vec<LateStretch>,
+    pub count: u64,
+    /// The first [`KEPT`] stretches.
+    pub stretches: Vec<LateStretch>,
     last: Option<u64>,
-    left_out: u64,
+    pub left_out: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,7 +99,7 @@ impl LateCommands {
         self.count += 1;
         let continues = self.last.is_some_and(|last| last + 1 == tick);
         self.last = Some(tick);
-        let has_room = self.stretches.len() < KEPT;
+        let (has_room, length_ticks) = (self.stretches.len() < KEPT, 1);
         match self.stretches.last_mut() {
             // One that was left out has no entry to be continued.
             Some(stretch) if continues && self.left_out == 0 => {
@@ -112,23 +108,11 @@ impl LateCommands {
             }
             _ if has_room => self.stretches.push(LateStretch {
                 tick,
-                length_ticks: 1,
+                length_ticks,
                 late_ns,
             }),
             _ => self.left_out += 1,
         }
-    }
-
-    pub const fn count(&self) -> u64 {
-        self.count
-    }
-
-    pub fn stretches(&self) -> &[LateStretch] {
-        &self.stretches
-    }
-
-    pub const fn left_out(&self) -> u64 {
-        self.left_out
     }
 }
 
@@ -139,7 +123,7 @@ impl LateCommands {
 /// the present run then count as the rest of the last one.
 #[derive(Clone, Debug, Default)]
 pub struct MissRuns {
-    missed: u64,
+    pub missed: u64,
     run: u64,
     lengths: BTreeMap<u64, u64>,
 }
@@ -174,10 +158,6 @@ impl MissRuns {
         if length > 0 {
             *self.lengths.entry(length).or_default() += 1;
         }
-    }
-
-    pub const fn missed(&self) -> u64 {
-        self.missed
     }
 
     /// How many runs there were of each length; the one that has not ended counts with its present length.
@@ -243,12 +223,12 @@ mod tests {
         for (tick, late_ns) in [(7, 40), (8, 90), (9, 30), (11, 5)] {
             late.take(tick, late_ns);
         }
-        let found = late.stretches().iter();
+        let found = late.stretches.iter();
         let found: Vec<_> = found
             .map(|it| (it.tick, it.length_ticks, it.late_ns))
             .collect();
         assert_eq!(found, [(7, 3, 90), (11, 1, 5)]);
-        assert_eq!((late.count(), late.left_out()), (4, 0));
+        assert_eq!((late.count, late.left_out), (4, 0));
     }
 
     #[test]
@@ -257,9 +237,9 @@ mod tests {
         (0..KEPT as u64).for_each(|i| late.take(2 * i, 1));
         let next = 2 * KEPT as u64;
         (next..next + 3).for_each(|tick| late.take(tick, 1));
-        assert_eq!((late.stretches().len(), late.left_out()), (KEPT, 3));
-        assert_eq!(late.count(), KEPT as u64 + 3);
-        let last = late.stretches().last().unwrap();
+        assert_eq!((late.stretches.len(), late.left_out), (KEPT, 3));
+        assert_eq!(late.count, KEPT as u64 + 3);
+        let last = late.stretches.last().unwrap();
         assert_eq!((last.tick, last.length_ticks), (next - 2, 1));
     }
 
@@ -297,7 +277,7 @@ mod tests {
                 .iter()
                 .for_each(|(missed, run)| runs.update(*missed, *run));
             assert_eq!(
-                (runs.missed(), runs.lengths()),
+                (runs.missed, runs.lengths()),
                 (missed, lengths.into_iter().collect())
             );
         }

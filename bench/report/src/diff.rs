@@ -36,7 +36,6 @@ pub struct Diff {
     pub b: Vec<Side>,
     pub settings: Vec<Difference>,
     pub builds: &'static str,
-    /// What differs of machine and granted scheduling.
     pub machine: Vec<Difference>,
     pub figures: Vec<FigureDiff>,
 }
@@ -95,7 +94,6 @@ pub struct FigureDiff {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Says {
-    /// Some flight has too few values for it.
     TooFewValues,
     NotJudged,
     /// The difference is within what chance does, or too small to matter.

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 /// Until when a fault strikes that has no end.
 const FOR_GOOD: &str = "for good";
 const ONCE: &str = "once";
-/// Of one that was ended before it began.
 const CALLED_OFF: &str = "called off before";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -50,9 +50,7 @@ impl RealtimeClass {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
     pub subject: String,
-    /// Whether it is as it should be.
     pub level: Level,
-    /// The best verdict that it leaves open.
     pub allows: RealtimeClass,
     pub found: String,
     pub why: String,
@@ -74,27 +72,24 @@ impl Finding {
 
     /// It could be better, and wake-ups are as bounded as without it.
     pub fn could_be_better(self, fix: impl Into<String>) -> Self {
-        Self {
-            level: Level::Warning,
-            fix: Some(fix.into()),
-            ..self
-        }
+        let allows = self.allows;
+        self.fixed_by(Level::Warning, allows, fix)
     }
 
     pub fn softens(self, fix: impl Into<String>) -> Self {
-        Self {
-            level: Level::Warning,
-            allows: RealtimeClass::Soft,
-            fix: Some(fix.into()),
-            ..self
-        }
+        self.fixed_by(Level::Warning, RealtimeClass::Soft, fix)
     }
 
     pub fn blocks(self, fix: impl Into<String>) -> Self {
+        self.fixed_by(Level::Blocks, RealtimeClass::NotRealTime, fix)
+    }
+
+    fn fixed_by(self, level: Level, allows: RealtimeClass, fix: impl Into<String>) -> Self {
+        let fix = Some(fix.into());
         Self {
-            level: Level::Blocks,
-            allows: RealtimeClass::NotRealTime,
-            fix: Some(fix.into()),
+            level,
+            allows,
+            fix,
             ..self
         }
     }
@@ -109,16 +104,11 @@ pub struct Diagnosis {
 
 impl Diagnosis {
     pub fn of(findings: &[Finding]) -> Self {
-        let verdict = findings
-            .iter()
-            .map(|finding| finding.allows)
-            .min()
-            .unwrap_or(RealtimeClass::Hard);
-        let is_due =
-            |finding: &&Finding| finding.allows == verdict && verdict != RealtimeClass::Hard;
-        let reasons = findings
-            .iter()
-            .filter(is_due)
+        let classes = findings.iter().map(|finding| finding.allows);
+        let verdict = classes.min().unwrap_or(RealtimeClass::Hard);
+        let is_due = |it: &&Finding| it.allows == verdict && verdict != RealtimeClass::Hard;
+        let due = findings.iter().filter(is_due);
+        let reasons = due
             .map(|it| format!("{}: {}", it.subject, it.found))
             .collect();
         Self { verdict, reasons }
@@ -135,19 +125,17 @@ mod tests {
         let better = Finding::ok("b", "x", "").could_be_better("f");
         let soft = Finding::ok("c", "y", "").softens("f");
         let blocks = Finding::ok("d", "z", "").blocks("f");
-        let of = |findings: &[&Finding]| {
-            let findings: Vec<_> = findings.iter().map(|finding| (*finding).clone()).collect();
-            let diagnosis = Diagnosis::of(&findings);
-            (diagnosis.verdict.words(), diagnosis.reasons)
-        };
-        assert_eq!(of(&[&fine, &better]), ("hard", vec![]));
-        assert_eq!(
-            of(&[&fine, &soft, &better]),
-            ("soft", vec!["c: y".to_owned()])
-        );
-        assert_eq!(
-            of(&[&soft, &blocks]),
-            ("not real-time here", vec!["d: z".to_owned()])
-        );
+        for (findings, words, reasons) in [
+            (vec![&fine, &better], "hard", ""),
+            (vec![&fine, &soft, &better], "soft", "c: y"),
+            (vec![&soft, &blocks], "not real-time here", "d: z"),
+        ] {
+            let findings: Vec<Finding> = findings.into_iter().cloned().collect();
+            let Diagnosis {
+                verdict,
+                reasons: found,
+            } = Diagnosis::of(&findings);
+            assert_eq!((verdict.words(), &*found.join("; ")), (words, reasons));
+        }
     }
 }

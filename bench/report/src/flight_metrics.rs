@@ -14,8 +14,8 @@ use messages::parameters::Airframe;
 /// Tracking error, effort and tilt of a flight, summed up tick by tick.
 #[derive(Debug)]
 pub struct FlightMetrics {
-    error: TrackingError,
-    recent: RecentStates,
+    pub error: TrackingError,
+    pub recent: RecentStates,
     /// Smallest component of body z along the vertical: it gives the largest tilt.
     upright_min: f64,
     saturated: u64,
@@ -56,18 +56,9 @@ impl FlightMetrics {
         self.power_sum += power;
         let command = rotors.speed_rad_s;
         let before = self.command.replace(command).unwrap_or(command);
-        self.changes_squared_sum += (0..ROTORS)
-            .map(|i| (command[i] - before[i]) * (command[i] - before[i]))
-            .sum::<f64>();
+        let squares = (0..ROTORS).map(|i| (command[i] - before[i]) * (command[i] - before[i]));
+        self.changes_squared_sum += squares.sum::<f64>();
         power
-    }
-
-    pub const fn error(&self) -> &TrackingError {
-        &self.error
-    }
-
-    pub const fn recent(&self) -> &RecentStates {
-        &self.recent
     }
 
     pub fn tilt_max_rad(&self) -> f64 {
@@ -76,7 +67,7 @@ impl FlightMetrics {
     }
 
     pub fn effort(&self) -> Effort {
-        let ticks = self.error.states();
+        let ticks = self.error.states;
         let changes = ROTORS as f64 * ticks.saturating_sub(1).max(1) as f64;
         Effort {
             power: self.power_sum / ticks.max(1) as f64,
@@ -108,10 +99,8 @@ impl ComparedFlight {
     /// Adds the next tick: its state, and the command computed from it.
     pub fn take(&mut self, tick: u64, state: &State, rotors: &RotorSpeeds) {
         let (flown, reference) = (state.truth.position_w_m, self.tracking.position_w_m(tick));
-        let error_m = (0..3)
-            .map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]))
-            .sum::<f64>()
-            .sqrt();
+        let squares = (0..3).map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]));
+        let error_m = squares.sum::<f64>().sqrt();
         let power = self.metrics.take(tick, state, error_m, rotors);
         self.error_m.push(error_m);
         for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {
@@ -123,21 +112,15 @@ impl ComparedFlight {
     pub fn figures(&self, flight: &Flight) -> Figures {
         let ticks = self.error_m.len();
         let part = |from: u64, to: u64| {
-            self.error_m
-                .get(from as usize..(to as usize).min(ticks))
-                .and_then(error_figures)
+            let errors_m = self.error_m.get(from as usize..(to as usize).min(ticks));
+            errors_m.and_then(error_figures)
         };
         let first = flight.faults.first().map(|fault| fault.tick);
+        let settled = flight.settled_tick();
         Figures {
-            error: part(0, u64::MAX).unwrap_or(ErrorFigures {
-                rms_m: 0.0,
-                p99_m: 0.0,
-                worst_m: 0.0,
-            }),
+            error: part(0, u64::MAX).unwrap_or_default(),
             error_before: first.and_then(|first| part(0, first)),
-            error_after: flight
-                .settled_tick()
-                .and_then(|settled| part(settled, u64::MAX)),
+            error_after: settled.and_then(|settled| part(settled, u64::MAX)),
             recovery_s: self.recoveries(flight),
             effort: self.metrics.effort(),
             trace: self.trace.group(&[TRUE_ERROR, POWER]),
@@ -147,12 +130,8 @@ impl ComparedFlight {
     /// Per fault, how long the error took to come back [s].
     fn recoveries(&self, flight: &Flight) -> Vec<Option<f64>> {
         let staying = (STAYING_S / flight.period_s).round() as usize;
-        let ends = flight
-            .faults
-            .iter()
-            .skip(1)
-            .map(|next| next.tick)
-            .chain([flight.last_tick + 1]);
+        let next = flight.faults.iter().skip(1).map(|next| next.tick);
+        let ends = next.chain([flight.last_tick + 1]);
         let recovered = |(fault, end): (&Fault, u64)| {
             // Of a flight that ended before, nobody knows that it would have stayed.
             let errors = self.error_m.get(fault.tick as usize..end as usize)?;

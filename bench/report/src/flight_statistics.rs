@@ -29,7 +29,6 @@ use messages::topic::Topic;
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 
-/// Swaps that are kept one by one.
 pub const SWAPS_KEPT: usize = 500;
 
 #[derive(Debug)]
@@ -62,7 +61,6 @@ pub struct FlightStatistics {
     /// Answers that could not be used, of outer, inner and mixer law.
     pub not_finite: [NotFinite; 3],
     laws: FlownLaws,
-    /// What outer, inner and mixer law show.
     pub telemetry: [SignalStatistics; LAW_ROLES.len()],
     pub theorem: TheoremStatistics,
     pub swaps: Vec<swaps::AppliedSwap>,
@@ -331,7 +329,7 @@ impl FlightStatistics {
 
     /// Ticks that flew without a fresh command on time; nothing in lockstep, where there are no deadlines.
     pub fn not_fresh(&self, ticks: &schema::Ticks) -> Option<schema::NotFresh> {
-        let (missed, stale) = (self.freshness.missed(), self.freshness.stale());
+        let (missed, stale) = (self.freshness.missed, self.freshness.stale);
         self.grid
             .map(|_| schema::NotFresh::new(missed, stale, ticks))
     }
@@ -539,7 +537,6 @@ impl FlightStatistics {
     }
 }
 
-/// Enters the verdict on a tick's deadline.
 fn enter(
     series: &mut SeriesSet,
     late_commands: &mut LateCommands,
@@ -703,7 +700,7 @@ mod tests {
             (SWAPS_KEPT, 1200)
         );
         let late = &statistics.late_commands;
-        assert!(late.stretches().len() <= crate::deadlines::KEPT && late.left_out() > 0);
+        assert!(late.stretches.len() <= crate::deadlines::KEPT && late.left_out > 0);
         assert!(statistics.miss_runs.lengths().len() <= 2);
         assert_eq!(statistics.lost(), [0; TOPICS.len()]);
     }
@@ -719,7 +716,7 @@ mod tests {
             (1001, DAYS_30)
         );
         assert_eq!(statistics.lost(), [0; TOPICS.len()]);
-        let late = statistics.late_commands.stretches();
+        let late = &statistics.late_commands.stretches;
         assert!(
             late.len() >= 20 && late.iter().all(|it| it.late_ns == 100_000),
             "{late:?}"

@@ -18,8 +18,10 @@ use messages::header::{Header, Message};
 /// Follows a flight's states and commands; skipped ticks are counted by the plant.
 #[derive(Clone, Debug, Default)]
 pub struct FreshnessStatistics {
-    missed: u64,
-    stale: u64,
+    /// Ticks that ran, and whose command was late or never came.
+    pub missed: u64,
+    /// Ticks whose command was on time, but came of an older input.
+    pub stale: u64,
     last: Option<Judged>,
     /// Ticks with a command on time, as far as the plant's counters tell; their commands are not decided yet.
     on_time: VecDeque<OnTime>,
@@ -110,9 +112,8 @@ impl FreshnessStatistics {
             if !is_seen(2) || command.is_some_and(|it| it.is_fresh && !(is_seen(0) && is_seen(1))) {
                 break;
             }
-            let is_late = |command: Command| {
-                grid.is_some_and(|grid| command.sent_ns > grid.begin_of(tick + 1))
-            };
+            let end_ns = grid.map(|grid| grid.begin_of(tick + 1));
+            let is_late = |command: Command| end_ns.is_some_and(|end_ns| command.sent_ns > end_ns);
             match command {
                 None => self.missed += u64::from(by_stamps),
                 Some(command) if by_stamps && is_late(command) => self.missed += 1,
@@ -139,16 +140,6 @@ impl FreshnessStatistics {
         };
         self.judge(now, follows_loss);
         self.decide(grid, true);
-    }
-
-    /// Ticks that ran, and whose command was late or never came.
-    pub const fn missed(&self) -> u64 {
-        self.missed
-    }
-
-    /// Ticks whose command was on time, but came of an older input.
-    pub const fn stale(&self) -> u64 {
-        self.stale
     }
 }
 
@@ -191,7 +182,7 @@ mod tests {
     }
 
     fn counts(statistics: &FreshnessStatistics) -> (u64, u64) {
-        (statistics.missed(), statistics.stale())
+        (statistics.missed, statistics.stale)
     }
 
     const FRESH: [Mode; 3] = [Mode::Fresh; 3];

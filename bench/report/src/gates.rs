@@ -41,7 +41,6 @@ pub struct RequestedGates {
     pub theorem: bool,
 }
 
-/// Name of a gate that every flight has.
 const ENVELOPE: &str = "flight envelope";
 
 pub fn gates(asked: &RequestedGates, evidence: &Evidence<'_>) -> Vec<Gate> {
@@ -54,42 +53,33 @@ pub fn gates(asked: &RequestedGates, evidence: &Evidence<'_>) -> Vec<Gate> {
     let skipped = per_million(evidence, evidence.ticks.skipped);
     let wake = p999(evidence, Series::Wake(Role::Plant));
     let whole = p999(evidence, Series::Loop);
-    // Name, limit, what was found, and whether it was counted from messages: plant, stages and kernel count by
-    // themselves.
-    let limits = [
-        (
-            "ticks without a fresh command per million",
-            asked.max_miss_rate_ppm,
-            fresh,
-            true,
-        ),
-        (
-            "ticks skipped per million",
-            asked.max_skip_rate_ppm,
-            skipped,
-            false,
-        ),
-        (
-            "stale ticks per million",
-            asked.max_stale_rate_ppm,
-            stale(evidence),
-            false,
-        ),
-        ("steal [%]", asked.max_steal_percent, steal(evidence), false),
-        ("wake.plant p99.9 [us]", asked.max_wake_p999_us, wake, true),
-        ("loop p99.9 [us]", asked.max_loop_p999_us, whole, true),
-        (
-            "position error in the last 5 s [m]",
-            asked.max_tracking_error_m,
-            tracking(evidence),
-            true,
-        ),
-    ];
+
+    let steal = steal(evidence);
+    let (stale, tracking) = (stale(evidence), tracking(evidence));
     let mut gates = vec![envelope(asked, evidence), ticks(evidence)];
-    for (name, limit, found, is_from_messages) in limits {
-        let lost = if is_from_messages { evidence.lost } else { 0 };
+    // Plant, stages and kernel count some of these themselves; the others are counted from messages.
+    let mut add = |lost: u64, name: &str, limit: Option<f64>, found: Found| {
         gates.extend(limit.map(|limit| unless_lost(lost, at_most(name, limit, found))));
-    }
+    };
+    let (lost, fresh_name) = (evidence.lost, "ticks without a fresh command per million");
+    add(lost, fresh_name, asked.max_miss_rate_ppm, fresh);
+    add(
+        0,
+        "ticks skipped per million",
+        asked.max_skip_rate_ppm,
+        skipped,
+    );
+    add(
+        0,
+        "stale ticks per million",
+        asked.max_stale_rate_ppm,
+        stale,
+    );
+    add(0, "steal [%]", asked.max_steal_percent, steal);
+    add(lost, "wake.plant p99.9 [us]", asked.max_wake_p999_us, wake);
+    add(lost, "loop p99.9 [us]", asked.max_loop_p999_us, whole);
+    let name = "position error in the last 5 s [m]";
+    add(lost, name, asked.max_tracking_error_m, tracking);
     let theorem = asked.theorem.then(|| Gate::theorem(evidence.theorem));
     gates.extend(theorem.map(|gate| unless_lost(evidence.lost, gate)));
     gates
@@ -356,7 +346,6 @@ mod tests {
     use super::*;
     use crate::sample::Sample;
 
-    /// Limits that a good flight keeps exactly.
     const ASKED: RequestedGates = RequestedGates {
         position_error_max_m: 10.0,
         ground_z_m: -0.25,
@@ -384,75 +373,54 @@ mod tests {
 
     #[test]
     fn each_gate_breaks_by_its_own_number_alone() {
-        let rows: [(fn(&mut Sample), &[&str]); 13] = [
-            (|_| (), &[]),
-            (
-                |it| it.performance.lowest_z_m = -0.26,
-                &["flight envelope: below ground: down to z = -0.26 m"],
-            ),
-            (
-                |it| it.not_fresh(2, 0, 0),
-                &[
-                    "ticks without a fresh command per million: 100.0 (2 missed + 0 stale + 0 skipped)",
-                ],
-            ),
-            (
-                |it| it.not_fresh(0, 99, 0),
-                &[
-                    "ticks without a fresh command per million: 4950.0 (0 missed + 99 stale + 0 skipped)",
-                ],
-            ),
-            (
-                |it| it.not_fresh(0, 0, 1),
-                &[
-                    "ticks without a fresh command per million: 50.0 (0 missed + 0 stale + 1 skipped)",
-                    "ticks skipped per million: 50.0",
-                ],
-            ),
-            (
-                |it| it.steal.percent = 0.25,
-                &["steal [%]: 0.25 of processor 1"],
-            ),
-            (
-                |it| {
-                    for (role, stale) in [("outer", 1), ("inner", 3), ("mixer", 2)] {
-                        it.roles.get_mut(role).unwrap().ticks_stale = stale;
-                    }
-                },
-                &["stale ticks per million: 150.0 (inner)"],
-            ),
-            (
-                |it| it.series[0].p999_us = Some(51.1),
-                &["loop p99.9 [us]: 51.1"],
-            ),
-            (
-                |it| it.series[1].p999_us = Some(51.1),
-                &["wake.plant p99.9 [us]: 51.1"],
-            ),
-            (
-                |it| it.performance.recent_error_max_m = 0.02,
-                &["position error in the last 5 s [m]: 0.0200"],
-            ),
-            (
-                |it| it.theorem.ticks_unwatched = 1,
-                &["theorem: 0 unexplained, estimates live, 1 tick not watched"],
-            ),
-            (
-                |it| (it.theorem.holds, it.theorem.is_live) = (false, false),
-                &["theorem: 0 unexplained, estimates do not move as predicted"],
-            ),
-            (
-                |it| it.steal.of_ms = 0,
-                &["steal [%]: measured nothing: the kernel counted no time"],
-            ),
-        ];
-        for (change, failed) in rows {
-            assert_eq!(broken(change), failed);
-        }
+        let check =
+            |change: fn(&mut Sample), failed: &str| assert_eq!(broken(change).join("; "), failed);
+        check(|_| (), "");
+        let low = "flight envelope: below ground: down to z = -0.26 m";
+        check(|it| it.performance.lowest_z_m = -0.26, low);
+        let fresh = "ticks without a fresh command per million";
+        let missed = format!("{fresh}: 100.0 (2 missed + 0 stale + 0 skipped)");
+        check(|it| it.not_fresh(2, 0, 0), &missed);
+        let stale = format!("{fresh}: 4950.0 (0 missed + 99 stale + 0 skipped)");
+        check(|it| it.not_fresh(0, 99, 0), &stale);
+        let skipped = format!(
+            "{fresh}: 50.0 (0 missed + 0 stale + 1 skipped); ticks skipped per million: 50.0"
+        );
+        check(|it| it.not_fresh(0, 0, 1), &skipped);
+        check(
+            |it| it.steal.percent = 0.25,
+            "steal [%]: 0.25 of processor 1",
+        );
+        let worst = |it: &mut Sample| {
+            for (role, stale) in [("outer", 1), ("inner", 3), ("mixer", 2)] {
+                it.roles.get_mut(role).unwrap().ticks_stale = stale;
+            }
+        };
+        check(worst, "stale ticks per million: 150.0 (inner)");
+        check(
+            |it| it.series[0].p999_us = Some(51.1),
+            "loop p99.9 [us]: 51.1",
+        );
+        let wake = "wake.plant p99.9 [us]: 51.1";
+        check(|it| it.series[1].p999_us = Some(51.1), wake);
+        let error = "position error in the last 5 s [m]: 0.0200";
+        check(|it| it.performance.recent_error_max_m = 0.02, error);
+        let unwatched = "theorem: 0 unexplained, estimates live, 1 tick not watched";
+        check(|it| it.theorem.ticks_unwatched = 1, unwatched);
+        let lifeless = |it: &mut Sample| (it.theorem.holds, it.theorem.is_live) = (false, false);
+        check(
+            lifeless,
+            "theorem: 0 unexplained, estimates do not move as predicted",
+        );
     }
 
     #[test]
     fn what_measured_nothing_does_not_hold() {
+        let steal = broken(|it| it.steal.of_ms = 0);
+        assert_eq!(
+            steal,
+            ["steal [%]: measured nothing: the kernel counted no time"]
+        );
         let unseen = broken(|it| it.performance.states = 0);
         assert_eq!(
             unseen,

@@ -8,7 +8,6 @@ pub const STEAL_LIMIT_PERCENT: f64 = 1.0;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Host {
     pub kernel: String,
-    /// Preemption model, as far as the kernel says.
     pub preemption: String,
     pub cpu: String,
     pub cpus: u64,
@@ -40,23 +39,21 @@ pub struct Steal {
     #[serde(default)]
     pub of_ms: u64,
     /// The processor; none where it is all of them together.
-    #[serde(default)]
     pub processor: Option<u64>,
 }
 
 impl Steal {
     pub fn processors(&self) -> String {
-        self.processor.map_or_else(
-            || "all processors".into(),
-            |number| format!("processor {number}"),
-        )
+        match self.processor {
+            None => "all processors".into(),
+            Some(number) => format!("processor {number}"),
+        }
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InterruptKind {
-    /// A device, a timer or another processor interrupted.
     Hard,
     /// What the kernel put off until after such an interrupt.
     Soft,

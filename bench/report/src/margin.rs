@@ -50,7 +50,6 @@ pub struct Gate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawMargins {
     pub laws: Laws,
-    /// Fingerprint of the settings that margins depend on.
     pub fingerprint: String,
     /// The largest position error of the flights without a fault, one for each phase's seed, from the first phase on [m].
     pub unfaulted_error_m: f64,
@@ -77,7 +76,6 @@ pub struct OutageMargin {
     pub of: String,
     /// At each phase, the longest survived [ticks]; the longest that was tried where that was survived, too.
     pub ticks: Vec<u64>,
-    /// What was found against the order of things.
     pub exceptions: Vec<Exception>,
 }
 

@@ -31,7 +31,6 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 pub const AROUND_TICKS: u64 = 32;
 /// An outage is classed as it stands when it has lasted for so many ticks; what follows is another one.
 const LONGEST_TICKS: u64 = 60_000;
-/// Outages that the report holds each by itself.
 const WORST: usize = 100;
 /// Ticks before and after the first tick of an outage, and its last one, in its timeline: what lies between two such
 /// ends of a long one is all alike.
@@ -386,7 +385,6 @@ fn is_fresh(role: Role, envelope: &Header) -> bool {
     input.is_none_or(|input| envelope.input_tick[input] == envelope.tick)
 }
 
-/// Each stage, and all of them at once.
 const ROWS: usize = STAGES.len() + 1;
 
 /// The longest rows so far, of each stage and of all at once.

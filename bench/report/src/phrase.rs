@@ -2,7 +2,6 @@
 
 use textwrap::{Options, WordSplitter};
 
-/// Columns of a terminal that nobody has widened.
 pub const WIDTH: usize = 80;
 /// Every line of a sentence after the first begins with this.
 pub const INDENT: &str = "          ";

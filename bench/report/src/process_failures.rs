@@ -25,7 +25,6 @@ pub struct ObservedFailure {
 pub struct Replacement {
     /// Process number; 0 where there is none.
     pub pid: u32,
-    /// Whether it was a spare that waited.
     pub is_spare: bool,
     /// When what the dead one had left was removed [ns].
     pub cleaned_ns: u64,
@@ -99,7 +98,6 @@ pub const fn number(report: &Report) -> u64 {
     (report.deaths.len() as u64).saturating_add(report.deaths_left_out)
 }
 
-/// Deaths that are kept one by one.
 const DEATHS_KEPT: usize = 500;
 
 #[derive(Clone, Debug)]

@@ -12,9 +12,7 @@ pub enum Runner {
         priority: u64,
         name: String,
     },
-    /// An interrupt, on top of whoever ran.
     Interrupt {
-        /// The device, the timer or the kind.
         name: String,
     },
 }
@@ -62,9 +60,8 @@ pub fn runners(slices: &[Slice], from_ns: u64, to_ns: u64) -> Option<BTreeMap<&R
             *times.entry(&slice.runner).or_default() += ns;
         }
     }
-    let threads = times
-        .iter()
-        .filter(|(runner, _)| !matches!(runner, Runner::Interrupt { .. }));
+    let is_thread = |runner: &Runner| !matches!(runner, Runner::Interrupt { .. });
+    let threads = times.iter().filter(|(runner, _)| is_thread(runner));
     let covered_ns: u64 = threads.map(|(_, ns)| ns).sum();
     (covered_ns * 2 >= to_ns.saturating_sub(from_ns) && covered_ns > 0).then_some(times)
 }

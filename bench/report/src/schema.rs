@@ -71,10 +71,8 @@ pub struct Report {
     #[serde(default)]
     pub distributions: Vec<Distribution>,
     /// The machine's floors, where they were asked for.
-    #[serde(default)]
     pub beside: Option<Baseline>,
     /// The flight over time; none while it is in the air.
-    #[serde(default)]
     pub traces: Option<Traces>,
 }
 
@@ -190,10 +188,8 @@ impl NotFresh {
     }
 
     pub fn parts(&self) -> String {
-        format!(
-            "{} missed + {} stale + {} skipped",
-            self.missed, self.stale, self.skipped
-        )
+        let (missed, stale, skipped) = (self.missed, self.stale, self.skipped);
+        format!("{missed} missed + {stale} stale + {skipped} skipped")
     }
 }
 
@@ -328,9 +324,7 @@ pub struct LawSection {
     #[serde(default)]
     pub version: String,
     /// Its file; none where it is built in.
-    #[serde(default)]
     pub file: Option<String>,
-    #[serde(default)]
     pub sha256: Option<String>,
     /// Whether it promises nothing about its time.
     #[serde(default)]
@@ -409,10 +403,8 @@ pub struct ProcessFailure {
     /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
     pub ticks_lost: Option<u64>,
     /// Of a successor that sent no message: tick of the death that it was to make good, whose ticks its own are.
-    #[serde(default)]
     pub within: Option<u64>,
     /// What that time is made of, where a launcher saw it.
-    #[serde(default)]
     pub back_parts: Option<RecoveryPhases>,
     /// Largest position error after its last message, within [`COST_S`] [m].
     pub position_error_max_m: Option<f64>,

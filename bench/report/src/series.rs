@@ -84,10 +84,11 @@ struct Entry {
 impl SeriesSet {
     pub fn new() -> Result<Self, Failure> {
         let entry = |series| {
+            let (flight, interval) = (histogram()?, histogram()?);
             Ok(Entry {
                 series,
-                flight: histogram()?,
-                interval: histogram()?,
+                flight,
+                interval,
             })
         };
         let entries = Series::all()

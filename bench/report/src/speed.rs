@@ -5,10 +5,8 @@ use messages::blackboards::LOCKSTEP;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speed {
-    /// As fast as its processes pass ticks on.
     Lockstep,
     Clock,
-    /// So many times slower than the clock.
     Slowed(u64),
 }
 

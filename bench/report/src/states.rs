@@ -18,7 +18,6 @@ use std::path::Path;
 /// What the states leave free on their disk, for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
 
-/// The first columns, as in the reference flights.
 const COLUMNS: &str = "t,x,y,z,vx,vy,vz,phi,theta,psi,p,q,r,IR_hat,kr_hat,delta_hat,w1,w2,w3,w4,u,\
                        tau_p,tau_q,tau_r,e_p,e_q,e_r,xd,yd,zd,psid";
 
@@ -194,7 +193,6 @@ pub struct Joiner {
     newest: [Option<u64>; TOPICS],
     /// Newest tick that nothing is waited for any more.
     settled: Option<u64>,
-    /// Ticks of which a topic had no message.
     pub incomplete: u64,
 }
 

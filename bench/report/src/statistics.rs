@@ -270,7 +270,6 @@ fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
     difference / ((squares_a + squares_b) / (n_a + n_b - 2.0) * (1.0 / n_a + 1.0 / n_b)).sqrt()
 }
 
-/// Two-sided 95 % of a standard normal.
 const Z: f64 = 1.959_963_984_540_054;
 const ALPHA: f64 = 0.05;
 

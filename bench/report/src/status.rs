@@ -8,7 +8,6 @@ use std::fmt;
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum FlightStatus {
     Flying,
-    /// It held its gates and was recorded whole.
     Pass,
     /// It held its gates as far as it was seen; not all was, or not all was logged.
     Incomplete,

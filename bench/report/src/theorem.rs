@@ -22,7 +22,6 @@ pub struct Theorem {
     pub holds: bool,
     /// The inner law, where it has no theorem with its settings.
     pub law_without: Option<String>,
-    /// Steps of the estimates that were checked.
     pub ticks_checked: u64,
     /// Wrenches that nothing can be said of, because a message before them was lost.
     pub ticks_unwatched: u64,
@@ -60,7 +59,6 @@ pub struct Theorem {
     pub broken: Vec<String>,
     /// Whether (18) held: every estimate was found.
     pub converged: bool,
-    /// Whether (18) held, and why, in words.
     pub convergence: String,
 }
 
@@ -81,7 +79,6 @@ impl Theorem {
 pub struct Rise {
     /// In a step [rad^2/s^2].
     pub absolute: f64,
-    /// As a share of V_th at the start.
     pub relative: f64,
 }
 
@@ -103,7 +100,6 @@ pub struct Watched {
 /// Follows topic `theorem` through a flight, and through restarts of the inner loop.
 #[derive(Clone, Copy, Debug)]
 pub struct TheoremStatistics {
-    /// Of the inner loops that have ended.
     ended: Option<Monitor>,
     /// Start of the present one, and what its monitor said last.
     newest: Option<(u64, Monitor)>,

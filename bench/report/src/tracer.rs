@@ -36,14 +36,8 @@ pub struct Tracer {
     violations: Stretches<u64>,
     counted: [u64; CAUSES],
     path_every_ticks: u64,
-    path: VecDeque<PathSample>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct PathSample {
-    tick: u64,
-    position: [f64; 3],
-    reference: [f64; 3],
+    /// Tick, position and reference [m].
+    path: VecDeque<(u64, [f64; 3], [f64; 3])>,
 }
 
 impl Tracer {
@@ -91,15 +85,10 @@ impl Tracer {
             if self.path.len() == PATH_SAMPLES {
                 self.path.pop_front();
             }
-            self.path.push_back(PathSample {
-                tick,
-                position: joined.state.measured.position_w_m,
-                reference,
-            });
+            let position = joined.state.measured.position_w_m;
+            self.path.push_back((tick, position, reference));
         }
-        let counts = joined
-            .monitor
-            .map_or(self.counted, |monitor| monitor.violations);
+        let counts = joined.monitor.map_or(self.counted, |it| it.violations);
         if counts != self.counted {
             for (i, at) in self.violations.at(tick, CAUSES).iter_mut().enumerate() {
                 // A restarted inner loop counts from 0.
@@ -115,16 +104,13 @@ impl Tracer {
     }
 
     pub fn traces(&self) -> Traces {
-        let sample = |pick: fn(&PathSample) -> [f64; 3]| {
-            self.path.iter().map(|s| pick(s).map(rounded)).collect()
-        };
         Traces {
             flight: self.flight.group(&self.names),
             timing: self.timing.group(&TIMING),
             path: Path {
-                tick: self.path.iter().map(|sample| sample.tick).collect(),
-                position_w_m: sample(|s| s.position),
-                reference_w_m: sample(|s| s.reference),
+                tick: self.path.iter().map(|(tick, ..)| *tick).collect(),
+                position_w_m: self.path.iter().map(|(_, at, _)| at.map(rounded)).collect(),
+                reference_w_m: self.path.iter().map(|(.., at)| at.map(rounded)).collect(),
             },
             telemetry: self.by_role(),
             violations: self.by_cause(),

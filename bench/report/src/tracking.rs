@@ -62,10 +62,10 @@ impl Tracking {
 /// Distances of the states of a flight from their references, summed up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackingError {
-    states: u64,
+    pub states: u64,
     squared_sum_m2: f64,
-    max_m: f64,
-    last_m: f64,
+    pub max_m: f64,
+    pub last_m: f64,
 }
 
 impl TrackingError {
@@ -76,20 +76,8 @@ impl TrackingError {
         self.last_m = error_m;
     }
 
-    pub const fn states(&self) -> u64 {
-        self.states
-    }
-
     pub fn rms_m(&self) -> f64 {
         (self.squared_sum_m2 / self.states.max(1) as f64).sqrt()
-    }
-
-    pub const fn max_m(&self) -> f64 {
-        self.max_m
-    }
-
-    pub const fn last_m(&self) -> f64 {
-        self.last_m
     }
 }
 
@@ -174,7 +162,6 @@ pub(super) struct ControlStatistics {
     pub(super) estimate: Option<[f64; 3]>,
     /// Length of the newest rate error that was known [rad/s].
     pub(super) rate_error: Option<f64>,
-    /// Ticks in which a rotor was saturated.
     pub(super) saturated: u64,
 }
 
@@ -196,9 +183,9 @@ impl ControlStatistics {
         };
         ControlPerformance {
             position_error_rms_m: self.tracking.rms_m(),
-            position_error_max_m: self.tracking.max_m(),
-            position_error_final_m: self.tracking.last_m(),
-            states: self.tracking.states(),
+            position_error_max_m: self.tracking.max_m,
+            position_error_final_m: self.tracking.last_m,
+            states: self.tracking.states,
             ticks_without_state: 0,
             recent_error_max_m: recent.error_max_m(),
             recent_s: recent.length_s(),
@@ -274,12 +261,11 @@ mod tests {
     #[test]
     fn errors_are_summed_up() {
         let mut error = TrackingError::default();
-        assert_eq!((error.states(), error.rms_m()), (0, 0.0));
-        [3.0, 4.0, 0.0].map(|error_m| error.take(error_m));
-        assert_eq!(
-            (error.states(), error.max_m(), error.last_m()),
-            (3, 4.0, 0.0)
-        );
+        assert_eq!((error.states, error.rms_m()), (0, 0.0));
+        [3.0, 4.0, 0.0]
+            .into_iter()
+            .for_each(|error_m| error.take(error_m));
+        assert_eq!((error.states, error.max_m, error.last_m), (3, 4.0, 0.0));
         assert!((error.rms_m() - (25.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     }
 }

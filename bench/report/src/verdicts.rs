@@ -36,9 +36,7 @@ pub struct Evidence<'a> {
     pub theorem: &'a Theorem,
     pub series: &'a [Statistics],
     pub roles: &'a BTreeMap<String, RoleSection>,
-    /// What the host took of the loops' processor.
     pub steal: &'a Steal,
-    /// Messages that were lost before they were seen.
     pub lost: u64,
 }
 

@@ -37,12 +37,10 @@ pub struct Section {
 
 #[derive(Clone, Debug)]
 pub enum Block {
-    /// A subject and what is said of it.
     Fact(&'static str, String),
     Paragraph(String),
     Warning(String),
     Items(Vec<String>),
-    /// What a page shows as a figure.
     Terminal(String),
     Heading(String),
     Table(Table),
@@ -53,7 +51,6 @@ pub enum Block {
     PageHeading(&'static str),
     Legend(Vec<(&'static str, &'static str)>),
     Figures(Vec<Figure>),
-    /// Figures of which few stand beside each other.
     WideFigures(Vec<Figure>),
     Details(String, Vec<Block>),
 }
@@ -208,10 +205,10 @@ impl Block {
             Self::Items(items) => items.iter().map(|item| format!("  {item}\n")).collect(),
             Self::Terminal(text) => text.clone(),
             Self::Table(table) => table.text(),
-            Self::Verdicts(verdicts) => verdicts
-                .iter()
-                .map(|it| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why))
-                .collect(),
+            Self::Verdicts(verdicts) => {
+                let line = |it: &Verdict| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why);
+                verdicts.iter().map(line).collect()
+            }
             _ => String::new(),
         }
     }
@@ -305,12 +302,13 @@ impl Table {
         rows: impl IntoIterator<Item = (String, Vec<String>)>,
     ) -> Self {
         let columns = columns.into_iter().map(|column| column.to_string());
+        let row = |(name, cells): (String, Vec<String>)| {
+            std::iter::once(name).chain(cells).map(Cell::from).collect()
+        };
         let rows = rows.into_iter();
         Self {
             columns: std::iter::once(first.to_owned()).chain(columns).collect(),
-            rows: rows
-                .map(|(name, cells)| std::iter::once(name).chain(cells).map(Cell::from).collect())
-                .collect(),
+            rows: rows.map(row).collect(),
         }
     }
 
@@ -331,12 +329,10 @@ impl Table {
             table.set_header(&self.columns);
         }
         for row in &self.rows {
-            let indents = std::iter::once(indent).chain(std::iter::repeat(""));
-            table.add_row(
-                indents
-                    .zip(row)
-                    .map(|(indent, cell)| format!("{indent}{}", cell.text)),
-            );
+            let indents = std::iter::once(indent)
+                .chain(std::iter::repeat(""))
+                .zip(row);
+            table.add_row(indents.map(|(indent, cell)| format!("{indent}{}", cell.text)));
         }
         for (i, column) in table.column_iter_mut().enumerate() {
             column.set_padding((0, 2));
@@ -349,12 +345,8 @@ impl Table {
 
     fn is_of_numbers(&self, column: usize) -> bool {
         let mut cells = self.rows.iter().filter_map(|row| row.get(column));
-        cells.all(|cell| {
-            cell.text.is_empty()
-                || cell
-                    .text
-                    .starts_with(|c: char| c.is_ascii_digit() || "+-><(".contains(c))
-        })
+        let is_numeric = |c: char| c.is_ascii_digit() || "+-><(".contains(c);
+        cells.all(|cell| cell.text.is_empty() || cell.text.starts_with(is_numeric))
     }
 
     /// A table that becomes a list of cards where it is too wide: each cell carries its column's name.
@@ -389,10 +381,8 @@ impl Table {
         let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
         let head = line(self.columns.iter().map(String::as_str).collect());
         let rule = "---|".repeat(self.columns.len());
-        let rows = self.rows.iter();
-        let rows: String = rows
-            .map(|row| line(row.iter().map(|cell| cell.text.as_str()).collect()))
-            .collect();
+        let cells = |row: &Vec<Cell>| line(row.iter().map(|cell| cell.text.as_str()).collect());
+        let rows: String = self.rows.iter().map(cells).collect();
         format!("{head}|{rule}\n{rows}")
     }
 }

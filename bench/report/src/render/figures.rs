@@ -24,12 +24,10 @@ const LOW: f64 = 150.0;
 #[derive(Clone, Copy, Debug)]
 enum Along {
     Linear(f64),
-    /// With a value that is marked on it.
     Log(Option<f64>),
     Symmetric,
 }
 
-/// Colour, channel and word of a line.
 type Line<'a> = (&'static str, &'a str, &'a str);
 
 #[derive(Clone, Copy, Debug)]

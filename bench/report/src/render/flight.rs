@@ -430,7 +430,6 @@ pub struct Compared<'a> {
     pub floor: &'a str,
     ours_us: [Option<f64>; 3],
     floor_us: [Option<f64>; 3],
-    /// How many times its floor it is.
     pub times: [Option<f64>; 3],
 }
 

@@ -199,7 +199,6 @@ fn histograms(report: &Report) -> Vec<Figure> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Value {
     Bare,
-    /// Their difference from the length of a tick.
     LessTick,
     /// How late they are: slack is to be early.
     Late,

@@ -75,19 +75,13 @@ fn keys(margins: &Margins) -> Vec<(&'static str, String)> {
 }
 
 fn unfaulted(margins: &Margins) -> Option<Section> {
-    let columns = [
-        "error [mm]",
-        "saturated [%]",
-        "recovered below [mm]",
-        "flights",
-    ];
+    let (error, saturated) = ("error [mm]", "saturated [%]");
+    let columns = [error, saturated, "recovered below [mm]", "flights"];
     let table = table(margins, &columns, |law| {
-        vec![
-            millimetres(law.unfaulted_error_m),
-            format!("{:.1}", law.unfaulted_saturated_percent),
-            millimetres(law.recovered_below_m),
-            law.flights.to_string(),
-        ]
+        let saturated = format!("{:.1}", law.unfaulted_saturated_percent);
+        let (error, below) = (law.unfaulted_error_m, law.recovered_below_m);
+        let (error, below) = (millimetres(error), millimetres(below));
+        vec![error, saturated, below, law.flights.to_string()]
     });
     Some(Section::new("unfaulted", "Without a fault", vec![table]))
 }

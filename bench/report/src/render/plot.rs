@@ -15,7 +15,6 @@ pub const LAWS: [&str; 12] = [
     "law-11", "law-12",
 ];
 
-/// Colours and lines of everything in a chart.
 pub const STYLE: &str = include_str!("plot.css");
 
 /// Width of a chart [pixels].
@@ -127,7 +126,6 @@ impl Layer {
 
 #[derive(Clone, Debug)]
 pub struct Chart {
-    /// What it shows, for who cannot see it.
     pub title: String,
     pub x: Axis,
     pub y: Axis,
@@ -383,7 +381,6 @@ fn outline(bins: impl Iterator<Item = ((f64, f64), f64)>, foot: f64) -> String {
     d
 }
 
-/// A tenth of a pixel is enough.
 pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0
 }

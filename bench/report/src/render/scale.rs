@@ -40,7 +40,6 @@ const MARGIN: f64 = 0.06;
 const GAP: f64 = 0.09;
 /// Shortest linear axis, as a share of the largest number on it.
 const LEAST_SHARE: f64 = 3e-3;
-/// Decades of a symmetric scale on either side.
 const SYMMETRIC_DECADES: f64 = 6.0;
 /// Ticks of a logarithmic axis at the most.
 const LOG_TICKS: f64 = 6.0;
@@ -135,7 +134,6 @@ impl Scale {
 
     /// All instants, and the names of those that have the room.
     fn instant_ticks(&self, instants: &[(f64, String)]) -> Vec<Tick> {
-        /// Share of the axis that a character takes.
         const CHARACTER: f64 = 0.02;
         /// Share of the axis that is free beyond its end.
         const BEYOND: f64 = 0.05;
@@ -222,7 +220,6 @@ fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
 
 /// 0 and decades to both sides of it, or what lies between where there are not two, as far apart as labels need.
 fn symmetric_ticks(scale: &Scale, threshold: f64, low: f64, high: f64) -> Vec<Tick> {
-    /// Share of the axis between two labels.
     const APART: f64 = 0.12;
     let multiples = |end: f64, steps: &[f64]| -> Vec<f64> {
         let (first, last) = (threshold.log10().ceil() as i32, end.log10().floor() as i32);

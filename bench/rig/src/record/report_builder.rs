@@ -90,12 +90,12 @@ impl<'a> ReportBuilder<'a> {
         let ticks = tally.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(tally.states);
         let late = tally.series.flight(Series::Late);
-        let missed = tally.miss_runs.missed();
+        let missed = tally.miss_runs.missed;
         let deadlines = schema::DeadlineSection {
             not_fresh: tally.not_fresh(&ticks),
             missed,
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-            missed_by_stamps: tally.late_commands.count(),
+            missed_by_stamps: tally.late_commands.count,
             late: late.map(buckets).unwrap_or_default(),
             runs: tally
                 .miss_runs
@@ -108,11 +108,11 @@ impl<'a> ReportBuilder<'a> {
                 .collect(),
             stretches: tally
                 .late_commands
-                .stretches()
+                .stretches
                 .iter()
                 .map(|stretch| late_stretch(stretch, period_s))
                 .collect(),
-            stretches_left_out: tally.late_commands.left_out(),
+            stretches_left_out: tally.late_commands.left_out,
         };
         let series = tally.series.statistics();
         let theorem = tally.theorem.section();

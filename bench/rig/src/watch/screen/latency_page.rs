@@ -75,7 +75,7 @@ fn deadlines<'a>(flight: &WatchedFlight, width: u16, paint: Paint) -> Vec<Line<'
             ),
             format!(
                 "since you watch: {} late by their stamps, at most {longest} in a row",
-                flight.tally.late_commands.count()
+                flight.tally.late_commands.count
             ),
         )
     } else {
@@ -83,7 +83,7 @@ fn deadlines<'a>(flight: &WatchedFlight, width: u16, paint: Paint) -> Vec<Line<'
             format!("missed {missed}, {per_million:.1} per million"),
             format!(
                 "since you watch: {}, {longest} in a row",
-                flight.tally.late_commands.count()
+                flight.tally.late_commands.count
             ),
         )
     };
