@@ -39,7 +39,7 @@ impl Metrics {
 
     /// The values of [`METRICS`]; there is no recovery without a fault, or when the flight did not recover from one.
     pub fn values(&self) -> [Option<f64>; METRICS.len()] {
-        let (error, recent) = (self.flight.error(), self.flight.recent());
+        let (error, recent) = (&self.flight.error, &self.flight.recent);
         let Effort {
             power,
             agitation_rad_s,
@@ -47,8 +47,8 @@ impl Metrics {
         } = self.flight.effort();
         let recovery = self.recoveries.longest_ticks();
         [
-            Some(error.states() as f64 * self.period_s),
-            Some(error.max_m()),
+            Some(error.states as f64 * self.period_s),
+            Some(error.max_m),
             Some(error.rms_m()),
             Some(recent.error_max_m()),
             recovery.map(|ticks| ticks as f64 * self.period_s),

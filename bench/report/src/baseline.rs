@@ -6,14 +6,12 @@ use crate::series::Statistics;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 
-/// The floors of a flight's series.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Baseline {
     /// How long each was measured [s].
     pub seconds: f64,
     /// Scheduling of the plant's counterparts: `SCHED_FIFO 80` or `SCHED_OTHER`.
     pub scheduling: String,
-    /// What the system refused to them.
     pub refused: Vec<String>,
     pub steal: Steal,
     pub floors: Vec<SeriesBaseline>,
@@ -29,8 +27,6 @@ pub struct SeriesBaseline {
 }
 
 impl SeriesBaseline {
-    /// The floor of a series of the flight.
-    #[must_use]
     pub fn of(series: &str, what: &str, histogram: &Histogram<u64>) -> Self {
         Self {
             series: series.into(),

@@ -8,15 +8,18 @@ use messages::grid::Grid;
 use messages::role::{Role, STAGES};
 use std::collections::BTreeMap;
 
-/// A stage's work of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StageTiming {
-    /// When the stage woke for it [ns].
     pub receive_ns: u64,
-    /// When its output was published [ns].
     pub send_ns: u64,
     /// Its driving input was of the tick; otherwise it waited until its cut-off.
     pub is_fresh: bool,
+}
+
+impl StageTiming {
+    const fn length_ns(&self) -> u64 {
+        self.send_ns.saturating_sub(self.receive_ns)
+    }
 }
 
 /// What each stage did in a tick, in the order of [`STAGES`]; nothing where it published nothing.
@@ -27,7 +30,6 @@ pub enum Life {
     /// It can, or nothing is known of it.
     #[default]
     Lives,
-    /// A signal or a debugger has stopped it.
     Stopped,
     Dead,
 }
@@ -39,21 +41,17 @@ pub struct Counters {
     pub pid: u64,
     pub life: Life,
     pub faults: u64,
-    /// Times that the processor was taken from it.
     pub involuntary_switches: u64,
     /// Time that it was ready to run and did not have a processor [ns].
     pub waited_ns: u64,
-    /// Time that it ran [ns].
     pub ran_ns: u64,
 }
 
 /// The unit of /proc/stat [ns].
 pub const JIFFY_NS: u64 = 10_000_000;
 
-/// What was counted at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CounterSample {
-    /// The instant [ns].
     pub at_ns: u64,
     /// Of each stage, in the order of [`STAGES`].
     pub stages: [Counters; STAGES.len()],
@@ -61,57 +59,43 @@ pub struct CounterSample {
     pub stolen: u64,
     /// Time that somebody ran there, interrupts included [`JIFFY_NS`].
     pub busy: u64,
-    /// Messages that the recorder has lost.
     pub lost: u64,
 }
 
-/// Everything that is known of the time around an outage.
 #[derive(Clone, Copy, Debug)]
 pub struct TimingWindow<'a> {
     pub grid: Grid,
     pub outage: Outage,
-    /// Its ticks and those around it.
     pub traces: &'a BTreeMap<u64, TickTimings>,
-    /// The samples around it, in order.
     pub samples: &'a [CounterSample],
     /// Who ran on the loops' processor; empty without a trace.
     pub slices: &'a [Slice],
-    /// How far the traces reach [ns].
     pub until_ns: u64,
     pub is_virtual: bool,
     /// All loops share one processor, so a sign of life of any loop is one of the processor.
     pub share_processor: bool,
 }
 
-/// What a stage's counters say of a span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageUsage {
     pub is_stopped: bool,
-    /// It was seen to have ended.
     pub is_dead: bool,
-    /// The process that had its place afterwards.
     pub successor: Option<u64>,
     pub faults: u64,
     pub involuntary_switches: u64,
-    /// Waiting for the processor, beyond the usual [ns].
     pub waited_ns: u64,
-    /// Running, beyond the usual [ns].
     pub ran_ns: u64,
 }
 
 /// What is known of the loops' processor in a span; nothing where they do not share one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProcessorUsage {
-    /// What the host took [ns].
     pub stolen_ns: u64,
-    /// What somebody ran, beyond the usual [ns].
     pub busy_ns: u64,
 }
 
-/// What the other stages did in a span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OtherStages {
-    /// One of them left a stamp.
     pub ran: bool,
     pub were_due: bool,
 }
@@ -123,67 +107,47 @@ const TAIL_PERCENT: u64 = 20;
 
 impl TimingWindow<'_> {
     /// Whether the recorder lost messages between the first and the last sample.
-    #[must_use]
     pub fn messages_lost(&self) -> bool {
-        self.samples
-            .first()
-            .zip(self.samples.last())
-            .is_some_and(|(first, last)| first.lost != last.lost)
+        let ends = self.samples.first().zip(self.samples.last());
+        ends.is_some_and(|(first, last)| first.lost != last.lost)
     }
 
     /// The last sample before a span and the first one after it; nothing where it is not covered.
     fn around(&self, suspect: &CandidateCause) -> Option<(&CounterSample, &CounterSample)> {
-        let first = self
-            .samples
-            .iter()
-            .rfind(|sample| sample.at_ns <= suspect.from_ns)?;
+        let mut after = self.samples.iter();
         Some((
-            first,
-            self.samples
-                .iter()
-                .find(|sample| sample.at_ns >= suspect.to_ns)?,
+            self.before(suspect)?,
+            after.find(|sample| sample.at_ns >= suspect.to_ns)?,
         ))
     }
 
+    fn before(&self, suspect: &CandidateCause) -> Option<&CounterSample> {
+        self.samples
+            .iter()
+            .rfind(|sample| sample.at_ns <= suspect.from_ns)
+    }
+
     /// What the late stage's counters say of the time in which it was late.
-    #[must_use]
     pub fn usage(&self, suspect: &CandidateCause) -> StageUsage {
         let stage = suspect.stage as usize;
         let of = |sample: &CounterSample| sample.stages[stage];
-        let mut usage = StageUsage::default();
-        let before = self
-            .samples
-            .iter()
-            .rfind(|sample| sample.at_ns <= suspect.from_ns)
-            .map(of);
         // Whoever never came back may be seen to have ended long after.
-        let until_ns = if suspect.to_ns >= self.until_ns {
-            u64::MAX
-        } else {
-            suspect.to_ns
-        };
-        let meanwhile =
-            |sample: &&CounterSample| (suspect.from_ns..=until_ns).contains(&sample.at_ns);
-        usage.is_stopped = self
-            .samples
-            .iter()
-            .filter(meanwhile)
-            .any(|sample| of(sample).life == Life::Stopped);
+        let never_back = suspect.to_ns >= self.until_ns;
+        let until_ns = if never_back { u64::MAX } else { suspect.to_ns };
+        let is_meanwhile = |it: &&CounterSample| (suspect.from_ns..=until_ns).contains(&it.at_ns);
+        let meanwhile = || self.samples.iter().filter(is_meanwhile);
+        let has_been = |life: Life| meanwhile().any(|sample| of(sample).life == life);
         // A successor works before anybody looks.
         let next = self.samples.iter().find(|sample| sample.at_ns > until_ns);
-        let mut pids = self
-            .samples
-            .iter()
-            .filter(meanwhile)
-            .chain(next)
-            .map(|sample| of(sample).pid);
-        usage.successor = before.and_then(|before| pids.find(|pid| *pid != before.pid));
-        usage.is_dead = usage.successor.is_some()
-            || self
-                .samples
-                .iter()
-                .filter(meanwhile)
-                .any(|sample| of(sample).life == Life::Dead);
+        let mut pids = meanwhile().chain(next).map(|sample| of(sample).pid);
+        let before = self.before(suspect).map(of);
+        let successor = before.and_then(|before| pids.find(|pid| *pid != before.pid));
+        let mut usage = StageUsage {
+            is_stopped: has_been(Life::Stopped),
+            is_dead: successor.is_some() || has_been(Life::Dead),
+            successor,
+            ..StageUsage::default()
+        };
         let Some((first, last)) = self.around(suspect) else {
             return usage;
         };
@@ -200,25 +164,21 @@ impl TimingWindow<'_> {
     }
 
     /// Who had the loops' processor while the stage was late, the longest first; nothing where no trace covers it.
-    #[must_use]
     pub fn ran(&self, suspect: &CandidateCause) -> Option<Vec<(&Runner, u64)>> {
-        let times = runners(self.slices, suspect.from_ns, suspect.to_ns)
-            .filter(|_| self.share_processor)?;
+        let times = runners(self.slices, suspect.from_ns, suspect.to_ns);
+        let times = times.filter(|_| self.share_processor)?;
         let mut times: Vec<(&Runner, u64)> = times.into_iter().collect();
         times.sort_by_key(|(_, ns)| std::cmp::Reverse(*ns));
         Some(times)
     }
 
     /// The thread of a stage, as far as it is known.
-    #[must_use]
     pub fn thread_of(&self, stage: Role) -> Option<u64> {
-        self.samples
-            .last()
-            .map(|sample| sample.stages[stage as usize].pid)
+        let last = self.samples.last();
+        last.map(|sample| sample.stages[stage as usize].pid)
     }
 
     /// What is known of the loops' processor while the stage was late.
-    #[must_use]
     pub fn processor(&self, suspect: &CandidateCause) -> ProcessorUsage {
         let Some((first, last)) = self.around(suspect).filter(|_| self.share_processor) else {
             return ProcessorUsage::default();
@@ -229,22 +189,12 @@ impl TimingWindow<'_> {
         }
     }
 
-    /// By how much a counter grew around a span, beyond what it usually does in that time.
+    /// By how much a counter grew around a span, beyond what it usually does in that time: by its usual rate between
+    /// samples outside the span.
     fn beyond_usual(&self, suspect: &CandidateCause, count: impl Fn(&CounterSample) -> u64) -> u64 {
         let Some((first, last)) = self.around(suspect) else {
             return 0;
         };
-        let grown = count(last).saturating_sub(count(first));
-        grown.saturating_sub(self.usually(suspect, last.at_ns - first.at_ns, count))
-    }
-
-    /// By how much a counter usually grows in a time: by its usual rate between samples outside the span.
-    fn usually(
-        &self,
-        suspect: &CandidateCause,
-        time_ns: u64,
-        count: impl Fn(&CounterSample) -> u64,
-    ) -> u64 {
         let outside = |pair: &&[CounterSample]| {
             pair[1].at_ns <= suspect.from_ns || pair[0].at_ns >= suspect.to_ns
         };
@@ -255,13 +205,14 @@ impl TimingWindow<'_> {
             u64::try_from(growth * 1_000_000_000 / ns).unwrap_or(u64::MAX)
         };
         let per_second = usual_of(self.samples.windows(2).filter(outside).map(rate).collect());
-        u64::try_from(u128::from(per_second) * u128::from(time_ns) / 1_000_000_000)
-            .unwrap_or(u64::MAX)
+        let time_ns = u128::from(last.at_ns - first.at_ns);
+        let usual = u128::from(per_second) * time_ns / 1_000_000_000;
+        let grown = count(last).saturating_sub(count(first));
+        grown.saturating_sub(u64::try_from(usual).unwrap_or(u64::MAX))
     }
 
     /// What the other stages on the same processor did while the stage was late; nothing is known where they do not
     /// share one.
-    #[must_use]
     pub fn others(&self, suspect: &CandidateCause) -> Option<OtherStages> {
         if !self.share_processor {
             return None;
@@ -272,21 +223,18 @@ impl TimingWindow<'_> {
         let is_inside = |ns: u64| (from_ns..to_ns).contains(&ns);
         let mut others = OtherStages::default();
         for trace in self.traces.values() {
-            for passage in (0..STAGES.len())
-                .filter(|i| *i != suspect.stage as usize)
-                .filter_map(|i| trace[i])
-            {
-                others.ran |= is_inside(passage.receive_ns) || is_inside(passage.send_ns);
+            for (stage, passage) in STAGES.into_iter().zip(trace) {
+                if let Some(it) = passage.filter(|_| stage != suspect.stage) {
+                    others.ran |= is_inside(it.receive_ns) || is_inside(it.send_ns);
+                }
             }
         }
         // A tick's begin is the plant's to keep; its cut-off is the mixer's, unless it had worked the tick before.
         let first = self.grid.tick_at(from_ns);
         for tick in first..=first + 1 {
             let begin_ns = self.grid.begin_of(tick);
-            let mixed = self
-                .traces
-                .get(&tick)
-                .and_then(|trace| trace[Role::Mixer as usize]);
+            let trace = self.traces.get(&tick);
+            let mixed = trace.and_then(|trace| trace[Role::Mixer as usize]);
             let is_mixed = mixed.is_some_and(|passage| passage.send_ns <= suspect.from_ns);
             let cut_off_ns = self.grid.cut_off_of(Role::Mixer, tick);
             others.were_due |= suspect.stage != Role::Plant && is_inside(begin_ns);
@@ -295,22 +243,16 @@ impl TimingWindow<'_> {
         Some(others)
     }
 
-    /// Whether the stage computed long in another tick around, too.
-    #[must_use]
     pub fn recurs(&self, suspect: &CandidateCause) -> bool {
         let stage = suspect.stage as usize;
         let long = |passage: &StageTiming| {
-            passage.receive_ns != suspect.from_ns
-                && passage.send_ns.saturating_sub(passage.receive_ns) * 2 >= suspect.excess_ns
+            passage.receive_ns != suspect.from_ns && passage.length_ns() * 2 >= suspect.excess_ns
         };
-        self.traces
-            .values()
-            .filter_map(|trace| trace[stage])
-            .any(|passage| long(&passage))
+        let mut passages = self.traces.values().filter_map(|trace| trace[stage]);
+        passages.any(|passage| long(&passage))
     }
 }
 
-/// What a stage was late with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delay {
     /// With its work of an earlier tick, in which it still was when it, or another stage on its processor, was due.
@@ -325,23 +267,17 @@ pub enum Delay {
 }
 
 impl Delay {
-    /// Whether it is the next stage that tells of it.
-    #[must_use]
     pub const fn is_of_input(self) -> bool {
         matches!(self, Self::Input | Self::Unused)
     }
 }
 
-/// A delay that was longer than usual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CandidateCause {
     pub stage: Role,
     pub delay: Delay,
-    /// From when on it was late [ns].
     pub from_ns: u64,
-    /// Until when [ns].
     pub to_ns: u64,
-    /// How much longer than usual [ns].
     pub excess_ns: u64,
     /// How much of that certainly lies in the tick [ns]. A stage that published nothing for it may have been back from
     /// the beginning of the next tick on, when it was too late to publish.
@@ -349,22 +285,20 @@ pub struct CandidateCause {
 }
 
 impl CandidateCause {
-    #[must_use]
     pub fn words(&self) -> String {
-        let us = self.excess_ns / 1000;
-        match self.delay {
-            Delay::Busy => format!(
-                "{} was at work for {us} us in which a stage was due",
-                self.stage
+        let (stage, us) = (self.stage, self.excess_ns / 1000);
+        let (before, did, longer) = match self.delay {
+            Delay::Busy => ("", "was at work for", "in which a stage was due"),
+            Delay::Wake => ("", "woke", "later than usual"),
+            Delay::Compute => ("", "computed", "longer than usual"),
+            Delay::Input => ("", "was waited for", "longer than usual"),
+            Delay::Unused => (
+                "what ",
+                "had sent in time was waited for",
+                "longer than usual",
             ),
-            Delay::Wake => format!("{} woke {us} us later than usual", self.stage),
-            Delay::Compute => format!("{} computed {us} us longer than usual", self.stage),
-            Delay::Input => format!("{} was waited for {us} us longer than usual", self.stage),
-            Delay::Unused => format!(
-                "what {} had sent in time was waited for {us} us longer than usual",
-                self.stage
-            ),
-        }
+        };
+        format!("{before}{stage} {did} {us} us {longer}")
     }
 }
 
@@ -376,29 +310,28 @@ pub(super) fn usual_of(mut values: Vec<u64>) -> u64 {
 
 impl TimingWindow<'_> {
     /// The delays in a tick that were longer than usual, in the order of the chain.
-    #[must_use]
     pub fn suspects(&self, tick: u64) -> Vec<CandidateCause> {
         let begin_ns = self.grid.begin_of(tick);
         let trace = self.traces.get(&tick).copied().unwrap_or_default();
         let mut suspects = Vec::new();
         for (i, stage) in STAGES.into_iter().enumerate() {
             let before = i.checked_sub(1);
-            let sent_ns = before
-                .and_then(|before| trace[before])
-                .map(|passage| passage.send_ns);
+            let input = before.and_then(|before| trace[before]);
+            let sent_ns = input.map(|passage| passage.send_ns);
             let cut_off_ns = self.grid.cut_off_of(stage, tick);
             let came_in_time = i == 0 || sent_ns.is_some_and(|ns| ns <= cut_off_ns);
             let is_fresh = trace[i].map_or(came_in_time, |passage| passage.is_fresh);
             let hop = |trace: &TickTimings| {
                 let (own, sent) = (trace[i]?, trace[before?]?);
-                own.is_fresh
-                    .then(|| own.receive_ns.saturating_sub(sent.send_ns))
+                let hop_ns = own.receive_ns.saturating_sub(sent.send_ns);
+                own.is_fresh.then_some(hop_ns)
             };
             let (due_ns, usual_ns) = match sent_ns {
-                _ if i == 0 => (
-                    begin_ns,
-                    self.usual(|k, trace| Some(trace[0]?.receive_ns.saturating_sub(k))),
-                ),
+                _ if i == 0 => {
+                    let late =
+                        |k, trace: &TickTimings| Some(trace[0]?.receive_ns.saturating_sub(k));
+                    (begin_ns, self.usual(late))
+                }
                 Some(sent_ns) if is_fresh => (sent_ns, self.usual(|_, trace| hop(trace))),
                 _ => (cut_off_ns, 0),
             };
@@ -406,15 +339,12 @@ impl TimingWindow<'_> {
                 let usual_ns =
                     self.usual(|begin, trace| Some(trace[before]?.send_ns.saturating_sub(begin)));
                 let excess_ns = (cut_off_ns - begin_ns).saturating_sub(usual_ns);
-                let came_ns = trace[before].map_or_else(
-                    || self.next_sign_of(before, tick),
-                    |passage| passage.send_ns,
-                );
-                let is_in_time =
-                    |sent_ns: u64| sent_ns + self.usual(|_, trace| hop(trace)) <= cut_off_ns;
+                let came_ns = sent_ns.unwrap_or_else(|| self.next_sign_of(before, tick));
+                let hop_ns = self.usual(|_, trace| hop(trace));
+                let was_in_time = sent_ns.is_some_and(|ns| ns + hop_ns <= cut_off_ns);
                 suspects.push(CandidateCause {
                     stage: STAGES[before],
-                    delay: if sent_ns.is_some_and(is_in_time) {
+                    delay: if was_in_time {
                         Delay::Unused
                     } else {
                         Delay::Input
@@ -430,6 +360,7 @@ impl TimingWindow<'_> {
                 }
             }
             let busy = self.at_work(i, due_ns, tick);
+            let end_ns = self.grid.begin_of(tick + 1);
             if let Some(earlier) = busy {
                 suspects.push(CandidateCause {
                     stage,
@@ -437,17 +368,13 @@ impl TimingWindow<'_> {
                     from_ns: earlier.receive_ns,
                     to_ns: earlier.send_ns,
                     excess_ns: earlier.send_ns - due_ns,
-                    share_ns: earlier
-                        .send_ns
-                        .min(self.grid.begin_of(tick + 1))
-                        .saturating_sub(due_ns),
+                    share_ns: earlier.send_ns.min(end_ns).saturating_sub(due_ns),
                 });
             }
             let due_ns = busy.map_or(due_ns, |earlier| earlier.send_ns);
-            let receive_ns =
-                trace[i].map_or_else(|| self.next_sign_of(i, tick), |passage| passage.receive_ns);
-            let sure_ns =
-                trace[i].map_or(self.grid.begin_of(tick + 1), |passage| passage.receive_ns);
+            let woken_ns = trace[i].map(|passage| passage.receive_ns);
+            let receive_ns = woken_ns.unwrap_or_else(|| self.next_sign_of(i, tick));
+            let sure_ns = woken_ns.unwrap_or(end_ns);
             suspects.push(CandidateCause {
                 stage,
                 delay: Delay::Wake,
@@ -457,8 +384,8 @@ impl TimingWindow<'_> {
                 share_ns: sure_ns.saturating_sub(due_ns).saturating_sub(usual_ns),
             });
             if let Some(passage) = trace[i] {
-                let computed_ns = passage.send_ns.saturating_sub(passage.receive_ns);
-                let excess_ns = computed_ns.saturating_sub(self.compute(i));
+                let usual_ns = self.usual(|_, trace| Some(trace[i]?.length_ns()));
+                let excess_ns = passage.length_ns().saturating_sub(usual_ns);
                 suspects.push(CandidateCause {
                     stage,
                     delay: Delay::Compute,
@@ -474,37 +401,24 @@ impl TimingWindow<'_> {
     }
 
     /// The stage whose work took most of the time for which another one on the same processor did not wake.
-    #[must_use]
     pub fn at_work_instead(&self, late: &CandidateCause) -> Option<CandidateCause> {
         if late.delay != Delay::Wake || !self.share_processor {
             return None;
         }
-        let works = self
-            .traces
-            .values()
-            .flat_map(|trace| STAGES.into_iter().zip(*trace));
+        let traces = self.traces.values();
+        let works = traces.flat_map(|trace| STAGES.into_iter().zip(*trace));
         let works = works.filter_map(|(stage, passage)| {
             let passage = passage.filter(|_| stage != late.stage)?;
-            let shared_ns = passage
-                .send_ns
-                .min(late.to_ns)
-                .saturating_sub(passage.receive_ns.max(late.from_ns));
+            let from_ns = passage.receive_ns.max(late.from_ns);
+            let shared_ns = passage.send_ns.min(late.to_ns).saturating_sub(from_ns);
             Some((shared_ns, stage, passage))
         });
-        let (
-            shared_ns,
-            stage,
-            StageTiming {
-                receive_ns,
-                send_ns,
-                ..
-            },
-        ) = works.max_by_key(|(shared_ns, ..)| *shared_ns)?;
+        let (shared_ns, stage, passage) = works.max_by_key(|(shared_ns, ..)| *shared_ns)?;
         (shared_ns * 2 > late.excess_ns).then_some(CandidateCause {
             stage,
             delay: Delay::Busy,
-            from_ns: receive_ns,
-            to_ns: send_ns,
+            from_ns: passage.receive_ns,
+            to_ns: passage.send_ns,
             excess_ns: shared_ns,
             share_ns: shared_ns,
         })
@@ -512,45 +426,27 @@ impl TimingWindow<'_> {
 
     /// The work of an earlier tick in which a stage was at an instant.
     fn at_work(&self, stage: usize, at_ns: u64, tick: u64) -> Option<StageTiming> {
-        let earlier = self
-            .traces
-            .range(..tick)
-            .rev()
-            .find_map(|(_, trace)| trace[stage])?;
+        let mut before = self.traces.range(..tick).rev();
+        let earlier = before.find_map(|(_, trace)| trace[stage])?;
         (earlier.receive_ns < at_ns && at_ns < earlier.send_ns).then_some(earlier)
     }
 
     /// What a duration usually is in the ticks around; `pick` is given the beginning of the tick.
     fn usual(&self, pick: impl Fn(u64, &TickTimings) -> Option<u64>) -> u64 {
-        let others = self
-            .traces
-            .iter()
-            .filter(|(tick, _)| !(self.outage.first..=self.outage.last).contains(tick));
-        usual_of(
-            others
-                .filter_map(|(other, trace)| pick(self.grid.begin_of(*other), trace))
-                .collect(),
-        )
-    }
-
-    fn compute(&self, stage: usize) -> u64 {
-        self.usual(|_, trace| {
-            let passage = trace[stage]?;
-            Some(passage.send_ns.saturating_sub(passage.receive_ns))
-        })
+        let is_around = |tick: &u64| !(self.outage.first..=self.outage.last).contains(tick);
+        let others = self.traces.iter().filter(|(tick, _)| is_around(tick));
+        let picked = others.filter_map(|(tick, trace)| pick(self.grid.begin_of(*tick), trace));
+        usual_of(picked.collect())
     }
 
     /// When a stage woke for the first time after a tick that it left out [ns].
     fn next_sign_of(&self, stage: usize, tick: u64) -> u64 {
-        let later = self
-            .traces
-            .range(tick + 1..)
-            .find_map(|(_, trace)| trace[stage]);
+        let mut after = self.traces.range(tick + 1..);
+        let later = after.find_map(|(_, trace)| trace[stage]);
         later.map_or(self.until_ns, |passage| passage.receive_ns)
     }
 }
 
-/// A row of ticks that were out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outage {
     pub first: u64,

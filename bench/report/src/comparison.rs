@@ -7,7 +7,6 @@ use flight_log::build::Build;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Identifies the JSON form of [`Comparison`].
 pub const SCHEMA: &str = "ironbird-comparison/1";
 /// How long after a fault a flight has to settle before its error counts as lasting [s].
 pub const SETTLING_S: f64 = 5.0;
@@ -16,7 +15,6 @@ pub const STAYING_S: f64 = 1.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// [`SCHEMA`].
     pub schema: &'static str,
     pub build: Build,
     pub flight: Flight,
@@ -33,7 +31,6 @@ pub struct Flight {
     pub seed: u64,
     /// Last tick of the plan; the first one is 0.
     pub last_tick: u64,
-    /// Sample time of the laws [s].
     pub period_s: f64,
     /// A flight has recovered when its true position error stays below this [m].
     pub bound_m: f64,
@@ -41,14 +38,10 @@ pub struct Flight {
     pub faults: Vec<Fault>,
 }
 
-/// What went wrong at an instant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fault {
-    /// The tick from which it held.
     pub tick: u64,
-    /// The same as time of the flight [s].
     pub time_s: f64,
-    /// New values, as in `mass_kg=+30%`.
     pub what: String,
 }
 
@@ -59,7 +52,6 @@ pub struct Laws {
     pub mixer: String,
 }
 
-/// What a combination of laws made of the flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     pub laws: Laws,
@@ -78,7 +70,6 @@ pub struct Outcome {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
-    /// True position error of the whole flight.
     pub error: ErrorFigures,
     /// The same before the first fault; none where a fault strikes at tick 0, or there is none.
     pub error_before: Option<ErrorFigures>,
@@ -87,9 +78,7 @@ pub struct Figures {
     /// Per fault, time until the true position error was below the bound, and stayed there until the next fault or the
     /// end, for [`STAYING_S`] at least [s]; none where it was not.
     pub recovery_s: Vec<Option<f64>>,
-    /// What the rotors were made to do.
     pub effort: Effort,
-    /// [`TRUE_ERROR`] and [`POWER`] over time.
     pub trace: Group,
 }
 
@@ -98,18 +87,13 @@ pub const TRUE_ERROR: &str = "true_position_error_m";
 /// Channel of the trace: sum of the cubed rotor speeds, as a multiple of that in hover.
 pub const POWER: &str = "rotor_power";
 
-/// True position errors over a part of a flight.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorFigures {
-    /// Root mean square [m].
     pub rms_m: f64,
-    /// 99th percentile, by nearest rank [m].
     pub p99_m: f64,
-    /// Largest [m].
     pub worst_m: f64,
 }
 
-/// What the rotors were made to do over a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Effort {
     /// Mean of the sum of the cubed speeds, which the power of a rotor goes with, as a multiple of that in hover.
@@ -121,41 +105,40 @@ pub struct Effort {
 }
 
 impl Comparison {
-    /// Whether the combinations differ in their mixers: else its name says nothing.
-    #[must_use]
     pub fn mixers_differ(&self) -> bool {
-        self.outcomes
-            .windows(2)
-            .any(|pair| pair[0].laws.mixer != pair[1].laws.mixer)
+        Laws::mixers_differ(self.outcomes.iter().map(|outcome| &outcome.laws))
     }
 
     /// The name of a combination among these: `pd + adaptive`.
-    #[must_use]
     pub fn name_of(&self, laws: &Laws) -> String {
-        let Laws {
-            outer,
-            inner,
-            mixer,
-        } = laws;
-        if self.mixers_differ() {
-            format!("{outer} + {inner} + {mixer}")
-        } else {
-            format!("{outer} + {inner}")
+        laws.name(self.mixers_differ())
+    }
+}
+
+impl Laws {
+    /// Whether combinations differ in their mixers: else its name says nothing.
+    pub fn mixers_differ<'a>(mut all: impl Iterator<Item = &'a Self>) -> bool {
+        let first = all.next();
+        all.any(|laws| first.is_some_and(|first| first.mixer != laws.mixer))
+    }
+
+    /// `pd + adaptive`, and the mixer where it is asked for.
+    pub fn name(&self, with_mixer: bool) -> String {
+        let name = format!("{} + {}", self.outer, self.inner);
+        match with_mixer {
+            true => format!("{name} + {}", self.mixer),
+            false => name,
         }
     }
 }
 
 impl Flight {
     /// From when on an error counts as lasting [ticks]; none without a fault.
-    #[must_use]
     pub fn settled_tick(&self) -> Option<u64> {
-        self.faults
-            .last()
-            .map(|fault| fault.tick + (SETTLING_S / self.period_s).round() as u64)
+        let settling = (SETTLING_S / self.period_s).round() as u64;
+        self.faults.last().map(|fault| fault.tick + settling)
     }
 
-    /// Instant of a tick [s].
-    #[must_use]
     pub fn time_s(&self, tick: u64) -> f64 {
         tick as f64 * self.period_s
     }
@@ -163,13 +146,8 @@ impl Flight {
 
 impl fmt::Display for Flight {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            trajectory,
-            airframe,
-            preset,
-            seed,
-            ..
-        } = self;
+        let (trajectory, preset) = (&self.trajectory, &self.preset);
+        let (airframe, seed) = (&self.airframe, self.seed);
         let length_s = self.time_s(self.last_tick);
         write!(
             f,

@@ -18,7 +18,6 @@ pub enum DeadlineOutcome {
     Late(u64),
 }
 
-/// Follows the rotor commands of a run.
 #[derive(Clone, Debug)]
 pub struct Deadlines {
     grid: Grid,
@@ -27,7 +26,6 @@ pub struct Deadlines {
 }
 
 impl Deadlines {
-    #[must_use]
     pub const fn new(grid: Grid) -> Self {
         Self {
             grid,
@@ -35,8 +33,6 @@ impl Deadlines {
         }
     }
 
-    /// From the first command on that comes.
-    #[must_use]
     pub const fn joining(grid: Grid) -> Self {
         Self {
             grid,
@@ -44,8 +40,7 @@ impl Deadlines {
         }
     }
 
-    /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`; `judge` is
-    /// told the tick of each.
+    /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`.
     pub fn published(
         &mut self,
         tick: u64,
@@ -55,11 +50,9 @@ impl Deadlines {
         let first_owed = self.owed_tick.unwrap_or(tick);
         for owed in first_owed..=tick {
             let deadline_ns = self.grid.begin_of(owed + 1);
-            let verdict = match deadline_ns.checked_sub(send_ns) {
-                Some(slack_ns) => DeadlineOutcome::Slack(slack_ns),
-                None => DeadlineOutcome::Late(send_ns - deadline_ns),
-            };
-            judge(owed, verdict);
+            let slack_ns = deadline_ns.checked_sub(send_ns);
+            let late = || DeadlineOutcome::Late(send_ns - deadline_ns);
+            judge(owed, slack_ns.map_or_else(late, DeadlineOutcome::Slack));
         }
         self.owed_tick = Some(first_owed.max(tick + 1));
     }
@@ -77,30 +70,26 @@ impl Deadlines {
         mut judge: impl FnMut(u64, DeadlineOutcome),
     ) {
         for owed in self.owed_tick.unwrap_or(last_tick + 1)..=last_tick {
-            judge(
-                owed,
-                DeadlineOutcome::Late(end_ns.saturating_sub(self.grid.begin_of(owed + 1))),
-            );
+            let late_ns = end_ns.saturating_sub(self.grid.begin_of(owed + 1));
+            judge(owed, DeadlineOutcome::Late(late_ns));
         }
         self.owed_tick = self.owed_tick.max(Some(last_tick + 1));
     }
 }
 
-/// The first late commands, those of consecutive ticks together.
 #[derive(Clone, Debug, Default)]
 pub struct LateCommands {
-    count: u64,
-    stretches: Vec<LateStretch>,
+    pub count: u64,
+    /// The first [`KEPT`] stretches.
+    pub stretches: Vec<LateStretch>,
     last: Option<u64>,
-    left_out: u64,
+    pub left_out: u64,
 }
 
-/// Consecutive ticks whose commands were late.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LateStretch {
     pub tick: u64,
     pub length_ticks: u64,
-    /// Largest lateness [ns].
     pub late_ns: u64,
 }
 
@@ -110,7 +99,7 @@ impl LateCommands {
         self.count += 1;
         let continues = self.last.is_some_and(|last| last + 1 == tick);
         self.last = Some(tick);
-        let has_room = self.stretches.len() < KEPT;
+        let (has_room, length_ticks) = (self.stretches.len() < KEPT, 1);
         match self.stretches.last_mut() {
             // One that was left out has no entry to be continued.
             Some(stretch) if continues && self.left_out == 0 => {
@@ -119,27 +108,11 @@ impl LateCommands {
             }
             _ if has_room => self.stretches.push(LateStretch {
                 tick,
-                length_ticks: 1,
+                length_ticks,
                 late_ns,
             }),
             _ => self.left_out += 1,
         }
-    }
-
-    #[must_use]
-    pub const fn count(&self) -> u64 {
-        self.count
-    }
-
-    /// The first [`KEPT`] stretches.
-    #[must_use]
-    pub fn stretches(&self) -> &[LateStretch] {
-        &self.stretches
-    }
-
-    #[must_use]
-    pub const fn left_out(&self) -> u64 {
-        self.left_out
     }
 }
 
@@ -150,14 +123,13 @@ impl LateCommands {
 /// the present run then count as the rest of the last one.
 #[derive(Clone, Debug, Default)]
 pub struct MissRuns {
-    missed: u64,
+    pub missed: u64,
     run: u64,
     lengths: BTreeMap<u64, u64>,
 }
 
 impl MissRuns {
     /// From the counters of a flight under way on: what was missed before is part of no run, a run under way is.
-    #[must_use]
     pub fn joining(missed: u64, run: u64) -> Self {
         Self {
             missed,
@@ -166,7 +138,6 @@ impl MissRuns {
         }
     }
 
-    /// Takes the counters of the next state message.
     pub fn update(&mut self, missed: u64, run: u64) {
         let new = missed.saturating_sub(self.missed);
         if run < self.run + new {
@@ -189,13 +160,7 @@ impl MissRuns {
         }
     }
 
-    #[must_use]
-    pub const fn missed(&self) -> u64 {
-        self.missed
-    }
-
     /// How many runs there were of each length; the one that has not ended counts with its present length.
-    #[must_use]
     pub fn lengths(&self) -> BTreeMap<u64, u64> {
         let mut all = self.clone();
         all.end(self.run);
@@ -205,6 +170,7 @@ impl MissRuns {
 
 #[cfg(test)]
 mod tests {
+    use super::DeadlineOutcome::{Late, Slack};
     use super::*;
 
     const GRID: Grid = Grid {
@@ -212,40 +178,32 @@ mod tests {
         period_ns: 1_000,
     };
 
-    fn verdicts(published: &[(u64, u64)]) -> Vec<DeadlineOutcome> {
-        let mut deadlines = Deadlines::new(GRID);
-        let mut all = Vec::new();
-        for (tick, send_ns) in published {
-            deadlines.published(*tick, *send_ns, |_, verdict| all.push(verdict));
+    #[test]
+    fn every_deadline_is_judged_by_the_next_command_that_came() {
+        type Row<'a> = (Deadlines, &'a [(u64, u64)], &'a [DeadlineOutcome]);
+        let mut unseen = Deadlines::new(GRID);
+        unseen.unseen_before(3);
+        let lost = &[Slack(970), Late(1_040), Late(40), Slack(960)];
+        let joined = &[Slack(970), Late(40), Slack(960)];
+        let rows: [Row; 5] = [
+            (
+                Deadlines::new(GRID),
+                &[(0, 30), (1, 1_400)],
+                &[Slack(970), Slack(600)],
+            ),
+            (Deadlines::new(GRID), &[(0, 1_001)], &[Late(1)]),
+            (Deadlines::new(GRID), &[(0, 30), (3, 3_040)], lost),
+            // What was published and not seen is not late; whoever joins is owed nothing from before.
+            (unseen, &[(3, 3_040)], &[Slack(960)]),
+            (Deadlines::joining(GRID), &[(7, 7_030), (9, 9_040)], joined),
+        ];
+        for (mut deadlines, published, expected) in rows {
+            let mut all = Vec::new();
+            for (tick, send_ns) in published {
+                deadlines.published(*tick, *send_ns, |_, verdict| all.push(verdict));
+            }
+            assert_eq!(all, expected, "{published:?}");
         }
-        all
-    }
-
-    #[test]
-    fn commands_in_time_have_slack() {
-        assert_eq!(
-            verdicts(&[(0, 30), (1, 1_400)]),
-            [DeadlineOutcome::Slack(970), DeadlineOutcome::Slack(600)]
-        );
-    }
-
-    #[test]
-    fn a_late_command_is_late_by_what_it_is_late() {
-        assert_eq!(verdicts(&[(0, 1_001)]), [DeadlineOutcome::Late(1)]);
-    }
-
-    #[test]
-    fn commands_that_never_came_are_late_until_the_next_one() {
-        let all = verdicts(&[(0, 30), (3, 3_040)]);
-        assert_eq!(
-            all,
-            [
-                DeadlineOutcome::Slack(970),
-                DeadlineOutcome::Late(1_040),
-                DeadlineOutcome::Late(40),
-                DeadlineOutcome::Slack(960)
-            ]
-        );
     }
 
     #[test]
@@ -254,57 +212,9 @@ mod tests {
         let mut all = Vec::new();
         deadlines.published(0, 30, |_, _| {});
         deadlines.finish(3, 4_100, |tick, verdict| all.push((tick, verdict)));
-        assert_eq!(
-            all,
-            [
-                (1, DeadlineOutcome::Late(2_100)),
-                (2, DeadlineOutcome::Late(1_100)),
-                (3, DeadlineOutcome::Late(100))
-            ]
-        );
+        assert_eq!(all, [(1, Late(2_100)), (2, Late(1_100)), (3, Late(100))]);
         deadlines.finish(3, 4_100, |_, _| panic!("judged twice"));
         Deadlines::joining(GRID).finish(3, 4_100, |_, _| panic!("it has seen nothing"));
-    }
-
-    #[test]
-    fn what_was_published_and_not_seen_is_not_late() {
-        let mut deadlines = Deadlines::new(GRID);
-        let mut all = Vec::new();
-        deadlines.unseen_before(3);
-        deadlines.published(3, 3_040, |tick, verdict| all.push((tick, verdict)));
-        assert_eq!(all, [(3, DeadlineOutcome::Slack(960))]);
-        let mut runs = MissRuns::default();
-        runs.unseen(14, 0);
-        runs.update(16, 2);
-        assert_eq!(
-            (runs.missed(), runs.lengths()),
-            (16, BTreeMap::from([(2, 1)]))
-        );
-    }
-
-    #[test]
-    fn one_who_joins_a_flight_is_owed_nothing_from_before() {
-        let mut deadlines = Deadlines::joining(GRID);
-        let mut all = Vec::new();
-        for (tick, send_ns) in [(7, 7_030), (9, 9_040)] {
-            deadlines.published(tick, send_ns, |_, verdict| all.push(verdict));
-        }
-        assert_eq!(
-            all,
-            [
-                DeadlineOutcome::Slack(970),
-                DeadlineOutcome::Late(40),
-                DeadlineOutcome::Slack(960)
-            ]
-        );
-        let mut runs = MissRuns::joining(70, 2);
-        for (missed, run) in [(71, 3), (71, 0), (72, 1)] {
-            runs.update(missed, run);
-        }
-        assert_eq!(
-            (runs.missed(), runs.lengths()),
-            (72, BTreeMap::from([(1, 1), (3, 1)]))
-        );
     }
 
     #[test]
@@ -313,22 +223,12 @@ mod tests {
         for (tick, late_ns) in [(7, 40), (8, 90), (9, 30), (11, 5)] {
             late.take(tick, late_ns);
         }
-        let expected = [
-            LateStretch {
-                tick: 7,
-                length_ticks: 3,
-                late_ns: 90,
-            },
-            LateStretch {
-                tick: 11,
-                length_ticks: 1,
-                late_ns: 5,
-            },
-        ];
-        assert_eq!(
-            (late.stretches(), late.count(), late.left_out()),
-            (&expected[..], 4, 0)
-        );
+        let found = late.stretches.iter();
+        let found: Vec<_> = found
+            .map(|it| (it.tick, it.length_ticks, it.late_ns))
+            .collect();
+        assert_eq!(found, [(7, 3, 90), (11, 1, 5)]);
+        assert_eq!((late.count, late.left_out), (4, 0));
     }
 
     #[test]
@@ -337,19 +237,18 @@ mod tests {
         (0..KEPT as u64).for_each(|i| late.take(2 * i, 1));
         let next = 2 * KEPT as u64;
         (next..next + 3).for_each(|tick| late.take(tick, 1));
-        assert_eq!(
-            (late.stretches().len(), late.count(), late.left_out()),
-            (KEPT, KEPT as u64 + 3, 3)
-        );
-        let last = late.stretches().last().unwrap();
+        assert_eq!((late.stretches.len(), late.left_out), (KEPT, 3));
+        assert_eq!(late.count, KEPT as u64 + 3);
+        let last = late.stretches.last().unwrap();
         assert_eq!((last.tick, last.length_ticks), (next - 2, 1));
     }
 
     #[test]
     fn runs_are_counted_by_length() {
-        let mut runs = MissRuns::default();
+        let mut unseen = MissRuns::default();
+        unseen.unseen(14, 0);
         // missed, run: one miss; in time; two in a row; in time; then a skipped stretch with one command in it.
-        for (missed, run) in [
+        let whole = [
             (0, 0),
             (1, 1),
             (1, 0),
@@ -358,17 +257,29 @@ mod tests {
             (3, 0),
             (4, 1),
             (9, 3),
+        ];
+        for (mut runs, counters, missed, lengths) in [
+            (
+                MissRuns::default(),
+                &whole[..],
+                9,
+                vec![(1, 1), (2, 1), (3, 2)],
+            ),
+            (unseen, &[(16, 2)], 16, vec![(2, 1)]),
+            (
+                MissRuns::joining(70, 2),
+                &[(71, 3), (71, 0), (72, 1)],
+                72,
+                vec![(1, 1), (3, 1)],
+            ),
         ] {
-            runs.update(missed, run);
-        }
-        assert_eq!(runs.lengths(), BTreeMap::from([(1, 1), (2, 1), (3, 2)]));
-        assert_eq!(runs.missed(), 9);
-        assert_eq!(
-            runs.lengths()
+            counters
                 .iter()
-                .map(|(length, count)| length * count)
-                .sum::<u64>(),
-            9
-        );
+                .for_each(|(missed, run)| runs.update(*missed, *run));
+            assert_eq!(
+                (runs.missed, runs.lengths()),
+                (missed, lengths.into_iter().collect())
+            );
+        }
     }
 }

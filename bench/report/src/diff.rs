@@ -30,21 +30,16 @@ const DIFFERENCE_MIN: f64 = 0.02;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diff {
     pub schema: &'static str,
-    /// What can be said of timing.
     pub timing: Conclusion,
-    /// What can be said of tracking.
     pub tracking: Conclusion,
-    /// The flights of the first group.
     pub a: Vec<Side>,
     pub b: Vec<Side>,
     pub settings: Vec<Difference>,
     pub builds: &'static str,
-    /// What differs of machine and granted scheduling.
     pub machine: Vec<Difference>,
     pub figures: Vec<FigureDiff>,
 }
 
-/// What can be said of all figures of a subject.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "says", rename_all = "snake_case")]
 pub enum Conclusion {
@@ -55,12 +50,10 @@ pub enum Conclusion {
     Judged {
         differ: usize,
         judged: usize,
-        /// Largest probability of a false difference.
         level: f64,
     },
 }
 
-/// A flight, in a few numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Side {
     pub run: String,
@@ -70,18 +63,15 @@ pub struct Side {
     pub ticks: u64,
     pub skipped: u64,
     pub missed: u64,
-    /// Stolen by the host [%].
     pub steal_percent: f64,
     pub theorem: &'static str,
 }
 
-/// Something that is not the same.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
     pub key: String,
     /// In the flights of the first group, each value once; nothing where they have none.
     pub a: Vec<Value>,
-    /// In those of the second one.
     pub b: Vec<Value>,
 }
 
@@ -90,7 +80,6 @@ pub struct FigureDiff {
     pub name: String,
     /// In the flights of the first group, in their order; nothing where one has too few values.
     pub a: Vec<Option<f64>>,
-    /// In those of the second one.
     pub b: Vec<Option<f64>>,
     /// Median of the first group; none where a flight has none.
     pub median_a: Option<f64>,
@@ -105,7 +94,6 @@ pub struct FigureDiff {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Says {
-    /// Some flight has too few values for it.
     TooFewValues,
     NotJudged,
     /// The difference is within what chance does, or too small to matter.
@@ -114,7 +102,6 @@ pub enum Says {
     Less,
 }
 
-/// What is compared of a flight.
 #[derive(Clone, Debug)]
 pub struct Flown {
     pub run: String,
@@ -146,16 +133,11 @@ impl Flown {
 
     fn machine(&self) -> BTreeMap<String, Value> {
         let mut flat = BTreeMap::new();
-        flatten(
-            "",
-            &serde_json::to_value(&self.facts.host).unwrap_or_default(),
-            &mut flat,
-        );
+        let host = serde_json::to_value(&self.facts.host).unwrap_or_default();
+        flatten("", &host, &mut flat);
         for (name, role) in &self.report.roles {
-            flat.insert(
-                format!("scheduling of {name}"),
-                role.scheduling.clone().into(),
-            );
+            let key = format!("scheduling of {name}");
+            flat.insert(key, role.scheduling.clone().into());
         }
         flat
     }
@@ -178,12 +160,8 @@ fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
         return;
     };
     for (key, value) in map {
-        let key = if prefix.is_empty() {
-            key.clone()
-        } else {
-            format!("{prefix}.{key}")
-        };
-        flatten(&key, value, into);
+        let dot = if prefix.is_empty() { "" } else { "." };
+        flatten(&format!("{prefix}{dot}{key}"), value, into);
     }
 }
 
@@ -192,35 +170,29 @@ fn differences(a: &[BTreeMap<String, Value>], b: &[BTreeMap<String, Value>]) -> 
     let keys: BTreeSet<&String> = a.iter().chain(b).flat_map(BTreeMap::keys).collect();
     let of = |group: &[BTreeMap<String, Value>], key: &String| {
         let mut values: Vec<Value> = Vec::new();
-        for value in group
-            .iter()
-            .map(|flat| flat.get(key).cloned().unwrap_or_default())
-        {
+        for flat in group {
+            let value = flat.get(key).cloned().unwrap_or_default();
             if !values.contains(&value) {
                 values.push(value);
             }
         }
         values
     };
-    keys.into_iter()
-        .map(|key| Difference {
-            key: key.clone(),
-            a: of(a, key),
-            b: of(b, key),
-        })
-        .filter(|difference| difference.a.len() > 1 || difference.a != difference.b)
-        .collect()
+    let all = keys.into_iter().map(|key| Difference {
+        key: key.clone(),
+        a: of(a, key),
+        b: of(b, key),
+    });
+    all.filter(|it| it.a.len() > 1 || it.a != it.b).collect()
 }
 
 /// Compares two groups of flights, of at least one flight each.
-#[must_use]
 pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
     let mut figures = paired(a, b);
     let few = a.len().min(b.len());
-    let level = if few > FLIGHTS_NEEDED {
-        LEVEL
-    } else {
-        LEVEL_OF_THREE
+    let level = match few > FLIGHTS_NEEDED {
+        true => LEVEL,
+        false => LEVEL_OF_THREE,
     };
     let too_few = (few < FLIGHTS_NEEDED).then(|| {
         let some = match (a.len(), b.len()) {
@@ -234,12 +206,8 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
     });
     let disturbed = a.iter().chain(b).find_map(Flown::disturbed);
     let reason = |subject: Subject| {
-        let of_subject = if subject == Subject::Timing {
-            disturbed.clone()
-        } else {
-            None
-        };
-        too_few.clone().or(of_subject)
+        let disturbed = disturbed.clone().filter(|_| subject == Subject::Timing);
+        too_few.clone().or(disturbed)
     };
     let judged: Vec<usize> = (0..figures.len())
         .filter(|i| reason(figures[*i].0).is_none() && figures[*i].1.says != Says::TooFewValues)
@@ -252,9 +220,9 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
         Some(reason) => Conclusion::NotJudged { reason },
         None => {
             let of = |wanted: &[Says]| {
-                let all = figures.iter().filter(|(of, _)| *of == subject);
-                all.filter(|(_, figure)| wanted.contains(&figure.says))
-                    .count()
+                let is_it =
+                    |(of, it): &&(Subject, FigureDiff)| *of == subject && wanted.contains(&it.says);
+                figures.iter().filter(is_it).count()
             };
             let differ = of(&[Says::More, Says::Less]);
             Conclusion::Judged {
@@ -266,10 +234,8 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
     };
     let (timing, tracking) = (conclusion(Subject::Timing), conclusion(Subject::Tracking));
     let flat = |of: fn(&Flown) -> BTreeMap<String, Value>| {
-        differences(
-            &a.iter().map(of).collect::<Vec<_>>(),
-            &b.iter().map(of).collect::<Vec<_>>(),
-        )
+        let [a, b] = [a, b].map(|group| group.iter().map(of).collect::<Vec<_>>());
+        differences(&a, &b)
     };
     Diff {
         schema: SCHEMA,
@@ -291,36 +257,25 @@ fn builds(a: &[Flown], b: &[Flown]) -> &'static str {
         return Build::default().compared_with(&Build::default());
     };
     let same = first.compared_with(first);
-    all.map(|build| first.compared_with(build))
-        .find(|said| *said != same)
-        .unwrap_or(same)
+    let mut compared = all.map(|build| first.compared_with(build));
+    compared.find(|said| *said != same).unwrap_or(same)
 }
 
-/// The figures that all flights have, one for one.
 fn paired(a: &[Flown], b: &[Flown]) -> Vec<(Subject, FigureDiff)> {
-    let of = |group: &[Flown]| {
-        group
-            .iter()
-            .map(|flown| figures(&flown.report))
-            .collect::<Vec<_>>()
-    };
-    let (of_a, of_b) = (of(a), of(b));
+    let of = |flown: &Flown| figures(&flown.report);
+    let [of_a, of_b] = [a, b].map(|group| group.iter().map(of).collect::<Vec<_>>());
     let Some(first) = of_a.first() else {
         return Vec::new();
     };
     let values = |group: &[Vec<Figure>], name: &str| -> Option<Vec<Option<f64>>> {
-        group
-            .iter()
-            .map(|all| Some(all.iter().find(|figure| figure.name == name)?.value))
-            .collect()
+        let of = |all: &Vec<Figure>| Some(all.iter().find(|figure| figure.name == name)?.value);
+        group.iter().map(of).collect()
     };
-    first
-        .iter()
-        .filter_map(|figure| {
-            let (a, b) = (values(&of_a, &figure.name)?, values(&of_b, &figure.name)?);
-            Some((figure.subject, FigureDiff::of(&figure.name, a, b)))
-        })
-        .collect()
+    let pair = |figure: &Figure| {
+        let (a, b) = (values(&of_a, &figure.name)?, values(&of_b, &figure.name)?);
+        Some((figure.subject, FigureDiff::of(&figure.name, a, b)))
+    };
+    first.iter().filter_map(pair).collect()
 }
 
 impl FigureDiff {
@@ -330,16 +285,9 @@ impl FigureDiff {
             all.map(|values| median(&values))
         };
         let (median_a, median_b) = (median_of(&a), median_of(&b));
-        let ratio = median_a
-            .zip(median_b)
-            .filter(|(a, _)| *a > 0.0)
-            .map(|(a, b)| b / a);
-        let is_there = median_a.is_some() && median_b.is_some();
-        let says = if is_there {
-            Says::NotJudged
-        } else {
-            Says::TooFewValues
-        };
+        let both = median_a.zip(median_b);
+        let ratio = both.filter(|(a, _)| *a > 0.0).map(|(a, b)| b / a);
+        let says = both.map_or(Says::TooFewValues, |_| Says::NotJudged);
         Self {
             name: name.to_owned(),
             a,
@@ -394,7 +342,6 @@ pub struct Figure {
 }
 
 /// The figures of a flight; every flight has the same names in the same order, as long as it has the series.
-#[must_use]
 pub fn figures(report: &Report) -> Vec<Figure> {
     let performance = &report.flight;
     let ticks = (report.ticks.run + report.ticks.skipped) as f64;
@@ -404,49 +351,29 @@ pub fn figures(report: &Report) -> Vec<Figure> {
         subject,
         value,
     };
+    use Subject::{Timing, Tracking};
+    let [rms, largest] = [
+        performance.position_error_rms_m,
+        performance.position_error_max_m,
+    ];
+    let end = Some(performance.position_error_final_m);
+    let rate = performance.rate_error_final_rad_s;
+    let missed = per_million(report.deadlines.missed);
+    let skipped = per_million(report.ticks.skipped);
     let mut all = vec![
-        figure(
-            Subject::Tracking,
-            "position error, rms [m]",
-            Some(performance.position_error_rms_m),
-        ),
-        figure(
-            Subject::Tracking,
-            "position error, largest [m]",
-            Some(performance.position_error_max_m),
-        ),
-        figure(
-            Subject::Tracking,
-            "position error, at the end [m]",
-            Some(performance.position_error_final_m),
-        ),
-        figure(
-            Subject::Tracking,
-            "rate error, at the end [rad/s]",
-            performance.rate_error_final_rad_s,
-        ),
-        figure(
-            Subject::Timing,
-            "deadlines missed [per million]",
-            per_million(report.deadlines.missed),
-        ),
-        figure(
-            Subject::Timing,
-            "ticks skipped [per million]",
-            per_million(report.ticks.skipped),
-        ),
+        figure(Tracking, "position error, rms [m]", Some(rms)),
+        figure(Tracking, "position error, largest [m]", Some(largest)),
+        figure(Tracking, "position error, at the end [m]", end),
+        figure(Tracking, "rate error, at the end [rad/s]", rate),
+        figure(Timing, "deadlines missed [per million]", missed),
+        figure(Timing, "ticks skipped [per million]", skipped),
     ];
     for distribution in &report.distributions {
-        for (percent, _) in PERCENTS {
-            let value = distribution
-                .percentile(percent)
-                .map(|percentile| percentile.value_us);
-            all.push(figure(
-                Subject::Timing,
-                &format!("{} p{percent} [us]", distribution.name),
-                value,
-            ));
-        }
+        all.extend(PERCENTS.map(|(percent, _)| {
+            let name = format!("{} p{percent} [us]", distribution.name);
+            let value = distribution.percentile(percent).map(|it| it.value_us);
+            figure(Timing, &name, value)
+        }));
     }
     all
 }
@@ -464,46 +391,33 @@ mod tests {
 
     #[test]
     fn a_difference_is_said_where_it_is_improbable_and_matters() {
-        let judged = |a: &[f64], b: &[f64], probability: f64| {
-            let mut figure = figure(a, b);
+        let (low, high) = ([10.0, 10.1, 10.2], [20.0, 20.1, 20.3]);
+        for (a, b, probability, says) in [
+            (low, high, 0.1, Says::More),
+            (high, low, 0.1, Says::Less),
+            (low, high, 0.2, Says::NoDifference),
+            // Three a side are as far apart by chance once in ten times: they must be farther apart than each is wide.
+            (
+                [10.0, 10.1, 14.0],
+                [16.0, 20.1, 20.3],
+                0.1,
+                Says::NoDifference,
+            ),
+            // Never mind how sure it is.
+            ([10.0; 3], [10.1; 3], 0.001, Says::NoDifference),
+        ] {
+            let mut figure = figure(&a, &b);
             figure.judge(Some(probability), 0.1);
-            figure.says
-        };
-        assert_eq!(
-            judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.1),
-            Says::More
-        );
-        assert_eq!(
-            judged(&[20.0, 20.1, 20.3], &[10.0, 10.1, 10.2], 0.1),
-            Says::Less
-        );
-        assert_eq!(
-            judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.2),
-            Says::NoDifference
-        );
-        // Three a side are as far apart by chance once in ten times: they must be farther apart than each is wide.
-        assert_eq!(
-            judged(&[10.0, 10.1, 14.0], &[16.0, 20.1, 20.3], 0.1),
-            Says::NoDifference
-        );
-        // Never mind how sure it is.
-        assert_eq!(
-            judged(&[10.0, 10.0, 10.0], &[10.1, 10.1, 10.1], 0.001),
-            Says::NoDifference
-        );
+            assert_eq!(figure.says, says, "{a:?} {b:?} {probability}");
+        }
     }
 
     #[test]
     fn a_figure_that_a_flight_lacks_is_not_judged_and_one_of_0_has_no_ratio() {
-        let lacking = FigureDiff::of(
-            "loop p99.9 [us]",
-            vec![Some(1.0), None, Some(1.0)],
-            vec![Some(1.0); 3],
-        );
-        assert_eq!(
-            (lacking.says, lacking.median_a, lacking.median_b),
-            (Says::TooFewValues, None, Some(1.0))
-        );
+        let a = vec![Some(1.0), None, Some(1.0)];
+        let lacking = FigureDiff::of("loop p99.9 [us]", a, vec![Some(1.0); 3]);
+        assert_eq!(lacking.says, Says::TooFewValues);
+        assert_eq!((lacking.median_a, lacking.median_b), (None, Some(1.0)));
         assert_eq!(figure(&[0.0], &[3.0]).ratio, None);
         assert_eq!(figure(&[2.0], &[3.0]).ratio, Some(1.5));
     }
@@ -518,29 +432,18 @@ mod tests {
         let one = flat(r#"{"a": {"b": 1, "c": [1]}}"#);
         let other = flat(r#"{"a": {"b": 1, "c": [2]}, "d": "x"}"#);
         let found = differences(&[one.clone(), one.clone()], from_ref(&other));
-        let keys: Vec<&str> = found
-            .iter()
-            .map(|difference| difference.key.as_str())
-            .collect();
-        assert_eq!(keys, ["a.c", "d"]);
+        assert!(found.iter().map(|it| &it.key).eq(["a.c", "d"]), "{found:?}");
         assert_eq!(
-            (&found[1].a[..], &found[1].b[..]),
-            (&[Value::Null][..], &[Value::from("x")][..])
+            (&found[1].a, &found[1].b),
+            (&vec![Value::Null], &vec!["x".into()])
         );
-        // Also within a group.
-        assert_eq!(
-            differences(&[one.clone(), other.clone()], from_ref(&one))[0]
-                .a
-                .len(),
-            2
-        );
-        assert_eq!(
-            differences(&[one.clone(), other, one.clone()], from_ref(&one))[0]
-                .a
-                .len(),
-            2,
-            "each value once"
-        );
+        // Also within a group, each value once.
+        for group in [
+            vec![one.clone(), other.clone()],
+            vec![one.clone(), other, one.clone()],
+        ] {
+            assert_eq!(differences(&group, from_ref(&one))[0].a.len(), 2);
+        }
         assert_eq!(differences(from_ref(&one), from_ref(&one)), []);
     }
 }

@@ -4,7 +4,6 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Whether something is as it should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
@@ -15,7 +14,6 @@ pub enum Level {
 }
 
 impl Level {
-    #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -28,7 +26,6 @@ impl Level {
 /// What can be expected of a machine; the later, the better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum RealtimeClass {
-    /// Latencies say nothing about the loops.
     #[default]
     #[serde(rename = "not real-time here")]
     NotRealTime,
@@ -41,7 +38,6 @@ pub enum RealtimeClass {
 }
 
 impl RealtimeClass {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::Hard => "hard",
@@ -54,9 +50,7 @@ impl RealtimeClass {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
     pub subject: String,
-    /// Whether it is as it should be.
     pub level: Level,
-    /// The best verdict that it leaves open.
     pub allows: RealtimeClass,
     pub found: String,
     pub why: String,
@@ -65,7 +59,6 @@ pub struct Finding {
 }
 
 impl Finding {
-    #[must_use]
     pub fn ok(subject: &str, found: impl Into<String>, why: &str) -> Self {
         Self {
             subject: subject.into(),
@@ -78,39 +71,30 @@ impl Finding {
     }
 
     /// It could be better, and wake-ups are as bounded as without it.
-    #[must_use]
     pub fn could_be_better(self, fix: impl Into<String>) -> Self {
-        Self {
-            level: Level::Warning,
-            fix: Some(fix.into()),
-            ..self
-        }
+        let allows = self.allows;
+        self.fixed_by(Level::Warning, allows, fix)
     }
 
-    /// It makes wake-ups late now and then.
-    #[must_use]
     pub fn softens(self, fix: impl Into<String>) -> Self {
-        Self {
-            level: Level::Warning,
-            allows: RealtimeClass::Soft,
-            fix: Some(fix.into()),
-            ..self
-        }
+        self.fixed_by(Level::Warning, RealtimeClass::Soft, fix)
     }
 
-    /// It keeps anything from flying in real time.
-    #[must_use]
     pub fn blocks(self, fix: impl Into<String>) -> Self {
+        self.fixed_by(Level::Blocks, RealtimeClass::NotRealTime, fix)
+    }
+
+    fn fixed_by(self, level: Level, allows: RealtimeClass, fix: impl Into<String>) -> Self {
+        let fix = Some(fix.into());
         Self {
-            level: Level::Blocks,
-            allows: RealtimeClass::NotRealTime,
-            fix: Some(fix.into()),
+            level,
+            allows,
+            fix,
             ..self
         }
     }
 }
 
-/// A verdict with the findings that it is due to.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Diagnosis {
     pub verdict: RealtimeClass,
@@ -119,19 +103,12 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
-    /// The verdict is the worst that any finding leaves open.
-    #[must_use]
     pub fn of(findings: &[Finding]) -> Self {
-        let verdict = findings
-            .iter()
-            .map(|finding| finding.allows)
-            .min()
-            .unwrap_or(RealtimeClass::Hard);
-        let is_due =
-            |finding: &&Finding| finding.allows == verdict && verdict != RealtimeClass::Hard;
-        let reasons = findings
-            .iter()
-            .filter(is_due)
+        let classes = findings.iter().map(|finding| finding.allows);
+        let verdict = classes.min().unwrap_or(RealtimeClass::Hard);
+        let is_due = |it: &&Finding| it.allows == verdict && verdict != RealtimeClass::Hard;
+        let due = findings.iter().filter(is_due);
+        let reasons = due
             .map(|it| format!("{}: {}", it.subject, it.found))
             .collect();
         Self { verdict, reasons }
@@ -148,19 +125,17 @@ mod tests {
         let better = Finding::ok("b", "x", "").could_be_better("f");
         let soft = Finding::ok("c", "y", "").softens("f");
         let blocks = Finding::ok("d", "z", "").blocks("f");
-        let of = |findings: &[&Finding]| {
-            let findings: Vec<_> = findings.iter().map(|finding| (*finding).clone()).collect();
-            let diagnosis = Diagnosis::of(&findings);
-            (diagnosis.verdict.words(), diagnosis.reasons)
-        };
-        assert_eq!(of(&[&fine, &better]), ("hard", vec![]));
-        assert_eq!(
-            of(&[&fine, &soft, &better]),
-            ("soft", vec!["c: y".to_owned()])
-        );
-        assert_eq!(
-            of(&[&soft, &blocks]),
-            ("not real-time here", vec!["d: z".to_owned()])
-        );
+        for (findings, words, reasons) in [
+            (vec![&fine, &better], "hard", ""),
+            (vec![&fine, &soft, &better], "soft", "c: y"),
+            (vec![&soft, &blocks], "not real-time here", "d: z"),
+        ] {
+            let findings: Vec<Finding> = findings.into_iter().cloned().collect();
+            let Diagnosis {
+                verdict,
+                reasons: found,
+            } = Diagnosis::of(&findings);
+            assert_eq!((verdict.words(), &*found.join("; ")), (words, reasons));
+        }
     }
 }

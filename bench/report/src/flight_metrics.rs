@@ -14,8 +14,8 @@ use messages::parameters::Airframe;
 /// Tracking error, effort and tilt of a flight, summed up tick by tick.
 #[derive(Debug)]
 pub struct FlightMetrics {
-    error: TrackingError,
-    recent: RecentStates,
+    pub error: TrackingError,
+    pub recent: RecentStates,
     /// Smallest component of body z along the vertical: it gives the largest tilt.
     upright_min: f64,
     saturated: u64,
@@ -28,7 +28,6 @@ pub struct FlightMetrics {
 }
 
 impl FlightMetrics {
-    #[must_use]
     pub fn new(period_s: f64, airframe: &Airframe) -> Self {
         let hover = airframe.as_built().hover_speed_rad_s();
         Self {
@@ -57,32 +56,18 @@ impl FlightMetrics {
         self.power_sum += power;
         let command = rotors.speed_rad_s;
         let before = self.command.replace(command).unwrap_or(command);
-        self.changes_squared_sum += (0..ROTORS)
-            .map(|i| (command[i] - before[i]) * (command[i] - before[i]))
-            .sum::<f64>();
+        let squares = (0..ROTORS).map(|i| (command[i] - before[i]) * (command[i] - before[i]));
+        self.changes_squared_sum += squares.sum::<f64>();
         power
     }
 
-    #[must_use]
-    pub const fn error(&self) -> &TrackingError {
-        &self.error
-    }
-
-    #[must_use]
-    pub const fn recent(&self) -> &RecentStates {
-        &self.recent
-    }
-
-    /// Largest angle between body z and the vertical [rad].
-    #[must_use]
     pub fn tilt_max_rad(&self) -> f64 {
         let upright = self.upright_min;
         math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
     }
 
-    #[must_use]
     pub fn effort(&self) -> Effort {
-        let ticks = self.error.states();
+        let ticks = self.error.states;
         let changes = ROTORS as f64 * ticks.saturating_sub(1).max(1) as f64;
         Effort {
             power: self.power_sum / ticks.max(1) as f64,
@@ -97,13 +82,11 @@ impl FlightMetrics {
 pub struct ComparedFlight {
     tracking: Tracking,
     metrics: FlightMetrics,
-    /// True position error of each tick [m].
     error_m: Vec<f64>,
     trace: Stretches<Range>,
 }
 
 impl ComparedFlight {
-    #[must_use]
     pub fn new(tracking: Tracking, airframe: &Airframe) -> Self {
         Self {
             tracking,
@@ -116,10 +99,8 @@ impl ComparedFlight {
     /// Adds the next tick: its state, and the command computed from it.
     pub fn take(&mut self, tick: u64, state: &State, rotors: &RotorSpeeds) {
         let (flown, reference) = (state.truth.position_w_m, self.tracking.position_w_m(tick));
-        let error_m = (0..3)
-            .map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]))
-            .sum::<f64>()
-            .sqrt();
+        let squares = (0..3).map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]));
+        let error_m = squares.sum::<f64>().sqrt();
         let power = self.metrics.take(tick, state, error_m, rotors);
         self.error_m.push(error_m);
         for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {
@@ -128,25 +109,18 @@ impl ComparedFlight {
     }
 
     /// The figures of the flight, with the recoveries from its planned faults.
-    #[must_use]
     pub fn figures(&self, flight: &Flight) -> Figures {
         let ticks = self.error_m.len();
         let part = |from: u64, to: u64| {
-            self.error_m
-                .get(from as usize..(to as usize).min(ticks))
-                .and_then(error_figures)
+            let errors_m = self.error_m.get(from as usize..(to as usize).min(ticks));
+            errors_m.and_then(error_figures)
         };
         let first = flight.faults.first().map(|fault| fault.tick);
+        let settled = flight.settled_tick();
         Figures {
-            error: part(0, u64::MAX).unwrap_or(ErrorFigures {
-                rms_m: 0.0,
-                p99_m: 0.0,
-                worst_m: 0.0,
-            }),
+            error: part(0, u64::MAX).unwrap_or_default(),
             error_before: first.and_then(|first| part(0, first)),
-            error_after: flight
-                .settled_tick()
-                .and_then(|settled| part(settled, u64::MAX)),
+            error_after: settled.and_then(|settled| part(settled, u64::MAX)),
             recovery_s: self.recoveries(flight),
             effort: self.metrics.effort(),
             trace: self.trace.group(&[TRUE_ERROR, POWER]),
@@ -156,12 +130,8 @@ impl ComparedFlight {
     /// Per fault, how long the error took to come back [s].
     fn recoveries(&self, flight: &Flight) -> Vec<Option<f64>> {
         let staying = (STAYING_S / flight.period_s).round() as usize;
-        let ends = flight
-            .faults
-            .iter()
-            .skip(1)
-            .map(|next| next.tick)
-            .chain([flight.last_tick + 1]);
+        let next = flight.faults.iter().skip(1).map(|next| next.tick);
+        let ends = next.chain([flight.last_tick + 1]);
         let recovered = |(fault, end): (&Fault, u64)| {
             // Of a flight that ended before, nobody knows that it would have stayed.
             let errors = self.error_m.get(fault.tick as usize..end as usize)?;
@@ -173,7 +143,6 @@ impl ComparedFlight {
     }
 }
 
-/// Figures of errors [m]; none without one.
 fn error_figures(errors_m: &[f64]) -> Option<ErrorFigures> {
     let mut sorted = errors_m.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -191,8 +160,6 @@ fn error_figures(errors_m: &[f64]) -> Option<ErrorFigures> {
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
-    use messages::content::Measured;
-    use messages::content::Truth;
 
     use super::*;
 
@@ -217,37 +184,22 @@ mod tests {
     /// A flight with these errors, whose sensors show none of them; its rotors turn at hover speed.
     fn flown(errors_m: &[f64]) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
-        let mut tally = ComparedFlight::new(tracking, &airframe);
+        let mut compared = ComparedFlight::new(tracking, &airframe);
         for (tick, error_m) in (0..).zip(errors_m) {
-            let position_w_m = tracking.position_w_m(tick);
-            let hover = [airframe.hover_speed_rad_s(); ROTORS];
-            let measured = Measured {
-                position_w_m,
-                rotor_speed_mean_rad_s: hover,
-                ..Measured::default()
-            };
-            let [x, y, z] = position_w_m;
-            let truth = Truth {
-                position_w_m: [x, y - error_m, z],
-                ..Truth::default()
-            };
+            let [x, y, z] = tracking.position_w_m(tick);
+            let mut state = State::default();
+            state.measured.position_w_m = [x, y, z];
+            state.measured.rotor_speed_mean_rad_s = [airframe.hover_speed_rad_s(); ROTORS];
+            state.truth.position_w_m = [x, y - error_m, z];
             let speed = 200.0 + if tick % 2 == 0 { 0.0 } else { 3.0 };
             let rotors = RotorSpeeds {
                 speed_rad_s: [speed, speed, 200.0, 200.0],
                 saturated: u64::from(tick % 4 == 0),
                 ..RotorSpeeds::default()
             };
-            tally.take(
-                tick,
-                &State {
-                    measured,
-                    truth,
-                    ..State::default()
-                },
-                &rotors,
-            );
+            compared.take(tick, &state, &rotors);
         }
-        tally
+        compared
     }
 
     fn close(a: f64, b: f64) -> bool {
@@ -256,44 +208,38 @@ mod tests {
 
     #[test]
     fn errors_are_the_true_ones_before_the_first_fault_and_from_5_s_after_the_last() {
-        let errors: Vec<f64> = (0..=200)
-            .map(|tick| {
-                if tick < 100 {
-                    f64::from(tick) / 100.0
-                } else {
-                    2.0
-                }
-            })
-            .collect();
-        let tally = flown(&errors);
-        let figures = tally.figures(&flight(200, &[50, 120]));
-        let before = figures.error_before.unwrap();
+        let error_m = |tick| {
+            if tick < 100 {
+                f64::from(tick) / 100.0
+            } else {
+                2.0
+            }
+        };
+        let compared = flown(&(0..=200).map(error_m).collect::<Vec<f64>>());
+        let figures = |faults: &[u64]| compared.figures(&flight(200, faults));
+        let both = figures(&[50, 120]);
+        let before = both.error_before.unwrap();
         assert!(
             close(before.worst_m, 0.49) && close(before.p99_m, 0.49),
             "{before:?}"
         );
-        let after = figures.error_after.unwrap();
+        let after = both.error_after.unwrap();
         assert!(
             close(after.rms_m, 2.0) && close(after.worst_m, 2.0),
             "{after:?}"
         );
         // 199 of 201 values are not above 2, and the 99th percentile is the 199th.
         assert!(
-            close(figures.error.worst_m, 2.0) && close(figures.error.p99_m, 2.0),
-            "{figures:?}"
+            close(both.error.worst_m, 2.0) && close(both.error.p99_m, 2.0),
+            "{both:?}"
         );
+        // There is nothing before tick 0, and 5 s after tick 180 the flight was over.
+        assert_eq!(figures(&[0]).error_before, None);
+        assert_eq!(figures(&[180]).error_after, None);
         assert_eq!(
-            tally.figures(&flight(200, &[0])).error_before,
-            None,
-            "there is no before"
+            (figures(&[]).error_before, figures(&[]).error_after),
+            (None, None)
         );
-        assert_eq!(
-            tally.figures(&flight(200, &[180])).error_after,
-            None,
-            "5 s later the flight was over"
-        );
-        let without = tally.figures(&flight(200, &[]));
-        assert_eq!((without.error_before, without.error_after), (None, None));
     }
 
     #[test]
@@ -313,27 +259,24 @@ mod tests {
         errors[50..70].fill(0.9);
         errors[75] = 0.6;
         errors[130..].fill(0.7);
-        let plan = flight(200, &[50, 100, 130]);
+        let recovered = |errors: &[f64]| {
+            flown(errors)
+                .figures(&flight(200, &[50, 100, 130]))
+                .recovery_s
+        };
         // Back once at 70, for good after 75; the second fault does nothing; the third stays.
-        let recovered = flown(&errors).figures(&plan).recovery_s;
-        assert!(close(recovered[0].unwrap(), 2.6), "{recovered:?}");
-        assert_eq!(recovered[1..], [Some(0.0), None]);
+        let found = recovered(&errors);
+        assert!(close(found[0].unwrap(), 2.6), "{found:?}");
+        assert_eq!(found[1..], [Some(0.0), None]);
         // Less than a second below the bound is not yet a stay.
         errors[130..].fill(0.1);
         errors[192] = 0.6;
-        assert_eq!(flown(&errors).figures(&plan).recovery_s[2], None);
+        assert_eq!(recovered(&errors)[2], None);
         errors.swap(192, 190);
-        assert!(close(
-            flown(&errors).figures(&plan).recovery_s[2].unwrap(),
-            6.1
-        ));
-    }
-
-    #[test]
-    fn of_a_flight_that_ended_early_no_recovery_is_told() {
-        let errors = vec![0.1; 150];
-        let figures = flown(&errors).figures(&flight(200, &[50, 100, 180]));
-        assert_eq!(figures.recovery_s, [Some(0.0), None, None]);
+        assert!(close(recovered(&errors)[2].unwrap(), 6.1));
+        // Of a flight that ended early, no recovery is known.
+        let early = flown(&[0.1; 150]).figures(&flight(200, &[50, 100, 180]));
+        assert_eq!(early.recovery_s, [Some(0.0), None, None]);
     }
 
     #[test]
@@ -347,9 +290,7 @@ mod tests {
             "{effort:?}"
         );
         assert_eq!(trace.spans(POWER).count(), 101);
-        assert_eq!(
-            flown(&[]).figures(&flight(100, &[])).effort.agitation_rad_s,
-            0.0
-        );
+        let nothing = flown(&[]).figures(&flight(100, &[]));
+        assert_eq!(nothing.effort.agitation_rad_s, 0.0);
     }
 }

@@ -24,15 +24,13 @@ use messages::header::Message;
 use messages::monitor::Monitor;
 use messages::realtime::Lead;
 use messages::role::{Role, STAGES};
-use messages::telemetry::LAW_ROLES;
+use messages::telemetry::{LAW_ROLES, Telemetry};
 use messages::topic::Topic;
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 
-/// Swaps that are kept one by one.
 pub const SWAPS_KEPT: usize = 500;
 
-/// Everything that is counted over a flight.
 #[derive(Debug)]
 pub struct FlightStatistics {
     /// Whether the first message need not be the flight's: then what was before it is unknown, and not missing.
@@ -56,7 +54,6 @@ pub struct FlightStatistics {
     passages: VecDeque<StampedTiming>,
     /// Commands whose deadlines the plant has not judged yet.
     commands: VecDeque<StampedCommand>,
-    /// When the mixer said its last word [ns].
     last_word_ns: Option<u64>,
     sequences: [Sequence; TOPICS.len()],
     flight: ControlStatistics,
@@ -64,10 +61,8 @@ pub struct FlightStatistics {
     /// Answers that could not be used, of outer, inner and mixer law.
     pub not_finite: [NotFinite; 3],
     laws: FlownLaws,
-    /// What outer, inner and mixer law show.
     pub telemetry: [SignalStatistics; LAW_ROLES.len()],
     pub theorem: TheoremStatistics,
-    /// The first [`SWAPS_KEPT`] swaps.
     pub swaps: Vec<swaps::AppliedSwap>,
     pub swaps_seen: u64,
     pub tracer: Tracer,
@@ -76,7 +71,6 @@ pub struct FlightStatistics {
     skipped: u64,
 }
 
-/// Follows the sequence numbers of a topic.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sequence {
     last: Option<(u64, u64)>,
@@ -84,7 +78,6 @@ struct Sequence {
 }
 
 impl Sequence {
-    /// Whether messages are missing before this one.
     fn follow(&mut self, epoch: u64, seq: u64, joins: bool) -> bool {
         let expected = match self.last {
             Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
@@ -98,13 +91,11 @@ impl Sequence {
 }
 
 /// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
-#[must_use]
 pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
     message.envelope.stamps_of(Role::Mixer).receive_ns == 0
 }
 
 impl FlightStatistics {
-    /// Counts a run from its tick 0 on.
     pub fn new(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
         let grid = match pace {
             Pace::Realtime(grid) => Some(grid),
@@ -143,7 +134,6 @@ impl FlightStatistics {
         })
     }
 
-    /// Counts a run from the next message on.
     pub fn joining(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
         let tally = Self::new(pace, t0_ns, tracking)?;
         Ok(Self {
@@ -153,17 +143,15 @@ impl FlightStatistics {
         })
     }
 
-    /// Follows what these laws show, from the next message on.
     pub fn flown_by(&mut self, laws: FlownLaws) {
         self.laws = laws;
         self.telemetry = LAW_ROLES.map(|role| SignalStatistics::new(laws.signals.of(role)));
         self.tracer.flown_by(laws);
-        laws.without_theorem
-            .into_iter()
-            .for_each(|law| self.theorem.does_not_apply(law));
+        if let Some(law) = laws.without_theorem {
+            self.theorem.does_not_apply(law);
+        }
     }
 
-    /// Whether messages of the topic are missing before this one.
     fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
         self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
     }
@@ -179,9 +167,8 @@ impl FlightStatistics {
     ///
     /// `is_virtual`: a hypervisor may run below; `shares_processor`: all loops were granted the same one.
     pub fn begin_autopsy(&mut self, is_virtual: bool, shares_processor: bool) {
-        self.autopsy = self
-            .grid
-            .map(|grid| MissAnalysis::new(grid, is_virtual, shares_processor));
+        let analysis = |grid| MissAnalysis::new(grid, is_virtual, shares_processor);
+        self.autopsy = self.grid.map(analysis);
     }
 
     pub fn state(&mut self, message: &Message<State>) {
@@ -219,62 +206,59 @@ impl FlightStatistics {
     }
 
     /// Tick of the newest state; 0 before the first.
-    #[must_use]
     pub fn newest_tick(&self) -> u64 {
         self.newest.map_or(0, |(tick, _)| tick)
     }
 
     pub fn setpoint(&mut self, message: &Message<Setpoint>) {
-        let follows_loss = self.follow(1, message);
-        self.keep_stamps(message);
-        self.not_finite[0].take(message.envelope.tick, message.content.mode);
-        self.freshness
-            .stage(0, message.envelope.tick, message.content.mode);
-        self.telemetry[0].take(&message.content.telemetry);
-        let hop = Self::hop(Role::Plant, message.envelope.input_tick[0], message);
-        self.stage(StampedTiming {
-            hop,
-            ..Self::passage(message, follows_loss)
-        });
+        let content = &message.content;
+        self.loop_message(0, message, content.mode, &content.telemetry, None);
+        self.freshness.stage(0, message.envelope.tick, content.mode);
     }
 
     pub fn wrench(&mut self, message: &Message<Wrench>) {
-        let follows_loss = self.follow(2, message);
-        self.keep_stamps(message);
-        self.not_finite[1].take(message.envelope.tick, message.content.mode);
-        self.freshness
-            .stage(1, message.envelope.tick, message.content.mode);
-        self.telemetry[1].take(&message.content.telemetry);
-        let hop = Self::hop(Role::Outer, message.envelope.input_tick[1], message);
-        self.stage(StampedTiming {
-            hop,
-            ..Self::passage(message, follows_loss)
-        });
-        self.flight.shown(&self.laws, &message.content);
+        let content = &message.content;
+        self.loop_message(1, message, content.mode, &content.telemetry, None);
+        self.freshness.stage(1, message.envelope.tick, content.mode);
+        self.flight.shown(&self.laws, content);
     }
 
-    /// Takes a rotor command; the mixer's last word has no deadline.
-    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
-        let follows_loss = self.follow(3, message);
-        let envelope = &message.envelope;
-        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-        if is_last_word(message) {
-            self.last_word_ns = Some(sent_ns);
-            return;
-        }
+    /// Counts a message of outer (0), inner (1) or mixer stage (2); returns whether messages of it are missing before.
+    fn loop_message<C: Topic>(
+        &mut self,
+        stage: usize,
+        message: &Message<C>,
+        mode: u64,
+        telemetry: &Telemetry,
+        loop_ns: Option<u64>,
+    ) -> bool {
+        let follows_loss = self.follow(stage + 1, message);
         self.keep_stamps(message);
-        self.not_finite[2].take(envelope.tick, message.content.mode);
-        self.freshness
-            .command(envelope, sent_ns, message.content.mode);
-        self.freshness.decide(self.grid, false);
-        self.telemetry[2].take(&message.content.telemetry);
-        let hop = Self::hop(Role::Inner, envelope.input_tick[2], message);
-        let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
+        self.not_finite[stage].take(message.envelope.tick, mode);
+        self.telemetry[stage].take(telemetry);
+        let input_tick = message.envelope.input_tick[stage];
+        let hop = Self::hop(STAGES[stage], input_tick, message);
         self.stage(StampedTiming {
             hop,
             loop_ns,
             ..Self::passage(message, follows_loss)
         });
+        follows_loss
+    }
+
+    /// Takes a rotor command; the mixer's last word has no deadline.
+    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
+        let (envelope, content) = (&message.envelope, &message.content);
+        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
+        if is_last_word(message) {
+            self.follow(3, message);
+            self.last_word_ns = Some(sent_ns);
+            return;
+        }
+        let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
+        let follows_loss = self.loop_message(2, message, content.mode, &content.telemetry, loop_ns);
+        self.freshness.command(envelope, sent_ns, content.mode);
+        self.freshness.decide(self.grid, false);
         self.flight.saturated += message.content.saturated;
         let command = StampedCommand {
             tick: envelope.tick,
@@ -292,29 +276,23 @@ impl FlightStatistics {
         self.follow(4, message);
         self.swaps_seen += 1;
         if self.swaps.len() < SWAPS_KEPT {
-            let period_s = self.tracking.period_s();
-            self.swaps.push(swaps::AppliedSwap::new(
-                message.envelope.tick,
-                period_s,
-                &message.content,
-            ));
+            let (tick, period_s) = (message.envelope.tick, self.tracking.period_s());
+            let swap = swaps::AppliedSwap::new(tick, period_s, &message.content);
+            self.swaps.push(swap);
         }
     }
 
-    /// Takes what is said of the theorem.
     pub fn theorem(&mut self, message: &Message<Monitor>) {
         self.follow(5, message);
         self.theorem.take(message.envelope.epoch, &message.content);
     }
 
     /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
-    #[must_use]
     pub fn lost(&self) -> Counts {
         self.sequences.map(|sequence| sequence.lost)
     }
 
     /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
-    #[must_use]
     pub fn ticks(&self, run: &blackboards::Run) -> schema::Ticks {
         let elapsed_periods = self.newest.map_or(0, |(tick, sample_ns)| match self.grid {
             Some(grid) => grid.tick_at(sample_ns) + 1,
@@ -323,52 +301,44 @@ impl FlightStatistics {
         });
         let published = self.states + self.lost()[0];
         // In flight, the plant's board is ahead of the messages that were taken.
-        let skipped = if run.phase() == blackboards::RunPhase::Closed {
-            run.ticks_skipped
-        } else {
-            self.skipped
+        let skipped = match run.phase() {
+            blackboards::RunPhase::Closed => run.ticks_skipped,
+            _ => self.skipped,
         };
+        let is_complete = run.ending() == blackboards::EndReason::Completed;
+        let newest_tick = self.newest_tick();
         // Ticks skipped after the last one that was published lie behind the last stamp.
-        let skipped_at_the_end = self.newest.map_or(0, |(tick, _)| {
-            let flown = if run.ending() == blackboards::EndReason::Completed {
-                run.last_tick
-            } else {
-                tick
-            };
-            flown.saturating_sub(tick)
-        });
+        let skipped_at_the_end = match self.newest {
+            Some(_) if is_complete => run.last_tick.saturating_sub(newest_tick),
+            _ => 0,
+        };
         let total = elapsed_periods + skipped_at_the_end;
+        let sample_ns = self.newest.map_or(0, |(_, sample_ns)| sample_ns);
+        let elapsed_ns = match self.grid {
+            Some(grid) => total * grid.period_ns,
+            None => sample_ns.saturating_sub(self.t0_ns),
+        };
         schema::Ticks {
             run: published,
             skipped,
-            elapsed_s: match self.grid {
-                Some(grid) => (total * grid.period_ns) as f64 / 1e9,
-                None => {
-                    self.newest
-                        .map_or(0, |(_, sample_ns)| sample_ns.saturating_sub(self.t0_ns))
-                        as f64
-                        / 1e9
-                }
-            },
+            elapsed_s: elapsed_ns as f64 / 1e9,
             elapsed_periods: total,
             identity_holds: published + skipped == total,
         }
     }
 
     /// Ticks that flew without a fresh command on time; nothing in lockstep, where there are no deadlines.
-    #[must_use]
     pub fn not_fresh(&self, ticks: &schema::Ticks) -> Option<schema::NotFresh> {
+        let (missed, stale) = (self.freshness.missed, self.freshness.stale);
         self.grid
-            .map(|_| schema::NotFresh::new(self.freshness.missed(), self.freshness.stale(), ticks))
+            .map(|_| schema::NotFresh::new(missed, stale, ticks))
     }
 
-    #[must_use]
     pub fn flight(&self) -> schema::ControlPerformance {
         self.flight.performance(&self.recent)
     }
 }
 
-/// What a stage did in a tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StampedTiming {
     pub role: Role,
@@ -381,41 +351,31 @@ pub(super) struct StampedTiming {
     pub hop: Option<(Series, u64)>,
     /// From the sampling of the state to publishing, of a rotor command that goes back to one.
     pub loop_ns: Option<u64>,
-    /// Whether messages were lost right before.
     pub follows_loss: bool,
 }
 
-/// A rotor command that was published.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StampedCommand {
     pub tick: u64,
     pub sent_ns: u64,
-    /// Whether messages were lost right before.
     pub follows_loss: bool,
 }
 
 impl FlightStatistics {
     /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
     fn wake(&mut self, passage: &StampedTiming) {
-        let StampedTiming {
-            role,
-            tick,
-            receive_ns: wake_ns,
-            follows_loss,
-            ..
-        } = *passage;
-        let last = self.last_wake[role as usize]
-            .replace((tick, wake_ns))
-            .filter(|_| !follows_loss);
-        let first = if self.joins || follows_loss { tick } else { 0 };
-        self.owed_wakes(
-            role,
-            last.map_or(first, |(last_tick, _)| last_tick + 1)..=tick,
-            wake_ns,
-        );
+        let (role, tick, wake_ns) = (passage.role, passage.tick, passage.receive_ns);
+        let last = self.last_wake[role as usize].replace((tick, wake_ns));
+        let last = last.filter(|_| !passage.follows_loss);
+        let first = match last {
+            Some((last_tick, _)) => last_tick + 1,
+            None if self.joins || passage.follows_loss => tick,
+            None => 0,
+        };
+        self.owed_wakes(role, first..=tick, wake_ns);
         if let Some((_, last_wake_ns)) = last {
-            self.series
-                .record(Series::Period(role), wake_ns.saturating_sub(last_wake_ns));
+            let period_ns = wake_ns.saturating_sub(last_wake_ns);
+            self.series.record(Series::Period(role), period_ns);
         }
     }
 
@@ -439,13 +399,11 @@ impl FlightStatistics {
     }
 
     /// The lead, at take-off and in flight, and what waiting for the ticks cost of the time that the flight took.
-    #[must_use]
     pub fn lead(&self, at_take_off: &Lead, rehearsals: u64) -> LeadSection {
         let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
         self.leads.section(at_take_off, rehearsals, flown_ns)
     }
 
-    /// A stage's stamps in a message of its own.
     pub(super) fn passage<C: Topic>(message: &Message<C>, follows_loss: bool) -> StampedTiming {
         let (role, envelope) = (C::SENDER, &message.envelope);
         let stamps = envelope.stamps_of(role);
@@ -463,10 +421,8 @@ impl FlightStatistics {
 
     /// Counts a passage, now or when its tick has been flown.
     pub(super) fn stage(&mut self, passage: StampedTiming) {
-        if self
-            .newest
-            .is_some_and(|(newest, _)| passage.tick <= newest)
-        {
+        let newest = self.newest.map(|(newest, _)| newest);
+        if Some(passage.tick) <= newest {
             self.count(&passage);
         } else {
             self.passages.push_back(passage);
@@ -475,25 +431,18 @@ impl FlightStatistics {
 
     fn count(&mut self, passage: &StampedTiming) {
         self.wake(passage);
-        let StampedTiming {
-            role,
-            tick,
-            receive_ns,
-            send_ns,
-            previous_busy_ns,
-            ..
-        } = *passage;
-        self.series
-            .record(Series::Compute(role), send_ns.saturating_sub(receive_ns));
-        if previous_busy_ns > 0 {
-            self.series.record(Series::Busy(role), previous_busy_ns);
+        let (role, busy_ns) = (passage.role, passage.previous_busy_ns);
+        let computed_ns = passage.send_ns.saturating_sub(passage.receive_ns);
+        self.series.record(Series::Compute(role), computed_ns);
+        if busy_ns > 0 {
+            self.series.record(Series::Busy(role), busy_ns);
         }
         if let Some((series, hop_ns)) = passage.hop {
             self.series.record(series, hop_ns);
         }
         if let Some(loop_ns) = passage.loop_ns {
             self.series.record(Series::Loop, loop_ns);
-            self.tracer.timing(tick, Timing::Loop, loop_ns);
+            self.tracer.timing(passage.tick, Timing::Loop, loop_ns);
         }
     }
 
@@ -506,10 +455,7 @@ impl FlightStatistics {
                 self.passages.push_back(passage);
             }
         }
-        while let Some(command) = self
-            .commands
-            .pop_front_if(|command| Some(command.tick) <= judged)
-        {
+        while let Some(command) = self.commands.pop_front_if(|it| Some(it.tick) <= judged) {
             self.judge(&command);
         }
     }
@@ -530,20 +476,16 @@ impl FlightStatistics {
     /// The flight is over, at the latest at `now_ns`: what was still owed then is late until its end.
     pub fn finish(&mut self, run: &blackboards::Run, now_ns: u64) {
         // States that were published after the newest one that came.
-        self.sequences[0].lost += run
-            .ticks_run
-            .saturating_sub(self.states + self.sequences[0].lost);
+        let known = self.states + self.sequences[0].lost;
+        self.sequences[0].lost += run.ticks_run.saturating_sub(known);
         let Some((tick, sample_ns)) = self.newest else {
             return;
         };
         let completed = run.ending() == blackboards::EndReason::Completed;
         if completed {
-            self.freshness.finish(
-                run.last_tick + 1,
-                run.deadlines_missed,
-                run.ticks_skipped,
-                self.grid,
-            );
+            let (missed, skipped) = (run.deadlines_missed, run.ticks_skipped);
+            self.freshness
+                .finish(run.last_tick + 1, missed, skipped, self.grid);
         } else {
             self.freshness.decide(self.grid, true);
         }
@@ -563,18 +505,15 @@ impl FlightStatistics {
             // The end was not seen: nobody knows who was late there.
             return;
         }
-        let end_ns = if completed {
-            self.last_word_ns
-                .filter(|ns| *ns >= grid.begin_of(last_tick + 1))
-                .unwrap_or(now_ns)
-        } else {
-            sample_ns
+        let last_word_ns = self.last_word_ns;
+        let end_ns = match last_word_ns.filter(|ns| *ns >= grid.begin_of(last_tick + 1)) {
+            _ if !completed => sample_ns,
+            last_word_ns => last_word_ns.unwrap_or(now_ns),
         };
         for role in STAGES {
-            let Some((woken, _)) = self.last_wake[role as usize] else {
-                continue;
-            };
-            self.owed_wakes(role, woken + 1..=last_tick, end_ns);
+            if let Some((woken, _)) = self.last_wake[role as usize] {
+                self.owed_wakes(role, woken + 1..=last_tick, end_ns);
+            }
         }
         if let Some(deadlines) = &mut self.deadlines {
             let (series, late_commands) = (&mut self.series, &mut self.late_commands);
@@ -593,16 +532,11 @@ impl FlightStatistics {
         let envelope = &message.envelope;
         let sent_ns = envelope.stamps_of(from).send_ns;
         let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
-        (input_tick == envelope.tick).then(|| {
-            (
-                Series::Hop(from, C::SENDER),
-                received_ns.saturating_sub(sent_ns),
-            )
-        })
+        let series = Series::Hop(from, C::SENDER);
+        (input_tick == envelope.tick).then(|| (series, received_ns.saturating_sub(sent_ns)))
     }
 }
 
-/// Enters the verdict on a tick's deadline.
 fn enter(
     series: &mut SeriesSet,
     late_commands: &mut LateCommands,
@@ -621,98 +555,65 @@ fn enter(
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
-    use messages::content::State;
-    use messages::grid::{Grid, Pace};
-    use messages::header::Header;
+    use messages::header::{Header, Stamps};
 
     use super::*;
-    use crate::tracking::Tracking;
+
+    const GRID: Grid = Grid {
+        t0_ns: 1_000_000_000,
+        period_ns: 1_000_000,
+    };
+    const TRACKING: Tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
+
+    fn statistics() -> FlightStatistics {
+        FlightStatistics::new(Pace::Realtime(GRID), GRID.t0_ns, TRACKING).unwrap()
+    }
 
     #[test]
     fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
-        let grid = Grid {
-            t0_ns: 1_000_000_000,
-            period_ns: 1_000_000,
-        };
-        let mut tally = FlightStatistics::new(
-            Pace::Realtime(grid),
-            grid.t0_ns,
-            Tracking::of(Trajectory::Hover, 1e-3),
-        )
-        .unwrap();
-        let ticks = [
-            (100_000, 20_000),
-            (110_000, 60_000),
-            (90_000, 300_000),
-            (100_000, 30_000),
-        ];
-        for (tick, (lead_ns, timer_late_ns)) in (0..).zip(ticks) {
-            let sample_ns = grid.begin_of(tick) + if timer_late_ns > lead_ns { 210_000 } else { 0 };
+        let mut statistics = statistics();
+        let [leads, late] = [[100, 110, 90, 100], [20, 60, 300, 30]];
+        for (tick, (lead_us, late_us)) in (0..).zip(leads.into_iter().zip(late)) {
+            let sample_ns = GRID.begin_of(tick) + if late_us > lead_us { 210_000 } else { 0 };
             let envelope = Header {
                 tick,
                 seq: tick,
                 sample_ns,
-                lead_ns,
-                timer_late_ns,
+                lead_ns: lead_us * 1_000,
+                timer_late_ns: late_us * 1_000,
                 ..Header::new()
             };
-            tally.state(&Message {
-                envelope,
-                content: State::default(),
-            });
+            let content = State::default();
+            statistics.state(&Message { envelope, content });
         }
-        let timer = tally.series.flight(Series::Timer).unwrap();
+        let timer = statistics.series.flight(Series::Timer).unwrap();
+        let beyond = timer.count_between(290_000, 310_000);
         assert_eq!(
-            (timer.len(), timer.count_between(290_000, 310_000)),
+            (timer.len(), beyond),
             (4, 1),
             "also one that came after its tick"
         );
-        let lead = tally.lead(
-            &Lead {
-                lead_ns: 100_000,
-                rehearsal_ns: 40_000,
-                timer_p90_ns: 30_000,
-            },
-            3,
-        );
-        assert_eq!(
-            (
-                lead.lead_us,
-                lead.rehearsal_us,
-                lead.timer_p90_us,
-                lead.rehearsals
-            ),
-            (100.0, 40.0, 30.0, 3)
-        );
-        assert_eq!(
-            [lead.least_us, lead.median_us, lead.most_us].map(f64::round),
-            [90.0, 100.0, 110.0]
-        );
-        assert!(
-            (lead.processor_percent - 5.0).abs() < 1e-9,
-            "80 + 50 + 0 + 70 us of 4 ms: {lead:?}"
-        );
+        let at_take_off = Lead {
+            lead_ns: 100_000,
+            rehearsal_ns: 40_000,
+            timer_p90_ns: 30_000,
+        };
+        let lead = statistics.lead(&at_take_off, 3);
+        assert_eq!(lead.rehearsals, 3);
+        let us = [lead.lead_us, lead.rehearsal_us, lead.timer_p90_us];
+        assert_eq!(us, [100.0, 40.0, 30.0]);
+        let us = [lead.least_us, lead.median_us, lead.most_us].map(f64::round);
+        assert_eq!(us, [90.0, 100.0, 110.0]);
+        // 80 + 50 + 0 + 70 us of 4 ms.
+        assert!((lead.processor_percent - 5.0).abs() < 1e-9, "{lead:?}");
     }
-}
-
-#[cfg(test)]
-mod tally_tests {
-    use super::*;
-    use controller::Trajectory;
-    use messages::header::{Header, Stamps};
-    use messages::role::STAGES;
 
     #[test]
     fn ticks_add_up_in_flight_whatever_the_plant_has_skipped_since() {
-        let grid = Grid {
-            t0_ns: 1_000_000_000,
-            period_ns: 1_000_000,
-        };
-        let tracking = Tracking::of(Trajectory::Hover, 1e-3);
-        let mut tally = FlightStatistics::new(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
+        let mut statistics = statistics();
         // Ticks 3 and 4 were skipped.
         for (seq, tick) in (0..).zip([0, 1, 2, 5, 6]) {
-            let sample_ns = grid.begin_of(tick) + 20_000;
+            let sample_ns = GRID.begin_of(tick) + 20_000;
             let envelope = Header {
                 tick,
                 seq,
@@ -723,147 +624,104 @@ mod tally_tests {
                 ticks_skipped: if tick > 2 { 2 } else { 0 },
                 ..State::default()
             };
-            tally.state(&Message { envelope, content });
+            statistics.state(&Message { envelope, content });
         }
-        let phase = |phase: blackboards::RunPhase| blackboards::Run {
-            phase: phase as u64,
-            ticks_skipped: 9,
-            ..blackboards::Run::default()
+        let ticks = |phase: blackboards::RunPhase| {
+            let run = blackboards::Run {
+                phase: phase as u64,
+                ticks_skipped: 9,
+                ..blackboards::Run::default()
+            };
+            statistics.ticks(&run)
         };
-        let flying = tally.ticks(&phase(blackboards::RunPhase::Flying));
+        let flying = ticks(blackboards::RunPhase::Flying);
         assert_eq!(
-            (
-                flying.run,
-                flying.skipped,
-                flying.elapsed_periods,
-                flying.identity_holds
-            ),
-            (5, 2, 7, true)
+            (flying.run, flying.skipped, flying.elapsed_periods),
+            (5, 2, 7)
         );
+        assert!(flying.identity_holds);
         // At the end the plant's own count is held against the messages.
-        assert!(
-            !tally
-                .ticks(&phase(blackboards::RunPhase::Closed))
-                .identity_holds
-        );
+        assert!(!ticks(blackboards::RunPhase::Closed).identity_holds);
     }
 
-    /// Messages of a tick as a flight on `grid` has them: every 50th is late, and brings a swap.
-    fn take_tick(tally: &mut FlightStatistics, grid: Grid, seq: u64, tick: u64) {
-        let envelope = |sent_us: u64| {
-            let mut envelope = Header {
-                tick,
-                seq,
-                sample_ns: grid.begin_of(tick) + 20_000,
-                ..Header::new()
-            };
-            envelope.input_tick = [tick; 3];
-            let stamps = Stamps {
-                receive_ns: grid.begin_of(tick) + 10_000,
-                send_ns: grid.begin_of(tick) + sent_us * 1000,
-            };
-            envelope.stamps = [stamps; STAGES.len()];
-            envelope
+    /// Messages of a tick as a flight on the grid has them: every 50th is late, and brings a swap.
+    fn take_tick(statistics: &mut FlightStatistics, tick: u64) {
+        let begin_ns = GRID.begin_of(tick);
+        let envelope = |sent_us: u64| Header {
+            tick,
+            seq: tick,
+            sample_ns: begin_ns + 20_000,
+            input_tick: [tick; 3],
+            stamps: [Stamps {
+                receive_ns: begin_ns + 10_000,
+                send_ns: begin_ns + sent_us * 1000,
+            }; STAGES.len()],
+            ..Header::new()
         };
-        let (is_late, late) = (seq.is_multiple_of(50), seq / 50);
+        fn message<C: Default>(envelope: Header) -> Message<C> {
+            let content = C::default();
+            Message { envelope, content }
+        }
+        let (is_late, late) = (tick.is_multiple_of(50), tick / 50);
         let content = State {
             deadlines_missed: late,
             deadline_miss_run: u64::from(is_late),
             ..State::default()
         };
-        tally.state(&Message {
-            envelope: envelope(20),
+        let state = envelope(20);
+        statistics.state(&Message {
+            envelope: state,
             content,
         });
-        tally.setpoint(&Message {
-            envelope: envelope(30),
-            content: Setpoint::default(),
-        });
-        tally.wrench(&Message {
-            envelope: envelope(40),
-            content: Wrench::default(),
-        });
-        let sent_us = if is_late { 1_100 } else { 50 };
-        tally.rotor_speeds(&Message {
-            envelope: envelope(sent_us),
-            content: RotorSpeeds::default(),
-        });
+        statistics.setpoint(&message(envelope(30)));
+        statistics.wrench(&message(envelope(40)));
+        statistics.rotor_speeds(&message(envelope(if is_late { 1_100 } else { 50 })));
         if is_late {
-            let envelope = Header {
+            let seq = late;
+            statistics.swap(&message(Header {
                 tick,
-                seq: late,
+                seq,
                 ..Header::new()
-            };
-            tally.swap(&Message {
-                envelope,
-                content: SwapRecord::default(),
-            });
+            }));
         }
     }
 
     #[test]
     fn what_is_kept_is_bounded_however_long_a_flight_is() {
-        let grid = Grid {
-            t0_ns: 1_000_000_000,
-            period_ns: 1_000_000,
-        };
-        let mut tally = FlightStatistics::new(
-            Pace::Realtime(grid),
-            grid.t0_ns,
-            Tracking::of(Trajectory::Hover, 1e-3),
-        )
-        .unwrap();
-        tally.begin_autopsy(true, true);
+        let mut statistics = statistics();
+        statistics.begin_autopsy(true, true);
         for tick in 0..60_000 {
-            take_tick(&mut tally, grid, tick, tick);
-            if let Some(autopsy) = &mut tally.autopsy {
-                autopsy.look();
-            }
-            assert!(
-                tally.passages.len() <= 8 && tally.commands.len() <= 2,
-                "tick {tick}"
-            );
+            take_tick(&mut statistics, tick);
+            statistics.autopsy.as_mut().unwrap().look();
+            assert!(statistics.passages.len() <= 8 && statistics.commands.len() <= 2);
         }
-        assert_eq!((tally.swaps.len(), tally.swaps_seen), (SWAPS_KEPT, 1200));
-        assert!(
-            tally.late_commands.stretches().len() <= crate::deadlines::KEPT
-                && tally.late_commands.left_out() > 0
+        assert_eq!(
+            (statistics.swaps.len(), statistics.swaps_seen),
+            (SWAPS_KEPT, 1200)
         );
-        assert!(
-            tally.miss_runs.lengths().len() <= 2,
-            "{:?}",
-            tally.miss_runs.lengths()
-        );
-        assert_eq!(tally.lost(), [0; TOPICS.len()]);
+        let late = &statistics.late_commands;
+        assert!(late.stretches.len() <= crate::deadlines::KEPT && late.left_out > 0);
+        assert!(statistics.miss_runs.lengths().len() <= 2);
+        assert_eq!(statistics.lost(), [0; TOPICS.len()]);
     }
 
     #[test]
     fn a_flight_of_30_days_is_counted_as_one_of_a_minute_is() {
         const DAYS_30: u64 = 30 * 86_400_000;
-        let grid = Grid {
-            t0_ns: 1_000_000_000,
-            period_ns: 1_000_000,
-        };
-        let tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
-        let mut tally =
-            FlightStatistics::joining(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
-        for tick in DAYS_30 - 1000..=DAYS_30 {
-            take_tick(&mut tally, grid, tick, tick);
-        }
+        let pace = Pace::Realtime(GRID);
+        let mut statistics = FlightStatistics::joining(pace, GRID.t0_ns, TRACKING).unwrap();
+        (DAYS_30 - 1000..=DAYS_30).for_each(|tick| take_tick(&mut statistics, tick));
         assert_eq!(
-            (tally.states, tally.newest_tick(), tally.lost()),
-            (1001, DAYS_30, [0; TOPICS.len()])
+            (statistics.states, statistics.newest_tick()),
+            (1001, DAYS_30)
         );
-        let late = tally.late_commands.stretches();
+        assert_eq!(statistics.lost(), [0; TOPICS.len()]);
+        let late = &statistics.late_commands.stretches;
         assert!(
-            late.len() >= 20 && late.iter().all(|stretch| stretch.late_ns == 100_000),
+            late.len() >= 20 && late.iter().all(|it| it.late_ns == 100_000),
             "{late:?}"
         );
-        assert!(
-            tracking
-                .position_w_m(DAYS_30)
-                .iter()
-                .all(|m| m.is_finite() && m.abs() < 10.0)
-        );
+        let position_m = TRACKING.position_w_m(DAYS_30);
+        assert!(position_m.iter().all(|m| m.is_finite() && m.abs() < 10.0));
     }
 }

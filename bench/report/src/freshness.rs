@@ -18,8 +18,10 @@ use messages::header::{Header, Message};
 /// Follows a flight's states and commands; skipped ticks are counted by the plant.
 #[derive(Clone, Debug, Default)]
 pub struct FreshnessStatistics {
-    missed: u64,
-    stale: u64,
+    /// Ticks that ran, and whose command was late or never came.
+    pub missed: u64,
+    /// Ticks whose command was on time, but came of an older input.
+    pub stale: u64,
     last: Option<Judged>,
     /// Ticks with a command on time, as far as the plant's counters tell; their commands are not decided yet.
     on_time: VecDeque<OnTime>,
@@ -31,7 +33,6 @@ pub struct FreshnessStatistics {
     seen: [Option<u64>; 3],
 }
 
-/// The counters of a state.
 #[derive(Clone, Copy, Debug)]
 struct Judged {
     tick: u64,
@@ -57,7 +58,6 @@ const fn held(mode: Mode) -> bool {
 }
 
 impl FreshnessStatistics {
-    /// Counts from the counters of a flight under way on.
     pub fn join(&mut self, state: &State) {
         // A skipped tick has no command either, and counts as skipped alone.
         self.missed = state.deadlines_missed.saturating_sub(state.ticks_skipped);
@@ -84,10 +84,8 @@ impl FreshnessStatistics {
         } else if missed > skipped {
             self.missed += 1;
         } else {
-            self.on_time.push_back(OnTime {
-                tick: last.tick,
-                by_stamps: missed > 0,
-            });
+            let (tick, by_stamps) = (last.tick, missed > 0);
+            self.on_time.push_back(OnTime { tick, by_stamps });
         }
     }
 
@@ -99,7 +97,6 @@ impl FreshnessStatistics {
         }
     }
 
-    /// Takes a rotor command.
     pub fn command(&mut self, envelope: &Header, sent_ns: u64, mode: u64) {
         let tick = envelope.tick;
         self.seen[2] = self.seen[2].max(Some(tick));
@@ -115,9 +112,8 @@ impl FreshnessStatistics {
             if !is_seen(2) || command.is_some_and(|it| it.is_fresh && !(is_seen(0) && is_seen(1))) {
                 break;
             }
-            let is_late = |command: Command| {
-                grid.is_some_and(|grid| command.sent_ns > grid.begin_of(tick + 1))
-            };
+            let end_ns = grid.map(|grid| grid.begin_of(tick + 1));
+            let is_late = |command: Command| end_ns.is_some_and(|end_ns| command.sent_ns > end_ns);
             match command {
                 None => self.missed += u64::from(by_stamps),
                 Some(command) if by_stamps && is_late(command) => self.missed += 1,
@@ -127,42 +123,23 @@ impl FreshnessStatistics {
             }
             self.on_time.pop_front();
         }
-        let oldest = self
-            .on_time
-            .front()
-            .map(|it| it.tick)
-            .or(self.last.map(|last| last.tick))
-            .unwrap_or(0);
+        let next = self.on_time.front().map(|it| it.tick);
+        let oldest = next.or(self.last.map(|last| last.tick)).unwrap_or(0);
         self.commands = self.commands.split_off(&oldest);
         self.held = self.held.split_off(&oldest);
     }
 
     /// The flight is over: the plant's last verdicts, where it gave any after its last state.
     pub fn finish(&mut self, next_tick: u64, missed: u64, skipped: u64, grid: Option<Grid>) {
-        let follows_loss = self
-            .last
-            .is_some_and(|last| next_tick - last.tick > 1 + skipped - last.skipped);
-        self.judge(
-            Judged {
-                tick: next_tick,
-                missed,
-                skipped,
-            },
-            follows_loss,
-        );
+        let is_lost = |last: Judged| next_tick - last.tick > 1 + skipped - last.skipped;
+        let follows_loss = self.last.is_some_and(is_lost);
+        let now = Judged {
+            tick: next_tick,
+            missed,
+            skipped,
+        };
+        self.judge(now, follows_loss);
         self.decide(grid, true);
-    }
-
-    /// Ticks that ran, and whose command was late or never came.
-    #[must_use]
-    pub const fn missed(&self) -> u64 {
-        self.missed
-    }
-
-    /// Ticks whose command was on time, but came of an older input.
-    #[must_use]
-    pub const fn stale(&self) -> u64 {
-        self.stale
     }
 }
 
@@ -205,7 +182,7 @@ mod tests {
     }
 
     fn counts(statistics: &FreshnessStatistics) -> (u64, u64) {
-        (statistics.missed(), statistics.stale())
+        (statistics.missed, statistics.stale)
     }
 
     const FRESH: [Mode; 3] = [Mode::Fresh; 3];

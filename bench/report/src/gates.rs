@@ -4,8 +4,9 @@
 
 use crate::message_loss;
 use crate::phrase::count;
-use crate::schema::{AcceptanceResult, Gate, Report, RunSection};
-use crate::schema::{Explained, StabilityVerdict, TimingVerdict};
+use crate::schema::{
+    AcceptanceResult, Explained, Gate, Report, RunSection, StabilityVerdict, TimingVerdict,
+};
 use crate::series::Series;
 use crate::speed::Speed;
 use crate::status::FlightStatus;
@@ -16,7 +17,6 @@ use messages::blackboards::EndReason;
 use messages::role::{Role, STAGES};
 use std::fmt;
 
-/// The gates that a flight was asked to hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RequestedGates {
     /// Distance from the reference beyond which a flight ends [m].
@@ -33,7 +33,6 @@ pub struct RequestedGates {
     pub max_stale_rate_ppm: Option<f64>,
     /// 99.9th percentile of the plant's wake-up at the most [us].
     pub max_wake_p999_us: Option<f64>,
-    /// 99.9th percentile of the loop at the most [us].
     pub max_loop_p999_us: Option<f64>,
     /// Position error in the last [`crate::tracking::RECENT_S`] at the most [m].
     pub max_tracking_error_m: Option<f64>,
@@ -42,65 +41,48 @@ pub struct RequestedGates {
     pub theorem: bool,
 }
 
-/// Name of a gate that every flight has.
 const ENVELOPE: &str = "flight envelope";
 
-/// What the flight must satisfy, and whether it does.
-#[must_use]
 pub fn gates(asked: &RequestedGates, evidence: &Evidence<'_>) -> Vec<Gate> {
-    let mut gates = vec![envelope(asked, evidence), ticks(evidence)];
-    let fresh = limits([(
-        "ticks without a fresh command per million",
-        asked.max_miss_rate_ppm,
-        not_fresh(evidence),
-    )]);
-    gates.extend(fresh.map(|gate| unless_lost(evidence.lost, gate)));
-    // Plant, stages and kernel count these themselves.
-    gates.extend(limits([
-        (
-            "ticks skipped per million",
-            asked.max_skip_rate_ppm,
-            skips(evidence),
-        ),
-        (
-            "stale ticks per million",
-            asked.max_stale_rate_ppm,
-            stale(evidence),
-        ),
-        ("steal [%]", asked.max_steal_percent, steal(evidence)),
-    ]));
-    let from_messages = limits([
-        (
-            "wake.plant p99.9 [us]",
-            asked.max_wake_p999_us,
-            p999(evidence, Series::Wake(Role::Plant)),
-        ),
-        (
-            "loop p99.9 [us]",
-            asked.max_loop_p999_us,
-            p999(evidence, Series::Loop),
-        ),
-        (
-            "position error in the last 5 s [m]",
-            asked.max_tracking_error_m,
-            tracking(evidence),
-        ),
-    ]);
-    let theorem = asked.theorem.then(|| Gate::theorem(evidence.theorem));
-    gates.extend(
-        from_messages
-            .chain(theorem)
-            .map(|gate| unless_lost(evidence.lost, gate)),
-    );
-    gates
-}
+    // Late commands, commands from older inputs and skipped ticks in one number.
+    let not_fresh = evidence.deadlines.not_fresh.unwrap_or_default();
+    let mut fresh = per_million(evidence, not_fresh.ticks);
+    if not_fresh.ticks > 0 {
+        fresh.words += &format!(" ({})", not_fresh.parts());
+    }
+    let skipped = per_million(evidence, evidence.ticks.skipped);
+    let wake = p999(evidence, Series::Wake(Role::Plant));
+    let whole = p999(evidence, Series::Loop);
 
-/// The gates that were asked for.
-fn limits<const N: usize>(
-    all: [(&'static str, Option<f64>, Found); N],
-) -> impl Iterator<Item = Gate> {
-    all.into_iter()
-        .filter_map(|(name, limit, found)| Some(at_most(name, limit?, found)))
+    let steal = steal(evidence);
+    let (stale, tracking) = (stale(evidence), tracking(evidence));
+    let mut gates = vec![envelope(asked, evidence), ticks(evidence)];
+    // Plant, stages and kernel count some of these themselves; the others are counted from messages.
+    let mut add = |lost: u64, name: &str, limit: Option<f64>, found: Found| {
+        gates.extend(limit.map(|limit| unless_lost(lost, at_most(name, limit, found))));
+    };
+    let (lost, fresh_name) = (evidence.lost, "ticks without a fresh command per million");
+    add(lost, fresh_name, asked.max_miss_rate_ppm, fresh);
+    add(
+        0,
+        "ticks skipped per million",
+        asked.max_skip_rate_ppm,
+        skipped,
+    );
+    add(
+        0,
+        "stale ticks per million",
+        asked.max_stale_rate_ppm,
+        stale,
+    );
+    add(0, "steal [%]", asked.max_steal_percent, steal);
+    add(lost, "wake.plant p99.9 [us]", asked.max_wake_p999_us, wake);
+    add(lost, "loop p99.9 [us]", asked.max_loop_p999_us, whole);
+    let name = "position error in the last 5 s [m]";
+    add(lost, name, asked.max_tracking_error_m, tracking);
+    let theorem = asked.theorem.then(|| Gate::theorem(evidence.theorem));
+    gates.extend(theorem.map(|gate| unless_lost(evidence.lost, gate)));
+    gates
 }
 
 struct Found {
@@ -157,25 +139,19 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
 }
 
 fn envelope(asked: &RequestedGates, evidence: &Evidence<'_>) -> Gate {
-    let RequestedGates {
-        position_error_max_m,
-        ground_z_m,
-        tilt_max_rad,
-        ..
-    } = asked;
-    let tilt_max_deg = tilt_max_rad.to_degrees();
+    let (error_max_m, ground_z_m) = (asked.position_error_max_m, asked.ground_z_m);
+    let tilt_max_deg = asked.tilt_max_rad.to_degrees();
     let (ending, lowest_z_m) = (evidence.ending, evidence.performance.lowest_z_m);
     let has_left = ending.is_some_and(EndReason::left_envelope);
-    let has_hit = lowest_z_m < *ground_z_m;
-    let value = if has_hit && !has_left {
-        format!("below ground: down to z = {lowest_z_m:.2} m")
-    } else {
-        envelope_words(ending).into()
+    let has_hit = lowest_z_m < ground_z_m;
+    let value = match has_hit && !has_left {
+        true => format!("below ground: down to z = {lowest_z_m:.2} m"),
+        false => envelope_words(ending).into(),
     };
     Gate {
         name: ENVELOPE.into(),
         limit: format!(
-            "position error <= {position_error_max_m} m, tilt <= {tilt_max_deg:.0} deg, z >= {ground_z_m} m"
+            "position error <= {error_max_m} m, tilt <= {tilt_max_deg:.0} deg, z >= {ground_z_m} m"
         ),
         value,
         held: !has_left && !has_hit,
@@ -204,7 +180,6 @@ fn ticks(evidence: &Evidence<'_>) -> Gate {
     }
 }
 
-/// Of all ticks on the clock, so many per million.
 fn per_million(evidence: &Evidence<'_>, of: u64) -> Found {
     let all = evidence.ticks.run + evidence.ticks.skipped;
     Found::on_the_clock(evidence.run, || match all {
@@ -213,36 +188,15 @@ fn per_million(evidence: &Evidence<'_>, of: u64) -> Found {
     })
 }
 
-/// Late commands, commands from older inputs and skipped ticks in one number.
-fn not_fresh(evidence: &Evidence<'_>) -> Found {
-    let not_fresh = evidence.deadlines.not_fresh.unwrap_or_default();
-    let mut found = per_million(evidence, not_fresh.ticks);
-    if not_fresh.ticks > 0 {
-        found.words = format!("{} ({})", found.words, not_fresh.parts());
-    }
-    found
-}
-
-fn skips(evidence: &Evidence<'_>) -> Found {
-    per_million(evidence, evidence.ticks.skipped)
-}
-
 /// Of the stage that has most of them: the plant has no input that could be stale.
 fn stale(evidence: &Evidence<'_>) -> Found {
     let rate = |role: &Role| {
-        let stage = evidence
-            .roles
-            .get(role.name())
-            .filter(|stage| stage.ticks_run > 0)?;
-        Some((
-            stage.ticks_stale as f64 * 1e6 / stage.ticks_run as f64,
-            *role,
-        ))
+        let stage = evidence.roles.get(role.name())?;
+        let rate = stage.ticks_stale as f64 * 1e6 / stage.ticks_run as f64;
+        (stage.ticks_run > 0).then_some((rate, *role))
     };
-    let worst = STAGES[1..]
-        .iter()
-        .filter_map(rate)
-        .max_by(|a, b| a.0.total_cmp(&b.0));
+    let rates = STAGES[1..].iter().filter_map(rate);
+    let worst = rates.max_by(|a, b| a.0.total_cmp(&b.0));
     Found::on_the_clock(evidence.run, || match worst {
         None => Found::nothing("no stage worked a tick"),
         Some((rate, role)) => Found {
@@ -283,7 +237,6 @@ fn steal(evidence: &Evidence<'_>) -> Found {
 }
 
 impl Gate {
-    #[must_use]
     pub fn theorem(theorem: &Theorem) -> Self {
         let Explained { word, why } = stability_verdict(theorem);
         Self {
@@ -292,11 +245,10 @@ impl Gate {
             value: match (word, theorem.ticks_unwatched) {
                 (StabilityVerdict::NotApplicable, _) => Found::nothing(why).words,
                 (_, 0) => theorem.found(),
-                (_, unwatched) => format!(
-                    "{}, {} not watched",
-                    theorem.found(),
-                    count(unwatched, "tick")
-                ),
+                (_, unwatched) => {
+                    let unwatched = count(unwatched, "tick");
+                    format!("{}, {unwatched} not watched", theorem.found())
+                }
             },
             held: word == StabilityVerdict::Holds,
             asked: true,
@@ -307,16 +259,14 @@ impl Gate {
 impl fmt::Display for Gate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let word = if self.held { "ok" } else { "FAIL" };
-        write!(
-            f,
-            "{word:<4} {}: {} (limit {})",
-            self.name, self.value, self.limit
-        )
+        let Self {
+            name, value, limit, ..
+        } = self;
+        write!(f, "{word:<4} {name}: {value} (limit {limit})")
     }
 }
 
 /// Whether a flight passed, from its gates, the messages that were lost, and how it ended; nothing while it flies.
-#[must_use]
 pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<EndReason>) -> AcceptanceResult {
     let held = gates.iter().all(|gate| gate.held);
     let status = match ending {
@@ -336,14 +286,11 @@ pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<EndReason>) -> Accept
 
 impl AcceptanceResult {
     /// How many of the gates that were asked for held, and how many were asked for.
-    #[must_use]
     pub fn asked(&self) -> (usize, usize) {
         let asked = || self.gates.iter().filter(|gate| gate.asked);
         (asked().filter(|gate| gate.held).count(), asked().count())
     }
 
-    /// The status, with how many gates it follows from.
-    #[must_use]
     pub fn words(&self) -> String {
         match self.asked() {
             (_, 0) if self.status == FlightStatus::Pass => {
@@ -358,16 +305,13 @@ impl AcceptanceResult {
 /// Ends the report of a flight in the air, whose recorder will not do so.
 pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) {
     if report.run.in_flight {
-        ending += &format!(
-            "; the numbers end {:.1} s into the flight",
-            report.ticks.elapsed_s
-        );
-        let left = report
-            .verdict
-            .gates
-            .iter_mut()
-            .filter(|gate| gate.name == ENVELOPE && gate.held);
-        left.for_each(|gate| gate.value = envelope_words(Some(EndReason::None)).into());
+        let elapsed_s = report.ticks.elapsed_s;
+        ending += &format!("; the numbers end {elapsed_s:.1} s into the flight");
+        for gate in &mut report.verdict.gates {
+            if gate.name == ENVELOPE && gate.held {
+                gate.value = envelope_words(Some(EndReason::None)).into();
+            }
+        }
     }
     let timing = &mut report.words.timing;
     let was_in_time = matches!(timing.word, TimingVerdict::InTime | TimingVerdict::CutShort);
@@ -381,10 +325,8 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) 
         _ => "aborted",
     };
     // A recorder that knew so has said so.
-    if !matches!(
-        report.verdict.status,
-        FlightStatus::Interrupted | FlightStatus::Aborted
-    ) {
+    let known = report.verdict.status;
+    if !matches!(known, FlightStatus::Interrupted | FlightStatus::Aborted) {
         report.words.cut_short(how, &report.run, &report.ticks);
     }
     (report.verdict.status, report.verdict.exit_code) = (status, status.exit_code());
@@ -404,7 +346,6 @@ mod tests {
     use super::*;
     use crate::sample::Sample;
 
-    /// Limits that a good flight keeps exactly.
     const ASKED: RequestedGates = RequestedGates {
         position_error_max_m: 10.0,
         ground_z_m: -0.25,
@@ -423,9 +364,8 @@ mod tests {
     fn broken(change: impl FnOnce(&mut Sample)) -> Vec<String> {
         let mut sample = Sample::good();
         change(&mut sample);
-        let failed = gates(&ASKED, &sample.evidence())
-            .into_iter()
-            .filter(|gate| !gate.held);
+        let gates = gates(&ASKED, &sample.evidence()).into_iter();
+        let failed = gates.filter(|gate| !gate.held);
         failed
             .map(|gate| format!("{}: {}", gate.name, gate.value))
             .collect()
@@ -433,61 +373,52 @@ mod tests {
 
     #[test]
     fn each_gate_breaks_by_its_own_number_alone() {
-        assert_eq!(broken(|_| ()), [""; 0]);
-        let hit = broken(|it| it.performance.lowest_z_m = -0.26);
-        assert_eq!(hit, ["flight envelope: below ground: down to z = -0.26 m"]);
-        let not_fresh = |missed, stale| broken(move |it| it.not_fresh(missed, stale, 0));
-        assert_eq!(
-            not_fresh(2, 0),
-            ["ticks without a fresh command per million: 100.0 (2 missed + 0 stale + 0 skipped)"]
+        let check =
+            |change: fn(&mut Sample), failed: &str| assert_eq!(broken(change).join("; "), failed);
+        check(|_| (), "");
+        let low = "flight envelope: below ground: down to z = -0.26 m";
+        check(|it| it.performance.lowest_z_m = -0.26, low);
+        let fresh = "ticks without a fresh command per million";
+        let missed = format!("{fresh}: 100.0 (2 missed + 0 stale + 0 skipped)");
+        check(|it| it.not_fresh(2, 0, 0), &missed);
+        let stale = format!("{fresh}: 4950.0 (0 missed + 99 stale + 0 skipped)");
+        check(|it| it.not_fresh(0, 99, 0), &stale);
+        let skipped = format!(
+            "{fresh}: 50.0 (0 missed + 0 stale + 1 skipped); ticks skipped per million: 50.0"
         );
-        assert_eq!(
-            not_fresh(0, 99),
-            ["ticks without a fresh command per million: 4950.0 (0 missed + 99 stale + 0 skipped)"]
-        );
-        assert_eq!(
-            broken(|it| it.not_fresh(0, 0, 1)),
-            [
-                "ticks without a fresh command per million: 50.0 (0 missed + 0 stale + 1 skipped)",
-                "ticks skipped per million: 50.0"
-            ]
-        );
-        assert_eq!(
-            broken(|it| it.steal.percent = 0.25),
-            ["steal [%]: 0.25 of processor 1"]
+        check(|it| it.not_fresh(0, 0, 1), &skipped);
+        check(
+            |it| it.steal.percent = 0.25,
+            "steal [%]: 0.25 of processor 1",
         );
         let worst = |it: &mut Sample| {
             for (role, stale) in [("outer", 1), ("inner", 3), ("mixer", 2)] {
                 it.roles.get_mut(role).unwrap().ticks_stale = stale;
             }
         };
-        assert_eq!(broken(worst), ["stale ticks per million: 150.0 (inner)"]);
-        assert_eq!(
-            broken(|it| it.series[0].p999_us = Some(51.1)),
-            ["loop p99.9 [us]: 51.1"]
+        check(worst, "stale ticks per million: 150.0 (inner)");
+        check(
+            |it| it.series[0].p999_us = Some(51.1),
+            "loop p99.9 [us]: 51.1",
         );
-        assert_eq!(
-            broken(|it| it.series[1].p999_us = Some(51.1)),
-            ["wake.plant p99.9 [us]: 51.1"]
-        );
-        let off = |it: &mut Sample| it.performance.recent_error_max_m = 0.02;
-        assert_eq!(broken(off), ["position error in the last 5 s [m]: 0.0200"]);
-        let unwatched = broken(|it| it.theorem.ticks_unwatched = 1);
-        assert_eq!(
-            unwatched,
-            ["theorem: 0 unexplained, estimates live, 1 tick not watched"]
-        );
-        let still = broken(|it| (it.theorem.holds, it.theorem.is_live) = (false, false));
-        assert_eq!(
-            still,
-            ["theorem: 0 unexplained, estimates do not move as predicted"]
+        let wake = "wake.plant p99.9 [us]: 51.1";
+        check(|it| it.series[1].p999_us = Some(51.1), wake);
+        let error = "position error in the last 5 s [m]: 0.0200";
+        check(|it| it.performance.recent_error_max_m = 0.02, error);
+        let unwatched = "theorem: 0 unexplained, estimates live, 1 tick not watched";
+        check(|it| it.theorem.ticks_unwatched = 1, unwatched);
+        let lifeless = |it: &mut Sample| (it.theorem.holds, it.theorem.is_live) = (false, false);
+        check(
+            lifeless,
+            "theorem: 0 unexplained, estimates do not move as predicted",
         );
     }
 
     #[test]
     fn what_measured_nothing_does_not_hold() {
+        let steal = broken(|it| it.steal.of_ms = 0);
         assert_eq!(
-            broken(|it| it.steal.of_ms = 0),
+            steal,
             ["steal [%]: measured nothing: the kernel counted no time"]
         );
         let unseen = broken(|it| it.performance.states = 0);
@@ -501,24 +432,16 @@ mod tests {
             ["stale ticks per million: measured nothing: no stage worked a tick"]
         );
         assert_eq!(broken(|it| it.series.clear()).len(), 2);
-        let lockstep = broken(|it| it.run.wall_period_us = 0.0);
-        assert_eq!(
-            lockstep
-                .iter()
-                .filter(|it| it.ends_with("in lockstep there are no deadlines"))
-                .count(),
-            5
-        );
+        let mut lockstep = broken(|it| it.run.wall_period_us = 0.0);
+        lockstep.retain(|it| it.ends_with("in lockstep there are no deadlines"));
+        assert_eq!(lockstep.len(), 5);
     }
 
     #[test]
     fn lost_messages_fail_what_is_measured_from_messages_alone() {
         let lost = broken(|it| it.lost = 3);
-        assert_eq!(
-            lost.len(),
-            5,
-            "fresh commands, wake-up, loop, position error and theorem: {lost:?}"
-        );
+        // Fresh commands, wake-up, loop, position error and theorem.
+        assert_eq!(lost.len(), 5, "{lost:?}");
         assert!(
             lost.iter()
                 .all(|it| it.ends_with(", and 3 messages were not seen")),
@@ -528,28 +451,23 @@ mod tests {
 
     #[test]
     fn the_status_names_how_many_gates_were_asked_for() {
-        let verdict_of = |asked: &RequestedGates| {
-            let sample = Sample::good();
-            verdict(gates(asked, &sample.evidence()), 0, sample.ending)
-        };
-        let all = verdict_of(&ASKED);
-        assert_eq!(
-            (all.asked(), all.words().as_str()),
-            ((8, 8), "PASS: 8 of 8 gates held")
-        );
-        let none = verdict_of(&RequestedGates {
+        let none = RequestedGates {
             position_error_max_m: 10.0,
             ground_z_m: -0.25,
             ..RequestedGates::default()
-        });
-        assert_eq!(
-            (none.asked(), none.words().as_str()),
-            ((0, 0), "PASS: no gate was asked for")
-        );
-        let miss = verdict_of(&RequestedGates {
+        };
+        let miss = RequestedGates {
             max_loop_p999_us: Some(1.0),
             ..ASKED
-        });
-        assert_eq!(miss.words(), "FAIL: 7 of 8 gates held");
+        };
+        for (asked, held, words) in [
+            (ASKED, (8, 8), "PASS: 8 of 8 gates held"),
+            (none, (0, 0), "PASS: no gate was asked for"),
+            (miss, (7, 8), "FAIL: 7 of 8 gates held"),
+        ] {
+            let sample = Sample::good();
+            let verdict = verdict(gates(&asked, &sample.evidence()), 0, sample.ending);
+            assert_eq!((verdict.asked(), &*verdict.words()), (held, words));
+        }
     }
 }

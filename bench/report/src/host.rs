@@ -5,11 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Stolen time above which latencies tell of the host, and not of the loops [%].
 pub const STEAL_LIMIT_PERCENT: f64 = 1.0;
 
-/// The machine, as far as it explains latencies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Host {
     pub kernel: String,
-    /// Preemption model, as far as the kernel says.
     pub preemption: String,
     pub cpu: String,
     pub cpus: u64,
@@ -22,7 +20,6 @@ pub struct Host {
 
 impl Host {
     /// Whether a hypervisor runs below, after a list of what does.
-    #[must_use]
     pub const fn below(&self) -> &'static str {
         match self.hypervisor {
             Some(true) => ", under a hypervisor",
@@ -37,37 +34,31 @@ impl Host {
 pub struct Steal {
     /// Stolen [ms], in the kernel's resolution of 10 ms.
     pub stolen_ms: u64,
-    /// Share of their time [%].
     pub percent: f64,
     /// Their time [ms]; 0 where the kernel counts none, and in reports from before it was kept.
     #[serde(default)]
     pub of_ms: u64,
     /// The processor; none where it is all of them together.
-    #[serde(default)]
     pub processor: Option<u64>,
 }
 
 impl Steal {
-    /// Whose time it is, in words.
-    #[must_use]
     pub fn processors(&self) -> String {
-        self.processor.map_or_else(
-            || "all processors".into(),
-            |number| format!("processor {number}"),
-        )
+        match self.processor {
+            None => "all processors".into(),
+            Some(number) => format!("processor {number}"),
+        }
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InterruptKind {
-    /// A device, a timer or another processor interrupted.
     Hard,
     /// What the kernel put off until after such an interrupt.
     Soft,
 }
 
-/// How often an interrupt came during the flight.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InterruptCount {
     pub kind: InterruptKind,
@@ -78,11 +69,9 @@ pub struct InterruptCount {
     pub count: u64,
 }
 
-/// Interrupts of the loops' processor during the flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InterruptSection {
     /// The processor; none where the loops did not share one, and all are counted together.
     pub processor: Option<u64>,
-    /// What came, the most frequent first.
     pub counts: Vec<InterruptCount>,
 }

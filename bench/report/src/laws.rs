@@ -1,8 +1,7 @@
 //! The control laws of a flight: their signals, and outputs that could not be used.
 
 use crate::phrase::count;
-use crate::schema::{LawSection, SignalSection};
-use crate::schema::{RoleSection, RunSection};
+use crate::schema::{LawSection, RoleSection, RunSection, SignalSection};
 use crate::series::Statistics;
 use crate::speed::Speed;
 use controller::laws::may_have_theorem;
@@ -12,7 +11,6 @@ use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, RATE_ERROR, Signal, Signals, TELEMETRY, Telemetry};
 use std::collections::BTreeMap;
 
-/// What the report knows of the laws of a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FlownLaws {
     pub signals: Signals,
@@ -25,7 +23,6 @@ pub struct FlownLaws {
 pub struct Places([usize; 3]);
 
 impl Places {
-    #[must_use]
     pub fn of(&self, wrench: &Wrench) -> [f64; 3] {
         self.0.map(|place| wrench.telemetry.value[place])
     }
@@ -33,34 +30,29 @@ impl Places {
 
 impl FlownLaws {
     /// Where the rate error of the inner law is [rad/s]; none where it shows none.
-    #[must_use]
     pub fn rate_error(&self) -> Option<Places> {
         self.signals.places(Role::Inner, RATE_ERROR).map(Places)
     }
 
     /// Where its estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2] are; none where it estimates nothing.
-    #[must_use]
     pub fn estimates(&self) -> Option<Places> {
         let names = ESTIMATED.map(Parameter::name);
-        self.signals
-            .places(Role::Inner, names)
+        let places = self.signals.places(Role::Inner, names);
+        places
             .filter(|_| self.without_theorem.is_none())
             .map(Places)
     }
 }
 
 /// Why the theorem says nothing of a flight with this inner law.
-#[must_use]
 pub fn no_theorem(law: &str) -> String {
-    let settings = if may_have_theorem(law) {
-        " with its settings"
-    } else {
-        ""
-    };
-    format!("the inner law `{law}` has no theorem{settings}")
+    let settings = may_have_theorem(law).then_some(" with its settings");
+    format!(
+        "the inner law `{law}` has no theorem{}",
+        settings.unwrap_or_default()
+    )
 }
 
-/// Counts such ticks of one law.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NotFinite {
     ticks: u64,
@@ -68,7 +60,6 @@ pub struct NotFinite {
 }
 
 impl NotFinite {
-    /// Takes the mode of the law's message of a tick.
     pub fn take(&mut self, tick: u64, mode: u64) {
         if mode == Mode::NotFinite as u64 {
             self.ticks += 1;
@@ -76,7 +67,6 @@ impl NotFinite {
         }
     }
 
-    #[must_use]
     pub fn section(self, name: &str, telemetry: Vec<SignalSection>) -> LawSection {
         LawSection {
             name: name.into(),
@@ -89,20 +79,19 @@ impl NotFinite {
 }
 
 impl LawSection {
-    #[must_use]
     pub fn named(&self) -> String {
-        match self.file.as_deref() {
-            Some(file) => format!(
-                "`{}` ({})",
-                self.name,
-                file.rsplit('/').next().unwrap_or(file)
-            ),
-            None => format!("`{}`", self.name),
+        let name = format!("`{}`", self.name);
+        match self.file_name() {
+            Some(file) => format!("{name} ({file})"),
+            None => name,
         }
     }
 
+    pub fn file_name(&self) -> Option<&str> {
+        self.file.as_deref()?.rsplit('/').next()
+    }
+
     /// What is said of answers that could not be used, where there were some.
-    #[must_use]
     pub fn not_finite(&self, role: &str) -> Option<String> {
         let (first, ticks) = (self.first_not_finite?, count(self.ticks_not_finite, "tick"));
         Some(format!(
@@ -112,7 +101,6 @@ impl LawSection {
     }
 }
 
-/// The laws in the order of the data flow.
 pub fn in_order(
     laws: &BTreeMap<String, LawSection>,
 ) -> impl Iterator<Item = (&'static str, &LawSection)> {
@@ -123,31 +111,20 @@ pub fn in_order(
 
 /// What laws did that no law should, a sentence each: of every law its answers that could not be used; of one of a
 /// file also its time, its allocations and its page faults.
-#[must_use]
 pub fn sentences(
     run: &RunSection,
     series: &[Statistics],
     roles: &BTreeMap<String, RoleSection>,
 ) -> Vec<String> {
     let of = |(role, law): (&String, &LawSection)| {
-        let name = format!("{role} law {}", law.named());
-        let mut said = Vec::new();
-        said.extend(law.not_finite(role));
+        let mut said = Vec::from_iter(law.not_finite(role));
         if law.file.is_some() {
-            let computed = series
-                .iter()
-                .find(|series| series.name == format!("compute.{role}"));
+            let name = format!("compute.{role}");
+            let computed = series.iter().find(|series| series.name == name);
             let too_long = computed.and_then(|computed| too_long(run, computed));
-            let unsteady = roles
-                .get(role)
-                .into_iter()
-                .flat_map(|section| unsteady(role, section));
-            said.extend(
-                too_long
-                    .into_iter()
-                    .chain(unsteady)
-                    .map(|what| format!("{name} {what}")),
-            );
+            let unsteady = roles.get(role).map(|section| unsteady(role, section));
+            let all = too_long.into_iter().chain(unsteady.into_iter().flatten());
+            said.extend(all.map(|what| format!("{role} law {} {what}", law.named())));
         }
         said
     };
@@ -173,33 +150,28 @@ fn unsteady(name: &str, role: &RoleSection) -> Vec<String> {
     };
     let mut said = Vec::new();
     // The middleware lends one message a tick, and the mixer's last word.
-    let lent = role
-        .ticks_run
-        .saturating_add(u64::from(name == Role::Mixer.name()));
+    let last_word = u64::from(name == Role::Mixer.name());
+    let lent = role.ticks_run.saturating_add(last_word);
     let own = usage.allocations.map_or(0, |all| all.saturating_sub(lent));
     if own > 0 {
+        let calls = count(own, "call");
         said.push(format!(
-            "allocated memory in flight: {} beside the middleware's one a tick",
-            count(own, "call")
+            "allocated memory in flight: {calls} beside the middleware's one a tick"
         ));
     }
     let is_granted = |name: &str| {
-        role.realtime
-            .iter()
-            .any(|step| step.step == name && step.granted)
+        let mut steps = role.realtime.iter();
+        steps.any(|step| step.step == name && step.granted)
     };
     let is_locked = is_granted("memory_lock") && is_granted("prefault");
     let faults = usage.minor_faults.saturating_add(usage.major_faults);
     if is_locked && faults > 0 {
-        said.push(format!(
-            "met memory that was not there: {} in flight",
-            count(faults, "page fault")
-        ));
+        let faults = count(faults, "page fault");
+        said.push(format!("met memory that was not there: {faults} in flight"));
     }
     said
 }
 
-/// Follows the signals of a law.
 #[derive(Clone, Copy, Debug)]
 pub struct SignalStatistics {
     signals: &'static [Signal],
@@ -208,8 +180,6 @@ pub struct SignalStatistics {
 }
 
 impl SignalStatistics {
-    /// Of a law with these signals, before its first tick.
-    #[must_use]
     pub const fn new(signals: &'static [Signal]) -> Self {
         Self {
             signals,
@@ -226,21 +196,16 @@ impl SignalStatistics {
         }
     }
 
-    #[must_use]
     pub fn section(&self) -> Vec<SignalSection> {
         let section = |(signal, [last, min, max]): (&Signal, [f64; 3])| SignalSection {
             name: signal.name.into(),
             unit: signal.unit.into(),
-            last: known(last),
-            min: known(min),
-            max: known(max),
+            last: Some(last).filter(|it| it.is_finite()),
+            min: Some(min).filter(|it| it.is_finite()),
+            max: Some(max).filter(|it| it.is_finite()),
         };
         self.signals.iter().zip(self.seen).map(section).collect()
     }
-}
-
-fn known(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
 }
 
 #[cfg(test)]
@@ -250,74 +215,63 @@ mod tests {
     use super::*;
     use crate::sample::Sample;
 
-    #[test]
-    fn only_what_a_law_of_a_file_did_itself_is_said_of_it() {
-        let Sample {
-            mut run,
-            mut series,
-            mut roles,
-            ..
-        } = Sample::good();
-        let steps = ["memory_lock", "prefault"]
-            .map(|step| json!({ "step": step, "asked": null, "granted": true, "refused": null }));
-        let usage = |allocations: u64, minor_faults: u64| {
-            let none = json!({ "major_faults": 0, "voluntary_switches": 0, "involuntary_switches": 0,
-                "cpu_per_tick_us": 1.0, "allocations": allocations, "minor_faults": minor_faults });
-            Some(serde_json::from_value(none).unwrap())
-        };
-        for (name, role) in &mut roles {
-            role.usage = usage(20_000 + u64::from(name == "mixer"), 0);
-            role.realtime = serde_json::from_value(json!(steps)).unwrap();
-        }
-        let law = |file: Option<&str>| LawSection {
+    fn law(file: Option<&str>) -> LawSection {
+        LawSection {
             name: "x".into(),
             file: file.map(str::to_owned),
             ..LawSection::default()
+        }
+    }
+
+    #[test]
+    fn only_what_a_law_of_a_file_did_itself_is_said_of_it() {
+        let mut sample = Sample::good();
+        let usage = |allocations: u64, minor_faults: u64| {
+            let usage = json!({ "major_faults": 0, "voluntary_switches": 0, "involuntary_switches": 0,
+                "cpu_per_tick_us": 1.0, "allocations": allocations, "minor_faults": minor_faults });
+            serde_json::from_value(usage).unwrap()
         };
-        run.laws = ["outer", "inner", "mixer"]
-            .map(|role| (role.to_owned(), law(Some("/a/libx.so"))))
-            .into();
-        series.push(Statistics {
+        let steps = ["memory_lock", "prefault"]
+            .map(|step| json!({ "step": step, "asked": null, "granted": true, "refused": null }));
+        for (name, role) in &mut sample.roles {
+            role.usage = usage(20_000 + u64::from(name == "mixer"), 0);
+            role.realtime = serde_json::from_value(json!(steps)).unwrap();
+        }
+        let of_files =
+            ["outer", "inner", "mixer"].map(|role| (role.into(), law(Some("/a/libx.so"))));
+        sample.run.laws = of_files.into();
+        let computed = Statistics {
             name: "compute.inner".into(),
             p99_us: 1000.0,
-            ..series[0].clone()
-        });
-        assert_eq!(sentences(&run, &series, &roles), Vec::<String>::new());
-        roles.get_mut("inner").unwrap().usage = usage(20_002, 3);
-        series.last_mut().unwrap().p99_us = 1000.1;
-        let said = sentences(&run, &series, &roles).join("\n");
-        assert_eq!(
-            said.matches("inner law `x` (libx.so) ").count(),
-            3,
-            "{said}"
-        );
-        for told in [
+            ..sample.series[0].clone()
+        };
+        sample.series.push(computed);
+        let said =
+            |sample: &Sample| sentences(&sample.run, &sample.series, &sample.roles).join("\n");
+        assert_eq!(said(&sample), "");
+        sample.roles.get_mut("inner").unwrap().usage = usage(20_002, 3);
+        sample.series.last_mut().unwrap().p99_us = 1000.1;
+        let all = said(&sample);
+        assert_eq!(all.matches("inner law `x` (libx.so) ").count(), 3, "{all}");
+        for part in [
             "took longer than a tick of 1000 us",
             "in flight: 2 calls beside",
             "not there: 3 page faults",
         ] {
-            assert!(said.contains(told), "{said}");
+            assert!(all.contains(part), "{all}");
         }
-        run.wall_period_us = 0.0;
+        sample.run.wall_period_us = 0.0;
         assert!(
-            !sentences(&run, &series, &roles)
-                .join("")
-                .contains("took longer"),
+            !said(&sample).contains("took longer"),
             "in lockstep nobody waits"
         );
-        roles.get_mut("inner").unwrap().realtime[0].granted = false;
+        sample.roles.get_mut("inner").unwrap().realtime[0].granted = false;
         assert!(
-            !sentences(&run, &series, &roles)
-                .join("")
-                .contains("page fault"),
+            !said(&sample).contains("page fault"),
             "the memory was not locked"
         );
-        run.laws = [("inner".to_owned(), law(None))].into();
-        assert_eq!(
-            sentences(&run, &series, &roles),
-            Vec::<String>::new(),
-            "ours are held by tests"
-        );
+        sample.run.laws = [("inner".to_owned(), law(None))].into();
+        assert_eq!(said(&sample), "", "ours are held by tests");
     }
 
     #[test]
@@ -331,70 +285,48 @@ mod tests {
         ] {
             inner.take(tick, mode as u64);
         }
-        let sections = [
-            ("outer", NotFinite::default().section("pd", Vec::new())),
-            ("inner", inner.section("x", Vec::new())),
-        ];
-        let laws: BTreeMap<String, LawSection> =
-            sections.map(|(role, law)| (role.to_owned(), law)).into();
-        assert_eq!(crate::render::flight::laws(&laws), "outer pd, inner x");
-        let Sample {
-            mut run,
-            series,
-            roles,
-            ..
-        } = Sample::good();
-        run.laws = laws;
-        let said = sentences(&run, &series, &roles);
-        assert_eq!(said.len(), 1);
-        assert!(
-            said[0].starts_with("inner law `x` gave")
-                && said[0].ends_with("in 2 ticks, first at tick 4"),
-            "{said:?}"
+        let outer = NotFinite::default().section("pd", Vec::new());
+        let sections = [("outer", outer), ("inner", inner.section("x", Vec::new()))];
+        let mut sample = Sample::good();
+        sample.run.laws = sections.map(|(role, law)| (role.to_owned(), law)).into();
+        assert_eq!(
+            crate::render::flight::laws(&sample.run.laws),
+            "outer pd, inner x"
         );
+        let said = sentences(&sample.run, &sample.series, &sample.roles).join("\n");
+        assert!(
+            said.starts_with("inner law `x` gave") && !said.contains('\n'),
+            "{said}"
+        );
+        assert!(said.ends_with("in 2 ticks, first at tick 4"), "{said}");
     }
-}
 
-#[cfg(test)]
-mod tally_telemetry_tests {
-    use super::*;
-
-    const SIGNALS: [Signal; 3] = [
-        Signal {
-            name: "mass_kg",
-            unit: "kg",
-        },
-        Signal {
-            name: "limited",
-            unit: "",
-        },
-        Signal {
-            name: "never",
-            unit: "",
-        },
-    ];
+    const SIGNALS: [Signal; 3] = {
+        const fn signal(name: &'static str, unit: &'static str) -> Signal {
+            Signal { name, unit }
+        }
+        [
+            signal("mass_kg", "kg"),
+            signal("limited", ""),
+            signal("never", ""),
+        ]
+    };
 
     #[test]
     fn what_was_not_known_is_no_number_of_the_flight() {
-        let mut tally = SignalStatistics::new(&SIGNALS);
+        let mut statistics = SignalStatistics::new(&SIGNALS);
         for mass_kg in [0.5, 0.7, 0.6] {
             let mut telemetry = Telemetry::unknown(3);
             telemetry.value[..2].copy_from_slice(&[mass_kg, 1.0]);
-            tally.take(&telemetry);
+            statistics.take(&telemetry);
         }
-        tally.take(&Telemetry::unknown(3));
-        let section = tally.section();
-        let numbers: Vec<_> = section
+        statistics.take(&Telemetry::unknown(3));
+        let section = statistics.section();
+        let numbers = section
             .iter()
-            .map(|signal| [signal.last, signal.min, signal.max])
-            .collect();
-        assert_eq!(
-            numbers,
-            [[Some(0.6), Some(0.5), Some(0.7)], [Some(1.0); 3], [None; 3]]
-        );
-        assert_eq!(
-            (section[0].name.as_str(), section[0].unit.as_str()),
-            ("mass_kg", "kg")
-        );
+            .map(|signal| [signal.last, signal.min, signal.max]);
+        let expected = [[Some(0.6), Some(0.5), Some(0.7)], [Some(1.0); 3], [None; 3]];
+        assert!(numbers.eq(expected), "{section:?}");
+        assert_eq!((&*section[0].name, &*section[0].unit), ("mass_kg", "kg"));
     }
 }

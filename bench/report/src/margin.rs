@@ -6,13 +6,10 @@ use crate::comparison::Laws;
 use flight_log::build::Build;
 use serde::{Deserialize, Serialize};
 
-/// Identifies the JSON form of [`Margins`].
 pub const SCHEMA: &str = "ironbird-margin/1";
 
-/// What laws bear on one trajectory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
-    /// [`SCHEMA`].
     pub schema: String,
     pub build: Build,
     pub trajectory: String,
@@ -21,7 +18,6 @@ pub struct Margins {
     pub preset: String,
     /// Seed of the first flight with losses, and of the sensors' noise.
     pub seed: u64,
-    /// Sample time of the laws [s].
     pub period_s: f64,
     /// When faults begin: a flight for each of these instants [s].
     pub phases_s: Vec<f64>,
@@ -31,9 +27,7 @@ pub struct Margins {
     pub cycle_s: Option<f64>,
     /// Every so many phases, what takes more flights is flown, beginning with the first.
     pub sparse: usize,
-    /// The longest outage that was tried [ticks].
     pub longest_ticks: u64,
-    /// How long a steady fault is flown [s].
     pub steady_s: f64,
     pub gate: Gate,
     /// In the order in which the laws were named.
@@ -53,11 +47,9 @@ pub struct Gate {
     pub limits: Vec<(String, f64)>,
 }
 
-/// The margins of a combination of laws.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawMargins {
     pub laws: Laws,
-    /// Fingerprint of the settings that margins depend on.
     pub fingerprint: String,
     /// The largest position error of the flights without a fault, one for each phase's seed, from the first phase on [m].
     pub unfaulted_error_m: f64,
@@ -65,18 +57,15 @@ pub struct LawMargins {
     pub unfaulted_saturated_percent: f64,
     /// The widest bound of the position error after an outage: each phase has that of its own flight without a fault [m].
     pub recovered_below_m: f64,
-    /// Likewise under a steady fault [m].
     pub tracked_below_m: f64,
     /// Likewise ticks in which the rotors may be saturated under a steady fault [%].
     pub saturated_max_percent: f64,
-    /// Outages survived, by what is out.
     pub outages: Vec<OutageMargin>,
     /// Steady dead time: the input is in time, and its content so many ticks old.
     pub lags: Vec<SteadyMargin>,
     /// Steady delay: the input comes so many ticks late, and the stage knows.
     pub delays: Vec<SteadyMargin>,
     pub losses: Vec<LossMargin>,
-    /// Losses of m in any k.
     pub patterns: Vec<PatternMargin>,
     pub flights: u64,
 }
@@ -87,21 +76,17 @@ pub struct OutageMargin {
     pub of: String,
     /// At each phase, the longest survived [ticks]; the longest that was tried where that was survived, too.
     pub ticks: Vec<u64>,
-    /// What was found against the order of things.
     pub exceptions: Vec<Exception>,
 }
 
 /// An outage that was survived although a shorter one was not, or the other way round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exception {
-    /// When it begins [s].
     pub phase_s: f64,
-    /// How long it is [ticks].
     pub ticks: u64,
     pub survived: bool,
 }
 
-/// What steady lateness of an input costs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SteadyMargin {
     pub input: String,
@@ -113,7 +98,6 @@ pub struct SteadyMargin {
     pub points: Vec<Point>,
 }
 
-/// What random losses at an input cost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LossMargin {
     pub input: String,
@@ -130,10 +114,8 @@ pub struct LossMargin {
     pub points: Vec<Point>,
 }
 
-/// Flights at one strength of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// Ticks, or the share of messages.
     pub at: f64,
     pub flights: u64,
     pub survived: u64,
@@ -151,67 +133,39 @@ pub struct PatternMargin {
 
 impl OutageMargin {
     /// The least over all phases [ticks].
-    #[must_use]
     pub fn least(&self) -> u64 {
         self.ticks.iter().copied().min().unwrap_or(0)
     }
 
     /// Half of the phases bear at least so much [ticks].
-    #[must_use]
     pub fn median(&self) -> u64 {
         let mut sorted = self.ticks.clone();
         sorted.sort_unstable();
-        sorted
-            .get(sorted.len().saturating_sub(1) / 2)
-            .copied()
-            .unwrap_or(0)
+        let middle = sorted.len().saturating_sub(1) / 2;
+        sorted.get(middle).copied().unwrap_or(0)
     }
 }
 
 impl PatternMargin {
     /// The pattern that loses the largest share; of those alike, the one with the longest row.
-    #[must_use]
     pub fn weakest(&self) -> Option<[u64; 2]> {
-        self.most
-            .iter()
-            .copied()
-            .max_by(|[m, k], [n, l]| (m * l, m).cmp(&(n * k, n)))
+        let most = self.most.iter().copied();
+        most.max_by(|[m, k], [n, l]| (m * l, m).cmp(&(n * k, n)))
     }
 }
 
 impl Margins {
     /// The name of a combination: its mixer only where they differ.
-    #[must_use]
     pub fn name_of(&self, laws: &Laws) -> String {
-        let Laws {
-            outer,
-            inner,
-            mixer,
-        } = laws;
-        let differ = self
-            .laws
-            .windows(2)
-            .any(|pair| pair[0].laws.mixer != pair[1].laws.mixer);
-        if differ {
-            format!("{outer} + {inner} + {mixer}")
-        } else {
-            format!("{outer} + {inner}")
-        }
+        laws.name(Laws::mixers_differ(self.laws.iter().map(|law| &law.laws)))
     }
 
-    #[must_use]
     pub fn flown(&self) -> String {
-        let Self {
-            trajectory,
-            airframe,
-            preset,
-            seed,
-            ..
-        } = self;
+        let (trajectory, preset) = (&self.trajectory, &self.preset);
+        let (airframe, seed) = (&self.airframe, self.seed);
         format!("trajectory {trajectory}, gains {preset}, airframe {airframe}, seed {seed}")
     }
 
-    #[must_use]
     pub fn phases(&self) -> String {
         let first_s = self.phases_s.first().copied().unwrap_or_default();
         let of = match self.cycle_s {
@@ -222,39 +176,30 @@ impl Margins {
             None => ", of a trajectory that does not repeat".into(),
         };
         let phases = crate::phrase::count(self.phases_s.len() as u64, "phase");
-        format!(
-            "{phases} over {:.3} s from {first_s:.3} s on{of}",
-            self.span_s
-        )
+        let span_s = self.span_s;
+        format!("{phases} over {span_s:.3} s from {first_s:.3} s on{of}")
     }
 
-    #[must_use]
     pub fn gate_words(&self) -> String {
-        let Gate {
-            recovered_below_m,
-            tracked_below_m,
-            recovery_max_s,
-            limits,
-        } = &self.gate;
-        let below = match recovered_below_m {
+        let (limits, recovery_max_s) = (&self.gate.limits, self.gate.recovery_max_s);
+        let tracked_below_m = self.gate.tracked_below_m;
+        let below = match self.gate.recovered_below_m {
             Some(bound_m) => format!("{bound_m} m"),
             None => format!(
-                "twice the largest error without a fault and at least {} m, under a steady fault {tracked_below_m} m",
-                SMALLEST_BOUND_M
+                "twice the largest error without a fault and at least {SMALLEST_BOUND_M} m, under a steady fault \
+                 {tracked_below_m} m"
             ),
         };
-        let more: String = limits
-            .iter()
-            .map(|(name, most)| format!("; {name} up to {most}"))
-            .collect();
         let saturated = match limits.iter().any(|(name, _)| name == SATURATED) {
             true => String::new(),
-            false => {
-                format!(
-                    "; under a steady fault saturated in at most {SATURATED_MORE_PERCENT} % more of the ticks"
-                )
-            }
+            false => format!(
+                "; under a steady fault saturated in at most {SATURATED_MORE_PERCENT} % more of the ticks"
+            ),
         };
+        let more = limits.iter();
+        let more: String = more
+            .map(|(name, most)| format!("; {name} up to {most}"))
+            .collect();
         format!(
             "envelope kept, position error below {below} within {recovery_max_s} s and for at least 1 s{saturated}{more}"
         )
@@ -291,18 +236,12 @@ mod tests {
     #[test]
     fn the_weakest_pattern_loses_the_largest_share() {
         let of = |most: &[[u64; 2]]| {
-            PatternMargin {
-                input: String::new(),
-                most: most.into(),
-            }
-            .weakest()
+            let (input, most) = (String::new(), most.into());
+            PatternMargin { input, most }.weakest()
         };
         assert_eq!(of(&[[1, 2], [3, 5], [5, 10]]), Some([3, 5]));
-        assert_eq!(
-            of(&[[1, 2], [5, 10], [0, 20]]),
-            Some([5, 10]),
-            "the longer row of the same share"
-        );
+        // The longer row of the same share.
+        assert_eq!(of(&[[1, 2], [5, 10], [0, 20]]), Some([5, 10]));
         assert_eq!(of(&[]), None);
     }
 }

@@ -13,8 +13,9 @@
 //! An outage is a row of such ticks, however long. It is classed once ([`crate::miss_causes`]), by the delay that
 //! it began with, up to the late stage's next sign of life. Every missed deadline belongs to one outage.
 
-use crate::candidate_causes::Outage;
-use crate::candidate_causes::{CounterSample, Life, StageTiming, TickTimings, TimingWindow};
+use crate::candidate_causes::{
+    CounterSample, Life, Outage, StageTiming, TickTimings, TimingWindow,
+};
 use crate::miss_causes::{Attribution, MissCause, classify, index};
 use crate::outages::{CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick};
 use crate::processor_trace::Slice;
@@ -30,7 +31,6 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 pub const AROUND_TICKS: u64 = 32;
 /// An outage is classed as it stands when it has lasted for so many ticks; what follows is another one.
 const LONGEST_TICKS: u64 = 60_000;
-/// Outages that the report holds each by itself.
 const WORST: usize = 100;
 /// Ticks before and after the first tick of an outage, and its last one, in its timeline: what lies between two such
 /// ends of a long one is all alike.
@@ -42,7 +42,6 @@ const SAMPLES_BEYOND_NS: u64 = 200_000_000;
 pub struct MissAnalysis {
     grid: Grid,
     is_virtual: bool,
-    /// All loops have the same processor.
     share_processor: bool,
     traces: BTreeMap<u64, TickTimings>,
     samples: VecDeque<CounterSample>,
@@ -58,7 +57,6 @@ pub struct MissAnalysis {
     /// Whether every stage has worked a tick: what is not there before has not begun yet.
     has_begun: bool,
     open: Option<Outage>,
-    /// Outages, and missed deadlines in them.
     counts: BTreeMap<(MissCause, Option<Role>), (u64, u64)>,
     rows: OutageRuns,
     worst: Vec<OutageCase>,
@@ -75,8 +73,6 @@ struct Judged {
 }
 
 impl MissAnalysis {
-    /// Follows a flight on a grid.
-    #[must_use]
     pub const fn new(grid: Grid, is_virtual: bool, share_processor: bool) -> Self {
         Self {
             grid,
@@ -97,7 +93,6 @@ impl MissAnalysis {
         }
     }
 
-    /// Takes the stamps of a message.
     pub fn stamps<C: Topic>(&mut self, message: &Message<C>) {
         let (role, envelope) = (C::SENDER, &message.envelope);
         let stamps = envelope.stamps_of(role);
@@ -112,29 +107,31 @@ impl MissAnalysis {
     /// Takes a state: its stamps, and the plant's verdicts since the one before.
     pub fn state(&mut self, message: &Message<State>) {
         self.stamps(message);
-        self.next.get_or_insert(message.envelope.tick);
-        let (tick, missed) = (message.envelope.tick, message.content.deadlines_missed);
-        let (after, missed_before) = self
-            .last_state
-            .map_or((None, 0), |(tick, missed)| (Some(tick), missed));
-        if missed > missed_before {
-            let last_missed = Some(message.content.deadline_miss_run > 0);
+        let (tick, state) = (message.envelope.tick, &message.content);
+        self.next.get_or_insert(tick);
+        let last_missed = Some(state.deadline_miss_run > 0);
+        self.judge(tick, state.deadlines_missed, last_missed);
+        self.last_state = Some((tick, state.deadlines_missed));
+    }
+
+    /// Takes how many deadlines the plant has missed up to a tick.
+    fn judge(&mut self, tick: u64, all_missed: u64, last_missed: Option<bool>) {
+        let missed = all_missed.saturating_sub(self.last_state.map_or(0, |(_, missed)| missed));
+        if missed > 0 {
+            let after = self.last_state.map(|(tick, _)| tick);
             self.judged.push(Judged {
                 after,
                 tick,
-                missed: missed - missed_before,
+                missed,
                 last_missed,
             });
         }
-        self.last_state = Some((tick, missed));
     }
 
-    /// Takes what the kernel has counted.
     pub fn sample(&mut self, sample: CounterSample) {
         self.samples.push_back(sample);
     }
 
-    /// Takes what the kernel's trace tells, in order.
     pub fn ran(&mut self, slices: Vec<Slice>) {
         self.slices.extend(slices);
     }
@@ -144,13 +141,10 @@ impl MissAnalysis {
     pub fn fallen(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
         let mut sample = self.samples.back().copied().unwrap_or_default();
         sample.at_ns = at_ns;
-        for (counters, _) in sample
-            .stages
-            .iter_mut()
-            .zip(stages)
-            .filter(|(_, fallen)| *fallen)
-        {
-            counters.life = Life::Dead;
+        for (counters, has_fallen) in sample.stages.iter_mut().zip(stages) {
+            if has_fallen {
+                counters.life = Life::Dead;
+            }
         }
         self.samples.push_back(sample);
     }
@@ -167,17 +161,7 @@ impl MissAnalysis {
 
     /// Classes what is left, up to the last deadline missed: the flight is over.
     pub fn finish(&mut self, missed: u64, last_tick: u64) {
-        let (after, missed_before) = self
-            .last_state
-            .map_or((None, 0), |(tick, missed)| (Some(tick), missed));
-        if missed > missed_before {
-            self.judged.push(Judged {
-                after,
-                tick: last_tick,
-                missed: missed - missed_before,
-                last_missed: None,
-            });
-        }
+        self.judge(last_tick, missed, None);
         self.find();
         let last = self.newest().max(self.missed.last().copied().unwrap_or(0));
         while let Some(tick) = self.next.filter(|tick| *tick <= last) {
@@ -197,86 +181,56 @@ impl MissAnalysis {
         self.traces.last_key_value().map_or(0, |(tick, _)| *tick)
     }
 
-    /// Continues, opens or closes an outage with a tick.
     fn look_at(&mut self, tick: u64) {
         self.next = Some(tick + 1);
         let missed = u64::from(self.missed.contains(&tick));
         let trace = self.traces.get(&tick).copied().unwrap_or_default();
-        let is_whole = trace
-            .iter()
-            .all(|passage| passage.is_some_and(|passage| passage.is_fresh));
+        let mut passages = trace.iter();
+        let is_whole = passages.all(|passage| passage.is_some_and(|it| it.is_fresh));
         self.has_begun |= is_whole;
         let is_out = missed > 0 || (self.has_begun && !is_whole);
-        let open = self.open.take();
-        if !is_out {
-            if let Some(outage) = open {
-                self.close(outage);
-            }
+        let lasts = |outage: &&mut Outage| is_out && tick - outage.first < LONGEST_TICKS;
+        if let Some(outage) = self.open.as_mut().filter(lasts) {
+            (outage.last, outage.missed) = (tick, outage.missed + missed);
             return;
         }
-        let outage = match open {
-            Some(outage) if tick - outage.first < LONGEST_TICKS => Outage {
-                last: tick,
-                missed: outage.missed + missed,
-                ..outage
-            },
-            longest => {
-                if let Some(outage) = longest {
-                    self.close(outage);
-                }
-                Outage {
-                    first: tick,
-                    last: tick,
-                    missed,
-                }
-            }
-        };
-        self.open = Some(outage);
+        if let Some(outage) = self.open.take() {
+            self.close(outage);
+        }
+        let (first, last) = (tick, tick);
+        self.open = is_out.then_some(Outage {
+            first,
+            last,
+            missed,
+        });
     }
 
-    /// Misses that are in no outage yet.
     fn not_looked_at(&self) -> u64 {
         self.missed.range(self.next.unwrap_or(0)..).count() as u64
     }
 
     fn count_unplaced(&mut self, missed: u64) {
         if missed > 0 {
-            self.counts
-                .entry((MissCause::CannotTell, None))
-                .or_default()
-                .1 += missed;
+            let count = self.counts.entry((MissCause::CannotTell, None));
+            count.or_default().1 += missed;
         }
     }
 
     /// Finds the ticks of the misses: those whose command was not there when the next tick began.
     fn find(&mut self) {
-        for Judged {
-            after,
-            tick,
-            missed,
-            last_missed,
-        } in std::mem::take(&mut self.judged)
-        {
-            let first = after.map_or(1, |after| after + 1);
-            let mut misses: Vec<u64> = match last_missed {
-                Some(true) => vec![tick],
-                _ => Vec::new(),
-            };
-            let open_end = if last_missed.is_some() {
-                tick
-            } else {
-                tick + 1
-            };
+        for it in std::mem::take(&mut self.judged) {
+            let (tick, missed) = (it.tick, it.missed);
+            let first = it.after.map_or(1, |after| after + 1);
+            let mut misses = Vec::from_iter((it.last_missed == Some(true)).then_some(tick));
+            let open_end = tick + u64::from(it.last_missed.is_none());
             // Of the ticks between two states the plant tells only how many missed; the stamps tell which.
             for skipped in (first..open_end).rev() {
                 if misses.len() as u64 == missed {
                     break;
                 }
-                let sent_ns = self
-                    .traces
-                    .get(&(skipped - 1))
-                    .and_then(|trace| trace[Role::Mixer as usize]);
-                if sent_ns.is_none_or(|passage| passage.send_ns > self.grid.begin_of(skipped)) {
+                let trace = self.traces.get(&(skipped - 1));
+                let mixed = trace.and_then(|trace| trace[Role::Mixer as usize]);
+                if mixed.is_none_or(|passage| passage.send_ns > self.grid.begin_of(skipped)) {
                     misses.push(skipped);
                 }
             }
@@ -298,24 +252,14 @@ impl MissAnalysis {
     }
 
     fn close(&mut self, outage: Outage) {
-        let (first, last) = (
-            outage.first.saturating_sub(AROUND_TICKS),
-            outage.last + AROUND_TICKS,
-        );
-        let traces: BTreeMap<u64, TickTimings> = self
-            .traces
-            .range(first..=last)
-            .map(|(tick, trace)| (*tick, *trace))
-            .collect();
-        let stamps = traces
-            .values()
-            .flatten()
-            .flatten()
-            .map(|passage| passage.send_ns);
-        let until_ns = stamps
-            .max()
-            .unwrap_or(0)
-            .max(self.grid.begin_of(outage.last + 1));
+        let first = outage.first.saturating_sub(AROUND_TICKS);
+        let around = self.traces.range(first..=outage.last + AROUND_TICKS);
+        let traces: BTreeMap<u64, TickTimings> = around.map(|(tick, it)| (*tick, *it)).collect();
+        let passages = traces.values().flatten().flatten();
+        let end_ns = self.grid.begin_of(outage.last + 1);
+        let until_ns = passages
+            .map(|passage| passage.send_ns)
+            .fold(end_ns, u64::max);
         let scene = TimingWindow {
             grid: self.grid,
             traces: &traces,
@@ -332,11 +276,9 @@ impl MissAnalysis {
             return;
         }
         let opinion = classify(&scene);
-        let count = self
-            .counts
-            .entry((opinion.class, opinion.stage))
-            .or_default();
-        *count = (count.0 + 1, count.1 + outage.missed);
+        let cause = (opinion.class, opinion.stage);
+        let (outages, missed) = self.counts.entry(cause).or_default();
+        (*outages, *missed) = (*outages + 1, *missed + outage.missed);
         // Nor is a stage that it did not see published.
         if is_whole {
             let trace = |tick| self.traces.get(&tick).copied().unwrap_or_default();
@@ -347,9 +289,8 @@ impl MissAnalysis {
             self.rows.unmeasured += 1;
         }
         let case = self.case(outage, opinion);
-        let place = self
-            .worst
-            .partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
+        let is_worse = |it: &OutageCase| (it.ticks, it.missed) >= (case.ticks, case.missed);
+        let place = self.worst.partition_point(is_worse);
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
     }
@@ -359,18 +300,17 @@ impl MissAnalysis {
         let from_begin_us = |ns: u64| (ns as f64 - begin_ns as f64) / 1e3;
         let around = |tick: u64| tick.saturating_sub(TIMELINE.0)..=tick + TIMELINE.1;
         let shown: BTreeSet<u64> = around(outage.first).chain(around(outage.last)).collect();
-        let stage_of = |(role, passage): (Role, StageTiming)| TimelineStage {
-            role: role.name().into(),
-            wake_us: from_begin_us(passage.receive_ns),
-            send_us: from_begin_us(passage.send_ns),
-            is_fresh: passage.is_fresh,
+        let stage_of = |(role, passage): (Role, &Option<StageTiming>)| {
+            let passage = passage.as_ref()?;
+            Some(TimelineStage {
+                role: role.name().into(),
+                wake_us: from_begin_us(passage.receive_ns),
+                send_us: from_begin_us(passage.send_ns),
+                is_fresh: passage.is_fresh,
+            })
         };
         let stages_of = |trace: &TickTimings| -> Vec<TimelineStage> {
-            STAGES
-                .into_iter()
-                .zip(trace)
-                .filter_map(|(role, it)| Some(stage_of((role, (*it)?))))
-                .collect()
+            STAGES.into_iter().zip(trace).filter_map(stage_of).collect()
         };
         let seen = self.newest().max(outage.last);
         let timeline = shown.range(..=seen).map(|tick| TimelineTick {
@@ -378,17 +318,15 @@ impl MissAnalysis {
             missed: self.missed.contains(tick),
             stages: self.traces.get(tick).map(stages_of).unwrap_or_default(),
         });
+        let span_ns = opinion.span_ns;
+        let length_us = |(due_ns, seen_ns): (u64, u64)| (seen_ns - due_ns) as f64 / 1e3;
         OutageCase {
             tick: outage.first,
             time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
             ticks: outage.last - outage.first + 1,
             missed: outage.missed,
-            delay_us: opinion
-                .span_ns
-                .map_or(0.0, |(due_ns, seen_ns)| (seen_ns - due_ns) as f64 / 1e3),
-            due_us: opinion
-                .span_ns
-                .map_or(0.0, |(due_ns, _)| from_begin_us(due_ns)),
+            delay_us: span_ns.map_or(0.0, length_us),
+            due_us: span_ns.map_or(0.0, |(due_ns, _)| from_begin_us(due_ns)),
             class: opinion.class,
             stage: opinion.stage.map(|stage| stage.name().into()),
             evidence: opinion.evidence,
@@ -398,45 +336,36 @@ impl MissAnalysis {
         }
     }
 
-    /// Forgets what no outage can need any more.
     fn forget(&mut self, newest: u64) {
-        let begin = self
-            .open
-            .map(|outage| outage.first)
+        let open = self.open.map(|outage| outage.first);
+        let oldest = open
             .or(self.next)
-            .unwrap_or(newest);
-        let oldest = begin.saturating_sub(AROUND_TICKS);
+            .unwrap_or(newest)
+            .saturating_sub(AROUND_TICKS);
         self.traces = self.traces.split_off(&oldest);
         self.missed = self.missed.split_off(&oldest);
         let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
         while self
             .samples
-            .front()
-            .is_some_and(|sample| sample.at_ns < oldest_ns)
-        {
-            self.samples.pop_front();
-        }
+            .pop_front_if(|it| it.at_ns < oldest_ns)
+            .is_some()
+        {}
         while self
             .slices
-            .front()
-            .is_some_and(|slice| slice.to_ns < oldest_ns)
-        {
-            self.slices.pop_front();
-        }
+            .pop_front_if(|it| it.to_ns < oldest_ns)
+            .is_some()
+        {}
     }
 
-    #[must_use]
     pub fn section(&self) -> OutageSection {
-        let mut classes: Vec<CauseCount> = self
-            .counts
-            .iter()
-            .map(|((class, stage), (outages, missed))| CauseCount {
-                class: *class,
-                stage: stage.map(|stage| stage.name().into()),
-                outages: *outages,
-                missed: *missed,
-            })
-            .collect();
+        type Counted<'a> = (&'a (MissCause, Option<Role>), &'a (u64, u64));
+        let class = |((class, stage), (outages, missed)): Counted<'_>| CauseCount {
+            class: *class,
+            stage: stage.map(|stage| stage.name().into()),
+            outages: *outages,
+            missed: *missed,
+        };
+        let mut classes: Vec<CauseCount> = self.counts.iter().map(class).collect();
         classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
         let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
         let open = self.open.map_or(0, |outage| outage.missed);
@@ -452,12 +381,10 @@ impl MissAnalysis {
 
 /// Whether the driving input of a stage was of its tick.
 fn is_fresh(role: Role, envelope: &Header) -> bool {
-    index(role)
-        .checked_sub(1)
-        .is_none_or(|input| envelope.input_tick[input] == envelope.tick)
+    let input = index(role).checked_sub(1);
+    input.is_none_or(|input| envelope.input_tick[input] == envelope.tick)
 }
 
-/// Each stage, and all of them at once.
 const ROWS: usize = STAGES.len() + 1;
 
 /// The longest rows so far, of each stage and of all at once.
@@ -467,7 +394,6 @@ pub(super) struct OutageRuns {
     /// OutageRuns that last at the end of the outage that was taken last.
     running: [u64; ROWS],
     next: u64,
-    /// Outages whose rows are not known.
     pub unmeasured: u64,
 }
 
@@ -500,10 +426,8 @@ impl OutageRuns {
     /// The longest of each stage that had one, and of [`MACHINE`] [ticks].
     pub fn longest(&self) -> BTreeMap<String, u64> {
         let names = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
-        let longest = names.zip(self.longest).filter(|(_, ticks)| *ticks > 0);
-        longest
-            .map(|(name, ticks)| (name.to_owned(), ticks))
-            .collect()
+        let longest = names.map(str::to_owned).zip(self.longest);
+        longest.filter(|(_, ticks)| *ticks > 0).collect()
     }
 }
 
@@ -534,16 +458,17 @@ mod tests {
 
     fn longest(outages: &[(u64, u64)], out_in: fn(u64) -> [bool; STAGES.len()]) -> Vec<u64> {
         let mut rows = OutageRuns::NONE;
-        outages.iter().for_each(|(first, last)| {
+        for (first, last) in outages.iter().copied() {
+            let missed = 0;
             rows.take(
                 Outage {
-                    first: *first,
-                    last: *last,
-                    missed: 0,
+                    first,
+                    last,
+                    missed,
                 },
                 out_in,
-            )
-        });
+            );
+        }
         rows.longest.into()
     }
 

@@ -22,7 +22,6 @@ pub enum MissCause {
     ProcessorStalled,
     /// A stage woke late while others ran, and nothing says why.
     WakeLate,
-    /// A stage computed longer than usual.
     ComputedLong,
     /// A stage waited until its cut-off for an input whose lateness nothing explains.
     UpstreamLate,
@@ -35,12 +34,10 @@ pub enum MissCause {
     ReadyNotRun,
     /// The stage was stopped by a signal, or its process has ended.
     StoppedOrDead,
-    /// The evidence does not decide it.
     CannotTell,
 }
 
 impl MissCause {
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::HostStall => "host stall",
@@ -58,7 +55,6 @@ impl MissCause {
     }
 
     /// Whether the stage wanted to run and the machine did not let it.
-    #[must_use]
     pub const fn is_of_the_machine(self) -> bool {
         matches!(
             self,
@@ -79,7 +75,6 @@ impl MissCause {
     }
 }
 
-/// What the evidence says of an outage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attribution {
     pub class: MissCause,
@@ -95,7 +90,6 @@ pub struct Attribution {
 /// Share of a delay, in percent, that the counters must explain.
 const EXPLAINS_PERCENT: u64 = 50;
 
-#[must_use]
 pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
     let unknown = |evidence: &str| Attribution {
         class: MissCause::CannotTell,
@@ -117,30 +111,23 @@ pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
     let (class, why) = explain(scene, &suspect);
     let stage = class.is_of_a_stage().then_some(suspect.stage);
     let span_ns = Some((suspect.from_ns, suspect.to_ns));
-    let again = if times > 1 {
-        format!(" in the longest of {times} delays")
-    } else {
-        String::new()
+    let again = match times {
+        0 | 1 => String::new(),
+        _ => format!(" in the longest of {times} delays"),
     };
-    let ran: Vec<RunnerTime> = scene
-        .ran(&suspect)
-        .unwrap_or_default()
-        .into_iter()
-        .take(RUNNERS)
-        .map(|(runner, ns)| RunnerTime {
-            who: runner.words(),
-            us: ns as f64 / 1e3,
-        })
-        .collect();
-    let longest: Vec<String> = ran
-        .iter()
-        .take(RUNNERS_IN_WORDS)
+    let ran = scene.ran(&suspect).unwrap_or_default().into_iter();
+    let ran = ran.take(RUNNERS).map(|(runner, ns)| RunnerTime {
+        who: runner.words(),
+        us: ns as f64 / 1e3,
+    });
+    let ran: Vec<RunnerTime> = ran.collect();
+    let longest = ran.iter().take(RUNNERS_IN_WORDS);
+    let longest: Vec<String> = longest
         .map(|it| format!("{} {:.0} us", it.who, it.us))
         .collect();
-    let meanwhile = if longest.is_empty() {
-        String::new()
-    } else {
-        format!("; meanwhile ran {}", longest.join(", "))
+    let meanwhile = match longest.is_empty() {
+        true => String::new(),
+        false => format!("; meanwhile ran {}", longest.join(", ")),
     };
     Attribution {
         class,
@@ -153,7 +140,6 @@ pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
 
 /// Who is told of, of those that ran in a delay.
 const RUNNERS: usize = 10;
-/// Who is told of in words.
 const RUNNERS_IN_WORDS: usize = 3;
 
 /// Delays of an outage that are looked at.
@@ -177,22 +163,20 @@ fn delays(scene: &TimingWindow<'_>) -> Vec<Option<CandidateCause>> {
     delays
 }
 
-/// The stage whose delay is most of a tick's.
 fn worst_of(suspects: &[CandidateCause]) -> Option<CandidateCause> {
     let (inputs, own): (Vec<&CandidateCause>, Vec<&CandidateCause>) =
         suspects.iter().partition(|it| it.delay.is_of_input());
-    let share_ns = |suspect: &&&CandidateCause| suspect.share_ns;
-    let worst = match (
-        own.iter().max_by_key(share_ns),
-        inputs.iter().max_by_key(share_ns),
-    ) {
+    fn most<'a>(all: &[&'a CandidateCause]) -> Option<&'a CandidateCause> {
+        all.iter().copied().max_by_key(|it| it.share_ns)
+    }
+    let worst = match (most(&own), most(&inputs)) {
         // A stage that was waited for is late with something, unless its message was not used.
         (Some(own), Some(input)) if own.share_ns * 100 < input.share_ns * EXPLAINS_PERCENT => input,
         (Some(own), _) => own,
         (None, input) => input?,
     };
     let all_ns: u64 = own.iter().map(|suspect| suspect.share_ns).sum();
-    (worst.share_ns * 100 >= all_ns * EXPLAINS_PERCENT).then_some(**worst)
+    (worst.share_ns * 100 >= all_ns * EXPLAINS_PERCENT).then_some(*worst)
 }
 
 /// The longest delay of the stage that most of the time is due to, with how many it had; nothing where there is no
@@ -213,22 +197,16 @@ fn longest(
         return (!delays.is_empty()).then_some((None, 0));
     };
     let is_most = time_ns(most) * 100 >= all_ns * EXPLAINS_PERCENT;
-    Some((
-        most.iter()
-            .copied()
-            .max_by_key(length_ns)
-            .filter(|_| is_most),
-        most.len(),
-    ))
+    let longest = most.iter().copied().max_by_key(length_ns);
+    Some((longest.filter(|_| is_most), most.len()))
 }
 
-/// The class of a delay, with its evidence.
 fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, String) {
+    use MissCause::*;
+    let because = |cause: MissCause, why: &str| (cause, why.to_owned());
     if suspect.delay == Delay::Unused {
-        return (
-            MissCause::NotUsed,
-            "it was sent in time, and the next stage worked without it: why is not known".into(),
-        );
+        let why = "it was sent in time, and the next stage worked without it: why is not known";
+        return because(NotUsed, why);
     }
     let usage = scene.usage(suspect);
     let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;
@@ -238,117 +216,88 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
         } else {
             ""
         };
-        let after = usage.successor.map_or_else(String::new, |pid| {
-            format!(", and process {pid} took its place")
-        });
+        let after = usage
+            .successor
+            .map(|pid| format!(", and process {pid} took its place"));
+        let after = after.unwrap_or_default();
         return (
-            MissCause::StoppedOrDead,
+            StoppedOrDead,
             format!("its process {before}has ended{after}"),
         );
     }
     if usage.is_stopped {
-        return (MissCause::StoppedOrDead, "its process was stopped".into());
+        return because(StoppedOrDead, "its process was stopped");
     }
     let (processor, others) = (scene.processor(suspect), scene.others(suspect));
+    let others_ran = others.is_some_and(|others| others.ran);
     if explains(processor.stolen_ns) {
-        return (
-            MissCause::HostStall,
-            format!("the host took {} ms", processor.stolen_ns / 1_000_000),
-        );
+        let ms = processor.stolen_ns / 1_000_000;
+        return (HostStall, format!("the host took {ms} ms"));
     }
     if usage.faults > 0 {
-        return (
-            MissCause::PageFault,
-            format!("{} page faults", usage.faults),
-        );
+        return (PageFault, format!("{} page faults", usage.faults));
     }
     if suspect.delay != Delay::Input && explains(urgent_ns(scene, suspect)) {
-        return (
-            MissCause::Preempted,
-            "interrupts, or a thread at least as urgent, had the processor".into(),
-        );
+        let why = "interrupts, or a thread at least as urgent, had the processor";
+        return because(Preempted, why);
     }
     if explains(usage.waited_ns) {
         let (us, switches) = (usage.waited_ns / 1000, usage.involuntary_switches);
         let ready = format!("ready to run for {us} us without the processor");
         if switches > 0 {
             return (
-                MissCause::Preempted,
+                Preempted,
                 format!("{ready}, {switches} involuntary switches more"),
             );
         }
-        if others.is_some_and(|others| others.ran) {
-            return (
-                MissCause::Preempted,
-                format!("{ready}, other stages ran meanwhile"),
-            );
+        if others_ran {
+            return (Preempted, format!("{ready}, other stages ran meanwhile"));
         }
         // Where the host stops a virtual machine, whoever was on its processor seems to run.
         if explains(processor.busy_ns) && !scene.is_virtual {
-            return (
-                MissCause::Preempted,
-                format!(
-                    "{ready}, which was busy for {} ms",
-                    processor.busy_ns / 1_000_000
-                ),
-            );
+            let ms = processor.busy_ns / 1_000_000;
+            return (Preempted, format!("{ready}, which was busy for {ms} ms"));
         }
-        let seen = if scene.ran(suspect).is_some() {
-            "nobody that may keep it waiting"
-        } else {
-            "nobody"
-        };
+        let traced = scene.ran(suspect).map(|_| " that may keep it waiting");
+        let seen = traced.unwrap_or_default();
         return (
-            MissCause::ReadyNotRun,
-            format!("{ready}, and {seen} was seen to run"),
+            ReadyNotRun,
+            format!("{ready}, and nobody{seen} was seen to run"),
         );
     }
     if suspect.delay == Delay::Input {
-        return (MissCause::UpstreamLate, "nothing says why".into());
+        return because(UpstreamLate, "nothing says why");
     }
-    if matches!(suspect.delay, Delay::Compute | Delay::Busy) {
-        if explains(usage.ran_ns) {
-            return (
-                MissCause::ComputedLong,
-                format!("it ran for {} us more than usual", usage.ran_ns / 1000),
-            );
-        }
-        if others.is_some_and(|others| others.ran) {
-            return (MissCause::ComputedLong, "others ran meanwhile".into());
-        }
-        if scene.recurs(suspect) {
-            return (MissCause::ComputedLong, "and in other ticks around".into());
-        }
+    let is_computing = matches!(suspect.delay, Delay::Compute | Delay::Busy);
+    if is_computing && explains(usage.ran_ns) {
+        let us = usage.ran_ns / 1000;
+        return (ComputedLong, format!("it ran for {us} us more than usual"));
+    }
+    if is_computing && others_ran {
+        return because(ComputedLong, "others ran meanwhile");
+    }
+    if is_computing && scene.recurs(suspect) {
+        return because(ComputedLong, "and in other ticks around");
     }
     let Some(others) = others else {
-        return (
-            MissCause::CannotTell,
-            "the loops do not share a processor, so that nothing else shows it".into(),
-        );
+        let why = "the loops do not share a processor, so that nothing else shows it";
+        return because(CannotTell, why);
     };
-    if !others.ran && others.were_due {
-        if explains(processor.busy_ns) {
-            return (
-                MissCause::CannotTell,
-                "no stage ran, although others were due, and the processor was busy".into(),
-            );
-        }
-        return (
-            MissCause::ProcessorStalled,
-            "no stage ran, although others were due".into(),
-        );
-    }
+    let none_ran = !others.ran && others.were_due;
     match suspect.delay {
-        Delay::Wake if others.ran => (MissCause::WakeLate, "others ran meanwhile".into()),
-        // The host may have taken the processor without saying so.
-        _ if scene.is_virtual => (
-            MissCause::CannotTell,
-            "on a virtual machine, or what may be one, nothing else was due to show it".into(),
-        ),
-        Delay::Compute | Delay::Busy => (MissCause::ComputedLong, "nothing interrupted it".into()),
-        Delay::Wake | Delay::Input | Delay::Unused => {
-            (MissCause::WakeLate, "nothing else was due meanwhile".into())
+        _ if none_ran && explains(processor.busy_ns) => {
+            let why = "no stage ran, although others were due, and the processor was busy";
+            because(CannotTell, why)
         }
+        _ if none_ran => because(ProcessorStalled, "no stage ran, although others were due"),
+        Delay::Wake if others.ran => because(WakeLate, "others ran meanwhile"),
+        // The host may have taken the processor without saying so.
+        _ if scene.is_virtual => {
+            let why = "on a virtual machine, or what may be one, nothing else was due to show it";
+            because(CannotTell, why)
+        }
+        _ if is_computing => because(ComputedLong, "nothing interrupted it"),
+        _ => because(WakeLate, "nothing else was due meanwhile"),
     }
 }
 
@@ -369,15 +318,13 @@ fn urgent_ns(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> u64 {
         Runner::Interrupt { .. } => true,
         Runner::Idle => false,
     };
-    let ran = scene.ran(suspect).unwrap_or_default();
-    ran.into_iter()
-        .filter(|(runner, _)| is_urgent(runner))
+    let ran = scene.ran(suspect).unwrap_or_default().into_iter();
+    ran.filter(|(runner, _)| is_urgent(runner))
         .map(|(_, ns)| ns)
         .sum()
 }
 
 /// Stages of the loop by their place in [`STAGES`].
-#[must_use]
 pub fn index(role: Role) -> usize {
     (role as usize).min(STAGES.len() - 1)
 }

@@ -41,14 +41,12 @@ pub struct OutageCase {
     /// Begin of that tick as time of the flight on the clock [s].
     pub time_s: f64,
     pub ticks: u64,
-    /// How many of their commands missed the deadline.
     pub missed: u64,
     /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
     pub delay_us: f64,
     /// That instant, from the beginning of the first tick on [us].
     pub due_us: f64,
     pub class: MissCause,
-    /// The stage that it was due to.
     pub stage: Option<String>,
     pub evidence: String,
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
@@ -61,7 +59,6 @@ pub struct OutageCase {
     pub timeline: Vec<TimelineTick>,
 }
 
-/// What the stages did in a tick.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimelineTick {
     pub tick: u64,
@@ -76,7 +73,6 @@ pub struct TimelineTick {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimelineStage {
     pub role: String,
-    /// When it woke, and had its input.
     pub wake_us: f64,
     pub send_us: f64,
     /// Its driving input was of the tick; otherwise it had waited until its cut-off.
@@ -85,16 +81,11 @@ pub struct TimelineStage {
 
 impl OutageSection {
     /// The same, and each outage with the faults that were on.
-    #[must_use]
     pub fn struck_by(mut self, faults: &[InjectedFault]) -> Self {
         for case in &mut self.worst {
-            let strikes =
-                |fault: &&InjectedFault| fault.strikes(case.tick, case.tick + case.ticks - 1);
-            case.faults = faults
-                .iter()
-                .filter(strikes)
-                .map(|fault| fault.what.clone())
-                .collect();
+            let last = case.tick + case.ticks - 1;
+            let on = faults.iter().filter(|fault| fault.strikes(case.tick, last));
+            case.faults = on.map(|fault| fault.what.clone()).collect();
         }
         self
     }

@@ -2,13 +2,10 @@
 
 use textwrap::{Options, WordSplitter};
 
-/// Columns of a terminal that nobody has widened.
 pub const WIDTH: usize = 80;
 /// Every line of a sentence after the first begins with this.
 pub const INDENT: &str = "          ";
 
-/// A sentence as lines of a terminal.
-#[must_use]
 pub fn wrapped(sentence: &str) -> Vec<String> {
     let options = Options::new(WIDTH)
         .subsequent_indent(INDENT)
@@ -19,7 +16,6 @@ pub fn wrapped(sentence: &str) -> Vec<String> {
         .collect()
 }
 
-#[must_use]
 pub fn count(number: u64, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Who or what had a processor.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Runner {
     Idle,
@@ -13,16 +12,12 @@ pub enum Runner {
         priority: u64,
         name: String,
     },
-    /// An interrupt, on top of whoever ran.
     Interrupt {
-        /// The device, the timer or the kind.
         name: String,
     },
 }
 
 impl Runner {
-    /// The thread's number; 0 is nobody's.
-    #[must_use]
     pub const fn pid(&self) -> u64 {
         match self {
             Self::Thread { pid, .. } => *pid,
@@ -30,7 +25,6 @@ impl Runner {
         }
     }
 
-    #[must_use]
     pub fn words(&self) -> String {
         match self {
             Self::Idle => "idle".into(),
@@ -40,17 +34,13 @@ impl Runner {
     }
 }
 
-/// A stretch in which somebody had a processor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Slice {
-    /// From here [ns].
     pub from_ns: u64,
-    /// To here [ns].
     pub to_ns: u64,
     pub runner: Runner,
 }
 
-/// How long somebody had the processor during a delay.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunnerTime {
     pub who: String,
@@ -59,7 +49,6 @@ pub struct RunnerTime {
 }
 
 /// How long each had the processor in a span; nothing where the trace does not cover at least half of it.
-#[must_use]
 pub fn runners(slices: &[Slice], from_ns: u64, to_ns: u64) -> Option<BTreeMap<&Runner, u64>> {
     let mut times = BTreeMap::<&Runner, u64>::new();
     for slice in slices {
@@ -71,9 +60,8 @@ pub fn runners(slices: &[Slice], from_ns: u64, to_ns: u64) -> Option<BTreeMap<&R
             *times.entry(&slice.runner).or_default() += ns;
         }
     }
-    let threads = times
-        .iter()
-        .filter(|(runner, _)| !matches!(runner, Runner::Interrupt { .. }));
+    let is_thread = |runner: &Runner| !matches!(runner, Runner::Interrupt { .. });
+    let threads = times.iter().filter(|(runner, _)| is_thread(runner));
     let covered_ns: u64 = threads.map(|(_, ns)| ns).sum();
     (covered_ns * 2 >= to_ns.saturating_sub(from_ns) && covered_ns > 0).then_some(times)
 }

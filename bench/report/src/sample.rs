@@ -9,7 +9,8 @@ use crate::theorem::Theorem;
 use crate::verdicts::Evidence;
 use hdrhistogram::Histogram;
 use messages::blackboards::EndReason;
-use serde_json::json;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 pub(crate) struct Sample {
@@ -25,6 +26,10 @@ pub(crate) struct Sample {
     pub(crate) lost: u64,
 }
 
+fn from_json<T: DeserializeOwned>(value: &Value) -> T {
+    T::deserialize(value).unwrap()
+}
+
 impl Sample {
     /// 20 s on the clock without a miss.
     pub(crate) fn good() -> Self {
@@ -33,38 +38,25 @@ impl Sample {
             "preset": "flight", "period_us": 1000.0, "wall_period_us": 1000.0, "settings_fingerprint": "",
             "ending": "completed", "in_flight": false,
         });
-        let stage = |stale: u64| RoleSection {
-            ticks_run: 20_000,
-            ticks_skipped: 0,
-            ticks_stale: stale,
-            rejected: BTreeMap::new(),
-            landed: true,
-            usage: None,
-            scheduling: "other".into(),
-            realtime: Vec::new(),
-        };
+        let stage = json!({
+            "ticks_run": 20_000, "ticks_skipped": 0, "ticks_stale": 0, "rejected": {}, "landed": true, "usage": null,
+            "scheduling": "other", "realtime": [],
+        });
+        let ticks = json!({
+            "run": 20_000, "skipped": 0, "elapsed_s": 20.0, "elapsed_periods": 20_000, "identity_holds": true,
+        });
+        let not_fresh = NotFresh::default();
+        let deadlines = json!({
+            "not_fresh": not_fresh, "missed": 0, "missed_ppm": 0.0, "missed_by_stamps": 0, "late": [], "runs": [],
+        });
+        let stage = |role: &str| (role.to_owned(), from_json(&stage));
         let mut loops = Histogram::new(3).unwrap();
         loops.record_n(50_000, 20_000).unwrap();
         Self {
-            run: serde_json::from_value(run).unwrap(),
+            run: from_json(&run),
             ending: Some(EndReason::Completed),
-            ticks: Ticks {
-                run: 20_000,
-                skipped: 0,
-                elapsed_s: 20.0,
-                elapsed_periods: 20_000,
-                identity_holds: true,
-            },
-            deadlines: DeadlineSection {
-                not_fresh: Some(NotFresh::default()),
-                missed: 0,
-                missed_ppm: 0.0,
-                missed_by_stamps: 0,
-                late: Vec::new(),
-                runs: Vec::new(),
-                stretches: Vec::new(),
-                stretches_left_out: 0,
-            },
+            ticks: from_json(&ticks),
+            deadlines: from_json(&deadlines),
             performance: ControlPerformance {
                 states: 20_000,
                 recent_error_max_m: 0.01,
@@ -78,19 +70,13 @@ impl Sample {
                 steps_adapted: 19_999,
                 ..Theorem::default()
             },
-            series: vec![
-                Statistics::of("loop", &loops),
-                Statistics::of("wake.plant", &loops),
-            ],
-            roles: ["outer", "inner", "mixer"]
-                .map(|role| (role.to_owned(), stage(0)))
+            series: ["loop", "wake.plant"]
+                .map(|name| Statistics::of(name, &loops))
                 .into(),
-            steal: Steal {
-                stolen_ms: 0,
-                percent: 0.0,
-                of_ms: 20_000,
-                processor: Some(1),
-            },
+            roles: ["outer", "inner", "mixer"].map(stage).into(),
+            steal: from_json(
+                &json!({ "stolen_ms": 0, "percent": 0.0, "of_ms": 20_000, "processor": 1 }),
+            ),
             lost: 0,
         }
     }

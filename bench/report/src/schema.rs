@@ -21,7 +21,6 @@ pub const SCHEMA: &str = "ironbird-report/2";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// [`SCHEMA`].
     pub schema: String,
     pub run: RunSection,
     /// Did it track, was it in time, does the theorem hold; empty in reports from before they were told apart.
@@ -72,10 +71,8 @@ pub struct Report {
     #[serde(default)]
     pub distributions: Vec<Distribution>,
     /// The machine's floors, where they were asked for.
-    #[serde(default)]
     pub beside: Option<Baseline>,
     /// The flight over time; none while it is in the air.
-    #[serde(default)]
     pub traces: Option<Traces>,
 }
 
@@ -97,7 +94,6 @@ pub struct RunSection {
     #[serde(default)]
     pub airframe_sha256: String,
     pub preset: String,
-    /// Sample time of the laws [us].
     pub period_us: f64,
     /// Length of a tick on the clock [us]; 0 in lockstep, where ticks have none.
     pub wall_period_us: f64,
@@ -121,7 +117,6 @@ pub struct AcceptanceResult {
     pub gates: Vec<Gate>,
 }
 
-/// Something that a flight must satisfy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gate {
     /// What is looked at, with its unit.
@@ -151,7 +146,6 @@ pub struct DeadlineSection {
     /// Ticks that flew without a fresh command on time; none in lockstep, and in reports from before they were counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_fresh: Option<NotFresh>,
-    /// Missed, by the plant's own verdicts.
     pub missed: u64,
     pub missed_ppm: f64,
     /// Missed, by the stamps of the rotor commands.
@@ -170,19 +164,16 @@ pub struct DeadlineSection {
 /// Ticks that flew without a fresh command on time ([`crate::freshness`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NotFresh {
-    /// missed + stale + skipped.
     pub ticks: u64,
     pub per_million: f64,
     /// The tick ran, and its command was late or never came.
     pub missed: u64,
     /// The command was on time, but a stage had worked with an older input.
     pub stale: u64,
-    /// The plant skipped the tick.
     pub skipped: u64,
 }
 
 impl NotFresh {
-    #[must_use]
     pub fn new(missed: u64, stale: u64, ticks: &Ticks) -> Self {
         let skipped = ticks.skipped;
         let not_fresh = missed.saturating_add(stale).saturating_add(skipped);
@@ -196,24 +187,17 @@ impl NotFresh {
         }
     }
 
-    /// The parts of the sum.
-    #[must_use]
     pub fn parts(&self) -> String {
-        format!(
-            "{} missed + {} stale + {} skipped",
-            self.missed, self.stale, self.skipped
-        )
+        let (missed, stale, skipped) = (self.missed, self.stale, self.skipped);
+        format!("{missed} missed + {stale} stale + {skipped} skipped")
     }
 }
 
-/// Consecutive ticks whose commands were late.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LateStretchSection {
     pub tick: u64,
-    /// Its time of the flight [s].
     pub time_s: f64,
     pub length_ticks: u64,
-    /// Largest lateness [us].
     pub late_us: f64,
 }
 
@@ -228,19 +212,15 @@ pub struct RunLength {
 pub struct ControlPerformance {
     /// Root mean square of the position error over all states [m].
     pub position_error_rms_m: f64,
-    /// Largest position error [m].
     pub position_error_max_m: f64,
-    /// Position error at the end [m].
     pub position_error_final_m: f64,
     /// States that these are of; 0 in reports from before all states counted.
     pub states: u64,
     /// Ticks that have no state: skipped by the plant, or lost by the recorder.
     pub ticks_without_state: u64,
-    /// Largest position error in the last 5 s [m].
     pub recent_error_max_m: f64,
     /// How long these were [s]: less than 5 in a short flight.
     pub recent_s: f64,
-    /// Lowest point of the flight, world frame [m].
     pub lowest_z_m: f64,
     /// Norm of the inner law's rate error at the end [rad/s]; missing where the law shows none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -267,14 +247,12 @@ pub struct RoleSection {
     pub ticks_skipped: u64,
     /// Ticks that it worked with a stale input.
     pub ticks_stale: u64,
-    /// Messages that it rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
     pub landed: bool,
     /// Resources of its loop since it was armed; none unless it has landed.
     pub usage: Option<LoopUsage>,
     /// Scheduling in force: `fifo 80` or `other`.
     pub scheduling: String,
-    /// What the system was asked for.
     pub realtime: Vec<RtStep>,
 }
 
@@ -286,11 +264,9 @@ pub struct LoopUsage {
     pub major_faults: u64,
     pub voluntary_switches: u64,
     pub involuntary_switches: u64,
-    /// Processor time per tick [us].
     pub cpu_per_tick_us: f64,
 }
 
-/// A step of the real-time set-up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RtStep {
     pub step: String,
@@ -308,7 +284,6 @@ pub struct RecorderSection {
     pub rejected: BTreeMap<String, u64>,
     /// Ticks of which a topic had no message.
     pub incomplete_ticks: u64,
-    /// Share of one processor that it used [%].
     pub cpu_percent: f64,
     pub log: LogSection,
     /// Other files that could not be written, with the first reason.
@@ -337,8 +312,6 @@ pub struct LogSection {
 }
 
 impl Report {
-    /// Statistics of a series by name.
-    #[must_use]
     pub fn series(&self, name: &str) -> Option<&Statistics> {
         self.series.iter().find(|series| series.name == name)
     }
@@ -351,9 +324,7 @@ pub struct LawSection {
     #[serde(default)]
     pub version: String,
     /// Its file; none where it is built in.
-    #[serde(default)]
     pub file: Option<String>,
-    #[serde(default)]
     pub sha256: Option<String>,
     /// Whether it promises nothing about its time.
     #[serde(default)]
@@ -410,9 +381,7 @@ pub struct MarginSection {
 /// The longest outage of a stage that is survived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RobustnessMargin {
-    /// At the worst phase [ticks].
     pub ticks: u64,
-    /// Whether no longer one was tried.
     pub is_most: bool,
 }
 
@@ -422,7 +391,6 @@ pub struct ProcessFailure {
     pub role: String,
     /// Tick of its last message; of a process that sent none, the tick in which its end was noticed.
     pub tick: u64,
-    /// The same as time of the flight [s].
     pub time_s: f64,
     /// When the process started, on `CLOCK_MONOTONIC` [ns]: the epoch of its messages. 0 where it sent none.
     pub epoch: u64,
@@ -435,10 +403,8 @@ pub struct ProcessFailure {
     /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
     pub ticks_lost: Option<u64>,
     /// Of a successor that sent no message: tick of the death that it was to make good, whose ticks its own are.
-    #[serde(default)]
     pub within: Option<u64>,
     /// What that time is made of, where a launcher saw it.
-    #[serde(default)]
     pub back_parts: Option<RecoveryPhases>,
     /// Largest position error after its last message, within [`COST_S`] [m].
     pub position_error_max_m: Option<f64>,
@@ -449,7 +415,6 @@ pub struct ProcessFailure {
 pub struct RecoveryPhases {
     /// Whether a spare had waited for it.
     pub spare: bool,
-    /// Until the launcher noticed, as `noticed_after_ms`.
     pub noticed_ms: f64,
     /// The launcher removed what the dead process had left in shared memory.
     pub cleaned_ms: f64,
@@ -467,7 +432,6 @@ pub struct RecoveryPhases {
     pub first_tick_ms: f64,
 }
 
-/// Whether a flight followed its reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlightVerdict {
@@ -476,13 +440,11 @@ pub enum FlightVerdict {
     Tracked,
     /// It did as far as it flew: it was aborted or interrupted.
     CutShort,
-    /// It did not, at its end.
     OffTrack,
     /// It left its envelope, or was below ground.
     Lost,
 }
 
-/// Whether a flight was in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TimingVerdict {
@@ -500,7 +462,6 @@ pub enum TimingVerdict {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StabilityVerdict {
-    /// Nothing adapted that it speaks of.
     #[default]
     NotApplicable,
     Holds,

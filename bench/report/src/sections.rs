@@ -6,22 +6,43 @@ use flight_log::TOPICS;
 use flight_log::entry::Counts;
 use flight_log::writer::Fate;
 use messages::blackboards::{RolePhase, Status};
+<<<<<<< HEAD
 use messages::inspection::{Reason, Rejections};
 use messages::realtime::RealtimeStep;
+=======
+use messages::inspection::{REASONS, Rejections};
+use messages::realtime::{RealtimeStep, STEPS};
+>>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
 use std::collections::BTreeMap;
 
-/// Rejections by the name of their reason.
 pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
+<<<<<<< HEAD
     Reason::ALL
+=======
+    let counted = REASONS
+>>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
         .iter()
-        .map(|reason| (reason.name().to_owned(), rejections.of(*reason)))
+        .map(|reason| (reason.name(), rejections.of(*reason)));
+    counted
+        .map(|(reason, count)| (reason.to_owned(), count))
         .collect()
 }
 
-#[must_use]
 pub fn role_section(status: &Status) -> schema::RoleSection {
     let landed = status.phase() == RolePhase::Landed;
-    let usage = &status.usage;
+    let (usage, grants) = (&status.usage, &status.grants);
+    let step = |step: &RealtimeStep| {
+        let grant = grants.of(*step);
+        let name = serde_json::to_value(step).unwrap_or_default();
+        let has_number = grant.value > 0 || *step == RealtimeStep::Affinity;
+        schema::RtStep {
+            step: name.as_str().unwrap_or_default().into(),
+            asked: has_number.then_some(grant.value),
+            granted: grant.granted(),
+            refused: (!grant.granted()).then(|| errno_text(grant.errno)),
+        }
+    };
+    let steps = STEPS.iter().filter(|step| grants.of(**step).asked == 1);
     schema::RoleSection {
         ticks_run: status.ticks_run,
         ticks_skipped: status.ticks_skipped,
@@ -36,11 +57,11 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
             involuntary_switches: usage.involuntary_switches,
             cpu_per_tick_us: usage.cpu_ns as f64 / 1e3 / status.ticks_run.max(1) as f64,
         }),
-        scheduling: if status.grants.policy == 1 {
-            format!("fifo {}", status.grants.priority)
-        } else {
-            "other".into()
+        scheduling: match grants.policy {
+            1 => format!("fifo {}", grants.priority),
+            _ => "other".into(),
         },
+<<<<<<< HEAD
         realtime: RealtimeStep::ALL
             .iter()
             .filter(|step| status.grants.of(**step).asked == 1)
@@ -58,18 +79,16 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
                 }
             })
             .collect(),
+=======
+        realtime: steps.map(step).collect(),
+>>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
     }
 }
 
 /// What became of the messages on their way to the flight log, which keeps `kept`.
 pub fn log_section(kept: &str, fate: &Fate) -> schema::LogSection {
-    let by_topic = |counts: &Counts| {
-        TOPICS
-            .iter()
-            .map(|topic| (*topic).to_owned())
-            .zip(*counts)
-            .collect()
-    };
+    let topics = || TOPICS.iter().map(|topic| (*topic).to_owned());
+    let by_topic = |counts: &Counts| topics().zip(*counts).collect();
     schema::LogSection {
         kept: kept.into(),
         files: fate.files,

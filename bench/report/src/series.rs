@@ -28,7 +28,6 @@ pub enum Series {
     Timer,
     /// From the beginning of the tick on the grid to the stage's waking, skipped ticks included.
     Wake(Role),
-    /// Between two wakings of a stage.
     Period(Role),
     /// From one stage's publishing to the next one's having the message in hand.
     Hop(Role, Role),
@@ -45,25 +44,16 @@ pub enum Series {
 }
 
 impl Series {
-    /// Every series, in the order of the report.
-    #[must_use]
     pub fn all() -> Vec<Self> {
-        let [plant, outer, inner, mixer] = STAGES;
         let mut all = vec![Self::Loop, Self::Slack, Self::Late, Self::Timer];
         all.extend(STAGES.map(Self::Wake));
-        all.extend([
-            Self::Hop(plant, outer),
-            Self::Hop(outer, inner),
-            Self::Hop(inner, mixer),
-        ]);
+        all.extend(STAGES.windows(2).map(|pair| Self::Hop(pair[0], pair[1])));
         all.extend(STAGES.map(Self::Compute));
         all.extend(STAGES.map(Self::Busy));
         all.extend(STAGES.map(Self::Period));
         all
     }
 
-    /// Its name in reports and logs.
-    #[must_use]
     pub fn name(self) -> String {
         match self {
             Self::Timer => "timer".into(),
@@ -93,20 +83,21 @@ struct Entry {
 
 impl SeriesSet {
     pub fn new() -> Result<Self, Failure> {
+        let entry = |series| {
+            let (flight, interval) = (histogram()?, histogram()?);
+            Ok(Entry {
+                series,
+                flight,
+                interval,
+            })
+        };
         let entries = Series::all()
             .into_iter()
-            .map(|series| {
-                Ok(Entry {
-                    series,
-                    flight: histogram()?,
-                    interval: histogram()?,
-                })
-            })
+            .map(entry)
             .collect::<Result<_, Failure>>()?;
         Ok(Self { entries })
     }
 
-    /// Records a value [ns].
     pub fn record(&mut self, series: Series, value_ns: u64) {
         if let Some(entry) = self.entries.iter_mut().find(|entry| entry.series == series) {
             entry.flight.saturating_record(value_ns);
@@ -114,11 +105,9 @@ impl SeriesSet {
         }
     }
 
-    /// The histogram of a series over the flight.
-    #[must_use]
     pub fn flight(&self, series: Series) -> Option<&Histogram<u64>> {
-        self.entries
-            .iter()
+        let mut entries = self.entries.iter();
+        entries
             .find(|entry| entry.series == series)
             .map(|entry| &entry.flight)
     }
@@ -132,11 +121,8 @@ impl SeriesSet {
         start: Duration,
         length: Duration,
     ) -> Result<(), Failure> {
-        for entry in self
-            .entries
-            .iter_mut()
-            .filter(|entry| !entry.interval.is_empty())
-        {
+        let entries = self.entries.iter_mut();
+        for entry in entries.filter(|entry| !entry.interval.is_empty()) {
             let name = entry.series.name();
             log.write_histogram(&entry.interval, start, length, Tag::new(&name))
                 .map_err(|e| Failure::failed(format!("cannot write latency.hlog: {e:?}")))?;
@@ -146,36 +132,25 @@ impl SeriesSet {
     }
 
     /// Distributions of every series that has values; a tick is `tick_ns` long, 0 where it has no length.
-    #[must_use]
     pub fn distributions(&self, tick_ns: u64) -> Vec<Distribution> {
-        let about_ns = |series: Series| {
-            if matches!(series, Series::Period(_)) {
-                tick_ns
-            } else {
-                0
-            }
+        let distribution = |entry: &Entry| {
+            let is_period = matches!(entry.series, Series::Period(_));
+            let about_ns = if is_period { tick_ns } else { 0 };
+            Distribution::of(&entry.series.name(), &entry.flight, about_ns)
         };
-        self.entries
-            .iter()
-            .filter(|entry| !entry.flight.is_empty())
-            .map(|entry| {
-                Distribution::of(&entry.series.name(), &entry.flight, about_ns(entry.series))
-            })
-            .collect()
+        self.with_values().map(distribution).collect()
     }
 
-    /// Statistics of every series that has values.
-    #[must_use]
     pub fn statistics(&self) -> Vec<Statistics> {
-        self.entries
-            .iter()
-            .filter(|entry| !entry.flight.is_empty())
-            .map(|entry| Statistics::of(&entry.series.name(), &entry.flight))
-            .collect()
+        let of = |entry: &Entry| Statistics::of(&entry.series.name(), &entry.flight);
+        self.with_values().map(of).collect()
+    }
+
+    fn with_values(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.iter().filter(|entry| !entry.flight.is_empty())
     }
 }
 
-/// Percentiles of a series, in microseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     pub name: String,
@@ -184,17 +159,13 @@ pub struct Statistics {
     pub p50_us: f64,
     pub p90_us: f64,
     pub p99_us: f64,
-    /// 99.9th percentile; none below [`P999_COUNT`] values.
     pub p999_us: Option<f64>,
-    /// 99.99th percentile; none below [`P9999_COUNT`] values.
     pub p9999_us: Option<f64>,
     /// Largest: on a shared machine usually the host's doing.
     pub max_us: f64,
 }
 
 impl Statistics {
-    /// Statistics of a histogram of nanoseconds.
-    #[must_use]
     pub fn of(name: &str, histogram: &Histogram<u64>) -> Self {
         let us = |ns: u64| ns as f64 / 1e3;
         let quantile = |q: f64| us(histogram.value_at_quantile(q));
@@ -228,10 +199,7 @@ mod tests {
         let statistics = &set.statistics()[0];
         assert_eq!((statistics.count, statistics.p9999_us), (P999_COUNT, None));
         assert!((statistics.p50_us - 500.0).abs() < 1.0, "{statistics:?}");
-        assert!(
-            (statistics.p999_us.unwrap() - 999.0).abs() < 1.0,
-            "{statistics:?}"
-        );
+        assert!((statistics.p999_us.unwrap() - 999.0).abs() < 1.0);
     }
 
     #[test]

@@ -3,19 +3,15 @@
 use crate::schema::RunSection;
 use messages::blackboards::LOCKSTEP;
 
-/// How fast a flight went, against the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speed {
-    /// As fast as its processes pass ticks on.
     Lockstep,
     Clock,
-    /// So many times slower than the clock.
     Slowed(u64),
 }
 
 impl Speed {
     /// Of ticks that are so long on the clock, or [`LOCKSTEP`], of laws with this sample time [ns].
-    #[must_use]
     pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
         match period_ns
             .saturating_add(sample_time_ns / 2)
@@ -28,7 +24,6 @@ impl Speed {
     }
 
     /// Why latencies tell nothing of real time, where they do not.
-    #[must_use]
     pub fn why_not_real_time(self) -> Option<String> {
         match self {
             Self::Lockstep => Some("in lockstep there are no deadlines".into()),
@@ -39,7 +34,6 @@ impl Speed {
 }
 
 impl RunSection {
-    #[must_use]
     pub fn speed(&self) -> Speed {
         let [period_ns, sample_time_ns] =
             [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);

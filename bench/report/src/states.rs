@@ -18,40 +18,8 @@ use std::path::Path;
 /// What the states leave free on their disk, for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
 
-/// The first columns, as in the reference flights.
-const COLUMNS: [&str; 31] = [
-    "t",
-    "x",
-    "y",
-    "z",
-    "vx",
-    "vy",
-    "vz",
-    "phi",
-    "theta",
-    "psi",
-    "p",
-    "q",
-    "r",
-    "IR_hat",
-    "kr_hat",
-    "delta_hat",
-    "w1",
-    "w2",
-    "w3",
-    "w4",
-    "u",
-    "tau_p",
-    "tau_q",
-    "tau_r",
-    "e_p",
-    "e_q",
-    "e_r",
-    "xd",
-    "yd",
-    "zd",
-    "psid",
-];
+const COLUMNS: &str = "t,x,y,z,vx,vy,vz,phi,theta,psi,p,q,r,IR_hat,kr_hat,delta_hat,w1,w2,w3,w4,u,\
+                       tau_p,tau_q,tau_r,e_p,e_q,e_r,xd,yd,zd,psid";
 
 #[allow(missing_debug_implementations, reason = "what it writes to has none")]
 pub struct StatesWriter {
@@ -71,14 +39,9 @@ impl StatesWriter {
         every_ticks: u64,
     ) -> Result<Self, Failure> {
         let file = create_file(path).in_file("write the states to", path)?;
-        Self::begin(
-            Box::new(BufWriter::new(file)),
-            None,
-            tracking,
-            laws,
-            every_ticks,
-        )
-        .in_file("write the states to", path)
+        let out = Box::new(BufWriter::new(file));
+        let writer = Self::begin(out, None, tracking, laws, every_ticks);
+        writer.in_file("write the states to", path)
     }
 
     /// As [`Self::create`], and no row waits for the disk; what is no file is written as it comes.
@@ -89,15 +52,15 @@ impl StatesWriter {
         every_ticks: u64,
     ) -> Result<Self, Failure> {
         let file = create_file(path).in_file("write the states to", path)?;
-        if !file.metadata().is_ok_and(|facts| facts.is_file()) {
-            let out = Box::new(BufWriter::new(file));
-            return Self::begin(out, None, tracking, laws, every_ticks)
-                .in_file("write the states to", path);
-        }
-        let spool = AsyncWriter::new(file, LEFT_FREE_BYTES).in_file("write the states to", path)?;
-        let out = Box::new(spool.clone());
-        Self::begin(out, Some(spool), tracking, laws, every_ticks)
-            .in_file("write the states to", path)
+        let (out, spool): (Box<dyn Write>, _) = if file.metadata().is_ok_and(|it| it.is_file()) {
+            let spool = AsyncWriter::new(file, LEFT_FREE_BYTES);
+            let spool = spool.in_file("write the states to", path)?;
+            (Box::new(spool.clone()), Some(spool))
+        } else {
+            (Box::new(BufWriter::new(file)), None)
+        };
+        let writer = Self::begin(out, spool, tracking, laws, every_ticks);
+        writer.in_file("write the states to", path)
     }
 
     fn begin(
@@ -108,16 +71,12 @@ impl StatesWriter {
         every_ticks: u64,
     ) -> Result<Self, csv::Error> {
         let mut csv = csv::Writer::from_writer(out);
-        let shown = LAW_ROLES
-            .into_iter()
-            .zip(TELEMETRY_TOPICS)
-            .flat_map(|(role, topic)| {
-                laws.signals
-                    .of(role)
-                    .iter()
-                    .map(move |signal| format!("{topic}.{}", signal.name))
-            });
-        csv.write_record(COLUMNS.into_iter().map(str::to_owned).chain(shown))?;
+        let roles = LAW_ROLES.into_iter().zip(TELEMETRY_TOPICS);
+        let shown = roles.flat_map(|(role, topic)| {
+            let signals = laws.signals.of(role).iter();
+            signals.map(move |signal| format!("{topic}.{}", signal.name))
+        });
+        csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(shown))?;
         Ok(Self {
             csv,
             spool,
@@ -127,32 +86,24 @@ impl StatesWriter {
         })
     }
 
-    /// Whether a tick has a row.
-    #[must_use]
     pub const fn wants(&self, tick: u64) -> bool {
         tick.is_multiple_of(self.every_ticks)
     }
 
-    /// Writes the row of a tick, if it has one.
     pub fn write(&mut self, joined: &Joined) -> Result<(), Failure> {
         if !self.wants(joined.tick) {
             return Ok(());
         }
         let known = |value: Option<f64>| value.filter(|value| !value.is_nan());
         let cell = |value| known(value).map_or_else(String::new, |value| format!("{value:?}"));
-        self.csv
-            .write_record(
-                row(joined, &self.tracking, &self.laws)
-                    .into_iter()
-                    .map(cell),
-            )
-            .map_err(|e| Failure::failed(format!("cannot write the states: {e}")))
+        let row = row(joined, &self.tracking, &self.laws).into_iter();
+        let written = self.csv.write_record(row.map(cell));
+        written.map_err(|e| Failure::failed(format!("cannot write the states: {e}")))
     }
 
     pub fn flush(&mut self) -> Result<(), Failure> {
-        self.csv
-            .flush()
-            .map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
+        let flushed = self.csv.flush();
+        flushed.map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
         if let Some(spool) = &self.spool {
             spool.settle_or_drop();
         }
@@ -161,41 +112,30 @@ impl StatesWriter {
 
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
-        let Some(spool) = &self.spool else {
-            return Ok(());
-        };
-        spool.finish().map_or(Ok(()), |reason| {
-            Err(Failure::failed(format!(
+        match self.spool.as_ref().and_then(AsyncWriter::finish) {
+            None => Ok(()),
+            Some(reason) => Err(Failure::failed(format!(
                 "the states are not whole: {reason}"
-            )))
-        })
+            ))),
+        }
     }
 }
 
 fn row(joined: &Joined, tracking: &Tracking, laws: &FlownLaws) -> Vec<Option<f64>> {
-    let Joined {
-        tick,
-        state,
-        wrench,
-        rotor_speeds,
-        ..
-    } = joined;
+    let (tick, measured, wrench) = (joined.tick, &joined.state.measured, &joined.wrench);
     let shown = |places: Option<Places>| Some(places?.of(wrench.as_ref()?));
-    let mut row = vec![Some(*tick as f64 * tracking.period_s())];
-    let vectors = [
-        state.measured.position_w_m,
-        state.measured.velocity_w_m_s,
-        state.measured.attitude_rad,
-        state.measured.rate_b_rad_s,
-    ];
-    row.extend(vectors.into_iter().flatten().map(Some));
+    let mut row = vec![Some(tick as f64 * tracking.period_s())];
+    row.extend(measured.position_w_m.map(Some));
+    row.extend(measured.velocity_w_m_s.map(Some));
+    row.extend(measured.attitude_rad.map(Some));
+    row.extend(measured.rate_b_rad_s.map(Some));
     row.extend(cells(shown(laws.estimates())));
-    row.extend(cells(rotor_speeds.map(|speeds| speeds.speed_rad_s)));
+    row.extend(cells(joined.rotor_speeds.map(|it| it.speed_rad_s)));
     row.push(wrench.map(|wrench| wrench.thrust_n));
     row.extend(cells(wrench.map(|wrench| wrench.torque_b_nm)));
     row.extend(cells(shown(laws.rate_error())));
-    row.extend(tracking.position_w_m(*tick).map(Some));
-    row.push(Some(tracking.yaw_rad(*tick)));
+    row.extend(tracking.position_w_m(tick).map(Some));
+    row.push(Some(tracking.yaw_rad(tick)));
     for (role, telemetry) in LAW_ROLES.into_iter().zip(joined.telemetry()) {
         let value = |i: usize| telemetry.map(|telemetry| telemetry.value[i]);
         row.extend((0..laws.signals.of(role).len()).map(value));
@@ -208,7 +148,6 @@ fn cells<const N: usize>(vector: Option<[f64; N]>) -> [Option<f64>; N] {
     vector.map_or([None; N], |vector| vector.map(Some))
 }
 
-/// A state, with what the stages made of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Joined {
     pub tick: u64,
@@ -225,7 +164,6 @@ pub struct Joined {
 
 impl Joined {
     /// What outer, inner and mixer law showed at the tick; none of a stage that published nothing.
-    #[must_use]
     pub fn telemetry(&self) -> [Option<&Telemetry>; LAW_ROLES.len()] {
         [
             self.setpoint.as_ref().map(|setpoint| &setpoint.telemetry),
@@ -237,26 +175,17 @@ impl Joined {
 
 impl From<&TickRecord> for Joined {
     fn from(record: &TickRecord) -> Self {
-        let TickRecord {
-            tick,
-            state,
-            setpoint,
-            wrench,
-            rotor_speeds,
-            monitor,
-        } = *record;
         Self {
-            tick,
-            state,
-            setpoint,
-            wrench: Some(wrench),
-            rotor_speeds: Some(rotor_speeds),
-            monitor,
+            tick: record.tick,
+            state: record.state,
+            setpoint: record.setpoint,
+            wrench: Some(record.wrench),
+            rotor_speeds: Some(record.rotor_speeds),
+            monitor: record.monitor,
         }
     }
 }
 
-/// Joins the messages of a tick, which come by topic.
 #[derive(Debug, Default)]
 pub struct Joiner {
     waiting: BTreeMap<u64, Parts>,
@@ -264,7 +193,6 @@ pub struct Joiner {
     newest: [Option<u64>; TOPICS],
     /// Newest tick that nothing is waited for any more.
     settled: Option<u64>,
-    /// Ticks of which a topic had no message.
     pub incomplete: u64,
 }
 
@@ -327,15 +255,11 @@ impl Joiner {
         let newest = self.newest.into_iter().max().flatten()?;
         let newest_state = self.newest[0].unwrap_or(0);
         while let Some((tick, parts)) = self.waiting.first_key_value() {
-            let is_over = parts
-                .there()
-                .iter()
-                .zip(self.newest)
-                .all(|(there, newest)| *there || newest > Some(*tick));
-            if !is_over
-                && tick + STAGE_PATIENCE_TICKS >= newest_state
-                && tick + PATIENCE_TICKS >= newest
-            {
+            let mut topics = parts.there().into_iter().zip(self.newest);
+            let is_over = topics.all(|(there, newest)| there || newest > Some(*tick));
+            let is_recent =
+                tick + STAGE_PATIENCE_TICKS >= newest_state && tick + PATIENCE_TICKS >= newest;
+            if !is_over && is_recent {
                 return None;
             }
             if let Some(joined) = self.next() {
@@ -360,20 +284,13 @@ impl Joiner {
         let (tick, parts) = self.waiting.pop_first()?;
         self.settled = Some(tick);
         self.incomplete += u64::from(parts.there() != [true; TOPICS]);
-        let Parts {
-            state,
-            setpoint,
-            wrench,
-            rotor_speeds,
-            monitor,
-        } = parts;
-        state.map(|state| Joined {
+        Some(Joined {
             tick,
-            state,
-            setpoint,
-            wrench,
-            rotor_speeds,
-            monitor,
+            state: parts.state?,
+            setpoint: parts.setpoint,
+            wrench: parts.wrench,
+            rotor_speeds: parts.rotor_speeds,
+            monitor: parts.monitor,
         })
     }
 }
@@ -389,7 +306,6 @@ impl Parts {
     }
 }
 
-/// What the stages told each other at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TickRecord {
     pub tick: u64,
@@ -405,40 +321,18 @@ pub struct TickRecord {
 
 #[cfg(test)]
 mod tests {
+<<<<<<< HEAD
     use std::collections::BTreeMap;
     use std::fs::File;
+=======
+>>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
     use std::io;
 
     use super::*;
     use flight_log::async_writer::Disk;
-    use messages::content::{State, Wrench};
     use messages::telemetry::{RATE_ERROR, Signal, Signals, Telemetry};
 
-    #[test]
-    fn what_nobody_said_is_an_empty_cell() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
-        let mut states =
-            StatesWriter::create(file.path(), tracking, FlownLaws::default(), 1).unwrap();
-        let state = State::default();
-        let joined = Joined {
-            tick: 3,
-            state,
-            setpoint: None,
-            wrench: None,
-            rotor_speeds: None,
-            monitor: None,
-        };
-        states.write(&joined).unwrap();
-        states.flush().unwrap();
-        let text = std::fs::read_to_string(file.path()).unwrap();
-        let zeros = ",0.0".repeat(12);
-        assert_eq!(
-            text.lines().nth(1),
-            Some(format!("0.003{zeros}{},1.0,-1.0,1.0,0.5", ",".repeat(14)).as_str())
-        );
-    }
-
+    const TRACKING: Tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
     const SIGNALS: [Signal; 7] = {
         const fn signal(name: &'static str) -> Signal {
             Signal { name, unit: "" }
@@ -455,21 +349,13 @@ mod tests {
         ]
     };
 
-    /// The row of a tick with a wrench of which nothing is said of the theorem, by column.
-    fn row_of(laws: FlownLaws, telemetry: Telemetry) -> BTreeMap<String, String> {
+    /// The header and the row of tick 3, in which no stage published anything but this wrench.
+    fn lines(laws: FlownLaws, wrench: Option<Wrench>) -> Vec<String> {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
-        let mut states = StatesWriter::create(file.path(), tracking, laws, 1).unwrap();
-        let (state, wrench) = (
-            State::default(),
-            Some(Wrench {
-                telemetry,
-                ..Wrench::default()
-            }),
-        );
+        let mut states = StatesWriter::create(file.path(), TRACKING, laws, 1).unwrap();
         let joined = Joined {
             tick: 3,
-            state,
+            state: State::default(),
             setpoint: None,
             wrench,
             rotor_speeds: None,
@@ -478,15 +364,14 @@ mod tests {
         states.write(&joined).unwrap();
         states.flush().unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();
-        let cells: Vec<Vec<String>> = text
-            .lines()
-            .map(|line| line.split(',').map(str::to_owned).collect())
-            .collect();
-        cells[0]
-            .iter()
-            .cloned()
-            .zip(cells[1].iter().cloned())
-            .collect()
+        text.lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn what_nobody_said_is_an_empty_cell() {
+        let zeros = ",0.0".repeat(12);
+        let row = format!("0.003{zeros}{},1.0,-1.0,1.0,0.5", ",".repeat(14));
+        assert_eq!(lines(FlownLaws::default(), None)[1], row);
     }
 
     #[test]
@@ -494,47 +379,38 @@ mod tests {
         let mut telemetry = Telemetry::unknown(SIGNALS.len());
         telemetry.value[0] = 7.0;
         telemetry.value[2..7].copy_from_slice(&[-0.0, 0.5, 3e-5, 0.1, 0.2]);
+        let wrench = Some(Wrench {
+            telemetry,
+            ..Wrench::default()
+        });
         let signals = Signals {
             inner: &SIGNALS,
             ..Signals::default()
         };
-        let row = row_of(
-            FlownLaws {
-                signals,
-                without_theorem: None,
-            },
-            telemetry,
-        );
-        let of = |row: &BTreeMap<String, String>, names: &[&str]| -> Vec<String> {
-            names.iter().map(|name| row[*name].clone()).collect()
+        let cells = |without_theorem: Option<&'static str>, names: &[&str]| -> String {
+            let lines = lines(
+                FlownLaws {
+                    signals,
+                    without_theorem,
+                },
+                wrench,
+            );
+            let place = |name: &&str| lines[0].split(',').position(|it| it == *name).unwrap();
+            let cells = names
+                .iter()
+                .map(|name| lines[1].split(',').nth(place(name)).unwrap());
+            cells.collect::<Vec<_>>().join(" ")
         };
         assert_eq!(
-            of(&row, &["IR_hat", "kr_hat", "delta_hat"]),
-            ["3e-5", "0.1", "0.2"]
+            cells(None, &["IR_hat", "kr_hat", "delta_hat"]),
+            "3e-5 0.1 0.2"
         );
-        assert_eq!(of(&row, &["e_p", "e_q", "e_r"]), ["", "-0.0", "0.5"]);
-        assert_eq!(
-            of(
-                &row,
-                &[
-                    "inner_telemetry.first",
-                    "inner_telemetry.rate_error_x_rad_s"
-                ]
-            ),
-            ["7.0", ""]
-        );
-        let row = row_of(
-            FlownLaws {
-                signals,
-                without_theorem: Some("other"),
-            },
-            telemetry,
-        );
-        assert_eq!(
-            of(&row, &["IR_hat", "kr_hat", "delta_hat", "e_r"]),
-            ["", "", "", "0.5"]
-        );
-        assert_eq!(row["inner_telemetry.rotational_drag_nm_s"], "0.1");
+        assert_eq!(cells(None, &["e_p", "e_q", "e_r"]), " -0.0 0.5");
+        let [first, rate, drag] = ["first", "rate_error_x_rad_s", "rotational_drag_nm_s"]
+            .map(|name| format!("inner_telemetry.{name}"));
+        assert_eq!(cells(None, &[&first, &rate]), "7.0 ");
+        let names = ["IR_hat", "kr_hat", "delta_hat", "e_r", &drag];
+        assert_eq!(cells(Some("other"), &names), "   0.5 0.1");
     }
 
     /// A disk that stands still for good, and refuses nothing.
@@ -555,38 +431,24 @@ mod tests {
     #[test]
     fn a_disk_that_stands_still_at_the_end_leaves_no_whole_file() {
         let spool = AsyncWriter::new(Stuck, 0).unwrap();
-        let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
-        let mut states = StatesWriter::begin(
-            Box::new(spool.clone()),
-            Some(spool),
-            tracking,
-            FlownLaws::default(),
-            1,
-        )
-        .unwrap();
+        let (out, laws) = (Box::new(spool.clone()), FlownLaws::default());
+        let mut states = StatesWriter::begin(out, Some(spool), TRACKING, laws, 1).unwrap();
         let failure = states.finish().unwrap_err().to_string();
         assert_eq!(
             failure,
             "the states are not whole: the disk took nothing for 3 s"
         );
     }
-}
-
-#[cfg(test)]
-mod states_joiner_tests {
-    use super::*;
 
     fn take(joiner: &mut Joiner, tick: u64, topics: &str) {
         for topic in topics.chars() {
-            joiner.take(
-                tick,
-                match topic {
-                    's' => LoopMessage::State(State::default()),
-                    'p' => LoopMessage::Setpoint(Setpoint::default()),
-                    'w' => LoopMessage::Wrench(Wrench::default(), None),
-                    _ => LoopMessage::RotorSpeeds(RotorSpeeds::default()),
-                },
-            );
+            let part = match topic {
+                's' => LoopMessage::State(State::default()),
+                'p' => LoopMessage::Setpoint(Setpoint::default()),
+                'w' => LoopMessage::Wrench(Wrench::default(), None),
+                _ => LoopMessage::RotorSpeeds(RotorSpeeds::default()),
+            };
+            joiner.take(tick, part);
         }
     }
 
@@ -599,9 +461,9 @@ mod states_joiner_tests {
     #[test]
     fn a_state_that_no_stage_answered_is_there_in_its_place() {
         let mut joiner = Joiner::default();
-        [(7, "spwr"), (8, "sp"), (9, "s")]
-            .into_iter()
-            .for_each(|(tick, topics)| take(&mut joiner, tick, topics));
+        for (tick, topics) in [(7, "spwr"), (8, "sp"), (9, "s")] {
+            take(&mut joiner, tick, topics);
+        }
         assert_eq!(settled(&mut joiner), [7], "something may still come");
         take(&mut joiner, 10, "spwr");
         assert_eq!(settled(&mut joiner), [8, 9, 10], "every topic has gone on");
@@ -619,10 +481,8 @@ mod states_joiner_tests {
         let mut joiner = Joiner::default();
         (0..=STAGE_PATIENCE_TICKS + 2).for_each(|tick| take(&mut joiner, tick, "sp"));
         assert_eq!(settled(&mut joiner), [0, 1]);
-        assert_eq!(
-            std::iter::from_fn(|| joiner.rest()).count() as u64,
-            STAGE_PATIENCE_TICKS + 1
-        );
+        let rest = std::iter::from_fn(|| joiner.rest()).count() as u64;
+        assert_eq!(rest, STAGE_PATIENCE_TICKS + 1);
         assert_eq!(joiner.incomplete, STAGE_PATIENCE_TICKS + 3);
     }
 
@@ -634,26 +494,19 @@ mod states_joiner_tests {
         (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "pwr"));
         assert_eq!(settled(&mut joiner), [0]);
         (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "s"));
-        assert_eq!(
-            (settled(&mut joiner).len() as u64, joiner.incomplete),
-            (PATIENCE_TICKS - 1, 0)
-        );
+        assert_eq!(settled(&mut joiner).len() as u64, PATIENCE_TICKS - 1);
+        assert_eq!(joiner.incomplete, 0);
         // A plant that is silent for good.
         (PATIENCE_TICKS..3 * PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "w"));
         assert!(settled(&mut joiner).is_empty());
-        assert!(
-            joiner.waiting.len() as u64 <= PATIENCE_TICKS + 1,
-            "{}",
-            joiner.waiting.len()
-        );
+        assert!(joiner.waiting.len() as u64 <= PATIENCE_TICKS + 1);
     }
 
     #[test]
     fn a_tick_without_a_state_has_no_row_and_holds_nothing_up() {
         let mut joiner = Joiner::default();
-        [(3, "wr"), (4, "spwr")]
-            .into_iter()
-            .for_each(|(tick, topics)| take(&mut joiner, tick, topics));
+        take(&mut joiner, 3, "wr");
+        take(&mut joiner, 4, "spwr");
         assert_eq!((settled(&mut joiner), joiner.incomplete), (vec![4], 1));
     }
 }

@@ -30,8 +30,19 @@ pub struct Interval {
     pub high: f64,
 }
 
+impl Interval {
+    const ALL_RATES: Self = Self::new(0.0, 1.0);
+
+    pub const fn new(low: f64, high: f64) -> Self {
+        Self { low, high }
+    }
+
+    pub fn width(self) -> f64 {
+        self.high - self.low
+    }
+}
+
 /// The middle value, or the mean of the two in the middle; not a number where there is none.
-#[must_use]
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -44,77 +55,59 @@ pub fn median(values: &[f64]) -> f64 {
 }
 
 /// The interval of the median of what the values were drawn from; none for fewer than [`VALUES_NEEDED`].
-#[must_use]
 pub fn median_interval(values: &[f64]) -> Option<Interval> {
     let (low, high) = ranks(values.len() as u64, 0.5)?;
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let of_rank = |rank: u64| {
-        sorted
-            .get(usize::try_from(rank).ok()?.checked_sub(1)?)
-            .copied()
-    };
-    Some(Interval {
-        low: of_rank(low)?,
-        high: of_rank(high)?,
-    })
+    let [low, high] = [low, high].map(|rank| sorted[rank as usize - 1]);
+    Some(Interval::new(low, high))
 }
 
 /// Ranks, from 1, of the values between which a quantile lies with [`CONFIDENCE`] (order statistics: how many of
 /// `count` independent values do not exceed the quantile is binomial); none where `count` is too small for both.
-#[must_use]
 pub fn ranks(count: u64, quantile: f64) -> Option<(u64, u64)> {
     let beyond = (1.0 - CONFIDENCE) / 2.0;
     let not_above = Binomial::new(quantile, count).ok()?;
-    let (low, high) = (
-        not_above.inverse_cdf(beyond),
-        not_above.inverse_cdf(1.0 - beyond) + 1,
-    );
+    let low = not_above.inverse_cdf(beyond);
+    let high = not_above.inverse_cdf(1.0 - beyond) + 1;
     (low >= 1 && high <= count).then_some((low, high))
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Events {
     pub count: u64,
-    /// How many there could have been.
     pub exposure: u64,
 }
 
 impl Events {
     /// Events per chance; not a number without one.
-    #[must_use]
     pub fn rate(self) -> f64 {
         self.count as f64 / self.exposure as f64
-    }
-
-    fn sum(all: impl Iterator<Item = Self>) -> Self {
-        all.fold(Self::default(), |sum, one| Self {
-            count: sum.count + one.count,
-            exposure: sum.exposure + one.exposure,
-        })
     }
 }
 
 /// All events of the first sides together, and of the second ones.
-#[must_use]
 pub fn pooled(pairs: &[[Events; 2]]) -> [Events; 2] {
-    [0, 1].map(|side| Events::sum(pairs.iter().map(|pair| pair[side])))
+    [0, 1].map(|side| {
+        let all = || pairs.iter().map(|pair| pair[side]);
+        let count = all().map(|events| events.count).sum();
+        let exposure = all().map(|events| events.exposure).sum();
+        Events { count, exposure }
+    })
 }
 
 /// The interval of the ratio of the first sides' rate to that of the second ones. None for fewer than two pairs.
 ///
 /// A bootstrap over pairs keeps together what happened in the same minute. As few pairs may be alike by chance, the
 /// rates of what is drawn vary, too, as those of so many independent events do (gamma, with half an event more).
-#[must_use]
 pub fn rate_ratio_interval(pairs: &[[Events; 2]]) -> Option<Interval> {
     if pairs.len() < 2 {
         return None;
     }
     let beyond = ((1.0 - CONFIDENCE) / 2.0 * RESAMPLINGS as f64) as usize;
     Some(bootstrap(SEED, RESAMPLINGS, beyond, |random| {
-        let drawn: Vec<[Events; 2]> = (0..pairs.len())
-            .map(|_| pairs[random.usize(..pairs.len())])
-            .collect();
+        let drawn = pairs.iter().map(|_| pairs[random.usize(..pairs.len())]);
+        let drawn: Vec<[Events; 2]> = drawn.collect();
         let [ours, floor] = pooled(&drawn).map(|events| likely_rate(events, random));
         ours / floor
     }))
@@ -130,10 +123,7 @@ fn bootstrap(
     let mut random = Rng::with_seed(seed);
     let mut values: Vec<f64> = (0..resamples).map(|_| statistic(&mut random)).collect();
     values.sort_unstable_by(f64::total_cmp);
-    Interval {
-        low: values[beyond],
-        high: values[resamples - 1 - beyond],
-    }
+    Interval::new(values[beyond], values[resamples - 1 - beyond])
 }
 
 /// A rate under which so many events are likely: their number and a half as shape of a gamma distribution.
@@ -165,30 +155,23 @@ pub struct Groups {
 impl Groups {
     /// How far the groups lie apart: from the largest value of one to the smallest of the other; negative where they
     /// overlap.
-    #[must_use]
     pub fn gap(&self) -> f64 {
         let ((low_a, high_a), (low_b, high_b)) = (ends(&self.a), ends(&self.b));
         (low_b - high_a).max(low_a - high_b)
     }
 
-    /// How wide the wider one of them is.
-    #[must_use]
     pub fn width(&self) -> f64 {
-        [&self.a, &self.b]
-            .map(|group| ends(group))
-            .iter()
-            .map(|(low, high)| high - low)
-            .fold(0.0, f64::max)
+        let width = |(low, high)| high - low;
+        width(ends(&self.a)).max(width(ends(&self.b)))
     }
 }
 
-/// The smallest and the largest value.
 fn ends(values: &[f64]) -> (f64, f64) {
-    values
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-            (low.min(*value), high.max(*value))
-        })
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    (
+        low,
+        values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    )
 }
 
 /// Probability, for each kind of value, that chance alone sets any of the kinds as far apart as this one is.
@@ -199,25 +182,22 @@ fn ends(values: &[f64]) -> (f64, f64) {
 /// kinds, however they depend on each other (Westfall and Young's maxT, in one step).
 ///
 /// The values of a kind are `None` where it cannot be judged: fewer than two values a side, or one that is no number.
-#[must_use]
 pub fn permutation_test(kinds: &[Groups]) -> Vec<Option<f64>> {
     let Some(first) = kinds.first() else {
         return Vec::new();
     };
     let (in_a, flights) = (first.a.len(), first.a.len() + first.b.len());
-    let pools: Vec<Option<Vec<f64>>> = kinds
-        .iter()
-        .map(|kind| {
-            let pool = [&kind.a[..], &kind.b[..]].concat();
-            let is_usable =
-                kind.a.len() == in_a && in_a >= 2 && pool.len() == flights && flights - in_a >= 2;
-            (is_usable && pool.iter().all(|value| value.is_finite())).then_some(pool)
-        })
-        .collect();
+    let pool = |kind: &Groups| {
+        let pool = [&kind.a[..], &kind.b[..]].concat();
+        let is_usable =
+            kind.a.len() == in_a && in_a >= 2 && pool.len() == flights && flights - in_a >= 2;
+        (is_usable && pool.iter().all(|value| value.is_finite())).then_some(pool)
+    };
+    let pools: Vec<Option<Vec<f64>>> = kinds.iter().map(pool).collect();
     let apart = |of_a: &[bool]| -> Vec<f64> {
+        let pools = pools.iter().map(Option::as_ref);
         pools
-            .iter()
-            .map(|pool| pool.as_ref().map_or(0.0, |pool| distance(pool, of_a)))
+            .map(|pool| pool.map_or(0.0, |pool| distance(pool, of_a)))
             .collect()
     };
     let seen = apart(&(0..flights).map(|flight| flight < in_a).collect::<Vec<_>>());
@@ -232,9 +212,8 @@ pub fn permutation_test(kinds: &[Groups]) -> Vec<Option<f64>> {
         }
     }
     let probability = |count: usize| count as f64 / ways as f64;
-    pools
-        .iter()
-        .zip(as_far)
+    let judged = pools.iter().zip(as_far);
+    judged
         .map(|(pool, count)| pool.is_some().then(|| probability(count)))
         .collect()
 }
@@ -251,21 +230,14 @@ fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
     if ways.is_some_and(|ways| ways <= DEALS) {
         let mut all = vec![Vec::new()];
         for flight in 0..flights {
+            let both = all.iter().flat_map(|dealt: &Vec<bool>| {
+                [true, false].map(|is_in_a| [dealt.as_slice(), &[is_in_a]].concat())
+            });
             let may_be = |dealt: &Vec<bool>| {
                 let chosen = dealt.iter().filter(|is_in_a| **is_in_a).count();
-                [chosen < in_a, flight - chosen < flights - in_a]
+                chosen <= in_a && flight + 1 - chosen <= flights - in_a
             };
-            all = all
-                .into_iter()
-                .flat_map(|dealt| {
-                    let [in_first, in_second] = may_be(&dealt);
-                    let with = move |is_in_a: bool| [dealt.as_slice(), &[is_in_a]].concat();
-                    [in_first.then(|| with(true)), in_second.then(|| with(false))]
-                        .into_iter()
-                        .flatten()
-                        .collect::<Vec<_>>()
-                })
-                .collect();
+            all = both.filter(may_be).collect();
         }
         return all;
     }
@@ -278,22 +250,17 @@ fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
     std::iter::once(as_it_was.clone()).chain(drawn).collect()
 }
 
-/// Distance of two groups' means over the spread within them.
 fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
     let side = |wanted: bool| -> (f64, f64, f64) {
         let values = || {
-            pool.iter()
-                .zip(of_a)
-                .filter(move |(_, is_in_a)| **is_in_a == wanted)
+            let side = pool.iter().zip(of_a);
+            side.filter(move |(_, is_in_a)| **is_in_a == wanted)
                 .map(|(value, _)| *value)
         };
         let count = values().count() as f64;
         let mean = values().sum::<f64>() / count;
-        (
-            count,
-            mean,
-            values().map(|value| (value - mean).powi(2)).sum(),
-        )
+        let squares = values().map(|value| (value - mean).powi(2)).sum();
+        (count, mean, squares)
     };
     let ((n_a, mean_a, squares_a), (n_b, mean_b, squares_b)) = (side(true), side(false));
     let difference = (mean_a - mean_b).abs();
@@ -303,25 +270,13 @@ fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
     difference / ((squares_a + squares_b) / (n_a + n_b - 2.0) * (1.0 / n_a + 1.0 / n_b)).sqrt()
 }
 
-/// Two-sided 95 % of a standard normal.
 const Z: f64 = 1.959_963_984_540_054;
 const ALPHA: f64 = 0.05;
 
-impl Interval {
-    #[must_use]
-    pub fn width(self) -> f64 {
-        self.high - self.low
-    }
-}
-
 /// Wilson's score interval of `hits` of `trials`: the whole range without a trial.
-#[must_use]
 pub fn wilson(hits: u64, trials: u64) -> Interval {
     if trials == 0 {
-        return Interval {
-            low: 0.0,
-            high: 1.0,
-        };
+        return Interval::ALL_RATES;
     }
     let (n, rate) = (trials as f64, hits as f64 / trials as f64);
     let spread = 1.0 + Z * Z / n;
@@ -342,13 +297,9 @@ pub fn wilson(hits: u64, trials: u64) -> Interval {
 }
 
 /// Clopper and Pearson's exact interval: never less than 95 % of the time does it hold the true rate.
-#[must_use]
 pub fn clopper_pearson(hits: u64, trials: u64) -> Interval {
     if trials == 0 {
-        return Interval {
-            low: 0.0,
-            high: 1.0,
-        };
+        return Interval::ALL_RATES;
     }
     let (k, n) = (hits as f64, trials as f64);
     // Where all or none are hits the incomplete beta function is a power.
@@ -380,17 +331,14 @@ fn solve(rising: impl Fn(f64) -> f64, value: f64) -> f64 {
     (low + high) / 2.0
 }
 
-/// Pairs of flights that differ in their success.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Discordant {
-    /// The first alone was a success.
     pub first: u64,
     pub second: u64,
 }
 
 impl Discordant {
     /// How probable a split at least as uneven is, were both alike: McNemar's test, exact up to 10 000 pairs.
-    #[must_use]
     pub fn p_value(self) -> f64 {
         const EXACT_MAX: u64 = 10_000;
         let (pairs, fewer) = (self.first + self.second, self.first.min(self.second));
@@ -406,22 +354,16 @@ impl Discordant {
     }
 
     /// Difference of the success rates, first less second, over all pairs, with its interval (Wald's, of pairs).
-    #[must_use]
     pub fn difference(self, pairs: u64) -> MeanInterval {
         let (n, first, second) = (pairs.max(1) as f64, self.first as f64, self.second as f64);
         let difference = (first - second) / n;
-        let deviation = ((first + second) / n - difference * difference)
-            .max(0.0)
-            .sqrt()
-            / n.sqrt();
+        let variance = ((first + second) / n - difference * difference).max(0.0);
+        let deviation = variance.sqrt() / n.sqrt();
         let [low, high] = [difference - Z * deviation, difference + Z * deviation];
         MeanInterval {
             count: pairs,
             mean: difference,
-            interval: Interval {
-                low: low.max(-1.0),
-                high: high.min(1.0),
-            },
+            interval: Interval::new(low.max(-1.0), high.min(1.0)),
         }
     }
 }
@@ -442,7 +384,6 @@ pub struct MeanInterval {
 }
 
 /// The mean of some values, of which NaN is none; none of fewer than ten values.
-#[must_use]
 pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> {
     let values: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
     if values.len() < 10 {
@@ -451,14 +392,11 @@ pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> 
     let blocks = values.len().min(BLOCKS);
     let cut = |block: usize| block * values.len() / blocks;
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let blocked: Vec<f64> = (0..blocks)
-        .map(|block| mean(&values[cut(block)..cut(block + 1)]))
-        .collect();
+    let block = |block: usize| mean(&values[cut(block)..cut(block + 1)]);
+    let blocked: Vec<f64> = (0..blocks).map(block).collect();
     let interval = bootstrap(1, MEAN_RESAMPLINGS, MEAN_RESAMPLINGS / 40 - 1, |random| {
-        (0..blocks)
-            .map(|_| blocked[random.usize(..blocks)])
-            .sum::<f64>()
-            / blocks as f64
+        let drawn = (0..blocks).map(|_| blocked[random.usize(..blocks)]);
+        drawn.sum::<f64>() / blocks as f64
     });
     Some(MeanInterval {
         count: values.len() as u64,
@@ -470,7 +408,6 @@ pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> 
 /// I_x(a, b), the share of a beta distribution below x; a and b above 0, x from 0 to 1.
 ///
 /// By the continued fraction of DLMF 8.17.22 (Lentz' method), of which some sqrt(a + b) terms count.
-#[must_use]
 pub fn beta_share(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);
@@ -511,15 +448,27 @@ fn fraction(a: f64, b: f64, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
+    use std::f64::consts::{LN_2, SQRT_2};
 
     use super::*;
 
-    #[test]
-    fn groups_lie_apart_from_end_to_end() {
-        let groups = |a: &[f64], b: &[f64]| Groups {
+    fn groups(a: &[f64], b: &[f64]) -> Groups {
+        Groups {
             a: a.to_vec(),
             b: b.to_vec(),
-        };
+        }
+    }
+
+    fn contains(interval: Interval, value: f64) -> bool {
+        (interval.low..=interval.high).contains(&value)
+    }
+
+    fn share(runs: usize, mut holds: impl FnMut() -> bool) -> f64 {
+        (0..runs).filter(|_| holds()).count() as f64 / runs as f64
+    }
+
+    #[test]
+    fn groups_lie_apart_from_end_to_end() {
         let apart = groups(&[3.0, 1.0, 2.0], &[9.0, 6.0, 7.0]);
         assert_eq!((apart.gap(), apart.width()), (3.0, 3.0));
         assert_eq!(groups(&[9.0, 6.0], &[3.0, 1.0]).gap(), 3.0);
@@ -531,19 +480,14 @@ mod tests {
         let mut random = Rng::with_seed(1);
         let mut widths = Vec::new();
         for count in [6, 9, 20, 60] {
-            let runs = 4_000;
             let mut width = 0.0;
-            let held = (0..runs)
-                .filter(|_| {
-                    // Skewed, as latencies are; the median of -ln u is ln 2.
-                    let values: Vec<f64> =
-                        (0..count).map(|_| -random.f64().max(1e-300).ln()).collect();
-                    let interval = median_interval(&values).unwrap();
-                    width += interval.high - interval.low;
-                    (interval.low..=interval.high).contains(&std::f64::consts::LN_2)
-                })
-                .count() as f64
-                / f64::from(runs);
+            let held = share(4_000, || {
+                // Skewed, as latencies are; the median of -ln u is ln 2.
+                let values = (0..count).map(|_| -random.f64().max(1e-300).ln());
+                let interval = median_interval(&values.collect::<Vec<f64>>()).unwrap();
+                width += interval.width();
+                contains(interval, LN_2)
+            });
             // 4 standard deviations of 4000 draws; ranks are whole, so that it is held more often, but not always.
             assert!(
                 (CONFIDENCE - 0.014..0.9999).contains(&held),
@@ -551,63 +495,38 @@ mod tests {
             );
             widths.push(width);
         }
-        assert!(
-            widths.windows(2).all(|pair| pair[1] < pair[0]),
-            "{widths:?}"
-        );
+        assert!(widths.is_sorted_by(|a, b| a > b), "{widths:?}");
         assert_eq!(median_interval(&[1.0; VALUES_NEEDED - 1]), None);
         // Of nine, the second and the eighth.
         let nine: Vec<f64> = (1..=9).map(f64::from).collect();
-        assert_eq!(
-            median_interval(&nine),
-            Some(Interval {
-                low: 2.0,
-                high: 8.0
-            })
-        );
+        assert_eq!(median_interval(&nine), Some(Interval::new(2.0, 8.0)));
     }
 
     #[test]
     fn a_ratio_of_rates_knows_how_little_few_pairs_say() {
-        let events = |count: u64| Events {
-            count,
-            exposure: 11_000,
-        };
-        let pair = |ours: u64, floor: u64| [events(ours), events(floor)];
+        let exposure = 11_000;
+        let pair = |ours, floor| [ours, floor].map(|count| Events { count, exposure });
         // As once measured: three of nine flights had no miss, two had three times the floor's.
-        let uneven = [
-            (0, 9),
-            (0, 12),
-            (0, 8),
-            (40, 16),
-            (38, 12),
-            (6, 14),
-            (5, 11),
-            (4, 13),
-            (3, 12),
-        ]
-        .map(|(ours, floor)| pair(ours, floor));
-        let [ours, floor] = pooled(&uneven);
-        assert_eq!((ours.count, floor.count), (96, 107));
+        let ours = [0, 0, 0, 40, 38, 6, 5, 4, 3];
+        let uneven = ours.into_iter().zip([9, 12, 8, 16, 12, 14, 11, 13, 12]);
+        let uneven: Vec<[Events; 2]> = uneven.map(|(ours, floor)| pair(ours, floor)).collect();
+        assert_eq!(pooled(&uneven).map(|events| events.count), [96, 107]);
         let interval = rate_ratio_interval(&uneven).unwrap();
         assert!(interval.low < 0.6 && interval.high > 1.3, "{interval:?}");
+        assert_eq!(
+            rate_ratio_interval(&uneven),
+            Some(interval),
+            "no run is another"
+        );
         let even = rate_ratio_interval(&[pair(100, 101); 9]).unwrap();
         // Nine hundred events a side say no more than 9 %, however alike the pairs are.
-        assert!(
-            (0.88..0.93).contains(&even.low) && (1.06..1.11).contains(&even.high),
-            "{even:?}"
-        );
+        assert!((0.88..0.93).contains(&even.low) && (1.06..1.11).contains(&even.high));
         assert!(rate_ratio_interval(&[pair(1, 0), pair(3, 1)]).unwrap().high > 20.0);
         assert!(
             rate_ratio_interval(&[pair(0, 9); 9]).unwrap().high < 0.1,
             "none of 81"
         );
         assert_eq!(rate_ratio_interval(&[pair(1, 1)]), None);
-        assert_eq!(
-            rate_ratio_interval(&uneven),
-            rate_ratio_interval(&uneven),
-            "no run of the program is another"
-        );
     }
 
     #[test]
@@ -619,33 +538,29 @@ mod tests {
             (9, 12.0, 0.5),
             (20, 12.0, 0.5),
         ] {
-            let runs = 300;
-            let held = (0..runs)
-                .filter(|_| {
-                    let mut side = || {
-                        let mean = mean * (1.0 + own * (2.0 * random.f64() - 1.0));
-                        // As many as come before the time is over.
-                        let mut time = 0.0;
-                        let mut count = 0;
-                        loop {
-                            time -= (1.0 - random.f64()).ln() / mean;
-                            if time > 1.0 {
-                                return Events {
-                                    count,
-                                    exposure: 11_000,
-                                };
-                            }
-                            count += 1;
+            let held = share(300, || {
+                let mut side = || {
+                    let mean = mean * (1.0 + own * (2.0 * random.f64() - 1.0));
+                    // As many as come before the time is over.
+                    let (mut time, mut count) = (0.0, 0);
+                    loop {
+                        time -= (1.0 - random.f64()).ln() / mean;
+                        if time > 1.0 {
+                            return Events {
+                                count,
+                                exposure: 11_000,
+                            };
                         }
-                    };
-                    let all: Vec<[Events; 2]> = (0..pairs).map(|_| [side(), side()]).collect();
-                    rate_ratio_interval(&all).is_some_and(|it| (it.low..=it.high).contains(&1.0))
-                })
-                .count();
+                        count += 1;
+                    }
+                };
+                let all: Vec<[Events; 2]> = (0..pairs).map(|_| [side(), side()]).collect();
+                rate_ratio_interval(&all).is_some_and(|it| contains(it, 1.0))
+            });
             // 3 standard deviations of 300 draws.
             assert!(
-                held as f64 >= f64::from(runs) * (CONFIDENCE - 0.038),
-                "{pairs} pairs of {mean}: {held} of {runs}"
+                held >= CONFIDENCE - 0.038,
+                "{pairs} pairs of {mean}: {held}"
             );
         }
     }
@@ -653,66 +568,42 @@ mod tests {
     #[test]
     fn groups_that_are_alike_are_seldom_told_apart_however_many_kinds_there_are() {
         let mut random = Rng::with_seed(2);
-        let (runs, kinds, each) = (400, 40, 4);
-        let falsely = (0..runs)
-            .filter(|_| {
-                // What a flight has of its own is in all of its kinds.
-                let own: Vec<f64> = (0..2 * each).map(|_| random.f64()).collect();
-                let groups: Vec<Groups> = (0..kinds)
-                    .map(|_| {
-                        let values: Vec<f64> = own.iter().map(|own| own + random.f64()).collect();
-                        Groups {
-                            a: values[..each].to_vec(),
-                            b: values[each..].to_vec(),
-                        }
-                    })
-                    .collect();
-                permutation_test(&groups)
-                    .into_iter()
-                    .flatten()
-                    .any(|probability| probability <= 0.05)
-            })
-            .count();
+        let falsely = share(400, || {
+            // What a flight has of its own is in all of its kinds.
+            let own: Vec<f64> = (0..8).map(|_| random.f64()).collect();
+            let kind = |_| {
+                let values: Vec<f64> = own.iter().map(|own| own + random.f64()).collect();
+                groups(&values[..4], &values[4..])
+            };
+            let found = permutation_test(&(0..40).map(kind).collect::<Vec<_>>());
+            found
+                .into_iter()
+                .flatten()
+                .any(|probability| probability <= 0.05)
+        });
         // At most 5 %, and 4 standard deviations more.
-        assert!(
-            falsely as f64 <= f64::from(runs) * 0.05 + 18.0,
-            "{falsely} of {runs}"
-        );
+        assert!(falsely <= 0.05 + 18.0 / 400.0, "{falsely}");
     }
 
     #[test]
     fn a_difference_beyond_the_spread_is_found_among_kinds_without_one() {
         let mut random = Rng::with_seed(3);
         let mut group = |mean: f64| (0..4).map(|_| mean + random.f64()).collect::<Vec<_>>();
-        let mut kinds: Vec<Groups> = (0..40)
-            .map(|_| Groups {
-                a: group(10.0),
-                b: group(10.0),
-            })
-            .collect();
-        kinds.push(Groups {
-            a: group(10.0),
-            b: group(30.0),
-        });
-        let found = permutation_test(&kinds);
+        let means = (0..41).map(|i| if i < 40 { 10.0 } else { 30.0 });
+        let kinds = means.map(|mean| groups(&group(10.0), &group(mean)));
+        let found = permutation_test(&kinds.collect::<Vec<_>>());
         // Two of the 70 ways to deal 4 of 8 set them as far apart.
-        assert_eq!(found.last().copied().flatten(), Some(2.0 / 70.0));
+        assert_eq!(found[40], Some(2.0 / 70.0));
         assert!(
             found[..40]
                 .iter()
-                .all(|probability| probability.unwrap() > 0.05),
-            "{found:?}"
+                .all(|probability| probability.unwrap() > 0.05)
         );
     }
 
     #[test]
     fn what_cannot_be_judged_is_not() {
-        let judged = |a: &[f64], b: &[f64]| {
-            permutation_test(&[Groups {
-                a: a.to_vec(),
-                b: b.to_vec(),
-            }])
-        };
+        let judged = |a: &[f64], b: &[f64]| permutation_test(&[groups(a, b)]);
         assert_eq!(judged(&[1.0], &[2.0, 3.0]), [None]);
         assert_eq!(judged(&[1.0, f64::NAN], &[2.0, 3.0]), [None]);
         assert_eq!(judged(&[1.0, 1.0], &[1.0, 1.0]), [Some(1.0)]);
@@ -723,34 +614,24 @@ mod tests {
 
     #[test]
     fn all_ways_to_deal_are_tried_where_they_are_few_and_many_otherwise() {
-        assert_eq!(deals(6, 3).len(), 20);
-        let all: BTreeSet<Vec<bool>> = deals(6, 3).into_iter().collect();
-        assert_eq!(all.len(), 20, "no way twice");
-        let drawn: BTreeSet<Vec<bool>> = deals(30, 15).into_iter().collect();
-        assert!(drawn.len() > DEALS * 9 / 10, "{} of {DEALS}", drawn.len());
-        assert!(
-            deals(6, 3)
-                .iter()
-                .all(|dealt| dealt.iter().filter(|is_in_a| **is_in_a).count() == 3)
-        );
-        assert_eq!(deals(30, 15).len(), DEALS);
-        assert_eq!(
-            deals(30, 15)[0].iter().filter(|is_in_a| **is_in_a).count(),
-            15
-        );
+        for (flights, in_a, ways, different) in [(6, 3, 20, 20), (30, 15, DEALS, DEALS * 9 / 10)] {
+            let all = deals(flights, in_a);
+            assert_eq!(all.len(), ways);
+            assert!(
+                all.iter()
+                    .all(|dealt| dealt.iter().filter(|it| **it).count() == in_a)
+            );
+            assert!(
+                all.iter().collect::<BTreeSet<_>>().len() >= different,
+                "{flights}"
+            );
+        }
     }
-}
-
-#[cfg(test)]
-mod rate_tests {
-    use super::*;
 
     fn close(interval: Interval, low: f64, high: f64) {
         let off = (interval.low - low).abs().max((interval.high - high).abs());
-        assert!(
-            off <= 6e-3 * high.min(1.0 - low).max(1e-12),
-            "{interval:?}, expected {low}..{high}"
-        );
+        let is_close = off <= 6e-3 * high.min(1.0 - low).max(1e-12);
+        assert!(is_close, "{interval:?}, expected {low}..{high}");
     }
 
     #[test]
@@ -762,21 +643,9 @@ mod rate_tests {
         close(wilson(3, 10_000), 1.020_3e-4, 8.817e-4);
         // The rule of three, with 3.69 for 97.5 %.
         close(clopper_pearson(0, 10_000), 0.0, 3.688e-4);
-        assert_eq!(
-            (
-                wilson(0, 9).low,
-                wilson(9, 9).high,
-                clopper_pearson(9, 9).high
-            ),
-            (0.0, 1.0, 1.0)
-        );
-        assert_eq!(
-            wilson(0, 0),
-            Interval {
-                low: 0.0,
-                high: 1.0
-            }
-        );
+        assert_eq!((wilson(0, 9).low, wilson(9, 9).high), (0.0, 1.0));
+        assert_eq!(clopper_pearson(9, 9).high, 1.0);
+        assert_eq!(wilson(0, 0), Interval::new(0.0, 1.0));
     }
 
     #[test]
@@ -784,11 +653,8 @@ mod rate_tests {
         for trials in [1_000_000, 10_000_000, 100_000_000] {
             for hits in [0, 1, trials / 2, trials - 1, trials] {
                 let exact = clopper_pearson(hits, trials);
-                let rate = hits as f64 / trials as f64;
-                assert!(
-                    exact.low <= rate && rate <= exact.high && exact.width() < 3e-3,
-                    "{hits} of {trials}: {exact:?}"
-                );
+                let is_close = contains(exact, hits as f64 / trials as f64) && exact.width() < 3e-3;
+                assert!(is_close, "{hits} of {trials}: {exact:?}");
             }
         }
         close(clopper_pearson(0, 1_000_000), 0.0, 3.689e-6);
@@ -800,8 +666,7 @@ mod rate_tests {
         let mut covered = 0.0;
         let mut probability = (1.0 - rate).powi(trials as i32);
         for hits in 0..=trials {
-            let interval = clopper_pearson(hits, trials);
-            if (interval.low..=interval.high).contains(&rate) {
+            if contains(clopper_pearson(hits, trials), rate) {
                 covered += probability;
             }
             probability *= rate / (1.0 - rate) * (trials - hits) as f64 / (hits + 1) as f64;
@@ -820,59 +685,35 @@ mod rate_tests {
             (exact / asymptotic - 1.0).abs() < 0.05,
             "{exact} {asymptotic}"
         );
-        let MeanInterval {
-            mean,
-            interval: Interval { low, high },
-            ..
-        } = Discordant {
-            first: 30,
-            second: 10,
-        }
-        .difference(200);
-        assert!(
-            (mean - 0.1).abs() < 1e-12 && low > 0.03 && high < 0.17,
-            "{low} {high}"
-        );
+        let (first, second) = (30, 10);
+        let found = Discordant { first, second }.difference(200);
+        let Interval { low, high } = found.interval;
+        assert!((found.mean - 0.1).abs() < 1e-12 && low > 0.03 && high < 0.17);
     }
-}
-
-#[cfg(test)]
-mod statistics_bootstrap_tests {
-    use super::*;
 
     #[test]
     fn an_interval_holds_the_mean_about_as_often_as_it_says() {
         let mut rng = Rng::with_seed(7);
-        let held = (0..400).filter(|_| {
+        let held = share(400, || {
             let values: Vec<f64> = (0..60).map(|_| rng.f64() + rng.f64()).collect();
-            mean_interval(values.into_iter())
-                .is_some_and(|it| it.interval.low <= 1.0 && 1.0 <= it.interval.high)
+            mean_interval(values.into_iter()).is_some_and(|it| contains(it.interval, 1.0))
         });
-        let held = held.count();
-        assert!((360..=395).contains(&held), "{held} of 400");
+        assert!((0.9..0.9876).contains(&held), "{held}");
     }
 
     #[test]
     fn many_values_are_as_quick_and_no_less_exact() {
         let mut rng = Rng::with_seed(7);
         let values: Vec<f64> = (0..200_000).map(|_| rng.f64()).collect();
-        let interval = mean_interval(values.into_iter()).unwrap();
+        let found = mean_interval(values.into_iter()).unwrap();
         // 1.96 / sqrt(12 n) to either side.
-        let width = interval.interval.width() / (2.0 * 1.96 / (12.0 * 200_000_f64).sqrt());
-        assert!(
-            (0.9..1.1).contains(&width) && (interval.mean - 0.5).abs() < 3e-3,
-            "{interval:?}"
-        );
+        let width = found.interval.width() / (2.0 * 1.96 / (12.0 * 200_000_f64).sqrt());
+        assert!((0.9..1.1).contains(&width) && (found.mean - 0.5).abs() < 3e-3);
         assert_eq!(mean_interval([1.0; 9].into_iter()), None);
     }
-}
-
-#[cfg(test)]
-mod statistics_beta_tests {
-    use super::*;
 
     #[test]
-    fn shares_are_those_that_are_known_in_closed_form() {
+    fn shares_of_a_beta_distribution_are_those_that_are_known_in_closed_form() {
         for (b, x) in [(3.0_f64, 0.2_f64), (1e4, 1e-4), (1e8, 3e-9)] {
             let known = -f64::exp_m1(b * (-x).ln_1p());
             assert!(
@@ -885,13 +726,10 @@ mod statistics_beta_tests {
         assert!((beta_share(3.0, 3.0, 0.7) - known).abs() < 1e-14);
         for a in [0.5, 20.0, 1e4, 5e7] {
             assert!((beta_share(a, a, 0.5) - 0.5).abs() < 1e-6, "{a}");
-            assert_eq!(
-                (beta_share(a, 2.0, 0.0), beta_share(a, 2.0, 1.0)),
-                (0.0, 1.0)
-            );
+            assert_eq!([0.0, 1.0].map(|x| beta_share(a, 2.0, x)), [0.0, 1.0]);
         }
         // One standard deviation above the middle of a distribution that is all but normal.
-        let above = 0.5 + 0.5 / (4.0 * 1e6_f64).sqrt() * std::f64::consts::SQRT_2;
+        let above = 0.5 + 0.5 / (4.0 * 1e6_f64).sqrt() * SQRT_2;
         assert!((beta_share(1e6, 1e6, above) - 0.841_344_7).abs() < 1e-4);
     }
 }

@@ -8,7 +8,6 @@ use std::fmt;
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum FlightStatus {
     Flying,
-    /// It held its gates and was recorded whole.
     Pass,
     /// It held its gates as far as it was seen; not all was, or not all was logged.
     Incomplete,
@@ -18,7 +17,6 @@ pub enum FlightStatus {
 }
 
 impl FlightStatus {
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Flying => "FLYING",
@@ -30,7 +28,6 @@ impl FlightStatus {
         }
     }
 
-    #[must_use]
     pub const fn exit_code(self) -> u8 {
         match self {
             Self::Flying | Self::Pass | Self::Incomplete => OK,
@@ -40,8 +37,6 @@ impl FlightStatus {
         }
     }
 
-    /// Whether the flight came to its end in order.
-    #[must_use]
     pub const fn is_over(self) -> bool {
         matches!(self, Self::Pass | Self::Incomplete | Self::Fail)
     }

@@ -6,9 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AppliedSwap {
     pub tick: u64,
-    /// The same as time of the flight [s].
     pub time_s: f64,
-    /// Parameter epoch that began with it.
     pub parameter_epoch: u64,
     pub changes: Vec<ParameterChange>,
 }
@@ -26,60 +24,36 @@ pub struct ParameterChange {
 
 impl AppliedSwap {
     /// A swap that holds from a tick of `period_s` [s] on.
-    #[must_use]
     pub fn new(tick: u64, period_s: f64, record: &SwapRecord) -> Self {
+        let change = |it: Change| ParameterChange {
+            name: it.parameter.name().into(),
+            old: it.old,
+            new: it.new,
+            over_s: if it.steps > 1 {
+                it.steps as f64 * period_s
+            } else {
+                0.0
+            },
+        };
         Self {
             tick,
             time_s: tick as f64 * period_s,
             parameter_epoch: record.parameter_epoch,
-            changes: record
-                .changes()
-                .map(
-                    |Change {
-                         parameter,
-                         old,
-                         new,
-                         steps,
-                     }| {
-                        let over_s = if steps > 1 {
-                            steps as f64 * period_s
-                        } else {
-                            0.0
-                        };
-                        ParameterChange {
-                            name: parameter.name().into(),
-                            old,
-                            new,
-                            over_s,
-                        }
-                    },
-                )
-                .collect(),
+            changes: record.changes().map(change).collect(),
         }
     }
 
     /// What changed: `mass_kg 0.52 -> 0.676`, and of a ramp also `over 2 s from tick 8000`.
-    #[must_use]
     pub fn words(&self) -> String {
-        let words = |change: &ParameterChange| {
-            let ParameterChange {
-                name,
-                old,
-                new,
-                over_s,
-            } = change;
-            let over = if *over_s > 0.0 {
-                format!(" over {} from tick {}", seconds(*over_s), self.tick)
-            } else {
-                String::new()
-            };
-            format!("{name} {old} -> {new}{over}")
+        let words = |it: &ParameterChange| {
+            let change = format!("{} {} -> {}", it.name, it.old, it.new);
+            match it.over_s {
+                0.0 => change,
+                over_s => format!("{change} over {} from tick {}", seconds(over_s), self.tick),
+            }
         };
-        self.changes
-            .iter()
-            .map(words)
-            .collect::<Vec<_>>()
-            .join(", ")
+        let words: Vec<String> = self.changes.iter().map(words).collect();
+        words.join(", ")
     }
 }
 

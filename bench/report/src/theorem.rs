@@ -22,7 +22,6 @@ pub struct Theorem {
     pub holds: bool,
     /// The inner law, where it has no theorem with its settings.
     pub law_without: Option<String>,
-    /// Steps of the estimates that were checked.
     pub ticks_checked: u64,
     /// Wrenches that nothing can be said of, because a message before them was lost.
     pub ticks_unwatched: u64,
@@ -45,25 +44,21 @@ pub struct Theorem {
     pub steps_adapted: u64,
     /// Steps at which V, with the rate error, changed by more than its bound, by cause; not judged.
     pub v_above_bound: BTreeMap<String, u64>,
-    /// Largest norm of the rate error [rad/s].
     pub rate_error_max_rad_s: f64,
     /// Its root mean square over the last second or so [rad/s].
     pub rate_error_final_rad_s: f64,
     /// Ticks whose command in force could not be met.
     pub ticks_saturated: u64,
     pub ticks_stale: u64,
-    /// Live swaps of an estimated parameter.
     pub live_swaps: u64,
     pub estimates: Vec<Watched>,
     /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
     pub excitation: f64,
-    /// The least of all 10 s.
     pub excitation_least: f64,
     /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
     pub broken: Vec<String>,
     /// Whether (18) held: every estimate was found.
     pub converged: bool,
-    /// Whether (18) held, and why, in words.
     pub convergence: String,
 }
 
@@ -84,7 +79,6 @@ impl Theorem {
 pub struct Rise {
     /// In a step [rad^2/s^2].
     pub absolute: f64,
-    /// As a share of V_th at the start.
     pub relative: f64,
 }
 
@@ -106,29 +100,24 @@ pub struct Watched {
 /// Follows topic `theorem` through a flight, and through restarts of the inner loop.
 #[derive(Clone, Copy, Debug)]
 pub struct TheoremStatistics {
-    /// Of the inner loops that have ended.
     ended: Option<Monitor>,
     /// Start of the present one, and what its monitor said last.
     newest: Option<(u64, Monitor)>,
-    /// True values of the estimated parameters.
     theta: [f64; 3],
     /// Values that the airframe was built with: an estimate of a parameter that is 0 is held against them.
     built: [f64; 3],
     /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
     broken: u64,
-    /// Wrenches that nothing is said of.
     unwatched: u64,
     /// The inner law, where it has no theorem.
     law_without: Option<&'static str>,
 }
 
 /// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
-const UNBOUNDED: [Cause; 4] = [
-    Cause::OutOfBounds,
-    Cause::BrokenModel,
-    Cause::GyroNoise,
-    Cause::MotorLag,
-];
+const UNBOUNDED: [Cause; 4] = {
+    use Cause::*;
+    [OutOfBounds, BrokenModel, GyroNoise, MotorLag]
+};
 
 impl Default for TheoremStatistics {
     fn default() -> Self {
@@ -146,12 +135,10 @@ impl Default for TheoremStatistics {
 }
 
 impl TheoremStatistics {
-    /// Follows the flight of another airframe than the paper's.
     pub fn flown_by(&mut self, airframe: &Airframe) {
         self.built = ESTIMATED.map(|parameter| airframe.as_built().get(parameter).abs());
     }
 
-    /// Takes the true values of the estimated parameters.
     pub fn truth(&mut self, theta: [f64; 3]) {
         self.theta = theta;
     }
@@ -161,8 +148,6 @@ impl TheoremStatistics {
         self.law_without = Some(law);
     }
 
-    /// Whether the inner law has a theorem, and so estimates.
-    #[must_use]
     pub const fn applies(&self) -> bool {
         self.law_without.is_none()
     }
@@ -187,20 +172,16 @@ impl TheoremStatistics {
         self.newest = Some((epoch, *monitor));
     }
 
-    #[must_use]
     pub fn section(&self) -> Theorem {
-        let Some((_, newest)) = self.newest else {
-            let law_without = self.law_without.map(str::to_owned);
-            return Theorem {
-                law_without,
-                ticks_unwatched: self.unwatched,
-                ..Theorem::default()
-            };
-        };
-        let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
+        let section = self.newest.map(|(_, newest)| {
+            let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
+            Theorem::of(&all, self.theta, self.built, self.broken)
+        });
+        let law_without = self.law_without.filter(|_| section.is_none());
         Theorem {
+            law_without: law_without.map(str::to_owned),
             ticks_unwatched: self.unwatched,
-            ..Theorem::of(&all, self.theta, self.built, self.broken)
+            ..section.unwrap_or_default()
         }
     }
 }
@@ -231,35 +212,35 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
 impl Theorem {
     /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
     /// airframe was built with, and the causes since the bounds began.
-    #[must_use]
     pub fn of(monitor: &Monitor, theta: [f64; 3], built: [f64; 3], causes: u64) -> Self {
         let broken = UNBOUNDED
             .into_iter()
             .filter(|cause| causes & cause.bit() != 0);
         let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
-        let estimates: Vec<Watched> = (0..3)
-            .map(|i| {
-                let (error, error_start) =
-                    (monitor.estimate_error[i], monitor.estimate_error_start[i]);
-                let size = error_start.max(theta[i].abs()).max(built[i]);
-                Watched {
-                    name: ESTIMATED[i].name().into(),
-                    actual: theta[i],
-                    error,
-                    error_start,
-                    error_bound: monitor.estimate_error_bound[i],
-                    identifiability: monitor.identifiability[i],
-                    found: error.abs() <= FOUND * size,
-                }
-            })
-            .collect();
-        let relative = |rise: f64| {
-            if monitor.v_th_start > 0.0 {
-                rise / monitor.v_th_start
-            } else {
-                0.0
+        let estimate = |i: usize| {
+            let error = monitor.estimate_error[i];
+            let error_start = monitor.estimate_error_start[i];
+            let size = error_start.max(theta[i].abs()).max(built[i]);
+            Watched {
+                name: ESTIMATED[i].name().into(),
+                actual: theta[i],
+                error,
+                error_start,
+                error_bound: monitor.estimate_error_bound[i],
+                identifiability: monitor.identifiability[i],
+                found: error.abs() <= FOUND * size,
             }
         };
+        let estimates: Vec<Watched> = (0..3).map(estimate).collect();
+        let start = monitor.v_th_start;
+        let rise = |(cause, absolute): (Cause, f64)| {
+            let relative = if start > 0.0 { absolute / start } else { 0.0 };
+            let is_explained = cause != Cause::Unexplained;
+            let name = if is_explained { cause.name() } else { NO_CAUSE };
+            let is_told = !is_explained || absolute > 0.0;
+            is_told.then(|| (name.to_owned(), Rise { absolute, relative }))
+        };
+        let rises = Cause::ALL.into_iter().zip(monitor.rise_max);
         let is_live = monitor.is_live == 1;
         Self {
             holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
@@ -267,25 +248,7 @@ impl Theorem {
             ticks_checked: monitor.ticks_checked,
             ticks_unwatched: 0,
             violations: by_cause(&monitor.violations),
-            largest_rise: Cause::ALL
-                .into_iter()
-                .map(|cause| (cause, monitor.rise_max[cause as usize]))
-                .filter(|(cause, rise)| *cause == Cause::Unexplained || *rise > 0.0)
-                .map(|(cause, rise)| {
-                    let name = if cause == Cause::Unexplained {
-                        NO_CAUSE
-                    } else {
-                        cause.name()
-                    };
-                    (
-                        name.to_owned(),
-                        Rise {
-                            absolute: rise,
-                            relative: relative(rise),
-                        },
-                    )
-                })
-                .collect(),
+            largest_rise: rises.filter_map(rise).collect(),
             v_th_start: monitor.v_th_start,
             v_th_end: monitor.v_th,
             descent: monitor.descent,
@@ -310,68 +273,53 @@ impl Theorem {
 }
 
 fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
-    Cause::ALL
-        .into_iter()
-        .zip(counts)
-        .filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0)
-        .map(|(cause, count)| (cause.name().to_owned(), *count))
+    let all = Cause::ALL.into_iter().zip(counts);
+    let told = all.filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0);
+    told.map(|(cause, count)| (cause.name().to_owned(), *count))
         .collect()
 }
 
 fn convergence(monitor: &Monitor, estimates: &[Watched], broken: &[String]) -> String {
     let names = |pick: &dyn Fn(&Watched) -> bool| {
-        let names: Vec<&str> = estimates
-            .iter()
-            .filter(|e| pick(e))
-            .map(|e| e.name.as_str())
-            .collect();
+        let picked = estimates.iter().filter(|estimate| pick(estimate));
+        let names: Vec<&str> = picked.map(|estimate| estimate.name.as_str()).collect();
         names.join(", ")
     };
     let exciting = monitor.excitation_least >= EXCITING;
-    let least = format!(
-        "at least {:.2e} e-folds of the error in any 10 s",
-        monitor.excitation_least
-    );
+    let least = monitor.excitation_least;
+    let least = format!("at least {least:.2e} e-folds of the error in any 10 s");
     let lost = names(&|e| !e.found);
     if lost.is_empty() {
-        return if exciting {
-            format!(
-                "(18) held: every estimate is within 1 %. The flight is persistently exciting, {least}."
-            )
-        } else {
-            format!(
-                "(18) held: every estimate is within 1 %, although the flight is not persistently exciting, {least}."
-            )
+        let is = match exciting {
+            true => ". The flight is",
+            false => ", although the flight is not",
         };
+        return format!(
+            "(18) held: every estimate is within 1 %{is} persistently exciting, {least}."
+        );
     }
     let mut text = format!("(18) did not hold: not within 1 %: {lost}.");
     if !broken.is_empty() {
         // How long the flight was, and how exciting, explains nothing where the theorem does not apply.
-        return text
-            + &format!(
-                " The theorem promises nothing for the estimates under {}.",
-                broken.join(", ")
-            );
+        let broken = broken.join(", ");
+        return format!("{text} The theorem promises nothing for the estimates under {broken}.");
     }
     // What the theorem itself leaves large is no surprise; what it does not, something else keeps away.
     let owed = |e: &Watched| {
         let size = e.error_start.max(e.actual.abs()).max(f64::MIN_POSITIVE);
         e.error_bound <= FOUND * size
     };
-    let (expected, kept) = (
-        names(&|e| !e.found && !owed(e)),
-        names(&|e| !e.found && owed(e)),
-    );
+    let expected = names(&|e| !e.found && !owed(e));
+    let kept = names(&|e| !e.found && owed(e));
     if !expected.is_empty() {
-        let why = if exciting {
-            format!("the flight is exciting enough, {least}, but was too short for these gains")
-        } else {
-            format!("the flight is not persistently exciting, {least}")
+        let why = match exciting {
+            true => format!("exciting enough, {least}, but was too short for these gains"),
+            false => format!("not persistently exciting, {least}"),
         };
         text += &format!(
-            " Expected for {expected}: {why}. The proof covers the prediction error, and e where nothing is "
+            " Expected for {expected}: the flight is {why}. The proof covers the prediction error, and e where \
+             nothing is late, but not the estimates."
         );
-        text += "late, but not the estimates.";
     }
     if !kept.is_empty() {
         text += &format!(" Not expected for {kept}: excited enough, and no cause is known.");
@@ -397,14 +345,15 @@ mod tests {
 
     #[test]
     fn an_unexplained_violation_or_lifeless_estimates_fail() {
-        assert!(Theorem::of(&monitor(0, 1), [0.0; 3], [1.0; 3], 0).holds);
-        for (monitor, said) in [
+        let theorem = |monitor| Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
+        assert!(theorem(monitor(0, 1)).holds);
+        for (monitor, found) in [
             (monitor(1, 1), "1 unexplained"),
             (monitor(0, 0), "do not move as predicted"),
         ] {
-            let theorem = Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
+            let theorem = theorem(monitor);
             assert!(
-                !theorem.holds && theorem.found().contains(said),
+                !theorem.holds && theorem.found().contains(found),
                 "{theorem:?}"
             );
             assert!(
@@ -417,38 +366,25 @@ mod tests {
 
     #[test]
     fn no_bound_is_claimed_where_an_assumption_was_broken_since_the_last_live_swap() {
-        fn with(causes: u64) -> Monitor {
-            Monitor {
-                causes,
-                estimate_error: [1.0; 3],
-                estimate_error_start: [1.0; 3],
-                ..monitor(0, 1)
-            }
-        }
-        let broken = Cause::BrokenModel.bit();
-        let mut tally = TheoremStatistics::default();
-        tally.take(1, &with(broken));
-        tally.take(1, &with(Cause::Delay.bit()));
-        let theorem = tally.section();
+        let with = |cause: Option<Cause>| Monitor {
+            causes: cause.map_or(0, Cause::bit),
+            estimate_error: [1.0; 3],
+            estimate_error_start: [1.0; 3],
+            ..monitor(0, 1)
+        };
+        let mut statistics = TheoremStatistics::default();
+        statistics.take(1, &with(Some(Cause::BrokenModel)));
+        statistics.take(1, &with(Some(Cause::Delay)));
+        let theorem = statistics.section();
+        let (text, convergence) = (theorem.text(), theorem.convergence);
         assert_eq!(theorem.broken, ["broken_model"]);
-        assert!(
-            theorem.text().contains("no bound under broken_model"),
-            "{}",
-            theorem.text()
-        );
-        assert!(
-            !theorem.text().contains("by the theorem"),
-            "{}",
-            theorem.text()
-        );
-        let said = &theorem.convergence;
-        assert!(
-            said.contains("promises nothing for the estimates under broken_model"),
-            "{said}"
-        );
-        assert!(!said.contains("xpected"), "{said}");
-        tally.take(1, &with(Cause::LiveSwap.bit()));
-        let theorem = tally.section();
+        assert!(text.contains("no bound under broken_model"), "{text}");
+        assert!(!text.contains("by the theorem"), "{text}");
+        let nothing = "promises nothing for the estimates under broken_model";
+        assert!(convergence.contains(nothing), "{convergence}");
+        assert!(!convergence.contains("xpected"), "{convergence}");
+        statistics.take(1, &with(Some(Cause::LiveSwap)));
+        let theorem = statistics.section();
         assert!(theorem.broken.is_empty(), "{:?}", theorem.broken);
         // The bound of 0 is less than the error: what is proven is said with what it leaves out.
         assert!(
@@ -456,73 +392,46 @@ mod tests {
             "{}",
             theorem.text()
         );
-        tally.take(1, &with(broken));
-        tally.take(2, &with(0));
+        statistics.take(1, &with(Some(Cause::BrokenModel)));
+        statistics.take(2, &with(None));
         assert!(
-            tally.section().broken.is_empty(),
+            statistics.section().broken.is_empty(),
             "another inner loop begins anew"
         );
     }
 
     #[test]
     fn a_restarted_inner_loop_continues_the_counts() {
-        let mut tally = TheoremStatistics::default();
-        assert_eq!(tally.section(), Theorem::default());
-        assert!(tally.section().text().contains("not watched"));
-        tally.take(1, &monitor(0, 1));
-        tally.take(1, &monitor(2, 0));
-        tally.take(
-            7,
-            &Monitor {
-                v_th_start: 3.0,
-                excitation: 0.25,
-                ..monitor(1, 1)
-            },
-        );
-        let theorem = tally.section();
-        assert_eq!(
-            (
-                theorem.ticks_checked,
-                theorem.unexplained(),
-                theorem.is_live
-            ),
-            (20, 3, false)
-        );
+        let mut statistics = TheoremStatistics::default();
+        assert_eq!(statistics.section(), Theorem::default());
+        assert!(statistics.section().text().contains("not watched"));
+        let restarted = Monitor {
+            v_th_start: 3.0,
+            excitation: 0.25,
+            ..monitor(1, 1)
+        };
+        for (epoch, monitor) in [(1, monitor(0, 1)), (1, monitor(2, 0)), (7, restarted)] {
+            statistics.take(epoch, &monitor);
+        }
+        let theorem = statistics.section();
+        assert_eq!((theorem.ticks_checked, theorem.unexplained()), (20, 3));
+        assert!(!theorem.is_live);
         assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
-        assert_eq!(
-            theorem.largest_rise["gyro_noise"],
-            Rise {
-                absolute: 0.5,
-                relative: 0.5 / 3.0
-            }
-        );
+        let rise = theorem.largest_rise["gyro_noise"];
+        assert_eq!((rise.absolute, rise.relative), (0.5, 0.5 / 3.0));
     }
 
     #[test]
     fn what_was_not_watched_is_said() {
-        let mut tally = TheoremStatistics::default();
-        tally.unwatched();
-        tally.unwatched();
-        assert!(
-            tally
-                .section()
-                .text()
-                .contains("before the first step was lost, and 2 ticks went by")
-        );
-        tally.take(1, &monitor(0, 1));
-        let theorem = tally.section();
-        assert_eq!(
-            (
-                theorem.ticks_checked,
-                theorem.ticks_unwatched,
-                theorem.holds
-            ),
-            (10, 2, true)
-        );
-        assert!(
-            theorem
-                .text()
-                .contains("10 steps checked, 2 not watched after a lost message, V rose in none")
-        );
+        let mut statistics = TheoremStatistics::default();
+        statistics.unwatched();
+        statistics.unwatched();
+        let none = "before the first step was lost, and 2 ticks went by";
+        assert!(statistics.section().text().contains(none));
+        statistics.take(1, &monitor(0, 1));
+        let theorem = statistics.section();
+        assert!(theorem.holds && theorem.ticks_unwatched == 2, "{theorem:?}");
+        let some = "10 steps checked, 2 not watched after a lost message, V rose in none";
+        assert!(theorem.text().contains(some), "{}", theorem.text());
     }
 }

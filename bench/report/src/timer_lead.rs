@@ -6,7 +6,6 @@ use hdrhistogram::Histogram;
 use messages::realtime::Lead;
 use serde::{Deserialize, Serialize};
 
-/// The lead of the plant's timer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LeadSection {
@@ -14,9 +13,7 @@ pub struct LeadSection {
     pub lead_us: f64,
     /// The shortest lead of a tick that was flown [us].
     pub least_us: f64,
-    /// Their median [us].
     pub median_us: f64,
-    /// The longest one [us].
     pub most_us: f64,
     /// 90th percentile of what a rehearsal took before take-off [us]; 0 where none is held.
     pub rehearsal_us: f64,
@@ -28,11 +25,9 @@ pub struct LeadSection {
     pub processor_percent: f64,
 }
 
-/// Counts the leads of the ticks that were flown.
 #[derive(Debug)]
 pub(super) struct LeadStatistics {
     leads: Histogram<u64>,
-    /// A histogram knows its ends only in steps [ns].
     least_ns: u64,
     most_ns: u64,
     /// What the plant had left of them when it woke, over all ticks [ns].
@@ -65,13 +60,11 @@ impl LeadStatistics {
     ) -> LeadSection {
         let us = |ns: u64| ns as f64 / 1e3;
         let least_ns = self.least_ns.min(self.most_ns);
+        let median_ns = self.leads.value_at_quantile(0.5);
         LeadSection {
             lead_us: us(at_take_off.lead_ns),
             least_us: us(least_ns),
-            median_us: us(self
-                .leads
-                .value_at_quantile(0.5)
-                .clamp(least_ns, self.most_ns)),
+            median_us: us(median_ns.clamp(least_ns, self.most_ns)),
             most_us: us(self.most_ns),
             rehearsal_us: us(at_take_off.rehearsal_ns),
             timer_p90_us: us(at_take_off.timer_p90_ns),
@@ -97,69 +90,60 @@ mod tests {
             rehearsals: 990,
             processor_percent: 9.87,
         };
-        assert_eq!(
-            set.text(1000),
-            "Lead 124 us before the tick (before take-off: timer p90 27 us, rehearsal p90 33 us); rehearsed 990 of \
-             1000 ticks; waiting took 9.9 % of the loops' processor"
-        );
         let follows = LeadSection {
             least_us: 96.4,
             median_us: 131.0,
             most_us: 210.0,
-            ..set
+            ..set.clone()
         };
-        assert_eq!(
-            follows.text(1000),
-            "Lead 124 us before the tick at take-off, 96 to 210 us in flight, 131 us in the median (before take-off: \
-             timer p90 27 us, rehearsal p90 33 us); rehearsed 990 of 1000 ticks; waiting took 9.9 % of the loops' processor"
-        );
         let only_waits = LeadSection {
             rehearsal_us: 0.0,
             rehearsals: 0,
-            ..follows
+            ..follows.clone()
         };
-        assert!(
-            only_waits
-                .text(1000)
-                .contains("timer p90 27 us); no rehearsals; waiting took"),
-            "{}",
-            only_waits.text(1000)
-        );
-        assert!(
-            LeadSection::default()
-                .text(1000)
-                .starts_with("Lead none: the plant's timer is set to the beginning")
-        );
+        let in_flight = " at take-off, 96 to 210 us in flight, 131 us in the median";
+        let waiting = "waiting took 9.9 % of the loops' processor";
+        let rehearsed = format!(", rehearsal p90 33 us); rehearsed 990 of 1000 ticks; {waiting}");
+        let before = "(before take-off: timer p90 27 us";
+        for (lead, text) in [
+            (
+                set,
+                format!("Lead 124 us before the tick {before}{rehearsed}"),
+            ),
+            (
+                follows,
+                format!("Lead 124 us before the tick{in_flight} {before}{rehearsed}"),
+            ),
+            (
+                only_waits,
+                format!(
+                    "Lead 124 us before the tick{in_flight} {before}); no rehearsals; {waiting}"
+                ),
+            ),
+            (
+                LeadSection::default(),
+                "Lead none: the plant's timer is set to the beginning of the tick".into(),
+            ),
+        ] {
+            assert_eq!(lead.text(1000), text);
+        }
     }
-}
-
-#[cfg(test)]
-mod tally_lead_tests {
-    use super::*;
 
     #[test]
     fn a_lead_that_is_set_is_no_longer_and_no_shorter_in_flight() {
-        let mut tally = LeadStatistics::new().unwrap();
-        (0..9).for_each(|_| tally.take(123_457, 0));
-        let lead = tally.section(
-            &Lead {
-                lead_ns: 123_457,
-                ..Lead::default()
-            },
-            0,
-            1,
-        );
+        let mut statistics = LeadStatistics::new().unwrap();
+        // Before the first tick there was none.
         assert_eq!(
-            [lead.lead_us, lead.least_us, lead.median_us, lead.most_us],
-            [123.457; 4]
+            statistics.section(&Lead::default(), 0, 0),
+            LeadSection::default()
         );
-    }
-
-    #[test]
-    fn before_the_first_tick_there_was_none() {
-        let lead = LeadStatistics::new()
-            .unwrap()
-            .section(&Lead::default(), 0, 0);
-        assert_eq!(lead, LeadSection::default());
+        (0..9).for_each(|_| statistics.take(123_457, 0));
+        let at_take_off = Lead {
+            lead_ns: 123_457,
+            ..Lead::default()
+        };
+        let lead = statistics.section(&at_take_off, 0, 1);
+        let leads = [lead.lead_us, lead.least_us, lead.median_us, lead.most_us];
+        assert_eq!(leads, [123.457; 4]);
     }
 }

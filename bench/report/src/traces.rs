@@ -10,7 +10,6 @@ use std::collections::BTreeMap;
 pub type Names = [&'static str; 3];
 
 pub const ATTITUDE: Names = ["roll_rad", "pitch_rad", "yaw_rad"];
-/// What the outer loop wanted of them.
 pub const ATTITUDE_REFERENCE: Names = [
     "roll_reference_rad",
     "pitch_reference_rad",
@@ -19,7 +18,6 @@ pub const ATTITUDE_REFERENCE: Names = [
 pub const POSITION: Names = ["x_w_m", "y_w_m", "z_w_m"];
 pub const POSITION_REFERENCE: Names = ["x_reference_w_m", "y_reference_w_m", "z_reference_w_m"];
 pub const POSITION_ERROR: Names = ["x_error_w_m", "y_error_w_m", "z_error_w_m"];
-/// Distance of the flown position from its reference.
 pub const DISTANCE: &str = "position_error_m";
 /// Rate error e of the inner law, body frame; of a law that shows one.
 pub const RATE_ERROR: Names = ["p_error_b_rad_s", "q_error_b_rad_s", "r_error_b_rad_s"];
@@ -44,7 +42,6 @@ pub const LYAPUNOV: [&str; 2] = ["v", "v_th"];
 /// Their changes in a tick, in rad^2/s^2.
 pub const LYAPUNOV_CHANGE: [&str; 2] = ["v_change", "v_th_change"];
 
-/// Lateness of the plant's waking against the grid.
 pub const WAKE: &str = "wake_plant_us";
 /// From the sampling of the state to the publishing of the rotor command.
 pub const LOOP: &str = "loop_us";
@@ -59,18 +56,13 @@ pub struct Traces {
     /// What the laws show, by role, of every tick in which they do.
     #[serde(default)]
     pub telemetry: BTreeMap<String, Group>,
-    /// Violations of the theorem over time, by cause.
     pub violations: BTreeMap<String, Vec<Violations>>,
 }
 
-/// Numbers that share their stretches of time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Group {
-    /// Length of a stretch [ticks].
     pub every_ticks: u64,
-    /// First tick of each stretch that has values.
     pub tick: Vec<u64>,
-    /// The numbers, by name with unit.
     pub channels: BTreeMap<String, Trace>,
 }
 
@@ -81,13 +73,10 @@ pub struct Trace {
     pub max: Vec<Option<f64>>,
 }
 
-/// The way flown, as samples at equal distances in time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Path {
     pub tick: Vec<u64>,
-    /// Position, world frame [m].
     pub position_w_m: Vec<[f64; 3]>,
-    /// Reference, world frame [m].
     pub reference_w_m: Vec<[f64; 3]>,
 }
 
@@ -106,21 +95,16 @@ pub struct Span {
 
 impl Traces {
     /// Whether the inner law estimates what the traces have the truth of.
-    #[must_use]
     pub fn has_estimates(&self) -> bool {
         self.flight.has(ESTIMATE[0])
     }
 
-    /// Whether the inner law shows its rate error.
-    #[must_use]
     pub fn has_rate_error(&self) -> bool {
         self.flight.has(RATE_ERROR[0])
     }
 }
 
 impl Group {
-    /// Whether a channel was followed at all.
-    #[must_use]
     pub fn has(&self, channel: &str) -> bool {
         self.spans(channel).next().is_some()
     }

@@ -23,31 +23,24 @@ pub struct Tracking {
 
 impl Tracking {
     /// Of a trajectory that is flown in ticks of `period_s` [s].
-    #[must_use]
     pub const fn of(trajectory: Trajectory, period_s: f64) -> Self {
         Self::along(ScaledTrajectory::of(trajectory), period_s)
     }
 
     /// Of a course that is flown in ticks of `period_s` [s].
-    #[must_use]
     pub const fn along(course: ScaledTrajectory, period_s: f64) -> Self {
         Self { course, period_s }
     }
 
-    /// Sample time of the laws [s].
-    #[must_use]
     pub const fn period_s(&self) -> f64 {
         self.period_s
     }
 
     /// Reference position at a tick, world frame [m]: that of the tick's set-point, bit for bit.
-    #[must_use]
     pub fn position_w_m(&self, tick: u64) -> [f64; 3] {
         self.reference(tick).position_w_m
     }
 
-    /// Reference yaw at a tick [rad].
-    #[must_use]
     pub fn yaw_rad(&self, tick: u64) -> f64 {
         self.reference(tick).yaw_rad
     }
@@ -57,27 +50,25 @@ impl Tracking {
     }
 
     /// True distance of the state of a tick from its reference [m].
-    #[must_use]
     pub fn error_m(&self, tick: u64, state: &State) -> f64 {
-        Setpoint {
+        let setpoint = Setpoint {
             reference: self.reference(tick),
             ..Setpoint::default()
-        }
-        .position_error_m(state)
+        };
+        setpoint.position_error_m(state)
     }
 }
 
 /// Distances of the states of a flight from their references, summed up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackingError {
-    states: u64,
+    pub states: u64,
     squared_sum_m2: f64,
-    max_m: f64,
-    last_m: f64,
+    pub max_m: f64,
+    pub last_m: f64,
 }
 
 impl TrackingError {
-    /// Takes the distance of the next state [m].
     pub fn take(&mut self, error_m: f64) {
         self.states += 1;
         self.squared_sum_m2 += error_m * error_m;
@@ -85,27 +76,8 @@ impl TrackingError {
         self.last_m = error_m;
     }
 
-    #[must_use]
-    pub const fn states(&self) -> u64 {
-        self.states
-    }
-
-    /// Root mean square [m]; 0 without a state.
-    #[must_use]
     pub fn rms_m(&self) -> f64 {
         (self.squared_sum_m2 / self.states.max(1) as f64).sqrt()
-    }
-
-    /// Largest [m].
-    #[must_use]
-    pub const fn max_m(&self) -> f64 {
-        self.max_m
-    }
-
-    /// That of the newest state [m].
-    #[must_use]
-    pub const fn last_m(&self) -> f64 {
-        self.last_m
     }
 }
 
@@ -125,8 +97,6 @@ pub struct RecentStates {
 }
 
 impl RecentStates {
-    /// Of a flight in ticks of `period_s` [s].
-    #[must_use]
     pub fn new(period_s: f64) -> Self {
         Self {
             length_ticks: (RECENT_S / period_s).round() as u64,
@@ -145,60 +115,40 @@ impl RecentStates {
         self.lowest_z_m = self.lowest_z_m.min(z_m);
         while self
             .errors
-            .back()
-            .is_some_and(|(_, earlier)| *earlier <= error_m)
-        {
-            self.errors.pop_back();
-        }
+            .pop_back_if(|(_, earlier)| *earlier <= error_m)
+            .is_some()
+        {}
         self.errors.push_back((tick, error_m));
-        while self
-            .errors
-            .front()
-            .is_some_and(|(earlier, _)| earlier + self.length_ticks <= tick)
-        {
-            self.errors.pop_front();
-        }
+        let is_over = |it: &mut (u64, f64)| it.0 + self.length_ticks <= tick;
+        while self.errors.pop_front_if(is_over).is_some() {}
     }
 
-    /// Largest error [m]; 0 without a state.
-    #[must_use]
     pub fn error_max_m(&self) -> f64 {
         self.errors.front().map_or(0.0, |(_, error_m)| *error_m)
     }
 
     /// How long they last [s]: less than [`RECENT_S`] in a short flight.
-    #[must_use]
     pub fn length_s(&self) -> f64 {
-        let ticks = self.first_tick.map_or(0, |first| {
-            (self.newest_tick - first + 1).min(self.length_ticks)
-        });
-        ticks as f64 * self.period_s
+        let flown = self
+            .first_tick
+            .map_or(0, |first| self.newest_tick - first + 1);
+        flown.min(self.length_ticks) as f64 * self.period_s
     }
 
     /// Lowest point of the whole flight [m]; 0 without a state.
-    #[must_use]
     pub fn lowest_z_m(&self) -> f64 {
-        if self.lowest_z_m.is_finite() {
-            self.lowest_z_m
-        } else {
-            0.0
-        }
+        let lowest = Some(self.lowest_z_m);
+        lowest.filter(|z_m| z_m.is_finite()).unwrap_or(0.0)
     }
 }
 
 impl fmt::Display for TrackingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            states,
-            max_m,
-            last_m,
-            ..
-        } = self;
-        let rms_m = self.rms_m();
+        let (rms_m, max_m, last_m) = (self.rms_m(), self.max_m, self.last_m);
+        let states = count(self.states, "state");
         write!(
             f,
-            "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {}",
-            count(*states, "state")
+            "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {states}"
         )
     }
 }
@@ -212,46 +162,38 @@ pub(super) struct ControlStatistics {
     pub(super) estimate: Option<[f64; 3]>,
     /// Length of the newest rate error that was known [rad/s].
     pub(super) rate_error: Option<f64>,
-    /// Ticks in which a rotor was saturated.
     pub(super) saturated: u64,
 }
 
 impl ControlStatistics {
-    /// Takes what the inner law shows.
     pub(super) fn shown(&mut self, laws: &FlownLaws, wrench: &Wrench) {
         self.estimate = laws.estimates().map(|places| places.of(wrench));
-        let e = laws
-            .rate_error()
-            .map(|places| places.of(wrench).iter().map(|e| e * e).sum::<f64>().sqrt());
+        let e = laws.rate_error().map(|places| places.of(wrench));
+        let e = e.map(|e| e.iter().map(|e| e * e).sum::<f64>().sqrt());
         self.rate_error = e.filter(|e| e.is_finite()).or(self.rate_error);
     }
 
-    /// The performance so far, with that of the last seconds.
     pub(super) fn performance(&self, recent: &RecentStates) -> ControlPerformance {
+        let estimate = |i: usize| {
+            Some(Estimate {
+                name: ESTIMATED[i].name().into(),
+                estimated: self.estimate?[i],
+                actual: self.truth[i],
+            })
+        };
         ControlPerformance {
             position_error_rms_m: self.tracking.rms_m(),
-            position_error_max_m: self.tracking.max_m(),
-            position_error_final_m: self.tracking.last_m(),
-            states: self.tracking.states(),
+            position_error_max_m: self.tracking.max_m,
+            position_error_final_m: self.tracking.last_m,
+            states: self.tracking.states,
             ticks_without_state: 0,
             recent_error_max_m: recent.error_max_m(),
             recent_s: recent.length_s(),
             lowest_z_m: recent.lowest_z_m(),
             rate_error_final_rad_s: self.rate_error,
             saturated_ticks: self.saturated,
-            estimates: self
-                .estimate
-                .map_or_else(Vec::new, |estimate| self.beside_truth(estimate)),
+            estimates: (0..3).filter_map(estimate).collect(),
         }
-    }
-
-    fn beside_truth(&self, estimate: [f64; 3]) -> Vec<Estimate> {
-        let of = |i: usize| Estimate {
-            name: ESTIMATED[i].name().into(),
-            estimated: estimate[i],
-            actual: self.truth[i],
-        };
-        (0..3).map(of).collect()
     }
 }
 
@@ -261,8 +203,7 @@ mod tests {
     use control_api::law::Law as _;
     use control_api::{GuardedOuter, Rig};
     use controller::laws::Pd;
-    use messages::content::Measured;
-    use messages::content::{Stamped, Truth};
+    use messages::content::{Measured, Stamped};
 
     use super::*;
 
@@ -273,53 +214,32 @@ mod tests {
         let mut outer = GuardedOuter::new(law.into(), course.route(rig.period_s), &rig);
         let tracking = Tracking::along(course, rig.period_s);
         for tick in [0, 1, 777, 4_999, 5_000, 29_999] {
-            let measured = Measured {
-                position_w_m: [1.0, -2.0, 0.5],
-                ..Measured::default()
-            };
-            let truth = Truth {
-                position_w_m: [1.5, -2.0, 0.5],
-                ..Truth::default()
-            };
-            let content = State {
-                measured,
-                truth,
-                ..State::default()
-            };
+            let mut content = State::default();
+            content.measured.position_w_m = [1.0, -2.0, 0.5];
+            content.truth.position_w_m = [1.5, -2.0, 0.5];
             let setpoint = outer.tick(tick, &Stamped { tick, content }).unwrap();
-            let bits = |position: [f64; 3]| position.map(f64::to_bits);
+            let reference = setpoint.reference;
+            // Bit for bit.
+            let found = tracking.position_w_m(tick).map(f64::to_bits);
             assert_eq!(
-                bits(tracking.position_w_m(tick)),
-                bits(setpoint.reference.position_w_m),
+                found,
+                reference.position_w_m.map(f64::to_bits),
                 "tick {tick}"
             );
-            assert_eq!(
-                tracking.yaw_rad(tick).to_bits(),
-                setpoint.reference.yaw_rad.to_bits(),
-                "tick {tick}"
-            );
-            assert_eq!(
-                tracking.error_m(tick, &content).to_bits(),
-                setpoint.position_error_m(&content).to_bits()
-            );
-            let shown = State {
-                measured: Measured::default(),
-                ..content
-            };
-            assert_eq!(
-                tracking.error_m(tick, &shown).to_bits(),
-                tracking.error_m(tick, &content).to_bits()
-            );
+            let (found, yaw) = (tracking.yaw_rad(tick), reference.yaw_rad);
+            assert_eq!(found.to_bits(), yaw.to_bits(), "tick {tick}");
+            let error_m = setpoint.position_error_m(&content).to_bits();
+            assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
+            content.measured = Measured::default();
+            assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
         }
     }
 
     #[test]
     fn the_end_of_a_flight_is_its_last_seconds_and_its_lowest_point_that_of_all() {
         let mut recent = RecentStates::new(1e-3);
-        assert_eq!(
-            (recent.error_max_m(), recent.length_s(), recent.lowest_z_m()),
-            (0.0, 0.0, 0.0)
-        );
+        let numbers = |it: &RecentStates| [it.error_max_m(), it.length_s(), it.lowest_z_m()];
+        assert_eq!(numbers(&recent), [0.0; 3]);
         for tick in 0..20_000 {
             let error_m = match tick {
                 0..14_999 => 9.0,
@@ -328,17 +248,11 @@ mod tests {
                 _ => 1e-3,
             };
             recent.take(tick, 1.0 + (tick as f64 - 3000.0).abs() / 3000.0, error_m);
-            // One of each size at the most.
-            assert!(
-                recent.errors.len() <= 4,
-                "what is not larger than a later one is not kept"
-            );
+            // One of each size at the most: what is not larger than a later one is not kept.
+            assert!(recent.errors.len() <= 4);
         }
         // Ticks 15 000 to 19 999 are the last 5 s.
-        assert_eq!(
-            (recent.error_max_m(), recent.length_s(), recent.lowest_z_m()),
-            (0.5, RECENT_S, 1.0)
-        );
+        assert_eq!(numbers(&recent), [0.5, RECENT_S, 1.0]);
         recent.take(20_000, 0.0, 1e-4);
         assert_eq!(recent.error_max_m(), 1e-3);
     }
@@ -346,14 +260,11 @@ mod tests {
     #[test]
     fn errors_are_summed_up() {
         let mut error = TrackingError::default();
-        assert_eq!((error.states(), error.rms_m()), (0, 0.0));
+        assert_eq!((error.states, error.rms_m()), (0, 0.0));
         [3.0, 4.0, 0.0]
             .into_iter()
             .for_each(|error_m| error.take(error_m));
-        assert_eq!(
-            (error.states(), error.max_m(), error.last_m()),
-            (3, 4.0, 0.0)
-        );
+        assert_eq!((error.states, error.max_m, error.last_m), (3, 4.0, 0.0));
         assert!((error.rms_m() - (25.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     }
 }

@@ -38,13 +38,10 @@ pub struct Left {
 }
 
 /// Renders the short report of a flight, with where the rest is.
-#[must_use]
 pub fn render(report: &Report, left: &Left) -> String {
     let foot = [latencies(report), foot(left)].concat();
-    let mut head: Vec<String> = sentences(report)
-        .iter()
-        .flat_map(|sentence| lines(sentence))
-        .collect();
+    let sentences = sentences(report);
+    let mut head: Vec<String> = sentences.iter().flat_map(|it| lines(it)).collect();
     let room = HEIGHT - foot.len();
     if head.len() > room {
         head.truncate(room - 1);
@@ -53,7 +50,6 @@ pub fn render(report: &Report, left: &Left) -> String {
     [head, foot].concat().join("\n") + "\n"
 }
 
-/// What there is to say, what matters first.
 fn sentences(report: &Report) -> Vec<String> {
     let word = |(subject, word, why): (&str, &str, &str)| {
         format!("{subject:<9} {}: {why}", word.to_uppercase())
@@ -85,10 +81,8 @@ fn sentences(report: &Report) -> Vec<String> {
     }));
     all.extend(outages(report));
     // How to measure can wait: what is refused matters more, and there is room for little.
-    let is_known = report
-        .margin
-        .as_ref()
-        .is_some_and(|it| it.unknown.is_none());
+    let margin = report.margin.as_ref();
+    let is_known = margin.is_some_and(|it| it.unknown.is_none());
     let margin = margin::sentence(report).map(|margin| format!("Margin    {margin}"));
     all.extend(margin.clone().filter(|_| is_known));
     all.push(format!("Tracking  {}", flight::position_error(report)));
@@ -98,18 +92,13 @@ fn sentences(report: &Report) -> Vec<String> {
     all
 }
 
-/// A sentence in as many lines as it may have.
 fn lines(sentence: &str) -> Vec<String> {
     const CUT: &str = " ...";
     let mut lines = wrapped(sentence);
     if lines.len() > LINES {
         lines.truncate(LINES);
         let last = &mut lines[LINES - 1];
-        if let Some(end) = last
-            .char_indices()
-            .nth(WIDTH - CUT.len())
-            .map(|(end, _)| end)
-        {
+        if let Some((end, _)) = last.char_indices().nth(WIDTH - CUT.len()) {
             let words = last[..end].rfind(' ').unwrap_or(end);
             last.truncate(words);
         }
@@ -132,11 +121,14 @@ fn latencies(report: &Report) -> Vec<String> {
 
 fn foot(left: &Left) -> Vec<String> {
     let files = [("Page", &left.page), ("Log", &left.log)];
-    let paths = files
+    let path = |(what, path): (&str, &Option<String>)| {
+        Some(format!("{what:<9} {}", shortened(path.as_ref()?)))
+    };
+    let more = "More      ironbird report --full, or a part of it: --section NAME";
+    files
         .into_iter()
-        .filter_map(|(what, path)| Some(format!("{what:<9} {}", shortened(path.as_ref()?))));
-    paths
-        .chain(["More      ironbird report --full, or a part of it: --section NAME".to_owned()])
+        .filter_map(path)
+        .chain([more.to_owned()])
         .collect()
 }
 
@@ -148,13 +140,9 @@ fn shortened(path: &str) -> String {
     if length <= ROOM {
         return path.to_owned();
     }
-    let (head, tail): (String, String) = (
-        path.chars().take(HEAD).collect(),
-        path.chars()
-            .skip(length - (ROOM - HEAD - "...".len()))
-            .collect(),
-    );
-    format!("{head}...{tail}")
+    let head: String = path.chars().take(HEAD).collect();
+    let tail = path.chars().skip(length - (ROOM - HEAD - "...".len()));
+    format!("{head}...{}", tail.collect::<String>())
 }
 
 /// That a lost flight was lost to the machine, where the record shows that, and what to type.
@@ -202,9 +190,7 @@ fn outages(report: &Report) -> Option<String> {
 fn floors(report: &Report) -> Option<String> {
     let beside = report.beside.as_ref()?;
     let times = |it: flight::Compared<'_>| {
-        let times = it
-            .times
-            .map(|times| known(times.map(|times| format!("{times:.2}"))));
+        let times = it.times.map(|it| known(it.map(|it| format!("{it:.2}"))));
         format!("{} is {} times a {}", it.series, times.join(", "), it.floor)
     };
     let all: Vec<String> = flight::compared(beside, report).map(times).collect();
@@ -229,16 +215,12 @@ fn refused(report: &Report) -> Vec<String> {
         return Vec::from_iter(is_on_the_clock.then(|| plain.to_owned()));
     }
     let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
-        let whom = if STAGES.iter().all(|stage| roles.contains(&stage.name())) {
-            "all loops"
-        } else {
-            &roles.join(", ")
+        let whom = match STAGES.iter().all(|stage| roles.contains(&stage.name())) {
+            true => "all loops".into(),
+            false => roles.join(", "),
         };
-        format!(
-            "{} to {whom}: {}",
-            step.replace('_', " "),
-            reason.split(" (os error").next().unwrap_or(reason)
-        )
+        let reason = reason.split(" (os error").next().unwrap_or(reason);
+        format!("{} to {whom}: {reason}", step.replace('_', " "))
     };
     let parts: Vec<String> = by_step.iter().map(part).collect();
     vec![

@@ -11,7 +11,6 @@ use crate::traces::Span;
 /// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
 const ERROR_MIN_M: f64 = 1e-4;
 
-#[must_use]
 pub fn document(comparison: &Comparison) -> Document {
     let flight = &comparison.flight;
     let combinations = comparison.outcomes.len();
@@ -25,27 +24,21 @@ pub fn document(comparison: &Comparison) -> Document {
         (Some(first), Some(settled)) => {
             let before = format!("before {:.3} s ", first.time_s);
             let after = format!("from {:.3} s on ", flight.time_s(settled));
-            sections.push(errors(comparison, "error-before", &before, |it| {
-                it.error_before
-            }));
-            sections.push(errors(comparison, "error-after", &after, |it| {
-                it.error_after
-            }));
+            let of_before = |it: &Figures| it.error_before;
+            sections.push(errors(comparison, "error-before", &before, of_before));
+            let of_after = |it: &Figures| it.error_after;
+            sections.push(errors(comparison, "error-after", &after, of_after));
         }
         _ => sections.push(errors(comparison, "error", "", |it| Some(it.error))),
     }
     if !flight.faults.is_empty() {
-        let columns = flight
-            .faults
-            .iter()
-            .map(|fault| format!("{:.3} s", fault.time_s));
+        let faults = flight.faults.iter();
+        let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
         let title = format!(
             "Recovered from the fault at: true error below {} m for good, {STAYING_S} s at least",
             flight.bound_m
         );
-        let table = table(comparison, columns, |outcome| {
-            recoveries_of(outcome).collect()
-        });
+        let table = table(comparison, columns, |it| recoveries_of(it).collect());
         sections.push(Section::new("recovery", title, vec![table]));
     }
     let columns = [
@@ -63,11 +56,8 @@ pub fn document(comparison: &Comparison) -> Document {
             outcome.outputs.clone(),
         ]
     };
-    sections.push(Section::new(
-        "effort",
-        "Effort",
-        vec![table(comparison, columns, effort)],
-    ));
+    let effort = vec![table(comparison, columns, effort)];
+    sections.push(Section::new("effort", "Effort", effort));
     sections.extend(endings(comparison));
     Document {
         title: format!("{combinations} combinations of laws, {flight}"),
@@ -110,14 +100,12 @@ fn endings(comparison: &Comparison) -> Vec<Section> {
     let named =
         |outcome: &Outcome, what: &str| format!("{}: {what}", comparison.name_of(&outcome.laws));
     let outcomes = &comparison.outcomes;
-    let lost = outcomes
-        .iter()
-        .filter_map(|it| Some(named(it, &ending(it)?)));
-    let lost: Vec<String> = lost.collect();
-    let unusable = outcomes.iter();
-    let unusable: Vec<String> = unusable
-        .flat_map(|it| it.unusable.iter().map(move |sentence| named(it, sentence)))
-        .collect();
+    let mut lost = Vec::new();
+    let mut unusable = Vec::new();
+    for it in outcomes {
+        lost.extend(ending(it).map(|why| named(it, &why)));
+        unusable.extend(it.unusable.iter().map(|what| named(it, what)));
+    }
     let mut sections = vec![if lost.is_empty() {
         let all = format!("All {} flew to the end", outcomes.len());
         Section::new("lost", all, Vec::new())
@@ -126,36 +114,26 @@ fn endings(comparison: &Comparison) -> Vec<Section> {
     }];
     if !unusable.is_empty() {
         let title = "Outputs that could not be used";
-        sections.push(Section::new(
-            "unusable",
-            title,
-            vec![Block::Items(unusable)],
-        ));
+        let items = vec![Block::Items(unusable)];
+        sections.push(Section::new("unusable", title, items));
     }
     sections
 }
 
 fn over_time(comparison: &Comparison) -> Section {
-    let names = comparison
-        .outcomes
-        .iter()
-        .map(|outcome| comparison.name_of(&outcome.laws));
+    let names = comparison.outcomes.iter();
+    let names = names.map(|outcome| comparison.name_of(&outcome.laws));
     let keys: Vec<(&'static str, String)> = LAWS.into_iter().zip(names).collect();
     let note = "Each line is drawn through the smallest and the largest value of its stretches; it ends where the flight \
                 did. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
                 multiple of that in hover.";
+    let (error, power) = (error_chart(comparison), power_chart(comparison));
     let figures = vec![
-        Figure::new(
-            "error",
-            "True position error",
-            keys.clone(),
-            error_chart(comparison),
-        ),
-        Figure::new("power", "Rotor power", keys, power_chart(comparison)),
+        Figure::new("error", "True position error", keys.clone(), error),
+        Figure::new("power", "Rotor power", keys, power),
     ];
-    let legend = vec![("mark swap", "fault")];
     let blocks = vec![
-        Block::Legend(legend),
+        Block::Legend(vec![("mark swap", "fault")]),
         Block::WideFigures(figures),
         Block::Note(note.into()),
     ];
@@ -165,11 +143,7 @@ fn over_time(comparison: &Comparison) -> Section {
 fn error_chart(comparison: &Comparison) -> Chart {
     let bound_m = comparison.flight.bound_m;
     let (mut lines, values) = lines(comparison, TRUE_ERROR, ERROR_MIN_M);
-    lines.push(Layer::Level {
-        class: "deadline",
-        at: bound_m,
-        label: "recovered".into(),
-    });
+    lines.push(Layer::level("deadline", bound_m, "recovered"));
     let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
     over(comparison, "true position error [m]", scale, lines)
 }
@@ -205,37 +179,26 @@ fn lines(comparison: &Comparison, channel: &str, least: f64) -> (Vec<Layer>, Vec
 fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
     let flight = &comparison.flight;
     let words = |it: &Fault| {
-        (
-            it.time_s,
-            format!("fault at {:.3} s: {}", it.time_s, it.what),
-        )
+        let word = format!("fault at {:.3} s: {}", it.time_s, it.what);
+        (it.time_s, word)
     };
     let faults = Layer::verticals("swap", flight.faults.iter().map(words));
     let layers = [faults].into_iter().chain(layers).collect();
-    let x = Axis::new(
-        Scale::time(0.0, flight.time_s(flight.last_tick)),
-        "time [s]",
-    );
-    Chart::new(
-        format!("{label} over time"),
-        x,
-        Axis::new(scale, label),
-        layers,
-    )
+    let x = Scale::time(0.0, flight.time_s(flight.last_tick));
+    let (x, y) = (Axis::new(x, "time [s]"), Axis::new(scale, label));
+    Chart::new(format!("{label} over time"), x, y, layers)
 }
 
 /// Per fault, when a flight had recovered from it, in words.
 fn recoveries_of(outcome: &Outcome) -> impl Iterator<Item = String> {
     let recovery_s = &outcome.figures.recovery_s;
-    recovery_s
-        .iter()
-        .enumerate()
-        .map(|(i, time_s)| match time_s {
-            Some(0.0) => "never above".into(),
-            Some(time_s) => format!("after {time_s:.3} s"),
-            None if i + 1 == recovery_s.len() => "not in this flight".into(),
-            None => "not before the next".into(),
-        })
+    let each = recovery_s.iter().enumerate();
+    each.map(|(i, time_s)| match time_s {
+        Some(0.0) => "never above".into(),
+        Some(time_s) => format!("after {time_s:.3} s"),
+        None if i + 1 == recovery_s.len() => "not in this flight".into(),
+        None => "not before the next".into(),
+    })
 }
 
 /// How a flight was lost; none where it was not.
@@ -248,7 +211,6 @@ fn ending(outcome: &Outcome) -> Option<String> {
 }
 
 /// A length in millimetres [mm], with three digits that count.
-#[must_use]
 pub fn millimetres(length_m: f64) -> String {
     significant(1e3 * length_m)
 }
@@ -272,28 +234,20 @@ type Answer = (String, Option<f64>);
 type Measure = fn(&Outcome) -> Answer;
 
 /// The Markdown tables of comparisons of the same laws, each with the name of its row; what is best in its row is bold.
-#[must_use]
 pub fn tables(rows: &[(String, Comparison)]) -> String {
     let Some((_, first)) = rows.first() else {
         return String::new();
     };
     let bound_m = first.flight.bound_m;
+    let error = format!(
+        "worst true position error from {SETTLING_S} s after the fault on [mm] / time until it stays below {bound_m} m [s]"
+    );
+    let change = format!(
+        "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
+    );
     let questions: [(String, Measure, Option<f64>); 2] = [
-        (
-            format!(
-                "worst true position error from {SETTLING_S} s after the fault on [mm] / time until it stays below \
-                 {bound_m} m [s]"
-            ),
-            tracking,
-            None,
-        ),
-        (
-            format!(
-                "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
-            ),
-            agitation,
-            Some(QUIET_RAD_S),
-        ),
+        (error, tracking, None),
+        (change, agitation, Some(QUIET_RAD_S)),
     ];
     let group = |outcome: &Outcome| (outcome.laws.outer.clone(), outcome.laws.mixer.clone());
     let mut groups: Vec<(String, String)> = first.outcomes.iter().map(group).collect();
@@ -314,10 +268,8 @@ pub fn tables(rows: &[(String, Comparison)]) -> String {
                 true => format!(", mixer `{mixer}`"),
                 false => String::new(),
             };
-            tables.push(format!(
-                "Outer law `{outer}`{mixer}: {question}\n\n{}",
-                table.markdown()
-            ));
+            let table = table.markdown();
+            tables.push(format!("Outer law `{outer}`{mixer}: {question}\n\n{table}"));
         }
     }
     tables.join("\n")
@@ -331,12 +283,11 @@ fn table_row(name: &str, answers: &[Answer], least: Option<f64>) -> Option<(Stri
     }
     // Figures that print alike are both the best.
     let best = figures().min_by(f64::total_cmp).map(significant);
-    let cells = answers
-        .iter()
-        .map(|(text, figure)| match figure.map(significant) {
-            Some(figure) if Some(&figure) == best.as_ref() => format!("**{text}**"),
-            _ => text.clone(),
-        });
+    let cells = answers.iter();
+    let cells = cells.map(|(text, figure)| match figure.map(significant) {
+        Some(figure) if Some(&figure) == best.as_ref() => format!("**{text}**"),
+        _ => text.clone(),
+    });
     Some((name.replace('|', "\\|"), cells.collect()))
 }
 
@@ -350,10 +301,8 @@ fn tracking(outcome: &Outcome) -> Answer {
     }
     // A row without a fault tells of the whole flight; one whose flight was over too soon, of nothing.
     let whole = figures.recovery_s.is_empty().then_some(figures.error);
-    let error_mm = figures
-        .error_after
-        .or(whole)
-        .map(|error| 1e3 * error.worst_m);
+    let error = figures.error_after.or(whole);
+    let error_mm = error.map(|error| 1e3 * error.worst_m);
     let recovery_s = figures.recovery_s.last().copied().flatten();
     let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
     let error = known(error_mm.map(significant));
@@ -442,12 +391,11 @@ mod tests {
             ..outcome("d", "m", 0.001, 0.5)
         };
         let four = |agitation| {
-            vec![
+            let (a, b) = (
                 outcome("a", "m", 0.0123, agitation),
                 outcome("b", "m", 0.01232, 0.1),
-                lost.clone(),
-                low.clone(),
-            ]
+            );
+            vec![a, b, lost.clone(), low.clone()]
         };
         let text = tables(&[row("a|b", four(0.2)), row("quiet", four(0.1))]);
         let cells = "**12.3 / 0.50** | **12.3 / 0.50** | lost at 9.9 s | below ground |\n";

@@ -5,7 +5,6 @@ use crate::phrase::{count, wrapped};
 use crate::render::document::{Block, Section, known, row, table};
 use serde_json::Value;
 
-#[must_use]
 pub fn render(diff: &Diff) -> String {
     let (said, rest): (Vec<_>, Vec<_>) = diff
         .figures
@@ -23,18 +22,15 @@ pub fn render(diff: &Diff) -> String {
     }
     blocks.extend(differences("Settings", &diff.settings));
     blocks.extend(differences("Machine", &diff.machine));
-    blocks.extend([
-        blank(),
-        Block::Paragraph(format!("Builds: {}", diff.builds)),
-    ]);
+    let builds = format!("Builds: {}", diff.builds);
+    blocks.extend([blank(), Block::Paragraph(builds)]);
     blocks.extend([sides("A", &diff.a), sides("B", &diff.b)]);
     blocks.extend([blank(), figures("Everything else", &rest)]);
     if !few.is_empty() {
         let have = if few.len() == 1 { "has" } else { "have" };
         let few = count(few.len() as u64, "figure");
-        blocks.push(Block::Items(vec![format!(
-            "{few} {have} too few values in some flight"
-        )]));
+        let few = format!("{few} {have} too few values in some flight");
+        blocks.push(Block::Items(vec![few]));
     }
     Section::new("diff", "", blocks).text()
 }
@@ -71,7 +67,8 @@ fn figures(title: &str, figures: &[&FigureDiff]) -> Block {
         let ratio = known(figure.ratio.map(|ratio| format!("{ratio:.3}")));
         let probability = figure
             .probability
-            .map_or_else(String::new, |p| format!("{p:.3}"));
+            .map(|p| format!("{p:.3}"))
+            .unwrap_or_default();
         row([&figure.name, &a, &b, &ratio, &probability, &word])
     });
     table([title, "A", "B", "B over A", "p", ""], rows)
@@ -106,10 +103,9 @@ fn sides(name: &str, sides: &[Side]) -> Block {
 }
 
 fn differences(title: &str, differences: &[Difference]) -> [Block; 2] {
-    let what = if differences.is_empty() {
-        "the same"
-    } else {
-        "what differs, A | B"
+    let what = match differences.is_empty() {
+        true => "the same",
+        false => "what differs, A | B",
     };
     let item = |it: &Difference| format!("{}: {} | {}", it.key, values(&it.a), values(&it.b));
     [

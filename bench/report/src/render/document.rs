@@ -37,12 +37,10 @@ pub struct Section {
 
 #[derive(Clone, Debug)]
 pub enum Block {
-    /// A subject and what is said of it.
     Fact(&'static str, String),
     Paragraph(String),
     Warning(String),
     Items(Vec<String>),
-    /// What a page shows as a figure.
     Terminal(String),
     Heading(String),
     Table(Table),
@@ -51,10 +49,8 @@ pub enum Block {
     KeyFigures(Vec<(String, String, String)>),
     Note(String),
     PageHeading(&'static str),
-    /// Colours and what they stand for.
     Legend(Vec<(&'static str, &'static str)>),
     Figures(Vec<Figure>),
-    /// Figures of which few stand beside each other.
     WideFigures(Vec<Figure>),
     Details(String, Vec<Block>),
 }
@@ -64,16 +60,13 @@ pub struct Verdict {
     pub subject: &'static str,
     pub word: &'static str,
     pub why: String,
-    /// `good`, `bad` or `open`.
     pub tone: &'static str,
 }
 
 #[derive(Clone, Debug)]
 pub struct Figure {
-    /// Tells it from the others.
     pub name: String,
     pub title: String,
-    /// Colour and word of each line.
     pub keys: Vec<(&'static str, String)>,
     pub note: String,
     pub chart: Chart,
@@ -89,7 +82,6 @@ pub struct Table {
 #[derive(Clone, Debug, Default)]
 pub struct Cell {
     pub text: String,
-    /// Its colour on a page.
     pub class: &'static str,
     /// How dark it is on a page [%].
     pub shade: Option<f64>,
@@ -105,7 +97,6 @@ impl<T: Display> From<T> for Cell {
 }
 
 impl Cell {
-    #[must_use]
     pub fn colored(text: impl Display, class: &'static str) -> Self {
         Self {
             class,
@@ -114,12 +105,10 @@ impl Cell {
     }
 }
 
-#[must_use]
 pub fn row<const N: usize>(cells: [&dyn Display; N]) -> Vec<Cell> {
     cells.map(Cell::from).into()
 }
 
-#[must_use]
 pub fn table(
     columns: impl IntoIterator<Item = impl Into<String>>,
     rows: impl IntoIterator<Item = Vec<Cell>>,
@@ -128,18 +117,15 @@ pub fn table(
 }
 
 /// A number, or a dash where there is none.
-#[must_use]
 pub fn known<T: Display>(value: Option<T>) -> String {
     value.map_or_else(|| "-".into(), |value| value.to_string())
 }
 
-#[must_use]
 pub fn us(value: f64) -> String {
     format!("{value:.1}")
 }
 
 impl Document {
-    #[must_use]
     pub fn text(&self) -> String {
         let sections = self.sections.iter().filter_map(|section| {
             let text = section.text();
@@ -149,7 +135,6 @@ impl Document {
         std::iter::once(text(&self.lead)).chain(sections).collect()
     }
 
-    #[must_use]
     pub fn html(&self) -> String {
         let page = html! {
             (DOCTYPE)
@@ -196,20 +181,16 @@ impl Document {
 }
 
 impl Section {
-    #[must_use]
     pub fn new(id: &'static str, title: impl Into<String>, blocks: Vec<Block>) -> Self {
         let title = title.into();
         Self { id, title, blocks }
     }
 
-    /// What a terminal shows below the title.
-    #[must_use]
     pub fn text(&self) -> String {
         text(&self.blocks)
     }
 }
 
-#[must_use]
 pub fn text(blocks: &[Block]) -> String {
     blocks.iter().map(Block::text).collect()
 }
@@ -224,10 +205,10 @@ impl Block {
             Self::Items(items) => items.iter().map(|item| format!("  {item}\n")).collect(),
             Self::Terminal(text) => text.clone(),
             Self::Table(table) => table.text(),
-            Self::Verdicts(verdicts) => verdicts
-                .iter()
-                .map(|it| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why))
-                .collect(),
+            Self::Verdicts(verdicts) => {
+                let line = |it: &Verdict| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why);
+                verdicts.iter().map(line).collect()
+            }
             _ => String::new(),
         }
     }
@@ -274,7 +255,6 @@ impl Block {
 }
 
 impl Figure {
-    #[must_use]
     pub fn new(
         name: impl Into<String>,
         title: impl Into<String>,
@@ -305,7 +285,6 @@ impl Figure {
 }
 
 impl Table {
-    #[must_use]
     pub fn new(
         columns: impl IntoIterator<Item = impl Into<String>>,
         rows: impl IntoIterator<Item = Vec<Cell>>,
@@ -317,30 +296,28 @@ impl Table {
     }
 
     /// A table whose rows have names; `first` is above these.
-    #[must_use]
     pub fn named(
         first: &str,
         columns: impl IntoIterator<Item = impl ToString>,
         rows: impl IntoIterator<Item = (String, Vec<String>)>,
     ) -> Self {
         let columns = columns.into_iter().map(|column| column.to_string());
+        let row = |(name, cells): (String, Vec<String>)| {
+            std::iter::once(name).chain(cells).map(Cell::from).collect()
+        };
         let rows = rows.into_iter();
         Self {
             columns: std::iter::once(first.to_owned()).chain(columns).collect(),
-            rows: rows
-                .map(|(name, cells)| std::iter::once(name).chain(cells).map(Cell::from).collect())
-                .collect(),
+            rows: rows.map(row).collect(),
         }
     }
 
     /// With the names of the rows indented below that of their column, and columns of numbers to the right.
-    #[must_use]
     pub fn text(&self) -> String {
         self.aligned("  ")
     }
 
     /// The same without an indent: a table that is all that is printed.
-    #[must_use]
     pub fn list(&self) -> String {
         self.aligned("")
     }
@@ -352,12 +329,10 @@ impl Table {
             table.set_header(&self.columns);
         }
         for row in &self.rows {
-            let indents = std::iter::once(indent).chain(std::iter::repeat(""));
-            table.add_row(
-                indents
-                    .zip(row)
-                    .map(|(indent, cell)| format!("{indent}{}", cell.text)),
-            );
+            let indents = std::iter::once(indent)
+                .chain(std::iter::repeat(""))
+                .zip(row);
+            table.add_row(indents.map(|(indent, cell)| format!("{indent}{}", cell.text)));
         }
         for (i, column) in table.column_iter_mut().enumerate() {
             column.set_padding((0, 2));
@@ -370,12 +345,8 @@ impl Table {
 
     fn is_of_numbers(&self, column: usize) -> bool {
         let mut cells = self.rows.iter().filter_map(|row| row.get(column));
-        cells.all(|cell| {
-            cell.text.is_empty()
-                || cell
-                    .text
-                    .starts_with(|c: char| c.is_ascii_digit() || "+-><(".contains(c))
-        })
+        let is_numeric = |c: char| c.is_ascii_digit() || "+-><(".contains(c);
+        cells.all(|cell| cell.text.is_empty() || cell.text.starts_with(is_numeric))
     }
 
     /// A table that becomes a list of cards where it is too wide: each cell carries its column's name.
@@ -406,15 +377,12 @@ impl Table {
         }
     }
 
-    #[must_use]
     pub fn markdown(&self) -> String {
         let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
         let head = line(self.columns.iter().map(String::as_str).collect());
         let rule = "---|".repeat(self.columns.len());
-        let rows = self.rows.iter();
-        let rows: String = rows
-            .map(|row| line(row.iter().map(|cell| cell.text.as_str()).collect()))
-            .collect();
+        let cells = |row: &Vec<Cell>| line(row.iter().map(|cell| cell.text.as_str()).collect());
+        let rows: String = self.rows.iter().map(cells).collect();
         format!("{head}|{rule}\n{rows}")
     }
 }

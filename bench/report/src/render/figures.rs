@@ -14,29 +14,20 @@ pub const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
 pub const SYMBOLS: [&str; 3] = ["I_R", "k_r", "delta"];
 const UNITS: [&str; 3] = ["kg m^2", "N m s", "rad/s^2"];
-const ROTORS: [(&str, &str); 4] = [
-    ("rotor-1", "1"),
-    ("rotor-2", "2"),
-    ("rotor-3", "3"),
-    ("rotor-4", "4"),
-];
+const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
 
 /// Height of a picture of the path [pixels].
 const PATH_HEIGHT: f64 = 330.0;
 /// Height of a chart of which there are many [pixels].
 const LOW: f64 = 150.0;
 
-/// The vertical axis of a chart.
 #[derive(Clone, Copy, Debug)]
 enum Along {
-    /// At least so long.
     Linear(f64),
-    /// With a value that is marked on it.
     Log(Option<f64>),
     Symmetric,
 }
 
-/// Colour, channel and word of a line.
 type Line<'a> = (&'static str, &'a str, &'a str);
 
 #[derive(Clone, Copy, Debug)]
@@ -45,13 +36,11 @@ pub struct Figures<'a> {
     pub swaps: &'a [AppliedSwap],
     pub faults: &'a [InjectedFault],
     pub late: &'a [LateStretchSection],
-    /// Length of a tick of the laws [s].
     pub period_s: f64,
 }
 
 impl<'a> Figures<'a> {
     /// Of the flight of a report; none while it is in the air.
-    #[must_use]
     pub fn of(report: &'a Report) -> Option<Self> {
         Some(Self {
             traces: report.traces.as_ref()?,
@@ -62,8 +51,6 @@ impl<'a> Figures<'a> {
         })
     }
 
-    /// Roll, pitch or yaw, with what the outer loop wants.
-    #[must_use]
     pub fn attitude(&self, i: usize) -> Figure {
         let name = ANGLES[i];
         let lines = [
@@ -74,8 +61,6 @@ impl<'a> Figures<'a> {
         self.over_time(name, &title, &format!("{name} [rad]"), &lines, 0.01)
     }
 
-    /// A component of the position, with its reference.
-    #[must_use]
     pub fn position(&self, i: usize) -> Figure {
         let name = AXES[i];
         let lines = [
@@ -86,15 +71,12 @@ impl<'a> Figures<'a> {
         self.over_time(name, &title, &format!("{name} [m]"), &lines, 0.01)
     }
 
-    #[must_use]
     pub fn distance(&self) -> Figure {
         let lines = [("flown", traces::DISTANCE, "")];
         let title = "Distance from the reference";
         self.over_time("distance", title, "distance [m]", &lines, 1e-4)
     }
 
-    /// Attitude, position, errors, and what the laws demanded.
-    #[must_use]
     pub fn flight(&self) -> Vec<Figure> {
         fn three(names: [&'static str; 3], channels: traces::Names) -> [Line<'static>; 3] {
             std::array::from_fn(|i| (names[i], channels[i], names[i]))
@@ -114,31 +96,24 @@ impl<'a> Figures<'a> {
         figures.push(self.over_time("thrust", "Thrust demanded", "thrust [N]", &lines, 0.1));
         let lines = three(ANGLES, traces::TORQUE);
         figures.push(self.over_time("torque", "Torque demanded", "torque [N m]", &lines, 1e-7));
-        let lines: [Line<'_>; 4] =
-            std::array::from_fn(|i| (ROTORS[i].0, traces::ROTORS[i], ROTORS[i].1));
+        let rotor = |i: usize| (ROTORS[i], traces::ROTORS[i], &ROTORS[i]["rotor-".len()..]);
+        let lines: [Line<'_>; 4] = std::array::from_fn(rotor);
         figures.push(self.over_time("rotors", "Rotor speeds", "rotor speed [rad/s]", &lines, 1.0));
         if self.traces.has_estimates() {
             figures.extend((0..3).map(|i| self.estimate(i)));
             figures.extend((0..3).map(|i| self.estimate_error(i)));
         }
         for (across, up, title) in [(0, 1, "from above"), (0, 2, "along y"), (1, 2, "along x")] {
-            let keys = [
-                ("flown", "flown"),
-                ("reference", "reference"),
-                ("swap ring", "live swap"),
-            ];
-            figures.push(Figure::new(
-                format!("path-{}{}", AXES[across], AXES[up]),
-                format!("Path seen {title}"),
-                keys.map(|(class, word)| (class, word.to_owned())).into(),
-                self.path(across, up),
-            ));
+            let classes = ["flown", "reference", "swap ring"];
+            let words = ["flown", "reference", "live swap"].map(str::to_owned);
+            let keys = classes.into_iter().zip(words).collect();
+            let name = format!("path-{}{}", AXES[across], AXES[up]);
+            let (title, chart) = (format!("Path seen {title}"), self.path(across, up));
+            figures.push(Figure::new(name, title, keys, chart));
         }
         figures
     }
 
-    /// An estimate, with what is true.
-    #[must_use]
     pub fn estimate(&self, i: usize) -> Figure {
         let lines = [
             ("reference", traces::ACTUAL[i], "true"),
@@ -159,7 +134,6 @@ impl<'a> Figures<'a> {
     }
 
     /// The signals of a role's law, low, as there may be many.
-    #[must_use]
     pub fn telemetry(&self, role: &'static str, signals: &[SignalSection]) -> Vec<Figure> {
         let Some(group) = self.traces.telemetry.get(role) else {
             return Vec::new();
@@ -181,8 +155,6 @@ impl<'a> Figures<'a> {
         signals.iter().filter(is_known).map(figure).collect()
     }
 
-    /// V, V_th, their changes, and violating steps by cause.
-    #[must_use]
     pub fn theorem(&self) -> Vec<Figure> {
         let group = &self.traces.flight;
         let both = |name: &str, title: &str, label: &str, channels: [&str; 2], along| {
@@ -190,37 +162,31 @@ impl<'a> Figures<'a> {
             self.drawn(group, name, title, label, &lines, along)
         };
         let (v, change) = ("V, V_th [rad^2/s^2]", "change in a tick [rad^2/s^2]");
-        let changes = (traces::LYAPUNOV_CHANGE, Along::Symmetric);
+        let (title, changes) = ("Their change in a tick", traces::LYAPUNOV_CHANGE);
         let mut figures = vec![
             both("v", "V and V_th", v, traces::LYAPUNOV, Along::Log(None)),
-            both(
-                "v-change",
-                "Their change in a tick",
-                change,
-                changes.0,
-                changes.1,
-            ),
+            both("v-change", title, change, changes, Along::Symmetric),
         ];
         for (cause, counts) in &self.traces.violations {
-            let points = counts.iter().map(|at| (at.tick, at.count as f64));
-            let points: Vec<_> = points
-                .map(|(tick, count)| (self.time_s(tick), count))
-                .collect();
-            let high = points.iter().map(|point| point.1).fold(1.0, f64::max) * 1.1;
+            let points = counts
+                .iter()
+                .map(|at| (self.time_s(at.tick), at.count as f64));
+            let high = points.clone().map(|point| point.1).fold(1.0, f64::max) * 1.1;
             let named = cause.replace('_', " ");
             let (scale, layer) = (Scale::time(0.0, high), Layer::stems("violation", points));
             let chart = self.marked(&format!("violations: {named}"), scale, vec![layer]);
-            let (name, title) = (
+            let title = format!("Violations under {named}");
+            figures.push(Figure::new(
                 format!("violations-{cause}"),
-                format!("Violations under {named}"),
-            );
-            figures.push(Figure::new(name, title, Vec::new(), chart));
+                title,
+                Vec::new(),
+                chart,
+            ));
         }
         figures
     }
 
     /// Latencies over time; `tick_us` is the length of a tick, where ticks have one.
-    #[must_use]
     pub fn latencies(&self, tick_us: Option<f64>) -> Vec<Figure> {
         let latency = |name: &str, title: &str, line: Line<'_>| {
             let (label, along) = ("latency [us]", Along::Log(tick_us));
@@ -233,64 +199,42 @@ impl<'a> Figures<'a> {
             figures.push(latency("wake", title, ("plant", traces::WAKE, "")));
         }
         for figure in &mut figures {
-            let level = |at| Layer::Level {
-                class: "deadline",
-                at,
-                label: "a tick".into(),
-            };
+            let level = |at| Layer::level("deadline", at, "a tick");
             figure.chart.layers.extend(tick_us.map(level));
         }
         if !self.late.is_empty() {
             let points = self.late.iter().map(|it| (it.time_s, it.late_us));
             let scale = Scale::log(points.clone().map(|point| point.1));
             let chart = self.marked("late by [us]", scale, vec![Layer::stems("late", points)]);
-            figures.push(Figure::new(
-                "late",
-                "Late commands: lateness",
-                Vec::new(),
-                chart,
-            ));
+            let title = "Late commands: lateness";
+            figures.push(Figure::new("late", title, Vec::new(), chart));
         }
         figures
     }
 
     /// The way flown, projected on the plane of two axes at one scale.
-    #[must_use]
     pub fn path(&self, across: usize, up: usize) -> Chart {
-        let Path {
-            tick,
-            position_w_m: flown,
-            reference_w_m: reference,
-        } = &self.traces.path;
+        let Path { tick, .. } = &self.traces.path;
+        let flown = &self.traces.path.position_w_m;
+        let reference = &self.traces.path.reference_w_m;
         let both = || flown.iter().chain(reference);
         let axis = |i: usize| Scale::linear(both().map(|point| point[i]), 0.1);
         let (x, y) = (axis(across), axis(up));
-        let line = |points: &[[f64; 3]]| {
-            points
-                .iter()
-                .map(|point| (point[across], point[up]))
-                .collect()
+        let place = |point: &[f64; 3]| (point[across], point[up]);
+        let line = |class: &'static str, points: &[[f64; 3]]| {
+            let points = points.iter().map(place).collect();
+            Layer::Line { class, points }
         };
         let at_swap = |swap: &AppliedSwap| {
-            let sample = tick
-                .iter()
-                .position(|tick| *tick >= swap.tick)
-                .filter(|_| tick.first() <= Some(&swap.tick))?;
-            Some(((flown[sample][across], flown[sample][up]), swap_words(swap)))
+            let sample = tick.iter().position(|tick| *tick >= swap.tick);
+            let sample = sample.filter(|_| tick.first() <= Some(&swap.tick))?;
+            Some((place(&flown[sample]), swap_words(swap)))
         };
+        let (class, points) = ("swap", self.swaps.iter().filter_map(at_swap).collect());
         let layers = vec![
-            Layer::Line {
-                class: "reference",
-                points: line(reference),
-            },
-            Layer::Line {
-                class: "flown",
-                points: line(flown),
-            },
-            Layer::Dots {
-                class: "swap",
-                points: self.swaps.iter().filter_map(at_swap).collect(),
-            },
+            line("reference", reference),
+            line("flown", flown),
+            Layer::Dots { class, points },
         ];
         let title = format!("path in the plane of {} and {}", AXES[across], AXES[up]);
         let axis = |scale, i: usize| Axis::new(scale, format!("{} [m]", AXES[i]));
@@ -328,9 +272,8 @@ impl<'a> Figures<'a> {
         lines: &[Line<'_>],
         along: Along,
     ) -> Figure {
-        let spans = lines
-            .iter()
-            .flat_map(|(_, channel, _)| group.spans(channel));
+        let channels = lines.iter().map(|(_, channel, _)| *channel);
+        let spans = channels.flat_map(|channel| group.spans(channel));
         let values = spans.flat_map(|span| [span.min, span.max]);
         let scale = match along {
             Along::Linear(least) => Scale::linear(values, least),
@@ -371,12 +314,8 @@ impl<'a> Figures<'a> {
         ];
         let x = Axis::new(Scale::time(0.0, end_s.max(self.period_s)), "time [s]");
         let layers = marks.into_iter().chain(layers).collect();
-        Chart::new(
-            format!("{label} over time"),
-            x,
-            Axis::new(scale, label),
-            layers,
-        )
+        let y = Axis::new(scale, label);
+        Chart::new(format!("{label} over time"), x, y, layers)
     }
 
     /// Missed deadlines as marks: of those that would stand on one pixel, the longest.
@@ -393,10 +332,10 @@ impl<'a> Figures<'a> {
                 _ => shown.push((pixel, stretch)),
             }
         }
-        shown
+        let marks = shown
             .into_iter()
-            .map(|(_, stretch)| (stretch.time_s, miss_words(stretch)))
-            .collect()
+            .map(|(_, stretch)| (stretch.time_s, miss_words(stretch)));
+        marks.collect()
     }
 
     fn time_s(&self, tick: u64) -> f64 {
@@ -416,11 +355,6 @@ fn swap_words(swap: &AppliedSwap) -> String {
 }
 
 fn miss_words(stretch: &LateStretchSection) -> String {
-    let LateStretchSection {
-        time_s,
-        length_ticks,
-        late_us,
-        ..
-    } = stretch;
-    format!("{length_ticks} missed at {time_s:.3} s, at most {late_us:.0} us late")
+    let (missed, time_s, late_us) = (stretch.length_ticks, stretch.time_s, stretch.late_us);
+    format!("{missed} missed at {time_s:.3} s, at most {late_us:.0} us late")
 }

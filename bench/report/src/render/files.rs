@@ -23,10 +23,8 @@ pub fn write_all(report: &Report, directory: &Path) -> Result<(), Failure> {
             late: &[],
             ..figures
         };
-        write(
-            "flight.svg",
-            picture::render(&figures, &flight::title(&report.run)),
-        )?;
+        let picture = picture::render(&figures, &flight::title(&report.run));
+        write("flight.svg", picture)?;
     }
     sync(directory);
     Ok(())
@@ -44,9 +42,9 @@ impl Report {
         let mut value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
         let schema = value["schema"].as_str().unwrap_or("none");
         if schema != SCHEMA {
+            let path = path.display();
             return Err(Failure::failed(format!(
-                "{} has the schema `{schema}`, this version reads `{SCHEMA}`",
-                path.display()
+                "{path} has the schema `{schema}`, this version reads `{SCHEMA}`"
             )));
         }
         if let Some(what) = repair(&mut value).first() {

@@ -1,7 +1,7 @@
 //! The report of a flight, section by section.
 
 use crate::baseline::Baseline;
-use crate::host::{InterruptCount, InterruptKind};
+use crate::host::{Host, InterruptCount, InterruptKind};
 use crate::laws::in_order;
 use crate::message_loss::{self, sum};
 use crate::phrase::count;
@@ -44,7 +44,6 @@ const SECTIONS: [(&str, &str, Blocks); 11] = [
     ("gates", "Gates", gates),
 ];
 
-/// Names of the sections, in order.
 pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
     let mut names = [""; SECTIONS.len()];
     let mut i = 0;
@@ -55,14 +54,10 @@ pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
     names
 };
 
-/// The whole report for a terminal.
-#[must_use]
 pub fn text(report: &Report) -> String {
     SECTION_NAMES.map(|name| section(report, name)).join("\n")
 }
 
-/// The section of a name for a terminal.
-#[must_use]
 pub fn section(report: &Report, name: &str) -> String {
     let named = SECTIONS.iter().filter(|(it, ..)| *it == name);
     named
@@ -71,7 +66,6 @@ pub fn section(report: &Report, name: &str) -> String {
 }
 
 /// The report as a page: it shows what report.json holds, and nothing else.
-#[must_use]
 pub fn page(report: &Report) -> String {
     let (run, verdict) = (&report.run, &report.verdict);
     let build = run.build.of_version(&run.version).to_string();
@@ -99,18 +93,15 @@ pub fn page(report: &Report) -> String {
 }
 
 /// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
-#[must_use]
 pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
-    let comma = if airframe.is_empty() {
-        ""
-    } else {
-        ", airframe "
-    };
-    format!("trajectory {trajectory}, gains {preset}{comma}{airframe}")
+    let flown = format!("trajectory {trajectory}, gains {preset}");
+    match airframe {
+        "" => flown,
+        airframe => format!("{flown}, airframe {airframe}"),
+    }
 }
 
 /// An airframe in a word: its name, and of a file also the begin of its SHA-256.
-#[must_use]
 pub fn airframe(name: &str, sha256: &str) -> String {
     match sha256.get(..12) {
         Some(begin) => format!("{name} (sha256 {begin})"),
@@ -120,54 +111,41 @@ pub fn airframe(name: &str, sha256: &str) -> String {
 
 impl RunSection {
     /// What was flown; reports from before airframes were named have none.
-    #[must_use]
     pub fn flown(&self) -> String {
         let airframe = airframe(&self.airframe, &self.airframe_sha256);
         flown(&self.trajectory, &self.preset, &airframe)
     }
 }
 
-#[must_use]
 pub fn title(run: &RunSection) -> String {
     format!("{}, {}", run.flown(), run.started)
 }
 
-/// The one parseable last line of a flight.
-#[must_use]
 pub fn result_line(report: &Report, directory: &str) -> String {
     let percentile = |name: &str, pick: fn(&Statistics) -> Option<f64>| {
-        report
-            .series(name)
-            .and_then(pick)
-            .map_or_else(|| "none".into(), us)
+        let value = report.series(name).and_then(pick);
+        value.map_or_else(|| "none".into(), us)
     };
     let plant = report.roles.get("plant");
     let rt = plant.map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
     let (held, asked) = report.verdict.asked();
-    let status = report.verdict.status;
-    [
-        format!(
-            "RESULT status={status} gates={held}/{asked} {}",
-            report.words.pairs()
-        ),
-        format!(
-            "ticks={} skipped={}",
-            report.ticks.run, report.ticks.skipped
-        ),
-        format!("misses={}", report.deadlines.missed),
-        format!("loop_p50_us={}", percentile("loop", |s| Some(s.p50_us))),
-        format!("loop_p999_us={}", percentile("loop", |s| s.p999_us)),
-        format!(
-            "wake_p99_us={}",
-            percentile("wake.plant", |s| Some(s.p99_us))
-        ),
-        format!("rt={rt} steal={:.2}", report.steal.percent),
-        format!("deaths={}", number(report)),
-        format!("lost={}", message_loss::lost(report)),
-        format!("unlogged={}", message_loss::unlogged(report)),
-        format!("build={} run={directory}", report.run.build.token()),
-    ]
-    .join(" ")
+    format!(
+        "RESULT status={} gates={held}/{asked} {} ticks={} skipped={} misses={} loop_p50_us={} loop_p999_us={} \
+         wake_p99_us={} rt={rt} steal={:.2} deaths={} lost={} unlogged={} build={} run={directory}",
+        report.verdict.status,
+        report.words.pairs(),
+        report.ticks.run,
+        report.ticks.skipped,
+        report.deadlines.missed,
+        percentile("loop", |series| Some(series.p50_us)),
+        percentile("loop", |series| series.p999_us),
+        percentile("wake.plant", |series| Some(series.p99_us)),
+        report.steal.percent,
+        number(report),
+        message_loss::lost(report),
+        message_loss::unlogged(report),
+        report.run.build.token()
+    )
 }
 
 fn verdicts(report: &Report) -> Block {
@@ -212,25 +190,27 @@ fn key_figures(report: &Report) -> Vec<(String, String, String)> {
 
 fn head(report: &Report) -> Vec<Block> {
     let (run, host, steal) = (&report.run, &report.host, &report.steal);
-    let mut lines = vec![
-        format!(
-            "ironbird {}  {}  instance {}  {}",
-            run.build.of_version(&run.version),
-            run.started,
-            run.instance,
-            ending(report)
-        ),
-        pace(report),
-    ];
-    if !run.laws.is_empty() {
-        lines.push(format!("laws {}", laws(&run.laws)));
-    }
-    let below = host.below();
-    lines.push(format!(
-        "{} ({}), {} x {}{below}",
-        host.kernel, host.preemption, host.cpus, host.cpu
+    let mut blocks = vec![verdicts(report)];
+    let mut say = |line: String| blocks.push(Block::Paragraph(line));
+    let (build, ending) = (run.build.of_version(&run.version), ending(report));
+    let (started, instance) = (&run.started, &run.instance);
+    say(format!(
+        "ironbird {build}  {started}  instance {instance}  {ending}"
     ));
-    lines.push(format!(
+    say(pace(report));
+    if !run.laws.is_empty() {
+        say(format!("laws {}", laws(&run.laws)));
+    }
+    let Host {
+        kernel,
+        preemption,
+        cpus,
+        cpu,
+        ..
+    } = host;
+    let below = host.below();
+    say(format!("{kernel} ({preemption}), {cpus} x {cpu}{below}"));
+    say(format!(
         "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} % of {})",
         host.clock_source,
         host.rt_runtime_us,
@@ -238,14 +218,9 @@ fn head(report: &Report) -> Vec<Block> {
         steal.percent,
         steal.processors()
     ));
-    lines.push(format!("real time here: {}", here(report)));
-    let mut blocks = vec![verdicts(report)];
-    blocks.extend(lines.into_iter().map(Block::Paragraph));
-    blocks.extend(
-        message_loss::sentences(report)
-            .into_iter()
-            .map(Block::Warning),
-    );
+    say(format!("real time here: {}", here(report)));
+    let missing = message_loss::sentences(report).into_iter();
+    blocks.extend(missing.map(Block::Warning));
     if !run.last_words.is_empty() {
         blocks.push(Block::Paragraph("Last messages of the process".into()));
         blocks.push(Block::Items(run.last_words.clone()));
@@ -253,8 +228,6 @@ fn head(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// How it ended, where it has.
-#[must_use]
 pub fn ending(report: &Report) -> &str {
     if report.run.in_flight {
         "IN FLIGHT, numbers so far"
@@ -279,18 +252,15 @@ fn here(report: &Report) -> String {
     }
 }
 
-/// What was flown, and how fast.
-#[must_use]
 pub fn pace(report: &Report) -> String {
     let run = &report.run;
     let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * run.period_us / 1e6;
     let times = flown_s / report.ticks.elapsed_s;
     let pace = match run.speed() {
         Speed::Lockstep => {
-            let times = if report.ticks.elapsed_s > 0.0 {
-                format!(" at {times:.1} times real time")
-            } else {
-                String::new()
+            let times = match report.ticks.elapsed_s > 0.0 {
+                true => format!(" at {times:.1} times real time"),
+                false => String::new(),
             };
             format!(", in lockstep{times}: its latencies are not real-time latencies")
         }
@@ -300,7 +270,6 @@ pub fn pace(report: &Report) -> String {
 }
 
 /// Which laws flew, in words; nothing in reports from before they could be chosen.
-#[must_use]
 pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
     let named = |(role, law): (&str, &LawSection)| {
         let slow = if law.not_real_time {
@@ -308,10 +277,7 @@ pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
         } else {
             ""
         };
-        let file = law.file.as_deref().map(|file| {
-            let name = file.rsplit('/').next().unwrap_or(file);
-            format!(" ({name}{slow})")
-        });
+        let file = law.file_name().map(|name| format!(" ({name}{slow})"));
         format!("{role} {}{}", law.name, file.unwrap_or_default())
     };
     in_order(laws).map(named).collect::<Vec<_>>().join(", ")
@@ -321,25 +287,25 @@ fn deadlines(report: &Report) -> Vec<Block> {
     let (ticks, deadlines) = (&report.ticks, &report.deadlines);
     let is = if ticks.identity_holds { "=" } else { "IS NOT" };
     let (run, skipped) = (ticks.run, ticks.skipped);
+    let (all, elapsed_s, periods) = (run + skipped, ticks.elapsed_s, ticks.elapsed_periods);
     let mut blocks = vec![Block::Fact(
         "Ticks",
         format!(
-            "run {run} + skipped {skipped} = {} {is} elapsed {:.3} s / period = {}",
-            run + skipped,
-            ticks.elapsed_s,
-            ticks.elapsed_periods
+            "run {run} + skipped {skipped} = {all} {is} elapsed {elapsed_s:.3} s / period = {periods}"
         ),
     )];
-    if let Some(not_fresh) = &deadlines.not_fresh {
+    blocks.extend(deadlines.not_fresh.as_ref().map(|not_fresh| {
         let (ticks, ppm, parts) = (not_fresh.ticks, not_fresh.per_million, not_fresh.parts());
         let said =
             format!("{ticks} ticks without a fresh one on time ({ppm:.1} per million): {parts}");
-        blocks.push(Block::Fact("Commands", said));
-    }
-    let said = format!(
-        "missed {} ({:.1} per million); late by their stamps {}",
-        deadlines.missed, deadlines.missed_ppm, deadlines.missed_by_stamps
+        Block::Fact("Commands", said)
+    }));
+    let (missed, ppm, late) = (
+        deadlines.missed,
+        deadlines.missed_ppm,
+        deadlines.missed_by_stamps,
     );
+    let said = format!("missed {missed} ({ppm:.1} per million); late by their stamps {late}");
     blocks.push(Block::Fact("Deadlines", said));
     let most = deadlines.late.iter().map(|bucket| bucket.count).max();
     let most = most.unwrap_or(1).max(1);
@@ -361,20 +327,17 @@ fn deadlines(report: &Report) -> Vec<Block> {
     if !deadlines.stretches.is_empty() {
         let columns = ["at", "tick", "length", "largest lateness [us]"];
         let rows = deadlines.stretches.iter().map(|it| {
-            let length = count(it.length_ticks, "tick");
-            row([
-                &format!("{:.3} s", it.time_s),
-                &it.tick,
-                &length,
-                &us(it.late_us),
-            ])
+            let (at, length) = (
+                format!("{:.3} s", it.time_s),
+                count(it.length_ticks, "tick"),
+            );
+            row([&at, &it.tick, &length, &us(it.late_us)])
         });
         let mut details = vec![table(columns, rows)];
         if deadlines.stretches_left_out > 0 {
             let left_out = deadlines.stretches_left_out;
-            details.push(Block::Note(format!(
-                "and {left_out} late commands in later stretches"
-            )));
+            let more = format!("and {left_out} late commands in later stretches");
+            details.push(Block::Note(more));
         }
         blocks.push(Block::Details("Late commands, one by one".into(), details));
     }
@@ -388,12 +351,8 @@ fn deaths(report: &Report) -> Vec<Block> {
     let mut items = Vec::new();
     for death in &report.deaths {
         items.push(death.line());
-        items.extend(
-            death
-                .back_parts
-                .as_ref()
-                .map(|parts| format!("  {}", parts.line())),
-        );
+        let parts = death.back_parts.as_ref();
+        items.extend(parts.map(|parts| format!("  {}", parts.line())));
     }
     if report.deaths_left_out > 0 {
         items.push(format!("and {} later ones", report.deaths_left_out));
@@ -406,21 +365,15 @@ fn deaths(report: &Report) -> Vec<Block> {
 
 impl ProcessFailure {
     /// Who, when and how, and what it cost, in one line.
-    #[must_use]
     pub fn line(&self) -> String {
-        let Self {
-            role, tick, time_s, ..
-        } = self;
-        let how = if self.how.is_empty() {
-            "cause of the end unknown"
-        } else {
-            &self.how
+        let (role, tick, time_s) = (&self.role, self.tick, self.time_s);
+        let how = match self.how.as_str() {
+            "" => "cause of the end unknown",
+            how => how,
         };
         let mut line = format!("{role} at tick {tick} ({time_s:.3} s): {how}");
-        line.extend(
-            self.noticed_after_ms
-                .map(|ms| format!(", noticed after {ms:.0} ms")),
-        );
+        let noticed = self.noticed_after_ms;
+        line.extend(noticed.map(|ms| format!(", noticed after {ms:.0} ms")));
         match (self.back_after_ms, self.ticks_lost) {
             (Some(ms), _) => line += &format!(", back after {ms:.0} ms"),
             (None, Some(_)) => line += ", not back",
@@ -429,22 +382,18 @@ impl ProcessFailure {
         line.extend(self.within.map(|tick| {
             format!(", before its first message: its ticks are those lost at tick {tick}")
         }));
-        line.extend(
-            self.ticks_lost
-                .map(|ticks| format!(", {} lost", count(ticks, "tick"))),
-        );
+        let lost = self.ticks_lost.map(|ticks| count(ticks, "tick"));
+        line.extend(lost.map(|lost| format!(", {lost} lost")));
         // Where the flight ended with it, nothing was seen of what it cost.
-        let cost_m = self
-            .position_error_max_m
-            .filter(|_| self.back_after_ms.is_some());
-        line.extend(cost_m.map(|m| format!(", position error up to {m:.4} m within {COST_S} s")));
+        if let (Some(_), Some(m)) = (self.back_after_ms, self.position_error_max_m) {
+            line += &format!(", position error up to {m:.4} m within {COST_S} s");
+        }
         line
     }
 }
 
 impl RecoveryPhases {
     /// The parts in their order, each with what it is called [ms].
-    #[must_use]
     pub const fn named(&self) -> [(&'static str, f64); 9] {
         [
             ("noticed", self.noticed_ms),
@@ -459,24 +408,18 @@ impl RecoveryPhases {
         ]
     }
 
-    /// All of them [ms].
-    #[must_use]
     pub fn sum_ms(&self) -> f64 {
         self.named().iter().map(|(_, ms)| ms).sum()
     }
 
-    #[must_use]
     pub fn line(&self) -> String {
-        let parts = self
-            .named()
-            .map(|(part, ms)| format!("{part} {ms:.2}"))
-            .join(", ");
+        let parts = self.named().map(|(part, ms)| format!("{part} {ms:.2}"));
         let process = if self.spare {
             "a spare"
         } else {
             "a new process"
         };
-        format!("{process} [ms]: {parts}")
+        format!("{process} [ms]: {}", parts.join(", "))
     }
 }
 
@@ -484,11 +427,9 @@ impl RecoveryPhases {
 #[derive(Clone, Copy, Debug)]
 pub struct Compared<'a> {
     pub series: &'a str,
-    /// What was measured as its floor.
     pub floor: &'a str,
     ours_us: [Option<f64>; 3],
     floor_us: [Option<f64>; 3],
-    /// How many times its floor it is.
     pub times: [Option<f64>; 3],
 }
 
@@ -499,8 +440,8 @@ pub fn compared<'a>(
 ) -> impl Iterator<Item = Compared<'a>> {
     let percentiles = |it: &Statistics| [Some(it.p50_us), Some(it.p99_us), it.p999_us];
     beside.floors.iter().filter_map(move |floor| {
-        let [ours_us, floor_us] =
-            [report.series(&floor.series)?, &floor.statistics].map(percentiles);
+        let both = [report.series(&floor.series)?, &floor.statistics];
+        let [ours_us, floor_us] = both.map(percentiles);
         Some(Compared {
             series: &floor.series,
             floor: &floor.what,
@@ -525,17 +466,14 @@ fn floors(report: &Report) -> Vec<Block> {
         (name.to_owned(), cells.into())
     };
     let rows = compared(beside, report).flat_map(|it| {
-        [
+        let (ours, floor) = (
             line(it.series, it.ours_us, 1),
             line(it.floor, it.floor_us, 1),
-            line("times its floor", it.times, 2),
-        ]
+        );
+        [ours, floor, line("times its floor", it.times, 2)]
     });
     let baselines = Table::named("us", ["p50", "p99", "p99.9"], rows);
-    let refused = beside
-        .refused
-        .iter()
-        .map(|refused| format!("refused: {refused}"));
+    let refused = beside.refused.iter().map(|it| format!("refused: {it}"));
     let note = "The timer does nothing but wake; the ring's four processes hand on a token and compute as long as the \
                 laws did in the median.";
     vec![
@@ -552,7 +490,6 @@ fn stages(report: &Report) -> impl Iterator<Item = (&'static str, &RoleSection)>
     stages.filter_map(|role| Some((role.name(), report.roles.get(role.name())?)))
 }
 
-/// What each process did, and what it was granted.
 fn processes(report: &Report) -> Vec<Block> {
     let columns = [
         "Processes",
@@ -570,15 +507,16 @@ fn processes(report: &Report) -> Vec<Block> {
     ];
     let mut blocks = vec![table(columns, stages(report).map(process))];
     let recorder = &report.recorder;
-    let rejected = stages(report)
-        .map(|(name, role)| (name, &role.rejected))
-        .chain([("record", &recorder.rejected)]);
-    let rejected = rejected.flat_map(|(name, reasons)| {
-        let reasons = reasons.iter().filter(|(_, count)| **count > 0);
-        reasons
-            .map(move |(reason, n)| format!("{name} rejected {}: {reason}", count(*n, "message")))
-    });
-    let mut items: Vec<String> = rejected.collect();
+    let stages_rejected = stages(report).map(|(name, role)| (name, &role.rejected));
+    let mut items = Vec::new();
+    for (name, reasons) in stages_rejected.chain([("record", &recorder.rejected)]) {
+        for (reason, number) in reasons.iter().filter(|(_, number)| **number > 0) {
+            items.push(format!(
+                "{name} rejected {}: {reason}",
+                count(*number, "message")
+            ));
+        }
+    }
     items.push(format!(
         "recorder: lost {}, {} incomplete, {:.1} % of a processor",
         count(message_loss::lost(report), "message"),
@@ -592,19 +530,18 @@ fn processes(report: &Report) -> Vec<Block> {
     blocks.push(Block::Heading("Real time asked and granted".into()));
     let granted = stages(report).map(|(name, role)| format!("{name:<9} {}", grants(role)));
     blocks.push(Block::Items(granted.collect()));
-    if let Some(lead) = lead(report) {
-        blocks.push(Block::Paragraph(lead));
+    // In lockstep the plant has no timer.
+    if report.run.speed() != Speed::Lockstep {
+        blocks.push(Block::Paragraph(report.lead.text(report.ticks.run)));
     }
     let interrupts = &report.interrupts;
     if !interrupts.counts.is_empty() {
-        let place = interrupts.processor.map_or_else(
-            || "all processors".into(),
-            |number| format!("processor {number}, the loops'"),
-        );
-        let rows = interrupts
-            .counts
-            .iter()
-            .map(|it| interrupt(it, report.ticks.run));
+        let place = match interrupts.processor {
+            None => "all processors".into(),
+            Some(number) => format!("processor {number}, the loops'"),
+        };
+        let rows = interrupts.counts.iter();
+        let rows = rows.map(|it| interrupt(it, report.ticks.run));
         let name = format!("Interrupts of {place}");
         blocks.push(table([name.as_str(), "count", "per tick"], rows));
     }
@@ -632,27 +569,19 @@ fn process((name, role): (&'static str, &RoleSection)) -> Vec<Cell> {
 }
 
 fn interrupt(counted: &InterruptCount, ticks: u64) -> Vec<Cell> {
-    let InterruptCount {
-        kind,
-        name,
-        source,
-        count,
-    } = counted;
-    let soft = if *kind == InterruptKind::Soft {
-        "soft "
-    } else {
-        ""
-    };
-    let what = format!("{soft}{name} {source}");
-    let per_tick = format!("{:.3}", *count as f64 / ticks.max(1) as f64);
-    row([&what.trim_end(), count, &per_tick])
+    let is_soft = counted.kind == InterruptKind::Soft;
+    let soft = if is_soft { "soft " } else { "" };
+    let what = format!("{soft}{} {}", counted.name, counted.source);
+    let per_tick = format!("{:.3}", counted.count as f64 / ticks.max(1) as f64);
+    row([&what.trim_end(), &counted.count, &per_tick])
 }
 
 fn grants(role: &RoleSection) -> String {
     let steps = role.realtime.iter().map(|step| {
         let asked = step
             .asked
-            .map_or_else(String::new, |value| format!(" {value}"));
+            .map(|value| format!(" {value}"))
+            .unwrap_or_default();
         match &step.refused {
             None => format!("{}{asked} ok", step.step),
             Some(reason) => format!("{}{asked} REFUSED ({reason})", step.step),
@@ -664,52 +593,36 @@ fn grants(role: &RoleSection) -> String {
     }
 }
 
-/// How the plant's timer was set; in lockstep there is none.
-fn lead(report: &Report) -> Option<String> {
-    (report.run.speed() != Speed::Lockstep).then(|| report.lead.text(report.ticks.run))
-}
-
 impl LeadSection {
     /// As a line of text; of a flight of `ticks`.
-    #[must_use]
     pub fn text(&self, ticks: u64) -> String {
-        let Self {
-            lead_us,
-            least_us,
-            median_us,
-            most_us,
-            rehearsal_us,
-            timer_p90_us,
-            rehearsals,
-            ..
-        } = self;
-        if *lead_us == 0.0 {
+        let (lead_us, timer_us, rehearsal_us) =
+            (self.lead_us, self.timer_p90_us, self.rehearsal_us);
+        if lead_us == 0.0 {
             return "Lead none: the plant's timer is set to the beginning of the tick".into();
         }
-        let in_flight = if least_us < most_us {
-            format!(
+        let (least_us, median_us, most_us) = (self.least_us, self.median_us, self.most_us);
+        let in_flight = match least_us < most_us {
+            true => format!(
                 " at take-off, {least_us:.0} to {most_us:.0} us in flight, {median_us:.0} us in the median"
-            )
-        } else {
-            String::new()
+            ),
+            false => String::new(),
         };
-        let (rehearsal, rehearsed) = if *rehearsal_us > 0.0 {
-            (
+        let (rehearsal, rehearsed) = match rehearsal_us > 0.0 {
+            true => (
                 format!(", rehearsal p90 {rehearsal_us:.0} us"),
-                format!("rehearsed {rehearsals} of {ticks} ticks"),
-            )
-        } else {
-            (String::new(), "no rehearsals".into())
+                format!("rehearsed {} of {ticks} ticks", self.rehearsals),
+            ),
+            false => (String::new(), "no rehearsals".into()),
         };
         format!(
-            "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_p90_us:.0} \
+            "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_us:.0} \
              us{rehearsal}); {rehearsed}; waiting took {:.1} % of the loops' processor",
             self.processor_percent
         )
     }
 }
 
-/// What flight.mcap holds, and what it was not to hold.
 fn log(log: &LogSection) -> String {
     if log.kept == OFF {
         return "flight.mcap: none, as asked (recorder.log = off)".into();
@@ -719,18 +632,12 @@ fn log(log: &LogSection) -> String {
         files => format!("flight*.mcap: {files} files, "),
     };
     let megabytes = log.file_bytes as f64 / 1e6;
-    text += &format!(
-        "{} in {megabytes:.1} MB, {} dropped",
-        count(sum(&log.messages), "message"),
-        sum(&log.dropped)
-    );
+    let (messages, dropped) = (count(sum(&log.messages), "message"), sum(&log.dropped));
+    text += &format!("{messages} in {megabytes:.1} MB, {dropped} dropped");
     text.extend(log.refused.iter().map(|reason| format!(" ({reason})")));
     if log.kept == AROUND_MISSES {
-        text += &format!(
-            "; {} kept, {} left out as asked",
-            count(log.stretches, "excerpt"),
-            sum(&log.left_out)
-        );
+        let (excerpts, left_out) = (count(log.stretches, "excerpt"), sum(&log.left_out));
+        text += &format!("; {excerpts} kept, {left_out} left out as asked");
     }
     let removed = sum(&log.removed);
     if removed > 0 {
@@ -740,7 +647,6 @@ fn log(log: &LogSection) -> String {
 }
 
 /// The position error in words, for all that is said of a flight.
-#[must_use]
 pub fn position_error(report: &Report) -> String {
     let flight = &report.flight;
     let without = match flight.ticks_without_state {
@@ -761,31 +667,22 @@ fn tracking(report: &Report) -> Vec<Block> {
     let flight = &report.flight;
     let saturated = count(flight.saturated_ticks, "tick");
     let mut items = vec![format!("rotors saturated in {saturated}")];
-    items.extend(
-        flight
-            .rate_error_final_rad_s
-            .map(|e| format!("rate error of the inner law at the end {e:.3e} rad/s")),
-    );
+    let rate_error = flight.rate_error_final_rad_s;
+    let rate_error =
+        rate_error.map(|e| format!("rate error of the inner law at the end {e:.3e} rad/s"));
+    items.extend(rate_error);
     items.extend(report.swaps.iter().map(|swap| {
         let (epoch, tick, time_s) = (swap.parameter_epoch, swap.tick, swap.time_s);
-        format!(
-            "swap {epoch} at tick {tick} ({time_s:.3} s): {}",
-            swap.words()
-        )
+        let words = swap.words();
+        format!("swap {epoch} at tick {tick} ({time_s:.3} s): {words}")
     }));
     if report.swaps_left_out > 0 {
         items.push(format!("and {} later ones", report.swaps_left_out));
     }
-    items.extend(
-        report
-            .faults
-            .iter()
-            .map(|fault| format!("fault {}", fault.words())),
-    );
-    let mut blocks = vec![
-        Block::Fact("Tracking", position_error(report)),
-        Block::Items(items),
-    ];
+    let faults = report.faults.iter();
+    items.extend(faults.map(|fault| format!("fault {}", fault.words())));
+    let tracking = Block::Fact("Tracking", position_error(report));
+    let mut blocks = vec![tracking, Block::Items(items)];
     if !flight.estimates.is_empty() {
         let rows = flight.estimates.iter().map(|it| {
             let [estimated, actual] = [it.estimated, it.actual].map(|it| format!("{it:.6e}"));
@@ -795,10 +692,9 @@ fn tracking(report: &Report) -> Vec<Block> {
         blocks.push(table(columns, rows));
     }
     if let Some(figures) = Figures::of(report) {
-        let swap = if report.faults.is_empty() {
-            "live swap"
-        } else {
-            "live swap, fault"
+        let swap = match report.faults.is_empty() {
+            true => "live swap",
+            false => "live swap, fault",
         };
         let legend = vec![("mark swap", swap), ("mark missed", "missed deadline")];
         let stretch = count(figures.traces.flight.every_ticks, "tick");
@@ -818,18 +714,12 @@ fn telemetry(report: &Report) -> Vec<Block> {
     let number = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));
     let signals =
         in_order(laws).flat_map(|(role, law)| law.telemetry.iter().map(move |it| (role, it)));
-    let rows: Vec<Vec<Cell>> = signals
-        .map(|(role, it)| {
-            let name = format!("{role} {}", it.name);
-            row([
-                &name,
-                &number(it.last),
-                &number(it.min),
-                &number(it.max),
-                &it.unit,
-            ])
-        })
-        .collect();
+    let rows = signals.map(|(role, it)| {
+        let name = format!("{role} {}", it.name);
+        let [last, min, max] = [it.last, it.min, it.max].map(number);
+        row([&name, &last, &min, &max, &it.unit])
+    });
+    let rows: Vec<Vec<Cell>> = rows.collect();
     if rows.is_empty() {
         let none = "Telemetry none: no law shows anything of itself";
         return vec![Block::Paragraph(none.into())];

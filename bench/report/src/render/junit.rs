@@ -30,7 +30,6 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Writes the gates of a flight.
 pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
     let mut properties = Properties::new();
     for (subject, word, why) in report.words.each() {
@@ -72,10 +71,8 @@ pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
 /// Writes that there was no flight, and why: a file of an earlier one would tell of that.
 pub fn write_failure(why: &Failure, path: &Path) -> Result<(), Failure> {
     let end = Case::of_the_end(Some(why.to_string()));
-    write_text(
-        path,
-        &document("no flight", None, &Properties::new(), &[end]),
-    )
+    let none = document("no flight", None, &Properties::new(), &[end]);
+    write_text(path, &none)
 }
 
 fn document(
@@ -118,10 +115,8 @@ fn listed(all: &Properties) -> Markup {
 /// A text as the value of an attribute: XML 1.0 has no control characters, and lines end at blanks there.
 fn printable(text: &str) -> String {
     let lines = text.replace(['\n', '\r', '\t'], " ");
-    lines.replace(
-        |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}'),
-        "",
-    )
+    let has_no_place = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}');
+    lines.replace(has_no_place, "")
 }
 
 #[cfg(test)]

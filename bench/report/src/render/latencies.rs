@@ -7,56 +7,44 @@ use crate::render::figures::Figures;
 use crate::render::plot::{Axis, Chart, LANE, Lane, Layer, MARKS};
 use crate::render::scale::{Kind, Scale};
 use crate::schema::Report;
-use crate::series::Statistics;
+use crate::series::{Series, Statistics};
 use crate::speed::Speed;
+use messages::role::STAGES;
 
 /// A tick in the order of the data's way.
-const STAGES: [&str; 8] = [
-    "wake.plant",
-    "compute.plant",
-    "hop.plant_outer",
-    "compute.outer",
-    "hop.outer_inner",
-    "compute.inner",
-    "hop.inner_mixer",
-    "compute.mixer",
-];
+const STEPS: [Series; 8] = {
+    use Series::{Compute, Hop, Wake};
+    let [plant, outer, inner, mixer] = STAGES;
+    [
+        Wake(plant),
+        Compute(plant),
+        Hop(plant, outer),
+        Compute(outer),
+        Hop(outer, inner),
+        Compute(inner),
+        Hop(inner, mixer),
+        Compute(mixer),
+    ]
+};
 
 /// Groups of series: the begin of their names, a title, the machine's floor, and how their histogram is drawn.
-const GROUPS: [(&str, &str, &str, Value); 8] = [
-    ("loop", "Loop", "raw futex ring", Value::Bare),
-    (
-        "wake",
-        "Wake-up against the grid",
-        "bare timer",
-        Value::Bare,
-    ),
-    (
-        "timer",
-        "The plant's timer against the instant that it was set to",
-        "",
-        Value::Bare,
-    ),
-    ("hop", "Hops", "", Value::Bare),
-    (
-        "period",
-        "Period: between two wake-ups",
-        "",
-        Value::LessTick,
-    ),
-    (
-        "deadline",
-        "Commands against their deadline",
-        "",
-        Value::Late,
-    ),
-    ("compute", "Computing", "", Value::Bare),
-    ("busy", "Busy", "", Value::Bare),
-];
+const GROUPS: [(&str, &str, &str, Value); 8] = {
+    use Value::{Bare, Late, LessTick};
+    const TIMER: &str = "The plant's timer against the instant that it was set to";
+    [
+        ("loop", "Loop", "raw futex ring", Bare),
+        ("wake", "Wake-up against the grid", "bare timer", Bare),
+        ("timer", TIMER, "", Bare),
+        ("hop", "Hops", "", Bare),
+        ("period", "Period: between two wake-ups", "", LessTick),
+        ("deadline", "Commands against their deadline", "", Late),
+        ("compute", "Computing", "", Bare),
+        ("busy", "Busy", "", Bare),
+    ]
+};
 
 const SLACK: &str = "slack";
 
-/// The group of a series.
 fn group(series: &str) -> &str {
     match series {
         SLACK | "late" => "deadline",
@@ -71,7 +59,6 @@ fn class(series: &str) -> &'static str {
     class.unwrap_or("plant")
 }
 
-#[must_use]
 pub fn blocks(report: &Report) -> Vec<Block> {
     let mut blocks = percentiles(report);
     if !report.distributions.is_empty() {
@@ -104,60 +91,52 @@ pub fn blocks(report: &Report) -> Vec<Block> {
         blocks.push(Block::PageHeading("Percentiles"));
         blocks.push(Block::Figures(curves(report)));
         let floors = match &report.beside {
-            Some(_) => {
-                "The dashed lines are the machine's floors, measured right after the flight."
-            }
-            None => "The machine's floors were not measured; `ironbird fly --floor 11s` adds them.",
+            Some(_) => "dashed lines are the machine's floors, measured right after the flight.",
+            None => "machine's floors were not measured; `ironbird fly --floor 11s` adds them.",
         };
-        blocks.push(Block::Note(format!(
-            "The largest of n values stands at 1 - 1/2n. {floors}"
-        )));
+        let note = format!("The largest of n values stands at 1 - 1/2n. The {floors}");
+        blocks.push(Block::Note(note));
     }
     blocks
 }
 
 fn waterfalls(report: &Report) -> Vec<Figure> {
-    type Pick = fn(&Statistics) -> Option<f64>;
-    let percentiles: [(&str, &str, Pick); 3] = [
-        ("p50", "p50", |s| Some(s.p50_us)),
-        ("p99", "p99", |s| Some(s.p99_us)),
-        ("p999", "p99.9", |s| s.p999_us),
-    ];
-    let figure = |(name, percentile, pick): (&str, &str, Pick)| {
+    let figure = |(percentile, pick): (&str, fn(&Statistics) -> Option<f64>)| {
         let title = format!("A tick at {percentile}");
         let chart = waterfall(report, &title, pick)?;
-        Some(Figure::new(
-            format!("waterfall-{name}"),
-            title,
-            Vec::new(),
-            chart,
-        ))
+        let name = format!("waterfall-{}", percentile.replace('.', ""));
+        Some(Figure::new(name, title, Vec::new(), chart))
     };
-    percentiles.into_iter().filter_map(figure).collect()
+    let figures = [
+        figure(("p50", |series| Some(series.p50_us))),
+        figure(("p99", |series| Some(series.p99_us))),
+        figure(("p99.9", |series| series.p999_us)),
+    ];
+    figures.into_iter().flatten().collect()
 }
 
 /// The stages and the loop; none where one of them has too few values.
 fn waterfall(report: &Report, title: &str, pick: fn(&Statistics) -> Option<f64>) -> Option<Chart> {
     let value = |name: &str| report.series(name).and_then(pick);
     // In lockstep nothing is late.
-    let first = usize::from(report.run.speed() == Speed::Lockstep && value(STAGES[0]).is_none());
+    let names = STEPS.map(Series::name);
+    let first = usize::from(report.run.speed() == Speed::Lockstep && value(&names[0]).is_none());
     let mut end = 0.0;
     let mut bars = Vec::new();
-    for name in &STAGES[first..] {
+    for name in &names[first..] {
         let value = value(name)?;
-        bars.push((*name, end, end + value));
+        bars.push((name.as_str(), end, end + value));
         end += value;
     }
     bars.extend(value("loop").map(|whole| ("loop", 0.0, whole)));
     let longest = bars.iter().map(|bar| bar.2).fold(0.0, f64::max);
     let names = bars.iter().map(|bar| bar.0.to_owned()).collect();
-    let layer = |(i, (name, from, to)): (usize, (&str, f64, f64))| Layer::Boxes {
-        class: format!("bar {}", class(name)),
-        boxes: vec![(
-            [(from, i as f64 + 0.2), (to, i as f64 + 0.8)],
-            String::new(),
-            us(to - from),
-        )],
+    let layer = |(i, (name, from, to)): (usize, (&str, f64, f64))| {
+        let corners = [(from, i as f64 + 0.2), (to, i as f64 + 0.8)];
+        Layer::Boxes {
+            class: format!("bar {}", class(name)),
+            boxes: vec![(corners, String::new(), us(to - from))],
+        }
     };
     // Room for the number behind the longest bar.
     let x = Axis::new(Scale::time(0.0, 1.15 * longest), "us");
@@ -166,31 +145,26 @@ fn waterfall(report: &Report, title: &str, pick: fn(&Statistics) -> Option<f64>)
     Some(Chart::new(title, x, y, layers))
 }
 
-type Series<'a> = Vec<(&'static str, &'a Distribution)>;
-
-/// The series of a group, each with its colour.
-fn of_group<'a>(report: &'a Report, name: &str) -> Series<'a> {
-    let all = report
-        .distributions
-        .iter()
-        .filter(|it| group(&it.name) == name);
+fn of_group<'a>(report: &'a Report, name: &str) -> Vec<(&'static str, &'a Distribution)> {
+    let all = report.distributions.iter();
+    let all = all.filter(|it| group(&it.name) == name);
     all.map(|it| (class(&it.name), it)).collect()
 }
 
 fn keys(all: &[(&'static str, &Distribution)]) -> Vec<(&'static str, String)> {
-    all.iter()
-        .map(|(class, series)| (*class, series.name.clone()))
-        .collect()
+    let keys = all
+        .iter()
+        .map(|(class, series)| (*class, series.name.clone()));
+    keys.collect()
 }
 
 /// Percentiles of the series of each group, with the machine's floors.
 fn curves(report: &Report) -> Vec<Figure> {
-    let floors = || report.beside.iter().flat_map(|beside| &beside.floors);
     let figure = |(name, title, floor, _): &(&str, &str, &str, Value)| {
         let mut all = of_group(report, name);
-        let floor = floors()
-            .map(|it| &it.distribution)
-            .find(|it| it.name == *floor);
+        let mut floors = report.beside.iter().flat_map(|beside| &beside.floors);
+        let floor = floors.find(|it| it.distribution.name == *floor);
+        let floor = floor.map(|it| &it.distribution);
         all.extend(floor.map(|floor| ("floor", floor)));
         let points = || all.iter().flat_map(|(_, distribution)| &distribution.curve);
         let x = Scale::tail(points().map(|point| point.0).fold(0.0, f64::max));
@@ -212,12 +186,8 @@ fn histograms(report: &Report) -> Vec<Figure> {
         let all = of_group(report, name);
         if !all.is_empty() {
             let chart = histogram(report, title, &all, value);
-            figures.push(Figure::new(
-                format!("histogram-{name}"),
-                title,
-                keys(&all),
-                chart,
-            ));
+            let name = format!("histogram-{name}");
+            figures.push(Figure::new(name, title, keys(&all), chart));
         }
     }
     if !report.deadlines.runs.is_empty() {
@@ -226,11 +196,9 @@ fn histograms(report: &Report) -> Vec<Figure> {
     figures
 }
 
-/// What of a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Value {
     Bare,
-    /// Their difference from the length of a tick.
     LessTick,
     /// How late they are: slack is to be early.
     Late,
@@ -244,59 +212,50 @@ fn histogram(
 ) -> Chart {
     let tick_us = report.run.wall_period_us;
     // In lockstep ticks have no length.
-    let value = if value == Value::LessTick && tick_us == 0.0 {
-        Value::Bare
-    } else {
-        value
-    };
-    let shift_us = if value == Value::LessTick {
-        tick_us
-    } else {
-        0.0
+    let (value, shift_us) = match value {
+        Value::LessTick if tick_us == 0.0 => (Value::Bare, 0.0),
+        Value::LessTick => (value, tick_us),
+        _ => (value, 0.0),
     };
     let bins = |series: &Distribution| -> Vec<(f64, f64, f64)> {
+        let is_early = value == Value::Late && series.name == SLACK;
         let bin = |bin: &Bin| {
             let (from, below) = (bin.from_us - shift_us, bin.below_us - shift_us);
-            let is_early = value == Value::Late && series.name == SLACK;
-            let (from, below) = if is_early {
-                (-below, -from)
-            } else {
-                (from, below)
-            };
-            (from, below, bin.count as f64)
+            match is_early {
+                true => (-below, -from, bin.count as f64),
+                false => (from, below, bin.count as f64),
+            }
         };
         let mut bins: Vec<_> = series.bins.iter().map(bin).collect();
         bins.sort_by(|a, b| a.0.total_cmp(&b.0));
         bins
     };
-    let all_bins: Vec<_> = all
-        .iter()
-        .map(|(class, series)| (*class, bins(series)))
-        .collect();
+    let all_bins = all.iter().map(|(class, series)| (*class, bins(series)));
+    let all_bins: Vec<_> = all_bins.collect();
     let each = || all_bins.iter().flat_map(|(_, bins)| bins);
     let most = each().map(|bin| bin.2).fold(1.0, f64::max);
     let edges = each().flat_map(|bin| [bin.0, bin.1]);
-    let (x, label) = match value {
-        Value::Bare => (Scale::log(edges), "latency [us]"),
-        Value::LessTick => (around_zero(edges), "difference from a tick [us]"),
-        Value::Late => (around_zero(edges), "late by [us]"),
+    let (x, label, zero) = match value {
+        Value::Bare => (Scale::log(edges), "latency [us]", None),
+        Value::LessTick => {
+            let tick = format!("a tick: {tick_us} us");
+            (
+                around_zero(edges),
+                "difference from a tick [us]",
+                Some(tick),
+            )
+        }
+        Value::Late => (
+            around_zero(edges),
+            "late by [us]",
+            Some("the deadline".into()),
+        ),
     };
-    let zero = match value {
-        Value::Bare => None,
-        Value::LessTick => Some(format!("a tick: {tick_us} us")),
-        Value::Late => Some("the deadline".into()),
-    };
-    let steps = all_bins
-        .into_iter()
-        .map(|(class, bins)| Layer::Steps { class, bins });
+    let steps = all_bins.into_iter();
+    let steps = steps.map(|(class, bins)| Layer::Steps { class, bins });
     let zero = zero.map(|word| Layer::verticals("deadline", [(0.0, word)]));
-    let (x, y) = (Axis::new(x, label), counts(most));
-    let mut chart = Chart::new(
-        format!("histogram: {title}"),
-        x,
-        y,
-        steps.chain(zero).collect(),
-    );
+    let (layers, x) = (steps.chain(zero).collect(), Axis::new(x, label));
+    let mut chart = Chart::new(format!("histogram: {title}"), x, counts(most), layers);
     if value != Value::Late {
         let lane = |(class, series): &(&'static str, &Distribution)| {
             Some(lane(class, report.series(&series.name)?, shift_us))
@@ -324,22 +283,14 @@ fn counts(most: f64) -> Axis {
     Axis::new(Scale::new(Kind::Log, low, high), "count")
 }
 
-/// Percentiles of a series and its largest value.
 fn lane(class: &'static str, series: &Statistics, shift_us: f64) -> Lane {
-    let places = [
-        Some(series.p50_us),
-        Some(series.p99_us),
-        series.p999_us,
-        Some(series.max_us),
-    ];
-    let marks = places
-        .into_iter()
-        .enumerate()
-        .filter_map(|(mark, place_us)| {
-            let place_us = place_us?;
-            let word = format!("{}: {} {} us", series.name, MARKS[mark], us(place_us));
-            Some((mark, place_us - shift_us, word))
-        });
+    let [p50, p99, max] = [series.p50_us, series.p99_us, series.max_us].map(Some);
+    let places = [p50, p99, series.p999_us, max].into_iter().enumerate();
+    let marks = places.filter_map(|(mark, place_us)| {
+        let place_us = place_us?;
+        let word = format!("{}: {} {} us", series.name, MARKS[mark], us(place_us));
+        Some((mark, place_us - shift_us, word))
+    });
     let marks = marks.collect();
     Lane { class, marks }
 }
@@ -352,17 +303,12 @@ fn miss_runs(report: &Report) -> Figure {
     let bins: Vec<(f64, f64, f64)> = runs.collect();
     let x = Scale::log(bins.iter().flat_map(|(from, below, _)| [*from, *below]));
     let y = counts(bins.iter().map(|bin| bin.2).fold(1.0, f64::max));
-    let layers = vec![Layer::Steps {
-        class: "late",
-        bins,
-    }];
-    let title = "Deadlines missed in a row";
-    let chart = Chart::new(
-        format!("histogram: {title}"),
+    let (class, title) = ("late", "Deadlines missed in a row");
+    let (layers, x) = (
+        vec![Layer::Steps { class, bins }],
         Axis::new(x, "ticks in a row"),
-        y,
-        layers,
     );
+    let chart = Chart::new(format!("histogram: {title}"), x, y, layers);
     Figure::new("miss-runs", title, Vec::new(), chart)
 }
 
@@ -381,12 +327,11 @@ fn percentiles(report: &Report) -> Vec<Block> {
     ];
     let rows = report.series.iter().map(|it| {
         let rare = |value: Option<f64>| known(value.map(us));
-        let [min, p50, p90, p99, max] =
-            [it.min_us, it.p50_us, it.p90_us, it.p99_us, it.max_us].map(us);
+        let [min, p50, p90] = [it.min_us, it.p50_us, it.p90_us].map(us);
+        let [p99, max] = [it.p99_us, it.max_us].map(us);
         let [p999, p9999] = [it.p999_us, it.p9999_us].map(rare);
-        row([
-            &it.name, &it.count, &min, &p50, &p90, &p99, &p999, &p9999, &max,
-        ])
+        let (name, count) = (&it.name, &it.count);
+        row([name, count, &min, &p50, &p90, &p99, &p999, &p9999, &max])
     });
     let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
     let mut blocks = vec![table(columns, rows), Block::Items(vec![few.into()])];

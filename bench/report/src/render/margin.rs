@@ -10,13 +10,9 @@ use crate::render::scale::Scale;
 /// Errors below are drawn as this [m].
 const ERROR_MIN_M: f64 = 1e-4;
 
-#[must_use]
 pub fn document(margins: &Margins) -> Document {
-    let lead = [
-        margins.flown(),
-        margins.phases(),
-        format!("survived: {}", margins.gate_words()),
-    ];
+    let survived = format!("survived: {}", margins.gate_words());
+    let lead = [margins.flown(), margins.phases(), survived];
     let sections = [
         unfaulted(margins),
         outages(margins),
@@ -36,7 +32,6 @@ pub fn document(margins: &Margins) -> Document {
     }
 }
 
-/// A table with a row per combination.
 fn table(
     margins: &Margins,
     columns: &[impl ToString],
@@ -44,28 +39,22 @@ fn table(
 ) -> Block {
     let rows = margins.laws.iter();
     let rows = rows.map(|law| (margins.name_of(&law.laws), cells(law)));
-    Block::Table(Table::named(
-        "laws",
-        columns.iter().map(ToString::to_string),
-        rows,
-    ))
+    let columns = columns.iter().map(ToString::to_string);
+    Block::Table(Table::named("laws", columns, rows))
 }
 
 /// A number of ticks, or that the longest that was tried was survived.
 fn ticks(ticks: u64, margins: &Margins) -> String {
-    let more = if ticks >= margins.longest_ticks {
-        "> "
-    } else {
-        ""
-    };
-    format!("{more}{ticks}")
+    match ticks >= margins.longest_ticks {
+        true => format!("> {ticks}"),
+        false => ticks.to_string(),
+    }
 }
 
 fn ticks_of(margins: &Margins) -> String {
     format!("[ticks of {} ms]", margins.period_s * 1e3)
 }
 
-/// The inputs that a question was asked of.
 fn inputs<T>(
     margins: &Margins,
     of: fn(&LawMargins) -> &[T],
@@ -86,19 +75,13 @@ fn keys(margins: &Margins) -> Vec<(&'static str, String)> {
 }
 
 fn unfaulted(margins: &Margins) -> Option<Section> {
-    let columns = [
-        "error [mm]",
-        "saturated [%]",
-        "recovered below [mm]",
-        "flights",
-    ];
+    let (error, saturated) = ("error [mm]", "saturated [%]");
+    let columns = [error, saturated, "recovered below [mm]", "flights"];
     let table = table(margins, &columns, |law| {
-        vec![
-            millimetres(law.unfaulted_error_m),
-            format!("{:.1}", law.unfaulted_saturated_percent),
-            millimetres(law.recovered_below_m),
-            law.flights.to_string(),
-        ]
+        let saturated = format!("{:.1}", law.unfaulted_saturated_percent);
+        let (error, below) = (law.unfaulted_error_m, law.recovered_below_m);
+        let (error, below) = (millimetres(error), millimetres(below));
+        vec![error, saturated, below, law.flights.to_string()]
     });
     Some(Section::new("unfaulted", "Without a fault", vec![table]))
 }
@@ -137,13 +120,11 @@ fn outages(margins: &Margins) -> Option<Section> {
         };
         let title = format!("{title} {}: least / median of {phases}", ticks_of(margins));
         blocks.push(Block::Heading(title));
-        blocks.push(table(margins, &columns, |law| {
-            law.outages
-                .iter()
-                .filter(|it| is_it(&it.of))
-                .map(cell)
-                .collect()
-        }));
+        let cells = |law: &LawMargins| {
+            let outages = law.outages.iter().filter(|it| is_it(&it.of));
+            outages.map(cell).collect()
+        };
+        blocks.push(table(margins, &columns, cells));
     }
     Some(Section::new("outage", "Outages", blocks))
 }
@@ -160,12 +141,10 @@ fn outage_chart(margins: &Margins, i: usize, name: &str) -> Chart {
     let layers = margins.laws.iter().zip(LAWS).filter_map(line).collect();
     let first_s = margins.phases_s.first().copied().unwrap_or_default();
     let x = Scale::time(first_s, first_s + margins.span_s);
-    Chart::new(
-        format!("longest outage of {name} survived, over its begin"),
-        Axis::new(x, "begin of the outage [s]"),
-        Axis::new(Scale::log(values.into_iter()), "survived [ticks]"),
-        layers,
-    )
+    let x = Axis::new(x, "begin of the outage [s]");
+    let y = Axis::new(Scale::log(values.into_iter()), "survived [ticks]");
+    let title = format!("longest outage of {name} survived, over its begin");
+    Chart::new(title, x, y, layers)
 }
 
 /// A picture per input: a line per combination through what its flights survived.
@@ -304,16 +283,13 @@ fn patterns(margins: &Margins) -> Option<Section> {
     );
     let weakest = table(margins, &inputs, |law| {
         let weakest = law.patterns.iter().map(|it| it.weakest());
-        weakest
-            .map(|it| known(it.map(|[m, k]| format!("({m}, {k})"))))
-            .collect()
+        let cells = weakest.map(|it| known(it.map(|[m, k]| format!("({m}, {k})"))));
+        cells.collect()
     });
     let pattern = |[m, k]: &[u64; 2]| format!("{m} of {k}");
     let each = table(margins, &inputs, |law| {
-        let patterns = law
-            .patterns
-            .iter()
-            .map(|it| it.most.iter().map(pattern).collect::<Vec<_>>());
+        let patterns = law.patterns.iter();
+        let patterns = patterns.map(|it| it.most.iter().map(pattern).collect::<Vec<_>>());
         patterns.map(|most| most.join(", ")).collect()
     });
     let summary = "For each k the largest m up to which the flights survived".into();
@@ -326,20 +302,17 @@ fn exceptions(margins: &Margins) -> Option<Section> {
     const SHOWN: usize = 6;
     let mut all = Vec::new();
     for law in &margins.laws {
-        for (of, it) in law
-            .outages
-            .iter()
-            .flat_map(|margin| margin.exceptions.iter().map(|it| (&margin.of, it)))
-        {
-            let what = if it.survived {
-                "survived, where a shorter one was not"
-            } else {
-                "lost, where a longer one was survived"
+        let outages = law.outages.iter();
+        let exceptions = outages.flat_map(|of| of.exceptions.iter().map(move |it| (&of.of, it)));
+        for (of, it) in exceptions {
+            let what = match it.survived {
+                true => "survived, where a shorter one was not",
+                false => "lost, where a longer one was survived",
             };
             let (name, ticks) = (margins.name_of(&law.laws), count(it.ticks, "tick"));
+            let phase_s = it.phase_s;
             all.push(format!(
-                "{name}: {of} out for {ticks} at {:.3} s: {what}",
-                it.phase_s
+                "{name}: {of} out for {ticks} at {phase_s:.3} s: {what}"
             ));
         }
     }

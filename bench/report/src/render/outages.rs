@@ -12,7 +12,6 @@ use crate::schema::Report;
 use crate::speed::Speed;
 use messages::role::STAGES;
 
-#[must_use]
 pub fn blocks(report: &Report) -> Vec<Block> {
     let outages = &report.autopsy;
     let margin = margin_section::sentence(report).map(|margin| Block::Fact("Margin", margin));
@@ -56,7 +55,6 @@ pub fn blocks(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// The causes, and the worst outages in words.
 fn list(outages: &OutageSection) -> Vec<Block> {
     let rows = outages.classes.iter().map(|it| {
         let stage = known(it.stage.as_deref());
@@ -79,55 +77,40 @@ fn list(outages: &OutageSection) -> Vec<Block> {
 }
 
 impl OutageSection {
-    #[must_use]
     pub fn text(&self) -> String {
         document::text(&list(self))
     }
 }
 
-/// A class with the stage that it is due to.
 fn named(class: &str, stage: Option<&str>) -> String {
     stage.map_or_else(|| class.to_owned(), |stage| format!("{class}, {stage}"))
 }
 
 impl CauseCount {
-    #[must_use]
     pub fn cause(&self) -> String {
         named(self.class.words(), self.stage.as_deref())
     }
 }
 
 impl OutageCase {
-    /// Where, how long and why, in one line.
-    #[must_use]
     pub fn line(&self) -> String {
-        let Self {
-            tick,
-            time_s,
-            missed,
-            delay_us,
-            evidence,
-            ..
-        } = self;
-        let ticks = count(self.ticks, "tick");
+        let (tick, time_s, missed) = (self.tick, self.time_s, self.missed);
+        let (ticks, evidence) = (count(self.ticks, "tick"), &self.evidence);
         let cause = named(self.class.words(), self.stage.as_deref());
         // Where no stage is known to be late, there is no delay.
-        let delay = if *delay_us > 0.0 {
-            format!(", a delay of {delay_us:.0} us")
-        } else {
-            String::new()
-        };
-        let faults = if self.faults.is_empty() {
-            String::new()
-        } else {
-            format!("; fault on: {}", self.faults.join(", "))
+        let delay = Some(self.delay_us).filter(|us| *us > 0.0);
+        let delay = delay
+            .map(|us| format!(", a delay of {us:.0} us"))
+            .unwrap_or_default();
+        let faults = match self.faults.is_empty() {
+            true => String::new(),
+            false => format!("; fault on: {}", self.faults.join(", ")),
         };
         format!(
             "tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({evidence}{faults})"
         )
     }
 
-    /// The line, and what the stages did in each tick.
     fn text(&self) -> String {
         let mut text = format!("  {}\n", self.line());
         let mut next = self.timeline.first().map_or(0, |first| first.tick);
@@ -146,7 +129,6 @@ impl OutageCase {
         text
     }
 
-    /// A tick from the first one of the outage on.
     fn after(&self, tick: u64) -> i64 {
         tick.cast_signed() - self.tick.cast_signed()
     }
@@ -167,10 +149,8 @@ impl OutageCase {
 impl TimelineStage {
     fn text(&self) -> String {
         let stale = if self.is_fresh { "" } else { "*" };
-        format!(
-            "{}{stale} {:.0} .. {:.0}",
-            self.role, self.wake_us, self.send_us
-        )
+        let (role, wake_us, send_us) = (&self.role, self.wake_us, self.send_us);
+        format!("{role}{stale} {wake_us:.0} .. {send_us:.0}")
     }
 }
 
@@ -178,19 +158,13 @@ impl TimelineStage {
 fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
     let begin_us = |tick: u64| case.after(tick) as f64 * tick_us;
     let windows = case.windows();
-    let instants = windows
-        .iter()
-        .flat_map(|(first, last)| *first..=last + 1)
-        .map(|tick| {
-            let name = match case.after(tick) {
-                0 => "0".into(),
-                after => format!("{after:+}"),
-            };
-            (begin_us(tick), name)
-        });
-    let shown = windows
-        .iter()
-        .map(|(first, last)| (begin_us(*first), begin_us(last + 1)));
+    let ticks = windows.iter().flat_map(|(first, last)| *first..=last + 1);
+    let instants = ticks.map(|tick| match case.after(tick) {
+        0 => (begin_us(tick), "0".into()),
+        after => (begin_us(tick), format!("{after:+}")),
+    });
+    let shown = windows.iter();
+    let shown = shown.map(|(first, last)| (begin_us(*first), begin_us(last + 1)));
     let x = Scale::windows(shown.collect(), instants.collect());
     let rows = STAGES.len() as f64;
     let missed = case.timeline.iter().filter(|tick| tick.missed).map(|tick| {
@@ -221,16 +195,12 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
                 Some(before) => of(before).filter(|_| it.is_fresh).map(|it| it.send_us),
             };
             waited.extend(due.map(|due| ([(due, middle), (it.wake_us, middle)], String::new())));
-            let input = if it.is_fresh {
-                ""
-            } else {
-                ", without the input of its tick"
+            let input = match it.is_fresh {
+                true => "",
+                false => ", without the input of its tick",
             };
-            let (wake_us, send_us) = (it.wake_us, it.send_us);
-            let word = format!(
-                "{name} in tick {}: {wake_us:.0} to {send_us:.0} us{input}",
-                tick.tick
-            );
+            let (tick, wake_us, send_us) = (tick.tick, it.wake_us, it.send_us);
+            let word = format!("{name} in tick {tick}: {wake_us:.0} to {send_us:.0} us{input}");
             let corners = [(wake_us, middle - 0.3), (send_us, middle + 0.3)];
             work[usize::from(!it.is_fresh)].push((corners, word, String::new()));
         }
@@ -243,10 +213,9 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
             layers.push(Layer::Boxes { class, boxes });
         }
     }
-    let length = if tick_us >= 1e3 {
-        format!("{} ms", tick_us / 1e3)
-    } else {
-        format!("{tick_us} us")
+    let length = match tick_us >= 1e3 {
+        true => format!("{} ms", tick_us / 1e3),
+        false => format!("{tick_us} us"),
     };
     let label = format!("ticks from {} on, each {length} long", case.tick);
     let names = STAGES.map(|role| role.name().to_owned());

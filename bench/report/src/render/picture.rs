@@ -13,8 +13,6 @@ const TITLE: f64 = 18.0;
 /// Space for the heading and the key [pixels].
 const HEADING: f64 = 62.0;
 
-/// Draws the picture of a flight.
-#[must_use]
 pub fn render(figures: &Figures<'_>, title: &str) -> String {
     let has_estimates = figures.traces.has_estimates();
     let mut below = [HEADING; 2];

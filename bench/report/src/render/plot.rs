@@ -15,7 +15,6 @@ pub const LAWS: [&str; 12] = [
     "law-11", "law-12",
 ];
 
-/// Colours and lines of everything in a chart.
 pub const STYLE: &str = include_str!("plot.css");
 
 /// Width of a chart [pixels].
@@ -23,9 +22,7 @@ pub const WIDTH: f64 = 420.0;
 /// Height of a chart over time [pixels].
 pub const HEIGHT: f64 = 220.0;
 
-/// Numbers along the horizontal axis, about.
 const X_TICKS: usize = 6;
-/// Numbers along the vertical axis, about.
 const Y_TICKS: usize = 5;
 /// Space of a character of a label [pixels]: of the widest fonts in use.
 const CHARACTER: f64 = 7.2;
@@ -47,7 +44,6 @@ pub struct Axis {
 }
 
 impl Axis {
-    #[must_use]
     pub fn new(scale: Scale, label: impl Into<String>) -> Self {
         Self {
             scale,
@@ -55,7 +51,6 @@ impl Axis {
         }
     }
 
-    /// The scale for a script that reads the chart.
     fn words(&self) -> Option<String> {
         let Scale { kind, low, high } = &self.scale;
         Some(match kind {
@@ -78,7 +73,6 @@ pub enum Layer {
         class: &'static str,
         points: Vec<(f64, f64)>,
     },
-    /// A histogram: its outline, filled thinly.
     Steps {
         class: &'static str,
         /// From, to and height of each bin, in order.
@@ -108,8 +102,11 @@ pub enum Layer {
 }
 
 impl Layer {
-    /// Lines from the foot of the chart up to points.
-    #[must_use]
+    pub fn level(class: &'static str, at: f64, label: &str) -> Self {
+        let label = label.into();
+        Self::Level { class, at, label }
+    }
+
     pub fn stems(class: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let stem = |(x, y)| ([(x, f64::NEG_INFINITY), (x, y)], String::new());
         Self::Segments {
@@ -118,8 +115,6 @@ impl Layer {
         }
     }
 
-    /// Lines over the whole height, each with a word.
-    #[must_use]
     pub fn verticals(class: &str, at: impl IntoIterator<Item = (f64, String)>) -> Self {
         let vertical = |(x, word)| ([(x, f64::NEG_INFINITY), (x, f64::INFINITY)], word);
         Self::Segments {
@@ -131,13 +126,11 @@ impl Layer {
 
 #[derive(Clone, Debug)]
 pub struct Chart {
-    /// What it shows, for who cannot see it.
     pub title: String,
     pub x: Axis,
     pub y: Axis,
     /// Rows of marks above the axes, on the horizontal one.
     pub lanes: Vec<Lane>,
-    /// From the lowest to the uppermost.
     pub layers: Vec<Layer>,
     /// Height [pixels].
     pub height: f64,
@@ -146,7 +139,6 @@ pub struct Chart {
 /// Marks of percentiles in a lane, from the smallest to the largest.
 pub const MARKS: [&str; 4] = ["p50", "p99", "p99.9", "max"];
 
-/// The marks of a series.
 #[derive(Clone, Debug)]
 pub struct Lane {
     pub class: &'static str,
@@ -164,7 +156,6 @@ struct Frame {
 }
 
 impl Chart {
-    #[must_use]
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, layers: Vec<Layer>) -> Self {
         let height = match &y.scale.kind {
             Kind::Rows(names) => ABOVE + ROW * names.len() as f64 + BELOW,
@@ -181,22 +172,16 @@ impl Chart {
     }
 
     /// The chart as an `svg` element; `place` are attributes that put it into another one: x, y, width, height.
-    #[must_use]
     pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
         let frame = self.frame();
         let [x, y, width, height] = place.map_or([None; 4], |place| place.map(Some));
-        let Frame {
-            left,
-            right,
-            top,
-            foot,
-        } = frame;
+        let (left, right, top, foot) = (frame.left, frame.right, frame.top, frame.foot);
         // A chart of its own can be read with a pointer: readout.js.
         let words = self.x.words().zip(self.y.words());
         let (words_x, words_y) = words.filter(|_| place.is_none()).unzip();
         let readable = words_x
-            .as_ref()
-            .map(|_| format!("{left} {right} {top} {foot}"));
+            .is_some()
+            .then(|| format!("{left} {right} {top} {foot}"));
         let has_rows = matches!(self.y.scale.kind, Kind::Rows(_));
         html! {
             svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
@@ -229,11 +214,8 @@ impl Chart {
 
     fn frame(&self) -> Frame {
         let ticks = self.y.scale.ticks(Y_TICKS);
-        let widest = ticks
-            .iter()
-            .map(|tick| tick.label.chars().count())
-            .max()
-            .unwrap_or(1);
+        let lengths = ticks.iter().map(|tick| tick.label.chars().count());
+        let widest = lengths.max().unwrap_or(1);
         let left = 10.0 + CHARACTER * widest as f64;
         let top = ABOVE + LANE * self.lanes.len() as f64;
         Frame {
@@ -244,16 +226,9 @@ impl Chart {
         }
     }
 
-    /// Width by height of the rectangle inside the axes.
-    #[must_use]
     pub fn proportion(&self) -> f64 {
-        let Frame {
-            left,
-            right,
-            top,
-            foot,
-        } = self.frame();
-        (right - left) / (foot - top)
+        let frame = self.frame();
+        (frame.right - frame.left) / (frame.foot - frame.top)
     }
 
     fn at_x(&self, frame: Frame, value: f64) -> f64 {
@@ -272,11 +247,9 @@ impl Chart {
                 html! { path.line.(class) d=(d) {} }
             }
             Layer::Steps { class, bins } => {
-                let d = outline(
-                    bins.iter()
-                        .map(|(from, to, y)| (at((*from, *y)), self.at_x(frame, *to))),
-                    frame.foot,
-                );
+                let bin =
+                    |(from, to, y): &(f64, f64, f64)| (at((*from, *y)), self.at_x(frame, *to));
+                let d = outline(bins.iter().map(bin), frame.foot);
                 html! { path.steps.(class) d=(d) {} }
             }
             Layer::Dots { class, points } => html! {
@@ -320,13 +293,12 @@ impl Chart {
         }
     }
 
-    /// A lane at a height in pixels.
     fn lane(&self, frame: Frame, y: f64, lane: &Lane) -> Markup {
-        let places: Vec<f64> = lane
+        let places = lane
             .marks
             .iter()
-            .map(|(_, value, _)| self.at_x(frame, *value))
-            .collect();
+            .map(|(_, value, _)| self.at_x(frame, *value));
+        let places: Vec<f64> = places.collect();
         html! {
             g.lane.(lane.class) {
                 @if let [first, .., last] = places[..] {
@@ -380,14 +352,9 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     }
     let mut d = String::new();
     for (i, (x, y)) in kept.into_iter().enumerate() {
+        let to = if i == 0 { "M" } else { "L" };
         // Writing into a string cannot fail.
-        let _ = write!(
-            d,
-            "{}{} {}",
-            if i == 0 { "M" } else { "L" },
-            tenths(x),
-            tenths(y)
-        );
+        let _ = write!(d, "{to}{} {}", tenths(x), tenths(y));
     }
     d
 }
@@ -398,19 +365,14 @@ fn outline(bins: impl Iterator<Item = ((f64, f64), f64)>, foot: f64) -> String {
     let mut end = f64::NAN;
     for ((left, y), right) in bins {
         // Writing into a string cannot fail.
-        let _ = if (left - end).abs() < 0.01 {
-            write!(d, "L{left:.2} {y:.2}L{right:.2} {y:.2}")
-        } else {
-            let down = if end.is_nan() {
-                String::new()
-            } else {
-                format!("L{end:.2} {foot}")
-            };
-            write!(
-                d,
-                "{down}M{left:.2} {foot}L{left:.2} {y:.2}L{right:.2} {y:.2}"
-            )
-        };
+        let follows = (left - end).abs() < 0.01;
+        if !follows && !end.is_nan() {
+            let _ = write!(d, "L{end:.2} {foot}");
+        }
+        if !follows {
+            let _ = write!(d, "M{left:.2} {foot}");
+        }
+        let _ = write!(d, "L{left:.2} {y:.2}L{right:.2} {y:.2}");
         end = right;
     }
     if !end.is_nan() {
@@ -419,7 +381,6 @@ fn outline(bins: impl Iterator<Item = ((f64, f64), f64)>, foot: f64) -> String {
     d
 }
 
-/// A tenth of a pixel is enough.
 pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0
 }
@@ -458,18 +419,8 @@ mod tests {
 
     #[test]
     fn lines_reach_the_peaks_of_every_stretch() {
-        let spans = [
-            Span {
-                tick: 0,
-                min: 0.0,
-                max: 1.0,
-            },
-            Span {
-                tick: 2,
-                min: 0.5,
-                max: 7.0,
-            },
-        ];
+        let span = |(tick, min, max)| Span { tick, min, max };
+        let spans = [(0, 0.0, 1.0), (2, 0.5, 7.0)].map(span);
         let points = through(spans.into_iter(), |tick| [tick as f64, tick as f64 + 1.0]);
         assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (2.0, 0.5), (3.0, 7.0)]);
     }

@@ -1,10 +1,8 @@
 //! Scales of axes: where a number is placed, and which numbers are labelled.
 
-/// How numbers become places along an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scale {
     pub kind: Kind,
-    /// At the beginning of the axis.
     pub low: f64,
     pub high: f64,
 }
@@ -12,7 +10,6 @@ pub struct Scale {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     Linear,
-    /// Of numbers above 0.
     Log,
     /// Logarithmic to both sides of 0, linear up to a threshold above it.
     Symmetric(f64),
@@ -24,11 +21,17 @@ pub enum Kind {
     Windows(Vec<(f64, f64)>, Vec<(f64, String)>),
 }
 
-/// A named place on an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
     pub value: f64,
     pub label: String,
+}
+
+impl Tick {
+    fn new(value: f64, label: impl Into<String>) -> Self {
+        let label = label.into();
+        Self { value, label }
+    }
 }
 
 /// Free space beyond the smallest and the largest value, as a share of the axis.
@@ -37,7 +40,6 @@ const MARGIN: f64 = 0.06;
 const GAP: f64 = 0.09;
 /// Shortest linear axis, as a share of the largest number on it.
 const LEAST_SHARE: f64 = 3e-3;
-/// Decades of a symmetric scale on either side.
 const SYMMETRIC_DECADES: f64 = 6.0;
 /// Ticks of a logarithmic axis at the most.
 const LOG_TICKS: f64 = 6.0;
@@ -45,19 +47,16 @@ const LOG_TICKS: f64 = 6.0;
 const TICKS_MOST: usize = 100;
 
 impl Scale {
-    #[must_use]
     pub const fn new(kind: Kind, low: f64, high: f64) -> Self {
         Self { kind, low, high }
     }
 
     /// An axis from the first to the last of some instants.
-    #[must_use]
     pub fn time(begin: f64, end: f64) -> Self {
         Self::new(Kind::Linear, begin, end.max(begin + 1e-9))
     }
 
     /// A linear axis around some values that is at least `least` long, and a share of the numbers on it.
-    #[must_use]
     pub fn linear(values: impl Iterator<Item = f64>, least: f64) -> Self {
         let (low, high) = extent(values).unwrap_or((0.0, least));
         let least = match least.max(LEAST_SHARE * low.abs().max(high.abs())) {
@@ -70,7 +69,6 @@ impl Scale {
     }
 
     /// A logarithmic axis around those of some values that are above 0, and at least half a decade long.
-    #[must_use]
     pub fn log(values: impl Iterator<Item = f64>) -> Self {
         let (low, high) = extent(values.filter(|value| *value > 0.0)).unwrap_or((1.0, 10.0));
         let decades = (high / low).log10();
@@ -80,7 +78,6 @@ impl Scale {
     }
 
     /// An axis with 0 on it, which spans six decades of the values' sizes.
-    #[must_use]
     pub fn symmetric(values: impl Iterator<Item = f64>) -> Self {
         let (low, high) = extent(values).unwrap_or((-1.0, 1.0));
         let largest = low.abs().max(high.abs());
@@ -93,20 +90,15 @@ impl Scale {
     }
 
     /// An axis of the shares of a distribution that is known up to `share`.
-    #[must_use]
     pub fn tail(share: f64) -> Self {
         Self::new(Kind::Tail, 0.0, share.clamp(0.99, 1.0 - 1e-9))
     }
 
-    /// Rows below each other.
-    #[must_use]
     pub fn rows(names: Vec<String>) -> Self {
         let end = names.len() as f64;
         Self::new(Kind::Rows(names), end, 0.0)
     }
 
-    /// Stretches of time, and named instants.
-    #[must_use]
     pub fn windows(windows: Vec<(f64, f64)>, instants: Vec<(f64, String)>) -> Self {
         let first = windows.first().map_or(0.0, |window| window.0);
         let last = windows.last().map_or(1.0, |window| window.1);
@@ -114,7 +106,6 @@ impl Scale {
     }
 
     /// Place of a value, from 0 at the begin to 1 at the end of the axis, where what lies beyond stands too.
-    #[must_use]
     pub fn place(&self, value: f64) -> f64 {
         let bent = |value: f64| match &self.kind {
             Kind::Linear | Kind::Rows(_) => value,
@@ -128,13 +119,9 @@ impl Scale {
     }
 
     /// Ticks, about as many as asked where the scale leaves a choice.
-    #[must_use]
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let (low, high) = (self.low, self.high);
-        let row = |(i, name): (usize, &String)| Tick {
-            value: i as f64 + 0.5,
-            label: name.clone(),
-        };
+        let row = |(i, name): (usize, &String)| Tick::new(i as f64 + 0.5, name.clone());
         match &self.kind {
             Kind::Linear => linear_ticks(low, high, about),
             Kind::Log => log_ticks(low, high),
@@ -147,26 +134,17 @@ impl Scale {
 
     /// All instants, and the names of those that have the room.
     fn instant_ticks(&self, instants: &[(f64, String)]) -> Vec<Tick> {
-        /// Share of the axis that a character takes.
         const CHARACTER: f64 = 0.02;
         /// Share of the axis that is free beyond its end.
         const BEYOND: f64 = 0.05;
         let mut free_from = f64::NEG_INFINITY;
         let tick = |(value, name): &(f64, String)| {
             let (place, half) = (self.place(*value), CHARACTER * name.len() as f64 / 2.0);
-            let has_room = place - half >= free_from && place + half <= 1.0 + BEYOND;
-            if has_room {
-                free_from = place + half;
+            if place - half < free_from || place + half > 1.0 + BEYOND {
+                return Tick::new(*value, "");
             }
-            let label = if has_room {
-                name.clone()
-            } else {
-                String::new()
-            };
-            Tick {
-                value: *value,
-                label,
-            }
+            free_from = place + half;
+            Tick::new(*value, name.clone())
         };
         instants.iter().map(tick).collect()
     }
@@ -201,63 +179,47 @@ fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<Tick> {
     let rough = (high - low) / about.max(1) as f64;
     let decade = 10_f64.powf(rough.log10().floor());
     // A little more ticks than asked are better than half as many.
-    let step = decade
-        * [1.0, 2.0, 5.0]
-            .into_iter()
-            .find(|s| s * decade >= rough * 0.95)
-            .unwrap_or(10.0);
-    let (first, last) = (
-        (low / step - 1e-6).ceil() as i64,
-        (high / step + 1e-6).floor() as i64,
-    );
+    let mut steps = [1.0, 2.0, 5.0].into_iter();
+    let step = decade * steps.find(|s| s * decade >= rough * 0.95).unwrap_or(10.0);
+    let first = (low / step - 1e-6).ceil() as i64;
+    let last = (high / step + 1e-6).floor() as i64;
     let decimals = (-step.log10().floor()).max(0.0) as usize;
     let largest = low.abs().max(high.abs());
     // All of an axis have the power of ten of the largest, so that they can be compared at a glance.
     let furthest = first.saturating_abs().max(last.saturating_abs()) as f64 * step;
     let exponent = furthest.log10().floor();
     let digits = (exponent - step.log10().floor()).max(0.0) as usize;
-    (first..=last)
-        .take(TICKS_MOST)
-        .map(|i| {
-            let value = i as f64 * step;
-            let label = match i {
-                0 => "0".into(),
-                _ if decimals > 4 || largest >= 1e6 => {
-                    format!("{:.digits$}e{exponent}", value / 10_f64.powf(exponent))
-                }
-                _ => format!("{value:.decimals$}"),
-            };
-            Tick { value, label }
-        })
-        .collect()
+    let tick = |i: i64| {
+        let value = i as f64 * step;
+        let label = match i {
+            0 => "0".into(),
+            _ if decimals > 4 || largest >= 1e6 => {
+                format!("{:.digits$}e{exponent}", value / 10_f64.powf(exponent))
+            }
+            _ => format!("{value:.decimals$}"),
+        };
+        Tick::new(value, label)
+    };
+    (first..=last).take(TICKS_MOST).map(tick).collect()
 }
 
 fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
     let (first, last) = (low.log10().ceil() as i32, high.log10().floor() as i32);
-    let tick = |value: f64| Tick {
-        value,
-        label: short(value),
-    };
+    let tick = |value: f64| Tick::new(value, short(value));
     let decades = i64::from(last) - i64::from(first);
     if decades < 2 {
         let steps = (first.saturating_sub(1)..=last)
             .flat_map(|i| [1.0, 2.0, 5.0].map(|step| step * 10_f64.powi(i)));
-        return steps
-            .filter(|value| (low..=high).contains(value))
-            .map(tick)
-            .collect();
+        let inside = steps.filter(|value| (low..=high).contains(value));
+        return inside.map(tick).collect();
     }
     let every = (decades as f64 / LOG_TICKS).ceil() as usize;
-    (first..=last)
-        .rev()
-        .step_by(every)
-        .map(|i| tick(10_f64.powi(i)))
-        .collect()
+    let shown = (first..=last).rev().step_by(every);
+    shown.map(|i| tick(10_f64.powi(i))).collect()
 }
 
 /// 0 and decades to both sides of it, or what lies between where there are not two, as far apart as labels need.
 fn symmetric_ticks(scale: &Scale, threshold: f64, low: f64, high: f64) -> Vec<Tick> {
-    /// Share of the axis between two labels.
     const APART: f64 = 0.12;
     let multiples = |end: f64, steps: &[f64]| -> Vec<f64> {
         let (first, last) = (threshold.log10().ceil() as i32, end.log10().floor() as i32);
@@ -268,27 +230,20 @@ fn symmetric_ticks(scale: &Scale, threshold: f64, low: f64, high: f64) -> Vec<Ti
     let mut kept = vec![0.0];
     for (sign, end) in [(-1.0, -low), (1.0, high)] {
         let decades = multiples(end, &[1.0]);
-        let all = if decades.len() < 2 {
-            multiples(end, &[5.0, 2.0, 1.0])
-        } else {
-            decades
+        let all = match decades.len() {
+            0 | 1 => multiples(end, &[5.0, 2.0, 1.0]),
+            _ => decades,
         };
         for value in all.into_iter().map(|value| sign * value) {
-            if kept
-                .iter()
-                .all(|other| (scale.place(*other) - scale.place(value)).abs() >= APART)
-            {
+            let apart = |other: &f64| (scale.place(*other) - scale.place(value)).abs();
+            if kept.iter().all(|other| apart(other) >= APART) {
                 kept.push(value);
             }
         }
     }
     kept.sort_by(f64::total_cmp);
-    kept.into_iter()
-        .map(|value| Tick {
-            value,
-            label: short(value),
-        })
-        .collect()
+    let ticks = kept.into_iter().map(|value| Tick::new(value, short(value)));
+    ticks.collect()
 }
 
 fn tail_ticks(high: f64) -> Vec<Tick> {
@@ -302,14 +257,10 @@ fn tail_ticks(high: f64) -> Vec<Tick> {
     ];
     let below = nines.into_iter().filter(|(share, _)| *share <= high);
     below
-        .map(|(value, label)| Tick {
-            value,
-            label: label.into(),
-        })
+        .map(|(value, label)| Tick::new(value, label))
         .collect()
 }
 
-/// A round number, as short as it can be.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
         format!("{value}")
@@ -389,8 +340,7 @@ mod tests {
             assert!(
                 ticks
                     .windows(2)
-                    .all(|pair| scale.place(pair[0].value) != scale.place(pair[1].value)),
-                "{ticks:?}"
+                    .all(|pair| scale.place(pair[0].value) != scale.place(pair[1].value))
             );
         }
         let Scale { low, high, .. } = Scale::linear([2.0].into_iter(), 0.5);
@@ -401,30 +351,20 @@ mod tests {
     fn names_of_instants_are_left_out_where_they_have_no_room() {
         let instants = (0..=10).map(|i| (f64::from(i), format!("+{}", 98_000 + i)));
         let shown = labels(Scale::windows(vec![(0.0, 10.0)], instants.collect()));
-        let shown: Vec<&str> = shown
-            .iter()
-            .map(String::as_str)
-            .filter(|it| !it.is_empty())
-            .collect();
-        assert_eq!(shown, ["+98000", "+98002", "+98004", "+98006", "+98008"]);
+        let shown = shown.iter().filter(|it| !it.is_empty());
+        assert!(shown.eq(["+98000", "+98002", "+98004", "+98006", "+98008"]));
     }
 
     #[test]
     fn instants_between_two_windows_stand_between_them() {
         let scale = Scale::windows(vec![(-1.0, 3.0), (96.0, 100.0)], Vec::new());
         let places = [-9.0, -1.0, 0.0, 3.0, 50.0, 96.0, 100.0, 9e9].map(|at| scale.place(at));
-        assert!(
-            places.windows(2).all(|pair| pair[0] <= pair[1]),
-            "{places:?}"
-        );
+        assert!(places.windows(2).all(|pair| pair[0] <= pair[1]));
         assert_eq!(
             (places[0], places[1], places[6], places[7]),
             (0.0, 0.0, 1.0, 1.0)
         );
         assert!((places[5] - places[3] - GAP).abs() < 1e-9, "{places:?}");
-        assert!(
-            (places[4] - places[3] - GAP / 2.0).abs() < 1e-9,
-            "{places:?}"
-        );
+        assert!((places[4] - places[3] - GAP / 2.0).abs() < 1e-9);
     }
 }

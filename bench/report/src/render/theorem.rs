@@ -9,35 +9,29 @@ use messages::monitor::Cause;
 use std::collections::BTreeMap;
 
 impl Theorem {
-    #[must_use]
     pub fn text(&self) -> String {
         document::text(&blocks(self, None))
     }
 
     /// Why it says nothing of a flight whose inner law has no theorem.
-    #[must_use]
     pub fn inapplicable(&self) -> Option<String> {
         self.law_without.as_deref().map(no_theorem)
     }
 
-    #[must_use]
     pub fn unexplained(&self) -> u64 {
         let unexplained = self.violations.get(Cause::Unexplained.name());
         unexplained.copied().unwrap_or(0)
     }
 
     /// How many steps were checked, and how often V rose in one.
-    #[must_use]
     pub fn counts(&self) -> String {
         let violations = self.violations.values();
         let violations = violations.fold(0, |sum: u64, count| sum.saturating_add(*count));
         let unexplained = self.unexplained();
         let mut checked = format!("{} checked", count(self.ticks_checked, "step"));
         if self.ticks_unwatched > 0 {
-            checked += &format!(
-                ", {} not watched after a lost message",
-                self.ticks_unwatched
-            );
+            let unwatched = self.ticks_unwatched;
+            checked += &format!(", {unwatched} not watched after a lost message");
         }
         match violations {
             0 => format!("{checked}, V rose in none"),
@@ -45,17 +39,14 @@ impl Theorem {
         }
     }
 
-    #[must_use]
     pub fn found(&self) -> String {
-        let live = if self.is_live {
-            "live"
-        } else {
-            "do not move as predicted"
+        let live = match self.is_live {
+            true => "live",
+            false => "do not move as predicted",
         };
         format!("{} unexplained, estimates {live}", self.unexplained())
     }
 
-    #[must_use]
     pub fn verdict(&self) -> &'static str {
         match (self.holds, self.violations.values().sum::<u64>()) {
             _ if self.law_without.is_some() => "not applicable",
@@ -80,7 +71,6 @@ impl Theorem {
 }
 
 /// The section; with charts where there are traces.
-#[must_use]
 pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
     let fact = |said: String| vec![Block::Fact("Theorem", said)];
     if let Some(why) = theorem.inapplicable() {
@@ -96,10 +86,9 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         _ => {}
     }
     let mut blocks = fact(format!("{}: {}", theorem.verdict(), theorem.counts()));
-    let moved = if theorem.is_live {
-        "the estimates move as predicted"
-    } else {
-        "THE ESTIMATES DO NOT MOVE AS PREDICTED"
+    let moved = match theorem.is_live {
+        true => "the estimates move as predicted",
+        false => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
     };
     blocks.push(Block::Items(vec![
         format!(
@@ -132,26 +121,14 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         theorem.convergence.clone(),
     ]));
     blocks.push(Block::Table(causes(theorem)));
-    let columns = [
-        "estimate",
-        "error",
-        "first",
-        "at most",
-        "excitation",
-        "found",
-    ];
+    let [error, first, most] = ["error", "first", "at most"];
+    let columns = ["estimate", error, first, most, "excitation", "found"];
     let rows = theorem.estimates.iter().map(|it| {
         let [error, first, excitation] =
             [it.error, it.error_start, it.identifiability].map(|it| format!("{it:.2e}"));
         let found = if it.found { "yes" } else { "no" };
-        row([
-            &it.name,
-            &error,
-            &first,
-            &theorem.bound(it),
-            &excitation,
-            &found,
-        ])
+        let (name, bound) = (&it.name, theorem.bound(it));
+        row([name, &error, &first, &bound, &excitation, &found])
     });
     blocks.push(table(columns, rows));
     if let Some(figures) = figures {
@@ -166,7 +143,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
 /// Every cause in force at some rise, with its counts; V above its bound is not judged.
 fn causes(theorem: &Theorem) -> Table {
     let unexplained = Cause::Unexplained.name();
-    let rises = theorem.largest_rise.keys();
+    let rises = theorem.largest_rise.keys().map(String::as_str);
     let rises = rises.map(|cause| {
         if cause == NO_CAUSE {
             unexplained
@@ -174,33 +151,29 @@ fn causes(theorem: &Theorem) -> Table {
             cause
         }
     });
-    let counted = theorem
-        .violations
-        .keys()
-        .chain(theorem.v_above_bound.keys());
+    let counted = theorem.violations.keys();
+    let counted = counted.chain(theorem.v_above_bound.keys());
     let mut names: Vec<&str> = counted.map(String::as_str).chain(rises).collect();
     names.sort_unstable();
     names.dedup();
     let rows = names.into_iter().map(|cause| {
         let of = |counts: &BTreeMap<String, u64>| counts.get(cause).copied().unwrap_or(0);
-        let rise = theorem.largest_rise.get(if cause == unexplained {
+        let key = if cause == unexplained {
             NO_CAUSE
         } else {
             cause
-        });
+        };
+        let rise = theorem.largest_rise.get(key);
         let rise = rise.map(|it| format!("{:.1e} ({:.1e} of the start)", it.absolute, it.relative));
         let (violations, above) = (of(&theorem.violations), of(&theorem.v_above_bound));
         let mut cells = row([&cause, &violations, &known(rise), &above]);
         cells.push(Cell::from(explained(cause)));
         cells
     });
-    Table::new(
-        ["rises by cause", "steps", "largest", "V above bound", ""],
-        rows,
-    )
+    let columns = ["rises by cause", "steps", "largest", "V above bound", ""];
+    Table::new(columns, rows)
 }
 
-/// What a cause of a violation is, in words.
 fn explained(cause: &str) -> &'static str {
     match cause {
         "live_swap" => "samples from before a live swap had not faded",
