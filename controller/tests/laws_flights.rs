@@ -5,11 +5,7 @@
 
 use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, rig};
 use control_api::description::{Settings, Value};
-<<<<<<< HEAD
-use control_api::law::{Desired, InnerLaw, Law, WrenchSetpoint};
-=======
 use control_api::law::{Desired, InnerLaw, Law as _, WrenchSetpoint};
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
 use controller::Trajectory;
 use controller::laws::attitude::Attitude;
 use controller::laws::{Estimating, Fixed, Geometric, Indi, Pid};

@@ -67,10 +67,6 @@ pub(crate) fn simulate<'py>(
     let flown = flown.map_err(settings_error)?;
     let text = settings.commented().map_err(settings_error)?;
     let facts = facts(py, &settings, &text, &laws, &flown.swaps)?;
-<<<<<<< HEAD
-    let end = flown.departure.as_deref();
-    facts.set_item("end", end.unwrap_or(EndReason::Completed.words()))?;
-=======
     facts.set_item(
         "end",
         flown
@@ -78,7 +74,6 @@ pub(crate) fn simulate<'py>(
             .as_deref()
             .unwrap_or(EndReason::Completed.name()),
     )?;
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
     facts.set_item("fingerprint", flown.outputs.to_string())?;
     let handed = PyDict::new(py);
     for (role, law) in [("outer", outer), ("inner", inner)] {

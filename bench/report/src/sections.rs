@@ -6,21 +6,12 @@ use flight_log::TOPICS;
 use flight_log::entry::Counts;
 use flight_log::writer::Fate;
 use messages::blackboards::{RolePhase, Status};
-<<<<<<< HEAD
 use messages::inspection::{Reason, Rejections};
 use messages::realtime::RealtimeStep;
-=======
-use messages::inspection::{REASONS, Rejections};
-use messages::realtime::{RealtimeStep, STEPS};
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
 use std::collections::BTreeMap;
 
 pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
-<<<<<<< HEAD
-    Reason::ALL
-=======
-    let counted = REASONS
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
+    let counted = Reason::ALL
         .iter()
         .map(|reason| (reason.name(), rejections.of(*reason)));
     counted
@@ -42,7 +33,9 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
             refused: (!grant.granted()).then(|| errno_text(grant.errno)),
         }
     };
-    let steps = STEPS.iter().filter(|step| grants.of(**step).asked == 1);
+    let steps = RealtimeStep::ALL
+        .iter()
+        .filter(|step| grants.of(**step).asked == 1);
     schema::RoleSection {
         ticks_run: status.ticks_run,
         ticks_skipped: status.ticks_skipped,
@@ -61,27 +54,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
             1 => format!("fifo {}", grants.priority),
             _ => "other".into(),
         },
-<<<<<<< HEAD
-        realtime: RealtimeStep::ALL
-            .iter()
-            .filter(|step| status.grants.of(**step).asked == 1)
-            .map(|step| {
-                let grant = status.grants.of(*step);
-                schema::RtStep {
-                    step: serde_json::to_value(step)
-                        .ok()
-                        .and_then(|v| v.as_str().map(str::to_owned))
-                        .unwrap_or_default(),
-                    asked: (grant.value > 0 || *step == RealtimeStep::Affinity)
-                        .then_some(grant.value),
-                    granted: grant.granted(),
-                    refused: (!grant.granted()).then(|| errno_text(grant.errno)),
-                }
-            })
-            .collect(),
-=======
         realtime: steps.map(step).collect(),
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
     }
 }
 

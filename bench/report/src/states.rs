@@ -321,11 +321,6 @@ pub struct TickRecord {
 
 #[cfg(test)]
 mod tests {
-<<<<<<< HEAD
-    use std::collections::BTreeMap;
-    use std::fs::File;
-=======
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
     use std::io;
 
     use super::*;

@@ -85,29 +85,12 @@ pub fn flight_verdict(
     let (word, why) = if performance.states == 0 {
         (FlightVerdict::NotSeen, "no state was seen".into())
     } else if let Some(ending) = ending.filter(|ending| ending.left_envelope()) {
-<<<<<<< HEAD
-        (
-            FlightVerdict::Lost,
-            format!(
-                "{}; position error up to {:.2} m",
-                ending.name(),
-                performance.position_error_max_m
-            ),
-        )
-    } else if performance.lowest_z_m < limits.ground_z_m {
-        let (lowest, ground) = (performance.lowest_z_m, limits.ground_z_m);
-        (
-            FlightVerdict::Lost,
-            format!("below ground: down to z = {lowest:.2} m, the ground is at {ground} m"),
-        )
-=======
-        let (ending, error) = (ending.words(), performance.position_error_max_m);
+        let (ending, error) = (ending.name(), performance.position_error_max_m);
         let why = format!("{ending}; position error up to {error:.2} m");
         (FlightVerdict::Lost, why)
     } else if lowest < ground {
         let why = format!("below ground: down to z = {lowest:.2} m, the ground is at {ground} m");
         (FlightVerdict::Lost, why)
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
     } else {
         let (error, limit) = (performance.recent_error_max_m, limits.error_max_m);
         let word = match error <= limit {

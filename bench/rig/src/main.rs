@@ -4,14 +4,8 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use errors::Failure;
-<<<<<<< HEAD
-use ironbird::cli::{BridgeTo, Cli, Command};
-use ironbird::fault::listing;
-use ironbird::floor;
-=======
 use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
-use ironbird::floor::{self, ring_stage};
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
+use ironbird::floor;
 use ironbird::output::say;
 use ironbird::{
     campaign, clean, compare, doctor, export, laws, manual, margin, new_law, params,
@@ -82,12 +76,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Inner(args) => roles::play(Role::Inner, args),
         Command::Mixer(args) => roles::play(Role::Mixer, args),
         Command::Record(args) => roles::record(args),
-<<<<<<< HEAD
         Command::RingHop(args) => floor::ring_hop(args),
-        Command::CpuLoad(args) => cpu_load::cpu_load(args),
-=======
-        Command::RingHop(args) => ring_stage::run(args),
         Command::CpuLoad(args) => commands::cpu_load(args),
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
     }
 }

@@ -84,7 +84,6 @@ impl RecordedRun {
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
-<<<<<<< HEAD
         let text = read_text("read", &facts).ok()?;
         let RunFacts { settings, .. } = serde_json::from_str(&text).ok()?;
         let airframe = settings["flight"]["airframe"].as_str().unwrap_or(PAPER);
@@ -95,19 +94,7 @@ impl RecordedRun {
         let made = modified.unwrap_or(UNIX_EPOCH);
         let started_at = |report: &Report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id);
         let started_after = report.map_or(made, started_at).duration_since(UNIX_EPOCH);
-        let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
-=======
-        let RunFacts { settings, .. } =
-            serde_json::from_str(&read_text("read", &facts).ok()?).ok()?;
-        let report = Report::read(&directory.join("report.json")).ok();
-        let made = fs::metadata(&facts)
-            .and_then(|it| it.modified())
-            .unwrap_or(UNIX_EPOCH);
-        let started = report.as_ref().map_or(made, |report| {
-            UNIX_EPOCH + Duration::from_nanos(report.run.run_id)
-        });
         let is_in_the_air = directory.join(LATENCIES).exists() && hlog::lives(directory);
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
         let is_held = is_held(directory);
         let status = match report {
             _ if is_in_the_air => "in the air".into(),

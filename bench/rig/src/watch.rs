@@ -16,12 +16,7 @@ use std::time::{Duration, Instant};
 
 use ipc::error::Error;
 use ipc::instance::Instance;
-<<<<<<< HEAD
 use process::signals::{end_with_launcher, stop_signals};
-=======
-use messages::role::Role;
-use process::launcher::end_with_launcher;
->>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 
 use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};

@@ -201,11 +201,3 @@ fn every_row_has_its_line_in_the_page_with_what_became_of_it() {
         );
     }
 }
-<<<<<<< HEAD
-=======
-
-#[test]
-fn trials_are_counted_as_the_page_says() {
-    crate::python::run_python("python3", "bench/drill/own_tests.py", &[]);
-}
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5

@@ -1,6 +1,5 @@
 //! The machine's floors: what they count and what ends them; how fast they are is no test's business.
 
-<<<<<<< HEAD
 use crate::rig;
 
 use std::path::Path;
@@ -10,16 +9,6 @@ use crate::rig::{IRONBIRD, Rig};
 use errors::Failure;
 use host::floor::ring::{self, RingFloor, RingSettings, WakeMechanism, Work};
 use host::floor::timer::{self, Schedule};
-=======
-use crate::rig::{IRONBIRD, Rig, wait_until};
-use host::floor::link::WakeMechanism;
-use host::floor::work::Work;
-use host::floor::{ring, timer};
-use serde_json::Value;
-use std::fs;
-use std::path::Path;
-use std::time::Duration;
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 
 const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 
@@ -56,34 +45,21 @@ fn the_timer_accounts_for_every_tick() {
     assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
     assert_eq!(floor.lateness.len(), 200);
     let standing = &floor.standing;
-<<<<<<< HEAD
     let refused = standing.refused.iter();
     let is_refused = refused.clone().any(|it| it.starts_with("SCHED_FIFO"));
-=======
-    let mut refused = standing.refused.iter();
-    let is_refused = refused.any(|it| it.starts_with("SCHED_FIFO"));
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
     assert_eq!(standing.priority == 0, is_refused, "{standing:?}");
 }
 
 #[test]
-<<<<<<< HEAD
 fn a_token_goes_around_once_a_tick_by_either_wake_and_work_is_done_in_every_process() {
     let work = Work::lasting(50_000);
     for wake in WAKES {
         let floor = ring(4, work, wake, FLOWN, IRONBIRD).unwrap();
-=======
-fn a_token_goes_around_once_a_tick_by_either_wake_and_every_process_works() {
-    for wake in WAKES {
-        let ring = |work| ring::measure(&ring_of(vec![work; 4], wake), Path::new(IRONBIRD));
-        let floor = ring(Work::default()).unwrap();
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
         assert_eq!(floor.ticks_run + floor.ticks_skipped, 200, "{wake:?}");
         assert_eq!(floor.lap.len(), floor.ticks_run, "{wake:?}");
         assert_eq!(floor.chain.len(), floor.ticks_run, "{wake:?}");
         assert_eq!(floor.lateness.len(), 200, "{wake:?}");
         // The chain is a part of the lap, three of its four hops.
-<<<<<<< HEAD
         assert!(floor.chain.max() <= floor.lap.max(), "{wake:?}");
         assert!(
             floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5),
@@ -93,16 +69,6 @@ fn a_token_goes_around_once_a_tick_by_either_wake_and_every_process_works() {
         assert!(
             floor.chain.min() >= 100_000,
             "{wake:?}: {}",
-=======
-        assert!(floor.chain.min() > 0 && floor.chain.max() <= floor.lap.max());
-        let median_ns = |it: &hdrhistogram::Histogram<u64>| it.value_at_quantile(0.5);
-        assert!(median_ns(&floor.chain) <= median_ns(&floor.lap), "{wake:?}");
-        // Half of the work of four processes: a processor may speed up after the calibration.
-        let floor = ring(Work::lasting(50_000)).unwrap();
-        assert!(
-            floor.chain.min() >= 100_000,
-            "{wake:?}: {} ns",
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
             floor.chain.min()
         );
     }
@@ -110,7 +76,6 @@ fn a_token_goes_around_once_a_tick_by_either_wake_and_every_process_works() {
 
 #[test]
 fn what_is_no_ring_is_refused() {
-<<<<<<< HEAD
     let soon = Duration::from_micros(10);
     for (processes, duration, executable, expected) in [
         (1, FLOWN, IRONBIRD, "2 to 64 processes, not 1"),
@@ -132,37 +97,11 @@ fn what_is_no_ring_is_refused() {
         let error = measured.unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
-=======
-    let ring = |processes| ring_of(vec![Work::default(); processes], WakeMechanism::Futex);
-    let mut short = ring(2);
-    short.duration = Duration::from_micros(10);
-    for (settings, executable, words) in [
-        (ring(1), IRONBIRD, "2 to 64 processes, not 1"),
-        (
-            ring(2),
-            "/nonexistent",
-            "cannot start a process of the ring",
-        ),
-        (short, IRONBIRD, "no tick of 1000000 ns"),
-    ] {
-        let error = ring::measure(&settings, Path::new(executable)).unwrap_err();
-        assert!(error.to_string().contains(words), "{error}");
-    }
-    let options = "--position 1 --processes 2 --cpu 0 --priority 0 --work 0 --wake futex";
-    let launcher = std::process::id();
-    let rig = Rig::new("hop");
-    let mut by_hand = std::process::Command::new(IRONBIRD);
-    let launched = format!("ring-hop {options} --launcher {launcher}");
-    by_hand.args(launched.split(' '));
-    let ended = rig.launch(by_hand).end().expect(2);
-    ended.complains("no link of a ring");
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_process_that_dies_ends_the_measurement() {
-<<<<<<< HEAD
     // Every process of these rings ends at once, as one that is killed does.
     let measured = WAKES
         .map(|wake| std::thread::spawn(move || ring(3, Work::default(), wake, FLOWN, "/bin/true")));
@@ -174,19 +113,10 @@ fn a_process_that_dies_ends_the_measurement() {
                 .contains("a process of the ring hangs or has died"),
             "{error}"
         );
-=======
-    for wake in WAKES {
-        // Every process of this ring ends at once, as one that is killed does.
-        let settings = ring_of(vec![Work::default(); 3], wake);
-        let error = ring::measure(&settings, Path::new("/bin/true")).unwrap_err();
-        let words = "a process of the ring hangs or has died";
-        assert!(error.to_string().contains(words), "{error}");
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
     }
 }
 
 #[test]
-<<<<<<< HEAD
 fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
     let rig = Rig::new("hop");
     let launcher = std::process::id().to_string();
@@ -202,8 +132,6 @@ fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
 }
 
 #[test]
-=======
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 #[ignore = "long: part of the gate"]
 fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
     let rig = Rig::new("floor");
@@ -319,21 +247,9 @@ fn an_interruption_while_the_floors_are_measured_keeps_the_flight() {
 #[test]
 fn what_cannot_be_measured_is_said() {
     let rig = Rig::new("nothing");
-<<<<<<< HEAD
     let mut command = rig.command("floor", "--only flights --pairs 1 --seconds 1");
     command.env("PATH", "/nowhere");
     // SCHED_FIFO is refused, or cyclictest is not installed.
     let ended = rig.launch(command).end().expect(0);
     ended.says("| flights | not measured: ");
-=======
-    for (set, words) in [
-        ("calls", "| calls | not measured: strace is not installed |"),
-        // Where SCHED_FIFO is refused that is said first.
-        ("flights", "| flights | not measured: "),
-    ] {
-        let mut command = rig.command("floor", format!("--only {set} --pairs 1 --seconds 1"));
-        command.env("PATH", "/nowhere");
-        rig.launch(command).end().expect(0).says(words);
-    }
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 }

@@ -2,11 +2,7 @@
 //!
 //! `cargo test --release -p ironbird --test rig paper_facts -- --nocapture` prints the figures that the page quotes.
 
-<<<<<<< HEAD
-use crate::reference_laws;
-=======
 use crate::reference_laws::Flight;
->>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 use controller::laws::adaptive;
 use controller::rate_law::sampled_gain;
 use controller::rate_loop::loop_gain_limit;

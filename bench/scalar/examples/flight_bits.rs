@@ -3,15 +3,7 @@
 //! It consists of the laws alone, so that it is soon compiled for another processor. Every function of `messages::math` is
 //! in the flight: motor lag, noise, limits, a fast reference. `.ci/same-bits` compares.
 
-<<<<<<< HEAD
-use control_api::description::Settings;
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
-use controller::laws::{INNER, OUTER};
-use controller::{ScaledTrajectory, Trajectory};
-use messages::content::{NO_TICK, Setpoint, Stamped};
-=======
 use controller::Trajectory;
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
 use messages::output_hash::OutputHash;
 use messages::parameters::Parameter::{GyroNoise, MotorTimeConstant, RotationalDrag};
 use plant::Swap;

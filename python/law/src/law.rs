@@ -1,11 +1,7 @@
 //! A law in Python, called tick by tick.
 
-<<<<<<< HEAD
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-=======
 use std::any::Any;
-use std::sync::{Arc, Mutex, PoisonError};
->>>>>>> 1de59a6d452b446088834170bea20315ca16d35e
 
 use control_api::law::{CopyState, InnerLaw, OuterLaw};
 use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};

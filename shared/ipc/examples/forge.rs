@@ -18,15 +18,10 @@ use std::process::{Command, Stdio};
 use ipc::instance::Instance;
 use ipc::{DEEP, Wire};
 use messages::checks::switch_off;
-<<<<<<< HEAD
-use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
-use messages::inspection::REASONS;
-=======
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Reason};
 use messages::layout::{Field, Visit, VisitorMut};
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
 use messages::topic::Topic;
 
 use forgery::{Draw, EXPECTED, Forger, GOOD, KINDS, good};
@@ -103,10 +98,6 @@ fn receive<C: Topic>(instance: &Instance) {
             .unwrap();
         writeln!(out, "drained").unwrap();
     }
-<<<<<<< HEAD
-    let count = |reason| receiver.rejections().of(reason);
-    let counts = REASONS.map(|reason| format!("\"{}\":{}", reason.name(), count(reason)));
-=======
     let counts: Vec<String> = Reason::ALL
         .iter()
         .map(|reason| {
@@ -117,7 +108,6 @@ fn receive<C: Topic>(instance: &Instance) {
             )
         })
         .collect();
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
     let counts = counts.join(",");
     writeln!(
         out,

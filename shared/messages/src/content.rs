@@ -38,7 +38,6 @@ impl<T> Stamped<T> {
         Self { tick, content }
     }
 
-<<<<<<< HEAD
     /// What has not come yet.
     pub fn never() -> Self
     where
@@ -47,8 +46,6 @@ impl<T> Stamped<T> {
         Self::new(NO_TICK, T::default())
     }
 
-=======
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
     /// Ticks since it was made; `u64::MAX` if it never was.
     pub const fn age(&self, tick: u64) -> u64 {
         if self.tick == NO_TICK {

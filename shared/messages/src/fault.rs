@@ -179,8 +179,6 @@ pub struct Span {
 impl Span {
     pub const FOR_GOOD: u64 = u64::MAX;
 
-<<<<<<< HEAD
-=======
     pub const fn new(from: u64, to: u64) -> Self {
         Self { from, to }
     }
@@ -190,9 +188,6 @@ impl Span {
         self.cut(self.from.saturating_add(1))
     }
 
-    /// Whether a tick lies in it.
-    #[must_use]
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
     pub const fn holds(self, tick: u64) -> bool {
         self.from <= tick && tick < self.to
     }

@@ -120,11 +120,7 @@ impl Channels {
         let placed = placed(self.time_ns(message), &message.content);
         let time = PartialMetadata::with_log_time(placed.at_ns());
         for (channel, bytes) in placed.messages() {
-<<<<<<< HEAD
-            self.scene[channel].log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns));
-=======
             self.scene[channel].log_with_meta(&bytes, time);
->>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
         }
     }
 

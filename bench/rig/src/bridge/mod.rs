@@ -28,12 +28,7 @@ use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
 use crate::output::print;
-<<<<<<< HEAD
-use crate::parallel::asked_to_stop;
-use crate::roles::remove_leftovers;
-=======
 use crate::record::kernel_trace::remove_leftovers;
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
 use crate::settings::law_settings;
 use channels::Channels;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
@@ -74,21 +69,11 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
             "topic theorem stays empty, not applicable: {why}\n"
         ))?;
     }
-<<<<<<< HEAD
     let served = serve(&mut observation, &mut channels, &mirror, &server, &stop);
-    let ended = |ending: EndReason| format!("the flight has ended: {}", ending.words());
+    let ended = |ending: EndReason| format!("the flight has ended: {}", ending.name());
     if let Ok(Some(ending)) = served {
         server.publish_status(Status::info(ended(ending)));
         // The SDK drops what it has not sent when it is stopped.
-=======
-    let served = serve(&mut observation, &mut channels, &parameters, &server, &stop);
-    if let Ok(Some(ending)) = &served {
-        server.publish_status(Status::info(format!(
-            "the flight has ended: {}",
-            ending.name()
-        )));
-        // The SDK sends it by itself, and drops what it has not sent when it is stopped.
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
         sleep(FINAL_STATUS);
     }
     server.stop().wait_blocking();
@@ -98,11 +83,7 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     remove_leftovers(&instance);
     match served? {
         Some(ending) => {
-<<<<<<< HEAD
             print(&(ended(ending) + "\n"))?;
-=======
-            print(&format!("the flight has ended: {}\n", ending.name()))?;
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
             Ok(OK)
         }
         None => Ok(INTERRUPTED),

@@ -235,35 +235,6 @@ impl Change {
 
 impl LoopChange {
     fn read(what: &str, value: Option<&str>) -> Result<Self, FaultError> {
-<<<<<<< HEAD
-        let Name {
-            scope,
-            name,
-            code,
-            every_input,
-        } = Name::read(what)?;
-        let ends = value == Some(OFF);
-        let with = |spec: &FaultSpec, [first, second]: [u64; 2]| {
-            let code = FaultCode {
-                what: spec.what as u64,
-                first,
-                second,
-                ..code
-            };
-            code.fault().map(|fault| Self {
-                kind: fault.trouble,
-                every_input,
-                ends,
-            })
-        };
-        let mut specs = FaultSpec::named(scope, name).peekable();
-        let Some(spec) = specs.peek().copied() else {
-            return Err(unknown(what));
-        };
-        if ends {
-            if spec.is_once() {
-                return Err(FaultError::NotLasting(what.to_owned()));
-=======
         let parts = what.rsplit_once('.');
         let (target, name) = parts
             .and_then(|(target, name)| Some((FaultTarget::named(target)?, name)))
@@ -271,11 +242,10 @@ impl LoopChange {
         let mut specs = FaultSpec::named(target.scope, name).peekable();
         let spec = *specs.peek().ok_or_else(|| unknown(what))?;
         if value == Some(OFF) {
-            if spec.is_once {
+            if spec.is_once() {
                 return Err(FaultError::fault(format!(
                     "{what} happens once: there is nothing to end"
                 )));
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
             }
             // Numbers that every kind of such a value allows.
             let any = match spec.value {
@@ -290,7 +260,7 @@ impl LoopChange {
         }
         if spec.value == ValueType::None {
             if value.is_some() {
-                let end = if spec.is_once {
+                let end = if spec.is_once() {
                     String::new()
                 } else {
                     format!(" or {what}@8s..9s")
@@ -307,18 +277,10 @@ impl LoopChange {
         }
         let value = value.unwrap_or_default();
         specs
-<<<<<<< HEAD
-            .find_map(|spec| with(spec, read_value(spec.value, value)?))
-            .ok_or_else(|| FaultError::Value {
-                what: what.to_owned(),
-                value: begin_of(value),
-                allowed: spec.allowed().replace("WHAT", what),
-=======
             .find_map(|spec| target.change(spec, read_value(spec.value, value)?))
             .ok_or_else(|| {
-                let allowed = spec.allowed.replace("WHAT", what);
+                let allowed = spec.allowed().replace("WHAT", what);
                 FaultError::fault(format!("{what} = `{}`: write {allowed}", begin_of(value)))
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
             })
     }
 

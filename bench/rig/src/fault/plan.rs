@@ -3,14 +3,8 @@
 
 use std::time::Duration;
 
-<<<<<<< HEAD
 use messages::fault::live::{Acts, FaultKind, LiveFault, LoopFaults, RESTART_NS, late_share};
 use messages::fault::{NotTaken, Span};
-=======
-use messages::fault::acts::{Acts, RESTART_NS};
-use messages::fault::live::{FaultKind, LiveFault, LoopFaults, MOST_LIVE, NOTICE_TICKS};
-use messages::fault::{MOST, NotTaken, Span, late};
->>>>>>> f326f88641ecf5962c09bf48fe59233f4983d962
 use messages::parameters::Airframe;
 use messages::role::Role;
 use plant::Swap;

@@ -6,14 +6,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-<<<<<<< HEAD
-use control_api::law::{Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
-use control_api::registry::Made;
-=======
 use control_api::law::{Desired, Rig, WrenchSetpoint};
 use control_api::registry::{AnyInner, AnyMixer, AnyOuter, Made};
 use errors::{Failure, GATE};
->>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
 use messages::realtime::Usage;
@@ -140,13 +135,6 @@ impl Candidate {
     }
 }
 
-<<<<<<< HEAD
-/// An instance of a law: the one that flies, or its twin.
-enum Asked<'a> {
-    Outer(&'a mut dyn OuterLaw),
-    Inner(&'a mut dyn InnerLaw),
-    Mixer(&'a mut dyn MixerLaw),
-=======
 fn tick_outer(law: &mut dyn AnyOuter, input: &Input) -> Answer {
     let mut telemetry = Telemetry::default();
     let desired = law.tick(
@@ -164,7 +152,6 @@ fn tick_outer(law: &mut dyn AnyOuter, input: &Input) -> Answer {
         .into_iter()
         .chain(vectors.into_iter().flatten());
     answer(numbers, &telemetry)
->>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 }
 
 fn tick_inner(law: &mut dyn AnyInner, input: &Input) -> Answer {

@@ -3,11 +3,8 @@
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-<<<<<<< HEAD
 use campaign::gates::METRICS;
 use campaign::gates::Outcome;
-=======
->>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 use campaign::metrics::Metrics;
 use messages::fault::LONGEST_DELAY;
 use messages::parameters::Airframe;

@@ -82,48 +82,20 @@ impl<'a> ReportBuilder<'a> {
         let period_s = self.settings.flight.period_s;
         let ticks = tally.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(tally.states);
-<<<<<<< HEAD
-        let missed = tally.miss_runs.missed();
-        let run_length = |(length_ticks, count)| RunLength {
-            length_ticks,
-            count,
-        };
-        let stretch = |stretch: &LateStretch| schema::LateStretchSection {
-            tick: stretch.tick,
-            time_s: stretch.tick as f64 * period_s,
-            length_ticks: stretch.length_ticks,
-            late_us: stretch.late_ns as f64 / 1e3,
-        };
-        let late_commands = &tally.late_commands;
-=======
         let late = tally.series.flight(Series::Late);
         let missed = tally.miss_runs.missed;
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
         let deadlines = schema::DeadlineSection {
             not_fresh: tally.not_fresh(&ticks),
             missed,
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-<<<<<<< HEAD
-            missed_by_stamps: late_commands.count(),
-            late: tally
-                .series
-                .flight(Series::Late)
-                .map(buckets)
-                .unwrap_or_default(),
-=======
             missed_by_stamps: tally.late_commands.count,
             late: late.map(buckets).unwrap_or_default(),
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
             runs: tally
                 .miss_runs
                 .lengths()
                 .into_iter()
                 .map(run_length)
                 .collect(),
-<<<<<<< HEAD
-            stretches: late_commands.stretches().iter().map(stretch).collect(),
-            stretches_left_out: late_commands.left_out(),
-=======
             stretches: tally
                 .late_commands
                 .stretches
@@ -131,7 +103,6 @@ impl<'a> ReportBuilder<'a> {
                 .map(|stretch| late_stretch(stretch, period_s))
                 .collect(),
             stretches_left_out: tally.late_commands.left_out,
->>>>>>> 0bc5e5f63f5424fdb62a4b7e9a0ddbdff334428e
         };
         let series = tally.series.statistics();
         let theorem = tally.theorem.section();

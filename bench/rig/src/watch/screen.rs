@@ -153,7 +153,6 @@ fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16) -> Line<'a
     line
 }
 
-<<<<<<< HEAD
 fn header_line(model: &Model, width: u16) -> Line<'_> {
     let mut parts = vec![Line::styled(format!(" {}", model.instance), HEADING)];
     let mut add =
@@ -163,7 +162,7 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
         match flight.ending {
             None => add("flying".into(), GOOD),
             Some(ending) => add(
-                format!("landed: {}", ending.words()),
+                format!("landed: {}", ending.name()),
                 good_or_bad(ending == EndReason::Completed),
             ),
         }
@@ -191,30 +190,6 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
         }
     } else {
         add("waits for a flight".into(), PLAIN);
-=======
-fn head_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
-    let name = Span::styled(format!(" {}", model.instance), paint.heading());
-    let Some(flight) = &model.flight else {
-        return fitting(
-            [Line::from(name), Line::from("   waits for a flight")],
-            width,
-        );
-    };
-    let run = &flight.run;
-    let phase = match flight.ending {
-        None => Span::styled("   flying", paint.good()),
-        Some(EndReason::Completed) => Span::styled("   landed: completed", paint.good()),
-        Some(ending) => Span::styled(format!("   landed: {}", ending.name()), paint.bad()),
-    };
-    let mut parts = vec![name, phase];
-    let tick = flight.tick();
-    if tick != NO_TICK {
-        parts.push(Span::raw(format!(
-            "   {:.1} of {:.1} s",
-            run.flight_time_s(tick),
-            run.flight_time_s(run.last_tick)
-        )));
->>>>>>> 0aa76315e3e4c700ed1f68a839b87298db04abfa
     }
     fitting(parts, width)
 }

@@ -6,12 +6,8 @@ use std::sync::mpsc;
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
-<<<<<<< HEAD
 use ipc::instance::Instance;
 use process::signals::stop_signals;
-=======
-use process::stop::stop_signals;
->>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
