@@ -321,6 +321,7 @@ pub struct TickRecord {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
     use std::io;
 
     use super::*;

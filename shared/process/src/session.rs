@@ -253,7 +253,7 @@ pub fn say_landed(role: Role, run: &Run) {
     };
     tracing::info!(
         "{role}: flight {} after {flown_s:.1} s",
-        run.ending().words()
+        run.ending().name()
     );
 }
 
