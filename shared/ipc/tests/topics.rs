@@ -102,7 +102,7 @@ fn a_message_carries_its_origin_and_the_history_of_its_input() {
         tick: 1,
         ..history
     };
-    expected.stamps[Role::Plant as usize] = *envelope.stamps_of(Role::Plant);
+    expected.stamps[Role::Plant as usize] = envelope.stamps_of(Role::Plant);
     assert_eq!(envelope, expected);
     assert!(envelope.stamps_of(Role::Plant).send_ns > 0);
 }
@@ -155,7 +155,7 @@ fn a_topic_has_one_sender_and_as_many_receivers_as_it_was_made_for() {
     let (here, there) = (site.wire(), site.wire());
     let first = here.sender::<State>(None).unwrap();
     for wire in [&here, &there] {
-        let error = wire.sender::<State>(None).unwrap_err();
+        let error = wire.sender::<State>(None).map(drop).unwrap_err();
         assert!(matches!(error, Error::Wire { .. }), "{error}");
         let words = error.to_string();
         assert!(words.contains("the sender of topic `state`"), "{words}");

@@ -99,26 +99,18 @@ pub fn open(role: Role, file: &Path) -> Result<&'static Library, Failure> {
     if is == role {
         return Ok(library);
     }
-    Err(unusable(
-        file,
-        &format!(
-            "`{}` is a law of the role {is}, and not of {role}",
-            library.description.name
-        ),
-    )
-    .help(format!("fly it with --{is} {}", file.display())))
+    let name = library.description.name;
+    let what = format!("`{name}` is a law of the role {is}, and not of {role}");
+    Err(unusable(file, &what).help(format!("fly it with --{is} {}", file.display())))
 }
 
 /// The law of a file, whatever its role.
 pub fn load(file: &Path) -> Result<&'static Library, Failure> {
-    let (named, file) = (
-        file,
-        in_folder(file)?
-            .canonicalize()
-            .map_err(|e| unread(file, &e))?,
-    );
+    let named = file;
+    let unread = |e: io::Error| unread(named, &e);
+    let file = in_folder(named)?.canonicalize().map_err(unread)?;
     let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
-    let content = content_of(&file).map_err(|e| unread(named, &e))?;
+    let content = content_of(&file).map_err(unread)?;
     if let Some(library) = loaded.iter().find(|library| library.file == file) {
         return if library.content == content {
             Ok(library)
@@ -126,24 +118,17 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
             Err(changed(named, "since it was loaded"))
         };
     }
-    let opened = open_file(&file).map_err(|e| unread(named, &e))?;
-    let mode = opened
-        .metadata()
-        .map_err(|e| unread(named, &e))?
-        .permissions()
-        .mode();
+    let opened = open_file(&file).map_err(unread)?;
+    let mode = opened.metadata().map_err(unread)?.permissions().mode() & 0o7777;
     if mode & EVERYBODY_WRITES != 0 {
-        let mode = mode & 0o7777;
-        return Err(unusable(
-            named,
-            &format!("every user may write it, and it is code: its mode is {mode:04o}"),
-        )
-        .help(format!(
+        let what = format!("every user may write it, and it is code: its mode is {mode:04o}");
+        let remedy = format!(
             "chmod o-w {}; where files have no modes, copy it to where they do",
             file.display()
-        )));
+        );
+        return Err(unusable(named, &what).help(remedy));
     }
-    let bytes = read(opened).map_err(|e| unread(named, &e))?;
+    let bytes = read(opened).map_err(unread)?;
     let sha256 = Sha256::digest(&bytes)
         .iter()
         .map(|byte| format!("{byte:02x}"))
@@ -166,8 +151,6 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
         unusable(named, &what)
             .help("the author of the law corrects that; docs/laws.md says what the rig reads")
     })?;
-    let not_real_time = table.not_real_time != 0;
-    let modes_put_back = AtomicU64::new(0);
     let words: &'static str = format!(
         "{} law `{}` ({})",
         description.role,
@@ -182,11 +165,11 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
         file,
         sha256,
         description,
-        not_real_time,
+        not_real_time: table.not_real_time != 0,
         table,
         content,
         words,
-        modes_put_back,
+        modes_put_back: AtomicU64::new(0),
     };
     let library: &'static Library = Box::leak(Box::new(library));
     loaded.push(library);

@@ -2,11 +2,11 @@
 //!
 //! The forger holds the topic's only publisher, so none of the sender's checks protect the receiver.
 
+use ::ipc::instance::Instance;
+use ::ipc::sys::Sealed;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{Node, NodeBuilder, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use ipc::instance::Instance;
-use ipc::sys::Sealed;
 use messages::content::NO_TICK;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Reason};
