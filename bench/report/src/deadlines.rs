@@ -185,7 +185,7 @@ mod tests {
         unseen.unseen_before(3);
         let lost = &[Slack(970), Late(1_040), Late(40), Slack(960)];
         let joined = &[Slack(970), Late(40), Slack(960)];
-        let rows: [Row; 5] = [
+        let rows: [Row<'_>; 5] = [
             (
                 Deadlines::new(GRID),
                 &[(0, 30), (1, 1_400)],

@@ -236,8 +236,11 @@ impl FlightStatistics {
         self.keep_stamps(message);
         self.not_finite[stage].take(message.envelope.tick, mode);
         self.telemetry[stage].take(telemetry);
-        let input_tick = message.envelope.input_tick[stage];
-        let hop = Self::hop(STAGES[stage], input_tick, message);
+        let (envelope, from) = (&message.envelope, STAGES[stage]);
+        let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
+        let hop_ns = received_ns.saturating_sub(envelope.stamps_of(from).send_ns);
+        let is_of_tick = envelope.input_tick[stage] == envelope.tick;
+        let hop = is_of_tick.then_some((Series::Hop(from, C::SENDER), hop_ns));
         self.stage(StampedTiming {
             hop,
             loop_ns,
@@ -340,7 +343,7 @@ impl FlightStatistics {
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StampedTiming {
+struct StampedTiming {
     pub role: Role,
     pub tick: u64,
     pub receive_ns: u64,
@@ -355,7 +358,7 @@ pub(super) struct StampedTiming {
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StampedCommand {
+struct StampedCommand {
     pub tick: u64,
     pub sent_ns: u64,
     pub follows_loss: bool,
@@ -391,7 +394,7 @@ impl FlightStatistics {
     }
 
     /// How far ahead of a tick the plant's timer was to be set, and how late the kernel woke it.
-    pub(super) fn timer(&mut self, lead_ns: u64, late_ns: u64) {
+    fn timer(&mut self, lead_ns: u64, late_ns: u64) {
         if self.grid.is_some() {
             self.series.record(Series::Timer, late_ns);
             self.leads.take(lead_ns, late_ns);
@@ -404,7 +407,7 @@ impl FlightStatistics {
         self.leads.section(at_take_off, rehearsals, flown_ns)
     }
 
-    pub(super) fn passage<C: Topic>(message: &Message<C>, follows_loss: bool) -> StampedTiming {
+    fn passage<C: Topic>(message: &Message<C>, follows_loss: bool) -> StampedTiming {
         let (role, envelope) = (C::SENDER, &message.envelope);
         let stamps = envelope.stamps_of(role);
         StampedTiming {
@@ -420,7 +423,7 @@ impl FlightStatistics {
     }
 
     /// Counts a passage, now or when its tick has been flown.
-    pub(super) fn stage(&mut self, passage: StampedTiming) {
+    fn stage(&mut self, passage: StampedTiming) {
         let newest = self.newest.map(|(newest, _)| newest);
         if Some(passage.tick) <= newest {
             self.count(&passage);
@@ -447,7 +450,7 @@ impl FlightStatistics {
     }
 
     /// Counts what was done in ticks up to `flown`, and judges the commands up to that of `judged`.
-    pub(super) fn settle(&mut self, flown: u64, judged: Option<u64>) {
+    fn settle(&mut self, flown: u64, judged: Option<u64>) {
         for passage in std::mem::take(&mut self.passages) {
             if passage.tick <= flown {
                 self.count(&passage);
@@ -460,7 +463,7 @@ impl FlightStatistics {
         }
     }
 
-    pub(super) fn judge(&mut self, command: &StampedCommand) {
+    fn judge(&mut self, command: &StampedCommand) {
         let Some(deadlines) = &mut self.deadlines else {
             return;
         };
@@ -521,19 +524,6 @@ impl FlightStatistics {
                 enter(series, late_commands, tick, verdict)
             });
         }
-    }
-
-    /// The hop into a stage, where its driving input was of this tick.
-    pub(super) fn hop<C: Topic>(
-        from: Role,
-        input_tick: u64,
-        message: &Message<C>,
-    ) -> Option<(Series, u64)> {
-        let envelope = &message.envelope;
-        let sent_ns = envelope.stamps_of(from).send_ns;
-        let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
-        let series = Series::Hop(from, C::SENDER);
-        (input_tick == envelope.tick).then(|| (series, received_ns.saturating_sub(sent_ns)))
     }
 }
 

@@ -141,7 +141,8 @@ mod tests {
         };
         let command = "ironbird margin --config settings.toml";
         let unknown = MarginSection::unknown("ab".into(), command.into());
-        let rows: [(&MarginSection, &[(&str, u64)], u64, &str); 7] = [
+        type Row<'a> = (&'a MarginSection, &'a [(&'a str, u64)], u64, &'a str);
+        let rows: [Row<'_>; 7] = [
             (
                 &known,
                 &[("inner", 47), ("outer", 300)],

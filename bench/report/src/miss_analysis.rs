@@ -73,7 +73,7 @@ struct Judged {
 }
 
 impl MissAnalysis {
-    pub const fn new(grid: Grid, is_virtual: bool, share_processor: bool) -> Self {
+    pub fn new(grid: Grid, is_virtual: bool, share_processor: bool) -> Self {
         Self {
             grid,
             is_virtual,
@@ -88,7 +88,7 @@ impl MissAnalysis {
             has_begun: false,
             open: None,
             counts: BTreeMap::new(),
-            rows: OutageRuns::NONE,
+            rows: OutageRuns::default(),
             worst: Vec::new(),
         }
     }
@@ -388,7 +388,7 @@ fn is_fresh(role: Role, envelope: &Header) -> bool {
 const ROWS: usize = STAGES.len() + 1;
 
 /// The longest rows so far, of each stage and of all at once.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OutageRuns {
     longest: [u64; ROWS],
     /// OutageRuns that last at the end of the outage that was taken last.
@@ -398,13 +398,6 @@ pub(super) struct OutageRuns {
 }
 
 impl OutageRuns {
-    pub const NONE: Self = Self {
-        longest: [0; ROWS],
-        running: [0; ROWS],
-        next: 0,
-        unmeasured: 0,
-    };
-
     /// Takes an outage, whose stages were out as `out_in` says of each tick. One that begins where the last one was cut
     /// off goes on with it.
     pub fn take(&mut self, outage: Outage, out_in: impl Fn(u64) -> [bool; STAGES.len()]) {
@@ -457,7 +450,7 @@ mod tests {
     use super::*;
 
     fn longest(outages: &[(u64, u64)], out_in: fn(u64) -> [bool; STAGES.len()]) -> Vec<u64> {
-        let mut rows = OutageRuns::NONE;
+        let mut rows = OutageRuns::default();
         for (first, last) in outages.iter().copied() {
             let missed = 0;
             rows.take(

@@ -41,6 +41,7 @@ pub enum Block {
     Paragraph(String),
     Warning(String),
     Items(Vec<String>),
+    /// What a page shows as a figure.
     Terminal(String),
     Heading(String),
     Table(Table),

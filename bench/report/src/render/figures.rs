@@ -222,20 +222,16 @@ impl<'a> Figures<'a> {
         let (x, y) = (axis(across), axis(up));
         let place = |point: &[f64; 3]| (point[across], point[up]);
         let line = |class: &'static str, points: &[[f64; 3]]| {
-            let points = points.iter().map(place).collect();
-            Layer::Line { class, points }
+            Layer::line(class, points.iter().map(place).collect())
         };
         let at_swap = |swap: &AppliedSwap| {
             let sample = tick.iter().position(|tick| *tick >= swap.tick);
             let sample = sample.filter(|_| tick.first() <= Some(&swap.tick))?;
             Some((place(&flown[sample]), swap_words(swap)))
         };
-        let (class, points) = ("swap", self.swaps.iter().filter_map(at_swap).collect());
-        let layers = vec![
-            line("reference", reference),
-            line("flown", flown),
-            Layer::Dots { class, points },
-        ];
+        let swaps = self.swaps.iter().filter_map(at_swap).collect();
+        let (reference, flown) = (line("reference", reference), line("flown", flown));
+        let layers = vec![reference, flown, Layer::dots("swap", swaps)];
         let title = format!("path in the plane of {} and {}", AXES[across], AXES[up]);
         let axis = |scale, i: usize| Axis::new(scale, format!("{} [m]", AXES[i]));
         let mut chart = Chart {
@@ -282,10 +278,9 @@ impl<'a> Figures<'a> {
         };
         let last = group.every_ticks.saturating_sub(1);
         let ends_s = |tick| [self.time_s(tick), self.time_s(tick + last)];
-        let layers = lines.iter().map(|(class, channel, _)| Layer::Line {
-            class,
-            points: through(group.spans(channel), ends_s),
-        });
+        let layers = lines
+            .iter()
+            .map(|(class, channel, _)| Layer::line(class, through(group.spans(channel), ends_s)));
         let chart = self.marked(label, scale, layers.collect());
         let keys = lines.iter().filter(|(.., word)| !word.is_empty());
         let keys = keys.map(|(class, _, word)| (*class, (*word).to_owned()));

@@ -169,10 +169,8 @@ fn curves(report: &Report) -> Vec<Figure> {
         let points = || all.iter().flat_map(|(_, distribution)| &distribution.curve);
         let x = Scale::tail(points().map(|point| point.0).fold(0.0, f64::max));
         let y = Scale::log(points().map(|point| point.1));
-        let lines = all.iter().map(|(class, it)| Layer::Line {
-            class,
-            points: it.curve.clone(),
-        });
+        let lines = all.iter();
+        let lines = lines.map(|(class, it)| Layer::line(class, it.curve.clone()));
         let (x, y) = (Axis::new(x, "percentile"), Axis::new(y, "us"));
         let chart = Chart::new(format!("percentiles: {title}"), x, y, lines.collect());
         (!all.is_empty()).then(|| Figure::new(format!("curve-{name}"), *title, keys(&all), chart))

@@ -75,12 +75,16 @@ fn keys(margins: &Margins) -> Vec<(&'static str, String)> {
 }
 
 fn unfaulted(margins: &Margins) -> Option<Section> {
-    let (error, saturated) = ("error [mm]", "saturated [%]");
-    let columns = [error, saturated, "recovered below [mm]", "flights"];
+    let columns = [
+        "error [mm]",
+        "saturated [%]",
+        "recovered below [mm]",
+        "flights",
+    ];
     let table = table(margins, &columns, |law| {
         let saturated = format!("{:.1}", law.unfaulted_saturated_percent);
-        let (error, below) = (law.unfaulted_error_m, law.recovered_below_m);
-        let (error, below) = (millimetres(error), millimetres(below));
+        let error = millimetres(law.unfaulted_error_m);
+        let below = millimetres(law.recovered_below_m);
         vec![error, saturated, below, law.flights.to_string()]
     });
     Some(Section::new("unfaulted", "Without a fault", vec![table]))
@@ -136,7 +140,7 @@ fn outage_chart(margins: &Margins, i: usize, name: &str) -> Chart {
         let ticks = ticks.map(|ticks| (*ticks as f64).max(0.5));
         values.extend(ticks.clone());
         let points = margins.phases_s.iter().copied().zip(ticks).collect();
-        Some(Layer::Line { class, points })
+        Some(Layer::line(class, points))
     };
     let layers = margins.laws.iter().zip(LAWS).filter_map(line).collect();
     let first_s = margins.phases_s.first().copied().unwrap_or_default();
@@ -177,29 +181,17 @@ fn error_chart<'a>(
         let line: Vec<(f64, f64)> = points.iter().map_while(place).collect();
         last = points.iter().map(|it| at(it.at)).fold(last, f64::max);
         values.extend(line.iter().map(|(_, error_m)| *error_m));
-        let failed = points
-            .iter()
-            .zip(&line)
-            .filter(|(it, _)| it.survived < it.flights);
+        let failed = points.iter().zip(line.clone());
+        let failed = failed.filter(|(it, _)| it.survived < it.flights);
         let word = |it: &Point| format!("{} of {} flights survived", it.survived, it.flights);
-        let dots = failed.map(|(it, place)| (*place, word(it))).collect();
-        layers.push(Layer::Line {
-            class,
-            points: line,
-        });
-        layers.push(Layer::Dots {
-            class,
-            points: dots,
-        });
+        let dots = failed.map(|(it, place)| (place, word(it))).collect();
+        layers.extend([Layer::line(class, line), Layer::dots(class, dots)]);
     }
     let x = Scale::time(0.0, last);
     let y = Scale::log(values.into_iter());
-    Chart::new(
-        format!("largest position error over {label} of {input}"),
-        Axis::new(x, label),
-        Axis::new(y, "largest error of the last 5 s [m]"),
-        layers,
-    )
+    let y = Axis::new(y, "largest error of the last 5 s [m]");
+    let title = format!("largest position error over {label} of {input}");
+    Chart::new(title, Axis::new(x, label), y, layers)
 }
 
 const DOTS: &str = "A dot is where not every flight survived. A line ends where one left its envelope, or where the \
@@ -221,16 +213,15 @@ fn lateness(margins: &Margins) -> Option<Section> {
         return None;
     }
     let tick = ticks_of(margins);
-    let mut blocks = vec![
-        Block::Note(DOTS.into()),
-        over(
-            margins,
-            ("lag", "lag [ticks]"),
-            &lags,
-            |law, i| Some(&law.lags.get(i)?.points),
-            |it| it,
-        ),
-    ];
+    let name = ("lag", "lag [ticks]");
+    let figures = over(
+        margins,
+        name,
+        &lags,
+        |law, i| Some(&law.lags.get(i)?.points),
+        |it| it,
+    );
+    let mut blocks = vec![Block::Note(DOTS.into()), figures];
     let title = format!("Longest steady lag {tick}: in time, but so old (dead time)");
     blocks.extend(longest(title, |law| &law.lags));
     let title = format!("Longest steady delay {tick}: so late, and known as stale");

@@ -26,23 +26,20 @@ pub fn render(figures: &Figures<'_>, title: &str) -> String {
         place(0, "height".into(), figures.position(2).chart),
         place(0, "position error".into(), figures.distance().chart),
     ];
-    charts.extend((0..3).map(|i| match has_estimates {
-        true => place(
-            1,
-            format!("estimate of {}", SYMBOLS[i]),
-            figures.estimate(i).chart,
-        ),
-        false => place(1, ANGLES[i].into(), figures.attitude(i).chart),
+    charts.extend((0..3).map(|i| {
+        let (title, figure) = match has_estimates {
+            true => (format!("estimate of {}", SYMBOLS[i]), figures.estimate(i)),
+            false => (ANGLES[i].into(), figures.attitude(i)),
+        };
+        place(1, title, figure.chart)
     }));
-    let swap = if figures.faults.is_empty() {
-        "live swap"
-    } else {
-        "swap, fault"
+    let swap = match figures.faults.is_empty() {
+        true => "live swap",
+        false => "swap, fault",
     };
-    let [flown, reference] = if has_estimates {
-        ["flown, estimated", "reference, true"]
-    } else {
-        ["flown", "reference"]
+    let [flown, reference] = match has_estimates {
+        true => ["flown, estimated", "reference, true"],
+        false => ["flown", "reference"],
     };
     let (width, height) = (2.0 * (WIDTH + GAP) + GAP, below[0].max(below[1]));
     let picture: Markup = html! {

@@ -102,6 +102,14 @@ pub enum Layer {
 }
 
 impl Layer {
+    pub const fn line(class: &'static str, points: Vec<(f64, f64)>) -> Self {
+        Self::Line { class, points }
+    }
+
+    pub const fn dots(class: &'static str, points: Vec<((f64, f64), String)>) -> Self {
+        Self::Dots { class, points }
+    }
+
     pub fn level(class: &'static str, at: f64, label: &str) -> Self {
         let label = label.into();
         Self::Level { class, at, label }

@@ -121,8 +121,14 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         theorem.convergence.clone(),
     ]));
     blocks.push(Block::Table(causes(theorem)));
-    let [error, first, most] = ["error", "first", "at most"];
-    let columns = ["estimate", error, first, most, "excitation", "found"];
+    let columns = [
+        "estimate",
+        "error",
+        "first",
+        "at most",
+        "excitation",
+        "found",
+    ];
     let rows = theorem.estimates.iter().map(|it| {
         let [error, first, excitation] =
             [it.error, it.error_start, it.identifiability].map(|it| format!("{it:.2e}"));
