@@ -5,7 +5,7 @@
 
 use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, rig};
 use control_api::description::{Settings, Value};
-use control_api::law::{Desired, InnerLaw, Law as _, WrenchSetpoint};
+use control_api::law::{Desired, InnerLaw, Law, WrenchSetpoint};
 use controller::Trajectory;
 use controller::laws::attitude::Attitude;
 use controller::laws::{Estimating, Fixed, Geometric, Indi, Pid};

@@ -17,7 +17,7 @@ use std::time::SystemTime;
 
 use clap::ValueEnum as _;
 use ipc::clock::now_ns;
-use process::launcher::end_with_launcher;
+use process::signals::end_with_launcher;
 use process::rt::{fifo_refusal, take_stand};
 
 use crate::cli::{FloorArgs, HopArgs, Set};

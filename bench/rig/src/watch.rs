@@ -16,7 +16,8 @@ use std::time::{Duration, Instant};
 
 use ipc::error::Error;
 use ipc::instance::Instance;
-use process::signals::{end_with_launcher, stop_signals};
+use messages::role::Role;
+use process::signals::end_with_launcher;
 
 use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};
@@ -135,7 +136,7 @@ fn print_lines(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<
         feed.update(model)?;
         if let Some(flight) = &model.flight {
             if let Some(ending) = flight.ending {
-                print(&format!("{}   {}\n", line(flight), ending.words()))?;
+                print(&format!("{}   {}\n", line(flight), ending.name()))?;
                 return Ok(OK);
             }
             if Instant::now() >= next && flight.rotor_speeds.is_some() {

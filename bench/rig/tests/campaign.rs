@@ -56,7 +56,7 @@ pub fn chunk(directory: &str, number: u64) -> PathBuf {
 fn cell(directory: &str, flight: u64, arm: usize, column: &str) -> String {
     let text = fs::read_to_string(Path::new(directory).join("campaign.toml")).unwrap();
     let campaign = campaign::file::read(&text).unwrap();
-    let rows = campaign::rows::Rows::new(Path::new(directory), 0..campaign.chunks());
+    let rows = campaign::chunk::Rows::new(Path::new(directory), 0..campaign.chunks());
     let row = rows.row(&campaign, flight, arm).unwrap().unwrap();
     row.into_iter().find(|(name, _)| name == column).unwrap().1
 }

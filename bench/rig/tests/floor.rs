@@ -1,12 +1,14 @@
 //! The machine's floors: what they count and what ends them; how fast they are is no test's business.
 
-use crate::rig;
+use crate::rig::wait_until;
 
+use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
 use crate::rig::{IRONBIRD, Rig};
 use errors::Failure;
+use serde_json::Value;
 use host::floor::ring::{self, RingFloor, RingSettings, WakeMechanism, Work};
 use host::floor::timer::{self, Schedule};
 

@@ -18,10 +18,8 @@ use std::process::{Command, Stdio};
 use ipc::instance::Instance;
 use ipc::{DEEP, Wire};
 use messages::checks::switch_off;
-use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
-use messages::header::{Header, Message};
-use messages::inspection::{Expected, Reason};
-use messages::layout::{Field, Visit, VisitorMut};
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::inspection::Reason;
 use messages::topic::Topic;
 
 use forgery::{Draw, EXPECTED, Forger, GOOD, KINDS, good};

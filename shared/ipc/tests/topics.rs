@@ -10,7 +10,7 @@ use messages::content::{Measured, NO_TICK, Setpoint, State, Wrench};
 use messages::header::{Header, Message};
 use messages::inspection::Expected;
 use messages::role::Role;
-use messages::topic::Topic;
+use messages::topic::{Bound, Topic};
 
 use crate::common::{EPOCH, EXPECTED};
 use crate::forgery::node;
@@ -202,12 +202,12 @@ impl Topic for ForeignState {
     const SENDER: Role = State::SENDER;
     const SUBSCRIBERS: usize = State::SUBSCRIBERS;
 
-    fn numbers(&self, look: impl FnMut(&[f64])) {
+    fn numbers(&self, look: impl FnMut(&[f64], Bound)) {
         self.state.numbers(look);
     }
 
-    fn plausible(&self) -> bool {
-        self.state.plausible()
+    fn has_known_flags(&self) -> bool {
+        self.state.has_known_flags()
     }
 }
 

@@ -49,7 +49,7 @@ fn allocation() {
     });
     each_case("alloc_inv", |case| {
         let demand = vector::<4>(&case["u_tp_tq_tr"]);
-        let f = allocation.thrusts(demand.x, &demand.yzw());
+        let f = allocation.thrusts(demand.x, &demand.fixed_rows::<3>(1).into());
         assert_close(f.as_slice(), &case["f"]);
         // The reference marks the speed of a negative thrust, which does not exist, by -1.
         let speed = |f: f64| {

@@ -118,7 +118,7 @@ impl Channels {
             return;
         }
         let placed = placed(self.time_ns(message), &message.content);
-        let time = PartialMetadata::with_log_time(placed.at_ns());
+        let time = PartialMetadata::with_log_time(placed.at_ns);
         for (channel, bytes) in placed.messages() {
             self.scene[channel].log_with_meta(&bytes, time);
         }

@@ -28,6 +28,7 @@ use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
 use crate::output::print;
+use crate::parallel::asked_to_stop;
 use crate::record::kernel_trace::remove_leftovers;
 use crate::settings::law_settings;
 use channels::Channels;

@@ -19,7 +19,7 @@ use crate::supervisor::exit_report::warnings;
 use crate::supervisor::stop_requests::StopRequests;
 use crate::supervisor::{self, FinishedFlight, FlightOptions};
 use errors::{Failure, INTERRUPTED, InFile as _, OK, check_writable};
-use host::executable::own_executable;
+use host::own_executable;
 use report::baseline::Baseline;
 use report::render::files::write_all;
 use report::render::junit;

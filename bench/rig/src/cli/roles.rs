@@ -10,7 +10,7 @@ use ipc::instance::Instance;
 use messages::flight_plan::FlightPlan;
 use messages::role::Role;
 use plant::PlantSettings;
-use process::launcher::is_on_its_own;
+use process::signals::is_on_its_own;
 use process::rt::{loops_cpu, take_stand};
 use process::session::{RoleSession, StartConfig};
 use process::shell::{self, Flight};

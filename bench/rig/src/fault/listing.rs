@@ -29,10 +29,10 @@ pub fn text() -> String {
     let kinds = KINDS
         .replace("DELAYS", &format!("1 to {LONGEST_DELAY}"))
         .replace("RESTART", &typed(RESTART));
-    let cells = |line: &str| line.split(" | ").map(Cell::from).collect();
+    let cells = |line: &str| line.split(" | ").map(Cell::from).collect::<Vec<_>>();
     let kinds = Table::new(
         ["what", "value", "meaning"],
-        kinds.lines().map(cells).collect(),
+        kinds.lines().map(cells),
     );
     let mut fields = Vec::new();
     for (place, port) in PORTS.into_iter().enumerate() {

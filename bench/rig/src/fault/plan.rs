@@ -3,8 +3,10 @@
 
 use std::time::Duration;
 
-use messages::fault::live::{Acts, FaultKind, LiveFault, LoopFaults, RESTART_NS, late_share};
-use messages::fault::{NotTaken, Span};
+use messages::fault::live::{
+    Acts, FaultKind, LiveFault, LoopFaults, MOST_LIVE, NOTICE_TICKS, RESTART_NS, late_share,
+};
+use messages::fault::{MOST, NotTaken, Span};
 use messages::parameters::Airframe;
 use messages::role::Role;
 use plant::Swap;

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use control_api::law::{Desired, Rig, WrenchSetpoint};
-use control_api::registry::{AnyInner, AnyMixer, AnyOuter, Made};
+use control_api::law::{Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use control_api::registry::Made;
 use errors::{Failure, GATE};
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
@@ -135,7 +135,7 @@ impl Candidate {
     }
 }
 
-fn tick_outer(law: &mut dyn AnyOuter, input: &Input) -> Answer {
+fn tick_outer(law: &mut dyn OuterLaw, input: &Input) -> Answer {
     let mut telemetry = Telemetry::default();
     let desired = law.tick(
         input.tick,
@@ -154,7 +154,7 @@ fn tick_outer(law: &mut dyn AnyOuter, input: &Input) -> Answer {
     answer(numbers, &telemetry)
 }
 
-fn tick_inner(law: &mut dyn AnyInner, input: &Input) -> Answer {
+fn tick_inner(law: &mut dyn InnerLaw, input: &Input) -> Answer {
     let mut telemetry = Telemetry::default();
     let Input {
         measured,
@@ -167,7 +167,7 @@ fn tick_inner(law: &mut dyn AnyInner, input: &Input) -> Answer {
     answer([wrench.thrust_n, x, y, z], &telemetry)
 }
 
-fn tick_mixer(law: &mut dyn AnyMixer, input: &Input) -> Answer {
+fn tick_mixer(law: &mut dyn MixerLaw, input: &Input) -> Answer {
     let mut telemetry = Telemetry::default();
     let ([a, b, c, d], is_saturated) = law.tick(input.tick, &input.wrench, &mut telemetry);
     answer([a, b, c, d, f64::from(is_saturated)], &telemetry)

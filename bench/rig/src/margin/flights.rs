@@ -3,7 +3,6 @@
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use campaign::gates::METRICS;
 use campaign::gates::Outcome;
 use campaign::metrics::Metrics;
 use messages::fault::LONGEST_DELAY;

@@ -306,7 +306,7 @@ mod tests {
     use super::*;
     use crate::settings::Settings;
     use campaign::gates::METRICS;
-    use campaign::outcome::Outcome;
+    use campaign::gates::Outcome;
 
     fn point(at: f64, flights: u64, survived: u64, error_m: Option<f64>) -> Point {
         Point {

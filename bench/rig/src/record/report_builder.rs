@@ -9,7 +9,6 @@ use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use messages::fault::live::LiveFault;
 use process::rt::UsageMeter;
-use report::deadlines::LateStretch;
 use report::distribution::buckets;
 use report::flight_statistics::FlightStatistics;
 use report::gates::{gates, verdict};
@@ -94,13 +93,21 @@ impl<'a> ReportBuilder<'a> {
                 .miss_runs
                 .lengths()
                 .into_iter()
-                .map(run_length)
+                .map(|(length_ticks, count)| RunLength {
+                    length_ticks,
+                    count,
+                })
                 .collect(),
             stretches: tally
                 .late_commands
                 .stretches
                 .iter()
-                .map(|stretch| late_stretch(stretch, period_s))
+                .map(|stretch| schema::LateStretchSection {
+                    tick: stretch.tick,
+                    time_s: stretch.tick as f64 * period_s,
+                    length_ticks: stretch.length_ticks,
+                    late_us: stretch.late_ns as f64 / 1e3,
+                })
                 .collect(),
             stretches_left_out: tally.late_commands.left_out,
         };

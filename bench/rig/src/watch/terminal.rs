@@ -6,7 +6,6 @@ use std::sync::mpsc;
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
-use ipc::instance::Instance;
 use process::signals::stop_signals;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};

@@ -7,7 +7,7 @@ use messages::blackboards::{RolePhase, Status};
 use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{ESTIMATED, SPECS, Spec};
-use messages::realtime::{RealtimeStep, STEPS};
+use messages::realtime::RealtimeStep;
 use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
 use process::rt::remedy;
@@ -178,7 +178,7 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
     let (run, statistics) = (&flight.run, &flight.statistics);
     let missed = run.deadlines_missed;
     let per_million = missed as f64 * 1e6 / (run.ticks_run + run.ticks_skipped).max(1) as f64;
-    let late = statistics.late_commands.count();
+    let late = statistics.late_commands.count;
     let runs = statistics.miss_runs.lengths();
     let longest = runs.keys().last().copied().unwrap_or(0);
     let all_flight = format!("deadlines missed {missed}, {per_million:.1} per million");
@@ -557,7 +557,7 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         row("phase", &|_, status| phase(status).into()),
         row("scheduling", &|_, status| role_section(status).scheduling),
     ];
-    for step in STEPS {
+    for step in RealtimeStep::ALL {
         let title = serde_json::to_value(step).unwrap_or_default();
         let title = title.as_str().unwrap_or_default();
         let mut line = Line::from(format!("{title:<name$}"));
@@ -597,7 +597,7 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         let (why, remedy) = (errno_text(refused.errno), remedy(step, refused.errno));
         Some(Line::styled(format!("{why}: {remedy}"), FAINT))
     };
-    region.put_wrapped(STEPS.into_iter().filter_map(refusal).collect());
+    region.put_wrapped(RealtimeStep::ALL.into_iter().filter_map(refusal).collect());
 }
 
 fn phase(status: &Status) -> &'static str {
