@@ -6,8 +6,8 @@ use std::process::Command;
 
 /// The directory of the repository.
 pub fn root() -> PathBuf {
-    let crates = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
-    crates.skip(2).next().unwrap().to_owned()
+    let mut ancestors = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    ancestors.nth(2).unwrap().to_owned()
 }
 
 /// Compiles a file of the repository into a library of the rig's directory; returns its path.

@@ -393,7 +393,7 @@ fn every_page_fits_every_terminal_with_visible_colours_or_none() {
         model.tab = tab;
         for (width, height) in (1..=130)
             .step_by(3)
-            .flat_map(|width| (1..=50).map(move |height| (width, height)))
+            .flat_map(|width| [1, 11, 12, 13, 17, 24, 33, 50].map(|height| (width, height)))
         {
             let screen = screen(&model, (width, height));
             let fits = width >= SMALLEST.0 && height >= SMALLEST.1;

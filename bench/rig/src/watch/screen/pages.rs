@@ -305,6 +305,8 @@ fn decade(ns: u64) -> f64 {
 fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     /// Minimum height of the chart.
     const CHART: u16 = 8;
+    /// Short names of the estimated parameters.
+    const SYMBOLS: [&str; 3] = ["I_R kg m^2", "k_r N m s", "delta rad/s^2"];
     if let Some(why) = flight.laws.without_theorem.map(no_theorem) {
         let text = format!("The theorem is not applicable: {why}.");
         return region.put_wrapped(vec![Line::from(text)]);
@@ -319,7 +321,7 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     let (name, cell) = if is_wide { (25, 13) } else { (14, 11) };
     let row = |title: &str, [estimated, truth, error]: [&str; 3]| {
         let error = if is_wide { error } else { "" };
-        format!("{title:<name$.name$}{estimated:>cell$}{truth:>cell$}{error:>cell$}")
+        format!("{title:<name$}{estimated:>cell$}{truth:>cell$}{error:>cell$}")
     };
     let heading = row("estimates", ["estimated", "true", "error"]);
     lines.push(Line::styled(heading, HEADING));
@@ -329,7 +331,12 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         let truth = known.map_or(0.0, |known| known.actual);
         let [estimate, truth] = [estimate, truth].map(|value| format!("{value:.4e}"));
         let error = format!("{:.2e}", monitor.estimate_error[i]);
-        let mut line = Line::from(row(parameter.name(), [&estimate, &truth, &error]));
+        let title = if is_wide {
+            parameter.name()
+        } else {
+            SYMBOLS[i]
+        };
+        let mut line = Line::from(row(title, [&estimate, &truth, &error]));
         if known.is_some_and(|known| known.found) {
             line.push_span(Span::styled("  found", GOOD));
         }
@@ -392,26 +399,30 @@ fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, is_wide: bool) -> [L
     let [first, fell] = [m.v_th_start, m.descent];
     let [rms, largest] = [m.rate_error_rms_rad_s, m.rate_error_max_rad_s];
     let predicted = m.descent_predicted;
+    let [v, v_th] = [number(m.v), number(m.v_th)];
     [
         (
-            "V    [rad^2/s^2]",
-            number(m.v),
-            format!("change {change:>10.2e}  at most {at_most:>10.2e}"),
+            "V",
+            v,
+            "rad^2/s^2",
+            format!("change {change:>10.2e}  at most {at_most:>10.2e}  rad^2/s^2"),
         ),
         (
-            "V_th [rad^2/s^2]",
-            number(m.v_th),
-            format!("first  {first:>10.2e}  fell by {fell:>10.2e} of {predicted:.2e} predicted"),
+            "V_th",
+            v_th,
+            "rad^2/s^2",
+            format!("first  {first:>10.2e}  fell by {fell:>10.2e}  of {predicted:.2e} predicted"),
         ),
         (
-            "|e|  [rad/s]",
+            "|e|",
             error,
-            format!("rms    {rms:>10.2e}  largest {largest:>10.2e}"),
+            "rad/s",
+            format!("rms    {rms:>10.2e}  largest {largest:>10.2e}  rad/s"),
         ),
     ]
-    .map(|(name, now, history)| {
-        let history = if is_wide { &history } else { "" };
-        Line::from(format!("{name:<16}{now:>11}  {history}"))
+    .map(|(name, now, unit, history)| {
+        let rest = if is_wide { &history } else { unit };
+        Line::from(format!("{name:<5}{now:>10}  {rest}"))
     })
 }
 
