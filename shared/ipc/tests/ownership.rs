@@ -1,7 +1,6 @@
 //! What others can reach is not used: links, foreign directories and files, modes. Locks that are kept end a start.
 
 use std::fs::{self, File, Permissions};
-use std::io::Write as _;
 use std::os::unix::fs::{PermissionsExt as _, chown, symlink};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -39,7 +38,7 @@ fn give_away(path: &Path) -> bool {
     let is_given = chown(path, Some(NOBODY), Some(NOBODY)).is_ok();
     if !is_given {
         let path = path.display();
-        writeln!(std::io::stderr(), "skipped: only root gives {path} away").unwrap();
+        eprintln!("skipped: only root gives {path} away");
     }
     is_given
 }
