@@ -75,7 +75,9 @@ fn a_swap_for_a_tick_that_has_begun_is_for_the_next() {
     let mass = |tick, value| Swap::new(tick, &[(Parameter::Mass, value)]).unwrap();
     let mut plant = plant();
     assert_eq!(plant.schedule(mass(0, 0.55)), Ok(0), "tick 0 is to come");
-    (0..10).for_each(|tick| drop(fly(&mut plant, tick)));
+    for tick in 0..10 {
+        fly(&mut plant, tick);
+    }
     assert_eq!(plant.airframe().m(), 0.55);
     assert_eq!(plant.schedule(mass(10, 0.6)), Ok(10), "tick 9 is finished");
     plant.begin(10);
@@ -96,7 +98,9 @@ fn what_is_skipped_of_swaps_and_ramps_holds_all_the_same() {
         for plant in [&mut skipping, &mut steady] {
             plant.schedule(swap.clone()).unwrap();
         }
-        (0..12).for_each(|tick| drop(miss(&mut steady, tick)));
+        for tick in 0..12 {
+            miss(&mut steady, tick);
+        }
         miss(&mut skipping, 4);
         let expected = State {
             ticks_skipped: 11,
@@ -131,7 +135,9 @@ fn refused_swaps_change_nothing() {
     let refused = Err(SwapError::Steps { parameter, steps });
     assert_eq!(plant.schedule(unchecked), refused);
     let pending = PENDING_SWAPS as u64;
-    (1..=pending).for_each(|tick| drop(plant.schedule(swap(tick, 0.6)).unwrap()));
+    for tick in 1..=pending {
+        plant.schedule(swap(tick, 0.6)).unwrap();
+    }
     assert_eq!(plant.schedule(swap(1, 0.7)), Err(SwapError::Full));
     assert_eq!(plant.begin(0).parameter_epoch, 0);
     assert_eq!(plant.airframe(), &Airframe::nominal());

@@ -73,7 +73,9 @@ fn a_late_command_is_a_miss_and_acts_when_it_arrives() {
 fn of_two_commands_due_at_a_tick_the_newer_one_wins_in_either_order() {
     for pair in [[3, 4], [4, 3]] {
         let mut plant = plant();
-        (0..5).for_each(|tick| drop(miss(&mut plant, tick)));
+        for tick in 0..5 {
+            miss(&mut plant, tick);
+        }
         for tick in pair {
             plant.offer(&command(tick), 5);
         }
@@ -115,7 +117,9 @@ fn skipped_ticks_are_flown_judged_and_counted() {
     }
     // The process oversleeps ticks 10, 11 and 12; no stage can have computed their commands.
     let state = skipping.begin(13);
-    (10..13).for_each(|tick| drop(miss(&mut steady, tick)));
+    for tick in 10..13 {
+        miss(&mut steady, tick);
+    }
     let expected = State {
         ticks_skipped: 3,
         ..steady.begin(13)
@@ -151,7 +155,9 @@ fn a_tick_begun_twice_or_not_finished_is_flown_once() {
 #[test]
 fn without_commands_for_20_ms_the_rotors_idle_until_a_newer_one() {
     let mut plant = plant();
-    (0..=9).for_each(|tick| drop(fly(&mut plant, tick)));
+    for tick in 0..=9 {
+        fly(&mut plant, tick);
+    }
     // The command of tick 9 is in force from tick 10 on, and for 20 ticks. Sent again, it is not newer.
     for tick in 10..40 {
         let state = plant.begin(tick);
@@ -172,7 +178,9 @@ fn the_end_judges_the_last_command_and_lets_no_swap_of_the_next_tick_hold() {
             let swap = Swap::new(tick, &[(Parameter::Mass, mass_kg)]).unwrap();
             plant.schedule(swap).unwrap();
         }
-        (0..10 - skipped).for_each(|tick| drop(fly(&mut plant, tick)));
+        for tick in 0..10 - skipped {
+            fly(&mut plant, tick);
+        }
         let state = plant.end(9);
         // Ticks that were slept through are flown, judged, and swapped in like any others.
         let last = 9 - skipped;

@@ -17,8 +17,8 @@ use std::time::SystemTime;
 
 use clap::ValueEnum as _;
 use ipc::clock::now_ns;
-use process::signals::end_with_launcher;
 use process::rt::{fifo_refusal, take_stand};
+use process::signals::end_with_launcher;
 
 use crate::cli::{FloorArgs, HopArgs, Set};
 use crate::floor::benchmark_page::{MeasuredSet, Page, set_name};

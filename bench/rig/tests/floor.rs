@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use crate::rig::{IRONBIRD, Rig};
 use errors::Failure;
-use serde_json::Value;
 use host::floor::ring::{self, RingFloor, RingSettings, WakeMechanism, Work};
 use host::floor::timer::{self, Schedule};
+use serde_json::Value;
 
 const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 

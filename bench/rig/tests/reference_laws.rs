@@ -2,7 +2,6 @@
 
 use control_api::description::Settings;
 use control_api::law::Law as _;
-use control_api::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{Adaptive, Pd};
 use controller::{Gains, ScaledTrajectory, Trajectory};

@@ -10,10 +10,10 @@ use ipc::instance::Instance;
 use messages::flight_plan::FlightPlan;
 use messages::role::Role;
 use plant::PlantSettings;
-use process::signals::is_on_its_own;
 use process::rt::{loops_cpu, take_stand};
 use process::session::{RoleSession, StartConfig};
 use process::shell::{self, Flight};
+use process::signals::is_on_its_own;
 use process::standby;
 
 use crate::cli::flight::check_clock_flags;

@@ -30,10 +30,7 @@ pub fn text() -> String {
         .replace("DELAYS", &format!("1 to {LONGEST_DELAY}"))
         .replace("RESTART", &typed(RESTART));
     let cells = |line: &str| line.split(" | ").map(Cell::from).collect::<Vec<_>>();
-    let kinds = Table::new(
-        ["what", "value", "meaning"],
-        kinds.lines().map(cells),
-    );
+    let kinds = Table::new(["what", "value", "meaning"], kinds.lines().map(cells));
     let mut fields = Vec::new();
     for (place, port) in PORTS.into_iter().enumerate() {
         let is_of_topic = |other: &messages::fault::Port| other.topic() == port.topic();
