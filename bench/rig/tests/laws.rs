@@ -147,7 +147,7 @@ fn signals_have_their_names_everywhere_and_figures_without_data_are_left_out() {
                 let values = exported[name]
                     .iter()
                     .map(|value| value.parse::<f64>().unwrap());
-                assert_eq!(row["last"].as_f64(), values.clone().last(), "{name}");
+                assert_eq!(row["last"].as_f64(), values.clone().next_back(), "{name}");
                 assert_eq!(row["max"].as_f64(), values.reduce(f64::max), "{name}");
                 assert_eq!(
                     states[&format!("{role}_telemetry.{name}")],
