@@ -53,7 +53,7 @@ impl MessageStreams {
         Self {
             ports,
             tally,
-            pairs: Pairs::new(),
+            pairs: Pairs::default(),
             monitor,
             joiner: Joiner::default(),
             parameter_epoch: 0,

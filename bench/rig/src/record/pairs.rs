@@ -19,14 +19,16 @@ pub struct Pairs {
     wrenches: VecDeque<Message<Wrench>>,
 }
 
-impl Pairs {
-    pub const fn new() -> Self {
+impl Default for Pairs {
+    fn default() -> Self {
         Self {
             states: MessageWindow::keeping(KEPT),
             wrenches: VecDeque::new(),
         }
     }
+}
 
+impl Pairs {
     pub fn state(&mut self, message: &Message<State>) {
         self.states.push(*message);
         self.states.advance();
@@ -88,7 +90,7 @@ mod tests {
 
     #[test]
     fn a_wrench_waits_for_a_state_received_after_it() {
-        let mut pairs = Pairs::new();
+        let mut pairs = Pairs::default();
         take(&mut pairs, [0], (0..3).map(|tick| (tick, tick)));
         assert_eq!(paired(&mut pairs), [(0, Some(0))]);
         take(&mut pairs, 1..9, []);
@@ -97,7 +99,7 @@ mod tests {
 
     #[test]
     fn a_stale_state_is_used_again_and_a_missing_one_is_none() {
-        let mut pairs = Pairs::new();
+        let mut pairs = Pairs::default();
         take(&mut pairs, [], [(0, NO_TICK), (1, 1), (2, 1), (3, 1)]);
         take(&mut pairs, [0, 1], []);
         let expected = [(0, Some(NO_TICK)), (1, Some(1)), (2, Some(1)), (3, Some(1))];
@@ -106,7 +108,7 @@ mod tests {
 
     #[test]
     fn a_lost_state_delays_nothing_once_a_later_one_arrives() {
-        let mut pairs = Pairs::new();
+        let mut pairs = Pairs::default();
         take(&mut pairs, [0, 2], (0..4).map(|tick| (tick, tick)));
         assert_eq!(paired(&mut pairs), [(0, Some(0)), (1, None), (2, Some(2))]);
         let (last, state) = pairs.rest().unwrap();
@@ -116,7 +118,7 @@ mod tests {
 
     #[test]
     fn the_number_of_unmatched_states_is_bounded() {
-        let mut pairs = Pairs::new();
+        let mut pairs = Pairs::default();
         let (kept, last) = (KEPT as u64, 5 * KEPT as u64);
         take(
             &mut pairs,

@@ -220,7 +220,7 @@ impl Layers<'_> {
             table(&self.given, section).is_some_and(|keys| keys.keys().any(|key| is_laws(key)))
         };
         let mut of_airframe: Vec<&str> = KEPT.into_iter().filter(is_whole).collect();
-        if !OF_ONE_AIRFRAME.iter().any(|section| is_whole(section)) {
+        if !OF_ONE_AIRFRAME.iter().any(&is_whole) {
             of_airframe.clear();
         }
         let laws = SECTIONS.into_iter().map(|(section, _)| section);
