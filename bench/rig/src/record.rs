@@ -17,7 +17,7 @@ pub mod injected_faults;
 pub mod kernel_trace;
 pub mod log_metadata;
 pub mod message_streams;
-pub mod pairs;
+mod pairs;
 pub mod ports;
 pub mod recorder;
 pub mod report_builder;
