@@ -513,13 +513,17 @@ fn rows_are_those_of_simulate(rig: &Rig, calm: &str, stopped: &str) {
         let recording = [calm, stopped][flight as usize % 2];
         let comment = format!("# with --timing {recording}\n");
         assert!(printed.starts_with(&comment), "{printed}");
-        let simulate = format!("simulate --config {}", rig.settings(&printed));
+        // A flight may be lost, with as many outages as a loaded machine has.
+        let config = rig.settings(&printed);
+        let simulated = |timing: &str| {
+            let ended = rig.run("simulate", format!("--config {config} {timing}"));
+            ended.result()["outputs"].clone()
+        };
         let outputs = cell(&rows, flight, arm, "outputs");
-        let simulated = rig.ok(&format!("{simulate} --timing {recording}"));
-        assert_eq!(simulated.result()["outputs"], outputs, "{flight} by {name}");
+        let timing = format!("--timing {recording}");
+        assert_eq!(simulated(&timing), outputs, "{flight} by {name}");
         if flight == 1 {
-            let simulated = rig.ok(&simulate).result();
-            assert_ne!(simulated["outputs"], outputs, "the outages count");
+            assert_ne!(simulated(""), outputs, "the outages count");
         }
         assert_eq!(cell(&rows, flight, arm, "timing"), recording);
         let words = format!("outputs {outputs}, as in the campaign's row");
@@ -560,6 +564,7 @@ fn a_recording_is_known_by_its_content(rig: &Rig, one: &str, other: &str) {
     let elsewhere = run(rig, &elsewhere, "rows", "").expect(0);
     assert_flown(&elsewhere, "0", "12");
     assert_eq!(elsewhere.result()["campaign"], ran["campaign"]);
+    assert_flown(&run(rig, &all, "rows", "").expect(0), "0", "12");
     flown(rig, &timed("", "", "timing = \"here\""), "arms", "");
     flown(rig, &timed("", "", ""), "plain", "");
     for flight in 0..6 {
