@@ -220,7 +220,7 @@ impl Row {
         // The tick counter stands still for that long before the process is killed.
         assert!(!self.fault.starts_with("STOP") || noticed > 80.0);
         let is_named = |case: &OutageCase| {
-            case.stage.as_ref() == Some(role) && case.evidence.contains("its process has ended")
+            case.stage.as_ref() == Some(role) && case.evidence.contains("has ended")
         };
         let causes = &report.autopsy;
         assert!(causes.worst.iter().any(is_named), "{}", causes.text());

@@ -1,6 +1,7 @@
 //! In flight, a tick of a loop allocates once (the middleware's loan) and faults no page, whatever clients do meanwhile.
 
 use crate::parameter_changes::mass;
+use crate::restarts::in_the_air;
 use crate::rig::{Rig, lacks_feature, not_tested};
 use ipc::{SwapOutcome, Wire};
 use messages::content::NO_TICK;
@@ -17,10 +18,8 @@ fn a_tick_allocates_only_the_loan_and_faults_no_page() {
     }
     let rig = Rig::with_features("ticks");
     // In slow motion, with warm-up runs before each tick.
-    let flight = rig.take_off(format!(
-        "--rt prefer --config {} --duration 1200ms",
-        rig.slow(5)
-    ));
+    let config = in_the_air(&rig, 5);
+    let flight = rig.take_off(format!("--rt prefer --config {config} --duration 1200ms"));
     rig.await_tick(50);
     // Parameter changes of clients that come and go, ramps, and faults of every input and stage.
     for client in 0..20 {

@@ -306,7 +306,10 @@ fn standbys_and_successors_that_fail_are_reported() {
     let ended = flight.end().complains(again);
     assert_eq!(ended.result()["status"], "ABORTED", "{ended}");
     let report = rig.final_report();
-    let [death, silent @ ..] = &report.deaths[..] else {
+    // A busy machine may have let another stage seem to hang.
+    let of_inner = report.deaths.iter().filter(|death| death.role == "inner");
+    let of_inner: Vec<_> = of_inner.collect();
+    let [death, silent @ ..] = &of_inner[..] else {
         panic!("{ended}")
     };
     let is_back = death.back_after_ms.is_some() || death.within.is_some();
