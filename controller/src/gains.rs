@@ -117,11 +117,9 @@ const fn positive_three(default: [f64; 3]) -> SettingKind {
 /// Gains of the command filter, the inner loop and its adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {
-    /// K_eta of roll, pitch, yaw [1/s].
     pub attitude_1_s: [f64; 3],
     /// w_f of the command filter for roll, pitch, yaw [rad/s].
     pub command_filter_rad_s: [f64; 3],
-    /// alpha of the rate loop [1/s].
     pub alpha_1_s: f64,
     /// Ticks that the inner loop predicts ahead: 0 (none) or 1 (the chain's delay).
     pub predictor_ticks: f64,

@@ -3,8 +3,8 @@
 //! The paper's two loops are the laws `pd` and `adaptive`. Source: "An Adaptive Scheme to Estimate Unknown Parameters
 //! of an Unmanned Aerial Vehicle" (Imran, Montazeri). Data flow: a [`ScaledTrajectory`] gives the reference at the tick.
 //! [`laws::Pd`] turns it and the measurement into the wanted thrust and attitude ([`flatness`]). [`laws::Adaptive`]
-//! smooths the attitude ([`command_filter`]), turns it into body rates ([`rate_reference`]), learns I_R, k_r and delta
-//! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead if configured so ([`predictor`]).
+//! smooths the attitude ([`command_filter`]), turns it into body rates ([`rate_law`]), learns I_R, k_r and delta
+//! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead if configured so.
 //! [`TheoremMonitor`] checks what it has learnt, from messages alone ([`monitor`]).
 //!
 //! Everything here is a pure law: time comes in as a tick, data as [`messages::measured`]. A tick uses no port or clock,
@@ -13,7 +13,6 @@
 pub mod adaptation;
 pub mod assumptions;
 pub mod command_filter;
-pub mod evidence;
 pub mod excitation;
 pub mod feasibility;
 pub mod flatness;
@@ -22,13 +21,9 @@ pub mod laws;
 pub mod limits;
 pub mod lyapunov;
 pub mod monitor;
-pub mod predictor;
 pub mod rate_law;
 pub mod rate_loop;
-pub mod rate_reference;
-pub mod samples;
 pub mod trajectory;
-pub mod weight;
 
 pub use gains::Gains;
 pub use limits::Limits;

@@ -14,7 +14,6 @@ pub struct Limits {
     pub acceleration_z_min_g: f64,
     /// Largest vertical part [g].
     pub acceleration_z_max_g: f64,
-    /// Largest angle from the vertical [rad].
     pub tilt_max_rad: f64,
 }
 

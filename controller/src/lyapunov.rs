@@ -14,8 +14,7 @@
 use messages::math::exp;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::adaptation::Adaptation;
-use crate::weight::Weight;
+use crate::adaptation::{Adaptation, Weight};
 
 /// V_th = 1/2 ~th^T Gamma^-1 ~th [rad^2/s^2], for `error` ~th and the diagonal `gamma`.
 pub fn v_th(error: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {

@@ -2,7 +2,7 @@
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
 //! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings, and sees states, with their
-//! truth, and wrenches. X and Y follow from the states alone ([`crate::evidence`]). It stands beside a flight and not
+//! truth, and wrenches. X and Y follow from the states alone ([`crate::adaptation`]). It stands beside a flight and not
 //! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks two
 //! things at every step:
 //!
@@ -21,15 +21,12 @@ use messages::monitor::{Cause, Monitor};
 use messages::topic::Topic as _;
 use nalgebra::Vector3;
 
-use crate::adaptation::Adaptation;
+use crate::adaptation::{Adaptation, Evidence, LastTick, Regression};
 use crate::assumptions::{Assumptions, Moved};
-use crate::evidence::Evidence;
 use crate::excitation::Excitation;
 use crate::gains::Gains;
 use crate::laws::adaptive;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
-use crate::samples::LastTick;
-use crate::weight::Regression;
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
 pub const ROUNDING: f64 = 1e-12;

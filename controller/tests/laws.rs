@@ -1,12 +1,11 @@
 //! What must hold for the laws at every input, not only in the reference cases.
 
 use control_api::Rig;
-use controller::adaptation::Adaptation;
+use controller::adaptation::{Adaptation, LastTick};
 use controller::command_filter::{CommandFilter, Passage};
 use controller::gains::PRESET_NAMES;
 use controller::limits::AccelerationLimits;
 use controller::lyapunov::v_th;
-use controller::samples::LastTick;
 use controller::{Gains, Limits, Trajectory};
 use messages::content::Reference;
 use messages::rate_dynamics::disturbance;

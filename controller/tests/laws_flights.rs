@@ -126,14 +126,11 @@ fn estimating_holds_its_height_when_the_mass_grows() {
     ] {
         let track = flown(&heavier, law);
         let (at_once, later) = (1e3 * track.worst(8.0), 1e3 * track.worst(13.0));
-        let [scale, mass_kg, drag] = track.telemetry[19_999]
+        let [scale, mass_kg, _] = track.telemetry[19_999]
             .value
             .first_chunk()
             .copied()
             .unwrap_or_default();
-        println!(
-            "{name}: {at_once:.1} mm, from 13 s {later:.2} mm; {scale:.4}, {mass_kg:.4} kg, {drag:.3} 1/s"
-        );
         assert!(later < 10.0, "{name}: {later} mm");
         assert!(at_once < 260.0, "{name}: {at_once} mm");
         assert!(
@@ -217,7 +214,6 @@ fn without_a_measurement_of_the_tick_no_law_asks_for_a_torque() {
 struct Recovery {
     /// Instant from which on the tilt is below 10 degrees [s].
     upright_s: f64,
-    /// Lowest height [m].
     lowest_m: f64,
     /// Distance from the start after ten seconds [m].
     left_m: f64,

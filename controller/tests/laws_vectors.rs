@@ -76,7 +76,7 @@ impl VisitorMut for Fields<'_> {
             [value] => *value = number(json),
             values => (0..)
                 .zip(values)
-                .for_each(|(i, value)| *value = number(&json[i as usize])),
+                .for_each(|(i, value)| *value = number(&json[i])),
         }
     }
 

@@ -1,13 +1,11 @@
 //! The theorem's functions and monitor: inequalities for every input and flight.
 
 use control_api::{GuardedInner, Rig};
-use controller::adaptation::Adaptation;
+use controller::adaptation::{Adaptation, LastTick, Weight};
 use controller::excitation::Excitation;
 use controller::gains::PRESET_NAMES;
 use controller::laws::adaptive;
 use controller::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
-use controller::samples::LastTick;
-use controller::weight::Weight;
 use controller::{Gains, TheoremMonitor};
 use messages::content::{Stamped, State};
 use messages::monitor::{Cause, Monitor};

@@ -1,14 +1,13 @@
 //! The paper's laws against the reference vectors.
 
 use control_api::Rig;
-use controller::adaptation::{Adaptation, Learnt};
+use controller::adaptation::{Adaptation, LastTick, Learnt};
 use controller::command_filter::{CommandFilter, Passage};
 use controller::flatness::{Yaw, thrust_acceleration, tilt, tilt_rates};
 use controller::laws::pd::thrust;
-use controller::predictor::predict;
-use controller::rate_law::{RatePoint, sampled_gain, torque};
-use controller::rate_reference::{RateReference, rate_reference};
-use controller::samples::LastTick;
+use controller::rate_law::{
+    RatePoint, RateReference, predict, rate_reference, sampled_gain, torque,
+};
 use controller::{Gains, Trajectory};
 use messages::parameters::Airframe;
 use messages::rate_dynamics::{Inertia, disturbance};

@@ -119,54 +119,29 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn every_rotor_stays_within_its_limits((u, tau) in demand()) {
-        let (mix, ..) = nominal(u, &tau);
-        prop_assert!(mix.f.iter().all(|f| (F_MIN..=F_MAX).contains(f)), "{}", mix.f);
-    }
-
-    #[test]
-    fn thrust_is_granted_whatever_the_torque((u, tau) in demand()) {
-        let (_, thrust, _) = nominal(u, &tau);
-        prop_assert!((thrust - u.clamp(4.0 * F_MIN, 4.0 * F_MAX)).abs() < 1e-12, "{thrust} of {u}");
-    }
-
-    #[test]
-    fn roll_and_pitch_shrink_together_and_yaw_on_its_own((u, tau) in demand()) {
-        let (mix, _, torque) = nominal(u, &tau);
-        let met = Vector3::new(mix.roll_pitch_share, mix.roll_pitch_share, mix.yaw_share).component_mul(&tau);
-        prop_assert!((torque - met).amax() < 1e-12, "{torque} is not {met}");
-        prop_assert!((0.0..=1.0).contains(&mix.roll_pitch_share) && (0.0..=1.0).contains(&mix.yaw_share));
-    }
-
-    #[test]
-    fn yaw_takes_nothing_from_roll_and_pitch((u, tau) in demand()) {
-        let (_, _, with) = nominal(u, &tau);
-        let (_, _, without) = nominal(u, &Vector3::new(tau.x, tau.y, 0.0));
-        prop_assert!((with.xy() - without.xy()).amax() < 1e-12);
-    }
-
-    #[test]
-    fn shares_are_the_largest_that_fit((u, tau) in demand()) {
-        let (mix, ..) = nominal(u, &tau);
-        let at_limit = |f: &Vector4<f64>| f.iter().any(|f| (f - F_MIN).abs() < 1e-12 || (f - F_MAX).abs() < 1e-12);
-        if mix.roll_pitch_share < 1.0 {
-            prop_assert!(at_limit(&nominal(u, &Vector3::new(tau.x, tau.y, 0.0)).0.f));
-        }
-        if mix.yaw_share < 1.0 {
-            prop_assert!(at_limit(&mix.f));
-        }
-    }
-
-    #[test]
-    fn the_flag_says_whether_the_demand_is_met((u, tau) in demand()) {
+    fn a_mix_stays_within_the_limits_and_gives_what_it_says((u, tau) in demand()) {
         let (mix, thrust, torque) = nominal(u, &tau);
+        prop_assert!(mix.f.iter().all(|f| (F_MIN..=F_MAX).contains(f)), "{}", mix.f);
+        prop_assert!((thrust - u.clamp(4.0 * F_MIN, 4.0 * F_MAX)).abs() < 1e-12, "{thrust} of {u}, whatever the torque");
+        // Roll and pitch shrink together, yaw on its own.
+        let Mix { roll_pitch_share, yaw_share, .. } = mix;
+        let met = Vector3::new(roll_pitch_share, roll_pitch_share, yaw_share).component_mul(&tau);
+        prop_assert!((torque - met).amax() < 1e-12, "{torque} is not {met}");
+        prop_assert!((0.0..=1.0).contains(&roll_pitch_share) && (0.0..=1.0).contains(&yaw_share));
+        // Yaw takes nothing from roll and pitch.
+        let (alone, _, without) = nominal(u, &Vector3::new(tau.x, tau.y, 0.0));
+        prop_assert!((torque.xy() - without.xy()).amax() < 1e-12);
+        // The shares are the largest that fit.
+        let at_limit = |f: &Vector4<f64>| f.iter().any(|f| (f - F_MIN).abs() < 1e-12 || (f - F_MAX).abs() < 1e-12);
+        prop_assert!(roll_pitch_share == 1.0 || at_limit(&alone.f));
+        prop_assert!(yaw_share == 1.0 || at_limit(&mix.f));
         let gap = (thrust - u).abs().max((torque - tau).amax());
         if mix.saturated {
             // By how much is bounded below only by rounding; a demand inside all limits must not be flagged.
-            let f = Allocation::new(&Airframe::nominal()).thrusts(u, &tau);
-            let alone = Allocation::new(&Airframe::nominal()).thrusts(u, &Vector3::new(tau.x, tau.y, 0.0));
+            let allocation = Allocation::new(&Airframe::nominal());
+            let [whole, alone] = [tau.z, 0.0].map(|yaw| allocation.thrusts(u, &Vector3::new(tau.x, tau.y, yaw)));
             let inside = |f: &Vector4<f64>| f.iter().all(|f| (F_MIN + 1e-12..=F_MAX - 1e-12).contains(f));
-            prop_assert!(!(inside(&f) && inside(&alone)), "{f}");
+            prop_assert!(!(inside(&whole) && inside(&alone)), "{whole}");
         } else {
             prop_assert!(gap < 1e-12, "{gap}");
         }

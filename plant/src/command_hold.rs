@@ -59,8 +59,10 @@ pub struct CommandHold {
     timeout_ticks: u64,
     idle: [f64; ROTORS],
     is_idle: bool,
-    deadlines_missed: u64,
-    deadline_miss_run: u64,
+    /// Ticks that began without the command of the tick before.
+    pub deadlines_missed: u64,
+    /// Length of the run of missed deadlines that ends at the tick entered last; 0 when that one was met.
+    pub deadline_miss_run: u64,
 }
 
 impl CommandHold {
@@ -154,15 +156,5 @@ impl CommandHold {
     /// Tick of the newest command that came into force; [`NO_TICK`] before the first. Idling leaves it as it is.
     pub fn command_tick(&self) -> u64 {
         self.command_tick.unwrap_or(NO_TICK)
-    }
-
-    /// Ticks that began without the command of the tick before.
-    pub fn deadlines_missed(&self) -> u64 {
-        self.deadlines_missed
-    }
-
-    /// Length of the run of missed deadlines that ends at the tick entered last; 0 when that one was met.
-    pub fn deadline_miss_run(&self) -> u64 {
-        self.deadline_miss_run
     }
 }

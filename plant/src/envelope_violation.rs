@@ -13,11 +13,8 @@ pub struct Crash {
     pub tick: u64,
     /// Fastest approach of a part that touched [m/s].
     pub speed_m_s: f64,
-    /// Tilt while it touched [rad].
     pub tilt_rad: f64,
-    /// Fastest touch that is a landing [m/s].
     pub speed_max_m_s: f64,
-    /// Largest tilt in a landing [rad].
     pub tilt_max_rad: f64,
 }
 
@@ -39,7 +36,6 @@ pub enum EnvelopeViolation {
         tick: u64,
         /// Angle between body z and the vertical [rad].
         tilt_rad: f64,
-        /// What is allowed [rad].
         tilt_max_rad: f64,
     },
 }

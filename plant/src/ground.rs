@@ -21,12 +21,10 @@ const SWEEPS: usize = 20;
 /// The plane, and what of the airframe matters to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ground {
-    /// Height of the plane, world frame [m].
     pub z_m: f64,
     /// From the plane of the rotors to the feet, and to the top [m].
     pub leg_m: f64,
     pub friction: f64,
-    /// Fastest touch that is a landing [m/s].
     pub crash_speed_m_s: f64,
     /// Largest tilt in a touch that is a landing [rad].
     pub crash_tilt_rad: f64,
@@ -39,7 +37,6 @@ pub struct Contact {
     pub impulse_w: Vector3<f64>,
     /// Fastest approach of a corner that touched [m/s].
     pub speed_m_s: f64,
-    /// Largest tilt while a corner touched [rad].
     pub tilt_rad: f64,
 }
 

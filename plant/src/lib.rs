@@ -14,15 +14,12 @@ pub mod integrator;
 pub mod noise;
 pub mod parameter_server;
 pub mod plant;
-pub mod positioning;
 pub mod process;
-pub mod ramp;
 pub mod rigid_body;
 pub mod rotors;
 pub mod sensors;
 pub mod settings;
 pub mod swap;
-mod waking;
 
 pub use crate::envelope_violation::{Crash, EnvelopeViolation};
 pub use crate::ground::Ground;

@@ -214,22 +214,14 @@ impl Desk<'_> {
     }
 
     fn answer_faults(&mut self, ticket: u64, answer: FaultAnswer) {
-        if let Some(place) = self
-            .for_faults
-            .iter()
-            .position(|(waiting, _)| *waiting == ticket)
-        {
-            self.for_faults.swap_remove(place).1.answer(answer);
+        if let Some(call) = take_call(&mut self.for_faults, ticket) {
+            call.answer(answer);
         }
     }
 
     fn answer(&mut self, ticket: u64, answer: SwapAnswer) {
-        if let Some(place) = self
-            .waiting
-            .iter()
-            .position(|(waiting, _)| *waiting == ticket)
-        {
-            self.waiting.swap_remove(place).1.answer(answer);
+        if let Some(call) = take_call(&mut self.waiting, ticket) {
+            call.answer(answer);
         }
     }
 
@@ -285,15 +277,15 @@ impl Desk<'_> {
             call.answer(fault_refusal(ENDED, 0));
         }
         while let Some((_, call)) = self.waiting.pop() {
-            call.answer(SwapAnswer {
-                verdict: SwapOutcome::Ended as u64,
-                tick: 0,
-                parameter_epoch: 0,
-                parameter: 0,
-                old: [0.0; PARAMETERS],
-            });
+            call.answer(without_effect(SwapOutcome::Ended, 0, 0));
         }
     }
+}
+
+/// Takes a call out of those that wait.
+fn take_call<C>(waiting: &mut heapless::Vec<(u64, C), INBOX>, ticket: u64) -> Option<C> {
+    let place = waiting.iter().position(|(waits, _)| *waits == ticket)?;
+    Some(waiting.swap_remove(place).1)
 }
 
 /// The faults of an order of the wire; nothing where one of them is none, or where there are none or too many.
@@ -359,6 +351,10 @@ fn refusal(reason: &SwapError, tick: u64) -> SwapAnswer {
         }
         SwapError::Full => (SwapOutcome::QueueFull, 0),
     };
+    without_effect(verdict, tick, parameter)
+}
+
+fn without_effect(verdict: SwapOutcome, tick: u64, parameter: u64) -> SwapAnswer {
     SwapAnswer {
         verdict: verdict as u64,
         tick,

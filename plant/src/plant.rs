@@ -5,11 +5,10 @@
 //! swaps, rotor command, deadline verdict. A tick that the shell slept through is flown all the same, with the command
 //! that was in force: an outage affects the flight.
 //!
-//! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::ramp`], [`crate::latch`],
+//! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::command_hold`],
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
 mod batch;
-mod struck;
 
 pub use batch::{LANES, PlantBatch};
 
@@ -19,6 +18,8 @@ use messages::attitude::Attitude;
 use messages::checks::{Check, is_on};
 use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State, Truth};
 use messages::fault::gate::{Gate, Passed};
+use messages::fault::{MessageFaults, Port};
+use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
 
@@ -27,12 +28,11 @@ use crate::command_hold::CommandHold;
 use crate::envelope_violation::{Crash, EnvelopeViolation};
 use crate::ground::{Contact, Ground};
 use crate::integrator::{SUBSTEPS, integrate_with};
-use crate::ramp::Ramps;
 use crate::rigid_body::{Dynamics, RigidBody};
 use crate::rotors::{Spin, SpinMeans, hover, thrust};
 use crate::sensors::Sensors;
 use crate::settings::PlantSettings;
-use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
+use crate::swap::{AppliedSwap, PENDING_SWAPS, Ramps, Swap, SwapError, SwapQueue};
 
 /// The simulated airframe, standing at a grid tick or on its way to the next.
 #[derive(Clone, Debug)]
@@ -124,7 +124,7 @@ impl Plant {
     }
 
     /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick
-    /// after its own. The newest command in force wins; see [`crate::latch`] for what is late and what is lost.
+    /// after its own. The newest command in force wins; see [`crate::command_hold`] for what is late and what is lost.
     #[inline]
     pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
@@ -141,6 +141,34 @@ impl Plant {
                 }
             }
         }
+    }
+
+    /// Puts faults of the commands that it is handed before it.
+    pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
+        self.is_struck = gate.is_some();
+        self.gate = gate.map(Box::new);
+    }
+
+    /// The same of faults that may change in flight.
+    pub fn gate_by(&mut self, faults: &MessageFaults) {
+        self.gate(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
+        self.is_struck = faults.of(Port::PlantRotorSpeeds).next().is_some();
+    }
+
+    /// Takes the faults of its commands as they are from now on, without an allocation; `newest` came last.
+    pub fn change_faults(&mut self, faults: &MessageFaults, newest: Option<RotorSpeeds>) {
+        if let Some(gate) = &mut self.gate {
+            gate.change(faults, Port::PlantRotorSpeeds, newest);
+            self.is_struck |= faults.of(Port::PlantRotorSpeeds).next().is_some();
+        }
+    }
+
+    /// Commands that were refused for what a fault had made of them.
+    pub fn rejections(&self) -> Rejections {
+        self.gate
+            .as_ref()
+            .map(|gate| *gate.rejections())
+            .unwrap_or_default()
     }
 
     /// Takes a swap that holds from its tick on, or from the next boundary if its tick has already begun. Before the
@@ -350,8 +378,8 @@ impl Plant {
         *commands_taken = self.commands_taken;
         *command_taken_tick = self.command_taken_tick;
         *command_saturated = u64::from(latch.is_saturated());
-        *deadlines_missed = latch.deadlines_missed();
-        *deadline_miss_run = latch.deadline_miss_run();
+        *deadlines_missed = latch.deadlines_missed;
+        *deadline_miss_run = latch.deadline_miss_run;
         *ticks_skipped = self.ticks_skipped;
         *parameter_epoch = self.parameter_epoch;
         *position_w_m = body.eta1.into();

@@ -7,7 +7,7 @@ use std::sync::mpsc;
 use std::thread;
 
 use heapless::spsc::{Consumer, Producer, Queue};
-use ipc::clock::{Horizon as _, now_ns};
+use ipc::clock::{Horizon as _, now_ns, sleep_until};
 use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wire};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, Run, RunPhase};
@@ -29,8 +29,6 @@ use crate::parameter_server::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
 use crate::swap::Swap;
-pub use crate::waking::Waking;
-use crate::waking::wait_until;
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
@@ -197,14 +195,7 @@ impl<'a> PlantProcess<'a> {
                     (grid.tick_at(waking.wake_ns).max(next_tick), waking)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
-                    Some(wake_ns) => (
-                        next_tick,
-                        Waking {
-                            wake_ns,
-                            lead_ns: 0,
-                            timer_late_ns: 0,
-                        },
-                    ),
+                    Some(wake_ns) => (next_tick, Waking::at(wake_ns)),
                     None => return Ok(opened.wanted_end().unwrap_or(EndReason::Interrupted)),
                 },
             };
@@ -289,11 +280,7 @@ impl<'a> PlantProcess<'a> {
     /// Nothing of the flight changes: it looks at the plant, and prepares a message that is not sent.
     pub fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
         let state = self.plant.state();
-        let waking = Waking {
-            wake_ns: now_ns(),
-            lead_ns: 0,
-            timer_late_ns: 0,
-        };
+        let waking = Waking::at(now_ns());
         self.states
             .rehearse(tick, &self.history(waking, &state), state)
     }
@@ -439,6 +426,38 @@ impl<'a> PlantProcess<'a> {
         });
         for applied in self.plant.applied() {
             let _ = self.events.enqueue(Event::Applied(applied.clone()));
+        }
+    }
+}
+
+/// How the plant woke for a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Waking {
+    pub wake_ns: u64,
+    /// How far ahead of the tick its timer was to be set [ns].
+    pub lead_ns: u64,
+    /// How late the kernel woke it, after the instant that its timer was set to [ns].
+    pub timer_late_ns: u64,
+}
+
+impl Waking {
+    /// Without a timer.
+    const fn at(wake_ns: u64) -> Self {
+        Self {
+            wake_ns,
+            lead_ns: 0,
+            timer_late_ns: 0,
+        }
+    }
+}
+
+/// Sleeps until an instant, through signals; gives when it woke.
+fn wait_until(instant_ns: u64) -> u64 {
+    loop {
+        sleep_until(instant_ns);
+        let now = now_ns();
+        if now >= instant_ns {
+            return now;
         }
     }
 }

@@ -83,53 +83,31 @@ pub struct Dynamics {
 impl Dynamics {
     /// Its numbers, to lay them beside those of other airframes.
     pub(crate) fn numbers(&self) -> [f64; 18] {
+        let [a, b, c, d, e, f, h, i, j] = self.inertia.numbers();
+        let ([x, y], r) = (self.gyroscopic, &self.rate_drag);
         let Self {
             g,
             per_mass,
             drag,
-            inertia,
-            gyroscopic: [x, y],
-            rate_drag,
             delta,
-        } = self;
-        let [a, b, c, d, e, f, h, i, j] = inertia.numbers();
-        let r = rate_drag;
+            ..
+        } = *self;
         [
-            *g, *per_mass, *drag, a, b, c, d, e, f, h, i, j, *x, *y, r.x, r.y, r.z, *delta,
+            g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r.x, r.y, r.z, delta,
         ]
     }
 
     #[inline(always)]
-    pub(crate) fn of_numbers(numbers: [f64; 18]) -> Self {
-        let [
-            g,
-            per_mass,
-            drag,
-            a,
-            b,
-            c,
-            d,
-            e,
-            f,
-            h,
-            i,
-            j,
-            x,
-            y,
-            r_x,
-            r_y,
-            r_z,
-            delta,
-        ] = numbers;
-        let inertia = Inertia::of_numbers([a, b, c, d, e, f, h, i, j]);
+    pub(crate) fn of_numbers(n: [f64; 18]) -> Self {
+        let inertia = [n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]];
         Self {
-            g,
-            per_mass,
-            drag,
-            inertia,
-            gyroscopic: [x, y],
-            rate_drag: Vector3::new(r_x, r_y, r_z),
-            delta,
+            g: n[0],
+            per_mass: n[1],
+            drag: n[2],
+            inertia: Inertia::of_numbers(inertia),
+            gyroscopic: [n[12], n[13]],
+            rate_drag: Vector3::new(n[14], n[15], n[16]),
+            delta: n[17],
         }
     }
 

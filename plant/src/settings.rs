@@ -9,7 +9,6 @@ use crate::ground::Ground;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantSettings {
-    /// Length of a tick, T [s].
     pub period_s: f64,
     /// True parameters at the start; swaps change them in flight.
     pub airframe: Airframe,
@@ -42,12 +41,8 @@ impl Default for PlantSettings {
 /// The body at tick 0; by default at rest in the origin, level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Initial {
-    /// Position, world frame [m].
     pub position_w_m: [f64; 3],
-    /// Velocity, world frame [m/s].
     pub velocity_w_m_s: [f64; 3],
-    /// Roll, pitch, yaw [rad].
     pub attitude_rad: [f64; 3],
-    /// Body rates p, q, r [rad/s].
     pub rate_b_rad_s: [f64; 3],
 }

@@ -2,8 +2,7 @@
 
 use crate::reference_laws::Flight;
 use crate::rig::Rig;
-use controller::adaptation::{Adaptation, Learnt};
-use controller::samples::Samples;
+use controller::adaptation::{Adaptation, Learnt, Samples};
 use controller::{TheoremMonitor, Trajectory};
 use messages::content::{Stamped, State, Wrench};
 use messages::parameters::Parameter::{

@@ -15,9 +15,7 @@ use crate::laws::Laws;
 /// One pair: the same ticks by the rig's laws and by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedPair {
-    /// By the laws, without monitor [s per tick].
     pub laws_s: f64,
-    /// By hand [s per tick].
     pub scalar_s: f64,
 }
 

@@ -19,14 +19,11 @@ use messages::role::Role;
 use messages::telemetry::{self, Telemetry};
 use nalgebra::Vector3;
 
-use crate::adaptation::Adaptation;
+use crate::adaptation::{Adaptation, Evidence};
 use crate::command_filter::{CommandFilter, Passage};
-use crate::evidence::Evidence;
 use crate::gains::{self, Gains};
-use crate::predictor::predict;
-use crate::rate_law::{RatePoint, sampled_gain, torque};
+use crate::rate_law::{RatePoint, predict, rate_reference, sampled_gain, torque};
 use crate::rate_loop;
-use crate::rate_reference::rate_reference;
 
 /// Rate error e used in the law [rad/s], of the telemetry of [`Adaptive`] and [`Fixed`].
 pub fn rate_error(telemetry: &Telemetry) -> [f64; 3] {

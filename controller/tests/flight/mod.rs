@@ -30,7 +30,6 @@ pub struct ScaledTrajectory {
 
 #[derive(Clone, Debug, Default)]
 pub struct Track {
-    /// Distance from the reference [m].
     pub error_m: Vec<f64>,
     /// Largest change of a rotor command from the tick before [rad/s].
     pub agitation_rad_s: Vec<f64>,

@@ -191,7 +191,6 @@ layout! {
         /// A [`RolePhase`] as number.
         pub phase: u64,
         pub pid: u64,
-        /// When it started on CLOCK_MONOTONIC [ns].
         pub epoch: u64,
         pub arrival: Arrival,
         pub settings: u64,

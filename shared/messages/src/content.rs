@@ -88,11 +88,8 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     #[repr(C)]
     pub struct Truth {
-        /// Position, world frame [m].
         pub position_w_m: [f64; 3],
-        /// Velocity, world frame [m/s].
         pub velocity_w_m_s: [f64; 3],
-        /// Body rates without the gyro's errors [rad/s].
         pub rate_b_rad_s: [f64; 3],
         /// 1 when the ground touched the airframe in the last tick, else 0.
         pub touches_ground: u64,
@@ -118,13 +115,9 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     #[repr(C)]
     pub struct Setpoint {
-        /// Total thrust u [N].
         pub thrust_n: f64,
-        /// Roll, pitch, yaw wanted [rad].
         pub attitude_rad: [f64; 3],
-        /// Their first derivatives along the reference [rad/s].
         pub attitude_rate_rad_s: [f64; 3],
-        /// Their second derivatives along the reference [rad/s^2].
         pub attitude_acceleration_rad_s2: [f64; 3],
         /// 1 when a limit of the law was active, else 0.
         pub limited: u64,
@@ -149,7 +142,6 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     #[repr(C)]
     pub struct Wrench {
-        /// Total thrust u [N].
         pub thrust_n: f64,
         /// Torque tau about body x, y, z, before saturation [N m].
         pub torque_b_nm: [f64; 3],
@@ -164,7 +156,6 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     #[repr(C)]
     pub struct RotorSpeeds {
-        /// Speed of each rotor [rad/s].
         pub speed_rad_s: [f64; ROTORS],
         /// Thrust that these speeds give by the nominal model [N].
         pub thrust_n: f64,

@@ -13,7 +13,6 @@ pub const LOCKSTEP_LOOK_UP_NS: u64 = NS_PER_S / 50;
 pub struct FlightPlan {
     /// Last tick to be flown; a flight has `last_tick + 1` ticks.
     pub last_tick: u64,
-    /// Sample time T of the laws [ns].
     pub sample_time_ns: u64,
     /// Length of a tick on the wall clock [ns]; longer than the laws' sample time in slow motion, and
     /// [`crate::blackboards::LOCKSTEP`] where the chain itself moves the ticks on.

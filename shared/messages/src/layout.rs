@@ -552,25 +552,22 @@ mod tests {
         envelope.stamps[2].send_ns = 9;
         let mut seen = Seen::default();
         envelope.visit(&mut seen);
-        let names: Vec<_> = Header::FIELDS.iter().map(|field| field.name).collect();
         let of = |name: &str| -> Vec<Vec<f64>> {
-            seen.0
-                .iter()
-                .filter(|(seen, _)| *seen == name)
-                .map(|(_, values)| values.clone())
-                .collect()
+            let named = seen.0.iter().filter(|(seen, _)| *seen == name);
+            named.map(|(_, values)| values.clone()).collect()
         };
-        assert!(names.iter().all(|name| of(name).len() == 1), "{:?}", seen.0);
+        for field in Header::FIELDS {
+            assert_eq!(of(field.name).len(), 1, "{}", field.name);
+        }
         assert_eq!(of("tick"), [[7.0]]);
         assert_eq!(of("input_tick"), [[5.0, 6.0, 7.0]]);
         assert_eq!(of("send_ns"), [[0.0], [0.0], [9.0], [0.0]]);
-        let stamps = Header::FIELDS
-            .iter()
-            .find(|field| field.name == "stamps")
-            .unwrap();
-        assert!(
-            matches!(stamps.kind, Kind::Struct { name: "Stamps", fields } if fields.len() == 2)
-        );
+        let mut fields = Header::FIELDS.iter();
+        let stamps = fields.find(|field| field.name == "stamps").unwrap();
+        let Kind::Struct { name, fields } = stamps.kind else {
+            panic!("{stamps:?}")
+        };
+        assert_eq!((name, fields.len()), ("Stamps", 2));
         assert_eq!(stamps.length, Some(4));
     }
 

@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 pub struct RotorLimits {
     /// Smallest speed, at which a motor still turns safely [rad/s].
     pub min_rad_s: f64,
-    /// Largest speed [rad/s].
     pub max_rad_s: f64,
 }
 

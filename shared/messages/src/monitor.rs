@@ -86,7 +86,6 @@ layout! {
 
         /// Root mean square of |e| over about the last second, updated every tenth of a second [rad/s].
         pub rate_error_rms_rad_s: f64,
-        /// Largest |e| [rad/s].
         pub rate_error_max_rad_s: f64,
         /// ~th = th_hat - th: errors of the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
         pub estimate_error: [f64; 3],

@@ -87,18 +87,17 @@ mod tests {
 
     #[test]
     fn one_bit_of_any_stage_in_any_tick_is_another_hash() {
+        type Change = fn(u64, &mut State, &mut Wrench);
         let same = of(|_, _, _| ());
         assert_eq!((same.len(), &same), (16, &of(|_, _, _| ())));
-        assert_ne!(
-            same,
-            of(|tick, state, _| state.measured.position_w_m[2] =
-                if tick == 1 { f64::from_bits(1) } else { 0.0 })
-        );
-        assert_ne!(
-            same,
-            of(|tick, _, wrench| wrench.telemetry.value[1] = if tick == 2 { -0.0 } else { 0.0 })
-        );
-        assert_ne!(same, of(|tick, state, _| state.ticks_skipped = tick / 2));
+        let changes: [Change; 3] = [
+            |tick, state, _| state.measured.position_w_m[2] = f64::from_bits(u64::from(tick == 1)),
+            |tick, _, wrench| wrench.telemetry.value[1] = if tick == 2 { -0.0 } else { 0.0 },
+            |tick, state, _| state.ticks_skipped = tick / 2,
+        ];
+        for change in changes {
+            assert_ne!(of(change), same);
+        }
     }
 
     #[test]
@@ -148,18 +147,14 @@ mod tests {
     fn the_order_of_stages_does_not_count_and_that_of_ticks_does() {
         let hash = |ticks: [u64; 2], plant_first: bool| {
             let mut hash = OutputHash::default();
-            if plant_first {
-                ticks
-                    .iter()
-                    .for_each(|tick| hash.take(*tick, &State::default()));
-            }
-            ticks
-                .iter()
-                .for_each(|tick| hash.take(*tick, &Wrench::default()));
-            if !plant_first {
-                ticks
-                    .iter()
-                    .for_each(|tick| hash.take(*tick, &State::default()));
+            for is_plant in [plant_first, !plant_first] {
+                for tick in ticks {
+                    if is_plant {
+                        hash.take(tick, &State::default());
+                    } else {
+                        hash.take(tick, &Wrench::default());
+                    }
+                }
             }
             hash.to_string()
         };

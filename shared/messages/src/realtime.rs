@@ -156,7 +156,6 @@ layout! {
         pub involuntary_switches: u64,
         /// [`NOT_COUNTED`](Self::NOT_COUNTED) in an executable that does not count them.
         pub allocations: u64,
-        /// Processor time [ns].
         pub cpu_ns: u64,
     }
 }

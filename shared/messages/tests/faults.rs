@@ -1,49 +1,36 @@
 //! What faults make of messages: each kind at an inlet, and what they do not depend on.
 
-use messages::content::{Mode, NO_TICK, Wrench};
+use messages::content::{NO_TICK, Wrench};
 use messages::fault::faulty_input::FaultyInput;
 use messages::fault::live::NOTICE_TICKS;
 use messages::fault::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port, Span};
-use messages::header::{Header, Message};
+use messages::header::Message;
 use messages::inspection::Reason;
 use proptest::prelude::*;
 
 const PORT: Port = Port::MixerWrench;
-const THRUST: Place = Place {
-    field: 0,
-    axis: None,
-};
+const THRUST: Place = place(0, None);
+
+const fn place(field: usize, axis: Option<usize>) -> Place {
+    Place { field, axis }
+}
 
 fn table(seed: u64, faults: &[(Kind, u64, u64)]) -> MessageFaults {
     let mut table = MessageFaults::none(seed);
-    for (kind, from, to) in faults {
+    for &(kind, from, to) in faults {
+        let (port, span) = (PORT, Span { from, to });
         // What contradicts an earlier one is left out.
-        let _ = table.push(MessageFault {
-            port: PORT,
-            kind: *kind,
-            span: Span {
-                from: *from,
-                to: *to,
-            },
-        });
+        let _ = table.push(MessageFault { port, kind, span });
     }
     table
 }
 
 /// The wrench of a tick: its thrust says which.
 fn wrench(tick: u64) -> Message<Wrench> {
-    let content = Wrench {
-        thrust_n: tick as f64,
-        mode: Mode::Fresh as u64,
-        ..Wrench::default()
-    };
-    Message {
-        envelope: Header {
-            tick,
-            ..Header::new()
-        },
-        content,
-    }
+    let mut message = Message::<Wrench>::default();
+    message.envelope.tick = tick;
+    message.content.thrust_n = tick as f64;
+    message
 }
 
 /// Tick and thrust of what the stage has at each tick, where a wrench comes in every one.
@@ -57,58 +44,76 @@ fn had(faults: &MessageFaults, ticks: u64) -> Vec<(u64, f64)> {
     (0..ticks).map(at).collect()
 }
 
-fn ticks_had(faults: &[(Kind, u64, u64)], ticks: u64) -> Vec<u64> {
-    had(&table(7, faults), ticks)
-        .into_iter()
-        .map(|(tick, _)| tick)
-        .collect()
-}
-
-fn thrusts_had(faults: &[(Kind, u64, u64)], ticks: u64) -> Vec<f64> {
-    had(&table(7, faults), ticks)
-        .into_iter()
-        .map(|(_, thrust)| thrust)
-        .collect()
-}
-
+/// Ticks and thrusts that a stage has at each tick, under faults of one message after the other.
 #[test]
-fn without_faults_each_tick_has_its_message() {
-    assert!(
-        had(&table(7, &[]), 9)
-            .into_iter()
-            .enumerate()
-            .all(|(i, it)| it == (i as u64, i as f64))
+fn each_kind_of_fault_does_what_it_says() {
+    let never = NO_TICK;
+    let cases: [(&[(Kind, u64, u64)], &[u64], &[f64]); 10] = [
+        (&[], &[0, 1, 2, 3], &[0.0, 1.0, 2.0, 3.0]),
+        (&[(Kind::Drop(1.0), 2, 5)], &[0, 1, 1, 1, 1, 5, 6], &[]),
+        (&[(Kind::Drop(1.0), 0, 2)], &[never, never, 2], &[]),
+        (
+            &[(Kind::DropEach { lost: 2, of: 3 }, 1, 8)],
+            &[0, 0, 0, 3, 3, 3, 6, 6, 8],
+            &[],
+        ),
+        // Delayed messages come under their own tick, and are overtaken at the end.
+        (&[(Kind::Delay(2), 2, 6)], &[0, 1, 1, 1, 2, 3, 6, 7, 8], &[]),
+        // What lags is older, under the tick of now.
+        (
+            &[(Kind::Lag(2), 3, 6)],
+            &[0, 1, 2, 3, 4, 5, 6],
+            &[0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 6.0],
+        ),
+        (&[(Kind::Lag(2), 0, 4)], &[never, never, 2, 3, 4], &[]),
+        // A frozen topic repeats the last message before.
+        (
+            &[(Kind::Freeze, 3, 6)],
+            &[0, 1, 2, 3, 4, 5, 6],
+            &[0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 6.0],
+        ),
+        (&[(Kind::Freeze, 0, 2)], &[never, never, 2], &[]),
+        (
+            &[(Kind::Bias(THRUST, 0.5), 1, 3)],
+            &[0, 1, 2, 3],
+            &[0.0, 1.5, 2.5, 3.0],
+        ),
+    ];
+    for (faults, ticks, thrusts) in cases {
+        let had = had(&table(7, faults), ticks.len() as u64);
+        assert!(
+            had.iter().map(|it| it.0).eq(ticks.iter().copied()),
+            "{faults:?}: {had:?}"
+        );
+        for ((_, thrust), expected) in had.iter().zip(thrusts) {
+            assert_eq!(thrust, expected, "{faults:?}");
+        }
+    }
+    let longest = had(
+        &table(7, &[(Kind::Lag(LONGEST_DELAY), 0, Span::FOR_GOOD)]),
+        200,
     );
-}
-
-#[test]
-fn lost_messages_leave_the_last_one() {
-    assert_eq!(
-        ticks_had(&[(Kind::Drop(1.0), 2, 5)], 7),
-        [0, 1, 1, 1, 1, 5, 6]
-    );
-    assert_eq!(
-        ticks_had(&[(Kind::DropEach { lost: 2, of: 3 }, 1, 8)], 9),
-        [0, 0, 0, 3, 3, 3, 6, 6, 8]
-    );
-    assert_eq!(
-        ticks_had(&[(Kind::Drop(1.0), 0, 2)], 3),
-        [NO_TICK, NO_TICK, 2]
-    );
+    assert_eq!(longest[199].1, (199 - LONGEST_DELAY) as f64);
+    let several = [
+        (Kind::Delay(1), 0, 99),
+        (Kind::Lag(2), 0, 99),
+        (Kind::Bias(THRUST, 0.5), 0, 99),
+    ];
+    assert_eq!(had(&table(7, &several), 9)[8], (7, 5.5));
+    let one_axis = [(Kind::Bias(place(1, Some(2)), 0.5), 0, 9)];
+    let mut inlet = FaultyInput::new(&table(7, &one_axis), PORT);
+    inlet.arrive(&wrench(0));
+    assert_eq!(inlet.settle(0).content.torque_b_nm, [0.0, 0.0, 0.5]);
 }
 
 #[test]
 fn a_share_is_lost_at_random_and_by_seed() {
-    let lost = |seed| {
-        let had = had(
-            &table(seed, &[(Kind::Drop(0.2), 0, Span::FOR_GOOD)]),
-            10_000,
-        );
-        had.into_iter()
-            .enumerate()
-            .filter(|(tick, it)| it.0 != *tick as u64)
-            .map(|(tick, _)| tick)
-            .collect::<Vec<_>>()
+    let faults = [(Kind::Drop(0.2), 0, Span::FOR_GOOD)];
+    let lost = |seed| -> Vec<u64> {
+        let had = had(&table(seed, &faults), 10_000).into_iter().zip(0..);
+        had.filter(|((had, _), tick)| had != tick)
+            .map(|(_, tick)| tick)
+            .collect()
     };
     // Two thousand, with a standard deviation of 40.
     assert!((1800..2200).contains(&lost(7).len()), "{}", lost(7).len());
@@ -117,85 +122,14 @@ fn a_share_is_lost_at_random_and_by_seed() {
 }
 
 #[test]
-fn delayed_messages_come_under_their_own_tick_and_are_overtaken_at_the_end() {
-    assert_eq!(
-        ticks_had(&[(Kind::Delay(2), 2, 6)], 9),
-        [0, 1, 1, 1, 2, 3, 6, 7, 8]
-    );
-}
-
-#[test]
-fn what_lags_is_older_under_the_tick_of_now() {
-    let faults = [(Kind::Lag(2), 3, 6)];
-    assert_eq!(ticks_had(&faults, 8), [0, 1, 2, 3, 4, 5, 6, 7]);
-    assert_eq!(
-        thrusts_had(&faults, 8),
-        [0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 6.0, 7.0]
-    );
-    assert_eq!(
-        ticks_had(&[(Kind::Lag(2), 0, 4)], 5),
-        [NO_TICK, NO_TICK, 2, 3, 4],
-        "there is none of two ticks before"
-    );
-    let longest = thrusts_had(&[(Kind::Lag(LONGEST_DELAY), 0, Span::FOR_GOOD)], 200);
-    assert_eq!(longest[199], (199 - LONGEST_DELAY) as f64);
-}
-
-#[test]
-fn a_frozen_topic_repeats_the_last_message_before() {
-    let faults = [(Kind::Freeze, 3, 6)];
-    assert_eq!(ticks_had(&faults, 8), [0, 1, 2, 3, 4, 5, 6, 7]);
-    assert_eq!(
-        thrusts_had(&faults, 8),
-        [0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 6.0, 7.0]
-    );
-    assert_eq!(
-        ticks_had(&[(Kind::Freeze, 0, 2)], 3),
-        [NO_TICK, NO_TICK, 2],
-        "there is none to repeat"
-    );
-}
-
-#[test]
-fn wrong_numbers_are_wrong_by_what_was_asked() {
-    assert_eq!(
-        thrusts_had(&[(Kind::Bias(THRUST, 0.5), 1, 3)], 4),
-        [0.0, 1.5, 2.5, 3.0]
-    );
-    let noise = |deviation| {
-        let had = thrusts_had(&[(Kind::Noise(THRUST, deviation), 100, 9000)], 9000);
-        let errors: Vec<f64> = had
-            .iter()
-            .enumerate()
-            .skip(100)
-            .map(|(tick, it)| it - tick as f64)
-            .collect();
-        (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
-    };
-    assert!((noise(0.1) / 0.1 - 1.0).abs() < 0.05, "{}", noise(0.1));
-}
-
-#[test]
-fn one_axis_is_struck_alone() {
-    let mut inlet = FaultyInput::new(
-        &table(
-            7,
-            &[(
-                Kind::Bias(
-                    Place {
-                        field: 1,
-                        axis: Some(2),
-                    },
-                    0.5,
-                ),
-                0,
-                9,
-            )],
-        ),
-        PORT,
-    );
-    inlet.arrive(&wrench(0));
-    assert_eq!(inlet.settle(0).content.torque_b_nm, [0.0, 0.0, 0.5]);
+fn noise_has_its_deviation() {
+    let had = had(&table(7, &[(Kind::Noise(THRUST, 0.1), 100, 9000)]), 9000);
+    let squares = had.iter().zip(0..).skip(100).map(|((_, thrust), tick)| {
+        let error = thrust - f64::from(tick);
+        error * error
+    });
+    let deviation = (squares.sum::<f64>() / 8900.0).sqrt();
+    assert!((deviation / 0.1 - 1.0).abs() < 0.05, "{deviation}");
 }
 
 #[test]
@@ -210,28 +144,14 @@ fn what_is_no_number_or_not_possible_never_comes_and_is_counted() {
             inlet.arrive(&wrench(tick));
             inlet.settle(tick).envelope.tick
         };
+        assert!((0..7).map(at).eq([0, 1, 1, 1, 1, 5, 6]), "{kind:?}");
+        let rejections = inlet.rejections();
         assert_eq!(
-            (0..7).map(at).collect::<Vec<_>>(),
-            [0, 1, 1, 1, 1, 5, 6],
-            "{kind:?}"
-        );
-        assert_eq!(
-            (inlet.rejections().of(reason), inlet.rejections().total()),
+            (rejections.of(reason), rejections.total()),
             (3, 3),
             "{kind:?}"
         );
     }
-}
-
-#[test]
-fn faults_of_several_kinds_act_on_one_message() {
-    let faults = [
-        (Kind::Delay(1), 0, 99),
-        (Kind::Lag(2), 0, 99),
-        (Kind::Bias(THRUST, 0.5), 0, 99),
-    ];
-    let had = had(&table(7, &faults), 9);
-    assert_eq!(had[8], (7, 5.5));
 }
 
 fn kinds() -> impl Strategy<Value = Kind> {

@@ -36,15 +36,12 @@ pub enum FaultKind {
     },
     Late {
         role: Role,
-        /// The least [ns].
         least_ns: u64,
-        /// The most [ns].
         most_ns: u64,
     },
     /// The process of a stage is stopped, and goes on.
     Stop {
         role: Role,
-        /// For how long [ns].
         for_ns: u64,
     },
     /// The process of a stage is killed.
