@@ -48,7 +48,8 @@ fn had(faults: &MessageFaults, ticks: u64) -> Vec<(u64, f64)> {
 #[test]
 fn each_kind_of_fault_does_what_it_says() {
     let never = NO_TICK;
-    let cases: [(&[(Kind, u64, u64)], &[u64], &[f64]); 10] = [
+    type Case<'a> = (&'a [(Kind, u64, u64)], &'a [u64], &'a [f64]);
+    let cases: [Case<'_>; 10] = [
         (&[], &[0, 1, 2, 3], &[0.0, 1.0, 2.0, 3.0]),
         (&[(Kind::Drop(1.0), 2, 5)], &[0, 1, 1, 1, 1, 5, 6], &[]),
         (&[(Kind::Drop(1.0), 0, 2)], &[never, never, 2], &[]),
