@@ -72,7 +72,8 @@ fn newest<C: Topic>(published: &[Message<C>]) -> (Stamped<C>, Header) {
     (Stamped { tick, content }, header)
 }
 
-/// Flies, with the faults of each tick.
+/// Flies, with the faults of each tick. Not inlined: plant and laws would take the stack that the test's replay needs.
+#[inline(never)]
 pub fn fly(settings: &Settings, faults: impl Fn(u64) -> TickFaults) -> Published {
     let mut plant = Plant::new(&settings.plant().unwrap());
     for swap in settings.planned().unwrap().swaps {
