@@ -1,7 +1,7 @@
 //! A law in Python, called tick by tick.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::any::Any;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use control_api::law::{CopyState, InnerLaw, OuterLaw};
 use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
