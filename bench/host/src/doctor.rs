@@ -1,6 +1,6 @@
 //! `ironbird doctor`: can this machine fly in real time, and if not, why not?
 //!
-//! [`CHECKS`] is the table of what is examined; each check is a pure function of a [`Machine`]. The measured part is
+//! `CHECKS` is the table of what is examined; each check is a pure function of a [`Machine`]. The measured part is
 //! added on request. The worst finding decides the verdict.
 
 pub mod measured;

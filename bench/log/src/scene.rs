@@ -220,7 +220,7 @@ const SCENE: [MessageSchema; 5] = [
     ),
 ];
 
-/// Schema of [`POSE_SCHEMA`] and [`TRANSFORM_SCHEMA`], as its bytes stand in the log.
+/// Schema of `POSE_SCHEMA` and `TRANSFORM_SCHEMA`, as its bytes stand in the log.
 pub fn descriptor_set() -> Vec<u8> {
     const TIME_FILE: &str = "google/protobuf/timestamp.proto";
     let time = file(TIME_FILE, "google.protobuf", &TIME);

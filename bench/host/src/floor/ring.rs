@@ -242,7 +242,7 @@ fn failed<E: std::fmt::Display>(what: &str) -> impl Fn(E) -> Failure {
 }
 
 impl Link {
-    /// The link of a process of [`Others`]: its end of the ring are its standard streams.
+    /// The link of a process of `Others`: its end of the ring are its standard streams.
     pub fn inherited(
         wake: WakeMechanism,
         position: usize,
