@@ -10,7 +10,11 @@ use crate::fault::Fault;
 use crate::gates::Gates;
 use crate::generator::Stream;
 use crate::lines::Lines;
-use crate::table::hex;
+
+pub fn hex(hash: Sha256) -> String {
+    let digits = hash.finalize();
+    digits.iter().map(|byte| format!("{byte:02x}")).collect()
+}
 
 #[derive(Clone, Debug)]
 pub struct Campaign {

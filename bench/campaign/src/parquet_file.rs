@@ -21,7 +21,8 @@ use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::{Type, TypePtr};
 use sha2::{Digest as _, Sha256};
 
-use crate::table::{Cell, Cells, Column, Kind, Table, hex};
+use crate::campaign::hex;
+use crate::table::{Cell, Cells, Column, Kind, Table};
 
 /// Level of compression: higher ones take longer than they save.
 const LEVEL: i32 = 3;

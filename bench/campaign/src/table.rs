@@ -6,7 +6,7 @@ use messages::parameters::Parameter;
 use sha2::{Digest as _, Sha256};
 use toml::Value;
 
-use crate::campaign::{Campaign, Factor, Target};
+use crate::campaign::{Campaign, Factor, Target, hex};
 use crate::distribution::Distribution;
 use crate::fault::Number;
 use crate::gates::{METRICS, Outcome};
@@ -220,11 +220,6 @@ impl Table {
         }
         hex(hash)
     }
-}
-
-pub fn hex(hash: Sha256) -> String {
-    let digits = hash.finalize();
-    digits.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn shown(value: &Value) -> String {

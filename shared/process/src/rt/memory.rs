@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use rustix::mm::{MlockAllFlags, mlockall};
 
-use super::setup::Ahead;
 use super::sys;
 use ipc::error::Error;
 
@@ -15,10 +14,10 @@ use ipc::error::Error;
 ///
 /// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
 /// that cannot be asked (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
-/// reported `RealtimeStep::Prefault` as refused. What a spare has locked `ahead` is there.
-pub fn settle(ahead: Option<&Ahead>) -> Result<(), Error> {
-    settle_by(ahead, sys::populate)?;
-    if ahead.is_some_and(|ahead| !ahead.locked.is_empty()) {
+/// reported `RealtimeStep::Prefault` as refused. What a standby has `locked` is there.
+pub fn settle(locked: Option<&BTreeSet<String>>) -> Result<(), Error> {
+    settle_by(locked, sys::populate)?;
+    if locked.is_some_and(|locked| !locked.is_empty()) {
         // Whatever is mapped in flight is touched as it is mapped, as by the set-up of a role that was no spare.
         mlockall(MlockAllFlags::FUTURE)
             .map_err(|e| Error::system("cannot lock the memory of the process", e))?;
@@ -27,10 +26,10 @@ pub fn settle(ahead: Option<&Ahead>) -> Result<(), Error> {
 }
 
 fn settle_by(
-    ahead: Option<&Ahead>,
+    locked: Option<&BTreeSet<String>>,
     populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
 ) -> Result<(), Error> {
-    match populate_mappings(ahead, populate) {
+    match populate_mappings(locked, populate) {
         Err(e) if !is_unknown(&e) => Err(Error::system(
             "cannot make the memory of the process present (memory, or shared memory in /dev/shm, has run out)",
             e,
@@ -63,13 +62,13 @@ fn ask_whether_known(
 }
 
 /// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
-/// those that other processes write and it only reads. Those are left out that were locked `ahead`.
+/// those that other processes write and it only reads. Those are left out that are `locked` already.
 pub(super) fn populate_mappings(
-    ahead: Option<&Ahead>,
+    locked: Option<&BTreeSet<String>>,
     mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
 ) -> io::Result<()> {
     ask_whether_known(&mut populate)?;
-    let is_new = |line: &&str| ahead.is_none_or(|ahead| !ahead.locked.contains(*line));
+    let is_new = |line: &&str| locked.is_none_or(|locked| !locked.contains(*line));
     for line in fs::read_to_string(MAPPINGS)?.lines().filter(is_new) {
         let Some((range, rest)) = line.split_once(' ') else {
             continue;

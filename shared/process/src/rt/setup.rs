@@ -92,7 +92,7 @@ pub struct Ahead {
     grants: Grants,
     cpu: usize,
     /// The mappings that are locked, and so stay present.
-    pub(super) locked: BTreeSet<String>,
+    pub(crate) locked: BTreeSet<String>,
 }
 
 impl Ahead {
@@ -128,7 +128,7 @@ impl Ahead {
 
     /// Touches what ports have mapped since, away from the loops' processor.
     pub fn touch(&mut self) -> Result<(), Error> {
-        settle(Some(&*self))?;
+        settle(Some(&self.locked))?;
         if !self.locked.is_empty() {
             self.locked = mappings();
         }

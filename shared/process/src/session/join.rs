@@ -205,7 +205,7 @@ impl RoleSession {
         arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
     ) -> Result<(), Error> {
         arm(&self.wire, expected(run), self.status.epoch)?;
-        settle(self.ahead.as_ref())
+        settle(self.ahead.as_ref().map(|ahead| &ahead.locked))
     }
 
     fn take_off(&mut self, engaged: Engaged, board: BlackboardReader<Run>, run: Run) -> Armed {

@@ -105,7 +105,7 @@ impl RoleSession {
             run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
             board.put(run);
             arm(expected, self.status.epoch)?;
-            settle(self.ahead.as_ref())?;
+            settle(self.ahead.as_ref().map(|ahead| &ahead.locked))?;
             let late = self.await_armed(&crew, run.t0_ns)?;
             if late.is_empty() {
                 break crew;
