@@ -38,7 +38,7 @@ fn lockstep_flight(rig: &Rig) -> PathBuf {
 
 /// A flight in slow motion with two outages, and with baselines of the machine.
 fn late_flight(rig: &Rig) -> PathBuf {
-    let outages = "--fault inner.stop=20ms@tick700 --fault inner.stop=5ms@tick1500";
+    let outages = "--fault inner.stop=20ms@tick700 --fault mixer.stop=20ms@tick1500";
     rig.ok(&format!(
         "fly --config {} --floor 1s {outages} {SWAPS}",
         rig.slow(2)

@@ -106,7 +106,7 @@ mod terminal {
 fn script(rig: &Rig, command: &str) -> String {
     let instance = &rig.instance;
     format!(
-        "echo before; {IRONBIRD} {command} --instance {instance}; echo ended with $?; stty -a | grep -o ' icanon'; echo after"
+        "echo before; {IRONBIRD} {command} --instance {instance}; echo ended with $?; stty -a | grep -o ' icanon'; echo shell is back"
     )
 }
 
@@ -191,9 +191,9 @@ fn pages_and_parameters_work_in_a_terminal_and_leaving_lets_the_flight_continue(
     screen.press("r");
     wait_until("statistics to restart", || (count() < long).then_some(()));
     screen.press("q");
-    let left = screen.await_words("after");
+    let left = screen.await_words("shell is back");
     assert!(
-        left.contains("before\nended with 0\n icanon\nafter"),
+        left.contains("before\nended with 0\n icanon\nshell is back"),
         "{left}"
     );
     assert!(screen.is_restored());
@@ -238,7 +238,7 @@ fn a_signal_restores_a_small_terminal_and_no_color_is_respected() {
         assert_eq!(watcher.len(), 1, "{watcher:?}");
         send(watcher[0], Signal::TERM);
         screen.await_words("ended with 130");
-        assert!(screen.await_words("after").contains(" icanon") && screen.is_restored());
+        assert!(screen.await_words("shell is back").contains(" icanon") && screen.is_restored());
     }
     for (height, no_color, has_colour) in [(30, "export NO_COLOR=1; ", false), (31, "", true)] {
         if let Some(screen) = Screen::open(&rig, (100, height), &format!("{no_color}{watch}")) {
@@ -355,7 +355,7 @@ fn fly_watch_opens_the_dashboard_and_prints_its_report_after_it() {
     // The supervisor has its terminal back, with its own status line.
     let line = screen.await_words(" of 6.0 s   missed");
     assert!(!line.contains("position error, last"), "{line}");
-    let ended = screen.await_words("after");
+    let ended = screen.await_words("shell is back");
     assert!(
         ended.contains("RESULT status=") && ended.contains(" icanon"),
         "{ended}"
@@ -372,7 +372,7 @@ fn ctrl_c_in_the_dashboard_of_fly_ends_the_flight() {
     screen.await_words("position error, last");
     let plant = rig.processes_of("plant");
     screen.press("C-c");
-    let ended = screen.await_words("after");
+    let ended = screen.await_words("shell is back");
     assert!(ended.contains("RESULT status=INTERRUPTED"), "{ended}");
     assert!(ended.contains("ended with 130"), "{ended}");
     assert!(screen.is_restored());
