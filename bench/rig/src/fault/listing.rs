@@ -9,20 +9,20 @@ use report::render::document::{Cell, Table, row};
 
 /// What, value and meaning.
 const KINDS: &str = "\
-PARAMETER | see `ironbird params` | the airframe has another value; no TO
-TOPIC.drop | 0 to 1, or n/m | a share is lost at random, or the first n of each m
-TOPIC.delay | DELAYS | messages come so many ticks later, and are as stale as that
-TOPIC.lag | DELAYS | messages come in time, with the content of so many ticks before
-TOPIC.freeze |  | messages come in time, with the content of the last one before
-TOPIC.FIELD.noise | number | standard deviation of normal noise that is added, in the field's unit
-TOPIC.FIELD.bias | number | what is added, in the field's unit
-TOPIC.FIELD.nan |  | no number, which inspection refuses
-ROLE.late | time, or 40us..400us | the stage computes so much longer; without TO in one tick
-ROLE.stop | time | the stage does nothing for so long; no TO
-ROLE.kill |  | the stage ends; simulated, a new one works RESTART later
+PARAMETER | see `ironbird params` | changes the airframe; takes no TO
+TOPIC.drop | 0 to 1, or n/m | loses a random share of the messages, or the first n of each m
+TOPIC.delay | DELAYS | messages arrive this many ticks late, and stale
+TOPIC.lag | DELAYS | messages arrive on time with the content of this many ticks earlier
+TOPIC.freeze |  | messages arrive on time with the last content before the fault
+TOPIC.FIELD.noise | number | adds normal noise with this standard deviation, in the field's unit
+TOPIC.FIELD.bias | number | adds a constant, in the field's unit
+TOPIC.FIELD.nan |  | not a number: inspection rejects the message
+ROLE.late | time, or 40us..400us | the stage computes longer by this time; one tick without TO
+ROLE.stop | time | the stage pauses for this time; takes no TO
+ROLE.kill |  | the process is killed; in a simulation it restarts RESTART later
 cpu.hog | 1 to 99 | a process of this SCHED_FIFO priority is always busy on the loops' processor
-cpu.load | 0 to 1 | an ordinary process is busy there in this share of its time
-what lasts | off | it ends; no TO
+cpu.load | 0 to 1 | an ordinary process is busy there for this share of the time
+a lasting fault | off | ends it; takes no TO
 ";
 
 pub fn text() -> String {
@@ -53,7 +53,7 @@ pub fn text() -> String {
     let fields = Table::new(["topic", "inputs", "field", "axes", "unit"], fields);
     format!(
         "--fault 'WHAT[=VALUE][,WHAT[=VALUE]...]@FROM[..TO]'      FROM, TO: 8s, 500ms, tick8000\n\
-         ironbird inject WHAT[=VALUE]... [--at-tick N | --in TIME] [--for TIME]      into a flight in the air\n\n\
+         ironbird inject WHAT[=VALUE]... [--at-tick N | --in TIME] [--for TIME]      into a running flight\n\n\
          {}\nROLE is one of {}; a flight ends with its plant, so there is no plant.kill.\n\
          TOPIC means every input of it; ROLE.TOPIC means one. FIELD may end in one of its axes.\n\n{}",
         kinds.list(),
