@@ -1,11 +1,11 @@
 //! What goes wrong in the loop: what was planned, what was injected in flight, and the board of the latter.
 
+use faults::live::{Acts, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
+use faults::{FaultRefusal, MessageFaults, Span};
 use ipc::clock::busy_wait;
 use ipc::error::Error;
 use ipc::{Blackboard, Wire};
 use messages::content::RotorSpeeds;
-use messages::fault::live::{Acts, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
-use messages::fault::{MessageFaults, NotTaken, Span};
 use messages::role::Role;
 
 use crate::parameter_server::{Event, FaultRequest};
@@ -77,10 +77,10 @@ impl Injection {
             },
         );
         if from > self.last_tick {
-            return Event::NotTaken {
+            return Event::FaultRefused {
                 ticket,
                 which: 0,
-                reason: NotTaken::AfterTheEnd,
+                reason: FaultRefusal::AfterTheEnd,
             };
         }
         let (mut faults, mut acts, mut live) = (self.faults, self.acts, self.live);
@@ -94,7 +94,7 @@ impl Injection {
                 .and_then(|()| acts.take(&fault))
                 .and_then(|()| live.push(&fault));
             if let Err(reason) = taken {
-                return Event::NotTaken {
+                return Event::FaultRefused {
                     ticket,
                     which,
                     reason,

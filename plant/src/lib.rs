@@ -19,10 +19,9 @@ pub mod rigid_body;
 pub mod rotors;
 pub mod sensors;
 pub mod settings;
-pub mod swap;
 
 pub use crate::envelope_violation::{Crash, EnvelopeViolation};
 pub use crate::ground::Ground;
 pub use crate::plant::{LANES, Plant, PlantBatch};
 pub use crate::settings::{Initial, PlantSettings};
-pub use crate::swap::{AppliedSwap, Swap, SwapError, Target};
+pub use faults::swap::{self, AppliedSwap, Swap, SwapError, Target};

@@ -7,6 +7,9 @@
 
 use std::sync::mpsc;
 
+use faults::code::FaultCode;
+use faults::live::LiveFault;
+use faults::{FaultRefusal, Span};
 use heapless::spsc::{Consumer, Producer};
 use ipc::clock::now_ns;
 use ipc::error::Error;
@@ -17,9 +20,6 @@ use ipc::{
     SwapOutcome, Wire,
 };
 use messages::content::{NO_TICK, SwapRecord};
-use messages::fault::code::FaultCode;
-use messages::fault::live::LiveFault;
-use messages::fault::{NotTaken, Span};
 use messages::header::Header;
 use messages::inspection::Expected;
 use messages::parameters::{PARAMETERS, Parameter, ParameterError};
@@ -87,10 +87,10 @@ pub enum Event {
         ticket: u64,
         span: Span,
     },
-    NotTaken {
+    FaultRefused {
         ticket: u64,
         which: usize,
-        reason: NotTaken,
+        reason: FaultRefusal,
     },
 }
 
@@ -203,7 +203,7 @@ impl Desk<'_> {
             for_ticks,
             faults,
         };
-        let full = fault_refusal(NotTaken::NoRoom as u64, 0);
+        let full = fault_refusal(FaultRefusal::NoRoom as u64, 0);
         if let Err((_, call)) = self.for_faults.push((self.ticket, call)) {
             return call.answer(full);
         }
@@ -246,7 +246,7 @@ impl Desk<'_> {
                     },
                 );
             }
-            Event::NotTaken {
+            Event::FaultRefused {
                 ticket,
                 which,
                 reason,

@@ -14,11 +14,11 @@ pub use batch::{LANES, PlantBatch};
 
 use std::f64::consts::PI;
 
+use faults::gate::{Gate, Passed};
+use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
 use messages::checks::{Check, is_on};
 use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State, Truth};
-use messages::fault::gate::{Gate, Passed};
-use messages::fault::{MessageFaults, Port};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};

@@ -6,13 +6,13 @@
 use std::sync::mpsc;
 use std::thread;
 
+use faults::live::{Acts, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::clock::{Horizon as _, now_ns, sleep_until};
 use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wire};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, Run, RunPhase};
 use messages::content::{RotorSpeeds, Stamped, State};
-use messages::fault::live::{Acts, LoopFaults};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};

@@ -5,25 +5,24 @@
 use std::fmt;
 use std::time::Duration;
 
+use faults::code::FaultCode;
+use faults::live::{LiveFault, MOST_LIVE, NOTICE_TICKS};
+use faults::{FaultRefusal, MOST, Span};
 use ipc::injection::{ENDED, MALFORMED, MOST_AT_ONCE, STRIKES};
 use ipc::instance::Instance;
 use ipc::{FaultAnswer, FaultOrder, SwapAnswer, SwapOrder, SwapOutcome, Wire};
 use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
 use messages::content::{self, NO_TICK};
-use messages::fault::code::FaultCode;
-use messages::fault::live::{LiveFault, MOST_LIVE, NOTICE_TICKS};
-use messages::fault::{MOST, NotTaken, Span};
 use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
 use messages::role::Role;
 use plant::Target;
 
-use crate::fault::plan::refused;
-use crate::fault::{
-    Change, Desired, RequestedValue, check_once, duration, injected as described, targets_of,
-};
+use crate::fault_text::injected as described;
 use crate::settings::airframe::{PAPER, airframe_of, pairs};
 use crate::settings::faults::{check_possible, check_priority};
 use errors::Failure;
+use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, targets_of};
+use faults::plan::refused;
 
 /// How long the plant may take to answer, beyond the time until the requested tick.
 const TIMEOUT: Duration = Duration::from_secs(2);
@@ -346,11 +345,11 @@ fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Res
         MALFORMED => "what was asked for is no fault".into(),
         ENDED => "the run ended before it".into(),
         verdict => {
-            let reason = NotTaken::from_wire(verdict).ok_or_else(|| other_version(verdict))?;
+            let reason = FaultRefusal::from_wire(verdict).ok_or_else(|| other_version(verdict))?;
             let which = usize::try_from(answer.which)
                 .ok()
                 .and_then(|i| faults.get(i));
-            match which.filter(|_| reason != NotTaken::NoRoom) {
+            match which.filter(|_| reason != FaultRefusal::NoRoom) {
                 Some(fault) => refused(reason, fault, period_s).to_string(),
                 None => format!(
                     "it has no room for more: a flight takes {MOST_LIVE} faults by `inject`, counted by input, of \

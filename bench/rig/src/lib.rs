@@ -12,7 +12,7 @@ pub mod compare;
 pub mod dashboard;
 pub mod doctor;
 pub mod export;
-pub mod fault;
+pub mod fault_text;
 pub mod floor;
 pub mod inject;
 pub mod invalid_outputs;

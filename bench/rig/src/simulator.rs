@@ -3,7 +3,7 @@
 //! plant -> outer -> inner -> mixer -> plant. Without transport, clock or deadlines every command is on time. Four
 //! processes that miss no deadline reproduce this flight bit by bit. Nothing is allocated after [`Simulator::new`].
 //!
-//! With message or stage faults, the stages read their inputs through [`messages::fault::faulty_input`]. A stage in an
+//! With message or stage faults, the stages read their inputs through [`faults::faulty_input`]. A stage in an
 //! outage does nothing, and the others see it silent, like a stopped process. After an outage of the plant, its next tick
 //! integrates the missed ones with the commands active then.
 
@@ -16,11 +16,11 @@ use std::mem::replace;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
 use errors::Failure;
+use faults::faulty_input::FaultyInput;
+use faults::gate::Gate;
+use faults::live::FaultKind;
+use faults::{MessageFaults, Port};
 use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::fault::faulty_input::FaultyInput;
-use messages::fault::gate::Gate;
-use messages::fault::live::FaultKind;
-use messages::fault::{MessageFaults, Port};
 use messages::header::Message;
 use messages::inspection::Rejections;
 use messages::monitor::Monitor;
@@ -30,8 +30,8 @@ use plant::command_hold::PENDING_COMMANDS;
 use plant::{EnvelopeViolation, Plant};
 use report::states::{Joined, TickRecord};
 
-use crate::fault::plan::{Lateness, Planned, StageFault, StageTicks};
 use crate::settings::Settings;
+use faults::plan::{Lateness, Planned, StageFault, StageTicks};
 
 /// A simulated flight between two ticks.
 pub struct Simulator {
@@ -108,7 +108,7 @@ impl Simulator {
         let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
         let planned = settings.planned()?;
         for fault in &planned.acts {
-            let name = match fault.trouble {
+            let name = match fault.kind {
                 FaultKind::Hog { .. } => "cpu.hog",
                 FaultKind::Load { .. } => "cpu.load",
                 _ => continue,

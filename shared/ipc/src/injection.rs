@@ -3,8 +3,8 @@
 use super::Wire;
 use crate::error::Error;
 use crate::request_response::{DeskCall, DeskClient, DeskServer, Question};
-use messages::fault::NotTaken;
-use messages::fault::code::FaultCode;
+use faults::FaultRefusal;
+use faults::code::FaultCode;
 use messages::layout::layout;
 
 /// Faults that can be asked for at once, each counted as often as it has inputs.
@@ -57,7 +57,7 @@ pub const ENDED: u64 = 101;
 
 impl Question for FaultOrder {
     const SERVICE: &'static str = "injection";
-    const WORDS: u64 = NotTaken::ENUM_HASH;
+    const WORDS: u64 = FaultRefusal::ENUM_HASH;
     type Answer = FaultAnswer;
 }
 

@@ -5,8 +5,7 @@
 
 use crate::blackboards::{EndReason, RolePhase, RunPhase};
 use crate::content::Mode;
-use crate::fault::NotTaken;
-use crate::fault::code::What;
+use crate::fault_id::{FaultId, FaultRefusal};
 use crate::layout::{FNV_OFFSET, Layout, fingerprint, fnv1a};
 use crate::monitor::Cause;
 use crate::parameters::SPECS;
@@ -23,8 +22,8 @@ pub const VOCABULARY: u64 = {
         Cause::ENUM_HASH,
         Reason::ENUM_HASH,
         RealtimeStep::ENUM_HASH,
-        What::ENUM_HASH,
-        NotTaken::ENUM_HASH,
+        FaultId::ENUM_HASH,
+        FaultRefusal::ENUM_HASH,
     ];
     let mut hash = FNV_OFFSET;
     let mut i = 0;

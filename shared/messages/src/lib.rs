@@ -9,7 +9,7 @@ pub mod check_word;
 pub mod checks;
 pub mod content;
 pub mod enum_registry;
-pub mod fault;
+pub mod fault_id;
 pub mod flight_plan;
 pub mod frames;
 pub mod grid;

@@ -78,9 +78,10 @@ mod tests {
         "Isometry",
         "Similarity",
     ];
-    const LAWS: [&str; 5] = [
+    const LAWS: [&str; 6] = [
         "shared/messages/src",
         "shared/control_api/src",
+        "shared/faults/src",
         "plant/src",
         "controller/src",
         "mixer/src",

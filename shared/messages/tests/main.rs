@@ -1,7 +1,6 @@
-//! Tests of messages, parameters, frames and message faults.
+//! Tests of messages, parameters and frames.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod faults;
 mod frames;
 mod parameters;
 #[path = "../../reference/vectors.rs"]

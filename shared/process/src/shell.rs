@@ -7,12 +7,12 @@ mod inputs;
 mod troubles;
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use faults::live::LoopFaults;
 use ipc::clock::{Horizon, busy_wait};
 use ipc::error::Error;
 use ipc::{Sender, Wire};
 use messages::blackboards::EndReason;
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::fault::live::LoopFaults;
 use messages::header::{Header, Stamps};
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;

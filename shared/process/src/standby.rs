@@ -18,12 +18,12 @@ use signal_hook::consts::{SIGHUP, SIGTERM};
 use crate::rt::Ahead;
 use crate::session::{Blackboards, Ready, StartConfig, status_board};
 use crate::signals::end_with_launcher;
+use faults::live::{LIVE, LiveBlackboard};
 use ipc::Wire;
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use messages::blackboards::{RUN, SETTINGS, Status};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
-use messages::fault::live::{LIVE, LiveBlackboard};
 use messages::role::Role;
 
 /// What a spare is called while it waits, as `ps -o comm` and `top` show it.

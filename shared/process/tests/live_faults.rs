@@ -3,10 +3,10 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
+use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
+use faults::{Kind, Place, Port, Span};
 use ipc::{Blackboard, Sender, Wire};
 use messages::content::{RotorSpeeds, Stamped, Wrench};
-use messages::fault::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
-use messages::fault::{Kind, Place, Port, Span};
 use messages::header::Header;
 use messages::role::Role;
 use process::shell::{Flight, Input, Job, Made, Shell};
@@ -111,7 +111,7 @@ fn board_of(faults: &[LiveFault]) -> LiveBlackboard {
 
 fn fault(kind: Kind, from: u64, to: u64) -> LiveFault {
     LiveFault {
-        trouble: FaultKind::Messages {
+        kind: FaultKind::Messages {
             port: Port::MixerWrench,
             kind,
         },

@@ -12,9 +12,9 @@ use ipc::instance::Instance;
 use messages::blackboards::ActiveParameters;
 use messages::parameters::{self, SPECS};
 
-use crate::fault::{Desired, RequestedValue};
 use crate::inject::{When, ask, injected, words_of};
 use errors::Failure;
+use faults::grammar::{Desired, RequestedValue};
 
 /// The active parameters as clients see them.
 #[derive(Debug)]

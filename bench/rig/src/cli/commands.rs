@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
-use crate::fault::listing;
+use crate::fault_text;
 use crate::inject::{self, When};
 use crate::output::{print, say};
 use crate::recorded_timing::Timing;
@@ -63,7 +63,7 @@ pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
 }
 
 pub fn faults() -> Result<u8, Failure> {
-    print(&listing::text())?;
+    print(&fault_text::text())?;
     Ok(OK)
 }
 

@@ -8,8 +8,8 @@ use errors::Failure;
 use toml::Value;
 
 use crate::cli::{name_of, overrides, set, values};
-use crate::fault::Fault;
 use crate::settings::{Overrides, PaceName, Settings};
+use faults::grammar::Fault;
 
 /// The flight, whatever laws fly it.
 #[derive(Clone, Debug, Default, Args)]

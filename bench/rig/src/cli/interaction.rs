@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 
 use crate::cli::values;
-use crate::fault::{Change, FaultError};
+use faults::grammar::{Change, FaultError};
 
 #[derive(Clone, Debug, Args)]
 pub struct WatchArgs {

@@ -6,8 +6,6 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use crate::cli::{LeadArg, Shard};
-pub(crate) use crate::fault::duration;
-use crate::fault::{Fault, FaultError};
 use crate::settings::law_settings::preset_names;
 use crate::settings::trajectory::is_file;
 use clap::builder::{
@@ -15,6 +13,8 @@ use clap::builder::{
 };
 use clap::{Arg, Command};
 use controller::Trajectory;
+pub(crate) use faults::grammar::duration;
+use faults::grammar::{Fault, FaultError};
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use campaign::gates::Outcome;
 use campaign::metrics::Metrics;
-use messages::fault::LONGEST_DELAY;
+use faults::LONGEST_DELAY;
 use messages::parameters::Airframe;
 use report::tracking::Tracking;
 

@@ -1,6 +1,6 @@
 //! Measures one phase, and combines phases.
 
-use messages::fault::{LONGEST_DELAY, Port};
+use faults::{LONGEST_DELAY, Port};
 use report::comparison::Laws;
 use report::margin::{
     Exception, LawMargins, LossMargin, OutageMargin, PatternMargin, Point, SteadyMargin,

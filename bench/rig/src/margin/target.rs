@@ -1,6 +1,6 @@
 //! What a margin refers to: a stage, all stages, or an input; and the corresponding faults.
 
-use messages::fault::{PORTS, Port};
+use faults::{PORTS, Port};
 use messages::role::{Role, STAGES};
 use report::schema::MACHINE;
 
@@ -70,7 +70,7 @@ impl Target {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::Fault;
+    use faults::grammar::Fault;
 
     #[test]
     fn an_outage_is_a_fault_as_a_user_types_it() {

@@ -1,11 +1,11 @@
 //! Faults that were injected into the running flight, as the plant publishes them.
 
+use faults::live::{LIVE, LiveBlackboard, LiveFault};
 use flight_log::facts::Record;
 use ipc::error::Error;
 use ipc::{BlackboardReader, Wire};
-use messages::fault::live::{LIVE, LiveBlackboard, LiveFault};
 
-use crate::fault::planned_again;
+use faults::grammar::planned_again;
 
 #[derive(Default)]
 pub struct InjectedFaults {

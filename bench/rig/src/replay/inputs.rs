@@ -6,11 +6,11 @@
 
 use std::collections::VecDeque;
 
+use faults::fields::Faulty;
+use faults::gate::Gate;
+use faults::{MessageFaults, Port};
 use flight_log::entry::LogEntry;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::fault::fields::Faulty;
-use messages::fault::gate::Gate;
-use messages::fault::{MessageFaults, Port};
 use messages::header::{Header, Message};
 use messages::monitor::Monitor;
 use messages::role::Role;
@@ -193,7 +193,7 @@ impl<C: Faulty> RecordedInput<C> {
 
 #[cfg(test)]
 mod tests {
-    use messages::fault::{Kind, MessageFault, Span};
+    use faults::{Kind, MessageFault, Span};
 
     use super::*;
 

@@ -2,19 +2,19 @@
 
 use std::path::Path;
 
+use faults::live::FaultKind;
 use messages::content::SwapRecord;
-use messages::fault::live::FaultKind;
 use messages::grid::Pace;
 use messages::header::{Header, LAYOUT, Message};
 use messages::settings_text::fingerprint;
 
-use crate::fault::{Change, Fault};
 use crate::recorded_timing::check_whole;
 pub use crate::recorded_timing::first_of;
 use crate::settings::law_settings::{LAW, Moved};
 use crate::settings::trajectory::is_file;
 use crate::settings::{PointsFile, Settings};
 use errors::Failure;
+use faults::grammar::{Change, Fault};
 use flight_log::TOPICS;
 use flight_log::build::Build;
 use flight_log::entry::{Counts, LogEntry};

@@ -1,8 +1,8 @@
 //! Replays outer loop, inner loop, mixer and the theorem's monitor, each on the inputs that its messages name.
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use faults::Port;
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::fault::Port;
 use messages::header::Message;
 use messages::monitor::Monitor;
 

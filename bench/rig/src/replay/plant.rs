@@ -6,9 +6,9 @@
 
 use std::collections::VecDeque;
 
+use faults::gate::Gate;
+use faults::{MessageFaults, Port};
 use messages::content::{Change, NO_TICK, RotorSpeeds, Stamped, State, SwapRecord};
-use messages::fault::gate::Gate;
-use messages::fault::{MessageFaults, Port};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::layout::Visit as _;

@@ -1,14 +1,14 @@
 //! The faults of the settings: what they are in ticks, and whether the flight is long enough for them.
 
-use messages::fault::Span;
-use messages::fault::live::FaultKind;
+use faults::Span;
+use faults::live::FaultKind;
 use messages::realtime::RealtimeStep;
 use process::rt::{fifo_refusal, remedy};
 
-use crate::fault::plan::Planned;
-use crate::fault::{Change, Fault, FaultError};
 use crate::settings::{PaceName, Settings, airframe};
 use errors::Failure;
+use faults::grammar::{Change, Fault, FaultError};
+use faults::plan::Planned;
 use report::faults::InjectedFault;
 
 impl Settings {
@@ -117,18 +117,18 @@ impl Settings {
     pub fn check_priorities(&self) -> Result<(), Failure> {
         let acts = self.planned()?.acts;
         acts.iter()
-            .try_for_each(|fault| check_priority(&fault.trouble))
+            .try_for_each(|fault| check_priority(&fault.kind))
     }
 }
 
 /// Refuses what cannot go wrong in a flight of this pace, or one without a launcher; `what` is how it was typed.
 pub fn check_possible(
-    trouble: &FaultKind,
+    kind: &FaultKind,
     what: &str,
     in_lockstep: bool,
     launched: bool,
 ) -> Result<(), Failure> {
-    match trouble {
+    match kind {
         FaultKind::Messages { .. } => Ok(()),
         FaultKind::Hog { .. } | FaultKind::Load { .. } if in_lockstep => Err(Failure::usage(
             format!("{what}: in lockstep no tick is late, however busy the processor is"),
@@ -149,8 +149,8 @@ pub fn check_possible(
 
 /// Refuses a priority that the kernel does not grant this process: a launcher's own for what is planned. One that is
 /// injected is asked for by the launcher later, which says so where it is refused there.
-pub fn check_priority(trouble: &FaultKind) -> Result<(), Failure> {
-    let FaultKind::Hog { priority } = trouble else {
+pub fn check_priority(kind: &FaultKind) -> Result<(), Failure> {
+    let FaultKind::Hog { priority } = kind else {
         return Ok(());
     };
     let refusal = fifo_refusal(i32::try_from(*priority).unwrap_or(i32::MAX));

@@ -7,23 +7,23 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
 use ipc::clock::{now_ns, sleep_until};
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::{Run, RunPhase};
 use messages::content::NO_TICK;
-use messages::fault::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
 use messages::grid::{Grid, Pace};
 use messages::role::Role;
 use process::rt::loops_cpu;
 use rustix::process::Signal;
 
-use crate::fault::Fault;
-use crate::fault::planned_again;
 use crate::output::say;
 use crate::settings::Settings;
 use crate::supervisor::child_process::{ChildWatch, kill_and_reap};
 use errors::Failure;
+use faults::grammar::Fault;
+use faults::grammar::planned_again;
 
 /// How often to look for injected faults: if possible, four times between an injection and its first tick.
 const LOOK_EVERY_NS: RangeInclusive<u64> = 1_000_000..=20_000_000;
@@ -167,7 +167,7 @@ impl FaultInjector {
         if fault.ends {
             self.cancel(&fault);
         }
-        let ahead_ns = match fault.trouble {
+        let ahead_ns = match fault.kind {
             FaultKind::Messages { .. } | FaultKind::Late { .. } => return,
             FaultKind::Hog { .. } | FaultKind::Load { .. } if !fault.ends => START_AHEAD_NS,
             _ => 0,
@@ -179,7 +179,7 @@ impl FaultInjector {
     /// Cancels the faults that would begin after they are ended.
     fn cancel(&mut self, end: &LiveFault) {
         let never_begins = |fault: &LiveFault| {
-            !fault.ends && fault.trouble.is_like(&end.trouble) && fault.span.from >= end.span.from
+            !fault.ends && fault.kind.is_like(&end.kind) && fault.span.from >= end.span.from
         };
         self.due
             .retain(|(_, action)| !matches!(action, Action::Inject(fault) if never_begins(fault)));
@@ -230,10 +230,10 @@ impl FaultInjector {
         let tick = fault.span.from;
         // A signal is sent some ten microseconds after the tick has begun, and later if this thread has no processor.
         let begin_ns = grid.begin_of(tick);
-        match &fault.trouble {
+        match &fault.kind {
             kind @ (FaultKind::Hog { .. } | FaultKind::Load { .. }) if fault.ends => {
                 wait_until(begin_ns);
-                self.end_loads(|other| other.trouble.is_like(kind) && other.span.from < tick);
+                self.end_loads(|other| other.kind.is_like(kind) && other.span.from < tick);
             }
             FaultKind::Hog { priority } => self.load(fault, *priority, 1.0, run, grid)?,
             FaultKind::Load { share } => self.load(fault, 0, *share, run, grid)?,
@@ -343,7 +343,7 @@ mod tests {
     use std::os::unix::process::ExitStatusExt as _;
 
     use super::*;
-    use messages::fault::Span;
+    use faults::Span;
 
     /// Runs a test with the fault injector of a flight at tick 0, on the clock.
     fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
@@ -384,7 +384,7 @@ mod tests {
 
     fn load(share: f64, ends: bool, from: u64, to: u64) -> LiveFault {
         LiveFault {
-            trouble: FaultKind::Load { share },
+            kind: FaultKind::Load { share },
             ends,
             span: Span { from, to },
         }
@@ -452,7 +452,7 @@ mod tests {
     fn a_late_fault_is_reported() {
         let (role, for_ns) = (Role::Inner, 20_000_000);
         let fault = LiveFault {
-            trouble: FaultKind::Stop { role, for_ns },
+            kind: FaultKind::Stop { role, for_ns },
             ..load(0.0, false, 100, 101)
         };
         assert_eq!([99, 100].map(|tick| delay(&fault, tick)), [None, None]);

@@ -12,7 +12,6 @@ use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Role, STAGES};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use crate::fault::{Change, Desired};
 use crate::inject::words_of;
 use crate::observation::ObservedMessage;
 use crate::settings::PointsFile;
@@ -20,6 +19,7 @@ use crate::settings::airframe::airframe_of;
 use crate::settings::law_settings;
 use crate::settings::trajectory::{built_in, is_file};
 use errors::Failure;
+use faults::grammar::{Change, Desired};
 use host::cpu_times::CpuTimes;
 use host::sampler::Watch;
 use report::flight_statistics::{FlightStatistics, is_last_word};

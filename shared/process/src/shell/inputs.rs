@@ -1,12 +1,12 @@
 //! The inputs of a stage: receivers, behind each the faults of its messages once there are some.
 
+use faults::faulty_input::FaultyInput;
+use faults::fields::Faulty;
+use faults::{LONGEST_DELAY, MessageFaults, Port};
 use ipc::clock::Horizon;
 use ipc::error::Error;
 use ipc::{LATEST, Receiver, Wire};
 use messages::content::Stamped;
-use messages::fault::faulty_input::FaultyInput;
-use messages::fault::fields::Faulty;
-use messages::fault::{LONGEST_DELAY, MessageFaults, Port};
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;

@@ -1,9 +1,9 @@
 //! What goes wrong with a stage: what was planned, and what the plant's board has had since.
 
+use faults::MessageFaults;
+use faults::live::{LIVE, LiveBlackboard, LoopFaults};
 use ipc::error::Error;
 use ipc::{BlackboardReader, Wire};
-use messages::fault::MessageFaults;
-use messages::fault::live::{LIVE, LiveBlackboard, LoopFaults};
 use messages::role::Role;
 
 pub struct ActiveFaults {

@@ -1,10 +1,12 @@
-//! The text of `ironbird faults`: the kinds of faults, and the fields of messages that can be wrong.
+//! Faults as text: what `ironbird faults` prints, and injected faults for the report.
 
-use messages::fault::{LONGEST_DELAY, PORTS};
+use faults::{LONGEST_DELAY, PORTS};
 use messages::role::STAGES;
 
-use crate::fault::error::typed;
-use crate::fault::plan::RESTART;
+use faults::grammar::{Fault, joined, planned_again, typed};
+use faults::live::LiveFault;
+use faults::plan::RESTART;
+use report::faults::InjectedFault;
 use report::render::document::{Cell, Table, row};
 
 /// What, value and meaning.
@@ -33,7 +35,7 @@ pub fn text() -> String {
     let kinds = Table::new(["what", "value", "meaning"], kinds.lines().map(cells));
     let mut fields = Vec::new();
     for (place, port) in PORTS.into_iter().enumerate() {
-        let is_of_topic = |other: &messages::fault::Port| other.topic() == port.topic();
+        let is_of_topic = |other: &faults::Port| other.topic() == port.topic();
         if PORTS[..place].iter().any(is_of_topic) {
             continue;
         }
@@ -60,4 +62,24 @@ pub fn text() -> String {
         STAGES.map(|role| role.name()).join(", "),
         fields.list()
     )
+}
+
+/// Injected faults for the report.
+pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
+    let mut ended = live.to_vec();
+    for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
+        for fault in &mut ended[..place] {
+            if !fault.ends && fault.kind.is_like(&end.kind) {
+                fault.span.to = fault.span.to.min(end.span.from);
+            }
+        }
+    }
+    let described = |fault: Fault| {
+        let (from, to) = (
+            fault.from.tick(period_s),
+            fault.to.map(|to| to.tick(period_s)),
+        );
+        InjectedFault::new(joined(&fault.changes), from, to, period_s).in_flight()
+    };
+    planned_again(&ended).into_iter().map(described).collect()
 }

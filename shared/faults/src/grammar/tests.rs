@@ -1,16 +1,16 @@
 //! Tests of the grammar of faults, of what is refused, and of what faults are in ticks.
 
-use messages::fault::code::{FAULTS, FaultSpec, ValueType};
-use messages::fault::live::LiveFault;
-use messages::fault::{Kind, MOST, Place, Port, Span};
+use crate::code::{FAULTS, FaultSpec, ValueType};
+use crate::live::LiveFault;
+use crate::swap::Target;
+use crate::{Kind, MOST, Place, Port, Span};
 use messages::parameters::{Parameter, SPECS};
 use messages::role::Role;
-use plant::Target;
 use proptest::prelude::*;
 
 use super::change::{TARGETS, known};
-use super::plan::{Lateness, Planned, StageFault, StageTicks};
 use super::*;
+use crate::plan::{Lateness, Planned, StageFault, StageTicks};
 
 fn planned(texts: &[&str]) -> Result<Planned, FaultError> {
     let faults = texts.iter().map(|text| text.parse());
@@ -310,7 +310,7 @@ proptest! {
         prop_assert_eq!(&again, &live);
         let off = live.first().map(|_| format!("{}=off", change.what()).parse::<Change>());
         if let Some(Ok(off)) = off {
-            prop_assert!(off.kinds().iter().zip(&live).all(|((trouble, _), it)| trouble.is_like(&it.trouble)));
+            prop_assert!(off.kinds().iter().zip(&live).all(|((kind, _), it)| kind.is_like(&it.kind)));
             prop_assert_eq!(off.to_string().parse::<Change>().unwrap(), off);
         }
     }

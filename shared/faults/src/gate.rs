@@ -11,11 +11,11 @@
 //!   when     so many ticks later (delay)
 //! ```
 
-use crate::content::NO_TICK;
-use crate::fault::fields::Faulty;
-use crate::fault::{Kind, LONGEST_DELAY, MOST, MessageFault, MessageFaults, Place, Port};
-use crate::noise::{standard_normal, uniform};
-use crate::rejections::{Reason, Rejections};
+use crate::fields::Faulty;
+use crate::{Kind, LONGEST_DELAY, MOST, MessageFault, MessageFaults, Place, Port};
+use messages::content::NO_TICK;
+use messages::noise::{standard_normal, uniform};
+use messages::rejections::{Reason, Rejections};
 
 /// Contents that are kept for those that lag: of as many ticks as the longest, and of the newest.
 const KEPT: usize = LONGEST_DELAY as usize + 1;

@@ -3,9 +3,9 @@
 //! What a stage reads is among them. What the plant says of itself (its accounts, and the truth) and what a law shows is
 //! not: no law reads that, and faults there would only lie to the report.
 
-use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
-use crate::layout::FieldType;
-use crate::topic::Topic;
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::layout::FieldType;
+use messages::topic::Topic;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {

@@ -1,22 +1,27 @@
-//! Faults of messages as data: which input of which stage, what is wrong with it, in which ticks.
+//! Faults: their kinds, the filters that apply them to messages, and the text in which users write them.
 //!
-//! A fault strikes behind the inspection of a receiving input ([`gate`]), and is a function of the tick that a message
-//! was made for. It is therefore the same fault in processes, in one process and in replay, at any pace. Faults of
-//! parameters go another way: they are swaps of the plant.
+//! A message fault acts behind the inspection of an input ([`gate`]), and depends on the tick of the message alone. It is
+//! therefore the same in processes, in one process and in replay, at any pace. Faults of parameters are changes that the
+//! plant applies ([`swap`]); those of processes are done by the supervisor.
+//!
+//! Start with [`code::FAULTS`], the table of all kinds. [`grammar`] reads and prints faults, [`plan`] gives them ticks.
 
 pub mod code;
 pub mod faulty_input;
 pub mod fields;
 pub mod gate;
+pub mod grammar;
 pub mod live;
+pub mod plan;
+pub mod swap;
 
 use std::fmt;
 
-use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
-use crate::layout::wire_enum;
-use crate::role::Role;
-use crate::topic::Topic;
 use fields::{Faulty as _, Field};
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+pub use messages::fault_id::FaultRefusal;
+use messages::role::Role;
+use messages::topic::Topic;
 
 /// Faults of messages that one flight can have, counted by input: `state.drop` makes two of them.
 pub const MOST: usize = 32;
@@ -265,14 +270,14 @@ impl<F: Spanned> FaultList<F> {
         }
     }
 
-    pub fn push(&mut self, fault: F) -> Result<(), NotTaken> {
+    pub fn push(&mut self, fault: F) -> Result<(), FaultRefusal> {
         if self.iter().any(|(_, other)| other.contradicts(&fault)) {
-            return Err(NotTaken::Contradiction);
+            return Err(FaultRefusal::Contradiction);
         }
         let mut places = self.faults.iter_mut();
         *places
             .find(|place| place.is_none())
-            .ok_or(NotTaken::NoRoom)? = Some(fault);
+            .ok_or(FaultRefusal::NoRoom)? = Some(fault);
         Ok(())
     }
 
@@ -281,12 +286,12 @@ impl<F: Spanned> FaultList<F> {
         &mut self,
         tick: u64,
         is_meant: impl Fn(&F) -> bool,
-    ) -> Result<(), NotTaken> {
+    ) -> Result<(), FaultRefusal> {
         let faults = self.faults.iter_mut().flatten();
         let mut meant = faults
             .filter(|fault| is_meant(fault) && fault.span().to > tick)
             .peekable();
-        meant.peek().ok_or(NotTaken::NothingToEnd)?;
+        meant.peek().ok_or(FaultRefusal::NothingToEnd)?;
         meant.for_each(|fault| *fault.span_mut() = fault.span().cut(tick));
         Ok(())
     }
@@ -313,28 +318,12 @@ impl<F: Spanned> FaultList<F> {
 
 impl MessageFaults {
     /// Ends those that do at an input what `kind` does, from a tick on. Whatever number the kind has is not looked at.
-    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), NotTaken> {
+    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), FaultRefusal> {
         self.end_where(tick, |fault| fault.port == port && fault.kind.is_like(kind))
     }
 
     pub fn of(&self, port: Port) -> impl Iterator<Item = (u64, &MessageFault)> {
         self.iter().filter(move |(_, fault)| fault.port == port)
-    }
-}
-
-wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
-    pub enum NotTaken {
-        /// A flight has as many as it can have.
-        NoRoom = 1,
-        /// Another one has a say in the same ticks.
-        Contradiction = 2,
-        /// There is none that could be ended.
-        NothingToEnd = 3,
-        AfterTheEnd = 4,
-        /// It stops a stage for less than a tick.
-        UnderATick = 5,
     }
 }
 
@@ -392,9 +381,19 @@ mod tests {
         faults.push(drop(InnerState)).unwrap();
         let pattern = Kind::DropEach { lost: 1, of: 2 };
         for (port, kind, tick, ended) in [
-            (OuterState, Kind::Delay(1), 20, Err(NotTaken::NothingToEnd)),
+            (
+                OuterState,
+                Kind::Delay(1),
+                20,
+                Err(FaultRefusal::NothingToEnd),
+            ),
             (OuterState, Kind::Drop(1.0), 20, Ok(())),
-            (OuterState, Kind::Drop(1.0), 20, Err(NotTaken::NothingToEnd)),
+            (
+                OuterState,
+                Kind::Drop(1.0),
+                20,
+                Err(FaultRefusal::NothingToEnd),
+            ),
             (InnerState, pattern, 5, Ok(())),
         ] {
             assert_eq!(faults.end(port, kind, tick), ended, "{kind:?}");
@@ -406,7 +405,10 @@ mod tests {
             [(10, 20), (10, 10)].map(|(from, to)| Span { from, to })
         );
         assert_eq!(faults.push(drop(InnerState)), Ok(()));
-        assert_eq!(faults.push(drop(InnerState)), Err(NotTaken::Contradiction));
+        assert_eq!(
+            faults.push(drop(InnerState)),
+            Err(FaultRefusal::Contradiction)
+        );
     }
 
     #[test]
@@ -415,7 +417,7 @@ mod tests {
         assert!(faults.is_empty());
         let one = |number: u64| fault(Port::MixerWrench, Kind::Freeze, number, number + 1);
         (0..MOST as u64).for_each(|number| faults.push(one(number)).unwrap());
-        assert_eq!(faults.push(one(MOST as u64)), Err(NotTaken::NoRoom));
+        assert_eq!(faults.push(one(MOST as u64)), Err(FaultRefusal::NoRoom));
         let numbers = faults.of(Port::MixerWrench).map(|(number, _)| number);
         assert!(numbers.eq(0..MOST as u64));
         assert_eq!(faults.of(OuterState).count(), 0);

@@ -4,29 +4,10 @@
 
 use std::mem::discriminant;
 
-use crate::fault::{Kind, PORTS, Place, Port, Span, is_share};
-use crate::layout::{layout, wire_enum};
-use crate::role::{Role, STAGES};
-
-wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
-    pub enum What {
-        Drop = 1,
-        DropEach = 2,
-        Delay = 3,
-        Lag = 4,
-        Freeze = 5,
-        Noise = 6,
-        Bias = 7,
-        Nan = 8,
-        Late = 9,
-        Stop = 10,
-        Kill = 11,
-        Hog = 12,
-        Load = 13,
-    }
-}
+use crate::{Kind, PORTS, Place, Port, Span, is_share};
+use messages::fault_id::FaultId;
+use messages::layout::layout;
+use messages::role::{Role, STAGES};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultKind {
@@ -110,7 +91,7 @@ impl FaultKind {
 /// A fault with its ticks, or the end of what it names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiveFault {
-    pub trouble: FaultKind,
+    pub kind: FaultKind,
     /// Whether it ends with the first tick of the span; its numbers mean nothing then.
     pub ends: bool,
     pub span: Span,
@@ -120,8 +101,8 @@ impl LiveFault {
     /// The ticks that it strikes of those that were asked for: what happens once happens in the first one.
     pub const fn span_from(&self, asked: Span) -> Span {
         let is_endless_late =
-            matches!(self.trouble, FaultKind::Late { .. }) && asked.to == Span::FOR_GOOD;
-        if self.trouble.is_once() || self.ends || is_endless_late {
+            matches!(self.kind, FaultKind::Late { .. }) && asked.to == Span::FOR_GOOD;
+        if self.kind.is_once() || self.ends || is_endless_late {
             asked.cut(asked.from.saturating_add(1))
         } else {
             asked
@@ -160,7 +141,7 @@ pub enum ValueType {
 
 #[derive(Clone, Copy, Debug)]
 pub struct FaultSpec {
-    pub what: What,
+    pub what: FaultId,
     pub name: &'static str,
     pub scope: Scope,
     pub value: ValueType,
@@ -168,9 +149,9 @@ pub struct FaultSpec {
 
 /// Every kind of fault. Two rows of one name are two ways to write its value; the first is tried first.
 pub const FAULTS: [FaultSpec; 13] = {
+    use FaultId::*;
     use Scope::{Message, Number, Processor, Stage};
     use ValueType as V;
-    use What::*;
     [
         spec(DropEach, "drop", Message, V::Pattern),
         spec(Drop, "drop", Message, V::Share),
@@ -188,7 +169,7 @@ pub const FAULTS: [FaultSpec; 13] = {
     ]
 };
 
-const fn spec(what: What, name: &'static str, scope: Scope, value: ValueType) -> FaultSpec {
+const fn spec(what: FaultId, name: &'static str, scope: Scope, value: ValueType) -> FaultSpec {
     FaultSpec {
         what,
         name,
@@ -200,25 +181,27 @@ const fn spec(what: What, name: &'static str, scope: Scope, value: ValueType) ->
 impl FaultSpec {
     /// Whether it happens at an instant, so that nothing of it can be ended.
     pub const fn is_once(&self) -> bool {
-        matches!(self.what, What::Stop | What::Kill)
+        matches!(self.what, FaultId::Stop | FaultId::Kill)
     }
 
     /// The values that are allowed, for an error; `WHAT` stands for the full name.
     pub const fn allowed(&self) -> &'static str {
         match self.what {
-            What::Drop | What::DropEach => {
+            FaultId::Drop | FaultId::DropEach => {
                 "a share above 0 and up to 1, or n/m for the first n of each m, as in WHAT=0.1 or 2/5"
             }
-            What::Delay | What::Lag => "whole ticks from 1 to 60, as in WHAT=5",
-            What::Noise => "a standard deviation above 0 in the unit of the field, as in WHAT=0.1",
-            What::Bias => "a number other than 0 in the unit of the field, as in WHAT=0.1",
-            What::Late => {
+            FaultId::Delay | FaultId::Lag => "whole ticks from 1 to 60, as in WHAT=5",
+            FaultId::Noise => {
+                "a standard deviation above 0 in the unit of the field, as in WHAT=0.1"
+            }
+            FaultId::Bias => "a number other than 0 in the unit of the field, as in WHAT=0.1",
+            FaultId::Late => {
                 "a time above 0 and up to 1m, as in WHAT=20ms, or from the least to the most, WHAT=40us..400us"
             }
-            What::Stop => "a time above 0 and up to 1m, as in WHAT=20ms",
-            What::Hog => "a SCHED_FIFO priority from 1 to 99, as in WHAT=90",
-            What::Load => "a share above 0 and up to 1, as in WHAT=0.5",
-            What::Freeze | What::Nan | What::Kill => "",
+            FaultId::Stop => "a time above 0 and up to 1m, as in WHAT=20ms",
+            FaultId::Hog => "a SCHED_FIFO priority from 1 to 99, as in WHAT=90",
+            FaultId::Load => "a share above 0 and up to 1, as in WHAT=0.5",
+            FaultId::Freeze | FaultId::Nan | FaultId::Kill => "",
         }
     }
 
@@ -265,17 +248,17 @@ layout! {
 
 impl FaultCode {
     pub fn of(fault: &LiveFault) -> Self {
-        let (what, place, struck, first, second) = match fault.trouble {
+        let (what, place, struck, first, second) = match fault.kind {
             FaultKind::Messages { port, kind } => {
                 let (what, first, second) = match kind {
-                    Kind::Drop(share) => (What::Drop, share.to_bits(), 0),
-                    Kind::DropEach { lost, of } => (What::DropEach, lost, of),
-                    Kind::Delay(ticks) => (What::Delay, ticks, 0),
-                    Kind::Lag(ticks) => (What::Lag, ticks, 0),
-                    Kind::Freeze => (What::Freeze, 0, 0),
-                    Kind::Noise(_, number) => (What::Noise, number.to_bits(), 0),
-                    Kind::Bias(_, number) => (What::Bias, number.to_bits(), 0),
-                    Kind::Nan(_) => (What::Nan, 0, 0),
+                    Kind::Drop(share) => (FaultId::Drop, share.to_bits(), 0),
+                    Kind::DropEach { lost, of } => (FaultId::DropEach, lost, of),
+                    Kind::Delay(ticks) => (FaultId::Delay, ticks, 0),
+                    Kind::Lag(ticks) => (FaultId::Lag, ticks, 0),
+                    Kind::Freeze => (FaultId::Freeze, 0, 0),
+                    Kind::Noise(_, number) => (FaultId::Noise, number.to_bits(), 0),
+                    Kind::Bias(_, number) => (FaultId::Bias, number.to_bits(), 0),
+                    Kind::Nan(_) => (FaultId::Nan, 0, 0),
                 };
                 (what, port as u64, kind.place(), first, second)
             }
@@ -283,11 +266,11 @@ impl FaultCode {
                 role,
                 least_ns,
                 most_ns,
-            } => (What::Late, role as u64, None, least_ns, most_ns),
-            FaultKind::Stop { role, for_ns } => (What::Stop, role as u64, None, for_ns, 0),
-            FaultKind::Kill { role } => (What::Kill, role as u64, None, 0, 0),
-            FaultKind::Hog { priority } => (What::Hog, 0, None, priority, 0),
-            FaultKind::Load { share } => (What::Load, 0, None, share.to_bits(), 0),
+            } => (FaultId::Late, role as u64, None, least_ns, most_ns),
+            FaultKind::Stop { role, for_ns } => (FaultId::Stop, role as u64, None, for_ns, 0),
+            FaultKind::Kill { role } => (FaultId::Kill, role as u64, None, 0, 0),
+            FaultKind::Hog { priority } => (FaultId::Hog, 0, None, priority, 0),
+            FaultKind::Load { share } => (FaultId::Load, 0, None, share.to_bits(), 0),
         };
         let axis = struck.and_then(|place| place.axis);
         Self {
@@ -322,31 +305,31 @@ impl FaultCode {
         let struck = || self.struck(port()?);
         let of = |kind| port().map(|port| FaultKind::Messages { port, kind });
         let (lost, least_ns, for_ns, most_ns) = (first, first, first, second);
-        let trouble = match What::from_wire(what)? {
-            What::Drop => of(Kind::Drop(number))?,
-            What::DropEach => of(Kind::DropEach { lost, of: second })?,
-            What::Delay => of(Kind::Delay(first))?,
-            What::Lag => of(Kind::Lag(first))?,
-            What::Freeze => of(Kind::Freeze)?,
-            What::Noise => of(Kind::Noise(struck()?, number))?,
-            What::Bias => of(Kind::Bias(struck()?, number))?,
-            What::Nan => of(Kind::Nan(struck()?))?,
-            What::Late => FaultKind::Late {
+        let kind = match FaultId::from_wire(what)? {
+            FaultId::Drop => of(Kind::Drop(number))?,
+            FaultId::DropEach => of(Kind::DropEach { lost, of: second })?,
+            FaultId::Delay => of(Kind::Delay(first))?,
+            FaultId::Lag => of(Kind::Lag(first))?,
+            FaultId::Freeze => of(Kind::Freeze)?,
+            FaultId::Noise => of(Kind::Noise(struck()?, number))?,
+            FaultId::Bias => of(Kind::Bias(struck()?, number))?,
+            FaultId::Nan => of(Kind::Nan(struck()?))?,
+            FaultId::Late => FaultKind::Late {
                 role: role()?,
                 least_ns,
                 most_ns,
             },
-            What::Stop => FaultKind::Stop {
+            FaultId::Stop => FaultKind::Stop {
                 role: role()?,
                 for_ns,
             },
-            What::Kill => FaultKind::Kill { role: role()? },
-            What::Hog => FaultKind::Hog { priority: first },
-            What::Load => FaultKind::Load { share: number },
+            FaultId::Kill => FaultKind::Kill { role: role()? },
+            FaultId::Hog => FaultKind::Hog { priority: first },
+            FaultId::Load => FaultKind::Load { share: number },
         };
-        let is_fault = trouble.is_possible() && ends <= 1 && !(ends == 1 && trouble.is_once());
+        let is_fault = kind.is_possible() && ends <= 1 && !(ends == 1 && kind.is_once());
         is_fault.then_some(LiveFault {
-            trouble,
+            kind,
             ends: ends == 1,
             span: Span { from, to },
         })
@@ -367,15 +350,11 @@ impl FaultCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::{LONGEST_DELAY, LONGEST_PATTERN};
+    use crate::{LONGEST_DELAY, LONGEST_PATTERN};
 
-    fn live(trouble: FaultKind, ends: bool) -> LiveFault {
+    fn live(kind: FaultKind, ends: bool) -> LiveFault {
         let span = Span { from: 10, to: 20 };
-        LiveFault {
-            trouble,
-            ends,
-            span,
-        }
+        LiveFault { kind, ends, span }
     }
 
     fn every_fault() -> Vec<FaultKind> {
@@ -425,14 +404,14 @@ mod tests {
             let rows = FAULTS.iter().filter(|spec| spec.what as u64 == what);
             assert_eq!(rows.count(), 1, "{what}");
         }
-        let delay = FaultSpec::of(What::Delay as u64).unwrap();
+        let delay = FaultSpec::of(FaultId::Delay as u64).unwrap();
         assert!(delay.allowed().contains(&format!("1 to {LONGEST_DELAY},")));
-        for trouble in every_fault() {
-            let spec = FaultSpec::of(FaultCode::of(&live(trouble, false)).what).unwrap();
-            assert_eq!(spec.is_once(), trouble.is_once(), "{trouble:?}");
+        for kind in every_fault() {
+            let spec = FaultSpec::of(FaultCode::of(&live(kind, false)).what).unwrap();
+            assert_eq!(spec.is_once(), kind.is_once(), "{kind:?}");
             for ends in [false, true] {
-                let fault = live(trouble, ends);
-                let expected = (!ends || !trouble.is_once()).then_some(fault);
+                let fault = live(kind, ends);
+                let expected = (!ends || !kind.is_once()).then_some(fault);
                 assert_eq!(FaultCode::of(&fault).fault(), expected);
             }
         }

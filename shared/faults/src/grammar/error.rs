@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use crate::swap::SwapError;
 use messages::parameters::ParameterError;
-use plant::SwapError;
 use thiserror::Error;
 
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -14,7 +14,7 @@ pub struct FaultError {
 }
 
 impl FaultError {
-    pub(crate) fn fault(message: impl Into<String>) -> Self {
+    pub fn fault(message: impl Into<String>) -> Self {
         Self {
             message: message.into(),
             is_of_parameter: false,
@@ -51,14 +51,14 @@ impl From<SwapError> for FaultError {
 }
 
 /// A time as it is typed.
-pub(crate) fn typed(time: Duration) -> String {
+pub fn typed(time: Duration) -> String {
     humantime::format_duration(time)
         .to_string()
         .replace(' ', "")
 }
 
 /// A length of time with its unit.
-pub(crate) fn duration(text: &str) -> Result<Duration, String> {
+pub fn duration(text: &str) -> Result<Duration, String> {
     humantime::parse_duration(text).map_err(|e| {
         let why = match text.strip_prefix('-') {
             Some(_) => "a time is not negative".into(),

@@ -5,14 +5,14 @@ use std::str::FromStr;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use messages::fault::code::{FAULTS, FaultCode, FaultSpec, Scope, ValueType};
-use messages::fault::live::{FaultKind, LiveFault};
-use messages::fault::{PORTS, Port, Span};
+use crate::code::{FAULTS, FaultCode, FaultSpec, Scope, ValueType};
+use crate::live::{FaultKind, LiveFault};
+use crate::{PORTS, Port, Span};
 use messages::parameters::{did_you_mean, nearest};
 use messages::role::{Role, STAGES};
 
-use crate::fault::error::{FaultError, begin_of, typed};
-use crate::fault::parameter::Desired;
+use crate::grammar::error::{FaultError, begin_of, typed};
+use crate::grammar::parameter::Desired;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
@@ -107,7 +107,7 @@ impl FaultTarget {
             ..self.code
         };
         code.fault().map(|fault| LoopChange {
-            kind: fault.trouble,
+            kind: fault.kind,
             every_input: self.every_input,
             ends: false,
         })
@@ -174,9 +174,9 @@ impl Change {
 
     /// The same as faults of these ticks.
     pub fn faults(&self, requested: Span) -> impl Iterator<Item = LiveFault> {
-        self.kinds().into_iter().map(move |(trouble, ends)| {
+        self.kinds().into_iter().map(move |(kind, ends)| {
             let fault = LiveFault {
-                trouble,
+                kind,
                 ends,
                 span: requested,
             };
@@ -208,9 +208,9 @@ impl Change {
 
     /// The change that makes the first of some faults, with those behind it that are of the same topic's other inputs;
     /// and how many these are.
-    pub(super) fn joined(faults: &[LiveFault], first: &LiveFault) -> (Self, usize) {
+    pub(crate) fn joined(faults: &[LiveFault], first: &LiveFault) -> (Self, usize) {
         let alone = LoopChange {
-            kind: first.trouble,
+            kind: first.kind,
             every_input: false,
             ends: first.ends,
         };
@@ -219,10 +219,10 @@ impl Change {
             ..alone
         });
         let is_like = |(fault, (kind, ends)): (&LiveFault, (FaultKind, bool))| {
-            (fault.trouble, fault.ends, fault.span) == (kind, ends, first.span)
+            (fault.kind, fault.ends, fault.span) == (kind, ends, first.span)
         };
         let kinds = every.kinds();
-        let is_message = matches!(first.trouble, FaultKind::Messages { .. });
+        let is_message = matches!(first.kind, FaultKind::Messages { .. });
         if is_message
             && faults.len() >= kinds.len()
             && faults.iter().zip(kinds.clone()).all(is_like)
@@ -308,7 +308,7 @@ impl LoopChange {
 
     fn code(&self) -> FaultCode {
         FaultCode::of(&LiveFault {
-            trouble: self.kind,
+            kind: self.kind,
             ends: false,
             span: Span::new(0, 1),
         })

@@ -1,14 +1,12 @@
 //! Faults as the user types them: `WHAT=VALUE[,WHAT=VALUE]@8s` or `@tick8000`, and `..9s` for an end.
 //!
 //! WHAT is a parameter of the airframe (`parameter`), or a fault of messages, of a stage or of the processor by the
-//! table in [`messages::fault::code`] (`change`). `plan` turns faults into ticks of a flight. docs/injection.md is the
+//! table in [`crate::code`] (`change`). [`crate::plan`] turns faults into ticks of a flight. docs/injection.md is the
 //! user's page.
 
 mod change;
 mod error;
-pub mod listing;
 mod parameter;
-pub mod plan;
 #[cfg(test)]
 mod tests;
 
@@ -16,16 +14,15 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
+use crate::Span;
+use crate::live::LiveFault;
+use crate::swap::Swap;
 pub use change::{Change, LoopChange};
 pub use error::FaultError;
-pub(crate) use error::{duration, typed};
-use messages::fault::Span;
-use messages::fault::live::LiveFault;
+pub use error::{duration, typed};
 use messages::parameters::Airframe;
-pub(crate) use parameter::check_once;
+pub use parameter::check_once;
 pub use parameter::{Desired, RequestedValue, targets_of};
-use plant::Swap;
-use report::faults::InjectedFault;
 
 /// When a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -145,7 +142,8 @@ impl Fault {
     }
 }
 
-fn joined<'a>(changes: impl IntoIterator<Item = &'a Change>) -> String {
+/// Changes as the user types them.
+pub fn joined<'a>(changes: impl IntoIterator<Item = &'a Change>) -> String {
     let texts: Vec<String> = changes.into_iter().map(Change::to_string).collect();
     texts.join(",")
 }
@@ -181,24 +179,4 @@ pub fn planned_again(live: &[LiveFault]) -> Vec<Fault> {
         rest = &rest[length..];
     }
     faults
-}
-
-/// Injected faults for the report.
-pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
-    let mut ended = live.to_vec();
-    for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
-        for fault in &mut ended[..place] {
-            if !fault.ends && fault.trouble.is_like(&end.trouble) {
-                fault.span.to = fault.span.to.min(end.span.from);
-            }
-        }
-    }
-    let described = |fault: Fault| {
-        let (from, to) = (
-            fault.from.tick(period_s),
-            fault.to.map(|to| to.tick(period_s)),
-        );
-        InjectedFault::new(joined(&fault.changes), from, to, period_s).in_flight()
-    };
-    planned_again(&ended).into_iter().map(described).collect()
 }

@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 
-use crate::content::{NO_TICK, Stamped};
-use crate::fault::fields::Faulty;
-use crate::fault::gate::{Gate, Passed};
-use crate::fault::{LONGEST_DELAY, MessageFaults, Port};
-use crate::header::Message;
-use crate::rejections::Rejections;
+use crate::fields::Faulty;
+use crate::gate::{Gate, Passed};
+use crate::{LONGEST_DELAY, MessageFaults, Port};
+use messages::content::{NO_TICK, Stamped};
+use messages::header::Message;
+use messages::rejections::Rejections;
 
 /// Messages that may be held back: one a tick, for the longest delay, and the newest.
 const ROOM: usize = LONGEST_DELAY as usize + 4;

@@ -3,16 +3,16 @@
 
 use std::time::Duration;
 
-use messages::fault::live::{
+use crate::live::{
     Acts, FaultKind, LiveFault, LoopFaults, MOST_LIVE, NOTICE_TICKS, RESTART_NS, late_share,
 };
-use messages::fault::{MOST, NotTaken, Span};
+use crate::swap::Swap;
+use crate::{FaultRefusal, MOST, Span};
 use messages::parameters::Airframe;
 use messages::role::Role;
-use plant::Swap;
 
-use crate::fault::error::typed;
-use crate::fault::{Change, Fault, FaultError};
+use crate::grammar::typed;
+use crate::grammar::{Change, Fault, FaultError};
 
 /// How long a stage that was killed takes until it works again.
 pub const RESTART: Duration = Duration::from_nanos(RESTART_NS);
@@ -119,7 +119,7 @@ impl Planned {
     fn take(&mut self, fault: &LiveFault, period_s: f64) -> Result<(), FaultError> {
         let taken = self.loops.take(fault).and_then(|()| self.table.take(fault));
         taken.map_err(|reason| refused(reason, fault, period_s))?;
-        match fault.trouble {
+        match fault.kind {
             FaultKind::Messages { .. } | FaultKind::Late { .. } => {}
             _ => self.acts.push(*fault),
         }
@@ -184,15 +184,15 @@ impl Planned {
 }
 
 /// Why a fault is not taken, with its name, in a flight with ticks of `period_s` [s].
-pub(crate) fn refused(reason: NotTaken, fault: &LiveFault, period_s: f64) -> FaultError {
+pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultError {
     let what = Change::joined(&[*fault], fault).0.what();
-    FaultError::fault(match (reason, fault.trouble) {
-        (NotTaken::NoRoom, _) => format!(
+    FaultError::fault(match (reason, fault.kind) {
+        (FaultRefusal::NoRoom, _) => format!(
             "there are more than {MOST} faults of messages, counted by input, or more than {MOST_LIVE} of processes: \
              leave some out"
         ),
-        (NotTaken::UnderATick, trouble) => {
-            let value = match trouble {
+        (FaultRefusal::UnderATick, kind) => {
+            let value = match kind {
                 FaultKind::Stop { for_ns, .. } => typed(Duration::from_nanos(for_ns)),
                 _ => String::new(),
             };
@@ -201,15 +201,15 @@ pub(crate) fn refused(reason: NotTaken, fault: &LiveFault, period_s: f64) -> Fau
                 "{what} = `{value}`: write a time of at least one tick, which is {tick_ms} ms here"
             )
         }
-        (NotTaken::AfterTheEnd, _) => format!(
+        (FaultRefusal::AfterTheEnd, _) => format!(
             "{what} never strikes: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
         ),
-        (NotTaken::NothingToEnd, _) => format!("{what}=off: it does not strike then or later"),
-        (NotTaken::Contradiction, FaultKind::Messages { port, kind }) => format!(
+        (FaultRefusal::NothingToEnd, _) => format!("{what}=off: it does not strike then or later"),
+        (FaultRefusal::Contradiction, FaultKind::Messages { port, kind }) => format!(
             "`{}` is given twice for the same ticks at {port}: let one end before the other begins",
             kind.name()
         ),
-        (NotTaken::Contradiction, _) => {
+        (FaultRefusal::Contradiction, _) => {
             format!("{what} is given for these ticks already: let one end before the other begins")
         }
     })

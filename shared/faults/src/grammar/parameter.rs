@@ -8,10 +8,10 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
+use crate::swap::{SwapError, Target};
 use messages::parameters::{Airframe, Parameter};
-use plant::{SwapError, Target};
 
-use crate::fault::error::{FaultError, begin_of, typed};
+use crate::grammar::error::{FaultError, begin_of, typed};
 
 /// A parameter with the value that is wanted for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -153,7 +153,7 @@ pub fn targets_of(
 }
 
 /// Refuses two values for one parameter.
-pub(crate) fn check_once(wanted: &[Desired]) -> Result<(), SwapError> {
+pub fn check_once(wanted: &[Desired]) -> Result<(), SwapError> {
     for (place, Desired { parameter, .. }) in wanted.iter().enumerate() {
         let parameter = *parameter;
         if wanted[..place].iter().any(|it| it.parameter == parameter) {

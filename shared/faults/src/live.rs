@@ -5,14 +5,12 @@
 //! knows as many earlier messages as any fault looks back to, and the same fault is the same flight as if it had been
 //! planned.
 
-use crate::fault::code::FaultCode;
-pub use crate::fault::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
-use crate::fault::{
-    FaultList, LONGEST_DELAY, MessageFault, MessageFaults, NotTaken, Span, Spanned,
-};
-use crate::layout::layout;
-use crate::noise::uniform;
-use crate::role::Role;
+use crate::code::FaultCode;
+pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
+use crate::{FaultList, FaultRefusal, LONGEST_DELAY, MessageFault, MessageFaults, Span, Spanned};
+use messages::layout::layout;
+use messages::noise::uniform;
+use messages::role::Role;
 
 /// Name of the plant's board with the [`LiveBlackboard`].
 pub const LIVE: &str = "faults";
@@ -51,11 +49,11 @@ impl LiveBlackboard {
         self.faults[..count].iter().filter_map(FaultCode::fault)
     }
 
-    pub fn push(&mut self, fault: &LiveFault) -> Result<(), NotTaken> {
+    pub fn push(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
         let place = usize::try_from(self.count)
             .ok()
             .and_then(|count| self.faults.get_mut(count));
-        *place.ok_or(NotTaken::NoRoom)? = FaultCode::of(fault);
+        *place.ok_or(FaultRefusal::NoRoom)? = FaultCode::of(fault);
         self.count += 1;
         Ok(())
     }
@@ -77,13 +75,9 @@ impl LoopFaults {
     }
 
     /// Takes one more, or the end of one. What is no stage's own is taken and does nothing here.
-    pub fn take(&mut self, fault: &LiveFault) -> Result<(), NotTaken> {
-        let LiveFault {
-            trouble,
-            ends,
-            span,
-        } = *fault;
-        match trouble {
+    pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
+        let LiveFault { kind, ends, span } = *fault;
+        match kind {
             FaultKind::Messages { port, kind } if ends => self.messages.end(port, kind, span.from),
             FaultKind::Messages { port, kind } => {
                 self.messages.push(MessageFault { port, kind, span })
@@ -151,7 +145,7 @@ pub type LateStages = FaultList<Late>;
 
 impl LateStages {
     /// Ends those of a stage from a tick on.
-    pub fn end(&mut self, role: Role, tick: u64) -> Result<(), NotTaken> {
+    pub fn end(&mut self, role: Role, tick: u64) -> Result<(), FaultRefusal> {
         self.end_where(tick, |late| late.role == role)
     }
 
@@ -196,39 +190,35 @@ impl Acts {
     ///
     /// It refuses where two faults of a stage would meet, or two hogs or loads; where a stop is shorter than a tick;
     /// where there is nothing to end, or where there are [`MOST_LIVE`]. Nothing is changed then.
-    pub fn take(&mut self, fault: &LiveFault) -> Result<(), NotTaken> {
-        let LiveFault {
-            trouble,
-            ends,
-            span,
-        } = *fault;
-        if matches!(trouble, FaultKind::Messages { .. }) {
+    pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
+        let LiveFault { kind, ends, span } = *fault;
+        if matches!(kind, FaultKind::Messages { .. }) {
             return Ok(());
         }
-        if matches!(trouble, FaultKind::Stop { for_ns, .. } if for_ns < self.sample_time_ns) {
-            return Err(NotTaken::UnderATick);
+        if matches!(kind, FaultKind::Stop { for_ns, .. } if for_ns < self.sample_time_ns) {
+            return Err(FaultRefusal::UnderATick);
         }
         let own = self.outage(fault);
         let contradicts = |other: &LiveFault| match (own, self.outage(other)) {
             (Some((role, own)), Some((other, span))) => other == role && span.meets(own),
-            (_, None) => other.trouble.is_like(&trouble) && other.span.meets(span),
+            (_, None) => other.kind.is_like(&kind) && other.span.meets(span),
             (None, _) => false,
         };
         if !ends && self.begun().any(contradicts) {
-            return Err(NotTaken::Contradiction);
+            return Err(FaultRefusal::Contradiction);
         }
         let is_meant = |other: &LiveFault| {
             let Span { from, to } = other.span;
-            other.trouble.is_like(&trouble) && to > span.from && from < to
+            other.kind.is_like(&kind) && to > span.from && from < to
         };
         if ends && !self.begun().any(is_meant) {
-            return Err(NotTaken::NothingToEnd);
+            return Err(FaultRefusal::NothingToEnd);
         }
         let place = self
             .acts
             .iter()
             .position(Option::is_none)
-            .ok_or(NotTaken::NoRoom)?;
+            .ok_or(FaultRefusal::NoRoom)?;
         if ends {
             let meant = self
                 .acts
@@ -254,42 +244,38 @@ impl Acts {
             from,
             to: from.saturating_add(ticks(ns)),
         };
-        let span = match fault.trouble {
+        let span = match fault.kind {
             FaultKind::Stop { for_ns, .. } => out(for_ns),
             FaultKind::Kill { .. } => out(RESTART_NS),
             _ => fault.span,
         };
-        Some((fault.trouble.role()?, span))
+        Some((fault.kind.role()?, span))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::{Kind, Port};
+    use crate::{Kind, Port};
 
     const HOG: FaultKind = FaultKind::Hog { priority: 90 };
     const OTHER_HOG: FaultKind = FaultKind::Hog { priority: 1 };
     const LOAD: FaultKind = FaultKind::Load { share: 0.5 };
     const MS: u64 = 1_000_000;
-    const CONTRADICTION: Result<(), NotTaken> = Err(NotTaken::Contradiction);
-    const NOTHING: Result<(), NotTaken> = Err(NotTaken::NothingToEnd);
+    const CONTRADICTION: Result<(), FaultRefusal> = Err(FaultRefusal::Contradiction);
+    const NOTHING: Result<(), FaultRefusal> = Err(FaultRefusal::NothingToEnd);
 
-    fn live(trouble: FaultKind, ends: bool, from: u64, to: u64) -> LiveFault {
+    fn live(kind: FaultKind, ends: bool, from: u64, to: u64) -> LiveFault {
         let span = Span { from, to };
-        LiveFault {
-            trouble,
-            ends,
-            span,
-        }
+        LiveFault { kind, ends, span }
     }
 
-    fn fault(trouble: FaultKind, from: u64, to: u64) -> LiveFault {
-        live(trouble, false, from, to)
+    fn fault(kind: FaultKind, from: u64, to: u64) -> LiveFault {
+        live(kind, false, from, to)
     }
 
-    fn off(trouble: FaultKind, from: u64) -> LiveFault {
-        live(trouble, true, from, from + 1)
+    fn off(kind: FaultKind, from: u64) -> LiveFault {
+        live(kind, true, from, from + 1)
     }
 
     fn stop(role: Role, from: u64, for_ns: u64) -> LiveFault {
@@ -305,7 +291,7 @@ mod tests {
     }
 
     /// Takes one after the other, each with what is expected of it.
-    fn take(faults: &[(LiveFault, Result<(), NotTaken>)]) -> Acts {
+    fn take(faults: &[(LiveFault, Result<(), FaultRefusal>)]) -> Acts {
         let mut acts = Acts::none(MS);
         for (fault, expected) in faults {
             assert_eq!(acts.take(fault), *expected, "{fault:?}");
@@ -329,7 +315,7 @@ mod tests {
         let spans: Vec<_> = spans.map(|(_, it)| (it.span.from, it.span.to)).collect();
         assert_eq!(spans, [(10, 20), (30, Span::FOR_GOOD)]);
         (3..MOST_LIVE).for_each(|_| board.push(&fault(true, 40)).unwrap());
-        assert_eq!(board.push(&fault(true, 40)), Err(NotTaken::NoRoom));
+        assert_eq!(board.push(&fault(true, 40)), Err(FaultRefusal::NoRoom));
         board.count = u64::MAX;
         assert_eq!(board.iter().count(), MOST_LIVE);
     }
@@ -365,7 +351,7 @@ mod tests {
             ticks
                 .by_ref()
                 .map(full)
-                .any(|taken| taken == Err(NotTaken::NoRoom))
+                .any(|taken| taken == Err(FaultRefusal::NoRoom))
         );
     }
 
@@ -423,9 +409,9 @@ mod tests {
     #[test]
     fn a_stop_takes_a_tick_at_least_and_a_flight_has_room_for_so_many() {
         for (tick_ns, for_ns, expected) in [
-            (MS, MS - 1, Err(NotTaken::UnderATick)),
+            (MS, MS - 1, Err(FaultRefusal::UnderATick)),
             (MS, MS, Ok(())),
-            (2 * MS, MS, Err(NotTaken::UnderATick)),
+            (2 * MS, MS, Err(FaultRefusal::UnderATick)),
         ] {
             let taken = Acts::none(tick_ns).take(&stop(Role::Inner, 100, for_ns));
             assert_eq!(taken, expected);
@@ -434,7 +420,7 @@ mod tests {
         (0..MOST_LIVE as u64).for_each(|n| acts.take(&stop(Role::Inner, n, MS)).unwrap());
         assert_eq!(
             acts.take(&stop(Role::Inner, 500, MS)),
-            Err(NotTaken::NoRoom)
+            Err(FaultRefusal::NoRoom)
         );
         assert_eq!(acts.begun().count(), MOST_LIVE);
     }
