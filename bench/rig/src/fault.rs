@@ -16,6 +16,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
+use analysis::faults::InjectedFault;
 pub use change::{Change, LoopChange};
 pub use error::FaultError;
 pub(crate) use error::{duration, typed};
@@ -25,7 +26,6 @@ use messages::parameters::Airframe;
 pub(crate) use parameter::check_once;
 pub use parameter::{Desired, RequestedValue, targets_of};
 use plant::Swap;
-use report::faults::InjectedFault;
 
 /// When a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use messages::role::STAGES;
 
 use crate::fault::error::typed;
 use crate::fault::plan::RESTART;
-use report::render::document::{Cell, Table, row};
+use render::document::{Cell, Table, row};
 
 /// What, value and meaning.
 const KINDS: &str = "\

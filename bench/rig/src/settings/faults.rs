@@ -8,8 +8,8 @@ use process::rt::{fifo_refusal, remedy};
 use crate::fault::plan::Planned;
 use crate::fault::{Change, Fault, FaultError};
 use crate::settings::{PaceName, Settings, airframe};
+use analysis::faults::InjectedFault;
 use errors::Failure;
-use report::faults::InjectedFault;
 
 impl Settings {
     /// The faults in ticks.
