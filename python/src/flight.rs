@@ -4,6 +4,7 @@ use std::collections::TryReserveError;
 use std::fs;
 use std::path::Path;
 
+use analysis::swaps::AppliedSwap;
 use control_api::description::Description;
 use flight_log::codec::Logged;
 use ironbird::settings::Settings;
@@ -16,7 +17,6 @@ use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::array;
-use report::swaps::AppliedSwap;
 use toml::{Table as Section, Value};
 
 use crate::table::{ShownColumn, Signals, Table, rows};

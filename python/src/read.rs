@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::flight_statistics::is_last_word;
+use analysis::swaps::AppliedSwap;
 use errors::Failure;
 use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
@@ -13,8 +15,6 @@ use ironbird::settings::Settings;
 use messages::header::Message;
 use messages::output_hash::OutputHash;
 use pyo3::prelude::*;
-use report::flight_statistics::is_last_word;
-use report::swaps::AppliedSwap;
 
 use crate::errors::log_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};

@@ -11,8 +11,8 @@ use crate::results::{
     VariantResults, Worst,
 };
 use crate::table::{HOLDS, unit_and_meaning};
+use analysis::statistics::{Discordant, mean_interval, wilson};
 use errors::Failure;
-use report::statistics::{Discordant, mean_interval, wilson};
 use std::cmp::Ordering;
 
 const WORST: usize = 10;

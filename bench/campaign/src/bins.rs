@@ -1,6 +1,6 @@
 //! Which factor matters: flights in bins by what they drew, compared.
 
-use report::statistics::{Interval, wilson};
+use analysis::statistics::{Interval, wilson};
 use serde::Serialize;
 
 pub const BINS_MAX: usize = 10;

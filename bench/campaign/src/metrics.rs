@@ -1,9 +1,9 @@
 //! What a flight comes to, by the truth and not by what its sensors show.
 
+use analysis::comparison::{Effort, STAYING_S};
+use analysis::flight_metrics::FlightMetrics;
 use messages::content::{RotorSpeeds, State};
 use messages::parameters::Airframe;
-use report::comparison::{Effort, STAYING_S};
-use report::flight_metrics::FlightMetrics;
 
 use crate::gates::METRICS;
 

@@ -2,7 +2,7 @@
 
 use crate::bins::Bin;
 use crate::metric_distribution::Distribution;
-use report::statistics::{Discordant, Interval, MeanInterval};
+use analysis::statistics::{Discordant, Interval, MeanInterval};
 use serde::Serialize;
 
 pub const SCHEMA: &str = "ironbird-campaign-report/1";

@@ -3,11 +3,11 @@
 use crate::bins::{Bin, short};
 use crate::gates::{METRICS, Metric};
 use crate::results::{CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst};
-use report::phrase::count;
-use report::render::document::{Block, Cell, Document, Figure, Section, known, row, table};
-use report::render::plot::{Axis, Chart, LAWS, Layer};
-use report::render::scale::{Kind, Scale};
-use report::statistics::{Discordant, Interval, MeanInterval};
+use analysis::phrase::count;
+use analysis::statistics::{Discordant, Interval, MeanInterval};
+use render::document::{Block, Cell, Document, Figure, Section, known, row, table};
+use render::plot::{Axis, Chart, LAWS, Layer};
+use render::scale::{Kind, Scale};
 
 /// Factors that are drawn at the most: those that matter least are in the table alone.
 const DRAWN: usize = 12;

@@ -1,7 +1,7 @@
 //! Machine facts for a report, and how much processor time others took.
 
-use report::candidate_causes::JIFFY_NS;
-use report::host::{Host, Steal};
+use analysis::candidate_causes::JIFFY_NS;
+use analysis::host::{Host, Steal};
 
 use crate::{Machine, RT_RUNTIME};
 

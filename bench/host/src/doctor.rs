@@ -9,12 +9,12 @@ mod other_programs;
 use std::fmt::Write as _;
 use std::io;
 
+use analysis::finding::{Diagnosis, Finding, Level, RealtimeClass};
+use analysis::host::{Host, Steal};
 use ipc::Wire;
 use ipc::instance::SHARED_MEMORY;
 use messages::realtime::RealtimeStep;
 use process::rt::{WITHOUT_ROOT, remedy};
-use report::finding::{Diagnosis, Finding, Level, RealtimeClass};
-use report::host::{Host, Steal};
 use rustix::io::Errno;
 use serde::{Deserialize, Serialize};
 

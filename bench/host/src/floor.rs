@@ -7,9 +7,9 @@ pub mod timer;
 
 use std::path::Path;
 
+use analysis::host::Steal;
 use errors::Failure;
 use process::rt::loops_cpu;
-use report::host::Steal;
 
 use crate::cpu_times::CpuTimes;
 use ring::{RingFloor, RingSettings, WakeMechanism, Work};

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use report::host::{InterruptCount, InterruptKind};
+use analysis::host::{InterruptCount, InterruptKind};
 
 use crate::Machine;
 

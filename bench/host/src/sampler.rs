@@ -8,7 +8,7 @@ use messages::realtime::RealtimeStep;
 use messages::role::STAGES;
 
 use crate::cpu_times::CpuTimes;
-use report::candidate_causes::{CounterSample, Counters, Life};
+use analysis::candidate_causes::{CounterSample, Counters, Life};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Watch {

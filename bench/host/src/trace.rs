@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::OFlags;
 
-use report::processor_trace::{Runner, Slice};
+use analysis::processor_trace::{Runner, Slice};
 
 pub const TRACEFS: &str = "/sys/kernel/tracing";
 

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use analysis::comparison::Laws;
 use messages::role::Role;
-use report::comparison::Laws;
-use report::render::plot::LAWS;
+use render::plot::LAWS;
 use toml::Value;
 
 use crate::settings::{Overrides, Settings};

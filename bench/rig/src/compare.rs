@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
-use report::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
-use report::flight_metrics::ComparedFlight;
-use report::render::comparison::{document, tables};
-use report::tracking::Tracking;
+use analysis::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
+use analysis::flight_metrics::ComparedFlight;
+use analysis::tracking::Tracking;
+use render::comparison::{document, tables};
 use serde::Deserialize;
 use toml::Value;
 

@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use analysis::finding::RealtimeClass;
 use errors::{Failure, GATE, OK};
 use host::Machine;
 use host::doctor::measured::{MeasuredMachine, TICK_NS};
@@ -11,7 +12,6 @@ use host::doctor::{examine, render};
 use host::floor::timer::Schedule;
 use host::own_executable;
 use messages::role::Role;
-use report::finding::RealtimeClass;
 
 use crate::cli::DoctorArgs;
 use crate::output::{print, say};

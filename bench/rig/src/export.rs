@@ -12,6 +12,7 @@ use messages::topic::Topic;
 use crate::cli::{ExportArgs, ExportFormat};
 use crate::output::{print, say};
 use crate::run_directory::find_log;
+use analysis::phrase::count;
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
 use flight_log::entry::{FORMATS, LogEntry, with_message};
@@ -19,7 +20,6 @@ use flight_log::perfetto;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{rows, topics};
-use report::phrase::count;
 
 pub const DIRECTORY: &str = "export";
 

@@ -7,7 +7,7 @@ use faults::grammar::{Fault, joined, planned_again, typed};
 use faults::live::LiveFault;
 use faults::plan::RESTART;
 use report::faults::InjectedFault;
-use report::render::document::{Cell, Table, row};
+use render::document::{Cell, Table, row};
 
 /// What, value and meaning.
 const KINDS: &str = "\

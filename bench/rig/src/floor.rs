@@ -113,7 +113,7 @@ fn measure(
 
 const NUMBERS: &str = "benchmarks.json";
 
-fn existing_page(numbers: &Path, host: &report::host::Host) -> Result<Page, Failure> {
+fn existing_page(numbers: &Path, host: &analysis::host::Host) -> Result<Page, Failure> {
     if !numbers.exists() {
         return Ok(Page::new(host.clone()));
     }

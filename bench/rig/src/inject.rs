@@ -327,7 +327,7 @@ fn inject_faults(
     let taken: Vec<LiveFault> = faults(Span::new(answer.from, answer.to)).collect();
     let mut text = String::new();
     for fault in described(&taken, period_s) {
-        text += &format!("{}\n", fault.words());
+        text += &format!("{}\n", render::sentences::fault(&fault));
     }
     if instant.at_tick < answer.from {
         let tick = instant.at_tick;

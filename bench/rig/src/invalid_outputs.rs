@@ -1,6 +1,6 @@
 //! Counts law outputs that could not be used (not finite), in a simulation.
 
-use report::laws::NotFinite;
+use analysis::laws::NotFinite;
 
 use crate::settings::Settings;
 use crate::settings::law_settings::Chosen;
@@ -29,8 +29,8 @@ impl InvalidOutputs {
     pub fn sentences(self, settings: &Settings) -> Result<Vec<String>, Failure> {
         let counted = settings.chosen_laws()?.into_iter().zip(self.0);
         let sentence = |(law, counted): (Chosen, NotFinite)| {
-            law.section(counted, Vec::new())
-                .not_finite(law.description().role.name())
+            let section = law.section(counted, Vec::new());
+            render::sentences::not_finite(&section, law.description().role.name())
         };
         Ok(counted.filter_map(sentence).collect())
     }

@@ -13,8 +13,8 @@ pub mod target;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use report::margin::{Margins, SCHEMA};
-use report::render::margin::document;
+use analysis::margin::{Margins, SCHEMA};
+use render::margin::document;
 
 use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};

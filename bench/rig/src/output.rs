@@ -6,8 +6,8 @@ use rustix::fs::{FileType, fstat};
 use rustix::io::Errno;
 use serde::Serialize;
 
+use analysis::json;
 use errors::{Failure, harmless};
-use report::json;
 
 /// Writes a text to standard output. It is no failure if the reader has closed the pipe, as `head` does, or the terminal.
 pub fn print(text: &str) -> Result<(), Failure> {

@@ -10,7 +10,7 @@ use crate::inject::{self, flight};
 use crate::output::{print, print_json};
 use crate::settings::airframe::named;
 use errors::{Failure, OK};
-use report::render::document::{Table, known, row};
+use render::document::{Table, known, row};
 
 #[derive(Serialize)]
 struct Row {

@@ -6,13 +6,13 @@
 
 use std::path::Path;
 
+use analysis::flight_statistics::is_last_word;
+use analysis::phrase::count;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, Kept, LogReader};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::Role;
-use report::flight_statistics::is_last_word;
-use report::phrase::count;
 use sha2::{Digest as _, Sha256};
 
 use crate::settings::Settings;

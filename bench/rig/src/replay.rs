@@ -34,12 +34,12 @@ use crate::replay::summary::Summary;
 use crate::settings::Settings;
 use crate::settings::law_settings::Moved;
 use crate::wall_time::speed;
+use analysis::flight_statistics::is_last_word;
+use analysis::phrase::count;
+use analysis::tracking::Tracking;
 use errors::{Failure, GATE, OK};
 use flight_log::entry::LogEntry;
 use flight_log::reader::End;
-use report::flight_statistics::is_last_word;
-use report::phrase::count;
-use report::tracking::Tracking;
 
 /// How many messages to read ahead while a message may still depend on one that has not been read: more than the recorder
 /// takes at once after its longest absence, since it drains topic after topic.

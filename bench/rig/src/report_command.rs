@@ -11,12 +11,12 @@ use crate::output::{print, print_json};
 use crate::record::hlog;
 use crate::run_directory::{find, log_files};
 use crate::wall_time::utc;
+use analysis::diff::{Flown, compare};
+use analysis::gates::break_off;
+use analysis::schema::Report;
+use analysis::status::FlightStatus;
 use errors::{Failure, InFile as _, OK, check_writable, read_text};
-use report::diff::{Flown, compare};
-use report::gates::break_off;
-use report::render::{brief, diff, flight, junit};
-use report::schema::Report;
-use report::status::FlightStatus;
+use render::{brief, diff, flight, junit};
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     if let Some(ReportCommand::Diff(args)) = &args.command {

@@ -17,11 +17,11 @@ use toml::Table;
 
 use crate::settings::{LogName, Settings};
 use crate::wall_time::file_stamp;
+use analysis::run_facts::RunFacts;
 use errors::{Failure, InFile as _, open_file, read_text};
 use flight_log::FILE;
 use flight_log::reader::LogReader;
 use host::cpu_times::host;
-use report::run_facts::RunFacts;
 
 #[derive(Clone, Debug)]
 pub struct RunDirectory {

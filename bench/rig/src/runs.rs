@@ -5,10 +5,10 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use report::phrase::count;
-use report::render::document::{Cell, Table, known, row};
-use report::run_facts::RunFacts;
-use report::schema::{NotFresh, Report};
+use analysis::phrase::count;
+use analysis::run_facts::RunFacts;
+use analysis::schema::{NotFresh, Report};
+use render::document::{Cell, Table, known, row};
 use serde::Serialize;
 
 use crate::cli::RunsArgs;
@@ -116,7 +116,9 @@ impl RecordedRun {
             missed: report.map(|it| it.deadlines.missed),
             not_fresh: report.and_then(|it| it.deadlines.not_fresh),
             airframe: last_name(airframe).to_owned(),
-            words: report.map(|it| it.words.each().map(|(_, word, _)| word.to_owned())),
+            words: report.map(|it| {
+                render::sentences::verdicts(&it.words).map(|(_, word, _)| word.to_owned())
+            }),
             bytes: bytes(directory),
             is_alive: is_in_the_air || is_held,
             is_latest: latest.is_some() && fs::canonicalize(directory).ok().as_deref() == latest,

@@ -17,6 +17,8 @@ mod validation;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use analysis::gates::RequestedGates;
+use analysis::verdicts::TrackingLimits;
 use controller::trajectory::UnknownTrajectory;
 use controller::{ScaledTrajectory, Trajectory};
 use errors::Failure;
@@ -26,9 +28,7 @@ use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
 use messages::role::Role;
 use plant::{Ground, Initial};
-use report::gates::RequestedGates;
-use report::render::flight;
-use report::verdicts::TrackingLimits;
+use render::flight;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 

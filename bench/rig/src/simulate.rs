@@ -14,16 +14,16 @@ use crate::simulator::Simulator;
 pub(crate) use crate::simulator::simulated_flight::{Judge, follow};
 pub use crate::simulator::simulated_flight::{SimulatedFlight, fly, fly_with};
 use crate::wall_time::speed;
+use analysis::phrase::count;
+use analysis::schema::Gate;
+use analysis::states::StatesWriter;
+use analysis::status::FlightStatus;
+use analysis::theorem::TheoremStatistics;
+use analysis::tracer::Tracer;
+use analysis::tracking::Tracking;
 use errors::{Failure, GATE, OK, write_text};
-use report::phrase::count;
-use report::render::figures::Figures;
-use report::render::picture;
-use report::schema::Gate;
-use report::states::StatesWriter;
-use report::status::FlightStatus;
-use report::theorem::TheoremStatistics;
-use report::tracer::Tracer;
-use report::tracking::Tracking;
+use render::figures::Figures;
+use render::picture;
 
 /// Files to write.
 #[derive(Clone, Copy, Debug, Default)]
@@ -82,15 +82,21 @@ pub fn report(
     let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
     let mut lines = observations.unusable.sentences(settings)?;
     for fault in settings.injected()? {
-        lines.push(format!("fault {}", fault.words()));
+        lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
     if timing.is_some() || !settings.planned()?.spares_the_loop() {
         lines.push(outages(&rig));
     }
     lines.extend(flown.departure.clone());
-    lines.extend(gate.iter().filter(|gate| !gate.held).map(Gate::to_string));
-    let mut text =
-        summary(&flown, settings, wall_s) + &observations.estimates() + "\n" + &theorem.text();
+    lines.extend(
+        gate.iter()
+            .filter(|gate| !gate.held)
+            .map(render::sentences::gate),
+    );
+    let mut text = summary(&flown, settings, wall_s)
+        + &observations.estimates()
+        + "\n"
+        + &render::theorem::text(&theorem);
     for line in lines {
         text += &(line + "\n");
     }

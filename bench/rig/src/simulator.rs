@@ -13,6 +13,7 @@ pub mod timed;
 use std::collections::VecDeque;
 use std::mem::replace;
 
+use analysis::states::{Joined, TickRecord};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
 use errors::Failure;
@@ -28,7 +29,6 @@ use messages::role::{Role, STAGES};
 use messages::topic::Topic;
 use plant::command_hold::PENDING_COMMANDS;
 use plant::{EnvelopeViolation, Plant};
-use report::states::{Joined, TickRecord};
 
 use crate::settings::Settings;
 use faults::plan::{Lateness, Planned, StageFault, StageTicks};

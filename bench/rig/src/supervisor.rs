@@ -17,10 +17,10 @@ pub(crate) mod stop_requests;
 
 use std::path::{Path, PathBuf};
 
+use analysis::schema::Report;
 use errors::Failure;
 use ipc::Wire;
 use ipc::instance::Instance;
-use report::schema::Report;
 
 use crate::record::kernel_trace::remove_leftovers;
 use crate::run_directory::RunDirectory;

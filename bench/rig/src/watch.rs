@@ -23,9 +23,9 @@ use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};
 use crate::output::{print, say};
 use crate::parallel::asked_to_stop;
+use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
 use errors::{Failure, INTERRUPTED, OK};
-use report::series::{Series, Statistics};
 
 /// How often to look for a flight and to check its processes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);

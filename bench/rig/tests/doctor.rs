@@ -2,10 +2,10 @@
 
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{Rig, not_tested, table};
+use analysis::finding::{Finding, Level, RealtimeClass};
 use host::doctor::{Examination, SCHEMA, examine};
 use host::{Answers, Machine};
 use ipc::instance::Instance;
-use report::finding::{Finding, Level, RealtimeClass};
 use std::fs;
 use tempfile::TempDir;
 

@@ -9,9 +9,9 @@ use crate::rig::{
     Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, table,
     wait_until,
 };
+use analysis::outages::OutageCase;
+use analysis::status::FlightStatus;
 use messages::role::ROLES;
-use report::outages::OutageCase;
-use report::status::FlightStatus;
 use rustix::process::Signal;
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -223,8 +223,15 @@ impl Row {
             case.stage.as_ref() == Some(role) && case.evidence.contains("has ended")
         };
         let causes = &report.autopsy;
-        assert!(causes.worst.iter().any(is_named), "{}", causes.text());
-        assert!(rig.flown("report.html").contains(&death.line()));
+        assert!(
+            causes.worst.iter().any(is_named),
+            "{}",
+            render::outages::text(&causes)
+        );
+        assert!(
+            rig.flown("report.html")
+                .contains(&render::flight::failure_line(death))
+        );
         rig.assert_replayed();
         json!({"ticks lost": ticks, "ms back": back, "ms noticed": noticed, "m error": error})
     }

@@ -2,7 +2,7 @@
 
 use crate::rig::unprivileged::fly_unprivileged;
 use crate::rig::{Ended, Rig, not_tested, send, stop_for};
-use report::render::flight::SECTION_NAMES;
+use render::flight::SECTION_NAMES;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::fs;

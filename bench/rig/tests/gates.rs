@@ -1,4 +1,4 @@
-//! Gates: each fails by a real flight or holds, and JUnit XML says so. `bench/report/src/gates.rs` tests their numbers.
+//! Gates: each fails by a real flight or holds, and JUnit XML says so. `bench/analysis/src/gates.rs` tests their numbers.
 
 use crate::rig::{Ended, Rig, stop_for};
 use std::fs;

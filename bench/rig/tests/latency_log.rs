@@ -4,7 +4,7 @@
 //! Python that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such package, the comparison
 //! is left out, and says so.
 
-use report::schema::Report;
+use analysis::schema::Report;
 use rustix::process::Signal;
 use serde::Deserialize;
 use std::collections::BTreeMap;

@@ -2,12 +2,12 @@
 
 use crate::python::repository;
 use crate::reference_laws;
+use analysis::states::TickRecord;
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
 use ironbird::simulator::Simulator;
 use messages::parameters::Parameter;
 use plant::Swap;
-use report::states::TickRecord;
 
 const PERIOD_S: f64 = 0.001;
 const LAST_TICK: u64 = 20_000;

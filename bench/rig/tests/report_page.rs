@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::rig::{Rig, lacks_tool, wait_until};
-use report::render::flight;
-use report::schema::Report;
+use analysis::schema::Report;
+use render::flight;
 use serde_json::Value;
 
 /// Plots of every flight, of one in lockstep, and of one in real time with late commands.

@@ -2,6 +2,7 @@
 
 use crate::reference_laws::Flight;
 use crate::rig::Rig;
+use analysis::theorem::{Theorem, TheoremStatistics};
 use controller::adaptation::{Adaptation, Learnt, Samples};
 use controller::{TheoremMonitor, Trajectory};
 use messages::content::{Stamped, State, Wrench};
@@ -11,7 +12,6 @@ use messages::parameters::Parameter::{
     TranslationalDrag,
 };
 use messages::rate_dynamics::Inertia;
-use report::theorem::{Theorem, TheoremStatistics};
 use std::collections::BTreeMap;
 
 /// Watches a flight. `publish` may change the wrench that the monitor sees.
@@ -320,7 +320,7 @@ fn wrong_laws_are_caught_in_calm_air_and_in_noise() {
                 );
                 assert_eq!((theorem.descent, theorem.steps_adapted), (0.0, 0), "{said}");
                 assert!(
-                    theorem.text().contains("DO NOT MOVE AS PREDICTED"),
+                    render::theorem::text(&theorem).contains("DO NOT MOVE AS PREDICTED"),
                     "{said}"
                 );
             }

@@ -3,12 +3,12 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use analysis::finding::Finding;
+use analysis::host::Steal;
+use analysis::series::Statistics;
 use errors::Failure;
 use hdrhistogram::Histogram;
 use messages::role::STAGES;
-use report::finding::Finding;
-use report::host::Steal;
-use report::series::Statistics;
 use serde::{Deserialize, Serialize};
 
 use super::{STEAL_WHY, stolen};
@@ -150,8 +150,8 @@ impl MeasuredMachine {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use report::finding::{Level, RealtimeClass};
-    use report::series::histogram;
+    use analysis::finding::{Level, RealtimeClass};
+    use analysis::series::histogram;
 
     #[test]
     fn late_ticks_soften_and_many_block() {

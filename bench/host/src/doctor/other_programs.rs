@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::{Machine, cpu_list};
-use report::finding::Finding;
+use analysis::finding::Finding;
 
 const NAMED: usize = 5;
 
@@ -78,7 +78,7 @@ fn competitor(machine: &Machine, cpu: usize, pid: u32) -> Option<Competitor> {
 mod tests {
     use super::*;
     use crate::Answers;
-    use report::finding::{Level, RealtimeClass};
+    use analysis::finding::{Level, RealtimeClass};
 
     fn add(root: &std::path::Path, pid: u32, name: &str, (state, cpu, policy): (&str, u32, u32)) {
         let directory = root.join(format!("proc/{pid}"));

@@ -1,10 +1,10 @@
 //! Compares measurements with their floors, pair by pair.
 //!
 //! Both sides of a pair are measured within the same minute. The comparison also says whether the pairs allow a
-//! verdict: only where the interval of the ratio ([`report::statistics`]) lies on one side of the goal.
+//! verdict: only where the interval of the ratio ([`analysis::statistics`]) lies on one side of the goal.
 
-use report::host::STEAL_LIMIT_PERCENT;
-use report::statistics::{
+use analysis::host::STEAL_LIMIT_PERCENT;
+use analysis::statistics::{
     Events, Interval, VALUES_NEEDED, median, median_interval, pooled, rate_ratio_interval,
 };
 use serde::{Deserialize, Serialize};

@@ -4,10 +4,10 @@
 
 use std::process::Command;
 
+use analysis::series::histogram;
 use errors::Failure;
 use hdrhistogram::Histogram;
 use process::rt::loops_cpu;
-use report::series::histogram;
 
 use super::timer::Schedule;
 

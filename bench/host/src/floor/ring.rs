@@ -17,13 +17,13 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use analysis::series::histogram;
 use clap::ValueEnum;
 use errors::Failure;
 use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, timespec};
 use ipc::sys::{BELLS, WakePage};
 use process::rt::{Standing, fifo_refusal, loops_cpu, take_stand};
-use report::series::histogram;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use rustix::io::Errno;

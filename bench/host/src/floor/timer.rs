@@ -4,12 +4,12 @@ use std::fs::File;
 use std::thread;
 use std::time::Duration;
 
+use analysis::series::histogram;
 use errors::Failure;
 use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, sleep_until};
 use messages::grid::Grid;
 use process::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
-use report::series::histogram;
 
 #[derive(Clone, Debug)]
 pub struct Schedule {

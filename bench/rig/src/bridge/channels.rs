@@ -13,12 +13,12 @@ use messages::telemetry::LAW_ROLES;
 use messages::topic::Topic;
 
 use crate::observation::ObservedMessage;
+use analysis::laws::{FlownLaws, no_theorem};
 use errors::Failure;
 use flight_log::codec::{Logged, encode};
 use flight_log::scene::{self, Placed};
 use flight_log::telemetry::TelemetryTopic;
 use flight_log::{schema, units};
-use report::laws::{FlownLaws, no_theorem};
 
 #[allow(missing_debug_implementations, reason = "the channels have none")]
 pub(super) struct Channels {

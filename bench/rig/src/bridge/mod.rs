@@ -31,11 +31,11 @@ use crate::output::print;
 use crate::parallel::asked_to_stop;
 use crate::record::kernel_trace::remove_leftovers;
 use crate::settings::law_settings;
+use analysis::laws::no_theorem;
 use channels::Channels;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use origin_proxy::{LIMITS, OriginProxy, hidden_address};
 use parameters::ParameterMirror;
-use report::laws::no_theorem;
 
 /// How long it may take to join a flying instance: joining fails for an instant while roles start.
 const JOIN_TIMEOUT: Duration = Duration::from_secs(2);

@@ -2,13 +2,13 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use analysis::tracking::Tracking;
 use campaign::gates::{Gates, Outcome, Shown, SignalGate};
 use campaign::metrics::Metrics;
 use campaign::table::Row;
 use controller::ScaledTrajectory;
 use errors::{Failure, INTERRUPTED};
 use plant::{LANES, PlantBatch};
-use report::tracking::Tracking;
 
 use super::flight_settings::Plan;
 use crate::parallel::all_on_processors;

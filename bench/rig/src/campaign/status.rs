@@ -1,11 +1,11 @@
 //! `ironbird campaign status`, `merge` and `report`: which rows are there; all in one file; what they show.
 
+use analysis::json;
+use analysis::phrase::count;
 use campaign::aggregate;
 use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
 use errors::{Failure, GATE, OK, check_writable, write_text};
-use report::json;
-use report::phrase::count;
 
 use super::flight_settings::{Plan, plan_of};
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};

@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
+use analysis::phrase::count;
 use campaign::campaign::{Campaign, Submission};
 use campaign::chunk::path_of;
 use errors::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
 use host::own_executable;
-use report::phrase::count;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::flight_settings::{Plan, open_directory};

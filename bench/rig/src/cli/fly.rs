@@ -18,12 +18,12 @@ use crate::settings::{PaceName, Settings};
 use crate::supervisor::exit_report::warnings;
 use crate::supervisor::stop_requests::StopRequests;
 use crate::supervisor::{self, FinishedFlight, FlightOptions};
+use analysis::baseline::Baseline;
+use analysis::schema::Report;
 use errors::{Failure, INTERRUPTED, InFile as _, OK, check_writable};
 use host::own_executable;
-use report::baseline::Baseline;
-use report::render::files::write_all;
-use report::render::junit;
-use report::schema::Report;
+use render::files::write_all;
+use render::junit;
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     check_writable("--junit", args.junit.as_deref())?;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 use messages::role::Role;
-use report::render::flight::SECTION_NAMES;
+use render::flight::SECTION_NAMES;
 
 use crate::cli::values;
 use crate::settings::law_settings::Moved;

@@ -4,9 +4,9 @@ use clap::ValueEnum as _;
 use serde::{Deserialize, Serialize};
 
 use crate::cli::Set;
+use analysis::host::Host;
 use host::floor::comparison::{FloorComparison, GoalVerdict};
-use report::host::Host;
-use report::render::document::{Cell, Table, known, row};
+use render::document::{Cell, Table, known, row};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Page {

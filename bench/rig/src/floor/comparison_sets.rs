@@ -15,15 +15,15 @@ use super::flight_baseline::work_like;
 use super::flight_runner::{FlightRunner, command_end, series};
 use crate::settings::Settings;
 use crate::simulator::Simulator;
+use analysis::schema::Report;
+use analysis::series::Statistics;
+use analysis::statistics::Events;
 use errors::Failure;
 use host::cpu_times::CpuTimes;
 use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;
 use host::floor::ring::{self, RingRehearsal, RingSettings, WakeMechanism, Work};
 use host::floor::timer::Schedule;
-use report::schema::Report;
-use report::series::Statistics;
-use report::statistics::Events;
 use scalar::timing;
 
 const PERIOD_NS: u64 = 1_000_000;

@@ -8,13 +8,13 @@
 use std::path::Path;
 use std::time::Duration;
 
+use analysis::baseline::{Baseline, SeriesBaseline};
+use analysis::schema::Report;
 use errors::Failure;
 use host::floor::MachineFloor;
 use host::floor::ring::Work;
 use host::floor::timer::Schedule;
 use messages::realtime::RealtimeMode;
-use report::baseline::{Baseline, SeriesBaseline};
-use report::schema::Report;
 
 use super::flight_runner::series;
 use crate::settings::{PaceName, Settings};

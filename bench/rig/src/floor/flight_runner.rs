@@ -6,11 +6,11 @@ use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::settings::Settings;
+use analysis::run_facts::RunFacts;
+use analysis::schema::Report;
+use analysis::series::Statistics;
 use errors::{Failure, GATE, InFile as _, OK};
 use host::own_executable;
-use report::run_facts::RunFacts;
-use report::schema::Report;
-use report::series::Statistics;
 
 #[derive(Debug)]
 pub struct FlightRunner {

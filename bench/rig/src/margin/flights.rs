@@ -3,11 +3,11 @@
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use analysis::tracking::Tracking;
 use campaign::gates::Outcome;
 use campaign::metrics::Metrics;
 use faults::LONGEST_DELAY;
 use messages::parameters::Airframe;
-use report::tracking::Tracking;
 
 use crate::settings::Settings;
 use crate::simulate;

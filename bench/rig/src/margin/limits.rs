@@ -1,10 +1,12 @@
 //! When faults begin, and what counts as survived.
 
+use analysis::comparison::{SETTLING_S, STAYING_S};
+use analysis::margin::{
+    Gate, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M, TIMES_UNFAULTED,
+};
 use campaign::gates::Outcome;
 use campaign::gates::{Gates, METRICS};
 use messages::role::Role;
-use report::comparison::{SETTLING_S, STAYING_S};
-use report::margin::{Gate, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M, TIMES_UNFAULTED};
 
 use crate::cli::{GateLimit, MarginArgs, RECOVERED_BELOW};
 use crate::settings::Settings;

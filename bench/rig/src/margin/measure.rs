@@ -1,11 +1,12 @@
 //! Measures one phase, and combines phases.
 
 use faults::{LONGEST_DELAY, Port};
-use report::comparison::Laws;
-use report::margin::{
+use analysis::comparison::Laws;
+use analysis::margin::{
     Exception, LawMargins, LossMargin, OutageMargin, PatternMargin, Point, SteadyMargin,
 };
-use report::statistics::clopper_pearson;
+use analysis::statistics::clopper_pearson;
+use messages::fault::{LONGEST_DELAY, Port};
 
 use crate::margin::flights::Flights;
 use crate::margin::limits::{GivenLimits, Judged, metric};

@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use analysis::json;
+use analysis::margin::{Margins, SCHEMA};
+use analysis::phrase::count;
+use analysis::schema::{MarginSection, Report};
 use flight_log::build::Build;
 use messages::grid::Pace;
-use report::json;
-use report::margin::{Margins, SCHEMA};
-use report::phrase::count;
-use report::schema::{MarginSection, Report};
 
 use crate::build;
 use crate::settings::Settings;
@@ -139,8 +139,8 @@ pub fn look_again(report: &mut Report, directory: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use analysis::schema::MACHINE;
     use messages::role::STAGES;
-    use report::schema::MACHINE;
     use serde_json::json;
     use toml::Value;
 

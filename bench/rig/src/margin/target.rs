@@ -1,8 +1,8 @@
 //! What a margin refers to: a stage, all stages, or an input; and the corresponding faults.
 
 use faults::{PORTS, Port};
+use analysis::schema::MACHINE;
 use messages::role::{Role, STAGES};
-use report::schema::MACHINE;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {

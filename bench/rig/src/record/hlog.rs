@@ -11,9 +11,9 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use rustix::fs::{FlockOperation, flock};
 
+use analysis::series::SeriesSet;
 use errors::{Failure, InFile as _, open_file};
 use flight_log::async_writer::AsyncWriter;
-use report::series::SeriesSet;
 
 use crate::run_directory::LATENCIES;
 
@@ -112,7 +112,7 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use report::series::Series;
+    use analysis::series::Series;
 
     /// Records one interval. A regular file is locked meanwhile, a device is not.
     fn an_interval(directory: &Path, is_file: bool) -> Result<(), Failure> {

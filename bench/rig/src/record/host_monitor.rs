@@ -1,5 +1,8 @@
 //! Samples what the kernel counts for the control loops and their CPU.
 
+use analysis::finding::Diagnosis;
+use analysis::flight_statistics::FlightStatistics;
+use analysis::host::{Host, InterruptSection, Steal};
 use errors::Failure;
 use host::Machine;
 use host::cpu_times::{CpuTimes, host_of};
@@ -8,9 +11,6 @@ use host::interrupts::Interrupts;
 use host::sampler::{Watch, fallen};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
-use report::finding::Diagnosis;
-use report::flight_statistics::FlightStatistics;
-use report::host::{Host, InterruptSection, Steal};
 
 use super::kernel_trace::KernelTrace;
 use super::role_statuses::RoleStatuses;

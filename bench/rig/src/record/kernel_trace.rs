@@ -2,10 +2,10 @@
 
 use std::io::ErrorKind;
 
+use analysis::processor_trace::Slice;
 use errors::Failure;
 use host::trace::{self, TRACEFS, Trace};
 use ipc::instance::Instance;
-use report::processor_trace::Slice;
 
 #[derive(Debug, Default)]
 pub struct KernelTrace(Option<Trace>);

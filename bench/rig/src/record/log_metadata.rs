@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use analysis::host::Host;
+use analysis::laws::{NotFinite, no_theorem};
+use analysis::schema::RoleSection;
 use errors::Failure;
 use flight_log::facts::{
     FAULTS, FORMAT, Facts, HOST, LAWS, POINTS, REALTIME, RUN, Record, SETTINGS, record,
 };
 use messages::blackboards;
 use messages::header::LAYOUT;
-use report::host::Host;
-use report::laws::{NotFinite, no_theorem};
-use report::schema::RoleSection;
 
 use crate::build;
 use crate::settings::Settings;
@@ -79,7 +79,7 @@ pub fn metadata(
     let laws_flown = settings.flown_laws()?;
     let faults = (1..).zip(settings.injected()?);
     let faults: Record = faults
-        .map(|(n, fault)| (format!("{n}"), fault.words()))
+        .map(|(n, fault)| (format!("{n}"), render::sentences::fault(&fault)))
         .collect();
     let mut records = vec![
         (RUN, run),

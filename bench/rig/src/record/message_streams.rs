@@ -1,5 +1,7 @@
 //! Reads the topics and distributes each message: to observers, the log, the statistics and the Lyapunov monitor.
 
+use analysis::flight_statistics::{FlightStatistics, is_last_word};
+use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::Failure;
 use flight_log::entry::LogEntry;
 use ipc::Wire;
@@ -9,8 +11,6 @@ use messages::grid::Pace;
 use messages::header::Message;
 use messages::inspection::{Expected, Rejections};
 use process::session::JoinedRun;
-use report::flight_statistics::{FlightStatistics, is_last_word};
-use report::states::{Joined, Joiner, LoopMessage};
 
 use super::pairs::Pairs;
 use super::ports::{Ports, Relays, horizon, keep_first};

@@ -3,6 +3,9 @@
 use std::thread::sleep;
 use std::time::Duration;
 
+use analysis::flight_statistics::FlightStatistics;
+use analysis::schema::{MarginSection, Report};
+use analysis::tracking::Tracking;
 use errors::Failure;
 use flight_log::facts::record;
 use hdrhistogram::serialization::V2DeflateSerializer;
@@ -14,9 +17,6 @@ use messages::grid::{NS_PER_S, Pace};
 use messages::role::Role;
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
-use report::flight_statistics::FlightStatistics;
-use report::schema::{MarginSection, Report};
-use report::tracking::Tracking;
 
 use super::hlog::{Hlog, Lines};
 use super::host_monitor::HostMonitor;

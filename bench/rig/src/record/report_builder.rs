@@ -3,22 +3,22 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, UNIX_EPOCH};
 
+use analysis::distribution::buckets;
+use analysis::flight_statistics::FlightStatistics;
+use analysis::gates::{gates, verdict};
+use analysis::laws::{NotFinite, SignalStatistics};
+use analysis::miss_analysis::MissAnalysis;
+use analysis::outages::WORST_SHOWN;
+use analysis::schema::{self, LawSection, MarginSection, Report, RunLength, Verdicts};
+use analysis::sections::rejected;
+use analysis::series::Series;
+use analysis::verdicts::Evidence;
 use errors::Failure;
 use faults::live::LiveFault;
 use flight_log::TOPICS;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use process::rt::UsageMeter;
-use report::distribution::buckets;
-use report::flight_statistics::FlightStatistics;
-use report::gates::{gates, verdict};
-use report::laws::{NotFinite, SignalStatistics};
-use report::miss_analysis::MissAnalysis;
-use report::outages::WORST_SHOWN;
-use report::schema::{self, LawSection, MarginSection, Report, RunLength, Verdicts};
-use report::sections::rejected;
-use report::series::Series;
-use report::verdicts::Evidence;
 
 use super::host_monitor::HostMonitor;
 use super::message_streams::MessageStreams;

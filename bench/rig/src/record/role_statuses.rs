@@ -8,8 +8,8 @@ use messages::blackboards::Status;
 use messages::role::{ROLES, Role, STAGES};
 use process::session::status_board;
 
-use report::schema::RoleSection;
-use report::sections::role_section;
+use analysis::schema::RoleSection;
+use analysis::sections::role_section;
 
 #[derive(Default)]
 pub struct RoleStatuses(BTreeMap<Role, BlackboardReader<Status>>);

@@ -6,19 +6,19 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use analysis::laws::FlownLaws;
+use analysis::schema::{LogSection, Report};
+use analysis::sections::log_section;
+use analysis::series::SeriesSet;
+use analysis::states::{Joined, StatesWriter};
+use analysis::status::FlightStatus;
+use analysis::tracking::Tracking;
 use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
 use flight_log::writer::FlightLog;
 use ipc::clock::now_ns;
-use report::laws::FlownLaws;
-use report::render::files::write_all;
-use report::schema::{LogSection, Report};
-use report::sections::log_section;
-use report::series::SeriesSet;
-use report::states::{Joined, StatesWriter};
-use report::status::FlightStatus;
-use report::tracking::Tracking;
+use render::files::write_all;
 
 use super::atomic_file::AtomicFileWriter;
 use super::hlog::Hlog;
@@ -151,7 +151,7 @@ impl<'a> RunFiles<'a> {
 
     /// Writes report.json during the flight, and makes `latest` point to the flight once that file exists.
     pub fn write_partial_report(&mut self, report: &Report) {
-        let text = report::json::to_string(report).in_file("write", Path::new(REPORT));
+        let text = analysis::json::to_string(report).in_file("write", Path::new(REPORT));
         let put = text.and_then(|text| self.partial_report.put(text + "\n"));
         self.note(REPORT, put);
         if !self.is_latest && self.directory.join(REPORT).exists() {
@@ -178,7 +178,7 @@ impl<'a> RunFiles<'a> {
         // The log is the last file that needs much room; the report says whether it is complete.
         if let Some(log) = self.log.take() {
             match log.finish(ending) {
-                Ok(fate) => report::gates::take_log(report, self.log_name, &fate),
+                Ok(fate) => analysis::gates::take_log(report, self.log_name, &fate),
                 Err(failure) => self.note(flight_log::FILE, Err(failure)),
             }
         }

@@ -13,6 +13,7 @@ pub use crate::recorded_timing::first_of;
 use crate::settings::law_settings::{LAW, Moved};
 use crate::settings::trajectory::is_file;
 use crate::settings::{PointsFile, Settings};
+use analysis::phrase::count;
 use errors::Failure;
 use faults::grammar::{Change, Fault};
 use flight_log::TOPICS;
@@ -21,7 +22,6 @@ use flight_log::entry::{Counts, LogEntry};
 use flight_log::facts::{INJECTED, POINTS, RUN, SETTINGS};
 use flight_log::fault_record::injected;
 use flight_log::reader::{End, LogReader};
-use report::phrase::count;
 
 /// A log that can be replayed.
 #[derive(Clone, Debug)]

@@ -10,8 +10,8 @@ use crate::replay::comparison::ReplayComparison;
 use crate::replay::inputs::{Inputs, RecordedInput, input, of};
 use crate::settings::Settings;
 use crate::theorem::FlightMonitor;
+use analysis::flight_statistics::is_last_word;
 use errors::Failure;
-use report::flight_statistics::is_last_word;
 
 /// Outer loop, inner loop and mixer, and the theorem's monitor.
 pub struct LoopsReplay {

@@ -6,9 +6,9 @@ use messages::header::Message;
 use messages::output_hash::OutputHash;
 
 use crate::replay::log_check::LogCheck;
-use report::phrase::count;
-use report::swaps::AppliedSwap;
-use report::tracking::{Tracking, TrackingError};
+use analysis::phrase::count;
+use analysis::swaps::AppliedSwap;
+use analysis::tracking::{Tracking, TrackingError};
 
 const MODES: [(Mode, &str); 5] = [
     (Mode::Fresh, "fresh"),
@@ -119,7 +119,10 @@ impl Summary {
             if envelope.tick >= self.from_tick {
                 let swap = AppliedSwap::new(envelope.tick, flight.period_s, content);
                 let (epoch, tick) = (swap.parameter_epoch, swap.tick);
-                text += &format!("swap {epoch} at tick {tick}: {}\n", swap.words());
+                text += &format!(
+                    "swap {epoch} at tick {tick}: {}\n",
+                    render::sentences::swap(&swap)
+                );
             }
         }
         text

@@ -6,10 +6,10 @@ use messages::realtime::RealtimeStep;
 use process::rt::{fifo_refusal, remedy};
 
 use crate::settings::{PaceName, Settings, airframe};
+use analysis::faults::InjectedFault;
 use errors::Failure;
 use faults::grammar::{Change, Fault, FaultError};
 use faults::plan::Planned;
-use report::faults::InjectedFault;
 
 impl Settings {
     /// The faults in ticks.

@@ -16,9 +16,9 @@ use toml::{Table, Value};
 
 pub use super::toml_access::nearest_first;
 use super::toml_access::{coerce, kind};
+use analysis::laws::{FlownLaws, NotFinite};
+use analysis::schema::{LawSection, SignalSection};
 use errors::Failure;
-use report::laws::{FlownLaws, NotFinite};
-use report::schema::{LawSection, SignalSection};
 
 /// The sections of laws, each with its role.
 pub const SECTIONS: [(&str, Role); 3] = [

@@ -17,8 +17,8 @@ use super::airframe::built;
 use super::law_settings::{self, Chosen};
 use super::validation::refused;
 use super::{PaceName, Settings};
+use analysis::laws::FlownLaws;
 use errors::Failure;
-use report::laws::FlownLaws;
 
 impl Settings {
     /// The true airframe at tick 0.

@@ -8,11 +8,11 @@ use std::io::Read as _;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
+use analysis::phrase::count;
 use controller::trajectory::{Point, UnknownTrajectory};
 use controller::{ScaledTrajectory, Spline, Trajectory};
 use errors::{Failure, open_file};
 use messages::parameters::shown;
-use report::phrase::count;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 

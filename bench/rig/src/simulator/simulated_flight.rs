@@ -8,9 +8,9 @@ use crate::recorded_timing::{Source, Timing};
 use crate::settings::Settings;
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
+use analysis::swaps::AppliedSwap;
+use analysis::tracking::{Tracking, TrackingError};
 use errors::Failure;
-use report::swaps::AppliedSwap;
-use report::tracking::{Tracking, TrackingError};
 
 /// A finished simulation.
 #[derive(Clone, Debug)]

@@ -12,12 +12,12 @@ use rustix::fs::statvfs;
 
 use crate::output::say;
 use crate::supervisor::child_process::{ENDING, LANDING, log_path, title};
+use analysis::gates::break_off;
+use analysis::process_failures;
+use analysis::process_failures::ObservedFailure;
+use analysis::schema::Report;
+use analysis::status::FlightStatus;
 use errors::{FAILED, Failure, GATE, INTERRUPTED, harmless};
-use report::gates::break_off;
-use report::process_failures;
-use report::process_failures::ObservedFailure;
-use report::schema::Report;
-use report::status::FlightStatus;
 
 #[derive(Default)]
 pub(crate) struct Outcome {
@@ -243,7 +243,9 @@ impl ProcessExit {
 /// The law that a role flew, if it comes from a file: it is the first suspect when the process ends.
 fn flown_law(report: &Report, role: Role) -> String {
     match report.run.laws.get(role.name()) {
-        Some(law) if law.file.is_some() => format!(", which flew the law {},", law.named()),
+        Some(law) if law.file.is_some() => {
+            format!(", which flew the law {},", render::sentences::law(law))
+        }
         _ => String::new(),
     }
 }

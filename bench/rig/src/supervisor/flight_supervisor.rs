@@ -41,9 +41,9 @@ use crate::supervisor::recordings::Recordings;
 use crate::supervisor::restarts::{MAX_RESTARTS, RestartLimit, Standbys, WITHIN};
 use crate::supervisor::status_line::StatusLine;
 use crate::supervisor::stop_requests::StopRequests;
+use analysis::process_failures::{ObservedFailure, Replacement};
 use errors::Failure;
 use host::own_executable;
-use report::process_failures::{ObservedFailure, Replacement};
 
 /// How often the supervisor looks after the flight; oftener if it restarts roles.
 const LOOK_EVERY: Duration = Duration::from_millis(50);

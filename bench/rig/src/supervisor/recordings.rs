@@ -9,11 +9,11 @@ use ipc::instance::Instance;
 
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
+use analysis::gates::break_off;
+use analysis::schema::Report;
+use analysis::status::FlightStatus;
 use errors::Failure;
-use report::gates::break_off;
-use report::render::files::write_all;
-use report::schema::Report;
-use report::status::FlightStatus;
+use render::files::write_all;
 
 /// The directories, the first one's first.
 pub(super) struct Recordings {

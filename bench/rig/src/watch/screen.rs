@@ -21,7 +21,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Sparkline, Wrap};
 
 use crate::watch::dashboard_model::{Model, Tab, WatchedFlight};
-use report::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
+use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
 
 /// The smallest terminal that has room for a page.
 pub const SMALLEST: (u16, u16) = (40, 12);

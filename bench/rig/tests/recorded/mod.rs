@@ -8,6 +8,7 @@ use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
+use analysis::host::Host;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
 use flight_log::reader::LogReader;
@@ -25,7 +26,6 @@ use messages::topic::Topic;
 use plant::Plant;
 use plant::command_hold::PENDING_COMMANDS;
 use plant::parameter_server::swap_record;
-use report::host::Host;
 
 pub const GRID: Grid = Grid {
     t0_ns: 5_000_000_000,

@@ -14,6 +14,7 @@ use std::sync::{LazyLock, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
+use analysis::schema::Report;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use ipc::Wire;
@@ -23,7 +24,6 @@ use messages::blackboards::{RUN, Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::role::Role;
 use process::session::{RoleSession, StartConfig};
-use report::schema::Report;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;

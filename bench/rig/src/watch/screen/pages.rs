@@ -1,5 +1,10 @@
 //! The six pages of the dashboard.
 
+use analysis::laws::no_theorem;
+use analysis::schema::SignalSection;
+use analysis::sections::role_section;
+use analysis::series::{Series, Statistics};
+use analysis::theorem::Theorem;
 use controller::laws::adaptive;
 use errors::errno_text;
 use hdrhistogram::Histogram;
@@ -16,11 +21,6 @@ use ratatui::style::Color;
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke};
-use report::laws::no_theorem;
-use report::schema::SignalSection;
-use report::sections::role_section;
-use report::series::{Series, Statistics};
-use report::theorem::Theorem;
 
 use super::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, good_or_bad};
 use crate::params::{bound, number};
@@ -528,7 +528,7 @@ fn dialogue<'a>(flight: &WatchedFlight, page: &'a ParameterPage) -> Vec<Line<'a>
         Some(Err(text)) => lines.push(Line::styled(text.as_str(), BAD)),
         None if lines.is_empty() => {
             let last = flight.newest_swap.as_ref();
-            let last = last.map(|swap| format!("; the last: {}", swap.words()));
+            let last = last.map(|swap| format!("; the last: {}", render::sentences::swap(swap)));
             let swaps = format!(
                 "* is not nominal; swaps so far {}{}",
                 flight.active.parameter_epoch,

@@ -1,0 +1,109 @@
+//! Faults of messages and stages, as the report lists them. Changes of parameters are in [`crate::swaps`].
+
+use serde::{Deserialize, Serialize};
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InjectedFault {
+    pub what: String,
+    pub tick: u64,
+    pub time_s: f64,
+    /// First tick that it does not strike any more; none where it has no end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to_tick: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub live: bool,
+}
+
+impl InjectedFault {
+    /// A fault that strikes from a tick of `period_s` [s] on, and up to another where it has an end.
+    pub fn new(what: String, tick: u64, to_tick: Option<u64>, period_s: f64) -> Self {
+        let time_s = |tick: u64| tick as f64 * period_s;
+        Self {
+            what,
+            tick,
+            time_s: time_s(tick),
+            to_tick,
+            to_s: to_tick.map(time_s),
+            live: false,
+        }
+    }
+
+    pub fn in_flight(self) -> Self {
+        Self { live: true, ..self }
+    }
+
+    /// Whether it struck in some ticks, or just before them: what happens once is seen in the next tick, too.
+    pub fn strikes(&self, first: u64, last: u64) -> bool {
+        let to = match self.happens_once() {
+            true => self.tick.saturating_add(2),
+            false => self.to_tick.unwrap_or(u64::MAX),
+        };
+        self.tick <= last && to > first && !self.is_cancelled()
+    }
+
+    /// Ended by another fault's tick, where it would be on then.
+    pub fn end(&mut self, tick: u64, period_s: f64) {
+        if !self.happens_once() && self.to_tick.is_none_or(|to| to > tick) {
+            (self.to_tick, self.to_s) = (Some(tick), Some(tick as f64 * period_s));
+        }
+    }
+
+    pub fn happens_once(&self) -> bool {
+        let happens_once = |one: &str| {
+            let name = one.split('=').next().unwrap_or_default();
+            let kinds = [".stop", ".kill", ".late"];
+            one.ends_with("=off") || kinds.iter().any(|kind| name.ends_with(kind))
+        };
+        self.to_tick.is_none() && self.what.split(',').all(happens_once)
+    }
+
+    /// Whether another fault ended it before it began.
+    pub fn is_cancelled(&self) -> bool {
+        self.to_tick.is_some_and(|to| to <= self.tick)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(what: &str, tick: u64, to_tick: Option<u64>, period_s: f64) -> InjectedFault {
+        InjectedFault::new(what.into(), tick, to_tick, period_s)
+    }
+
+    #[test]
+    fn a_fault_acts_from_its_tick_to_its_end() {
+        let with_end = fault("state.drop=0.1", 8000, Some(9000), 0.001);
+        let for_good = fault("state.freeze", 500, None, 0.002);
+        let once = fault("inner.stop=20ms", 8000, None, 0.001);
+        let mut ended = for_good.clone();
+        ended.end(700, 0.002);
+        ended.end(900, 0.002);
+        assert_eq!((ended.to_tick, ended.to_s), (Some(700), Some(1.4)));
+        let mut cancelled = ended;
+        cancelled.end(400, 0.002);
+        assert!(with_end.strikes(7000, 8000) && with_end.strikes(8999, 9999));
+        assert!(!with_end.strikes(7000, 7999) && !with_end.strikes(9000, 9999));
+        assert!(for_good.strikes(9000, 9000) && !for_good.strikes(0, 499));
+        assert!(once.strikes(8001, 8020) && !once.strikes(8002, 8020));
+        assert!(cancelled.is_cancelled() && !cancelled.strikes(0, 9000));
+    }
+
+    #[test]
+    fn faults_that_happen_once_have_no_end() {
+        for (what, once) in [
+            ("inner.kill", true),
+            ("inner.late=1ms,mixer.kill", true),
+            ("state.drop=off", true),
+            ("inner.kill,cpu.hog=90", false),
+        ] {
+            assert_eq!(
+                fault(what, 8000, None, 0.001).happens_once(),
+                once,
+                "{what}"
+            );
+        }
+    }
+}

@@ -1,0 +1,500 @@
+//! The report of a flight: every number, as written to report.json.
+
+use crate::baseline::Baseline;
+use crate::distribution::{Bucket, Distribution};
+use crate::faults::InjectedFault;
+use crate::finding::Diagnosis;
+use crate::host::{Host, InterruptSection, Steal};
+use crate::outages;
+use crate::series::Statistics;
+use crate::status::FlightStatus;
+use crate::swaps::AppliedSwap;
+use crate::theorem::Theorem;
+use crate::timer_lead::LeadSection;
+use crate::traces::Traces;
+use flight_log::build::Build;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of the schema: changed whenever a key changes its meaning or goes.
+pub const SCHEMA: &str = "ironbird-report/2";
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    pub schema: String,
+    pub run: RunSection,
+    /// Did it track, was it in time, does the theorem hold; empty in reports from before they were told apart.
+    #[serde(default)]
+    pub words: Verdicts,
+    pub verdict: AcceptanceResult,
+    /// Ticks and the identity that they must satisfy.
+    pub ticks: Ticks,
+    pub deadlines: DeadlineSection,
+    #[serde(default)]
+    pub autopsy: outages::OutageSection,
+    /// The worst outage against what the loop bears; none in lockstep, where there are no outages, and in reports from
+    /// before margins were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub margin: Option<MarginSection>,
+    /// Processes that ended while the flight needed them; the first 500.
+    #[serde(default)]
+    pub deaths: Vec<ProcessFailure>,
+    #[serde(default)]
+    pub deaths_left_out: u64,
+    pub flight: ControlPerformance,
+    /// The theorem, watched; empty in reports from before it was. Where the inner law has none, it says so and no more.
+    #[serde(default, serialize_with = "Theorem::serialize_applicable")]
+    pub theorem: Theorem,
+    /// Swaps of plant parameters, in order; the first 500.
+    pub swaps: Vec<AppliedSwap>,
+    #[serde(default)]
+    pub swaps_left_out: u64,
+    /// Faults of messages and stages that were planned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<InjectedFault>,
+    pub series: Vec<Statistics>,
+    pub roles: BTreeMap<String, RoleSection>,
+    /// How far ahead of its tick the plant's timer is set, and at what price; empty in reports from before it was.
+    #[serde(default)]
+    pub lead: LeadSection,
+    pub recorder: RecorderSection,
+    pub host: Host,
+    /// Whether the machine can fly in real time, as far as looking tells: nothing is measured beside a flight.
+    #[serde(default)]
+    pub doctor: Diagnosis,
+    /// What the host took during the flight.
+    pub steal: Steal,
+    /// What interrupted the loops' processor during the flight.
+    #[serde(default)]
+    pub interrupts: InterruptSection,
+    /// How the latencies are distributed; empty while the flight is in the air.
+    #[serde(default)]
+    pub distributions: Vec<Distribution>,
+    /// The machine's floors, where they were asked for.
+    pub beside: Option<Baseline>,
+    /// The flight over time; none while it is in the air.
+    pub traces: Option<Traces>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunSection {
+    /// Number of the run: its start on the wall clock [ns since 1970].
+    pub run_id: u64,
+    pub started: String,
+    pub instance: String,
+    pub version: String,
+    /// The executable; unknown in reports from before builds were named.
+    #[serde(default)]
+    pub build: Build,
+    pub trajectory: String,
+    /// Airframe, or the name of its file; empty in reports from before it was named.
+    #[serde(default)]
+    pub airframe: String,
+    /// SHA-256 of its file; empty where it is built in.
+    #[serde(default)]
+    pub airframe_sha256: String,
+    pub preset: String,
+    pub period_us: f64,
+    /// Length of a tick on the clock [us]; 0 in lockstep, where ticks have none.
+    pub wall_period_us: f64,
+    /// Fingerprint of the settings that all roles shared.
+    pub settings_fingerprint: String,
+    /// The law of each role; empty in reports from before they could be chosen.
+    #[serde(default)]
+    pub laws: BTreeMap<String, LawSection>,
+    pub ending: String,
+    /// What the process that died said last, a line each; empty where none did.
+    #[serde(default)]
+    pub last_words: Vec<String>,
+    /// Whether these are the numbers so far of a flight in the air.
+    pub in_flight: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AcceptanceResult {
+    pub status: FlightStatus,
+    pub exit_code: u8,
+    pub gates: Vec<Gate>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gate {
+    /// What is looked at, with its unit.
+    pub name: String,
+    pub limit: String,
+    pub value: String,
+    pub held: bool,
+    /// Whether it was asked for; some are of every flight.
+    #[serde(default)]
+    pub asked: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ticks {
+    pub run: u64,
+    /// Skipped because the plant woke too late.
+    pub skipped: u64,
+    /// From the beginning of tick 0 to the end of the last tick [s], by the clock.
+    pub elapsed_s: f64,
+    pub elapsed_periods: u64,
+    /// Whether run + skipped is that number.
+    pub identity_holds: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeadlineSection {
+    /// Ticks that flew without a fresh command on time; none in lockstep, and in reports from before they were counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_fresh: Option<NotFresh>,
+    pub missed: u64,
+    pub missed_ppm: f64,
+    /// Missed, by the stamps of the rotor commands.
+    pub missed_by_stamps: u64,
+    /// How late the commands were: from .. below .. [us], how many.
+    pub late: Vec<Bucket>,
+    /// Runs of consecutive misses: length in ticks, how many.
+    pub runs: Vec<RunLength>,
+    /// Late commands by their stamps, those of consecutive ticks together; the first 500 stretches.
+    #[serde(default)]
+    pub stretches: Vec<LateStretchSection>,
+    #[serde(default)]
+    pub stretches_left_out: u64,
+}
+
+/// Ticks that flew without a fresh command on time ([`crate::freshness`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NotFresh {
+    pub ticks: u64,
+    pub per_million: f64,
+    /// The tick ran, and its command was late or never came.
+    pub missed: u64,
+    /// The command was on time, but a stage had worked with an older input.
+    pub stale: u64,
+    pub skipped: u64,
+}
+
+impl NotFresh {
+    pub fn new(missed: u64, stale: u64, ticks: &Ticks) -> Self {
+        let skipped = ticks.skipped;
+        let not_fresh = missed.saturating_add(stale).saturating_add(skipped);
+        let all = ticks.run.saturating_add(skipped).max(1);
+        Self {
+            ticks: not_fresh,
+            per_million: not_fresh as f64 * 1e6 / all as f64,
+            missed,
+            stale,
+            skipped,
+        }
+    }
+
+    pub fn parts(&self) -> String {
+        let (missed, stale, skipped) = (self.missed, self.stale, self.skipped);
+        format!("{missed} missed + {stale} stale + {skipped} skipped")
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LateStretchSection {
+    pub tick: u64,
+    pub time_s: f64,
+    pub length_ticks: u64,
+    pub late_us: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunLength {
+    pub length_ticks: u64,
+    pub count: u64,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ControlPerformance {
+    /// Root mean square of the position error over all states [m].
+    pub position_error_rms_m: f64,
+    pub position_error_max_m: f64,
+    pub position_error_final_m: f64,
+    /// States that these are of; 0 in reports from before all states counted.
+    pub states: u64,
+    /// Ticks that have no state: skipped by the plant, or lost by the recorder.
+    pub ticks_without_state: u64,
+    pub recent_error_max_m: f64,
+    /// How long these were [s]: less than 5 in a short flight.
+    pub recent_s: f64,
+    pub lowest_z_m: f64,
+    /// Norm of the inner law's rate error at the end [rad/s]; missing where the law shows none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate_error_final_rad_s: Option<f64>,
+    /// Ticks in which the rotors could not do what was asked.
+    pub saturated_ticks: u64,
+    /// Estimates at the end, with what is true; missing where the inner law estimates nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub estimates: Vec<Estimate>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    pub name: String,
+    pub estimated: f64,
+    pub actual: f64,
+}
+
+/// A process of the rig: of a role that died and was started again, the last one. What the dead ones missed is among
+/// [`Report::deaths`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RoleSection {
+    pub ticks_run: u64,
+    pub ticks_skipped: u64,
+    /// Ticks that it worked with a stale input.
+    pub ticks_stale: u64,
+    pub rejected: BTreeMap<String, u64>,
+    pub landed: bool,
+    /// Resources of its loop since it was armed; none unless it has landed.
+    pub usage: Option<LoopUsage>,
+    /// Scheduling in force: `fifo 80` or `other`.
+    pub scheduling: String,
+    pub realtime: Vec<RtStep>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoopUsage {
+    /// Only a build with the feature `instrumented` counts them.
+    pub allocations: Option<u64>,
+    pub minor_faults: u64,
+    pub major_faults: u64,
+    pub voluntary_switches: u64,
+    pub involuntary_switches: u64,
+    pub cpu_per_tick_us: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RtStep {
+    pub step: String,
+    /// What was asked: a priority or a processor, where the step has a number.
+    pub asked: Option<u64>,
+    pub granted: bool,
+    pub refused: Option<String>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RecorderSection {
+    /// Messages that were overwritten before it read them, by topic.
+    pub lost: BTreeMap<String, u64>,
+    pub rejected: BTreeMap<String, u64>,
+    /// Ticks of which a topic had no message.
+    pub incomplete_ticks: u64,
+    pub cpu_percent: f64,
+    pub log: LogSection,
+    /// Other files that could not be written, with the first reason.
+    pub unwritten: BTreeMap<String, String>,
+}
+
+/// What became of the messages on their way to flight.mcap and the files that go on from it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LogSection {
+    /// What it was to keep: `all`, `around-misses` or `off`; empty in reports from before that could be chosen.
+    pub kept: String,
+    pub files: u64,
+    /// Their length [bytes].
+    pub file_bytes: u64,
+    pub messages: BTreeMap<String, u64>,
+    /// Messages that the disk did not take, by topic.
+    pub dropped: BTreeMap<String, u64>,
+    /// Messages that were not to be kept, by topic.
+    pub left_out: BTreeMap<String, u64>,
+    /// Messages in files that were removed for newer ones, by topic.
+    pub removed: BTreeMap<String, u64>,
+    /// Stretches of the flight that are kept, where not all of it is.
+    pub stretches: u64,
+    /// Why it did not take something, the first time.
+    pub refused: Option<String>,
+}
+
+impl Report {
+    pub fn series(&self, name: &str) -> Option<&Statistics> {
+        self.series.iter().find(|series| series.name == name)
+    }
+
+    /// Messages that were overwritten before the recorder read them.
+    pub fn lost(&self) -> u64 {
+        sum(&self.recorder.lost)
+    }
+
+    /// Messages that the disk did not take.
+    pub fn unlogged(&self) -> u64 {
+        sum(&self.recorder.log.dropped)
+    }
+}
+
+pub fn sum(counts: &BTreeMap<String, u64>) -> u64 {
+    counts.values().copied().fold(0, u64::saturating_add)
+}
+
+/// A law that flew, by its role in the report.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LawSection {
+    pub name: String,
+    #[serde(default)]
+    pub version: String,
+    /// Its file; none where it is built in.
+    pub file: Option<String>,
+    pub sha256: Option<String>,
+    /// Whether it promises nothing about its time.
+    #[serde(default)]
+    pub not_real_time: bool,
+    /// Ticks in which its answer was not finite, or one that no airframe can give, and was replaced.
+    pub ticks_not_finite: u64,
+    pub first_not_finite: Option<u64>,
+    /// What it showed of itself, in the order of its signals; empty in reports from before it was kept.
+    #[serde(default)]
+    pub telemetry: Vec<SignalSection>,
+}
+
+/// A number that a law showed; none where it never knew it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SignalSection {
+    pub name: String,
+    pub unit: String,
+    pub last: Option<f64>,
+    pub min: Option<f64>,
+    pub max: Option<f64>,
+}
+
+/// What stands for outages of all stages at once: `machine` in a table of margins.
+pub const MACHINE: &str = "machine";
+
+/// What a flight's loop bears, and how near the flight came to it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MarginSection {
+    /// Fingerprint of the settings that margins depend on: the name of their table.
+    pub fingerprint: String,
+    /// How to measure them, where they are not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown: Option<String>,
+    /// The longest outage survived, by stage; empty where not known.
+    pub bears: BTreeMap<String, RobustnessMargin>,
+    /// Phases of the trajectory that these are the least of.
+    pub phases: u64,
+    /// The build that measured, where another one flew.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measured_by: Option<String>,
+    /// The longest outages of this flight, by stage [ticks].
+    pub outages: BTreeMap<String, u64>,
+    /// Outages of this flight whose length by stage is not known, because messages were lost there.
+    pub unmeasured: u64,
+    /// The stage whose outage came nearest to what is borne; none without an outage, or where nothing is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nearest: Option<String>,
+    /// What it bears over its outage; no flight survived a margin below 1 in simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin: Option<f64>,
+}
+
+/// The longest outage of a stage that is survived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RobustnessMargin {
+    pub ticks: u64,
+    pub is_most: bool,
+}
+
+/// The end of a process that the flight still needed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProcessFailure {
+    pub role: String,
+    /// Tick of its last message; of a process that sent none, the tick in which its end was noticed.
+    pub tick: u64,
+    pub time_s: f64,
+    /// When the process started, on `CLOCK_MONOTONIC` [ns]: the epoch of its messages. 0 where it sent none.
+    pub epoch: u64,
+    /// How it ended, as `signal: 9 (SIGKILL)`; empty where nobody waited for the process.
+    pub how: String,
+    /// From the beginning of its last tick until the launcher noticed [ms]: a launcher is woken by a death.
+    pub noticed_after_ms: Option<f64>,
+    /// From its last message to the first one of its successor [ms]; none where there was none.
+    pub back_after_ms: Option<f64>,
+    /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
+    pub ticks_lost: Option<u64>,
+    /// Of a successor that sent no message: tick of the death that it was to make good, whose ticks its own are.
+    pub within: Option<u64>,
+    /// What that time is made of, where a launcher saw it.
+    pub back_parts: Option<RecoveryPhases>,
+    /// Largest position error after its last message, within [`COST_S`] [m].
+    pub position_error_max_m: Option<f64>,
+}
+
+/// What the time is made of in which a stage came back, each part after the one before it [ms].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RecoveryPhases {
+    /// Whether a spare had waited for it.
+    pub spare: bool,
+    pub noticed_ms: f64,
+    /// The launcher removed what the dead process had left in shared memory.
+    pub cleaned_ms: f64,
+    /// The launcher waited until it was due, and the successor ran: a process that was started, or a spare that woke.
+    pub begun_ms: f64,
+    /// It had its settings and its law.
+    pub made_ms: f64,
+    /// It had its place: the role's lock, a node of the middleware, its status board.
+    pub placed_ms: f64,
+    pub ported_ms: f64,
+    pub engaged_ms: f64,
+    /// It had found the run, and connected its ports.
+    pub armed_ms: f64,
+    /// The tick of its first message began.
+    pub first_tick_ms: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlightVerdict {
+    #[default]
+    NotSeen,
+    Tracked,
+    /// It did as far as it flew: it was aborted or interrupted.
+    CutShort,
+    OffTrack,
+    /// It left its envelope, or was below ground.
+    Lost,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimingVerdict {
+    /// Its latencies tell nothing of the loops.
+    #[default]
+    NotMeasured,
+    /// Every tick flew with a fresh command on time.
+    InTime,
+    /// It was as far as it flew: it was aborted or interrupted.
+    CutShort,
+    Late,
+}
+
+/// Whether the theorem holds on a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StabilityVerdict {
+    #[default]
+    NotApplicable,
+    Holds,
+    /// It does where it was watched; it was not at every tick.
+    PartlyWatched,
+    /// It does not, and no cause is known.
+    Broken,
+}
+
+/// A word with the numbers that it follows from, as a sentence without its full stop.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Explained<W> {
+    pub word: W,
+    pub why: String,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Verdicts {
+    pub flight: Explained<FlightVerdict>,
+    pub timing: Explained<TimingVerdict>,
+    pub theorem: Explained<StabilityVerdict>,
+}

@@ -1,0 +1,468 @@
+//! The theorem on a flight: the monitor's counts, the verdict, and (18) in words.
+//!
+//! docs/theorem.md explains how to read it.
+
+use crate::laws::no_theorem;
+use crate::phrase::count;
+use controller::excitation::EXCITING;
+use messages::monitor::{CAUSES, Cause, Monitor};
+use messages::parameters::{Airframe, ESTIMATED};
+use serde::ser::SerializeStruct as _;
+use serde::{Deserialize, Serialize, Serializer};
+use std::collections::BTreeMap;
+
+/// Share of a parameter's size, or of what its estimate was off by first, within which it counts as found.
+pub const FOUND: f64 = 0.01;
+
+/// Name of no cause among the largest rises; the last in the alphabet of causes.
+pub const NO_CAUSE: &str = "none";
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Theorem {
+    /// Whether no step was unexplained, and the estimates moved as predicted.
+    pub holds: bool,
+    /// The inner law, where it has no theorem with its settings.
+    pub law_without: Option<String>,
+    pub ticks_checked: u64,
+    /// Wrenches that nothing can be said of, because a message before them was lost.
+    pub ticks_unwatched: u64,
+    /// Steps at which V_th rose, or fell by less than the step owes, by cause.
+    pub violations: BTreeMap<String, u64>,
+    /// Largest rise of V_th in a step, by the cause in force, or `none`.
+    pub largest_rise: BTreeMap<String, Rise>,
+    /// V_th at the start, or after a live swap where that is more [rad^2/s^2].
+    pub v_th_start: f64,
+    /// V_th at the end [rad^2/s^2].
+    pub v_th_end: f64,
+    /// Fall of V_th over all steps without a cause [rad^2/s^2].
+    pub descent: f64,
+    /// The same as the theorem predicts it [rad^2/s^2].
+    pub descent_predicted: f64,
+    /// Whether the estimates moved as predicted, where something was.
+    pub is_live: bool,
+    /// Largest excess of a step over what it owes, as a share of what rounding is allowed.
+    pub step_excess_max: f64,
+    pub steps_adapted: u64,
+    /// Steps at which V, with the rate error, changed by more than its bound, by cause; not judged.
+    pub v_above_bound: BTreeMap<String, u64>,
+    pub rate_error_max_rad_s: f64,
+    /// Its root mean square over the last second or so [rad/s].
+    pub rate_error_final_rad_s: f64,
+    /// Ticks whose command in force could not be met.
+    pub ticks_saturated: u64,
+    pub ticks_stale: u64,
+    pub live_swaps: u64,
+    pub estimates: Vec<Watched>,
+    /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
+    pub excitation: f64,
+    pub excitation_least: f64,
+    /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
+    pub broken: Vec<String>,
+    /// Whether (18) held: every estimate was found.
+    pub converged: bool,
+    pub convergence: String,
+}
+
+impl Theorem {
+    /// Why it says nothing of a flight whose inner law has no theorem.
+    pub fn inapplicable(&self) -> Option<String> {
+        self.law_without.as_deref().map(no_theorem)
+    }
+
+    pub fn unexplained(&self) -> u64 {
+        let unexplained = self.violations.get(Cause::Unexplained.name());
+        unexplained.copied().unwrap_or(0)
+    }
+
+    /// How many steps were checked, and how often V rose in one.
+    pub fn counts(&self) -> String {
+        let violations = self.violations.values();
+        let violations = violations.fold(0, |sum: u64, count| sum.saturating_add(*count));
+        let unexplained = self.unexplained();
+        let mut checked = format!("{} checked", count(self.ticks_checked, "step"));
+        if self.ticks_unwatched > 0 {
+            let unwatched = self.ticks_unwatched;
+            checked += &format!(", {unwatched} not watched after a lost message");
+        }
+        match violations {
+            0 => format!("{checked}, V rose in none"),
+            _ => format!("{checked}, V rose in {violations}, {unexplained} of them unexplained"),
+        }
+    }
+
+    pub fn found(&self) -> String {
+        let live = match self.is_live {
+            true => "live",
+            false => "do not move as predicted",
+        };
+        format!("{} unexplained, estimates {live}", self.unexplained())
+    }
+
+    pub fn verdict(&self) -> &'static str {
+        match (self.holds, self.violations.values().sum::<u64>()) {
+            _ if self.law_without.is_some() => "not applicable",
+            _ if self.ticks_checked == 0 => "not watched",
+            (false, _) => "DOES NOT HOLD",
+            (true, 0) => "holds",
+            (true, _) => "holds where its assumptions do",
+        }
+    }
+
+    /// Writes the section; of a law without a theorem, why there is none.
+    pub fn serialize_applicable<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let (Some(law), Some(why)) = (&self.law_without, self.inapplicable()) else {
+            return self.serialize(serializer);
+        };
+        let mut section = serializer.serialize_struct("Theorem", 2)?;
+        section.serialize_field("law_without", law)?;
+        section.serialize_field("not_applicable", &why)?;
+        section.end()
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rise {
+    /// In a step [rad^2/s^2].
+    pub absolute: f64,
+    pub relative: f64,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Watched {
+    pub name: String,
+    pub actual: f64,
+    pub error: f64,
+    /// Size of the error at the start, or after the last live swap.
+    pub error_start: f64,
+    /// What the theorem leaves of it at the most, on the exact model: it holds only where [`Theorem::broken`] is empty.
+    pub error_bound: f64,
+    /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
+    pub identifiability: f64,
+    /// Whether it is within 1 % ([`FOUND`]).
+    pub found: bool,
+}
+
+/// Follows topic `theorem` through a flight, and through restarts of the inner loop.
+#[derive(Clone, Copy, Debug)]
+pub struct TheoremStatistics {
+    ended: Option<Monitor>,
+    /// Start of the present one, and what its monitor said last.
+    newest: Option<(u64, Monitor)>,
+    theta: [f64; 3],
+    /// Values that the airframe was built with: an estimate of a parameter that is 0 is held against them.
+    built: [f64; 3],
+    /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
+    broken: u64,
+    unwatched: u64,
+    /// The inner law, where it has no theorem.
+    law_without: Option<&'static str>,
+}
+
+/// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
+const UNBOUNDED: [Cause; 4] = {
+    use Cause::*;
+    [OutOfBounds, BrokenModel, GyroNoise, MotorLag]
+};
+
+impl Default for TheoremStatistics {
+    fn default() -> Self {
+        let built = ESTIMATED.map(|parameter| parameter.spec().nominal);
+        Self {
+            ended: None,
+            newest: None,
+            theta: [0.0; 3],
+            built,
+            broken: 0,
+            unwatched: 0,
+            law_without: None,
+        }
+    }
+}
+
+impl TheoremStatistics {
+    pub fn flown_by(&mut self, airframe: &Airframe) {
+        self.built = ESTIMATED.map(|parameter| airframe.as_built().get(parameter).abs());
+    }
+
+    pub fn truth(&mut self, theta: [f64; 3]) {
+        self.theta = theta;
+    }
+
+    /// Follows an inner law without a theorem.
+    pub fn does_not_apply(&mut self, law: &'static str) {
+        self.law_without = Some(law);
+    }
+
+    pub const fn applies(&self) -> bool {
+        self.law_without.is_none()
+    }
+
+    /// Counts a wrench that nothing is said of.
+    pub fn unwatched(&mut self) {
+        self.unwatched += 1;
+    }
+
+    /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
+    pub fn take(&mut self, epoch: u64, monitor: &Monitor) {
+        if let Some((known, last)) = self.newest
+            && known != epoch
+        {
+            self.ended = Some(self.ended.map_or(last, |ended| together(&ended, &last)));
+            self.broken = 0;
+        }
+        if monitor.causes & Cause::LiveSwap.bit() != 0 {
+            self.broken = 0;
+        }
+        self.broken |= monitor.causes;
+        self.newest = Some((epoch, *monitor));
+    }
+
+    pub fn section(&self) -> Theorem {
+        let section = self.newest.map(|(_, newest)| {
+            let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
+            Theorem::of(&all, self.theta, self.built, self.broken)
+        });
+        let law_without = self.law_without.filter(|_| section.is_none());
+        Theorem {
+            law_without: law_without.map(str::to_owned),
+            ticks_unwatched: self.unwatched,
+            ..section.unwrap_or_default()
+        }
+    }
+}
+
+/// Two monitors in a row: counts add up, largest values stay, the rest is the later one's.
+fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
+    let sum = |a: [u64; CAUSES], b: [u64; CAUSES]| std::array::from_fn(|i| a[i] + b[i]);
+    Monitor {
+        ticks_checked: earlier.ticks_checked + later.ticks_checked,
+        violations: sum(earlier.violations, later.violations),
+        v_above_bound: sum(earlier.v_above_bound, later.v_above_bound),
+        rise_max: std::array::from_fn(|i| earlier.rise_max[i].max(later.rise_max[i])),
+        is_live: earlier.is_live & later.is_live,
+        v_th_start: earlier.v_th_start.max(later.v_th_start),
+        descent: earlier.descent + later.descent,
+        descent_predicted: earlier.descent_predicted + later.descent_predicted,
+        step_excess_max: earlier.step_excess_max.max(later.step_excess_max),
+        rate_error_max_rad_s: earlier.rate_error_max_rad_s.max(later.rate_error_max_rad_s),
+        excitation_least: earlier.excitation_least.min(later.excitation_least),
+        steps_adapted: earlier.steps_adapted + later.steps_adapted,
+        ticks_saturated: earlier.ticks_saturated + later.ticks_saturated,
+        ticks_stale: earlier.ticks_stale + later.ticks_stale,
+        live_swaps: earlier.live_swaps + later.live_swaps,
+        ..*later
+    }
+}
+
+impl Theorem {
+    /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
+    /// airframe was built with, and the causes since the bounds began.
+    pub fn of(monitor: &Monitor, theta: [f64; 3], built: [f64; 3], causes: u64) -> Self {
+        let broken = UNBOUNDED
+            .into_iter()
+            .filter(|cause| causes & cause.bit() != 0);
+        let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
+        let estimate = |i: usize| {
+            let error = monitor.estimate_error[i];
+            let error_start = monitor.estimate_error_start[i];
+            let size = error_start.max(theta[i].abs()).max(built[i]);
+            Watched {
+                name: ESTIMATED[i].name().into(),
+                actual: theta[i],
+                error,
+                error_start,
+                error_bound: monitor.estimate_error_bound[i],
+                identifiability: monitor.identifiability[i],
+                found: error.abs() <= FOUND * size,
+            }
+        };
+        let estimates: Vec<Watched> = (0..3).map(estimate).collect();
+        let start = monitor.v_th_start;
+        let rise = |(cause, absolute): (Cause, f64)| {
+            let relative = if start > 0.0 { absolute / start } else { 0.0 };
+            let is_explained = cause != Cause::Unexplained;
+            let name = if is_explained { cause.name() } else { NO_CAUSE };
+            let is_told = !is_explained || absolute > 0.0;
+            is_told.then(|| (name.to_owned(), Rise { absolute, relative }))
+        };
+        let rises = Cause::ALL.into_iter().zip(monitor.rise_max);
+        let is_live = monitor.is_live == 1;
+        Self {
+            holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
+            law_without: None,
+            ticks_checked: monitor.ticks_checked,
+            ticks_unwatched: 0,
+            violations: by_cause(&monitor.violations),
+            largest_rise: rises.filter_map(rise).collect(),
+            v_th_start: monitor.v_th_start,
+            v_th_end: monitor.v_th,
+            descent: monitor.descent,
+            descent_predicted: monitor.descent_predicted,
+            is_live,
+            step_excess_max: monitor.step_excess_max,
+            steps_adapted: monitor.steps_adapted,
+            v_above_bound: by_cause(&monitor.v_above_bound),
+            rate_error_max_rad_s: monitor.rate_error_max_rad_s,
+            rate_error_final_rad_s: monitor.rate_error_rms_rad_s,
+            ticks_saturated: monitor.ticks_saturated,
+            ticks_stale: monitor.ticks_stale,
+            live_swaps: monitor.live_swaps,
+            converged: estimates.iter().all(|estimate| estimate.found),
+            convergence: convergence(monitor, &estimates, &broken),
+            broken,
+            estimates,
+            excitation: monitor.excitation,
+            excitation_least: monitor.excitation_least,
+        }
+    }
+}
+
+fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
+    let all = Cause::ALL.into_iter().zip(counts);
+    let told = all.filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0);
+    told.map(|(cause, count)| (cause.name().to_owned(), *count))
+        .collect()
+}
+
+fn convergence(monitor: &Monitor, estimates: &[Watched], broken: &[String]) -> String {
+    let names = |pick: &dyn Fn(&Watched) -> bool| {
+        let picked = estimates.iter().filter(|estimate| pick(estimate));
+        let names: Vec<&str> = picked.map(|estimate| estimate.name.as_str()).collect();
+        names.join(", ")
+    };
+    let exciting = monitor.excitation_least >= EXCITING;
+    let least = monitor.excitation_least;
+    let least = format!("at least {least:.2e} e-folds of the error in any 10 s");
+    let lost = names(&|e| !e.found);
+    if lost.is_empty() {
+        let is = match exciting {
+            true => ". The flight is",
+            false => ", although the flight is not",
+        };
+        return format!(
+            "(18) held: every estimate is within 1 %{is} persistently exciting, {least}."
+        );
+    }
+    let mut text = format!("(18) did not hold: not within 1 %: {lost}.");
+    if !broken.is_empty() {
+        // How long the flight was, and how exciting, explains nothing where the theorem does not apply.
+        let broken = broken.join(", ");
+        return format!("{text} The theorem promises nothing for the estimates under {broken}.");
+    }
+    // What the theorem itself leaves large is no surprise; what it does not, something else keeps away.
+    let owed = |e: &Watched| {
+        let size = e.error_start.max(e.actual.abs()).max(f64::MIN_POSITIVE);
+        e.error_bound <= FOUND * size
+    };
+    let expected = names(&|e| !e.found && !owed(e));
+    let kept = names(&|e| !e.found && owed(e));
+    if !expected.is_empty() {
+        let why = match exciting {
+            true => format!("exciting enough, {least}, but was too short for these gains"),
+            false => format!("not persistently exciting, {least}"),
+        };
+        text += &format!(
+            " Expected for {expected}: the flight is {why}. The proof covers the prediction error, and e where \
+             nothing is late, but not the estimates."
+        );
+    }
+    if !kept.is_empty() {
+        text += &format!(" Not expected for {kept}: excited enough, and no cause is known.");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn monitor(unexplained: u64, is_live: u64) -> Monitor {
+        let mut monitor = Monitor {
+            ticks_checked: 10,
+            is_live,
+            v_th_start: 1.0,
+            ..Monitor::default()
+        };
+        monitor.violations[Cause::Unexplained as usize] = unexplained;
+        monitor.rise_max[Cause::GyroNoise as usize] = 0.5;
+        monitor
+    }
+
+    #[test]
+    fn an_unexplained_violation_or_lifeless_estimates_fail() {
+        let theorem = |monitor| Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
+        assert!(theorem(monitor(0, 1)).holds);
+        for (monitor, found) in [
+            (monitor(1, 1), "1 unexplained"),
+            (monitor(0, 0), "do not move as predicted"),
+        ] {
+            let theorem = theorem(monitor);
+            assert!(
+                !theorem.holds && theorem.found().contains(found),
+                "{theorem:?}"
+            );
+            assert_eq!(theorem.verdict(), "DOES NOT HOLD");
+        }
+    }
+
+    #[test]
+    fn no_bound_is_claimed_where_an_assumption_was_broken_since_the_last_live_swap() {
+        let with = |cause: Option<Cause>| Monitor {
+            causes: cause.map_or(0, Cause::bit),
+            estimate_error: [1.0; 3],
+            estimate_error_start: [1.0; 3],
+            ..monitor(0, 1)
+        };
+        let mut statistics = TheoremStatistics::default();
+        statistics.take(1, &with(Some(Cause::BrokenModel)));
+        statistics.take(1, &with(Some(Cause::Delay)));
+        let theorem = statistics.section();
+        let convergence = theorem.convergence;
+        assert_eq!(theorem.broken, ["broken_model"]);
+        let nothing = "promises nothing for the estimates under broken_model";
+        assert!(convergence.contains(nothing), "{convergence}");
+        assert!(!convergence.contains("xpected"), "{convergence}");
+        statistics.take(1, &with(Some(Cause::LiveSwap)));
+        assert_eq!(statistics.section().broken, [""; 0]);
+        statistics.take(1, &with(Some(Cause::BrokenModel)));
+        statistics.take(2, &with(None));
+        assert!(
+            statistics.section().broken.is_empty(),
+            "another inner loop begins anew"
+        );
+    }
+
+    #[test]
+    fn a_restarted_inner_loop_continues_the_counts() {
+        let mut statistics = TheoremStatistics::default();
+        assert_eq!(statistics.section(), Theorem::default());
+        let restarted = Monitor {
+            v_th_start: 3.0,
+            excitation: 0.25,
+            ..monitor(1, 1)
+        };
+        for (epoch, monitor) in [(1, monitor(0, 1)), (1, monitor(2, 0)), (7, restarted)] {
+            statistics.take(epoch, &monitor);
+        }
+        let theorem = statistics.section();
+        assert_eq!((theorem.ticks_checked, theorem.unexplained()), (20, 3));
+        assert!(!theorem.is_live);
+        assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
+        let rise = theorem.largest_rise["gyro_noise"];
+        assert_eq!((rise.absolute, rise.relative), (0.5, 0.5 / 3.0));
+    }
+
+    #[test]
+    fn what_was_not_watched_is_said() {
+        let mut statistics = TheoremStatistics::default();
+        statistics.unwatched();
+        statistics.unwatched();
+        assert_eq!(statistics.section().ticks_unwatched, 2);
+        statistics.take(1, &monitor(0, 1));
+        let theorem = statistics.section();
+        assert!(theorem.holds && theorem.ticks_unwatched == 2, "{theorem:?}");
+        let some = "10 steps checked, 2 not watched after a lost message, V rose in none";
+        assert_eq!(theorem.counts(), some);
+    }
+}

@@ -1,0 +1,98 @@
+//! Early wake-up of the plant: how long before each tick its timer expires, and the processor time spent waiting.
+
+use crate::series::histogram;
+use errors::Failure;
+use hdrhistogram::Histogram;
+use messages::realtime::Lead;
+use serde::{Deserialize, Serialize};
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LeadSection {
+    /// How far ahead of its tick the timer was set at take-off [us]; 0 is at the tick.
+    pub lead_us: f64,
+    /// The shortest lead of a tick that was flown [us].
+    pub least_us: f64,
+    pub median_us: f64,
+    pub most_us: f64,
+    /// 90th percentile of what a rehearsal took before take-off [us]; 0 where none is held.
+    pub rehearsal_us: f64,
+    /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
+    pub timer_p90_us: f64,
+    /// Ticks after the first that the mixer, the last of the chain, rehearsed.
+    pub rehearsals: u64,
+    /// From the timer's waking to the beginning of the tick, rehearsals among it: share of the loops' processor [%].
+    pub processor_percent: f64,
+}
+
+#[derive(Debug)]
+pub(super) struct LeadStatistics {
+    leads: Histogram<u64>,
+    least_ns: u64,
+    most_ns: u64,
+    /// What the plant had left of them when it woke, over all ticks [ns].
+    left_ns: u64,
+}
+
+impl LeadStatistics {
+    pub(super) fn new() -> Result<Self, Failure> {
+        Ok(Self {
+            leads: histogram()?,
+            least_ns: u64::MAX,
+            most_ns: 0,
+            left_ns: 0,
+        })
+    }
+
+    /// Takes the lead of a tick, and how late the timer was that was set to it [ns]: the rest was waited out.
+    pub(super) fn take(&mut self, lead_ns: u64, late_ns: u64) {
+        self.leads.saturating_record(lead_ns);
+        (self.least_ns, self.most_ns) = (self.least_ns.min(lead_ns), self.most_ns.max(lead_ns));
+        self.left_ns += lead_ns.saturating_sub(late_ns);
+    }
+
+    /// What the report says of a flight whose ticks took `flown_ns`.
+    pub(super) fn section(
+        &self,
+        at_take_off: &Lead,
+        rehearsals: u64,
+        flown_ns: u64,
+    ) -> LeadSection {
+        let us = |ns: u64| ns as f64 / 1e3;
+        let least_ns = self.least_ns.min(self.most_ns);
+        let median_ns = self.leads.value_at_quantile(0.5);
+        LeadSection {
+            lead_us: us(at_take_off.lead_ns),
+            least_us: us(least_ns),
+            median_us: us(median_ns.clamp(least_ns, self.most_ns)),
+            most_us: us(self.most_ns),
+            rehearsal_us: us(at_take_off.rehearsal_ns),
+            timer_p90_us: us(at_take_off.timer_p90_ns),
+            rehearsals,
+            processor_percent: 100.0 * self.left_ns as f64 / flown_ns.max(1) as f64,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lead_that_is_set_is_no_longer_and_no_shorter_in_flight() {
+        let mut statistics = LeadStatistics::new().unwrap();
+        // Before the first tick there was none.
+        assert_eq!(
+            statistics.section(&Lead::default(), 0, 0),
+            LeadSection::default()
+        );
+        (0..9).for_each(|_| statistics.take(123_457, 0));
+        let at_take_off = Lead {
+            lead_ns: 123_457,
+            ..Lead::default()
+        };
+        let lead = statistics.section(&at_take_off, 0, 1);
+        let leads = [lead.lead_us, lead.least_us, lead.median_us, lead.most_us];
+        assert_eq!(leads, [123.457; 4]);
+    }
+}

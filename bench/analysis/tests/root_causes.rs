@@ -1,0 +1,649 @@
+//! Root causes of missed deadlines, from made-up timings, counters and processor traces.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use MissCause::{
+    CannotTell, ComputedLong, HostStall, NotUsed, PageFault, Preempted, ProcessorStalled,
+    ReadyNotRun, StoppedOrDead, WakeLate,
+};
+use Role::{Inner, Mixer, Outer, Plant};
+use analysis::candidate_causes::{
+    CounterSample, Counters, Life, Outage, StageTiming, TickTimings, TimingWindow,
+};
+use analysis::miss_analysis::{AROUND_TICKS, MissAnalysis};
+use analysis::miss_causes::{MissCause, classify};
+use analysis::outages::OutageSection;
+use analysis::processor_trace::{Runner, Slice};
+use analysis::schema::MACHINE;
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::grid::Grid;
+use messages::header::{Header, Message, Stamps};
+use messages::role::{Role, STAGES};
+use messages::topic::Topic;
+
+const US: u64 = 1_000;
+const TICK_US: u64 = 1_000;
+const GRID: Grid = Grid {
+    t0_ns: 50 * TICK_US * US,
+    period_ns: TICK_US * US,
+};
+/// The first tick whose deadline is missed.
+const MISSED: u64 = 32;
+const TICKS: u64 = 2 * AROUND_TICKS;
+
+/// Timings and counters of a flight; a test changes those of a good one.
+#[derive(Clone)]
+struct Evidence {
+    timings: BTreeMap<u64, TickTimings>,
+    samples: Vec<CounterSample>,
+    slices: Vec<Slice>,
+    is_virtual: bool,
+    share_processor: bool,
+}
+
+/// A stage that woke and sent at these times after the begin of a tick [us].
+fn timing(tick: u64, wake_us: u64, send_us: u64, is_fresh: bool) -> Option<StageTiming> {
+    let begin_ns = GRID.begin_of(tick);
+    Some(StageTiming {
+        receive_ns: begin_ns + wake_us * US,
+        send_ns: begin_ns + send_us * US,
+        is_fresh,
+    })
+}
+
+/// Each stage wakes 10 us after the stage before it has sent, and computes for 5 us.
+fn good_tick(tick: u64) -> TickTimings {
+    [20, 35, 50, 65].map(|us| timing(tick, us, us + 5, true))
+}
+
+/// 64 ticks, and a sample every 10 ms.
+fn good() -> Evidence {
+    // In every tick a stage waits 30 us for others on its processor, and is switched out once.
+    let counters = |i: u64, stage: usize| Counters {
+        pid: 100 + stage as u64,
+        waited_ns: i * 300 * US,
+        ran_ns: i * 50 * US,
+        involuntary_switches: 10 * i,
+        ..Counters::default()
+    };
+    let sample = |i: u64| CounterSample {
+        at_ns: GRID.begin_of(10 * i),
+        stages: std::array::from_fn(|stage| counters(i, stage)),
+        ..CounterSample::default()
+    };
+    Evidence {
+        timings: (0..TICKS).map(|tick| (tick, good_tick(tick))).collect(),
+        samples: (0..=7).map(sample).collect(),
+        slices: Vec::new(),
+        is_virtual: true,
+        share_processor: true,
+    }
+}
+
+/// The plant, and with it every stage, wakes 2.1 ms late: two ticks are skipped.
+fn stall() -> Evidence {
+    let mut evidence = good();
+    evidence.silence(MISSED..MISSED + 2);
+    evidence.delays(MISSED + 2, Plant, 100);
+    evidence
+}
+
+/// No stage publishes anything for 20 ticks.
+fn long_stall() -> Evidence {
+    let mut evidence = good();
+    evidence.silence(MISSED..MISSED + 20);
+    evidence.delays(MISSED + 20, Plant, 100);
+    evidence
+}
+
+/// The mixer alone wakes 1.5 ms late.
+fn late_mixer() -> Evidence {
+    let mut evidence = good();
+    evidence.delays(MISSED, Mixer, 1_500);
+    evidence
+}
+
+/// The mixer publishes nothing for 20 ticks.
+fn silent_mixer() -> Evidence {
+    let mut evidence = good();
+    evidence.silence_of(Mixer, MISSED..MISSED + 20);
+    evidence
+}
+
+/// Publishes a message if there is a header for it.
+fn stamp<C: Topic>(analysis: &mut MissAnalysis, header: Option<Header>) {
+    if let Some(envelope) = header {
+        let content = C::default();
+        analysis.stamps(&Message { envelope, content });
+    }
+}
+
+impl Evidence {
+    fn stage(&mut self, tick: u64, role: Role) -> &mut Option<StageTiming> {
+        &mut self.timings.get_mut(&tick).unwrap()[role as usize]
+    }
+
+    /// The mixer works at these times of a tick [us], without what the inner loop has sent.
+    fn mixer_at(&mut self, tick: u64, wake_us: u64, send_us: u64) {
+        *self.stage(tick, Mixer) = timing(tick, wake_us, send_us, false);
+    }
+
+    /// A stage wakes later [us], and all stages after it with it.
+    fn delays(&mut self, tick: u64, role: Role, us: u64) {
+        for stage in &mut self.timings.get_mut(&tick).unwrap()[role as usize..] {
+            let timing = stage.as_mut().unwrap();
+            timing.receive_ns += us * US;
+            timing.send_ns += us * US;
+        }
+    }
+
+    /// A stage computes longer [us], and the stages after it are later.
+    fn computes(&mut self, tick: u64, role: Role, us: u64) {
+        self.stage(tick, role).as_mut().unwrap().send_ns += us * US;
+        if let Some(next) = STAGES.get(role as usize + 1) {
+            self.delays(tick, *next, us);
+        }
+    }
+
+    fn silence(&mut self, ticks: Range<u64>) {
+        self.timings.retain(|tick, _| !ticks.contains(tick));
+    }
+
+    fn silence_of(&mut self, role: Role, ticks: Range<u64>) {
+        ticks.for_each(|tick| *self.stage(tick, role) = None);
+    }
+
+    /// Changes samples from one on: the fourth is the first after the begin of the missed tick.
+    fn sampled(&mut self, from: usize, change: impl Fn(&mut CounterSample)) {
+        self.samples[from..].iter_mut().for_each(change);
+    }
+
+    fn counted(&mut self, from: usize, role: Role, change: impl Fn(&mut Counters)) {
+        self.sampled(from, |sample| change(&mut sample.stages[role as usize]));
+    }
+
+    fn waited(&mut self, role: Role, us: u64) {
+        self.counted(4, role, |counters| counters.waited_ns += us * US);
+    }
+
+    fn stopped(&mut self, role: Role) {
+        self.samples[4].stages[role as usize].life = Life::Stopped;
+    }
+
+    /// Asserts the cause of the outage that begins with the missed tick.
+    #[track_caller]
+    fn is(&self, class: MissCause, stage: impl Into<Option<Role>>, evidence: &str) {
+        let is_whole = |tick: &u64| {
+            let is_fresh = |stage: &Option<StageTiming>| stage.is_some_and(|it| it.is_fresh);
+            let stages = self.timings.get(tick);
+            stages.is_some_and(|stages| stages.iter().all(is_fresh))
+        };
+        let outage = (MISSED..TICKS).take_while(|tick| *tick == MISSED || !is_whole(tick));
+        let sent = self.timings.values().flatten().flatten();
+        let cause = classify(&TimingWindow {
+            grid: GRID,
+            outage: Outage {
+                first: MISSED,
+                last: outage.last().unwrap(),
+                missed: 1,
+            },
+            traces: &self.timings,
+            samples: &self.samples,
+            slices: &self.slices,
+            until_ns: sent.map(|timing| timing.send_ns).max().unwrap(),
+            is_virtual: self.is_virtual,
+            share_processor: self.share_processor,
+        });
+        let said = &cause.evidence;
+        assert_eq!((cause.class, cause.stage), (class, stage.into()), "{said}");
+        assert!(said.contains(evidence), "no `{evidence}` in `{said}`");
+    }
+
+    /// Feeds an analysis as the recorder does; gives the deadlines missed before the last state, too.
+    fn analysed(&self) -> (MissAnalysis, u64) {
+        let mut analysis = MissAnalysis::new(GRID, true, true);
+        let mut samples = self.samples.iter().peekable();
+        let (mut missed, mut judged) = (0, 0);
+        for (tick, stages) in &self.timings {
+            while let Some(sample) = samples.next_if(|it| it.at_ns <= GRID.begin_of(*tick)) {
+                analysis.sample(*sample);
+            }
+            let header = |role: Role| {
+                let timing = stages[role as usize]?;
+                let mut header = Header {
+                    tick: *tick,
+                    input_tick: [tick.saturating_sub(u64::from(!timing.is_fresh)); 3],
+                    ..Header::new()
+                };
+                header.stamps[role as usize] = Stamps {
+                    receive_ns: timing.receive_ns,
+                    send_ns: timing.send_ns,
+                };
+                Some(header)
+            };
+            if let Some(envelope) = header(Plant) {
+                let mut content = State::default();
+                // At the begin of each tick since its last state, the plant looks for the command of the tick before.
+                for begun in judged + 1..=*tick {
+                    let before = self.timings.get(&(begun - 1));
+                    let command = before.and_then(|stages| stages[Mixer as usize]);
+                    if command.is_some_and(|it| it.send_ns <= GRID.begin_of(begun)) {
+                        content.deadline_miss_run = 0;
+                    } else {
+                        content.deadline_miss_run += 1;
+                        missed += 1;
+                    }
+                }
+                judged = *tick;
+                content.deadlines_missed = missed;
+                analysis.state(&Message { envelope, content });
+            }
+            stamp::<Setpoint>(&mut analysis, header(Outer));
+            stamp::<Wrench>(&mut analysis, header(Inner));
+            stamp::<RotorSpeeds>(&mut analysis, header(Mixer));
+            analysis.look();
+        }
+        samples.for_each(|sample| analysis.sample(*sample));
+        (analysis, missed)
+    }
+
+    /// The report's section after a flight that ended with a tick.
+    fn section(&self, last_tick: u64) -> OutageSection {
+        let (mut analysis, missed) = self.analysed();
+        analysis.finish(missed, last_tick);
+        analysis.section()
+    }
+}
+
+#[test]
+fn when_all_stages_are_late_the_processor_stalled() {
+    stall().is(ProcessorStalled, None, "although others were due");
+    // Frozen after the inner loop has sent; the plant's next tick begins late, too.
+    let mut chain = good();
+    chain.delays(MISSED, Mixer, 1_600);
+    chain.delays(MISSED + 1, Plant, 640);
+    chain.is(ProcessorStalled, None, "mixer woke 1600 us later");
+    let mut law = good();
+    law.computes(MISSED, Inner, 1_600);
+    law.delays(MISSED + 1, Plant, 640);
+    law.is(ProcessorStalled, None, "inner computed 1600 us longer");
+    let mut busy = long_stall();
+    busy.sampled(5, |sample| sample.busy = 2);
+    busy.is(CannotTell, None, "the processor was busy");
+}
+
+#[test]
+fn when_the_host_took_half_of_the_time_it_is_the_host() {
+    // Too short for any other stage to have been due.
+    let mut short = good();
+    short.delays(MISSED, Plant, 930);
+    short.delays(MISSED + 1, Plant, 60);
+    short.is(CannotTell, None, "nothing else was due to show it");
+    short.is_virtual = false;
+    short.is(WakeLate, Plant, "plant woke 930 us later");
+    // Two jiffies of 20 ms; one jiffy by chance is a third of 30 ms.
+    let mut stolen = long_stall();
+    stolen.sampled(5, |sample| sample.stolen = 2);
+    stolen.is(HostStall, None, "the host took 20 ms");
+    let mut chance = good();
+    chance.silence(MISSED..MISSED + 30);
+    chance.delays(MISSED + 30, Plant, 100);
+    chance.sampled(5, |sample| sample.stolen = 1);
+    chance.is(ProcessorStalled, None, "no stage ran");
+    // A stage that was ready had no processor because the host had it.
+    let mut ready = stolen.clone();
+    ready.counted(5, Plant, |counters| counters.waited_ns += 20_000 * US);
+    ready.is(HostStall, None, "the host took 20 ms");
+    // It may have been another processor that the host took.
+    stolen.share_processor = false;
+    stolen.is(CannotTell, None, "do not share a processor");
+}
+
+#[test]
+fn a_stage_that_is_late_while_others_run_was_woken_late() {
+    let mut late = late_mixer();
+    late.is(WakeLate, Mixer, "others ran meanwhile");
+    // On processors of their own, the timing of one stage says nothing about another.
+    late.share_processor = false;
+    late.is(CannotTell, None, "do not share a processor");
+}
+
+#[test]
+fn a_stage_that_computes_long_while_others_run_or_repeatedly_is_named() {
+    // Woken by its own timer, the mixer of the higher priority works in between.
+    let mut once = good();
+    once.computes(MISSED, Inner, 1_600);
+    once.mixer_at(MISSED, 900, 1_001);
+    once.is(ComputedLong, Inner, "others ran meanwhile");
+    let mut often = good();
+    for tick in [MISSED - 10, MISSED, MISSED + 7] {
+        often.computes(tick, Mixer, 960);
+    }
+    often.is(ComputedLong, Mixer, "in other ticks around");
+    // No other stage can run while the stage of the highest priority does: the kernel's counters tell.
+    let mut hardware = good();
+    hardware.computes(MISSED, Mixer, 1_960);
+    hardware.delays(MISSED + 1, Plant, 1_000);
+    hardware.is_virtual = false;
+    hardware.is(ProcessorStalled, None, "no stage ran");
+    hardware.counted(4, Mixer, |counters| counters.ran_ns += 1_900 * US);
+    hardware.is(ComputedLong, Mixer, "it ran for");
+}
+
+#[test]
+fn a_stage_that_always_takes_longer_than_a_tick_computes_long() {
+    let mut always = good();
+    for tick in 0..TICKS {
+        let inner = timing(tick, 50, 2_450, true);
+        *always.stage(tick, Inner) = inner.filter(|_| tick % 3 == 0);
+        always.mixer_at(tick, 900, 905);
+    }
+    always.is(ComputedLong, Inner, "inner was at work for");
+    // Under real-time scheduling the plant, which is less urgent, does not get the processor meanwhile.
+    always.timings.retain(|tick, _| tick % 3 == 0);
+    always.is(ComputedLong, Inner, "inner was at work for");
+}
+
+#[test]
+fn a_message_that_was_sent_in_time_and_not_used_is_named() {
+    // The mixer rejected the wrench, say, waited until its cut-off and was a little late itself.
+    let mut unused = good();
+    unused.mixer_at(MISSED, 990, 1_010);
+    unused.is(NotUsed, Inner, "what inner had sent in time was waited for");
+}
+
+#[test]
+fn counters_of_the_late_stage_go_before_other_evidence() {
+    for (from, role, class, words) in [
+        (4, Mixer, PageFault, "3 page faults"),
+        (4, Outer, WakeLate, "others ran"),
+        (2, Mixer, WakeLate, "others ran"),
+    ] {
+        let mut faults = late_mixer();
+        faults.counted(from, role, |counters| counters.faults += 3);
+        faults.is(class, Mixer, words);
+    }
+    let mut waited = stall();
+    waited.waited(Plant, 400);
+    waited.is(ProcessorStalled, None, "although others were due");
+    waited.waited(Plant, 1_600);
+    waited.is(ReadyNotRun, Plant, "nobody was seen to run");
+    let mut switched = waited.clone();
+    switched.counted(4, Plant, |counters| counters.involuntary_switches += 1);
+    switched.is(
+        Preempted,
+        Plant,
+        "2000 us without the processor, 1 involuntary",
+    );
+    // When the host stops a virtual machine, the thread on its processor seems to run.
+    let mut busy = waited;
+    busy.sampled(4, |sample| sample.busy = 1);
+    busy.is(ReadyNotRun, Plant, "nobody was seen to run");
+    busy.is_virtual = false;
+    busy.is(Preempted, Plant, "which was busy for 10 ms");
+    // Two thirds of the ticks are as bad: the good ones show what is usual.
+    let mut always = stall();
+    for from in [1, 2, 4, 5, 7] {
+        always.counted(from, Plant, |counters| counters.waited_ns += 5_000 * US);
+    }
+    always.is(ReadyNotRun, Plant, "without the processor");
+    // The mixer got the processor with the plant, too late for its tick, and found no input in the next one.
+    let mut skipped = stall();
+    skipped.silence_of(Mixer, MISSED + 2..MISSED + 4);
+    skipped.stage(MISSED + 2, Inner).as_mut().unwrap().send_ns += 1_000 * US;
+    skipped.waited(Plant, 2_300);
+    skipped.is(ReadyNotRun, Plant, "plant woke 2100 us later");
+}
+
+#[test]
+fn a_stage_that_was_stopped_or_has_ended_is_named() {
+    let mut stopped = silent_mixer();
+    stopped.stopped(Mixer);
+    stopped.is(StoppedOrDead, Mixer, "its process was stopped");
+    let mut dead = good();
+    dead.silence_of(Mixer, MISSED..TICKS);
+    dead.counted(4, Mixer, |counters| counters.life = Life::Dead);
+    dead.is(StoppedOrDead, Mixer, "its process has ended");
+    let mut replaced = silent_mixer();
+    let successor = Counters {
+        pid: 900,
+        ..Counters::default()
+    };
+    replaced.counted(5, Mixer, |counters| *counters = successor);
+    let words = "its process has ended, and process 900 took its place";
+    replaced.is(StoppedOrDead, Mixer, words);
+    replaced.stopped(Mixer);
+    let words = "its process was stopped and has ended, and process 900 took its place";
+    replaced.is(StoppedOrDead, Mixer, words);
+    // The mixer worked at its cut-off, a little late; the stage that it waited for was stopped.
+    let mut upstream = good();
+    upstream.silence_of(Inner, MISSED..MISSED + 20);
+    upstream.mixer_at(MISSED, 1_050, 1_060);
+    upstream.stopped(Inner);
+    upstream.is(StoppedOrDead, Inner, "its process was stopped");
+    // The cause is that of most of the outage, not that of its begin.
+    let mut late_first = good();
+    late_first.delays(MISSED, Plant, 700);
+    late_first.delays(MISSED + 1, Plant, 600);
+    late_first.silence_of(Mixer, MISSED..MISSED + 20);
+    late_first.stopped(Mixer);
+    late_first.is(StoppedOrDead, Mixer, "its process was stopped");
+}
+
+#[test]
+fn a_trace_shows_which_thread_ran_instead() {
+    let thread = |pid: u64, priority: u64| Runner::Thread {
+        pid,
+        priority,
+        name: "hog".into(),
+    };
+    // The plant's own priority is known from a slice of ten ticks before.
+    let traced = |slices: &[(u64, u64, Runner)]| {
+        let mut late = good();
+        late.silence(MISSED..MISSED + 1);
+        late.delays(MISSED + 1, Plant, 800);
+        let slice = |tick: u64, from_us: u64, to_us: u64, runner| Slice {
+            from_ns: GRID.begin_of(tick) + from_us * US,
+            to_ns: GRID.begin_of(tick) + to_us * US,
+            runner,
+        };
+        late.slices.push(slice(MISSED - 10, 0, 1, thread(100, 19)));
+        for (from_us, to_us, runner) in slices.iter().cloned() {
+            late.slices.push(slice(MISSED, from_us, to_us, runner));
+        }
+        late
+    };
+    let urgent = "interrupts, or a thread at least as urgent, had the processor; meanwhile ran";
+    let hogged = traced(&[(0, 200, Runner::Idle), (200, 1_820, thread(4711, 0))]);
+    let words = format!("{urgent} hog (4711) 1620 us, idle 200 us");
+    hogged.is(Preempted, Plant, &words);
+    let timer = Runner::Interrupt {
+        name: "softirq TIMER".into(),
+    };
+    let interrupted = traced(&[(0, 1_820, Runner::Idle), (0, 1_820, timer)]);
+    interrupted.is(Preempted, Plant, urgent);
+    // The plant itself, the idle task and a less urgent thread keep no stage from the processor.
+    for runner in [thread(100, 19), Runner::Idle, thread(4711, 120)] {
+        let words = "no stage ran, although others were due; meanwhile ran";
+        traced(&[(0, 1_820, runner)]).is(ProcessorStalled, None, words);
+    }
+}
+
+#[test]
+fn an_outage_of_many_delays_is_due_to_the_stage_with_most_of_them() {
+    let mut slow = good();
+    for tick in MISSED..MISSED + 20 {
+        slow.computes(tick, Inner, 1_100 + 100 * (tick % 2));
+        // The mixer waits until its cut-off and is in time, without the output.
+        slow.mixer_at(tick, 860, 865);
+    }
+    slow.delays(MISSED + 3, Plant, 300);
+    slow.is(ComputedLong, Inner, "in the longest of 20 delays");
+}
+
+#[test]
+fn evidence_that_does_not_decide_names_no_cause() {
+    let mut lost = stall();
+    lost.sampled(5, |sample| sample.lost = 1);
+    lost.is(CannotTell, None, "lost messages");
+    let mut several = good();
+    for role in STAGES {
+        several.delays(MISSED, role, 240);
+    }
+    several.is(CannotTell, None, "none accounts for most");
+    good().is(CannotTell, None, "no stage was later than usual");
+}
+
+#[test]
+fn every_missed_deadline_is_in_one_outage() {
+    let mut evidence = stall();
+    // The last command of all never comes.
+    evidence.silence_of(Mixer, TICKS - 1..TICKS);
+    let (mut analysis, missed) = evidence.analysed();
+    assert_eq!((missed, analysis.section().pending), (2, 2));
+    analysis.finish(missed + 1, TICKS);
+    let section = analysis.section();
+    let counted: u64 = section.classes.iter().map(|class| class.missed).sum();
+    assert_eq!(counted, missed + 1);
+    let outages = section.worst.iter();
+    let outages: Vec<_> = outages.map(|it| (it.tick, it.ticks, it.missed)).collect();
+    assert_eq!(outages, [(MISSED, 2, 2), (TICKS - 1, 1, 1)]);
+    let worst = &section.worst[0];
+    assert_eq!(worst.class, ProcessorStalled);
+    // From the begin of the first tick to the plant's waking, 120 us after the begin of the third.
+    assert!((worst.delay_us - 2_120.0).abs() < 1e-6, "{worst:?}");
+    let timeline = worst.timeline.iter();
+    let timeline: Vec<_> = timeline.map(|it| (it.tick, it.stages.len())).collect();
+    let stages = [4, 0, 0, 4, 4];
+    assert_eq!(timeline, Vec::from_iter((MISSED - 1..).zip(stages)));
+}
+
+/// What is published in a tick while one stage is stopped.
+fn tick_without(stage: Role, tick: u64) -> TickTimings {
+    let at_cut_off = |role: Role, is_fresh: bool| {
+        let wake_us = TICK_US * role.deadline_percent() / 100 + 10;
+        timing(tick, wake_us, wake_us + 5, is_fresh)
+    };
+    let [plant, outer, inner, mixer] = good_tick(tick);
+    match stage {
+        // Without a state the outer loop publishes nothing, and the inner loop holds its output. The plant finds the
+        // mixer's command too late once it is back.
+        Plant => {
+            let late = timing(tick, TICK_US, TICK_US + 10, true);
+            [None, None, at_cut_off(Inner, false), late]
+        }
+        Outer => [
+            plant,
+            None,
+            at_cut_off(Inner, false),
+            at_cut_off(Mixer, true),
+        ],
+        Inner => [plant, outer, None, at_cut_off(Mixer, false)],
+        _ => [plant, outer, inner, mixer.filter(|_| false)],
+    }
+}
+
+#[test]
+fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
+    for (stage, ticks) in STAGES
+        .into_iter()
+        .flat_map(|it| [(it, 5), (it, 100), (it, 3000)])
+    {
+        let (first, last, end) = (MISSED, MISSED + ticks - 1, MISSED + ticks - 1 + TICKS);
+        let mut evidence = good();
+        evidence.timings = (0..end).map(|tick| (tick, good_tick(tick))).collect();
+        evidence.samples = vec![evidence.samples[0]; end as usize / 10 + 2];
+        for tick in first..=last {
+            evidence.timings.insert(tick, tick_without(stage, tick));
+        }
+        for (sample, tick) in evidence.samples.iter_mut().zip((0..).step_by(10)) {
+            sample.at_ns = GRID.begin_of(tick);
+            if (first..=last).contains(&tick) {
+                sample.stages[stage as usize].life = Life::Stopped;
+            }
+        }
+        let section = evidence.section(end);
+        let [case] = &section.worst[..] else {
+            panic!("{stage} for {ticks} ticks: {section:?}")
+        };
+        // Without the outer or the inner loop the mixer goes on, and no deadline is missed.
+        let missed = ticks * u64::from(matches!(stage, Plant | Mixer));
+        let outage = (case.tick, case.ticks, case.missed);
+        assert_eq!(outage, (first, ticks, missed), "{stage}");
+        let shown = case.timeline.iter().map(|tick| tick.tick);
+        let ends = (first - 1..first + 3).chain(last - 1..last + 3);
+        assert!(shown.eq(ends), "{case:?}");
+        if stage == Mixer && ticks > 10 {
+            // It is due when the inner loop has sent.
+            assert_eq!(case.due_us, 55.0);
+            let back_us = (ticks * TICK_US + 65) as f64;
+            let off_us = case.due_us + case.delay_us - back_us;
+            assert!(off_us.abs() < 1.0, "{case:?}");
+        }
+        // A stop of 5 ticks lies between two samples.
+        let is_stopped = (case.class, case.stage.as_deref()) == (StoppedOrDead, Some(stage.name()));
+        assert_eq!(is_stopped, ticks > 10, "{stage}, {ticks}: {case:?}");
+        let longest = section.longest.unwrap();
+        assert_eq!(longest[stage.name()], ticks, "{longest:?}");
+        assert!(!longest.contains_key(MACHINE), "{longest:?}");
+    }
+}
+
+#[test]
+fn outages_are_those_of_stages_that_published_nothing_and_were_seen_whole() {
+    let out = || {
+        let mut evidence = good();
+        let silent = (MISSED..MISSED + 8).map(|tick| (tick, TickTimings::default()));
+        evidence.timings.extend(silent);
+        evidence
+    };
+    let longest = out().section(TICKS - 1).longest.unwrap();
+    assert_eq!(longest.len(), 5, "every stage and the machine: {longest:?}");
+    assert!(longest.values().all(|ticks| *ticks == 8), "{longest:?}");
+    // The recorder lost messages.
+    let mut unseen = out();
+    unseen.sampled(4, |sample| sample.lost = 1);
+    let section = unseen.section(TICKS - 1);
+    assert_eq!((section.longest.unwrap().len(), section.unmeasured), (0, 1));
+    // A message in time that was not used is no outage of its sender.
+    let mut unused = good();
+    for tick in MISSED..MISSED + 8 {
+        unused.stage(tick, Mixer).as_mut().unwrap().is_fresh = false;
+    }
+    let section = unused.section(TICKS - 1);
+    assert_eq!(section.classes[0].class, NotUsed);
+    assert_eq!(section.longest, Some(BTreeMap::new()));
+    // Neither are the ticks before a stage began and after the flight.
+    let mut ends = good();
+    ends.silence_of(Inner, 0..3);
+    ends.silence_of(Mixer, TICKS - 1..TICKS);
+    let none = OutageSection {
+        longest: Some(BTreeMap::new()),
+        ..OutageSection::default()
+    };
+    assert_eq!(ends.section(TICKS - 1), none);
+}
+
+/// A stage dies in the last tick, and ends the flight with it, before a sample shows it.
+#[test]
+fn a_stage_that_ends_the_flight_by_its_death_is_named() {
+    let mut evidence = good();
+    evidence.timings.retain(|tick, _| *tick <= MISSED);
+    evidence.silence_of(Mixer, MISSED..MISSED + 1);
+    evidence.samples.truncate(4);
+    for is_dead in [true, false] {
+        let (mut analysis, _) = evidence.analysed();
+        analysis.fallen([false, false, false, is_dead], GRID.begin_of(MISSED + 4));
+        analysis.finish(1, MISSED + 1);
+        let section = analysis.section();
+        let [cause] = &section.classes[..] else {
+            panic!("{section:?}")
+        };
+        assert_eq!(cause.class == StoppedOrDead, is_dead, "{cause:?}");
+        if is_dead {
+            assert_eq!((cause.stage.as_deref(), cause.missed), (Some("mixer"), 1));
+        }
+    }
+}

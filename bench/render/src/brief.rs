@@ -1,0 +1,241 @@
+//! The summary that `fly` prints at its end: at most 29 lines of 80 columns, the most important first.
+
+use crate::document::{Table, known, row, us};
+use crate::{flight, outages as outage_section, sentences as shared};
+use analysis::outages::CauseCount;
+use analysis::phrase::{INDENT, WIDTH, count, wrapped};
+use analysis::process_failures;
+use analysis::schema::{FlightVerdict, Report};
+use analysis::speed::Speed;
+use messages::role::{Role, STAGES};
+use std::collections::BTreeMap;
+
+/// Lines; with that of the result they are 30.
+const HEIGHT: usize = 29;
+/// An outage of so many ticks can lose a flight.
+const LONG_OUTAGE_TICKS: u64 = 20;
+/// Lines of a sentence; where it ends is in the whole report.
+const LINES: usize = 3;
+/// Last line of what there is no room for.
+const MORE: &str = "          ... the rest: ironbird report --full";
+/// The latencies that say how the loop did: those of the whole, then of each step.
+const SERIES: [&str; 7] = [
+    "loop",
+    "slack",
+    "timer",
+    "wake.plant",
+    "hop.plant_outer",
+    "hop.outer_inner",
+    "hop.inner_mixer",
+];
+
+/// Where the rest of a flight is, as far as it is there.
+#[derive(Clone, Debug, Default)]
+pub struct Left {
+    pub page: Option<String>,
+    pub log: Option<String>,
+}
+
+/// Renders the short report of a flight, with where the rest is.
+pub fn render(report: &Report, left: &Left) -> String {
+    let foot = [latencies(report), foot(left)].concat();
+    let sentences = sentences(report);
+    let mut head: Vec<String> = sentences.iter().flat_map(|it| lines(it)).collect();
+    let room = HEIGHT - foot.len();
+    if head.len() > room {
+        head.truncate(room - 1);
+        head.push(MORE.into());
+    }
+    [head, foot].concat().join("\n") + "\n"
+}
+
+fn sentences(report: &Report) -> Vec<String> {
+    let word = |(subject, word, why): (&str, &str, &str)| {
+        format!("{subject:<9} {}: {why}", word.to_uppercase())
+    };
+    let mut all = shared::verdicts(&report.words).map(word).to_vec();
+    all.extend(lost_by_lateness(report));
+    all.extend(shared::warnings(report));
+    all.push(format!("Gates     {}", shared::acceptance(&report.verdict)));
+    let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
+    all.extend(failed.map(|gate| format!("  {}", shared::gate(gate))));
+    all.push(format!(
+        "Flown     {}: {}; {:.1} s from {}",
+        flight::ending(report),
+        flight::pace(report),
+        report.ticks.elapsed_s,
+        report.run.started
+    ));
+    if !report.faults.is_empty() {
+        let faults = report.faults.iter().map(shared::short_fault);
+        let faults: Vec<String> = faults.collect();
+        all.push(format!("Faults    {}", faults.join(", ")));
+    }
+    all.extend(report.deaths.last().map(|last| {
+        let last = flight::failure_line(last);
+        match process_failures::number(report) {
+            1 => format!("Deaths    {last}"),
+            number => format!("Deaths    {number}, the last one: {last}"),
+        }
+    }));
+    all.extend(outages(report));
+    // How to measure can wait: what is refused matters more, and there is room for little.
+    let margin = report.margin.as_ref();
+    let is_known = margin.is_some_and(|it| it.unknown.is_none());
+    let margin = shared::margin(report).map(|margin| format!("Margin    {margin}"));
+    all.extend(margin.clone().filter(|_| is_known));
+    all.push(format!("Tracking  {}", flight::position_error(report)));
+    all.extend(floors(report));
+    all.extend(refused(report));
+    all.extend(margin.filter(|_| !is_known));
+    all
+}
+
+fn lines(sentence: &str) -> Vec<String> {
+    const CUT: &str = " ...";
+    let mut lines = wrapped(sentence);
+    if lines.len() > LINES {
+        lines.truncate(LINES);
+        let last = &mut lines[LINES - 1];
+        if let Some((end, _)) = last.char_indices().nth(WIDTH - CUT.len()) {
+            let words = last[..end].rfind(' ').unwrap_or(end);
+            last.truncate(words);
+        }
+        last.push_str(CUT);
+    }
+    lines
+}
+
+fn latencies(report: &Report) -> Vec<String> {
+    let series = SERIES.iter().filter_map(|name| report.series(name));
+    let rows = series.map(|it| {
+        let [p50, p99, max] = [it.p50_us, it.p99_us, it.max_us].map(us);
+        let p999 = known(it.p999_us.map(us));
+        row([&it.name, &it.count, &p50, &p99, &p999, &max])
+    });
+    let columns = ["Latencies [us]", "count", "p50", "p99", "p99.9", "max"];
+    let table = Table::new(columns, rows).text();
+    table.lines().map(str::to_owned).collect()
+}
+
+fn foot(left: &Left) -> Vec<String> {
+    let files = [("Page", &left.page), ("Log", &left.log)];
+    let path = |(what, path): (&str, &Option<String>)| {
+        Some(format!("{what:<9} {}", shortened(path.as_ref()?)))
+    };
+    let more = "More      ironbird report --full, or a part of it: --section NAME";
+    files
+        .into_iter()
+        .filter_map(path)
+        .chain([more.to_owned()])
+        .collect()
+}
+
+/// A path without its middle, where the line has no room for it: the line of the result has the whole directory.
+fn shortened(path: &str) -> String {
+    const ROOM: usize = WIDTH - INDENT.len();
+    const HEAD: usize = 20;
+    let length = path.chars().count();
+    if length <= ROOM {
+        return path.to_owned();
+    }
+    let head: String = path.chars().take(HEAD).collect();
+    let tail = path.chars().skip(length - (ROOM - HEAD - "...".len()));
+    format!("{head}...{}", tail.collect::<String>())
+}
+
+/// That a lost flight was lost to the machine, where the record shows that, and what to type.
+fn lost_by_lateness(report: &Report) -> Option<String> {
+    let is_lost = report.words.flight.word == FlightVerdict::Lost;
+    let outage = report.autopsy.worst.first()?;
+    let is_of_the_machine = outage.class.is_of_the_machine()
+        && outage.faults.is_empty()
+        && outage.ticks >= LONG_OUTAGE_TICKS;
+    (is_lost && is_of_the_machine && report.deaths.is_empty()).then(|| {
+        format!(
+            "Why lost  the machine was late by up to {} ({}); that is not the law's fault. \
+             Try `ironbird doctor`, or fly without a clock: `ironbird simulate` or \
+             `ironbird fly --pace lockstep`",
+            count(outage.ticks, "tick"),
+            outage.class.words()
+        )
+    })
+}
+
+/// How many outages there were, what most misses were due to, and the longest one.
+fn outages(report: &Report) -> Option<String> {
+    let classes = &report.autopsy.classes;
+    let first = classes.first()?;
+    // A file may hold any numbers.
+    let sum = |of: fn(&CauseCount) -> u64| classes.iter().map(of).fold(0, u64::saturating_add);
+    let (outages, missed) = (sum(|it| it.outages), sum(|it| it.missed));
+    let due = match missed {
+        0 => format!(
+            "{} of them: {}",
+            first.outages,
+            outage_section::cause(first)
+        ),
+        _ => format!(
+            "{} of these: {}",
+            first.missed,
+            outage_section::cause(first)
+        ),
+    };
+    let longest = report.autopsy.worst.first();
+    let longest = longest.map(|case| format!("; the longest: {}", outage_section::line(case)));
+    // Misses that no outage was seen with are counted under the first class, too.
+    let with = match outages {
+        0 => "none seen".into(),
+        _ => outages.to_string(),
+    };
+    let missed = count(missed, "missed deadline");
+    let longest = longest.unwrap_or_default();
+    Some(format!("Outages   {with} with {missed}, {due}{longest}"))
+}
+
+/// How many times its floor each latency is that has one.
+fn floors(report: &Report) -> Option<String> {
+    let beside = report.beside.as_ref()?;
+    let times = |it: flight::Compared<'_>| {
+        let times = it.times.map(|it| known(it.map(|it| format!("{it:.2}"))));
+        format!("{} is {} times a {}", it.series, times.join(", "), it.floor)
+    };
+    let all: Vec<String> = flight::compared(beside, report).map(times).collect();
+    Some(format!("Floors    at p50, p99, p99.9: {}", all.join("; ")))
+}
+
+/// What the system refused, once for all processes that it refused it to, and what can be flown without it.
+fn refused(report: &Report) -> Vec<String> {
+    let mut by_step = BTreeMap::<(&str, &str), Vec<&str>>::new();
+    for (name, role) in &report.roles {
+        for step in &role.realtime {
+            if let Some(reason) = &step.refused {
+                by_step.entry((&step.step, reason)).or_default().push(name);
+            }
+        }
+    }
+    if by_step.is_empty() {
+        let role = |stage: &Role| report.roles.get(stage.name());
+        let is_plain = |stage| role(stage).is_some_and(|it| it.scheduling == "other");
+        let is_on_the_clock = report.run.speed() != Speed::Lockstep && STAGES.iter().all(is_plain);
+        let plain = "Real time not asked for: the loops were scheduled like any other program";
+        return Vec::from_iter(is_on_the_clock.then(|| plain.to_owned()));
+    }
+    let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
+        let whom = match STAGES.iter().all(|stage| roles.contains(&stage.name())) {
+            true => "all loops".into(),
+            false => roles.join(", "),
+        };
+        let reason = reason.split(" (os error").next().unwrap_or(reason);
+        format!("{} to {whom}: {reason}", step.replace('_', " "))
+    };
+    let parts: Vec<String> = by_step.iter().map(part).collect();
+    vec![
+        format!("Refused   {}", parts.join("; ")),
+        format!("{INDENT}{WITHOUT_IT}"),
+    ]
+}
+
+/// What can be done about a refusal, and what can be flown in spite of it.
+const WITHOUT_IT: &str = "`ironbird doctor` lists remedies; those that need no root are --pace lockstep, \
+                          flight.slowdown (slow motion) and `ironbird simulate`";

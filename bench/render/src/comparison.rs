@@ -1,0 +1,439 @@
+//! A comparison of control laws: the document, and the Markdown tables of several comparisons.
+
+use crate::document::{Block, Document, Figure, Section, Table, known};
+use crate::plot::{Axis, Chart, LAWS, Layer, through};
+use crate::scale::Scale;
+use analysis::comparison::{
+    Comparison, ErrorFigures, Fault, Figures, Flight, Outcome, POWER, SETTLING_S, STAYING_S,
+    TRUE_ERROR,
+};
+use analysis::traces::Span;
+
+/// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
+const ERROR_MIN_M: f64 = 1e-4;
+
+pub fn document(comparison: &Comparison) -> Document {
+    let flight = &comparison.flight;
+    let combinations = comparison.outcomes.len();
+    let fault = |fault: &Fault| format!("{:>8.3} s  {}", fault.time_s, fault.what);
+    let mut lead = vec![Block::Paragraph(flown(flight))];
+    if !flight.faults.is_empty() {
+        lead.push(Block::Items(flight.faults.iter().map(fault).collect()));
+    }
+    let mut sections = vec![over_time(comparison)];
+    match (flight.faults.first(), flight.settled_tick()) {
+        (Some(first), Some(settled)) => {
+            let before = format!("before {:.3} s ", first.time_s);
+            let after = format!("from {:.3} s on ", flight.time_s(settled));
+            let of_before = |it: &Figures| it.error_before;
+            sections.push(errors(comparison, "error-before", &before, of_before));
+            let of_after = |it: &Figures| it.error_after;
+            sections.push(errors(comparison, "error-after", &after, of_after));
+        }
+        _ => sections.push(errors(comparison, "error", "", |it| Some(it.error))),
+    }
+    if !flight.faults.is_empty() {
+        let faults = flight.faults.iter();
+        let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
+        let title = format!(
+            "Recovered from the fault at: true error below {} m for good, {STAYING_S} s at least",
+            flight.bound_m
+        );
+        let table = table(comparison, columns, |it| recoveries_of(it).collect());
+        sections.push(Section::new("recovery", title, vec![table]));
+    }
+    let columns = [
+        "power [hover]",
+        "change of a command in a tick, rms [rad/s]",
+        "saturated [%]",
+        "outputs",
+    ];
+    let effort = |outcome: &Outcome| {
+        let effort = &outcome.figures.effort;
+        vec![
+            format!("{:.4}", effort.power),
+            significant(effort.agitation_rad_s),
+            format!("{:.2}", effort.saturated_percent),
+            outcome.outputs.clone(),
+        ]
+    };
+    let effort = vec![table(comparison, columns, effort)];
+    sections.push(Section::new("effort", "Effort", effort));
+    sections.extend(endings(comparison));
+    Document {
+        title: format!("{combinations} combinations of laws, {}", flown(flight)),
+        heading: format!("{combinations} combinations of laws, one flight"),
+        build: comparison.build.to_string(),
+        lead,
+        sections,
+        footer: ". The hash of each flight is the one that `ironbird simulate` prints.".into(),
+        ..Document::default()
+    }
+}
+
+fn flown(flight: &Flight) -> String {
+    let length_s = flight.time_s(flight.last_tick);
+    let (airframe, seed) = (&flight.airframe, flight.seed);
+    let flown = crate::flight::flown(&flight.trajectory, &flight.preset, airframe);
+    format!("{flown}, {length_s} s, seed {seed}")
+}
+
+fn table(
+    comparison: &Comparison,
+    columns: impl IntoIterator<Item = impl ToString>,
+    cells: impl Fn(&Outcome) -> Vec<String>,
+) -> Block {
+    let rows = comparison.outcomes.iter();
+    let rows = rows.map(|it| (comparison.name_of(&it.laws), cells(it)));
+    Block::Table(Table::named("laws", columns, rows))
+}
+
+/// The true position errors of a part of the flight, `when`.
+fn errors(
+    comparison: &Comparison,
+    id: &'static str,
+    when: &str,
+    of: fn(&Figures) -> Option<ErrorFigures>,
+) -> Section {
+    let cells = |outcome: &Outcome| match of(&outcome.figures) {
+        Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(millimetres).into(),
+        None => vec!["-".to_owned(); 3],
+    };
+    let table = table(comparison, ["rms", "p99", "worst"], cells);
+    Section::new(id, format!("True position error {when}[mm]"), vec![table])
+}
+
+/// Why flights were lost, and what laws answered that could not be used.
+fn endings(comparison: &Comparison) -> Vec<Section> {
+    let named =
+        |outcome: &Outcome, what: &str| format!("{}: {what}", comparison.name_of(&outcome.laws));
+    let outcomes = &comparison.outcomes;
+    let mut lost = Vec::new();
+    let mut unusable = Vec::new();
+    for it in outcomes {
+        lost.extend(ending(it).map(|why| named(it, &why)));
+        unusable.extend(it.unusable.iter().map(|what| named(it, what)));
+    }
+    let mut sections = vec![if lost.is_empty() {
+        let all = format!("All {} flew to the end", outcomes.len());
+        Section::new("lost", all, Vec::new())
+    } else {
+        Section::new("lost", "Lost", vec![Block::Items(lost)])
+    }];
+    if !unusable.is_empty() {
+        let title = "Outputs that could not be used";
+        let items = vec![Block::Items(unusable)];
+        sections.push(Section::new("unusable", title, items));
+    }
+    sections
+}
+
+fn over_time(comparison: &Comparison) -> Section {
+    let names = comparison.outcomes.iter();
+    let names = names.map(|outcome| comparison.name_of(&outcome.laws));
+    let keys: Vec<(&'static str, String)> = LAWS.into_iter().zip(names).collect();
+    let note = "Each line is drawn through the smallest and the largest value of its stretches; it ends where the flight \
+                did. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
+                multiple of that in hover.";
+    let (error, power) = (error_chart(comparison), power_chart(comparison));
+    let figures = vec![
+        Figure::new("error", "True position error", keys.clone(), error),
+        Figure::new("power", "Rotor power", keys, power),
+    ];
+    let blocks = vec![
+        Block::Legend(vec![("mark swap", "fault")]),
+        Block::WideFigures(figures),
+        Block::Note(note.into()),
+    ];
+    Section::new("time", "Over time", blocks)
+}
+
+fn error_chart(comparison: &Comparison) -> Chart {
+    let bound_m = comparison.flight.bound_m;
+    let (mut lines, values) = lines(comparison, TRUE_ERROR, ERROR_MIN_M);
+    lines.push(Layer::level("deadline", bound_m, "recovered"));
+    let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
+    over(comparison, "true position error [m]", scale, lines)
+}
+
+fn power_chart(comparison: &Comparison) -> Chart {
+    let (lines, values) = lines(comparison, POWER, 0.0);
+    let scale = Scale::linear(values.into_iter(), 0.01);
+    over(comparison, "rotor power [hover]", scale, lines)
+}
+
+/// A line for each combination, and all values on them; what is below `least` is drawn there.
+fn lines(comparison: &Comparison, channel: &str, least: f64) -> (Vec<Layer>, Vec<f64>) {
+    let flight = &comparison.flight;
+    let mut values = Vec::new();
+    let line = |(outcome, class): (&Outcome, &'static str)| {
+        let trace = &outcome.figures.trace;
+        let last = trace.every_ticks.saturating_sub(1);
+        let ends_s = |tick| [flight.time_s(tick), flight.time_s(tick + last)];
+        let spans = trace.spans(channel).map(|span| Span {
+            min: span.min.max(least),
+            max: span.max.max(least),
+            ..span
+        });
+        let points = through(spans, ends_s);
+        values.extend(points.iter().map(|point| point.1));
+        Layer::Line { class, points }
+    };
+    let lines = comparison.outcomes.iter().zip(LAWS).map(line).collect();
+    (lines, values)
+}
+
+/// A chart over the whole plan of the flight, with its faults below what it shows.
+fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
+    let flight = &comparison.flight;
+    let words = |it: &Fault| {
+        let word = format!("fault at {:.3} s: {}", it.time_s, it.what);
+        (it.time_s, word)
+    };
+    let faults = Layer::verticals("swap", flight.faults.iter().map(words));
+    let layers = [faults].into_iter().chain(layers).collect();
+    let x = Scale::time(0.0, flight.time_s(flight.last_tick));
+    let (x, y) = (Axis::new(x, "time [s]"), Axis::new(scale, label));
+    Chart::new(format!("{label} over time"), x, y, layers)
+}
+
+/// Per fault, when a flight had recovered from it, in words.
+fn recoveries_of(outcome: &Outcome) -> impl Iterator<Item = String> {
+    let recovery_s = &outcome.figures.recovery_s;
+    let each = recovery_s.iter().enumerate();
+    each.map(|(i, time_s)| match time_s {
+        Some(0.0) => "never above".into(),
+        Some(time_s) => format!("after {time_s:.3} s"),
+        None if i + 1 == recovery_s.len() => "not in this flight".into(),
+        None => "not before the next".into(),
+    })
+}
+
+/// How a flight was lost; none where it was not.
+fn ending(outcome: &Outcome) -> Option<String> {
+    let why = outcome.lost.as_ref()?;
+    Some(match outcome.ended_early_s {
+        Some(time_s) => format!("ended at {time_s:.3} s: {why}"),
+        None => why.clone(),
+    })
+}
+
+/// A length in millimetres [mm], with three digits that count.
+pub fn millimetres(length_m: f64) -> String {
+    significant(1e3 * length_m)
+}
+
+/// A number with about three digits that count, and without an exponent.
+fn significant(value: f64) -> String {
+    let digits = match value.abs() {
+        100.0.. => 0,
+        10.0.. => 1,
+        1.0.. => 2,
+        _ => 3,
+    };
+    format!("{value:.digits$}")
+}
+
+/// Rows in which no law changes its commands by more are left out of what tells of that [rad/s].
+const QUIET_RAD_S: f64 = 0.1;
+
+/// What a combination made of a question in words, and what the best of a row has least of.
+type Answer = (String, Option<f64>);
+type Measure = fn(&Outcome) -> Answer;
+
+/// The Markdown tables of comparisons of the same laws, each with the name of its row; what is best in its row is bold.
+pub fn tables(rows: &[(String, Comparison)]) -> String {
+    let Some((_, first)) = rows.first() else {
+        return String::new();
+    };
+    let bound_m = first.flight.bound_m;
+    let error = format!(
+        "worst true position error from {SETTLING_S} s after the fault on [mm] / time until it stays below {bound_m} m [s]"
+    );
+    let change = format!(
+        "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
+    );
+    let questions: [(String, Measure, Option<f64>); 2] = [
+        (error, tracking, None),
+        (change, agitation, Some(QUIET_RAD_S)),
+    ];
+    let group = |outcome: &Outcome| (outcome.laws.outer.clone(), outcome.laws.mixer.clone());
+    let mut groups: Vec<(String, String)> = first.outcomes.iter().map(group).collect();
+    groups.dedup();
+    let mut tables = Vec::new();
+    for (question, answer, least) in &questions {
+        for of in &groups {
+            let is_of = |outcome: &&Outcome| group(outcome) == *of;
+            let rows = rows.iter().filter_map(|(name, comparison)| {
+                let outcomes = comparison.outcomes.iter().filter(is_of);
+                table_row(name, &outcomes.map(answer).collect::<Vec<_>>(), *least)
+            });
+            let laws = first.outcomes.iter().filter(is_of);
+            let laws = laws.map(|it| format!("`{}`", it.laws.inner));
+            let table = Table::named("fault", laws, rows);
+            let (outer, mixer) = of;
+            let mixer = match first.mixers_differ() {
+                true => format!(", mixer `{mixer}`"),
+                false => String::new(),
+            };
+            let table = table.markdown();
+            tables.push(format!("Outer law `{outer}`{mixer}: {question}\n\n{table}"));
+        }
+    }
+    tables.join("\n")
+}
+
+/// A row, unless none of its figures is above `least`.
+fn table_row(name: &str, answers: &[Answer], least: Option<f64>) -> Option<(String, Vec<String>)> {
+    let figures = || answers.iter().filter_map(|(_, figure)| *figure);
+    if least.is_some_and(|least| !figures().any(|figure| figure > least)) {
+        return None;
+    }
+    // Figures that print alike are both the best.
+    let best = figures().min_by(f64::total_cmp).map(significant);
+    let cells = answers.iter();
+    let cells = cells.map(|(text, figure)| match figure.map(significant) {
+        Some(figure) if Some(&figure) == best.as_ref() => format!("**{text}**"),
+        _ => text.clone(),
+    });
+    Some((name.replace('|', "\\|"), cells.collect()))
+}
+
+fn tracking(outcome: &Outcome) -> Answer {
+    let figures = &outcome.figures;
+    if let Some(time_s) = outcome.ended_early_s {
+        return (format!("lost at {time_s:.1} s"), None);
+    }
+    if outcome.lost.is_some() {
+        return ("below ground".into(), None);
+    }
+    // A row without a fault tells of the whole flight; one whose flight was over too soon, of nothing.
+    let whole = figures.recovery_s.is_empty().then_some(figures.error);
+    let error = figures.error_after.or(whole);
+    let error_mm = error.map(|error| 1e3 * error.worst_m);
+    let recovery_s = figures.recovery_s.last().copied().flatten();
+    let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
+    let error = known(error_mm.map(significant));
+    (format!("{error} / {recovery}"), error_mm)
+}
+
+fn agitation(outcome: &Outcome) -> Answer {
+    let agitation_rad_s = outcome.figures.effort.agitation_rad_s;
+    match outcome.lost {
+        Some(_) => ("lost".into(), None),
+        None => (significant(agitation_rad_s), Some(agitation_rad_s)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use flight_log::build::Build;
+
+    use super::*;
+    use analysis::comparison::{Effort, Laws, SCHEMA};
+    use analysis::traces::Group;
+
+    fn outcome(inner: &str, mixer: &str, worst_m: f64, agitation_rad_s: f64) -> Outcome {
+        let error = ErrorFigures {
+            rms_m: 0.0,
+            p99_m: 0.0,
+            worst_m,
+        };
+        let figures = Figures {
+            error,
+            error_before: Some(error),
+            error_after: Some(error),
+            recovery_s: vec![Some(0.5)],
+            effort: Effort {
+                power: 1.0,
+                agitation_rad_s,
+                saturated_percent: 0.0,
+            },
+            trace: Group::default(),
+        };
+        let laws = Laws {
+            outer: "pd".into(),
+            inner: inner.into(),
+            mixer: mixer.into(),
+        };
+        Outcome {
+            laws,
+            ticks: 1,
+            ended_early_s: None,
+            lost: None,
+            unusable: Vec::new(),
+            figures,
+            outputs: String::new(),
+        }
+    }
+
+    fn row(name: &str, outcomes: Vec<Outcome>) -> (String, Comparison) {
+        let flight = Flight {
+            trajectory: "hover".into(),
+            airframe: "paper".into(),
+            preset: "flight".into(),
+            seed: 1,
+            last_tick: 0,
+            period_s: 0.001,
+            bound_m: 0.05,
+            faults: Vec::new(),
+        };
+        let comparison = Comparison {
+            schema: SCHEMA,
+            build: Build::default(),
+            flight,
+            outcomes,
+        };
+        (name.into(), comparison)
+    }
+
+    #[test]
+    fn the_best_of_a_row_is_bold_and_quiet_rows_are_left_out() {
+        let lost = Outcome {
+            ended_early_s: Some(9.87),
+            lost: Some("crash".into()),
+            ..outcome("c", "m", 0.001, 0.5)
+        };
+        let low = Outcome {
+            lost: Some("below ground".into()),
+            ..outcome("d", "m", 0.001, 0.5)
+        };
+        let four = |agitation| {
+            let (a, b) = (
+                outcome("a", "m", 0.0123, agitation),
+                outcome("b", "m", 0.01232, 0.1),
+            );
+            vec![a, b, lost.clone(), low.clone()]
+        };
+        let text = tables(&[row("a|b", four(0.2)), row("quiet", four(0.1))]);
+        let cells = "**12.3 / 0.50** | **12.3 / 0.50** | lost at 9.9 s | below ground |\n";
+        for part in [
+            "Outer law `pd`: worst true position error",
+            "| fault | `a` | `b` | `c` | `d` |\n|---|---|---|---|---|\n",
+            &format!("| a\\|b | {cells}| quiet | {cells}"),
+            "| a\\|b | 0.200 | **0.100** | lost | lost |\n",
+        ] {
+            assert!(text.contains(part), "{part} is not in\n{text}");
+        }
+        assert_eq!(text.matches("| quiet |").count(), 1, "{text}");
+    }
+
+    #[test]
+    fn each_mixer_has_its_tables_and_only_the_error_after_the_fault_counts() {
+        let with = |mixer: &str, recovery_s: Vec<Option<f64>>| {
+            let mut outcome = outcome("a", mixer, 0.5, 0.2);
+            (outcome.figures.error_after, outcome.figures.recovery_s) = (None, recovery_s);
+            outcome
+        };
+        let text = tables(&[row("x", vec![with("m", vec![None]), with("n", Vec::new())])]);
+        assert_eq!(
+            text.matches("Outer law `pd`, mixer `n`: ").count(),
+            2,
+            "{text}"
+        );
+        assert!(
+            text.contains("| x | - / - |\n") && text.contains("| x | **500 / -** |\n"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,395 @@
+//! A result as a document: built once, written as terminal text, as a web page or as Markdown.
+//!
+//! A terminal shows neither charts nor what a page folds away. A page is self-contained: no network, no font; its script
+//! only reads charts out.
+
+use crate::plot::{Chart, STYLE};
+use comfy_table::{CellAlignment, presets};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use std::fmt::Display;
+
+const PAGE_STYLE: &str = include_str!("page.css");
+/// Reads a chart out where a pointer is.
+const READOUT: &str = include_str!("readout.js");
+/// The page may load nothing, wherever the words in it come from.
+const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'";
+
+#[derive(Clone, Debug, Default)]
+pub struct Document {
+    pub title: String,
+    pub heading: String,
+    /// Beside the heading: a word, and whether it is bad news.
+    pub verdict: Option<(String, bool)>,
+    pub build: String,
+    pub lead: Vec<Block>,
+    pub sections: Vec<Section>,
+    pub footer: String,
+    /// Whether charts mark missed deadlines, which can be switched off.
+    pub has_miss_lines: bool,
+}
+
+#[derive(Clone, Debug)]
+pub struct Section {
+    pub id: &'static str,
+    pub title: String,
+    pub blocks: Vec<Block>,
+}
+
+#[derive(Clone, Debug)]
+pub enum Block {
+    Fact(&'static str, String),
+    Paragraph(String),
+    Warning(String),
+    Items(Vec<String>),
+    /// What a page shows as a figure.
+    Terminal(String),
+    Heading(String),
+    Table(Table),
+    Verdicts(Vec<Verdict>),
+    /// Title, value and unit of the most important numbers; on a page only, as the next ones.
+    KeyFigures(Vec<(String, String, String)>),
+    Note(String),
+    PageHeading(&'static str),
+    Legend(Vec<(&'static str, &'static str)>),
+    Figures(Vec<Figure>),
+    WideFigures(Vec<Figure>),
+    Details(String, Vec<Block>),
+}
+
+#[derive(Clone, Debug)]
+pub struct Verdict {
+    pub subject: &'static str,
+    pub word: &'static str,
+    pub why: String,
+    pub tone: &'static str,
+}
+
+#[derive(Clone, Debug)]
+pub struct Figure {
+    pub name: String,
+    pub title: String,
+    pub keys: Vec<(&'static str, String)>,
+    pub note: String,
+    pub chart: Chart,
+}
+
+/// A table; the first column is the name of each row.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    pub columns: Vec<String>,
+    pub rows: Vec<Vec<Cell>>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Cell {
+    pub text: String,
+    pub class: &'static str,
+    /// How dark it is on a page [%].
+    pub shade: Option<f64>,
+}
+
+impl<T: Display> From<T> for Cell {
+    fn from(value: T) -> Self {
+        Self {
+            text: value.to_string(),
+            ..Self::default()
+        }
+    }
+}
+
+impl Cell {
+    pub fn colored(text: impl Display, class: &'static str) -> Self {
+        Self {
+            class,
+            ..text.into()
+        }
+    }
+}
+
+pub fn row<const N: usize>(cells: [&dyn Display; N]) -> Vec<Cell> {
+    cells.map(Cell::from).into()
+}
+
+pub fn table(
+    columns: impl IntoIterator<Item = impl Into<String>>,
+    rows: impl IntoIterator<Item = Vec<Cell>>,
+) -> Block {
+    Block::Table(Table::new(columns, rows))
+}
+
+/// A number, or a dash where there is none.
+pub fn known<T: Display>(value: Option<T>) -> String {
+    value.map_or_else(|| "-".into(), |value| value.to_string())
+}
+
+pub fn us(value: f64) -> String {
+    format!("{value:.1}")
+}
+
+impl Document {
+    pub fn text(&self) -> String {
+        let sections = self.sections.iter().filter_map(|section| {
+            let text = section.text();
+            let is_for_pages = text.is_empty() && !section.blocks.is_empty();
+            (!is_for_pages).then(|| format!("\n{}\n{text}", section.title))
+        });
+        std::iter::once(text(&self.lead)).chain(sections).collect()
+    }
+
+    pub fn html(&self) -> String {
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta http-equiv="Content-Security-Policy" content=(POLICY);
+                    meta name="generator" content=(format!("ironbird {}", self.build));
+                    // An empty picture, so that no browser asks a server for one.
+                    link rel="icon" href="data:,";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) }
+                }
+                body {
+                    header {
+                        h1 {
+                            (self.heading) " "
+                            @if let Some((verdict, is_bad)) = &self.verdict { span.verdict.bad[*is_bad] { (verdict) } }
+                        }
+                        @for block in &self.lead { (block.html()) }
+                    }
+                    nav {
+                        @for section in &self.sections { a href=(format!("#{}", section.id)) { (section.id) } }
+                        @if self.has_miss_lines {
+                            label { input #miss-lines type="checkbox" checked; "missed deadlines in charts" }
+                        }
+                    }
+                    main {
+                        @for section in &self.sections {
+                            section id=(section.id) {
+                                h2 { (section.title) }
+                                @for block in &section.blocks { (block.html()) }
+                            }
+                        }
+                    }
+                    footer { "ironbird " (self.build) (self.footer) }
+                    script { (PreEscaped(READOUT)) }
+                }
+            }
+        };
+        page.into_string()
+    }
+}
+
+impl Section {
+    pub fn new(id: &'static str, title: impl Into<String>, blocks: Vec<Block>) -> Self {
+        let title = title.into();
+        Self { id, title, blocks }
+    }
+
+    pub fn text(&self) -> String {
+        text(&self.blocks)
+    }
+}
+
+pub fn text(blocks: &[Block]) -> String {
+    blocks.iter().map(Block::text).collect()
+}
+
+impl Block {
+    fn text(&self) -> String {
+        match self {
+            Self::Fact(subject, said) => format!("{subject:<9} {said}\n"),
+            Self::Paragraph(line) | Self::Warning(line) | Self::Heading(line) => {
+                format!("{line}\n")
+            }
+            Self::Items(items) => items.iter().map(|item| format!("  {item}\n")).collect(),
+            Self::Terminal(text) => text.clone(),
+            Self::Table(table) => table.text(),
+            Self::Verdicts(verdicts) => {
+                let line = |it: &Verdict| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why);
+                verdicts.iter().map(line).collect()
+            }
+            _ => String::new(),
+        }
+    }
+
+    fn html(&self) -> Markup {
+        match self {
+            Self::Fact(subject, said) => html! { p { (subject) ": " (said) } },
+            Self::Paragraph(line) => html! { p { (line) } },
+            Self::Warning(line) => html! { p.bad { (line) } },
+            Self::Items(items) => html! { ul { @for item in items { li { (item) } } } },
+            Self::Terminal(_) => html! {},
+            Self::Heading(title) => html! { h3 { (title) } },
+            Self::Table(table) => table.html(),
+            Self::Verdicts(verdicts) => html! {
+                dl.words {
+                    @for Verdict { subject, word, why, tone } in verdicts {
+                        div.(tone) { dt { (subject) } dd.word { (word) } dd.why { (why) } }
+                    }
+                }
+            },
+            Self::KeyFigures(figures) => html! {
+                dl.tiles {
+                    @for (title, value, unit) in figures {
+                        div { dt { (title) } dd { (value) " " span.unit { (unit) } } }
+                    }
+                }
+            },
+            Self::Note(line) => html! { p.note { (line) } },
+            Self::PageHeading(title) => html! { h3 { (title) } },
+            Self::Legend(entries) => html! {
+                p.marks { @for (class, word) in entries { span.key.(class) { (word) } " " } }
+            },
+            Self::Figures(figures) => {
+                html! { div.plots { @for figure in figures { (figure.html()) } } }
+            }
+            Self::WideFigures(figures) => {
+                html! { div.plots.wide { @for figure in figures { (figure.html()) } } }
+            }
+            Self::Details(summary, blocks) => html! {
+                details { summary { (summary) } @for block in blocks { (block.html()) } }
+            },
+        }
+    }
+}
+
+impl Figure {
+    pub fn new(
+        name: impl Into<String>,
+        title: impl Into<String>,
+        keys: Vec<(&'static str, String)>,
+        chart: Chart,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            title: title.into(),
+            keys,
+            note: String::new(),
+            chart,
+        }
+    }
+
+    fn html(&self) -> Markup {
+        html! {
+            figure data-plot=(self.name) {
+                figcaption {
+                    b { (self.title) }
+                    @for (class, word) in &self.keys { " " span.key.(class) { (word) } }
+                }
+                @if !self.note.is_empty() { p.evidence { (self.note) } }
+                (self.chart.svg(None))
+            }
+        }
+    }
+}
+
+impl Table {
+    pub fn new(
+        columns: impl IntoIterator<Item = impl Into<String>>,
+        rows: impl IntoIterator<Item = Vec<Cell>>,
+    ) -> Self {
+        Self {
+            columns: columns.into_iter().map(Into::into).collect(),
+            rows: rows.into_iter().collect(),
+        }
+    }
+
+    /// A table whose rows have names; `first` is above these.
+    pub fn named(
+        first: &str,
+        columns: impl IntoIterator<Item = impl ToString>,
+        rows: impl IntoIterator<Item = (String, Vec<String>)>,
+    ) -> Self {
+        let columns = columns.into_iter().map(|column| column.to_string());
+        let row = |(name, cells): (String, Vec<String>)| {
+            std::iter::once(name).chain(cells).map(Cell::from).collect()
+        };
+        let rows = rows.into_iter();
+        Self {
+            columns: std::iter::once(first.to_owned()).chain(columns).collect(),
+            rows: rows.map(row).collect(),
+        }
+    }
+
+    /// With the names of the rows indented below that of their column, and columns of numbers to the right.
+    pub fn text(&self) -> String {
+        self.aligned("  ")
+    }
+
+    /// The same without an indent: a table that is all that is printed.
+    pub fn list(&self) -> String {
+        self.aligned("")
+    }
+
+    fn aligned(&self, indent: &str) -> String {
+        let mut table = comfy_table::Table::new();
+        table.load_style(presets::NOTHING);
+        if self.columns.iter().any(|column| !column.is_empty()) {
+            table.set_header(&self.columns);
+        }
+        for row in &self.rows {
+            let indents = std::iter::once(indent)
+                .chain(std::iter::repeat(""))
+                .zip(row);
+            table.add_row(indents.map(|(indent, cell)| format!("{indent}{}", cell.text)));
+        }
+        for (i, column) in table.column_iter_mut().enumerate() {
+            column.set_padding((0, 2));
+            if i > 0 && self.is_of_numbers(i) {
+                column.set_cell_alignment(CellAlignment::Right);
+            }
+        }
+        table.trim_fmt() + "\n"
+    }
+
+    fn is_of_numbers(&self, column: usize) -> bool {
+        let mut cells = self.rows.iter().filter_map(|row| row.get(column));
+        let is_numeric = |c: char| c.is_ascii_digit() || "+-><(".contains(c);
+        cells.all(|cell| cell.text.is_empty() || cell.text.starts_with(is_numeric))
+    }
+
+    /// A table that becomes a list of cards where it is too wide: each cell carries its column's name.
+    fn html(&self) -> Markup {
+        let style = |cell: &Cell| {
+            let shade = cell.shade?;
+            Some(format!(
+                "min-width:0;background:rgb(213 94 0 / {shade:.0}%)"
+            ))
+        };
+        html! {
+            // About as wide as it needs to be.
+            table style=(format!("max-width:{}px", 150 * (self.columns.len() + 1))) {
+                thead { tr { @for column in &self.columns { th { (column) } } } }
+                tbody {
+                    @for row in &self.rows {
+                        tr {
+                            @for (cell, column) in row.iter().zip(&self.columns).take(1) {
+                                th scope="row" title=(column) { (cell.html()) }
+                            }
+                            @for (cell, column) in row.iter().zip(&self.columns).skip(1) {
+                                td data-column=(column) style=[style(cell)] { (cell.html()) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    pub fn markdown(&self) -> String {
+        let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
+        let head = line(self.columns.iter().map(String::as_str).collect());
+        let rule = "---|".repeat(self.columns.len());
+        let cells = |row: &Vec<Cell>| line(row.iter().map(|cell| cell.text.as_str()).collect());
+        let rows: String = self.rows.iter().map(cells).collect();
+        format!("{head}|{rule}\n{rows}")
+    }
+}
+
+impl Cell {
+    fn html(&self) -> Markup {
+        html! { @if self.class.is_empty() { (self.text) } @else { span.(self.class) { (self.text) } } }
+    }
+}

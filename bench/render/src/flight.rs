@@ -1,0 +1,818 @@
+//! The report of a flight, section by section.
+
+use crate::document::{
+    self, Block, Cell, Document, Figure, Section, Table, Verdict, known, row, table, us,
+};
+use crate::figures::Figures;
+use crate::sentences::{self, count};
+use crate::{latencies, outages, theorem};
+use analysis::baseline::Baseline;
+use analysis::host::{Host, InterruptCount, InterruptKind};
+use analysis::laws::in_order;
+use analysis::process_failures::{COST_S, number};
+use analysis::schema::{
+    LawSection, LogSection, ProcessFailure, RecoveryPhases, Report, RoleSection, RunSection,
+    TimingVerdict, sum,
+};
+use analysis::series::Statistics;
+use analysis::speed::Speed;
+use analysis::status::FlightStatus;
+use analysis::timer_lead::LeadSection;
+use flight_log::FILE;
+use flight_log::facts::{AROUND_MISSES, OFF};
+use messages::role::STAGES;
+use std::collections::BTreeMap;
+use std::fmt::Display;
+
+type Blocks = fn(&Report) -> Vec<Block>;
+
+/// The sections by name, in order, with their titles on a page.
+const SECTIONS: [(&str, &str, Blocks); 11] = [
+    ("head", "Flight", head),
+    ("deadlines", "Deadlines", deadlines),
+    ("outages", "Outages", outages::blocks),
+    ("deaths", "Deaths", deaths),
+    ("latencies", "Latency", latencies::blocks),
+    ("floors", "Floors", floors),
+    ("processes", "Processes", processes),
+    ("tracking", "Tracking", tracking),
+    ("telemetry", "Telemetry", telemetry),
+    ("theorem", "Theorem", |report| {
+        theorem::blocks(&report.theorem, Figures::of(report))
+    }),
+    ("gates", "Gates", gates),
+];
+
+pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
+    let mut names = [""; SECTIONS.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = SECTIONS[i].0;
+        i += 1;
+    }
+    names
+};
+
+pub fn text(report: &Report) -> String {
+    SECTION_NAMES.map(|name| section(report, name)).join("\n")
+}
+
+pub fn section(report: &Report, name: &str) -> String {
+    let named = SECTIONS.iter().filter(|(it, ..)| *it == name);
+    named
+        .map(|(.., blocks)| document::text(&blocks(report)))
+        .collect()
+}
+
+/// The report as a page: it shows what report.json holds, and nothing else.
+pub fn page(report: &Report) -> String {
+    let (run, verdict) = (&report.run, &report.verdict);
+    let build = run.build.of_version(&run.version).to_string();
+    let [(_, _, head), rest @ ..] = &SECTIONS;
+    let mut lead = head(report);
+    lead.insert(1, Block::KeyFigures(key_figures(report)));
+    let sections = rest
+        .iter()
+        .map(|(id, title, blocks)| Section::new(id, *title, blocks(report)));
+    let failed = verdict.status != FlightStatus::Pass && !run.in_flight;
+    let document = Document {
+        title: title(run),
+        heading: run_flown(run),
+        verdict: Some((sentences::acceptance(verdict), failed)),
+        build,
+        lead,
+        sections: sections.collect(),
+        footer: format!(
+            ", {} for {}, settings {}, run {}, report.json of {}",
+            run.build, run.build.target, run.settings_fingerprint, run.run_id, run.started
+        ),
+        has_miss_lines: report.traces.is_some() && !report.deadlines.stretches.is_empty(),
+    };
+    document.html()
+}
+
+/// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
+pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
+    let flown = format!("trajectory {trajectory}, gains {preset}");
+    match airframe {
+        "" => flown,
+        airframe => format!("{flown}, airframe {airframe}"),
+    }
+}
+
+/// An airframe in a word: its name, and of a file also the begin of its SHA-256.
+pub fn airframe(name: &str, sha256: &str) -> String {
+    match sha256.get(..12) {
+        Some(begin) => format!("{name} (sha256 {begin})"),
+        None => name.to_owned(),
+    }
+}
+
+/// What a run flew; reports from before airframes were named have none.
+fn run_flown(run: &RunSection) -> String {
+    let airframe = airframe(&run.airframe, &run.airframe_sha256);
+    flown(&run.trajectory, &run.preset, &airframe)
+}
+
+pub fn title(run: &RunSection) -> String {
+    format!("{}, {}", run_flown(run), run.started)
+}
+
+pub fn result_line(report: &Report, directory: &str) -> String {
+    let percentile = |name: &str, pick: fn(&Statistics) -> Option<f64>| {
+        let value = report.series(name).and_then(pick);
+        value.map_or_else(|| "none".into(), us)
+    };
+    let plant = report.roles.get("plant");
+    let rt = plant.map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
+    let (held, asked) = report.verdict.requested();
+    let pairs = sentences::verdicts(&report.words)
+        .map(|(subject, word, _)| format!("{}={}", subject.to_lowercase(), word.replace(' ', "-")));
+    format!(
+        "RESULT status={} gates={held}/{asked} {} ticks={} skipped={} misses={} loop_p50_us={} loop_p999_us={} \
+         wake_p99_us={} rt={rt} steal={:.2} deaths={} lost={} unlogged={} build={} run={directory}",
+        report.verdict.status,
+        pairs.join(" "),
+        report.ticks.run,
+        report.ticks.skipped,
+        report.deadlines.missed,
+        percentile("loop", |series| Some(series.p50_us)),
+        percentile("loop", |series| series.p999_us),
+        percentile("wake.plant", |series| Some(series.p99_us)),
+        report.steal.percent,
+        number(report),
+        report.lost(),
+        report.unlogged(),
+        report.run.build.token()
+    )
+}
+
+fn verdicts(report: &Report) -> Block {
+    let verdicts = sentences::verdicts(&report.words).map(|(subject, word, why)| Verdict {
+        subject,
+        word,
+        why: why.to_owned(),
+        tone: match word {
+            "tracked" | "in time" | "holds" => "good",
+            "off track" | "lost" | "late" | "broken" => "bad",
+            _ => "open",
+        },
+    });
+    Block::Verdicts(verdicts.into())
+}
+
+fn key_figures(report: &Report) -> Vec<(String, String, String)> {
+    let (ticks, deadlines) = (&report.ticks, &report.deadlines);
+    let [whole, wake] = ["loop", "wake.plant"].map(|name| report.series(name));
+    let latency = |name, value: Option<f64>| Some((name, us(value?), "us".to_owned()));
+    let is_on_clock = report.run.wall_period_us > 0.0;
+    let late = deadlines.not_fresh.filter(|_| is_on_clock).map(|sum| {
+        let ppm = format!("{:.1} ppm", sum.per_million);
+        ("ticks without a fresh command", sum.ticks.to_string(), ppm)
+    });
+    let error_mm = format!("{:.3}", 1e3 * report.flight.position_error_rms_m);
+    let figures = [
+        latency("loop p50", whole.map(|it| it.p50_us)),
+        latency("loop p99", whole.map(|it| it.p99_us)),
+        latency("loop p99.9", whole.and_then(|it| it.p999_us)),
+        latency("wake p99", wake.map(|it| it.p99_us)),
+        late,
+        Some(("ticks flown", ticks.run.to_string(), String::new())),
+        Some(("ticks skipped", ticks.skipped.to_string(), String::new())),
+        Some(("position error rms", error_mm, "mm".into())),
+    ];
+    let figures = figures.into_iter().flatten();
+    figures
+        .map(|(title, value, unit)| (title.to_owned(), value, unit))
+        .collect()
+}
+
+fn head(report: &Report) -> Vec<Block> {
+    let (run, host, steal) = (&report.run, &report.host, &report.steal);
+    let mut blocks = vec![verdicts(report)];
+    let mut say = |line: String| blocks.push(Block::Paragraph(line));
+    let (build, ending) = (run.build.of_version(&run.version), ending(report));
+    let (started, instance) = (&run.started, &run.instance);
+    say(format!(
+        "ironbird {build}  {started}  instance {instance}  {ending}"
+    ));
+    say(pace(report));
+    if !run.laws.is_empty() {
+        say(format!("laws {}", laws(&run.laws)));
+    }
+    let Host {
+        kernel,
+        preemption,
+        cpus,
+        cpu,
+        ..
+    } = host;
+    let below = host.below();
+    say(format!("{kernel} ({preemption}), {cpus} x {cpu}{below}"));
+    say(format!(
+        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} % of {})",
+        host.clock_source,
+        host.rt_runtime_us,
+        steal.stolen_ms,
+        steal.percent,
+        steal.processors()
+    ));
+    say(format!("real time here: {}", here(report)));
+    let missing = sentences::warnings(report).into_iter();
+    blocks.extend(missing.map(Block::Warning));
+    if !run.last_words.is_empty() {
+        blocks.push(Block::Paragraph("Last messages of the process".into()));
+        blocks.push(Block::Items(run.last_words.clone()));
+    }
+    blocks
+}
+
+pub fn ending(report: &Report) -> &str {
+    if report.run.in_flight {
+        "IN FLIGHT, numbers so far"
+    } else {
+        &report.run.ending
+    }
+}
+
+/// What the flight says of real time on this machine, and what the doctor expects of it.
+fn here(report: &Report) -> String {
+    let (doctor, timing) = (&report.doctor, &report.words.timing);
+    let mut expected = doctor.verdict.words().to_owned();
+    if !doctor.reasons.is_empty() {
+        expected += &format!(" ({})", doctor.reasons.join("; "));
+    }
+    let why = &timing.why;
+    match timing.word {
+        TimingVerdict::InTime => expected,
+        TimingVerdict::Late => format!("not in this flight: {why}; by its set-up {expected}"),
+        TimingVerdict::CutShort => format!("{expected}; {why}"),
+        TimingVerdict::NotMeasured => format!("not measured: {why}; by its set-up {expected}"),
+    }
+}
+
+pub fn pace(report: &Report) -> String {
+    let run = &report.run;
+    let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * run.period_us / 1e6;
+    let times = flown_s / report.ticks.elapsed_s;
+    let pace = match run.speed() {
+        Speed::Lockstep => {
+            let times = match report.ticks.elapsed_s > 0.0 {
+                true => format!(" at {times:.1} times real time"),
+                false => String::new(),
+            };
+            format!(", in lockstep{times}: its latencies are not real-time latencies")
+        }
+        speed => (speed.why_not_real_time()).map_or_else(String::new, |why| format!(", {why}")),
+    };
+    format!("{}, T = {:.0} us{pace}", run_flown(run), run.period_us)
+}
+
+/// Which laws flew, in words; nothing in reports from before they could be chosen.
+pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
+    let named = |(role, law): (&str, &LawSection)| {
+        let slow = if law.not_real_time {
+            ", not real-time"
+        } else {
+            ""
+        };
+        let file = law.file_name().map(|name| format!(" ({name}{slow})"));
+        format!("{role} {}{}", law.name, file.unwrap_or_default())
+    };
+    in_order(laws).map(named).collect::<Vec<_>>().join(", ")
+}
+
+fn deadlines(report: &Report) -> Vec<Block> {
+    let (ticks, deadlines) = (&report.ticks, &report.deadlines);
+    let is = if ticks.identity_holds { "=" } else { "IS NOT" };
+    let (run, skipped) = (ticks.run, ticks.skipped);
+    let (all, elapsed_s, periods) = (run + skipped, ticks.elapsed_s, ticks.elapsed_periods);
+    let mut blocks = vec![Block::Fact(
+        "Ticks",
+        format!(
+            "run {run} + skipped {skipped} = {all} {is} elapsed {elapsed_s:.3} s / period = {periods}"
+        ),
+    )];
+    blocks.extend(deadlines.not_fresh.as_ref().map(|not_fresh| {
+        let (ticks, ppm, parts) = (not_fresh.ticks, not_fresh.per_million, not_fresh.parts());
+        let said =
+            format!("{ticks} ticks without a fresh one on time ({ppm:.1} per million): {parts}");
+        Block::Fact("Commands", said)
+    }));
+    let (missed, ppm, late) = (
+        deadlines.missed,
+        deadlines.missed_ppm,
+        deadlines.missed_by_stamps,
+    );
+    let said = format!("missed {missed} ({ppm:.1} per million); late by their stamps {late}");
+    blocks.push(Block::Fact("Deadlines", said));
+    let most = deadlines.late.iter().map(|bucket| bucket.count).max();
+    let most = most.unwrap_or(1).max(1);
+    let late = deadlines.late.iter().map(|bucket| {
+        let bar = "#".repeat((bucket.count * 40).div_ceil(most) as usize);
+        let range = format!("{} .. {}", bucket.from_us, bucket.below_us);
+        row([&range, &bucket.count, &bar])
+    });
+    let runs = deadlines.runs.iter();
+    let runs = runs.map(|run| row([&run.length_ticks, &run.count]));
+    for table in [
+        Table::new(["late by [us]", "commands", ""], late),
+        Table::new(["missed in a row", "times"], runs),
+    ] {
+        if !table.rows.is_empty() {
+            blocks.push(Block::Terminal(table.text()));
+        }
+    }
+    if !deadlines.stretches.is_empty() {
+        let columns = ["at", "tick", "length", "largest lateness [us]"];
+        let rows = deadlines.stretches.iter().map(|it| {
+            let (at, length) = (
+                format!("{:.3} s", it.time_s),
+                count(it.length_ticks, "tick"),
+            );
+            row([&at, &it.tick, &length, &us(it.late_us)])
+        });
+        let mut details = vec![table(columns, rows)];
+        if deadlines.stretches_left_out > 0 {
+            let left_out = deadlines.stretches_left_out;
+            let more = format!("and {left_out} late commands in later stretches");
+            details.push(Block::Note(more));
+        }
+        blocks.push(Block::Details("Late commands, one by one".into(), details));
+    }
+    blocks
+}
+
+fn deaths(report: &Report) -> Vec<Block> {
+    if report.deaths.is_empty() {
+        return vec![Block::Fact("Deaths", "none".into())];
+    }
+    let mut items = Vec::new();
+    for death in &report.deaths {
+        items.push(failure_line(death));
+        let parts = death.back_parts.as_ref();
+        items.extend(parts.map(|parts| format!("  {}", recovery_line(parts))));
+    }
+    if report.deaths_left_out > 0 {
+        items.push(format!("and {} later ones", report.deaths_left_out));
+    }
+    vec![
+        Block::Fact("Deaths", number(report).to_string()),
+        Block::Items(items),
+    ]
+}
+
+/// Who, when and how, and what it cost, in one line.
+pub fn failure_line(failure: &ProcessFailure) -> String {
+    let (role, tick, time_s) = (&failure.role, failure.tick, failure.time_s);
+    let how = match failure.how.as_str() {
+        "" => "cause of the end unknown",
+        how => how,
+    };
+    let mut line = format!("{role} at tick {tick} ({time_s:.3} s): {how}");
+    let noticed = failure.noticed_after_ms;
+    line.extend(noticed.map(|ms| format!(", noticed after {ms:.0} ms")));
+    match (failure.back_after_ms, failure.ticks_lost) {
+        (Some(ms), _) => line += &format!(", back after {ms:.0} ms"),
+        (None, Some(_)) => line += ", not back",
+        (None, None) => {}
+    }
+    line.extend(failure.within.map(|tick| {
+        format!(", before its first message: its ticks are those lost at tick {tick}")
+    }));
+    let lost = failure.ticks_lost.map(|ticks| count(ticks, "tick"));
+    line.extend(lost.map(|lost| format!(", {lost} lost")));
+    // Where the flight ended with it, nothing was seen of what it cost.
+    if let (Some(_), Some(m)) = (failure.back_after_ms, failure.position_error_max_m) {
+        line += &format!(", position error up to {m:.4} m within {COST_S} s");
+    }
+    line
+}
+
+/// The parts in their order, each with what it is called [ms].
+pub const fn recovery_phases(phases: &RecoveryPhases) -> [(&'static str, f64); 9] {
+    [
+        ("noticed", phases.noticed_ms),
+        ("cleaned up", phases.cleaned_ms),
+        (
+            if phases.spare { "woken" } else { "started" },
+            phases.begun_ms,
+        ),
+        ("settings and law", phases.made_ms),
+        ("place", phases.placed_ms),
+        ("ports", phases.ported_ms),
+        ("real time", phases.engaged_ms),
+        ("joined", phases.armed_ms),
+        ("first tick", phases.first_tick_ms),
+    ]
+}
+
+fn recovery_line(phases: &RecoveryPhases) -> String {
+    let parts = recovery_phases(phases).map(|(part, ms)| format!("{part} {ms:.2}"));
+    let process = if phases.spare {
+        "a spare"
+    } else {
+        "a new process"
+    };
+    format!("{process} [ms]: {}", parts.join(", "))
+}
+
+/// A series of the flight beside its floor, at p50, p99 and p99.9.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    pub series: &'a str,
+    pub floor: &'a str,
+    ours_us: [Option<f64>; 3],
+    floor_us: [Option<f64>; 3],
+    pub times: [Option<f64>; 3],
+}
+
+/// Every floor that was measured, with the series of the flight that it is of.
+pub fn compared<'a>(
+    beside: &'a Baseline,
+    report: &'a Report,
+) -> impl Iterator<Item = Compared<'a>> {
+    let percentiles = |it: &Statistics| [Some(it.p50_us), Some(it.p99_us), it.p999_us];
+    beside.floors.iter().filter_map(move |floor| {
+        let both = [report.series(&floor.series)?, &floor.statistics];
+        let [ours_us, floor_us] = both.map(percentiles);
+        Some(Compared {
+            series: &floor.series,
+            floor: &floor.what,
+            ours_us,
+            floor_us,
+            times: std::array::from_fn(|i| Some(ours_us[i]? / floor_us[i]?)),
+        })
+    })
+}
+
+fn floors(report: &Report) -> Vec<Block> {
+    let Some(beside) = &report.beside else {
+        let how = "not measured: `ironbird fly --floor 11s` does so after the flight";
+        return vec![Block::Fact("Floors", how.into())];
+    };
+    let title = format!(
+        "Compared with the machine's baseline, {} s each right after the flight ({}, stolen by the host {:.2} %)",
+        beside.seconds, beside.scheduling, beside.steal.percent
+    );
+    let line = |name: &str, values: [Option<f64>; 3], digits: usize| {
+        let cells = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
+        (name.to_owned(), cells.into())
+    };
+    let rows = compared(beside, report).flat_map(|it| {
+        let (ours, floor) = (
+            line(it.series, it.ours_us, 1),
+            line(it.floor, it.floor_us, 1),
+        );
+        [ours, floor, line("times its floor", it.times, 2)]
+    });
+    let baselines = Table::named("us", ["p50", "p99", "p99.9"], rows);
+    let refused = beside.refused.iter().map(|it| format!("refused: {it}"));
+    let note = "The timer does nothing but wake; the ring's four processes hand on a token and compute as long as the \
+                laws did in the median.";
+    vec![
+        Block::Paragraph(title),
+        Block::Table(baselines),
+        Block::Items(refused.collect()),
+        Block::Note(note.into()),
+    ]
+}
+
+/// The processes of the loop, in the order of the data's way.
+fn stages(report: &Report) -> impl Iterator<Item = (&'static str, &RoleSection)> {
+    let stages = STAGES.into_iter();
+    stages.filter_map(|role| Some((role.name(), report.roles.get(role.name())?)))
+}
+
+fn processes(report: &Report) -> Vec<Block> {
+    let columns = [
+        "Processes",
+        "scheduling",
+        "ticks",
+        "skipped",
+        "stale",
+        "rejected",
+        "alloc/tick",
+        "faults",
+        "with disk",
+        "waits",
+        "preempted",
+        "cpu us/tick",
+    ];
+    let mut blocks = vec![table(columns, stages(report).map(process))];
+    let recorder = &report.recorder;
+    let stages_rejected = stages(report).map(|(name, role)| (name, &role.rejected));
+    let mut items = Vec::new();
+    for (name, reasons) in stages_rejected.chain([("record", &recorder.rejected)]) {
+        for (reason, number) in reasons.iter().filter(|(_, number)| **number > 0) {
+            items.push(format!(
+                "{name} rejected {}: {reason}",
+                count(*number, "message")
+            ));
+        }
+    }
+    items.push(format!(
+        "recorder: lost {}, {} incomplete, {:.1} % of a processor",
+        count(report.lost(), "message"),
+        count(recorder.incomplete_ticks, "tick"),
+        recorder.cpu_percent
+    ));
+    items.push(log(&recorder.log));
+    let unwritten = recorder.unwritten.iter();
+    items.extend(unwritten.map(|(file, reason)| format!("{file} is incomplete: {reason}")));
+    blocks.push(Block::Items(items));
+    blocks.push(Block::Heading("Real time asked and granted".into()));
+    let granted = stages(report).map(|(name, role)| format!("{name:<9} {}", grants(role)));
+    blocks.push(Block::Items(granted.collect()));
+    // In lockstep the plant has no timer.
+    if report.run.speed() != Speed::Lockstep {
+        blocks.push(Block::Paragraph(lead_line(&report.lead, report.ticks.run)));
+    }
+    let interrupts = &report.interrupts;
+    if !interrupts.counts.is_empty() {
+        let place = match interrupts.processor {
+            None => "all processors".into(),
+            Some(number) => format!("processor {number}, the loops'"),
+        };
+        let rows = interrupts.counts.iter();
+        let rows = rows.map(|it| interrupt(it, report.ticks.run));
+        let name = format!("Interrupts of {place}");
+        blocks.push(table([name.as_str(), "count", "per tick"], rows));
+    }
+    blocks
+}
+
+fn process((name, role): (&'static str, &RoleSection)) -> Vec<Cell> {
+    let rejected: u64 = role.rejected.values().sum();
+    let usage = role.usage.as_ref();
+    let per_tick = |all: u64| format!("{:.3}", all as f64 / role.ticks_run.max(1) as f64);
+    row([
+        &name,
+        &role.scheduling,
+        &role.ticks_run,
+        &role.ticks_skipped,
+        &role.ticks_stale,
+        &rejected,
+        &known(usage.and_then(|it| it.allocations).map(per_tick)),
+        &known(usage.map(|it| it.minor_faults + it.major_faults)),
+        &known(usage.map(|it| it.major_faults)),
+        &known(usage.map(|it| it.voluntary_switches)),
+        &known(usage.map(|it| it.involuntary_switches)),
+        &known(usage.map(|it| us(it.cpu_per_tick_us))),
+    ])
+}
+
+fn interrupt(counted: &InterruptCount, ticks: u64) -> Vec<Cell> {
+    let is_soft = counted.kind == InterruptKind::Soft;
+    let soft = if is_soft { "soft " } else { "" };
+    let what = format!("{soft}{} {}", counted.name, counted.source);
+    let per_tick = format!("{:.3}", counted.count as f64 / ticks.max(1) as f64);
+    row([&what.trim_end(), &counted.count, &per_tick])
+}
+
+fn grants(role: &RoleSection) -> String {
+    let steps = role.realtime.iter().map(|step| {
+        let asked = step
+            .asked
+            .map(|value| format!(" {value}"))
+            .unwrap_or_default();
+        match &step.refused {
+            None => format!("{}{asked} ok", step.step),
+            Some(reason) => format!("{}{asked} REFUSED ({reason})", step.step),
+        }
+    });
+    match role.realtime.is_empty() {
+        true => "nothing asked: not real-time".into(),
+        false => steps.collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// As a line of text; of a flight of `ticks`.
+fn lead_line(lead: &LeadSection, ticks: u64) -> String {
+    let (lead_us, timer_us, rehearsal_us) = (lead.lead_us, lead.timer_p90_us, lead.rehearsal_us);
+    if lead_us == 0.0 {
+        return "Lead none: the plant's timer is set to the beginning of the tick".into();
+    }
+    let (least_us, median_us, most_us) = (lead.least_us, lead.median_us, lead.most_us);
+    let in_flight = match least_us < most_us {
+        true => format!(
+            " at take-off, {least_us:.0} to {most_us:.0} us in flight, {median_us:.0} us in the median"
+        ),
+        false => String::new(),
+    };
+    let (rehearsal, rehearsed) = match rehearsal_us > 0.0 {
+        true => (
+            format!(", rehearsal p90 {rehearsal_us:.0} us"),
+            format!("rehearsed {} of {ticks} ticks", lead.rehearsals),
+        ),
+        false => (String::new(), "no rehearsals".into()),
+    };
+    format!(
+        "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_us:.0} \
+         us{rehearsal}); {rehearsed}; waiting took {:.1} % of the loops' processor",
+        lead.processor_percent
+    )
+}
+
+fn log(log: &LogSection) -> String {
+    if log.kept == OFF {
+        return "flight.mcap: none, as asked (recorder.log = off)".into();
+    }
+    let mut text = match log.files {
+        0 | 1 => format!("{FILE}: "),
+        files => format!("flight*.mcap: {files} files, "),
+    };
+    let megabytes = log.file_bytes as f64 / 1e6;
+    let (messages, dropped) = (count(sum(&log.messages), "message"), sum(&log.dropped));
+    text += &format!("{messages} in {megabytes:.1} MB, {dropped} dropped");
+    text.extend(log.refused.iter().map(|reason| format!(" ({reason})")));
+    if log.kept == AROUND_MISSES {
+        let (excerpts, left_out) = (count(log.stretches, "excerpt"), sum(&log.left_out));
+        text += &format!("; {excerpts} kept, {left_out} left out as asked");
+    }
+    let removed = sum(&log.removed);
+    if removed > 0 {
+        text += &format!("; {removed} in older files, removed as asked");
+    }
+    text
+}
+
+/// The position error in words, for all that is said of a flight.
+pub fn position_error(report: &Report) -> String {
+    let flight = &report.flight;
+    let without = match flight.ticks_without_state {
+        0 => String::new(),
+        1 => "; 1 tick has none".into(),
+        ticks => format!("; {ticks} ticks without one"),
+    };
+    format!(
+        "position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {}{without}",
+        flight.position_error_rms_m,
+        flight.position_error_max_m,
+        flight.position_error_final_m,
+        count(flight.states, "state")
+    )
+}
+
+fn tracking(report: &Report) -> Vec<Block> {
+    let flight = &report.flight;
+    let saturated = count(flight.saturated_ticks, "tick");
+    let mut items = vec![format!("rotors saturated in {saturated}")];
+    let rate_error = flight.rate_error_final_rad_s;
+    let rate_error =
+        rate_error.map(|e| format!("rate error of the inner law at the end {e:.3e} rad/s"));
+    items.extend(rate_error);
+    items.extend(report.swaps.iter().map(|swap| {
+        let (epoch, tick, time_s) = (swap.parameter_epoch, swap.tick, swap.time_s);
+        let words = sentences::swap(swap);
+        format!("swap {epoch} at tick {tick} ({time_s:.3} s): {words}")
+    }));
+    if report.swaps_left_out > 0 {
+        items.push(format!("and {} later ones", report.swaps_left_out));
+    }
+    let faults = report.faults.iter();
+    items.extend(faults.map(|fault| format!("fault {}", sentences::fault(fault))));
+    let tracking = Block::Fact("Tracking", position_error(report));
+    let mut blocks = vec![tracking, Block::Items(items)];
+    if !flight.estimates.is_empty() {
+        let rows = flight.estimates.iter().map(|it| {
+            let [estimated, actual] = [it.estimated, it.actual].map(|it| format!("{it:.6e}"));
+            row([&it.name, &estimated, &actual])
+        });
+        let columns = ["estimates at the end", "estimated", "true"];
+        blocks.push(table(columns, rows));
+    }
+    if let Some(figures) = Figures::of(report) {
+        let swap = match report.faults.is_empty() {
+            true => "live swap",
+            false => "live swap, fault",
+        };
+        let legend = vec![("mark swap", swap), ("mark missed", "missed deadline")];
+        let stretch = count(figures.traces.flight.every_ticks, "tick");
+        blocks.push(Block::Legend(legend));
+        blocks.push(Block::Figures(figures.flight()));
+        blocks.push(Block::Note(format!(
+            "Each line over time is drawn through the smallest and the largest value of {stretch}. Paths show at most \
+             the last minute; both axes have the same scale."
+        )));
+    }
+    blocks
+}
+
+/// What each law showed of itself, as a table and charts.
+fn telemetry(report: &Report) -> Vec<Block> {
+    let laws = &report.run.laws;
+    let number = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));
+    let signals =
+        in_order(laws).flat_map(|(role, law)| law.telemetry.iter().map(move |it| (role, it)));
+    let rows = signals.map(|(role, it)| {
+        let name = format!("{role} {}", it.name);
+        let [last, min, max] = [it.last, it.min, it.max].map(number);
+        row([&name, &last, &min, &max, &it.unit])
+    });
+    let rows: Vec<Vec<Cell>> = rows.collect();
+    if rows.is_empty() {
+        let none = "Telemetry none: no law shows anything of itself";
+        return vec![Block::Paragraph(none.into())];
+    }
+    let columns = [
+        "Telemetry of the laws",
+        "at the end",
+        "smallest",
+        "largest",
+        "",
+    ];
+    let mut blocks = vec![table(columns, rows)];
+    if let Some(figures) = Figures::of(report) {
+        let figures =
+            in_order(laws).flat_map(|(role, law)| figures.telemetry(role, &law.telemetry));
+        let figures: Vec<Figure> = figures.collect();
+        blocks.push(Block::Figures(figures));
+    }
+    blocks
+}
+
+fn gates(report: &Report) -> Vec<Block> {
+    let rows = report.verdict.gates.iter().map(|gate| {
+        let word = match gate.held {
+            true => Cell::colored("ok", "good"),
+            false => Cell::colored("FAIL", "bad"),
+        };
+        let mut cells = row([&gate.name, &gate.value, &gate.limit]);
+        cells.push(word);
+        cells
+    });
+    vec![
+        Block::Fact("Gates", sentences::acceptance(&report.verdict)),
+        table(["gate", "found", "limit", ""], rows),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lead_that_changed_in_flight_shows_its_range() {
+        let set = LeadSection {
+            lead_us: 124.0,
+            least_us: 124.0,
+            median_us: 124.0,
+            most_us: 124.0,
+            rehearsal_us: 33.0,
+            timer_p90_us: 27.2,
+            rehearsals: 990,
+            processor_percent: 9.87,
+        };
+        let changed = LeadSection {
+            least_us: 96.4,
+            median_us: 131.0,
+            most_us: 210.0,
+            rehearsal_us: 0.0,
+            rehearsals: 0,
+            ..set.clone()
+        };
+        let waiting = "waiting took 9.9 % of the loops' processor";
+        let set_line = format!(
+            "Lead 124 us before the tick (before take-off: timer p90 27 us, rehearsal p90 33 us); \
+             rehearsed 990 of 1000 ticks; {waiting}"
+        );
+        assert_eq!(lead_line(&set, 1000), set_line);
+        let changed_line = format!(
+            "Lead 124 us before the tick at take-off, 96 to 210 us in flight, 131 us in the median \
+             (before take-off: timer p90 27 us); no rehearsals; {waiting}"
+        );
+        assert_eq!(lead_line(&changed, 1000), changed_line);
+    }
+
+    #[test]
+    fn a_failure_shows_its_cost_and_the_phases_of_the_recovery() {
+        let failure = ProcessFailure {
+            role: "inner".into(),
+            tick: 99,
+            time_s: 0.099,
+            ticks_lost: Some(100),
+            ..ProcessFailure::default()
+        };
+        let line = "inner at tick 99 (0.099 s): cause of the end unknown, not back, 100 ticks lost";
+        assert_eq!(failure_line(&failure), line);
+        for (spare, begin) in [
+            (
+                true,
+                "a spare [ms]: noticed 2.00, cleaned up 0.00, woken 3.00",
+            ),
+            (
+                false,
+                "a new process [ms]: noticed 2.00, cleaned up 0.00, started 3.00",
+            ),
+        ] {
+            let phases = RecoveryPhases {
+                spare,
+                noticed_ms: 2.0,
+                begun_ms: 3.0,
+                ..RecoveryPhases::default()
+            };
+            assert!(recovery_line(&phases).starts_with(begin));
+        }
+    }
+}

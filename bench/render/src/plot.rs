@@ -1,0 +1,470 @@
+//! Charts as SVG: axes with units, lines and marks, coloured by the style sheet.
+//!
+//! A chart is drawn [`WIDTH`] pixels wide. Pages show it at about that width on phones and on desktops, so its text
+//! keeps its size. Colours are classes of `plot.css`, one for each thing shown, with variants for light and dark. Fonts
+//! come from the style sheet too.
+
+use crate::scale::{Kind, Scale};
+use analysis::traces::Span;
+use maud::{Markup, html};
+use std::fmt::Write as _;
+
+/// Colours of laws: six, and the same once more as broken lines.
+pub const LAWS: [&str; 12] = [
+    "law-1", "law-2", "law-3", "law-4", "law-5", "law-6", "law-7", "law-8", "law-9", "law-10",
+    "law-11", "law-12",
+];
+
+pub const STYLE: &str = include_str!("plot.css");
+
+/// Width of a chart [pixels].
+pub const WIDTH: f64 = 420.0;
+/// Height of a chart over time [pixels].
+pub const HEIGHT: f64 = 220.0;
+
+const X_TICKS: usize = 6;
+const Y_TICKS: usize = 5;
+/// Space of a character of a label [pixels]: of the widest fonts in use.
+const CHARACTER: f64 = 7.2;
+/// Space above the axes, with the name of the vertical one [pixels].
+const ABOVE: f64 = 22.0;
+/// Space below the axes, with the numbers and the name of the horizontal one [pixels].
+const BELOW: f64 = 36.0;
+/// Height of a row [pixels].
+const ROW: f64 = 20.0;
+/// Space to the right of the axes, for half a number [pixels].
+const RIGHT: f64 = 20.0;
+/// Height of a capital from its baseline to its middle [pixels].
+const HALF_CAPITAL: f64 = 4.0;
+
+#[derive(Clone, Debug)]
+pub struct Axis {
+    pub scale: Scale,
+    pub label: String,
+}
+
+impl Axis {
+    pub fn new(scale: Scale, label: impl Into<String>) -> Self {
+        Self {
+            scale,
+            label: label.into(),
+        }
+    }
+
+    fn words(&self) -> Option<String> {
+        let Scale { kind, low, high } = &self.scale;
+        Some(match kind {
+            Kind::Linear => format!("linear {low} {high}"),
+            Kind::Log => format!("log {low} {high}"),
+            Kind::Symmetric(threshold) => format!("symmetric {low} {high} {threshold}"),
+            Kind::Tail => format!("tail {low} {high}"),
+            Kind::Rows(_) | Kind::Windows(..) => return None,
+        })
+    }
+}
+
+/// Two opposite corners of a box, or both ends of a line, in the units of the axes.
+pub type Ends = [(f64, f64); 2];
+
+/// Something in a chart; `class` is its colour.
+#[derive(Clone, Debug)]
+pub enum Layer {
+    Line {
+        class: &'static str,
+        points: Vec<(f64, f64)>,
+    },
+    Steps {
+        class: &'static str,
+        /// From, to and height of each bin, in order.
+        bins: Vec<(f64, f64, f64)>,
+    },
+    /// Dots, each with a word for who points at it.
+    Dots {
+        class: &'static str,
+        points: Vec<((f64, f64), String)>,
+    },
+    /// A line over the whole width, with its name.
+    Level {
+        class: &'static str,
+        at: f64,
+        label: String,
+    },
+    /// Rectangles from one corner to the other, each with a word for who points at it and a label behind it.
+    Boxes {
+        class: String,
+        boxes: Vec<(Ends, String, String)>,
+    },
+    /// Straight lines, each with a word for who points at it.
+    Segments {
+        class: String,
+        segments: Vec<(Ends, String)>,
+    },
+}
+
+impl Layer {
+    pub const fn line(class: &'static str, points: Vec<(f64, f64)>) -> Self {
+        Self::Line { class, points }
+    }
+
+    pub const fn dots(class: &'static str, points: Vec<((f64, f64), String)>) -> Self {
+        Self::Dots { class, points }
+    }
+
+    pub fn level(class: &'static str, at: f64, label: &str) -> Self {
+        let label = label.into();
+        Self::Level { class, at, label }
+    }
+
+    pub fn stems(class: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        let stem = |(x, y)| ([(x, f64::NEG_INFINITY), (x, y)], String::new());
+        Self::Segments {
+            class: format!("stem {class}"),
+            segments: points.into_iter().map(stem).collect(),
+        }
+    }
+
+    pub fn verticals(class: &str, at: impl IntoIterator<Item = (f64, String)>) -> Self {
+        let vertical = |(x, word)| ([(x, f64::NEG_INFINITY), (x, f64::INFINITY)], word);
+        Self::Segments {
+            class: format!("vertical {class}"),
+            segments: at.into_iter().map(vertical).collect(),
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Chart {
+    pub title: String,
+    pub x: Axis,
+    pub y: Axis,
+    /// Rows of marks above the axes, on the horizontal one.
+    pub lanes: Vec<Lane>,
+    pub layers: Vec<Layer>,
+    /// Height [pixels].
+    pub height: f64,
+}
+
+/// Marks of percentiles in a lane, from the smallest to the largest.
+pub const MARKS: [&str; 4] = ["p50", "p99", "p99.9", "max"];
+
+#[derive(Clone, Debug)]
+pub struct Lane {
+    pub class: &'static str,
+    /// Each of [`MARKS`] with its place on the horizontal axis, and a word for who points at it.
+    pub marks: Vec<(usize, f64, String)>,
+}
+
+/// The rectangle inside the axes [pixels].
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    left: f64,
+    right: f64,
+    top: f64,
+    foot: f64,
+}
+
+impl Chart {
+    pub fn new(title: impl Into<String>, x: Axis, y: Axis, layers: Vec<Layer>) -> Self {
+        let height = match &y.scale.kind {
+            Kind::Rows(names) => ABOVE + ROW * names.len() as f64 + BELOW,
+            _ => HEIGHT,
+        };
+        Self {
+            title: title.into(),
+            x,
+            y,
+            lanes: Vec::new(),
+            layers,
+            height,
+        }
+    }
+
+    /// The chart as an `svg` element; `place` are attributes that put it into another one: x, y, width, height.
+    pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
+        let frame = self.frame();
+        let [x, y, width, height] = place.map_or([None; 4], |place| place.map(Some));
+        let (left, right, top, foot) = (frame.left, frame.right, frame.top, frame.foot);
+        // A chart of its own can be read with a pointer: readout.js.
+        let words = self.x.words().zip(self.y.words());
+        let (words_x, words_y) = words.filter(|_| place.is_none()).unzip();
+        let readable = words_x
+            .is_some()
+            .then(|| format!("{left} {right} {top} {foot}"));
+        let has_rows = matches!(self.y.scale.kind, Kind::Rows(_));
+        html! {
+            svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
+                x=[x] y=[y] width=[width] height=[height]
+                data-frame=[readable] data-x=[words_x] data-y=[words_y] {
+                g.grid {
+                    @for tick in self.y.scale.ticks(Y_TICKS) {
+                        @let y = tenths(self.at_y(frame, tick.value));
+                        @if !has_rows { line x1=(left) x2=(right) y1=(y) y2=(y) {} }
+                        text.left x=(left - 5.0) y=(tenths(self.at_y(frame, tick.value) + HALF_CAPITAL)) {
+                            (tick.label)
+                        }
+                    }
+                    @for tick in self.x.scale.ticks(X_TICKS) {
+                        @let x = tenths(self.at_x(frame, tick.value));
+                        line x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
+                        @if !tick.label.is_empty() { text.below x=(x) y=(foot + 15.0) { (tick.label) } }
+                    }
+                    @if !self.y.label.is_empty() { text.of-y x="2" y="12" { (self.y.label) } }
+                    text.of-x x=(right) y=(self.height - 5.0) { (self.x.label) }
+                }
+                @for (row, lane) in self.lanes.iter().enumerate() {
+                    (self.lane(frame, ABOVE + LANE * (row as f64 + 0.5), lane))
+                }
+                @for layer in &self.layers { (self.layer(frame, layer)) }
+                path.frame d=(format!("M{left} {top}V{foot}H{right}")) {}
+            }
+        }
+    }
+
+    fn frame(&self) -> Frame {
+        let ticks = self.y.scale.ticks(Y_TICKS);
+        let lengths = ticks.iter().map(|tick| tick.label.chars().count());
+        let widest = lengths.max().unwrap_or(1);
+        let left = 10.0 + CHARACTER * widest as f64;
+        let top = ABOVE + LANE * self.lanes.len() as f64;
+        Frame {
+            left,
+            right: WIDTH - RIGHT,
+            top,
+            foot: self.height - BELOW,
+        }
+    }
+
+    pub fn proportion(&self) -> f64 {
+        let frame = self.frame();
+        (frame.right - frame.left) / (frame.foot - frame.top)
+    }
+
+    fn at_x(&self, frame: Frame, value: f64) -> f64 {
+        frame.left + (frame.right - frame.left) * self.x.scale.place(value)
+    }
+
+    fn at_y(&self, frame: Frame, value: f64) -> f64 {
+        frame.foot - (frame.foot - frame.top) * self.y.scale.place(value)
+    }
+
+    fn layer(&self, frame: Frame, layer: &Layer) -> Markup {
+        let at = |(x, y): (f64, f64)| (self.at_x(frame, x), self.at_y(frame, y));
+        match layer {
+            Layer::Line { class, points } => {
+                let d = path(points.iter().map(|point| at(*point)));
+                html! { path.line.(class) d=(d) {} }
+            }
+            Layer::Steps { class, bins } => {
+                let bin =
+                    |(from, to, y): &(f64, f64, f64)| (at((*from, *y)), self.at_x(frame, *to));
+                let d = outline(bins.iter().map(bin), frame.foot);
+                html! { path.steps.(class) d=(d) {} }
+            }
+            Layer::Dots { class, points } => html! {
+                @for (point, word) in points {
+                    @let (x, y) = at(*point);
+                    circle.dot.(class) cx=(tenths(x)) cy=(tenths(y)) r="4.5" { title { (word) } }
+                }
+            },
+            Layer::Level { class, at, label } => {
+                let y = tenths(self.at_y(frame, *at));
+                html! {
+                    line.level.(class) x1=(frame.left) x2=(frame.right) y1=(y) y2=(y) {}
+                    text.level x=(frame.right - 4.0) y=(tenths(self.at_y(frame, *at) - 4.0)) { (label) }
+                }
+            }
+            Layer::Boxes { class, boxes } => html! {
+                @for ([from, to], word, label) in boxes {
+                    @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
+                    // What is short can be seen, too.
+                    rect class=(class) x=(tenths(x0)) y=(tenths(y0.min(y1)))
+                        width=(tenths((x1 - x0).max(2.0))) height=(tenths((y1 - y0).abs())) {
+                        @if !word.is_empty() { title { (word) } }
+                    }
+                    @if !label.is_empty() {
+                        text.number x=(tenths(x1 + 5.0)) y=(tenths((y0 + y1) / 2.0 + HALF_CAPITAL)) { (label) }
+                    }
+                }
+            },
+            Layer::Segments { class, segments } => html! {
+                // Many marks over the whole height must not hide what they mark.
+                @let is_over_all = class.starts_with("vertical");
+                @let opacity = tenths((30.0 / segments.len() as f64).clamp(0.2, 1.0));
+                g opacity=[is_over_all.then_some(opacity)] {
+                    @for ([from, to], word) in segments {
+                        @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
+                        @let d = format!("M{} {}L{} {}", tenths(x0), tenths(y0), tenths(x1), tenths(y1));
+                        path class=(class) d=(d) { @if !word.is_empty() { title { (word) } } }
+                    }
+                }
+            },
+        }
+    }
+
+    fn lane(&self, frame: Frame, y: f64, lane: &Lane) -> Markup {
+        let places = lane
+            .marks
+            .iter()
+            .map(|(_, value, _)| self.at_x(frame, *value));
+        let places: Vec<f64> = places.collect();
+        html! {
+            g.lane.(lane.class) {
+                @if let [first, .., last] = places[..] {
+                    path.reach d=(format!("M{} {y}H{}", tenths(first), tenths(last))) {}
+                }
+                @for ((mark, _, word), x) in lane.marks.iter().zip(places) {
+                    path.mark d=(mark_path(*mark, x, y)) { title { (word) } }
+                }
+            }
+        }
+    }
+}
+
+/// A channel as a line: through the smallest and the largest value of each stretch, the nearer one first, as if they
+/// were its ends. What rises or falls all the time is drawn as it is.
+///
+/// `ends_s` gives the begin and the end of a stretch that begins at a tick [s].
+pub fn through(
+    spans: impl Iterator<Item = Span>,
+    ends_s: impl Fn(u64) -> [f64; 2],
+) -> Vec<(f64, f64)> {
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    for span in spans {
+        let last = points.last().map_or(span.min, |point| point.1);
+        let rises = (last - span.min).abs() <= (last - span.max).abs();
+        let values = if rises {
+            [span.min, span.max]
+        } else {
+            [span.max, span.min]
+        };
+        points.extend(ends_s(span.tick).into_iter().zip(values));
+    }
+    points
+}
+
+/// Path through points in pixels, without those that make no difference.
+fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
+    /// Less than anybody sees [pixels].
+    const UNSEEN: f64 = 0.25;
+    let mut kept: Vec<(f64, f64)> = Vec::new();
+    for (x, y) in points {
+        match kept[..] {
+            // Where neighbours stand at one place, or three at one height, the middle one goes.
+            [.., (x0, y0)] if (x - x0).abs() < UNSEEN && (y - y0).abs() < UNSEEN => {}
+            [.., (_, y0), (_, y1)] if (y - y1).abs() < 0.05 && (y - y0).abs() < 0.05 => {
+                let last = kept.len() - 1;
+                kept[last] = (x, y);
+            }
+            _ => kept.push((x, y)),
+        }
+    }
+    let mut d = String::new();
+    for (i, (x, y)) in kept.into_iter().enumerate() {
+        let to = if i == 0 { "M" } else { "L" };
+        // Writing into a string cannot fail.
+        let _ = write!(d, "{to}{} {}", tenths(x), tenths(y));
+    }
+    d
+}
+
+/// Outline of bins in pixels, each as its upper left corner and its right edge, down to the foot where one is missing.
+fn outline(bins: impl Iterator<Item = ((f64, f64), f64)>, foot: f64) -> String {
+    let mut d = String::new();
+    let mut end = f64::NAN;
+    for ((left, y), right) in bins {
+        // Writing into a string cannot fail.
+        let follows = (left - end).abs() < 0.01;
+        if !follows && !end.is_nan() {
+            let _ = write!(d, "L{end:.2} {foot}");
+        }
+        if !follows {
+            let _ = write!(d, "M{left:.2} {foot}");
+        }
+        let _ = write!(d, "L{left:.2} {y:.2}L{right:.2} {y:.2}");
+        end = right;
+    }
+    if !end.is_nan() {
+        let _ = write!(d, "L{end:.2} {foot}");
+    }
+    d
+}
+
+pub fn tenths(pixels: f64) -> f64 {
+    (pixels * 10.0).round() / 10.0
+}
+
+/// Height of a lane [pixels].
+pub const LANE: f64 = 11.0;
+/// Half the size of a mark [pixels].
+const HALF: f64 = 3.0;
+
+/// One of [`MARKS`] around a place in pixels: a bar, a diamond, a square, a cross.
+fn mark_path(mark: usize, x: f64, y: f64) -> String {
+    let [left, right, top, foot] = [x - HALF, x + HALF, y - HALF, y + HALF].map(tenths);
+    let (x, y) = (tenths(x), tenths(y));
+    match mark {
+        0 => format!("M{x} {}V{}", top - 1.0, foot + 1.0),
+        1 => format!("M{left} {y}L{x} {top}L{right} {y}L{x} {foot}Z"),
+        2 => format!("M{left} {top}H{right}V{foot}H{left}Z"),
+        _ => format!("M{left} {top}L{right} {foot}M{left} {foot}L{right} {top}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_leave_out_what_nobody_sees() {
+        let flat = (0..100).map(|i| (f64::from(i), 5.0));
+        assert_eq!(path(flat), "M0 5L99 5");
+        assert_eq!(
+            path([(0.0, 0.0), (0.1, 0.1), (3.0, 9.0)].into_iter()),
+            "M0 0L3 9"
+        );
+        assert_eq!(path(std::iter::empty()), "");
+    }
+
+    #[test]
+    fn lines_reach_the_peaks_of_every_stretch() {
+        let span = |(tick, min, max)| Span { tick, min, max };
+        let spans = [(0, 0.0, 1.0), (2, 0.5, 7.0)].map(span);
+        let points = through(spans.into_iter(), |tick| [tick as f64, tick as f64 + 1.0]);
+        assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (2.0, 0.5), (3.0, 7.0)]);
+    }
+
+    #[test]
+    fn the_outline_of_bins_goes_down_where_one_is_missing() {
+        let bins = [((0.0, 5.0), 1.0), ((1.0, 3.0), 2.0), ((4.0, 6.0), 5.0)];
+        let d = outline(bins.into_iter(), 9.0);
+        let whole = "M0.00 9L0.00 5.00L1.00 5.00L1.00 3.00L2.00 3.00L2.00 9M4.00 9L4.00 6.00L5.00 6.00L5.00 9";
+        assert_eq!(d, whole);
+        assert_eq!(outline(std::iter::empty(), 9.0), "");
+    }
+
+    #[test]
+    fn words_are_escaped() {
+        let word = || "</svg><script>".to_owned();
+        let axis = |label: &str| Axis::new(Scale::time(0.0, 1.0), label);
+        let layers = vec![
+            Layer::verticals("swap", [(0.5, word())]),
+            Layer::Boxes {
+                class: "bar".into(),
+                boxes: vec![([(0.0, 0.0), (1.0, 1.0)], word(), word())],
+            },
+        ];
+        let lane = Lane {
+            class: "loop",
+            marks: vec![(3, 0.7, word())],
+        };
+        let chart = Chart {
+            lanes: vec![lane],
+            ..Chart::new("<a> & \"b\"", axis("time [s]"), axis("<y>"), layers)
+        };
+        let svg = chart.svg(None).into_string();
+        assert!(
+            !svg.contains("<script>") && !svg.contains("<a>") && !svg.contains("<y>"),
+            "{svg}"
+        );
+    }
+}

@@ -1,0 +1,329 @@
+//! Sentences that several results share: faults, parameter changes, laws, gates, verdicts, lost messages and margins.
+
+use analysis::faults::InjectedFault;
+use analysis::schema::{
+    AcceptanceResult, Gate, LawSection, MarginSection, Report, RobustnessMargin, RoleSection,
+    Verdicts, sum,
+};
+use analysis::speed::Speed;
+use analysis::status::FlightStatus;
+use analysis::swaps::{AppliedSwap, ParameterChange};
+use flight_log::facts::OFF;
+use messages::role::Role;
+
+pub use analysis::phrase::count;
+
+/// `setpoint.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)`.
+pub fn fault(fault: &InjectedFault) -> String {
+    let at = |tick: u64, time_s: f64| format!("tick {tick} ({time_s:.3} s)");
+    let (what, from) = (&fault.what, at(fault.tick, fault.time_s));
+    let when = match fault.to_tick.zip(fault.to_s) {
+        _ if fault.is_cancelled() => format!("from {from}, called off before"),
+        Some((tick, time_s)) => format!("from {from} to {}", at(tick, time_s)),
+        None if fault.happens_once() => format!("at {from}"),
+        None => format!("from {from}"),
+    };
+    let live = if fault.live {
+        ", injected in flight"
+    } else {
+        ""
+    };
+    format!("{what} {when}{live}")
+}
+
+/// `setpoint.drop=0.1 8.000 to 9.000 s`.
+pub fn short_fault(fault: &InjectedFault) -> String {
+    let InjectedFault { what, time_s, .. } = fault;
+    match fault.to_s {
+        _ if fault.is_cancelled() => format!("{what} called off before {time_s:.3} s"),
+        Some(to_s) => format!("{what} {time_s:.3} to {to_s:.3} s"),
+        None if fault.happens_once() => format!("{what} at {time_s:.3} s"),
+        None => format!("{what} from {time_s:.3} s on"),
+    }
+}
+
+/// What changed: `mass_kg 0.52 -> 0.676`, and of a ramp also `over 2 s from tick 8000`.
+pub fn swap(swap: &AppliedSwap) -> String {
+    let change = |it: &ParameterChange| {
+        let change = format!("{} {} -> {}", it.name, it.old, it.new);
+        // Whole microseconds, as a sum of ticks is not.
+        match (it.over_s * 1e6).round() / 1e6 {
+            0.0 => change,
+            over_s => format!("{change} over {over_s} s from tick {}", swap.tick),
+        }
+    };
+    let changes: Vec<String> = swap.changes.iter().map(change).collect();
+    changes.join(", ")
+}
+
+pub fn law(law: &LawSection) -> String {
+    match law.file_name() {
+        Some(file) => format!("`{}` ({file})", law.name),
+        None => format!("`{}`", law.name),
+    }
+}
+
+/// The verdicts with their subjects: subject, verdict, reason.
+pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, &'static str, &str); 3] {
+    let Verdicts {
+        flight,
+        timing,
+        theorem,
+    } = verdicts;
+    [
+        ("Flight", flight.word.words(), &flight.why),
+        ("Timing", timing.word.words(), &timing.why),
+        ("Theorem", theorem.word.words(), &theorem.why),
+    ]
+}
+
+pub fn gate(gate: &Gate) -> String {
+    let word = if gate.held { "ok" } else { "FAIL" };
+    let (name, value, limit) = (&gate.name, &gate.value, &gate.limit);
+    format!("{word:<4} {name}: {value} (limit {limit})")
+}
+
+pub fn acceptance(result: &AcceptanceResult) -> String {
+    let status = result.status;
+    match result.requested() {
+        (_, 0) if status == FlightStatus::Pass => format!("{status}: no gate was asked for"),
+        (_, 0) => status.to_string(),
+        (held, requested) => format!("{status}: {held} of {requested} gates held"),
+    }
+}
+
+/// What is missing in the record, and what laws did that no law should, a sentence each.
+pub fn warnings(report: &Report) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let (lost, unlogged) = (report.lost(), report.unlogged());
+    let (recorder, log) = (&report.recorder, &report.recorder.log);
+    if lost > 0 {
+        let all = [&log.messages, &log.dropped, &log.left_out, &log.removed];
+        let all = all.into_iter().map(sum).fold(lost, u64::saturating_add);
+        let of = recorder.lost.iter().filter(|(_, n)| **n > 0);
+        let of: Vec<String> = of.map(|(topic, n)| format!("{topic} {n}")).collect();
+        // Without a log nobody has counted them.
+        let of_all = match log.kept == OFF {
+            true => String::new(),
+            false => format!(" of {all}"),
+        };
+        sentences.push(format!(
+            "{lost}{of_all} messages were lost before they were recorded ({}); no latency is known of them",
+            of.join(", ")
+        ));
+    }
+    if unlogged > 0 {
+        let why = log.refused.iter().map(|why| format!(": {why}"));
+        let why = String::from_iter(why);
+        sentences.push(format!("flight.mcap lacks {unlogged} messages{why}"));
+    }
+    let unwritten = recorder.unwritten.iter();
+    sentences.extend(unwritten.map(|(file, why)| format!("{file} is incomplete: {why}")));
+    for sentence in &mut sentences {
+        sentence.insert_str(0, "INCOMPLETE RECORD: ");
+    }
+    sentences.extend(law_warnings(report));
+    sentences
+}
+
+/// Of every law its outputs that could not be used; of one of a file also its time, its allocations and its page faults.
+fn law_warnings(report: &Report) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (role, section) in &report.run.laws {
+        let law = law(section);
+        warnings.extend(not_finite(section, role));
+        if section.file.is_some() {
+            let process = report.roles.get(role);
+            let costs = process.map(|process| unsteady(role, process));
+            let all = too_long(report, role).into_iter();
+            let all = all.chain(costs.into_iter().flatten());
+            warnings.extend(all.map(|what| format!("{role} law {law} {what}")));
+        }
+    }
+    warnings
+}
+
+/// Outputs of a law that could not be used, where there were some.
+pub fn not_finite(section: &LawSection, role: &str) -> Option<String> {
+    let (first, law) = (section.first_not_finite?, law(section));
+    let ticks = count(section.ticks_not_finite, "tick");
+    Some(format!(
+        "{role} law {law} gave a number that is not finite, or beyond any airframe, in {ticks}, first at tick {first}"
+    ))
+}
+
+/// Whether a stage computed for longer than a tick, in more than a hundredth of its ticks: a host's stalls are rarer.
+fn too_long(report: &Report, role: &str) -> Option<String> {
+    let computed = report.series(&format!("compute.{role}"))?;
+    let tick_us = report.run.wall_period_us;
+    let is_on_the_clock = report.run.speed() != Speed::Lockstep;
+    (is_on_the_clock && computed.p99_us > tick_us).then(|| {
+        format!(
+            "took longer than a tick of {tick_us} us: {:.1} us in the median, {:.1} us at the most",
+            computed.p50_us, computed.max_us
+        )
+    })
+}
+
+/// What the process of a law did in flight that costs time of nobody's choosing.
+fn unsteady(name: &str, role: &RoleSection) -> Vec<String> {
+    let Some(usage) = &role.usage else {
+        return Vec::new();
+    };
+    let mut sentences = Vec::new();
+    // The middleware lends one message a tick, and the mixer's last word.
+    let last_word = u64::from(name == Role::Mixer.name());
+    let lent = role.ticks_run.saturating_add(last_word);
+    let own = usage.allocations.map_or(0, |all| all.saturating_sub(lent));
+    if own > 0 {
+        let calls = count(own, "call");
+        sentences.push(format!(
+            "allocated memory in flight: {calls} beside the middleware's one a tick"
+        ));
+    }
+    let is_granted = |name: &str| {
+        let mut steps = role.realtime.iter();
+        steps.any(|step| step.step == name && step.granted)
+    };
+    let is_locked = is_granted("memory_lock") && is_granted("prefault");
+    let faults = usage.minor_faults.saturating_add(usage.major_faults);
+    if is_locked && faults > 0 {
+        let faults = count(faults, "page fault");
+        sentences.push(format!("met memory that was not there: {faults} in flight"));
+    }
+    sentences
+}
+
+/// The worst outage against the loop's margin, where it has one. A margin is of one airframe: that of the settings.
+pub fn margin(report: &Report) -> Option<String> {
+    let margin = report.margin.as_ref()?;
+    let swaps = report.swaps.len() as u64 + report.swaps_left_out;
+    let sentence = margin_of_flight(margin);
+    if margin.unknown.is_some() || swaps == 0 {
+        return Some(sentence);
+    }
+    let swaps = count(swaps, "swap");
+    Some(format!(
+        "{sentence}; of the airframe before {swaps} in flight"
+    ))
+}
+
+fn margin_of_flight(margin: &MarginSection) -> String {
+    if let Some(command) = &margin.unknown {
+        return format!("not known: run {command}");
+    }
+    let by = margin.measured_by.iter();
+    let mut by: String = by
+        .map(|build| format!("; measured by another build, {build}"))
+        .collect();
+    if margin.unmeasured > 0 {
+        let outages = count(margin.unmeasured, "outage");
+        by += &format!("; not in it: {outages}, of which messages were lost");
+    }
+    let most = |bears: &RobustnessMargin| if bears.is_most { "more than " } else { "" };
+    let phases = count(margin.phases, "phase");
+    let nearest = margin.nearest.as_ref();
+    let nearest = nearest.and_then(|it| Some((it, margin.bears.get(it)?, margin.outages.get(it)?)));
+    let Some((stage, bears, outage)) = nearest else {
+        let each = margin.bears.iter();
+        let each = each.map(|(stage, it)| format!("{stage} {}{}", most(it), it.ticks));
+        let each = each.collect::<Vec<_>>().join(", ");
+        return format!(
+            "no stage had an outage in this flight; this loop tolerates, in ticks: {each} (least of {phases}){by}"
+        );
+    };
+    let least = if bears.is_most { "at least " } else { "" };
+    format!(
+        "worst outage in this flight {} ({stage}); this loop tolerates {}{} (least of {phases}): margin {least}{:.1}{by}",
+        count(*outage, "tick"),
+        most(bears),
+        bears.ticks,
+        margin.margin.unwrap_or_default()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_has_its_instants() {
+        let fault_of = |what: &str, tick, to_tick, period_s| {
+            InjectedFault::new(what.to_owned(), tick, to_tick, period_s)
+        };
+        let freeze = |to_tick| fault_of("state.freeze", 500, to_tick, 0.002);
+        let drop = fault_of("state.drop=0.1", 8000, Some(9000), 0.001);
+        let stop = fault_of("inner.stop=20ms", 8000, None, 0.001);
+        for (it, long, short) in [
+            (
+                drop,
+                "state.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)",
+                "state.drop=0.1 8.000 to 9.000 s",
+            ),
+            (
+                stop,
+                "inner.stop=20ms at tick 8000 (8.000 s)",
+                "inner.stop=20ms at 8.000 s",
+            ),
+            (
+                freeze(Some(400)),
+                "state.freeze from tick 500 (1.000 s), called off before",
+                "state.freeze called off before 1.000 s",
+            ),
+            (
+                freeze(None).in_flight(),
+                "state.freeze from tick 500 (1.000 s), injected in flight",
+                "state.freeze from 1.000 s on",
+            ),
+        ] {
+            assert_eq!((&*fault(&it), &*short_fault(&it)), (long, short));
+        }
+    }
+
+    #[test]
+    fn the_margin_names_the_nearest_stage_and_what_is_not_known() {
+        let bears = |(stage, ticks): (&str, u64)| {
+            let is_most = ticks >= 2000;
+            (stage.to_owned(), RobustnessMargin { ticks, is_most })
+        };
+        let known = MarginSection {
+            bears: [("outer", 2000), ("inner", 118)].map(bears).into(),
+            phases: 32,
+            ..MarginSection::default()
+        };
+        let near = |stage: &str, ticks: u64, margin: f64| MarginSection {
+            outages: [(stage.to_owned(), ticks)].into(),
+            nearest: Some(stage.into()),
+            margin: Some(margin),
+            ..known.clone()
+        };
+        let other = MarginSection {
+            measured_by: Some("7fa27a4-release".into()),
+            unmeasured: 2,
+            ..near("inner", 47, 2.51)
+        };
+        for (section, sentence) in [
+            (
+                known.clone(),
+                "no stage had an outage in this flight; this loop tolerates, in ticks: inner 118, outer more than 2000 \
+                 (least of 32 phases)",
+            ),
+            (
+                near("outer", 1, 2000.0),
+                "worst outage in this flight 1 tick (outer); this loop tolerates more than 2000 (least of 32 phases): \
+                 margin at least 2000.0",
+            ),
+            (
+                other,
+                "worst outage in this flight 47 ticks (inner); this loop tolerates 118 (least of 32 phases): margin 2.5; \
+                 measured by another build, 7fa27a4-release; not in it: 2 outages, of which messages were lost",
+            ),
+            (
+                MarginSection::unknown("ab".into(), "ironbird margin".into()),
+                "not known: run ironbird margin",
+            ),
+        ] {
+            assert_eq!(margin_of_flight(&section), sentence);
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! The section on the Lyapunov monitor.
+
+use crate::document::{self, Block, Cell, Table, known, row, table};
+use crate::figures::Figures;
+use analysis::phrase::count;
+use analysis::theorem::{NO_CAUSE, Theorem, Watched};
+use messages::monitor::Cause;
+use std::collections::BTreeMap;
+
+pub fn text(theorem: &Theorem) -> String {
+    document::text(&blocks(theorem, None))
+}
+
+/// What the theorem leaves of an estimate's error: no more than it proves.
+fn bound(theorem: &Theorem, estimate: &Watched) -> String {
+    let bound = estimate.error_bound;
+    if !theorem.broken.is_empty() {
+        format!("no bound under {}", theorem.broken.join(", "))
+    } else if estimate.error.abs() <= bound {
+        format!("by the theorem at most {bound:.2e}")
+    } else {
+        format!("by the theorem at most {bound:.2e} beside the trapezoidal rule")
+    }
+}
+
+/// The section; with charts where there are traces.
+pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
+    let fact = |said: String| vec![Block::Fact("Theorem", said)];
+    if let Some(why) = theorem.inapplicable() {
+        return fact(format!("not applicable: {why}"));
+    }
+    let unwatched = count(theorem.ticks_unwatched, "tick");
+    match (theorem.ticks_checked, theorem.ticks_unwatched) {
+        (0, 0) => return fact("not watched: no step of the estimates was seen".into()),
+        (0, _) => {
+            let why = "a message before the first step was lost";
+            return fact(format!("not watched: {why}, and {unwatched} went by"));
+        }
+        _ => {}
+    }
+    let mut blocks = fact(format!("{}: {}", theorem.verdict(), theorem.counts()));
+    let moved = match theorem.is_live {
+        true => "the estimates move as predicted",
+        false => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
+    };
+    blocks.push(Block::Items(vec![
+        format!(
+            "V_th {:.3e} rad^2/s^2 at the start, {:.3e} at the end",
+            theorem.v_th_start, theorem.v_th_end
+        ),
+        format!(
+            "fell by {:.4e} where the theorem predicts {:.4e}: {moved}, in {}",
+            theorem.descent,
+            theorem.descent_predicted,
+            count(theorem.steps_adapted, "step")
+        ),
+        format!(
+            "largest excess of a step over what it owes: {:.3e} of what rounding is allowed",
+            theorem.step_excess_max
+        ),
+        format!(
+            "e {:.2e} rad/s at most, {:.2e} at the end; {}, {} with a stale input, {}",
+            theorem.rate_error_max_rad_s,
+            theorem.rate_error_final_rad_s,
+            count(theorem.ticks_saturated, "saturated tick"),
+            theorem.ticks_stale,
+            count(theorem.live_swaps, "live swap")
+        ),
+        format!(
+            "excitation of the worst direction: {:.3e} e-folds of the error in the last 10 s, {:.3e} in the least of \
+             all 10 s",
+            theorem.excitation, theorem.excitation_least
+        ),
+        theorem.convergence.clone(),
+    ]));
+    blocks.push(Block::Table(causes(theorem)));
+    let columns = [
+        "estimate",
+        "error",
+        "first",
+        "at most",
+        "excitation",
+        "found",
+    ];
+    let rows = theorem.estimates.iter().map(|it| {
+        let [error, first, excitation] =
+            [it.error, it.error_start, it.identifiability].map(|it| format!("{it:.2e}"));
+        let found = if it.found { "yes" } else { "no" };
+        let (name, bound) = (&it.name, bound(theorem, it));
+        row([name, &error, &first, &bound, &excitation, &found])
+    });
+    blocks.push(table(columns, rows));
+    if let Some(figures) = figures {
+        let note =
+            "The axis of the changes is logarithmic to both sides of 0, and linear in its middle.";
+        blocks.push(Block::Figures(figures.theorem()));
+        blocks.push(Block::Note(note.into()));
+    }
+    blocks
+}
+
+/// Every cause in force at some rise, with its counts; V above its bound is not judged.
+fn causes(theorem: &Theorem) -> Table {
+    let unexplained = Cause::Unexplained.name();
+    let rises = theorem.largest_rise.keys().map(String::as_str);
+    let rises = rises.map(|cause| {
+        if cause == NO_CAUSE {
+            unexplained
+        } else {
+            cause
+        }
+    });
+    let counted = theorem.violations.keys();
+    let counted = counted.chain(theorem.v_above_bound.keys());
+    let mut names: Vec<&str> = counted.map(String::as_str).chain(rises).collect();
+    names.sort_unstable();
+    names.dedup();
+    let rows = names.into_iter().map(|cause| {
+        let of = |counts: &BTreeMap<String, u64>| counts.get(cause).copied().unwrap_or(0);
+        let key = if cause == unexplained {
+            NO_CAUSE
+        } else {
+            cause
+        };
+        let rise = theorem.largest_rise.get(key);
+        let rise = rise.map(|it| format!("{:.1e} ({:.1e} of the start)", it.absolute, it.relative));
+        let (violations, above) = (of(&theorem.violations), of(&theorem.v_above_bound));
+        let mut cells = row([&cause, &violations, &known(rise), &above]);
+        cells.push(Cell::from(explained(cause)));
+        cells
+    });
+    let columns = ["rises by cause", "steps", "largest", "V above bound", ""];
+    Table::new(columns, rows)
+}
+
+fn explained(cause: &str) -> &'static str {
+    match cause {
+        "live_swap" => "samples from before a live swap had not faded",
+        "out_of_bounds" => "a true value lies outside the bounds of its estimate",
+        "broken_model" => "a parameter that is not estimated is not the model's",
+        "gyro_noise" => "the gyro is noisy",
+        "motor_lag" => "the motors lag",
+        "saturation" => "the rotors could not do what was asked; excuses V alone",
+        "stale_input" => "a state, a set-point or a command was not of its tick; excuses V alone",
+        "delay" => "the chain's delay and the low-pass, in every flight; excuses V alone",
+        _ => "no cause is known",
+    }
+}
