@@ -16,6 +16,7 @@ pub mod command_filter;
 pub mod excitation;
 pub mod feasibility;
 pub mod flatness;
+pub mod flight_monitor;
 pub mod gains;
 pub mod laws;
 pub mod limits;
@@ -25,6 +26,7 @@ pub mod rate_law;
 pub mod rate_loop;
 pub mod trajectory;
 
+pub use flight_monitor::FlightMonitor;
 pub use gains::Gains;
 pub use limits::Limits;
 pub use monitor::TheoremMonitor;

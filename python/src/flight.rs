@@ -5,11 +5,10 @@ use std::fs;
 use std::path::Path;
 
 use analysis::swaps::AppliedSwap;
+use config::Settings;
+use config::law_settings::known;
 use control_api::description::Description;
 use flight_log::codec::Logged;
-use ironbird::settings::Settings;
-use ironbird::settings::law_settings::known;
-use ironbird::simulator::Simulator;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
 use messages::role::{Role, STAGES};
@@ -17,6 +16,7 @@ use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::array;
+use sim::simulator::Simulator;
 use toml::{Table as Section, Value};
 
 use crate::table::{ShownColumn, Signals, Table, rows};

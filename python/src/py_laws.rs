@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use config::check_foreign_law;
+use config::law_settings::{LAW, SHA256, check_same};
 use control_api::law::Rig;
-use ironbird::settings::check_foreign_law;
-use ironbird::settings::law_settings::{LAW, SHA256, check_same};
 use messages::role::Role;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use analysis::flight_statistics::is_last_word;
 use analysis::swaps::AppliedSwap;
+use config::Settings;
 use errors::Failure;
 use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{LANDING, SETTINGS};
 use flight_log::reader::{End, LogReader};
-use ironbird::replay::log_check::{first_of, settings_of};
-use ironbird::run_directory::find_log;
-use ironbird::settings::Settings;
 use messages::header::Message;
 use messages::output_hash::OutputHash;
 use pyo3::prelude::*;
+use recorder::run_directory::find_log;
+use replay::log_check::{first_of, settings_of};
 
 use crate::errors::log_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};

@@ -1,6 +1,6 @@
 //! Settings as nested dicts: the sections and keys of a settings file.
 
-use ironbird::settings::Overrides;
+use config::Overrides;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
 use toml::{Table, Value};

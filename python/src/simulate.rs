@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
+use config::Settings;
 use control_api::law::{InnerLaw, OuterLaw};
 use control_api::registry::Made;
 use control_api::{GuardedInner, GuardedOuter};
 use errors::Failure;
-use ironbird::settings::Settings;
-use ironbird::simulate::fly;
-use ironbird::simulator::Simulator;
 use messages::blackboards::EndReason;
 use messages::role::Role;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
+use sim::simulate::fly;
+use sim::simulator::Simulator;
 
 use crate::errors::settings_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};

@@ -1,5 +1,7 @@
 //! JSON for people and programs: one line per object key, one per array of numbers.
 
+use errors::Failure;
+use errors::output::print;
 use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use std::io;
@@ -10,6 +12,12 @@ pub fn to_string(value: &impl Serialize) -> serde_json::Result<String> {
     let mut bytes = Vec::new();
     value.serialize(&mut Serializer::with_formatter(&mut bytes, Rows::default()))?;
     String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+}
+
+/// Writes a value to standard output.
+pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    let text = to_string(value).map_err(|e| Failure::failed(e.to_string()))?;
+    print(&(text + "\n"))
 }
 
 #[derive(Default)]

@@ -1,6 +1,7 @@
 //! Which build this is: what distinguishes two executables of one version.
 
 use std::fmt;
+use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,19 @@ pub struct Build {
     pub profile: String,
     pub rustc: String,
     pub target: String,
+}
+
+/// The build of this executable, as its main function has declared it.
+static EXECUTABLE: OnceLock<Build> = OnceLock::new();
+
+/// Declares which build this executable is; the first call counts.
+pub fn set_executable(build: Build) {
+    EXECUTABLE.get_or_init(|| build);
+}
+
+/// The build of this executable; unknown where nothing has been declared, as in a library's tests.
+pub fn executable() -> Build {
+    EXECUTABLE.get().cloned().unwrap_or_default()
 }
 
 impl Build {

@@ -26,6 +26,7 @@ pub mod scene;
 pub mod schema;
 pub mod telemetry;
 pub mod units;
+pub mod wall_time;
 pub mod writer;
 
 /// Name of the log in a flight's directory: of its first file.

@@ -2,9 +2,9 @@
 //!
 //! A thousand ticks per second are real time at 1 kHz, so `thrpt` in Kelem/s is the factor over real time.
 
+use config::Settings;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use ironbird::settings::Settings;
-use ironbird::simulator::Simulator;
+use sim::simulator::Simulator;
 
 const TICKS: u64 = 20_000;
 

@@ -12,12 +12,12 @@ use control_api::description::Settings;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{INNER, OUTER};
 use controller::{ScaledTrajectory, Trajectory};
-use ironbird::simulator::Simulator;
 use messages::parameters::{Airframe, Parameter};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::RigidBody;
 use plant::rotors::{Spin, effort};
 use serde_json::{Value, json};
+use sim::simulator::Simulator;
 
 const TICKS: u64 = 10_000;
 /// Ticks that are flown first and not timed: they find caches cold.

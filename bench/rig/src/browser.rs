@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::output::say;
+use errors::output::say;
 use errors::{Failure, InFile as _};
 
 /// How long to wait for an error of the program that opens files. If it still runs then, it shows the page.

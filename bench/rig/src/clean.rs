@@ -4,10 +4,10 @@ use ipc::Wire;
 use ipc::instance::{Instance, root_path};
 
 use crate::cli::CleanArgs;
-use crate::output::print;
-use crate::record::kernel_trace;
+use errors::output::print;
 use errors::{Failure, OK};
 use host::trace;
+use recorder::kernel_trace;
 
 pub fn clean(CleanArgs { dry_run, .. }: CleanArgs) -> Result<u8, Failure> {
     let (removed, kept) = match dry_run {

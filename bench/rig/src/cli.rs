@@ -18,7 +18,7 @@ use toml::Value;
 use crate::build::VERSION;
 use crate::laws::LawsArgs;
 use crate::new_law::NewCommand;
-use crate::settings::Overrides;
+use config::Overrides;
 
 pub use flight::{
     FlightArgs, FlyArgs, GateArgs, GateName, LeadArg, LogArg, OnDeath, PaceArg, RecordArgs,

@@ -7,7 +7,7 @@ use messages::role::Role;
 use render::plot::LAWS;
 use toml::Value;
 
-use crate::settings::{Overrides, Settings};
+use config::{Overrides, Settings};
 use errors::Failure;
 
 pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Overrides>, Failure> {

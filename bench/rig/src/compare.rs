@@ -15,13 +15,14 @@ use toml::Value;
 use crate::build;
 use crate::cli::{CompareArgs, DiffFormat};
 use crate::combinations;
-use crate::invalid_outputs::InvalidOutputs;
-use crate::output::{print, print_json, say};
 use crate::parallel::{on_processors, processors};
-use crate::settings::{Overrides, Settings};
-use crate::simulate;
-use crate::simulator::Simulator;
+use analysis::json::print_json;
+use config::{Overrides, Settings};
+use errors::output::{print, say};
 use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
+use sim::invalid_outputs::InvalidOutputs;
+use sim::simulate;
+use sim::simulator::Simulator;
 
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;

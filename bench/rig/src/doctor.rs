@@ -14,8 +14,8 @@ use host::own_executable;
 use messages::role::Role;
 
 use crate::cli::DoctorArgs;
-use crate::output::{print, say};
-use crate::settings::{Settings, check_cpu};
+use config::{Settings, check_cpu};
+use errors::output::{print, say};
 
 /// Allowed range of `--seconds` [s]: from one tick of the measurement to an hour.
 const SECONDS: RangeInclusive<f64> = 0.001..=3600.0;

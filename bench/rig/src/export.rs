@@ -10,9 +10,8 @@ use messages::header::Message;
 use messages::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
-use crate::output::{print, say};
-use crate::run_directory::find_log;
 use analysis::phrase::count;
+use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
 use flight_log::entry::{FORMATS, LogEntry, with_message};
@@ -20,6 +19,7 @@ use flight_log::perfetto;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{rows, topics};
+use recorder::run_directory::find_log;
 
 pub const DIRECTORY: &str = "export";
 

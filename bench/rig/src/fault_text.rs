@@ -1,12 +1,10 @@
-//! Faults as text: what `ironbird faults` prints, and injected faults for the report.
+//! What `ironbird faults` prints.
 
 use faults::{LONGEST_DELAY, PORTS};
 use messages::role::STAGES;
 
-use faults::grammar::{Fault, joined, planned_again, typed};
-use faults::live::LiveFault;
+use faults::grammar::typed;
 use faults::plan::RESTART;
-use report::faults::InjectedFault;
 use render::document::{Cell, Table, row};
 
 /// What, value and meaning.
@@ -62,24 +60,4 @@ pub fn text() -> String {
         STAGES.map(|role| role.name()).join(", "),
         fields.list()
     )
-}
-
-/// Injected faults for the report.
-pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
-    let mut ended = live.to_vec();
-    for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
-        for fault in &mut ended[..place] {
-            if !fault.ends && fault.kind.is_like(&end.kind) {
-                fault.span.to = fault.span.to.min(end.span.from);
-            }
-        }
-    }
-    let described = |fault: Fault| {
-        let (from, to) = (
-            fault.from.tick(period_s),
-            fault.to.map(|to| to.tick(period_s)),
-        );
-        InjectedFault::new(joined(&fault.changes), from, to, period_s).in_flight()
-    };
-    planned_again(&ended).into_iter().map(described).collect()
 }

@@ -10,7 +10,7 @@ pub mod comparison_sets;
 pub mod flight_baseline;
 pub mod flight_runner;
 
-use crate::wall_time::utc;
+use flight_log::wall_time::utc;
 use std::path::Path;
 use std::time::Duration;
 use std::time::SystemTime;
@@ -24,7 +24,7 @@ use crate::cli::{FloorArgs, HopArgs, Set};
 use crate::floor::benchmark_page::{MeasuredSet, Page, set_name};
 use crate::floor::comparison_sets::{MeasuringEffort, Stress};
 use crate::floor::flight_runner::FlightRunner;
-use crate::output::{print, say};
+use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, read_text};
 use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;

@@ -17,12 +17,12 @@ use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, afte
 use messages::role::Role;
 use plant::Target;
 
-use crate::fault_text::injected as described;
-use crate::settings::airframe::{PAPER, airframe_of, pairs};
-use crate::settings::faults::{check_possible, check_priority};
+use config::airframe::{PAPER, airframe_of, pairs};
+use config::planned_faults::{check_possible, check_priority};
 use errors::Failure;
 use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, targets_of};
 use faults::plan::refused;
+use recorder::injected_faults::injected as described;
 
 /// How long the plant may take to answer, beyond the time until the requested tick.
 const TIMEOUT: Duration = Duration::from_secs(2);

@@ -11,8 +11,8 @@ use ironbird_law::abi::IRONBIRD_LAW_INTERFACE;
 use messages::role::Role;
 use plugin::Library;
 
-use crate::output::print;
-use crate::settings::law_settings::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
+use config::law_settings::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
+use errors::output::print;
 use errors::{Failure, GATE, OK};
 use trial::{ANSWER, Candidate, Difference, Findings, HOT, INPUTS, Watchdog};
 

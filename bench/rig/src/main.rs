@@ -4,9 +4,9 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use errors::Failure;
+use errors::output::say;
 use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
 use ironbird::floor;
-use ironbird::output::say;
 use ironbird::{
     campaign, clean, compare, doctor, export, laws, manual, margin, new_law, params,
     report_command, resource_limits, runs, watch,
@@ -21,6 +21,7 @@ process::count_allocations!();
 plugin::name_exits!();
 
 fn main() -> ExitCode {
+    flight_log::build::set_executable(ironbird::build::here());
     if checks::IS_MUTANT
         && let Ok(guard) = std::env::var("IRONBIRD_GUARD_OFF")
     {

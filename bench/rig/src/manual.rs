@@ -6,7 +6,7 @@ use clap::{Command, CommandFactory as _};
 use clap_mangen::Man;
 
 use crate::cli::{Cli, CompletionsArgs, ManArgs};
-use crate::output::print;
+use errors::output::print;
 use errors::{Failure, InFile as _, OK};
 
 const NAME: &str = "ironbird";

@@ -9,8 +9,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use errors::{Failure, OK};
 use messages::role::Role;
 
-use crate::output::print;
-use crate::settings::law_settings::known;
+use config::law_settings::known;
+use errors::output::print;
 
 /// Longest name [bytes]: that of the interface.
 const NAME_BYTES: usize = 40;

@@ -17,11 +17,11 @@ use messages::inspection::Expected;
 use messages::monitor::Monitor;
 use messages::role::Role;
 
-use crate::record::ports::{Ports, horizon};
-use crate::record::role_statuses::RoleStatuses;
-use crate::settings::airframe::pairs;
+use config::airframe::pairs;
+use recorder::ports::{Ports, horizon};
+use recorder::role_statuses::RoleStatuses;
 
-pub use crate::record::ports::DRAIN_EVERY;
+pub use recorder::ports::DRAIN_EVERY;
 
 /// How long after the end of a flight the recorder may still pass messages on.
 const LAST_MESSAGES: Duration = Duration::from_millis(200);

@@ -7,8 +7,9 @@ use serde::Serialize;
 
 use crate::cli::ParamsArgs;
 use crate::inject::{self, flight};
-use crate::output::{print, print_json};
-use crate::settings::airframe::named;
+use analysis::json::print_json;
+use config::airframe::named;
+use errors::output::print;
 use errors::{Failure, OK};
 use render::document::{Table, known, row};
 

@@ -3,7 +3,7 @@
 use std::io::{self, IsTerminal as _};
 use std::time::{Duration, Instant};
 
-use crate::output::say;
+use errors::output::say;
 
 #[derive(Debug)]
 pub struct Progress {

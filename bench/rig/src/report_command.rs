@@ -7,15 +7,16 @@ use std::path::{Path, PathBuf};
 use crate::browser::open_page;
 use crate::cli::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::margin::table::look_again;
-use crate::output::{print, print_json};
-use crate::record::hlog;
-use crate::run_directory::{find, log_files};
-use crate::wall_time::utc;
 use analysis::diff::{Flown, compare};
 use analysis::gates::break_off;
+use analysis::json::print_json;
 use analysis::schema::Report;
 use analysis::status::FlightStatus;
+use errors::output::print;
 use errors::{Failure, InFile as _, OK, check_writable, read_text};
+use flight_log::wall_time::utc;
+use recorder::hlog;
+use recorder::run_directory::{find, log_files};
 use render::{brief, diff, flight, junit};
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {

@@ -13,13 +13,14 @@ use serde::Serialize;
 
 use crate::cli::RunsArgs;
 use crate::export;
-use crate::output::{print, print_json};
-use crate::record::hlog;
-use crate::run_directory::{FACTS, LATENCIES, entries, is_held, is_ours, out_or_default};
-use crate::settings::airframe::PAPER;
-use crate::settings::last_name;
-use crate::wall_time::utc;
+use analysis::json::print_json;
+use config::airframe::PAPER;
+use config::last_name;
+use errors::output::print;
 use errors::{Failure, OK, read_text};
+use flight_log::wall_time::utc;
+use recorder::hlog;
+use recorder::run_directory::{FACTS, LATENCIES, entries, is_held, is_ours, out_or_default};
 
 #[derive(Debug, Serialize)]
 struct RecordedRun {

@@ -21,10 +21,10 @@ use process::signals::end_with_launcher;
 
 use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};
-use crate::output::{print, say};
 use crate::parallel::asked_to_stop;
 use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
+use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OK};
 
 /// How often to look for a flight and to check its processes.

@@ -5,8 +5,8 @@ use crate::reference_laws;
 use crate::rig::{Rig, not_tested};
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
-use ironbird::simulator::Simulator;
 use messages::parameters::{Airframe, Parameter};
+use sim::simulator::Simulator;
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 

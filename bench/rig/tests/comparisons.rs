@@ -1,11 +1,11 @@
 //! `ironbird report diff` on groups of real flights that are alike, and on groups that differ in one hop.
 
 use crate::rig::{Rig, rounds, take_station};
+use config::Settings;
 use control_api::GuardedInner;
 use ipc::Wire;
 use ipc::clock::{Horizon, now_ns};
 use ipc::error::Error;
-use ironbird::settings::Settings;
 use messages::blackboards::EndReason;
 use messages::content::NO_TICK;
 use messages::inspection::{Expected, Rejections};

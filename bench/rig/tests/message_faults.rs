@@ -2,11 +2,11 @@
 
 use crate::fault_injection::after;
 use crate::rig::{Rig, stop_for};
+use config::Settings;
 use flight_log::reader::LogReader;
-use ironbird::settings::Settings;
-use ironbird::simulate::{SimulatedFlight, fly};
-use ironbird::simulator::Simulator;
 use messages::content::Mode;
+use sim::simulate::{SimulatedFlight, fly};
+use sim::simulator::Simulator;
 use std::time::Duration;
 
 const TICKS: u64 = 3001;

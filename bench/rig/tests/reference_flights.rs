@@ -5,9 +5,9 @@ use crate::reference_laws;
 use analysis::states::TickRecord;
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
-use ironbird::simulator::Simulator;
 use messages::parameters::Parameter;
 use plant::Swap;
+use sim::simulator::Simulator;
 
 const PERIOD_S: f64 = 0.001;
 const LAST_TICK: u64 = 20_000;

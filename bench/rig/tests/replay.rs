@@ -2,17 +2,17 @@
 
 use crate::recorded::{self, Dice, Published, TickFaults, fly, rewrite, settings, write};
 use crate::rig::{Rig, lacks_tool, send, stop_for};
+use config::law_settings::Moved;
 use errors::Failure;
 use flight_log::entry::LogEntry;
 use flight_log::facts::record;
 use flight_log::reader::LogReader;
 use flight_log::writer::FlightLog;
-use ironbird::replay::{LOOKAHEAD, ReplayResult, fly_again};
-use ironbird::settings::law_settings::Moved;
 use messages::header::Message;
 use messages::role::{Role, STAGES};
 use messages::telemetry::{Signal, Signals};
 use messages::topic::Topic;
+use replay::{LOOKAHEAD, ReplayResult, fly_again};
 use rustix::process::Signal as ProcessSignal;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};

@@ -1,5 +1,7 @@
 //! How a command fails: exit code, what happened, what to do about it.
 
+pub mod output;
+
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};

@@ -17,7 +17,6 @@ use std::time::Duration;
 use crate::Span;
 use crate::live::LiveFault;
 use crate::swap::Swap;
-use analysis::faults::InjectedFault;
 pub use change::{Change, LoopChange};
 pub use error::FaultError;
 pub use error::{duration, typed};

@@ -18,6 +18,7 @@ pub mod inspection;
 pub mod layout;
 pub mod limits;
 pub mod math;
+pub mod message_window;
 pub mod monitor;
 pub mod noise;
 pub mod output_hash;

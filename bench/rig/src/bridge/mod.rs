@@ -27,15 +27,15 @@ use messages::blackboards::EndReason;
 use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
-use crate::output::print;
 use crate::parallel::asked_to_stop;
-use crate::record::kernel_trace::remove_leftovers;
-use crate::settings::law_settings;
 use analysis::laws::no_theorem;
 use channels::Channels;
+use config::law_settings;
+use errors::output::print;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use origin_proxy::{LIMITS, OriginProxy, hidden_address};
 use parameters::ParameterMirror;
+use recorder::kernel_trace::remove_leftovers;
 
 /// How long it may take to join a flying instance: joining fails for an instant while roles start.
 const JOIN_TIMEOUT: Duration = Duration::from_secs(2);

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use ipc::clock::now_ns;
 
-use crate::output::say;
+use errors::output::say;
 
 /// Where the Foxglove app runs.
 const APP: &str = "https://app.foxglove.dev";

@@ -12,10 +12,10 @@ use plant::{LANES, PlantBatch};
 
 use super::flight_settings::Plan;
 use crate::parallel::all_on_processors;
-use crate::recorded_timing::Timing;
-use crate::settings::Settings;
-use crate::simulate::{Judge, follow};
-use crate::simulator::Simulator;
+use config::Settings;
+use sim::recorded_timing::Timing;
+use sim::simulate::{Judge, follow};
+use sim::simulator::Simulator;
 
 /// A flight of a campaign, and the place of the arm that flies it.
 pub(super) type Flight = (u64, usize);
@@ -242,7 +242,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::simulate;
+    use sim::simulate;
 
     const LAWS: [&[&str]; 2] = [
         &["pd", "estimating"],

@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 use toml::Value;
 
 use crate::build;
-use crate::recorded_timing::Timing;
-use crate::run_directory::find_log;
-use crate::settings::Settings;
+use config::Settings;
+use recorder::run_directory::find_log;
+use sim::recorded_timing::Timing;
 
 #[derive(Clone, Debug)]
 pub(super) struct Plan {

@@ -11,13 +11,13 @@ use super::flight_settings::{Plan, plan_of};
 use crate::cli::{
     self, CampaignFlyArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs, TrajectoryArgs,
 };
-use crate::output::print;
-use crate::recorded_timing::Timing;
-use crate::replay::fly_again;
-use crate::run_directory::find_log;
-use crate::settings::law_settings::Moved;
-use crate::settings::{PaceName, Settings};
-use crate::simulate::{OutputFiles, report};
+use config::law_settings::Moved;
+use config::{PaceName, Settings};
+use errors::output::print;
+use recorder::run_directory::find_log;
+use replay::fly_again;
+use sim::recorded_timing::Timing;
+use sim::simulate::{OutputFiles, report};
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.
 pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {

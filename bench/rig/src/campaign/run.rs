@@ -14,9 +14,9 @@ use super::batch;
 use super::flight_settings::{Plan, open_directory};
 use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
-use crate::output::{print, say};
 use crate::parallel::{asked_to_stop, processors};
 use crate::progress::Progress;
+use errors::output::{print, say};
 
 /// Environment variables with the task number of a job, and the offset that makes it start with 1: Slurm, HyperQueue,
 /// Kubernetes and GNU parallel.

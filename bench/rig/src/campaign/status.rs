@@ -9,7 +9,7 @@ use errors::{Failure, GATE, OK, check_writable, write_text};
 
 use super::flight_settings::{Plan, plan_of};
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
-use crate::output::{print, say};
+use errors::output::{print, say};
 
 const MERGED: &str = "merged.parquet";
 

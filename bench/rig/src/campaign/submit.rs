@@ -20,9 +20,9 @@ use super::flight_settings::{Plan, open_directory};
 use super::run;
 use super::status::{found, ranges, report};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
-use crate::output::{print, say};
 use crate::parallel::asked_to_stop;
 use crate::progress::Progress;
+use errors::output::{print, say};
 
 /// How often the missing shards are submitted. A shard that fails this often always fails.
 const ROUNDS: usize = 3;

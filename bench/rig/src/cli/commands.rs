@@ -5,15 +5,14 @@ use std::path::Path;
 use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
 use crate::fault_text;
 use crate::inject::{self, When};
-use crate::output::{print, say};
-use crate::recorded_timing::Timing;
-use crate::replay;
-use crate::run_directory::find_log;
-use crate::settings::Settings;
-use crate::simulate::{self, OutputFiles};
-use crate::supervisor::cpu_load;
+use config::Settings;
+use errors::output::{print, say};
 use errors::{Failure, OK, check_writable};
 use ipc::instance::Instance;
+use recorder::run_directory::find_log;
+use sim::recorded_timing::Timing;
+use sim::simulate::{self, OutputFiles};
+use supervisor::cpu_load;
 
 pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
@@ -47,7 +46,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
 
 pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
-    replay::replay(&path, args.from, args.verify, &args.moved())
+    ::replay::replay(&path, args.from, args.verify, &args.moved())
 }
 
 pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {

@@ -8,7 +8,7 @@ use errors::Failure;
 use toml::Value;
 
 use crate::cli::{name_of, overrides, set, values};
-use crate::settings::{Overrides, PaceName, Settings};
+use config::{Overrides, PaceName, Settings};
 use faults::grammar::Fault;
 
 /// The flight, whatever laws fly it.

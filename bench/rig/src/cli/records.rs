@@ -9,7 +9,7 @@ use messages::role::Role;
 use render::flight::SECTION_NAMES;
 
 use crate::cli::values;
-use crate::settings::law_settings::Moved;
+use config::law_settings::Moved;
 use flight_log::topics;
 
 #[derive(Clone, Debug, Args)]

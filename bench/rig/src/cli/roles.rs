@@ -19,14 +19,14 @@ use process::standby;
 use crate::cli::flight::check_clock_flags;
 use crate::cli::{RecordArgs, RoleArgs};
 use crate::margin::table;
-use crate::output::print;
-use crate::record::kernel_trace::{self, remove_leftovers};
-use crate::record::recorder;
-use crate::record::run_files::Files;
 use crate::report_command::ended;
-use crate::run_directory::{LATENCIES, RunDirectory};
-use crate::settings::{Overrides, PaceName, Settings};
+use config::{Overrides, PaceName, Settings};
+use errors::output::print;
 use errors::{Failure, OK, check_writable};
+use recorder::kernel_trace::{self, remove_leftovers};
+use recorder::recording;
+use recorder::run_directory::{LATENCIES, RunDirectory};
+use recorder::run_files::Files;
 
 /// Runs a role of the loop until the run is over.
 pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
@@ -162,7 +162,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     };
     let stop = session.stop_flag();
     let margin = |pace| table::of_flight(pace, &settings, &directory);
-    let recorded = recorder::run(session, &settings, &files, margin);
+    let recorded = recording::run(session, &settings, &files, margin);
     leave(&instance, &args.role);
     // Once the flight has begun, a file that cannot be written is no consequence of a signal.
     let has_begun = directory.join(LATENCIES).exists();

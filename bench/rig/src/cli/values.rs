@@ -6,12 +6,12 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use crate::cli::{LeadArg, Shard};
-use crate::settings::law_settings::preset_names;
-use crate::settings::trajectory::is_file;
 use clap::builder::{
     NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser,
 };
 use clap::{Arg, Command};
+use config::law_settings::preset_names;
+use config::trajectory::is_file;
 use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};

@@ -13,11 +13,10 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::flight_baseline::work_like;
 use super::flight_runner::{FlightRunner, command_end, series};
-use crate::settings::Settings;
-use crate::simulator::Simulator;
 use analysis::schema::Report;
 use analysis::series::Statistics;
 use analysis::statistics::Events;
+use config::Settings;
 use errors::Failure;
 use host::cpu_times::CpuTimes;
 use host::floor::comparison::FloorComparison;
@@ -25,6 +24,7 @@ use host::floor::cyclictest;
 use host::floor::ring::{self, RingRehearsal, RingSettings, WakeMechanism, Work};
 use host::floor::timer::Schedule;
 use scalar::timing;
+use sim::simulator::Simulator;
 
 const PERIOD_NS: u64 = 1_000_000;
 /// Ticks per side when timing laws: long enough for the kernel's count of stolen time.

@@ -17,7 +17,7 @@ use host::floor::timer::Schedule;
 use messages::realtime::RealtimeMode;
 
 use super::flight_runner::series;
-use crate::settings::{PaceName, Settings};
+use config::{PaceName, Settings};
 
 /// Series of the stages' computing times, in the order of the chain.
 const COMPUTE: [&str; 4] = [

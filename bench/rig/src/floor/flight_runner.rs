@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::settings::Settings;
 use analysis::run_facts::RunFacts;
 use analysis::schema::Report;
 use analysis::series::Statistics;
+use config::Settings;
 use errors::{Failure, GATE, InFile as _, OK};
 use host::own_executable;
 

@@ -16,7 +16,7 @@ use messages::telemetry::{TELEMETRY, Telemetry};
 use nalgebra::Vector3;
 use process::rt::UsageMeter;
 
-use crate::output::say;
+use errors::output::say;
 
 pub const INPUTS: u64 = 100_000;
 /// Inputs with a warm-up before each.

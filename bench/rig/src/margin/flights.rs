@@ -9,10 +9,10 @@ use campaign::metrics::Metrics;
 use faults::LONGEST_DELAY;
 use messages::parameters::Airframe;
 
-use crate::settings::Settings;
-use crate::simulate;
-use crate::simulator::Simulator;
+use config::Settings;
 use errors::{Failure, INTERRUPTED};
+use sim::simulate;
+use sim::simulator::Simulator;
 
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
 const LEAD_TICKS: u64 = LONGEST_DELAY + 4;

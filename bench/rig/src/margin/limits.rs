@@ -9,8 +9,8 @@ use campaign::gates::{Gates, METRICS};
 use messages::role::Role;
 
 use crate::cli::{GateLimit, MarginArgs, RECOVERED_BELOW};
-use crate::settings::Settings;
-use crate::settings::law_settings::known;
+use config::Settings;
+use config::law_settings::known;
 use errors::{Failure, GATE};
 
 /// Default time within which the flight must have recovered [s].

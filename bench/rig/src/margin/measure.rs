@@ -1,12 +1,11 @@
 //! Measures one phase, and combines phases.
 
-use faults::{LONGEST_DELAY, Port};
 use analysis::comparison::Laws;
 use analysis::margin::{
     Exception, LawMargins, LossMargin, OutageMargin, PatternMargin, Point, SteadyMargin,
 };
 use analysis::statistics::clopper_pearson;
-use messages::fault::{LONGEST_DELAY, Port};
+use faults::{LONGEST_DELAY, Port};
 
 use crate::margin::flights::Flights;
 use crate::margin::limits::{GivenLimits, Judged, metric};
@@ -305,9 +304,9 @@ fn merged(phases: &[&Climb]) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Settings;
     use campaign::gates::METRICS;
     use campaign::gates::Outcome;
+    use config::Settings;
 
     fn point(at: f64, flights: u64, survived: u64, error_m: Option<f64>) -> Point {
         Point {

@@ -11,8 +11,8 @@ use flight_log::build::Build;
 use messages::grid::Pace;
 
 use crate::build;
-use crate::settings::Settings;
-use crate::settings::trajectory::sha256_of;
+use config::Settings;
+use config::trajectory::sha256_of;
 use errors::{Failure, InFile as _, read_text};
 
 /// Directory of the tables, next to the flights.

@@ -1,7 +1,7 @@
 //! What a margin refers to: a stage, all stages, or an input; and the corresponding faults.
 
-use faults::{PORTS, Port};
 use analysis::schema::MACHINE;
+use faults::{PORTS, Port};
 use messages::role::{Role, STAGES};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

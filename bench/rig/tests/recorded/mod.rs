@@ -9,12 +9,12 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
 use analysis::host::Host;
+use config::Settings;
+use controller::flight_monitor::FlightMonitor;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
 use flight_log::reader::LogReader;
 use flight_log::writer::{CHUNK_NS, FlightLog};
-use ironbird::settings::Settings;
-use ironbird::theorem::FlightMonitor;
 use messages::blackboards::Run;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
@@ -248,7 +248,7 @@ pub fn facts(settings: &Settings) -> Facts {
         ..Run::default()
     };
     let (host, roles) = (Host::default(), BTreeMap::new());
-    ironbird::record::log_metadata::metadata(&run, settings, "none", &host, &roles).unwrap()
+    recorder::log_metadata::metadata(&run, settings, "none", &host, &roles).unwrap()
 }
 
 /// Writes a flight as the recorder does: ten ticks at a time, topic after topic, swaps later than their ticks.

@@ -15,11 +15,11 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use analysis::schema::Report;
+use config::Settings;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use ipc::Wire;
 use ipc::instance::Instance;
-use ironbird::settings::Settings;
 use messages::blackboards::{RUN, Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::role::Role;

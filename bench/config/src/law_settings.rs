@@ -1,0 +1,394 @@
+//! The laws of a flight: a section of the settings for each, whose keys are the law's own.
+//!
+//! A law is built in, or that of a file. The roles share the SHA-256 of the file: each loads it itself, and one whose
+//! file differs is refused by both sums.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use control_api::description::{self, Description, Setting, SettingKind, Value as LawValue};
+use control_api::law::Rig;
+use control_api::registry::Entry;
+use messages::role::Role;
+use messages::telemetry::Signals;
+use plugin::Library;
+use toml::{Table, Value};
+
+pub use super::toml_access::nearest_first;
+use super::toml_access::{coerce, kind};
+use analysis::laws::{FlownLaws, NotFinite};
+use analysis::schema::{LawSection, SignalSection};
+use errors::Failure;
+
+/// The sections of laws, each with its role.
+pub const SECTIONS: [(&str, Role); 3] = [
+    ("outer", Role::Outer),
+    ("inner", Role::Inner),
+    ("mixer", Role::Mixer),
+];
+
+/// The key that names the law; the others are the law's.
+pub const LAW: &str = "law";
+
+/// The key beside it that names the content of its file, where it is that of a file.
+pub const SHA256: &str = "sha256";
+
+/// The preset that is no choice: the defaults of each law.
+pub const DEFAULT_PRESET: &str = "flight";
+
+const EXPLAINED: &str = "`ironbird laws` lists the laws, `ironbird laws NAME` explains one";
+
+/// The descriptions of a role's built-in laws; the first one is the default. None for another role.
+pub fn known(role: Role) -> Vec<&'static Description> {
+    fn all<L: ?Sized>(entries: &[Entry<L>]) -> Vec<&'static Description> {
+        entries.iter().map(|entry| entry.description).collect()
+    }
+    match role {
+        Role::Outer => all(controller::laws::OUTER),
+        Role::Inner => all(controller::laws::INNER),
+        Role::Mixer => all(mixer::LAWS),
+        Role::Plant | Role::Record => Vec::new(),
+    }
+}
+
+/// Names of all presets of all laws.
+pub fn preset_names() -> Vec<&'static str> {
+    let mut names = vec![DEFAULT_PRESET];
+    for (_, role) in SECTIONS {
+        for preset in known(role).iter().flat_map(|law| law.presets) {
+            if !names.contains(&preset.name) {
+                names.push(preset.name);
+            }
+        }
+    }
+    names
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Chosen {
+    BuiltIn(&'static Description),
+    Library(&'static Library),
+}
+
+impl Chosen {
+    pub const fn description(self) -> &'static Description {
+        match self {
+            Self::BuiltIn(description) => description,
+            Self::Library(library) => library.description,
+        }
+    }
+
+    /// Its file, where it is that of a file.
+    pub const fn library(self) -> Option<&'static Library> {
+        match self {
+            Self::BuiltIn(_) => None,
+            Self::Library(library) => Some(library),
+        }
+    }
+
+    /// Its name, or its file, as `--inner` takes it.
+    pub(super) fn named(self) -> String {
+        self.library().map_or_else(
+            || self.description().name.into(),
+            |library| library.file.display().to_string(),
+        )
+    }
+
+    /// Whether a name, or that of a file, means it.
+    pub(super) fn is_named(self, named: &str) -> bool {
+        match self {
+            Self::BuiltIn(law) => law.name == named,
+            Self::Library(library) => library.is_at(Path::new(named)),
+        }
+    }
+
+    /// What a report says of it.
+    pub fn section(self, not_finite: NotFinite, telemetry: Vec<SignalSection>) -> LawSection {
+        let Description { name, version, .. } = *self.description();
+        let library = self.library();
+        LawSection {
+            version: version.into(),
+            file: library.map(|library| library.file.to_string_lossy().into_owned()),
+            sha256: library.map(|library| library.sha256.clone()),
+            not_real_time: library.is_some_and(|library| library.not_real_time),
+            ..not_finite.section(name, telemetry)
+        }
+    }
+
+    /// What its section of the settings says of it, whatever its settings.
+    pub(super) fn identity(self) -> Vec<(&'static str, Value)> {
+        match self {
+            Self::BuiltIn(law) => vec![(LAW, Value::from(law.name))],
+            Self::Library(library) => vec![
+                (
+                    LAW,
+                    Value::from(library.file.to_string_lossy().into_owned()),
+                ),
+                (SHA256, Value::from(library.sha256.clone())),
+            ],
+        }
+    }
+}
+
+/// Where the files of laws are now, by role, where they are not at the place that the settings name.
+pub type Moved = BTreeMap<Role, PathBuf>;
+
+/// The law of a role by its name or file; the first one if none is named.
+pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<Chosen, Failure> {
+    let known = known(role);
+    let Some(name) = name else {
+        return Ok(Chosen::BuiltIn(known[0]));
+    };
+    let refused =
+        |what: String| Failure::usage(format!("{role}.{LAW} = {name}: {what}")).help(EXPLAINED);
+    let Some(text) = name.as_str() else {
+        let example = known[0].name;
+        return Err(refused(format!("expected a string, as in \"{example}\"")));
+    };
+    if plugin::is_file(text) {
+        let library = plugin::open(
+            role,
+            moved.get(&role).map_or(Path::new(text), PathBuf::as_path),
+        )?;
+        let name = library.description.name;
+        let mut built_in = SECTIONS.iter().flat_map(|(_, role)| self::known(*role));
+        if built_in.any(|law| law.name == name) {
+            return Err(refused(format!(
+                "its name is `{name}`, and a law of that name is built in"
+            ))
+            .help("give it another name: the report and the log tell laws apart by it"));
+        }
+        return Ok(Chosen::Library(library));
+    }
+    match known.iter().find(|law| law.name == text) {
+        Some(law) => Ok(Chosen::BuiltIn(law)),
+        None => Err(refused(format!(
+            "there is no {role} law of that name; there are {}; a law of a file is named as ./{text}",
+            nearest_first(text, known.iter().map(|law| law.name).collect())
+        ))),
+    }
+}
+
+/// A law's section when nothing is said but a preset, as it suits the rig.
+pub(super) fn section(chosen: Chosen, preset: &str, rig: &Rig) -> Table {
+    let law = chosen.description();
+    let preset = law.preset(preset).unwrap_or_default();
+    let preset = law
+        .suited
+        .map_or_else(|| preset.clone(), |suited| suited(&preset, rig));
+    let mut table: Table = chosen
+        .identity()
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect();
+    for setting in law.settings {
+        let value = match setting.kind {
+            SettingKind::Number { .. } => Value::from(preset.number(setting)),
+            SettingKind::Three { .. } => Value::from(preset.three(setting).to_vec()),
+            SettingKind::Word(_) => Value::from(preset.word(setting)),
+        };
+        table.insert(setting.name.to_owned(), value);
+    }
+    table
+}
+
+/// Enters a chosen law's file by its absolute path, so that roles in different folders mean the same; and its sum, if
+/// none was given.
+pub(super) fn identify(table: &mut Table, section: &str, chosen: Chosen) {
+    let Some(Value::Table(keys)) = table.get_mut(section) else {
+        return;
+    };
+    for (key, value) in chosen.identity() {
+        let given = keys.get(key).and_then(Value::as_str).unwrap_or_default();
+        if key == LAW || given.is_empty() {
+            keys.insert(key.into(), value);
+        }
+    }
+}
+
+/// A law with the settings of its section, each of them checked.
+pub(super) fn chosen(
+    role: Role,
+    section: &Table,
+    moved: &Moved,
+) -> Result<(Chosen, description::Settings), Failure> {
+    let refused = |what: String| Failure::usage(format!("settings: {what}")).help(EXPLAINED);
+    let chosen = named(role, section.get(LAW), moved)?;
+    let law = chosen.description();
+    if let Some(library) = chosen.library() {
+        check_same(role, &library.file, &library.sha256, section)?;
+    }
+    let defaults = self::section(chosen, DEFAULT_PRESET, &Rig::default());
+    let identity = chosen.identity();
+    let is_own = |key: &str| identity.iter().all(|(of_rig, _)| key != *of_rig);
+    let mut values = Vec::new();
+    for (key, value) in section.iter().filter(|(key, _)| is_own(key)) {
+        let setting = law.settings.iter().find(|setting| setting.name == key);
+        let setting = setting.ok_or_else(|| {
+            let law = law.name;
+            refused(format!("{role}.{key}: the law `{law}` has no such setting"))
+        })?;
+        let expected = &defaults[key];
+        let taken = coerce(value, expected).and_then(|value| taken(setting, &value));
+        let taken = taken.ok_or_else(|| {
+            let kind = kind(expected);
+            refused(format!(
+                "{role}.{key} = {value}: expected {kind}, as in {expected}"
+            ))
+        })?;
+        if !setting.allows(&taken) {
+            return Err(refused(format!(
+                "{role}.{key} = {value} is out of range: allowed is {}",
+                setting.allowed()
+            )));
+        }
+        values.push((setting.name, taken));
+    }
+    Ok((chosen, description::Settings::new(values)))
+}
+
+/// Refuses the file of a law, with its SHA-256, that is not the one that the settings were made for.
+pub fn check_same(role: Role, file: &Path, there: &str, section: &Table) -> Result<(), Failure> {
+    let said = |key: &str| section.get(key).and_then(Value::as_str).unwrap_or_default();
+    let wanted = said(SHA256);
+    if wanted == there {
+        return Ok(());
+    }
+    let (flown, here) = (said(LAW), file.display());
+    Err(Failure::usage(format!(
+        "the {role} law {here}: its SHA-256 is {there}, but the settings were made for {flown} with {wanted}"
+    ))
+    .help(format!(
+        "it is another file: bring the old one back (`replay --{role} FILE` says where it is), or take {role}.{SHA256} \
+         out of the settings"
+    )))
+}
+
+/// The name of an inner law where it, with its settings, has no theorem, and so no estimates.
+pub(super) fn without_theorem(
+    law: &Description,
+    settings: &description::Settings,
+) -> Option<&'static str> {
+    controller::laws::theorem(law.name, settings)
+        .is_none()
+        .then_some(law.name)
+}
+
+/// What the report knows of the laws in settings that all roles share. Fails if another version flies, with a law or a
+/// setting that is not known here.
+pub fn shared(settings: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
+    let chosen = |role| chosen(role, &shared_section(role, settings)?, &Moved::new());
+    let [outer, (inner, settings), mixer] = [
+        chosen(Role::Outer)?,
+        chosen(Role::Inner)?,
+        chosen(Role::Mixer)?,
+    ];
+    Ok(flown(outer.0, inner, mixer.0, &settings))
+}
+
+/// What the report knows of chosen laws, by the settings of the inner one.
+pub(super) fn flown(
+    outer: Chosen,
+    inner: Chosen,
+    mixer: Chosen,
+    settings: &description::Settings,
+) -> FlownLaws {
+    FlownLaws {
+        signals: Signals {
+            outer: outer.description().telemetry,
+            inner: inner.description().telemetry,
+            mixer: mixer.description().telemetry,
+        },
+        without_theorem: without_theorem(inner.description(), settings),
+    }
+}
+
+/// The section of a role in them.
+fn shared_section(role: Role, settings: &BTreeMap<String, String>) -> Result<Table, Failure> {
+    let own = |(key, text): (&String, &String)| {
+        let key = key.strip_prefix(role.name())?.strip_prefix('.')?;
+        Some((key.to_owned(), Value::from(text.as_str())))
+    };
+    let mut section: Table = settings.iter().filter_map(own).collect();
+    let law = named(role, section.get(LAW), &Moved::new())?.description();
+    // A word has lost its quotes, and may look like a number.
+    let is_number = |setting: &&Setting| !matches!(setting.kind, SettingKind::Word(_));
+    for setting in law.settings.iter().filter(is_number) {
+        let text = section.get(setting.name).and_then(Value::as_str);
+        let number: Option<Value> = text.and_then(|text| text.parse().ok());
+        section.extend(number.map(|number| (setting.name.to_owned(), number)));
+    }
+    Ok(section)
+}
+
+/// A value of a file as a law's; a word that does not exist is one that is not allowed.
+fn taken(setting: &Setting, value: &Value) -> Option<LawValue> {
+    match (setting.kind, value) {
+        (SettingKind::Number { .. }, Value::Float(number)) => Some(LawValue::Number(*number)),
+        (SettingKind::Three { .. }, Value::Array(numbers)) => {
+            let numbers: Vec<f64> = numbers.iter().filter_map(Value::as_float).collect();
+            numbers.try_into().ok().map(LawValue::Three)
+        }
+        (SettingKind::Word(words), Value::String(word)) => Some(LawValue::Word(
+            words
+                .iter()
+                .find(|known| *known == word)
+                .copied()
+                .unwrap_or_default(),
+        )),
+        _ => None,
+    }
+}
+
+/// The entry of a law that is known.
+pub(super) fn entry<L: ?Sized + 'static>(
+    entries: &'static [Entry<L>],
+    law: &Description,
+) -> &'static Entry<L> {
+    entries
+        .iter()
+        .find(|entry| entry.description.name == law.name)
+        .unwrap_or(&entries[0])
+}
+
+/// A law's section as text, each key with what it is.
+pub(super) fn commented(role: Role, section: &Table, moved: &Moved) -> Result<String, Failure> {
+    let (chosen, _) = chosen(role, section, moved)?;
+    let law = chosen.description();
+    let mut text = format!("\n# The {role} law: {}.\n[{role}]\n", law.summary);
+    for (key, _) in chosen.identity() {
+        text += &format!("{key} = {}\n", section[key]);
+    }
+    for setting in law.settings {
+        let value = &section[setting.name];
+        let unit = match setting.unit {
+            "" => String::new(),
+            unit => format!(" [{unit}]"),
+        };
+        text += &format!("{} = {value} # {}{unit}\n", setting.name, setting.meaning);
+    }
+    Ok(text)
+}
+
+/// Where the keys of sections that laws have taken over are now.
+pub(super) fn moved(section: &str, keys: &Table) -> Option<String> {
+    if !["gains", "limits"].contains(&section) {
+        return None;
+    }
+    let place = |key: &String| {
+        let new_key = match (section, key.as_str()) {
+            ("limits", _) | ("gains", "position_1_s2" | "velocity_1_s") => format!("outer.{key}"),
+            ("gains", "adaptation") => "inner.adaptation_gain".to_owned(),
+            _ => format!("inner.{key}"),
+        };
+        format!("`{section}.{key}` is `{new_key}`")
+    };
+    let mut places: Vec<String> = keys.keys().map(place).collect();
+    if places.is_empty() {
+        places.push("[outer] and [inner]".to_owned());
+    }
+    Some(format!(
+        "there is no section [{section}] any more, its keys are the laws' own: {}",
+        places.join(", ")
+    ))
+}

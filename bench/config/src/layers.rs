@@ -1,0 +1,442 @@
+//! Merges the layers of the settings (defaults, preset, file, flags) and checks the file. A flag that names another
+//! airframe, preset or law than the file is refused if the file has whole sections for the old one: single keys override
+//! on purpose, but whole sections come from printed or recorded settings and would fly one airframe with the mass, rotors
+//! and gains of another (docs/airframes.md).
+
+use std::fmt::Display;
+use std::path::Path;
+use std::sync::LazyLock;
+
+use control_api::law::Rig;
+use messages::role::Role;
+use toml::{Table, Value};
+
+use crate::airframe::{self, Design, PAPER};
+use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SECTIONS, SHA256};
+use crate::toml_access::{
+    DEFAULT_TABLE, beside, coerce, example, kind, nearest, table, text, text_of,
+};
+use crate::{LAWS, Overrides, Settings};
+use errors::Failure;
+
+impl Settings {
+    /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
+    pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
+        Self::over(&LAWS, given, Some(file), &Overrides::new())
+    }
+}
+
+/// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
+/// each of its flights.
+fn with_paper() -> Result<&'static (Table, Design), Failure> {
+    static LAID: LazyLock<Result<(Table, Design), String>> = LazyLock::new(|| {
+        let mut table = DEFAULT_TABLE.clone();
+        let design = airframe::design(PAPER).map_err(|e| e.to_string())?;
+        design.lay(&mut table);
+        Ok((table, design))
+    });
+    LAID.as_ref().map_err(|e| Failure::failed(e.clone()))
+}
+
+/// The settings as a table: what is given, over the defaults and below what flags set. The file is where it was read.
+pub(super) fn layered(
+    given: Table,
+    file: Option<&Path>,
+    overrides: &Overrides,
+) -> Result<Table, Failure> {
+    Layers {
+        given,
+        file,
+        overrides,
+    }
+    .merge()
+}
+
+struct Layers<'a> {
+    given: Table,
+    file: Option<&'a Path>,
+    overrides: &'a Overrides,
+}
+
+/// Sections that say of themselves which airframe they were made for, if they are whole.
+const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
+/// Sections that override what the airframe flag names.
+const KEPT: [&str; 6] = ["plant", "model", "rotor", "outer", "inner", "mixer"];
+/// Key of `[flight]` with the SHA-256 of the airframe's file.
+const SUM: &str = "airframe_sha256";
+
+impl Layers<'_> {
+    fn flag(&self, section: &str, key: &str) -> Option<&Value> {
+        let is_it = |flag: &str| flag.split_once('.') == Some((section, key));
+        let flag = self.overrides.iter().find(|(flag, _)| is_it(flag));
+        flag.map(|(_, value)| value)
+    }
+
+    fn flag_text(&self, key: &str) -> Option<&str> {
+        self.flag("flight", key).and_then(Value::as_str)
+    }
+
+    fn given_text(&self, key: &str) -> Option<&str> {
+        text(&self.given, "flight", key)
+    }
+
+    /// The file, as the end of an error.
+    fn place(&self) -> String {
+        self.file
+            .map(|path| format!(" (settings file {})", path.display()))
+            .unwrap_or_default()
+    }
+
+    fn merge(mut self) -> Result<Table, Failure> {
+        let mut table = with_paper()?.0.clone();
+        let preset = self.flag_text("preset").or(self.given_text("preset"));
+        let preset = preset.unwrap_or(DEFAULT_PRESET).to_owned();
+        let laws = self.laws()?;
+        let insert_laws = |table: &mut Table, rig: &Rig| {
+            for (section, law) in &laws {
+                let keys = law_settings::section(*law, &preset, rig);
+                table.insert((*section).into(), Value::Table(keys));
+            }
+        };
+        insert_laws(&mut table, &Rig::default());
+        self.check_preset_name(&preset, &laws)?;
+        for (section, law) in &laws {
+            if self.flag(section, LAW).is_some() {
+                self.check_law(section, *law)?;
+            }
+        }
+        self.check_keys(&table)?;
+        self.check_whole_sections(&table)?;
+        let Design {
+            airframe, rotor, ..
+        } = self.lay_airframe(&mut table)?;
+        self.forget_sums();
+        let rig = Rig {
+            airframe,
+            rotor,
+            ..Rig::default()
+        };
+        insert_laws(&mut table, &rig);
+        for (section, keys) in self.given {
+            if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys)
+            {
+                into.extend(keys);
+            }
+        }
+        for (key, value) in self.overrides {
+            if let Some((section, key)) = key.split_once('.')
+                && let Some(Value::Table(into)) = table.get_mut(section)
+            {
+                into.insert(key.into(), value.clone());
+            }
+        }
+        for (section, law) in laws {
+            law_settings::identify(&mut table, section, law);
+        }
+        Ok(table)
+    }
+
+    /// The laws that the flags or the file name, each with its section.
+    fn laws(&self) -> Result<Vec<(&'static str, Chosen)>, Failure> {
+        let law = |(section, role)| {
+            let law = match self.flag(section, LAW) {
+                Some(name) => law_settings::named(role, Some(name), &Moved::new()),
+                None => {
+                    let name = self.given.get(section).and_then(|keys| keys.get(LAW));
+                    let name = name.map(|name| beside(self.file, name));
+                    law_settings::named(role, name.as_ref(), &Moved::new())
+                        .map_err(|failure| failure.append(&self.place()))
+                }
+            };
+            Ok((section, law?))
+        };
+        SECTIONS.into_iter().map(law).collect()
+    }
+
+    fn check_preset_name(&self, preset: &str, laws: &[(&str, Chosen)]) -> Result<(), Failure> {
+        let mut known = vec![DEFAULT_PRESET];
+        for of_law in laws.iter().flat_map(|(_, law)| law.description().presets) {
+            if !known.contains(&of_law.name) {
+                known.push(of_law.name);
+            }
+        }
+        if known.contains(&preset) {
+            return Ok(());
+        }
+        Err(Failure::usage(format!(
+            "flight.preset: unknown preset `{preset}` of the chosen laws [possible values: {}]{}",
+            known.join(", "),
+            self.place()
+        ))
+        .help("see `ironbird fly --print-config`"))
+    }
+
+    /// Every given key must be known, and of the type that the default has.
+    fn check_keys(&mut self, default: &Table) -> Result<(), Failure> {
+        let here = |what: String| here(self.file, what);
+        for (section, keys) in &mut self.given {
+            let moved = keys
+                .as_table()
+                .and_then(|keys| law_settings::moved(section, keys));
+            if let Some(moved) = moved {
+                return Err(here(moved));
+            }
+            let Some(known) = table(default, section) else {
+                let like = nearest(section, default.keys());
+                return Err(here(format!("unknown section [{section}]{like}")));
+            };
+            let Some(keys) = keys.as_table_mut() else {
+                return Err(here(format!("`{section}` must be a section: [{section}]")));
+            };
+            for (key, value) in keys {
+                let Some(expected) = known.get(key) else {
+                    let law = known.get(LAW).map(|law| format!(" of the law {law}"));
+                    return Err(here(format!(
+                        "unknown key `{section}.{key}`{}{}",
+                        law.unwrap_or_default(),
+                        nearest(key, known.keys())
+                    )));
+                };
+                *value = coerce(value, expected).ok_or_else(|| {
+                    here(unexpected(&format!("{section}.{key}"), value, expected))
+                })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses whole sections of the file beside a flag that names another airframe or preset than the file.
+    fn check_whole_sections(&self, default: &Table) -> Result<(), Failure> {
+        // Whether a section has every key that it can have.
+        let is_whole = |section: &&str| {
+            let given = table(&self.given, section).zip(table(default, section));
+            given.is_some_and(|(given, known)| {
+                known
+                    .keys()
+                    .all(|key| key == LAW || given.contains_key(key))
+            })
+        };
+        let has_settings = |section: &&str| {
+            table(&self.given, section).is_some_and(|keys| keys.keys().any(|key| is_laws(key)))
+        };
+        let mut of_airframe: Vec<&str> = KEPT.into_iter().filter(is_whole).collect();
+        if !OF_ONE_AIRFRAME.iter().any(&is_whole) {
+            of_airframe.clear();
+        }
+        let laws = SECTIONS.into_iter().map(|(section, _)| section);
+        let of_preset = laws.filter(is_whole).filter(has_settings).collect();
+        for (kind, default, sections) in [
+            ("airframe", PAPER, of_airframe),
+            ("preset", DEFAULT_PRESET, of_preset),
+        ] {
+            let named = self.given_text(kind).unwrap_or(default);
+            if let Some(flag) = self.flag_text(kind).filter(|flag| *flag != named)
+                && !sections.is_empty()
+            {
+                return Err(mixed(self.file, &sections, (kind, named), (kind, flag)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses the settings of a law in the file beside a flag that names another one. If the file has only the law's
+    /// name, its sum is forgotten with it.
+    fn check_law(&mut self, section: &str, flag: Chosen) -> Result<(), Failure> {
+        let Some(Value::Table(keys)) = self.given.get_mut(section) else {
+            return Ok(());
+        };
+        let named = keys.get(LAW).map(|law| beside(self.file, law));
+        let named = named.as_ref().and_then(Value::as_str);
+        let Some(named) = named.filter(|named| !flag.is_named(named)) else {
+            return Ok(());
+        };
+        if keys.keys().any(|key| is_laws(key)) {
+            let other = flag.named();
+            return Err(mixed(
+                self.file,
+                &[section],
+                ("law", named),
+                (section, &other),
+            ));
+        }
+        keys.remove(SHA256);
+        Ok(())
+    }
+
+    /// Lays the airframe over the defaults: that of the flag, or that of the settings file, or the paper's.
+    ///
+    /// A section `[airframe]` of the file overrides the name in it: if it is whole, as in the settings of a flight, no
+    /// other file is read. A flag overrides both.
+    fn lay_airframe(&mut self, settings: &mut Table) -> Result<Design, Failure> {
+        let flag = self.flag_text("airframe").map(str::to_owned);
+        let kept = match self.given.remove("airframe") {
+            Some(Value::Table(kept)) if flag.is_none() => Some(kept),
+            _ => None,
+        };
+        let keys = table(settings, "airframe").map_or(0, Table::len);
+        let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == keys);
+        let name = flag.as_deref().or(self.given_text("airframe"));
+        let name = name.filter(|_| !is_whole).unwrap_or(PAPER);
+        let mut design = match name {
+            PAPER => with_paper()?.1.clone(),
+            name => airframe::design(name)?,
+        };
+        let wanted = self.given_text(SUM).unwrap_or_default();
+        if is_whole {
+            let rotor = table(&self.given, "rotor");
+            let has = |key| rotor.is_some_and(|rotor| rotor.contains_key(key));
+            if !has("min_rad_s") || !has("max_rad_s") {
+                return Err(Failure::usage(format!(
+                    "a whole section [airframe] has its own rotors{}",
+                    self.place()
+                ))
+                .help("write them beside it: [rotor] with min_rad_s and max_rad_s"));
+            }
+            design.sha256 = wanted.to_owned();
+        } else if flag.is_none() || flag.as_deref() == self.given_text("airframe") {
+            check_sum(wanted, name, &design.sha256)?;
+        }
+        design.lay(settings);
+        if let Some(kept) = kept {
+            let mut values = table(settings, "airframe").cloned().unwrap_or_default();
+            values.extend(kept);
+            let number = |(name, value): (String, Value)| Some((name, value.as_float()?));
+            let values = values.into_iter().filter_map(number).collect();
+            design.airframe = airframe::built(&values).map_err(|e| {
+                Failure::usage(format!("airframe: {e}")).help("see `ironbird params`")
+            })?;
+            design.lay(settings);
+        }
+        Ok(design)
+    }
+
+    /// Takes the sums out of the file's settings that belong to another airframe or trajectory than what is flown.
+    fn forget_sums(&mut self) {
+        let flag = self.flag_text("trajectory");
+        let is_another = flag.is_some() && flag != self.given_text("trajectory");
+        let mut forget = |section: &str, key: &str| {
+            if let Some(Value::Table(keys)) = self.given.get_mut(section) {
+                keys.remove(key);
+            }
+        };
+        // That of the airframe's file is known from the file itself.
+        forget("flight", SUM);
+        if is_another {
+            forget("trajectory", "sha256");
+        }
+    }
+}
+
+/// Refuses an airframe file that is no longer the one that the settings were made for.
+fn check_sum(wanted: &str, name: &str, sha256: &str) -> Result<(), Failure> {
+    if wanted.is_empty() || wanted == sha256 {
+        return Ok(());
+    }
+    let found = if sha256.is_empty() {
+        "is built in".to_owned()
+    } else {
+        format!("has the SHA-256 {sha256}")
+    };
+    Err(Failure::usage(format!(
+        "airframe {name} {found}, but the settings were made for a file with {wanted}"
+    ))
+    .help("bring the old file back, or take flight.airframe_sha256 out of the settings"))
+}
+
+/// What is wrong with the settings that are given, and where.
+fn here(file: Option<&Path>, what: impl Display) -> Failure {
+    let place = file.map_or_else(
+        || "settings".into(),
+        |path| format!("settings file {}", path.display()),
+    );
+    Failure::usage(format!("{place}: {what}")).help("see `ironbird fly --print-config`")
+}
+
+fn unexpected(key: &str, value: &Value, expected: &Value) -> String {
+    let (kind, example) = (kind(expected), example(expected));
+    format!("{key} = {value}: expected {kind}, as in {example}")
+}
+
+pub(super) fn read(path: &Path) -> Result<Table, Failure> {
+    let text =
+        text_of(path).map_err(|e| {
+            Failure::usage(format!("cannot read the settings file {}: {e}", path.display())).help(
+            "name a file that you can read; `ironbird fly --print-config` writes one to begin with",
+        )
+        })?;
+    text.parse().map_err(|e: toml::de::Error| {
+        match e.span().filter(|_| e.message().contains("integer `")) {
+            Some(span) => {
+                let line = airframe::line_of(&text, &span);
+                let beyond = "a whole number beyond 9223372036854775807 cannot be read";
+                here(Some(path), format!("line {line}: {beyond}"))
+            }
+            None => here(Some(path), e),
+        }
+    })
+}
+
+/// What is set beside the settings: of the type that the default has.
+pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
+    let typed = |(key, value): &(&'static str, Value)| {
+        let known = key
+            .split_once('.')
+            .and_then(|(section, key)| DEFAULT_TABLE.get(section)?.get(key));
+        // A law's name is checked when the law is looked up.
+        let Some(expected) = known else {
+            return Ok((*key, value.clone()));
+        };
+        coerce(value, expected)
+            .map(|value| (*key, value))
+            .ok_or_else(|| here(None, unexpected(key, value, expected)))
+    };
+    overrides.iter().map(typed).collect()
+}
+
+/// Whether a key of a law's section is the law's own.
+fn is_laws(key: &str) -> bool {
+    ![LAW, SHA256].contains(&key)
+}
+
+/// Says which sections are whose, and what the flag names instead; beside sections that are in no file, the argument.
+fn mixed(
+    file: Option<&Path>,
+    sections: &[&str],
+    (kind, named): (&str, &str),
+    (key, other): (&str, &str),
+) -> Failure {
+    let all: Vec<String> = sections
+        .iter()
+        .map(|section| format!("[{section}]"))
+        .collect();
+    let all = all.join(", ");
+    let (what, them) = match sections.len() {
+        1 => (format!("its section {all} is"), "it"),
+        _ => (format!("its whole sections {all} are"), "them"),
+    };
+    let said = |place: &str, said: &str| {
+        Failure::usage(format!(
+            "{place}: {what} of the {kind} `{named}`, and would go before those of {said}"
+        ))
+    };
+    let Some(path) = file else {
+        return said("settings", &format!("{key}=\"{other}\"")).help(format!(
+            "take {them} out of the settings, or fly without {key}=\"{other}\""
+        ));
+    };
+    let flag = format!("--{key} {other}");
+    said(&format!("settings file {}", path.display()), &flag).help(format!(
+        "take {them} out of the file, or begin with those of this {kind}: ironbird fly {flag} --print-config"
+    ))
+}
+
+/// Refuses the settings of a law beside a law that the rig does not know, as [`Settings::of`] does beside one it knows.
+pub fn check_foreign_law(role: Role, section: &Table, other: &str) -> Result<(), Failure> {
+    match section.get(LAW).and_then(Value::as_str) {
+        Some(named) if section.keys().any(|key| is_laws(key)) => {
+            let name = role.name();
+            Err(mixed(None, &[name], ("law", named), (name, other)))
+        }
+        _ => Ok(()),
+    }
+}

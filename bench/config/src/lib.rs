@@ -1,0 +1,408 @@
+//! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
+//!
+//! Owns the sections and their keys; default.toml has the defaults and explains every key. Start reading in
+//! [`Settings::resolve`].
+
+pub mod airframe;
+pub mod law_settings;
+mod layers;
+pub mod planned_faults;
+mod processes;
+#[cfg(test)]
+mod tests;
+mod toml_access;
+pub mod trajectory;
+mod validation;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use analysis::gates::RequestedGates;
+use analysis::verdicts::TrackingLimits;
+use controller::trajectory::UnknownTrajectory;
+use controller::{ScaledTrajectory, Trajectory};
+use errors::Failure;
+use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
+use messages::blackboards::LOCKSTEP;
+use messages::limits::RotorLimits;
+use messages::realtime::RealtimeMode;
+use messages::role::Role;
+use plant::{Ground, Initial};
+use render::flight;
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use law_settings::Moved;
+pub use layers::check_foreign_law;
+use layers::{layered, read, typed};
+pub use processes::check_cpu;
+use toml_access::same;
+pub use trajectory::{PointsFile, TrajectorySection};
+
+/// The commented default, which is also where the defaults come from.
+pub const DEFAULT: &str = include_str!("default.toml");
+
+const LAWS: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
+
+/// Sections that all roles of a run must share, in the order of their common text.
+const SHARED_SECTIONS: &str =
+    "flight trajectory initial ground airframe plant model rotor outer inner mixer";
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    pub flight: FlightSettings,
+    pub initial: InitialSection,
+    pub ground: GroundSection,
+    #[serde(default)]
+    pub trajectory: TrajectorySection,
+    /// What the airframe was built with, by parameter name; the ranges of its parameters follow from it.
+    #[serde(default = "airframe::paper")]
+    pub airframe: BTreeMap<String, f64>,
+    /// The true airframe at tick 0, by parameter name.
+    pub plant: BTreeMap<String, f64>,
+    /// The airframe as the laws know it, by parameter name.
+    pub model: BTreeMap<String, f64>,
+    pub rotor: RotorLimits,
+    /// The name of the outer law, and its settings; likewise the next two.
+    pub outer: Table,
+    pub inner: Table,
+    pub mixer: Table,
+    pub rt: RealtimeSection,
+    pub recorder: RecorderSettings,
+    /// The points of the trajectory, if it has some.
+    #[serde(skip)]
+    pub points: Option<PointsFile>,
+    /// Where files of laws are now.
+    #[serde(skip)]
+    pub moved: Moved,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlightSettings {
+    pub trajectory: String,
+    pub airframe: String,
+    #[serde(default)]
+    pub airframe_sha256: String,
+    pub preset: String,
+    pub duration_s: f64,
+    pub period_s: f64,
+    pub pace: PaceName,
+    pub slowdown: u64,
+    pub seed: u64,
+    #[serde(default)]
+    pub resume_estimates: bool,
+    pub faults: Vec<String>,
+    pub position_error_max_m: f64,
+    pub tracking_error_max_m: f64,
+    pub tilt_max_rad: f64,
+    pub ground_z_m: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PaceName {
+    Realtime,
+    Lockstep,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InitialSection {
+    pub position_w_m: [f64; 3],
+    pub velocity_w_m_s: [f64; 3],
+    pub attitude_rad: [f64; 3],
+    pub rate_b_rad_s: [f64; 3],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroundSection {
+    pub contact: ContactName,
+    pub leg_m: f64,
+    pub friction: f64,
+    pub crash_speed_m_s: f64,
+    pub crash_tilt_rad: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ContactName {
+    Off,
+    Plane,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RealtimeSection {
+    pub mode: RealtimeMode,
+    pub priority: i32,
+    /// A number, or "auto"; likewise the next one.
+    pub cpu: Value,
+    pub lead_us: Value,
+    pub rehearse: bool,
+}
+
+/// What is recorded, and the gates: a negative limit is none.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecorderSettings {
+    pub out: String,
+    pub log: LogName,
+    pub log_around_s: f64,
+    pub log_file_mb: u64,
+    pub log_files: u64,
+    pub hlog_every_s: u64,
+    pub states_every_ticks: u64,
+    pub max_miss_rate_ppm: f64,
+    pub max_skip_rate_ppm: f64,
+    pub max_stale_rate_ppm: f64,
+    pub max_wake_p999_us: f64,
+    pub max_loop_p999_us: f64,
+    pub max_tracking_error_m: f64,
+    pub max_steal_percent: f64,
+    pub gate_theorem: bool,
+    pub trace: bool,
+}
+
+/// Messages that the flight log keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LogName {
+    All,
+    AroundMisses,
+    Off,
+}
+
+/// Keys of the settings that are set on the command line, with their values.
+pub type Overrides = Vec<(&'static str, Value)>;
+
+impl Settings {
+    /// The settings that result from a file and flags. An error names the key, the value, what is allowed, and where it
+    /// came from.
+    pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
+        Self::resolve_to_make(&LAWS, file, overrides)
+    }
+
+    /// As [`Self::resolve`], for a process that creates the laws of these roles alone.
+    pub fn resolve_to_make(
+        makes: &[Role],
+        file: Option<&Path>,
+        overrides: &Overrides,
+    ) -> Result<Self, Failure> {
+        let given = file.map(read).transpose()?.unwrap_or_default();
+        Self::over(makes, given, file, overrides)
+    }
+
+    /// The settings that result from sections of keys, as a file would have them, and from keys that are set beside them.
+    pub fn of(given: Table, beside: &Overrides) -> Result<Self, Failure> {
+        Self::over(&LAWS, given, None, &typed(beside)?)
+    }
+
+    fn over(
+        makes: &[Role],
+        given: Table,
+        file: Option<&Path>,
+        overrides: &Overrides,
+    ) -> Result<Self, Failure> {
+        Self::taken(layered(given, file, overrides)?, makes).map_err(|failure| match file {
+            Some(path) if !validation::is_of_flags(&failure, overrides) => {
+                failure.append(&format!(" (settings file {})", path.display()))
+            }
+            _ => failure,
+        })
+    }
+
+    /// The settings of a table that has every key.
+    fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
+        validation::check_texts("", &table)?;
+        let ranges = validation::check_ranges(&table);
+        let settings = table
+            .try_into::<Self>()
+            .map_err(|e| validation::unreadable(&e))?
+            .with_points()?;
+        ranges?;
+        settings.check(makes).map(|()| settings)
+    }
+
+    /// The full commented settings, with these values.
+    pub fn commented(&self) -> Result<String, Failure> {
+        let broken = |e: String| Failure::failed(format!("the commented default is broken: {e}"));
+        let mut document: toml_edit::DocumentMut =
+            DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
+        let mut table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
+        table.remove("airframe");
+        if self.flight.airframe != airframe::PAPER || self.airframe != airframe::paper() {
+            let commented = airframe::commented(&self.airframe);
+            document.insert("airframe", toml_edit::Item::Table(commented));
+        }
+        for (section, _) in law_settings::SECTIONS {
+            table.remove(section);
+        }
+        for (section, keys) in &table {
+            for (key, value) in keys.as_table().into_iter().flatten() {
+                let value = value.to_string().parse::<toml_edit::Value>();
+                let value = value.map_err(|e| broken(format!("{section}.{key}: {e}")))?;
+                let item = document[section].get_mut(key);
+                let Some(item) = item.and_then(toml_edit::Item::as_value_mut) else {
+                    return Err(broken(format!("{section}.{key} is not in it")));
+                };
+                // An unchanged value keeps the way it is written (2e-4, not 0.0002).
+                if !same(item, &value) {
+                    let decor = item.decor().clone();
+                    *item = value;
+                    *item.decor_mut() = decor;
+                }
+            }
+        }
+        let mut text = document.to_string();
+        for (role, section) in self.law_sections() {
+            text += &law_settings::commented(role, section, &self.moved)?;
+        }
+        Ok(text)
+    }
+
+    /// What all roles of a run must share: one `section.key = value` a line.
+    pub fn shared_text(&self) -> Result<String, Failure> {
+        let table = Table::try_from(self).map_err(|e| Failure::failed(e.to_string()))?;
+        let mut text = String::new();
+        for section in SHARED_SECTIONS.split(' ') {
+            for (key, value) in table[section].as_table().into_iter().flatten() {
+                text.push_str(&format!("{section}.{key} = {value}\n"));
+            }
+        }
+        Ok(text)
+    }
+
+    pub fn course(&self) -> Result<ScaledTrajectory, Failure> {
+        let TrajectorySection { size, period, .. } = self.trajectory;
+        let course = match &self.points {
+            Some(points) => points.course,
+            None => trajectory::built_in(&self.flight.trajectory).map_err(
+                |UnknownTrajectory(name)| {
+                    let names = Trajectory::NAMES.map(|name| format!("`{name}`"));
+                    Failure::usage(format!(
+                        "settings: unknown variant `{name}`, expected one of {}, or a CSV file, in `flight.trajectory`",
+                        names.join(", ")
+                    ))
+                    .help("see `ironbird fly --print-config`")
+                },
+            )?,
+        };
+        Ok(course.stretched(size, period))
+    }
+
+    /// The trajectory in a word, for titles.
+    pub fn trajectory_name(&self) -> &str {
+        last_name(&self.flight.trajectory)
+    }
+
+    pub fn airframe_name(&self) -> &str {
+        last_name(&self.flight.airframe)
+    }
+
+    pub fn flown(&self) -> String {
+        let airframe = flight::airframe(self.airframe_name(), &self.flight.airframe_sha256);
+        flight::flown(self.trajectory_name(), &self.flight.preset, &airframe)
+    }
+
+    /// When the flight counts as tracked.
+    pub const fn tracking_limits(&self) -> TrackingLimits {
+        TrackingLimits {
+            error_max_m: self.flight.tracking_error_max_m,
+            ground_z_m: self.flight.ground_z_m,
+        }
+    }
+
+    pub fn last_tick(&self) -> u64 {
+        (self.flight.duration_s / self.flight.period_s).round() as u64
+    }
+
+    /// Sample time of the laws [ns].
+    pub fn sample_time_ns(&self) -> u64 {
+        (self.flight.period_s * 1e9).round() as u64
+    }
+
+    /// Length of a tick on the clock [ns], or [`LOCKSTEP`].
+    pub fn wall_period_ns(&self) -> u64 {
+        match self.flight.pace {
+            PaceName::Realtime => self.sample_time_ns() * self.flight.slowdown,
+            PaceName::Lockstep => LOCKSTEP,
+        }
+    }
+
+    pub fn log_plan(&self) -> LogPlan {
+        let RecorderSettings {
+            log,
+            log_around_s,
+            log_file_mb,
+            log_files,
+            ..
+        } = self.recorder;
+        let around_ticks = (log_around_s / self.flight.period_s).round() as u64;
+        LogPlan {
+            around_ticks: (log == LogName::AroundMisses).then_some(around_ticks),
+            file_bytes: log_file_mb * 1_000_000,
+            files: (log_files > 0).then_some(log_files),
+        }
+    }
+
+    /// The gates that the flight must pass.
+    pub fn gates_asked(&self) -> RequestedGates {
+        let limit = |limit: f64| (limit >= 0.0).then_some(limit);
+        let recorder = &self.recorder;
+        RequestedGates {
+            position_error_max_m: self.flight.position_error_max_m,
+            ground_z_m: self.flight.ground_z_m,
+            tilt_max_rad: self.flight.tilt_max_rad,
+            max_miss_rate_ppm: limit(recorder.max_miss_rate_ppm),
+            max_skip_rate_ppm: limit(recorder.max_skip_rate_ppm),
+            max_stale_rate_ppm: limit(recorder.max_stale_rate_ppm),
+            max_wake_p999_us: limit(recorder.max_wake_p999_us),
+            max_loop_p999_us: limit(recorder.max_loop_p999_us),
+            max_tracking_error_m: limit(recorder.max_tracking_error_m),
+            max_steal_percent: limit(recorder.max_steal_percent),
+            theorem: recorder.gate_theorem,
+        }
+    }
+}
+
+/// The last part of a path, or a name.
+pub fn last_name(path: &str) -> &str {
+    path.rsplit_once('/').map_or(path, |(_, file)| file)
+}
+
+impl LogName {
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::All => ALL,
+            Self::AroundMisses => AROUND_MISSES,
+            Self::Off => OFF,
+        }
+    }
+}
+
+impl From<&InitialSection> for Initial {
+    fn from(section: &InitialSection) -> Self {
+        Self {
+            position_w_m: section.position_w_m,
+            velocity_w_m_s: section.velocity_w_m_s,
+            attitude_rad: section.attitude_rad,
+            rate_b_rad_s: section.rate_b_rad_s,
+        }
+    }
+}
+
+impl GroundSection {
+    /// The plane at `z_m` [m], if there is one.
+    pub fn plane(&self, z_m: f64) -> Option<Ground> {
+        (self.contact == ContactName::Plane).then_some(Ground {
+            z_m,
+            leg_m: self.leg_m,
+            friction: self.friction,
+            crash_speed_m_s: self.crash_speed_m_s,
+            crash_tilt_rad: self.crash_tilt_rad,
+        })
+    }
+}

@@ -1,0 +1,164 @@
+//! The faults of the settings: what they are in ticks, and whether the flight is long enough for them.
+
+use faults::Span;
+use faults::live::FaultKind;
+use messages::realtime::RealtimeStep;
+use process::rt::{fifo_refusal, remedy};
+
+use crate::{PaceName, Settings, airframe};
+use analysis::faults::InjectedFault;
+use errors::Failure;
+use faults::grammar::{Change, Fault, FaultError};
+use faults::plan::Planned;
+
+impl Settings {
+    /// The faults in ticks.
+    pub fn planned(&self) -> Result<Planned, Failure> {
+        let airframe = self.airframe()?;
+        let (period_s, seed) = (self.flight.period_s, self.flight.seed);
+        let planned = self
+            .typed_faults()
+            .and_then(|faults| Planned::new(&faults, period_s, &airframe, seed));
+        planned.map_err(|e| {
+            let flags = match self.flight.airframe.as_str() {
+                airframe::PAPER => String::new(),
+                other => format!(" --airframe {other}"),
+            };
+            Failure::usage(format!("fault: {e} ({})", e.listed(&flags)))
+        })
+    }
+
+    /// The faults as they were typed.
+    pub fn typed_faults(&self) -> Result<Vec<Fault>, FaultError> {
+        self.flight.faults.iter().map(|text| text.parse()).collect()
+    }
+
+    /// The same, each with its ticks.
+    fn spans(&self) -> Result<Vec<(Fault, Span)>, Failure> {
+        let spans = |faults: Vec<Fault>| {
+            let span = |fault: Fault| {
+                let span = fault.span(self.flight.period_s)?;
+                Ok((fault, span))
+            };
+            faults.into_iter().map(span).collect()
+        };
+        let spans: Result<_, FaultError> = self.typed_faults().and_then(spans);
+        spans.map_err(|e| Failure::usage(format!("fault: {e}")))
+    }
+
+    /// The faults of messages, stages and their processor, for the report.
+    pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
+        let period_s = self.flight.period_s;
+        let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
+        for (fault, Span { from, to }) in self.spans()? {
+            let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
+            if what.is_empty() {
+                continue;
+            }
+            let kinds = fault.of_the_loop().flat_map(Change::kinds);
+            let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
+            let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
+            for (fault, kinds) in &mut injected {
+                if !kinds.is_empty() && kinds.iter().all(is_ended) {
+                    fault.end(from, period_s);
+                }
+            }
+            let to = (to != Span::FOR_GOOD).then_some(to);
+            let described = InjectedFault::new(what.join(","), from, to, period_s);
+            injected.push((
+                described,
+                begins.into_iter().map(|(kind, _)| kind).collect(),
+            ));
+        }
+        Ok(injected.into_iter().map(|(fault, _)| fault).collect())
+    }
+
+    pub(super) fn check_faults(&self) -> Result<(), Failure> {
+        let swaps = self.planned()?.swaps.len();
+        let most = plant::swap::PENDING_SWAPS;
+        if swaps > most {
+            return Err(Failure::usage(format!(
+                "flight.faults has {swaps} swaps: allowed are {most}"
+            ))
+            .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
+        }
+        let last_tick = self.last_tick();
+        for (fault, Span { from, to }) in self.spans()? {
+            if from > last_tick {
+                return Err(Failure::usage(format!(
+                    "a fault at tick {from} never strikes: the flight ends at tick {last_tick}"
+                ))
+                .help("fly longer (--duration), or strike earlier"));
+            }
+            if to != Span::FOR_GOOD && to > last_tick + 1 {
+                return Err(Failure::usage(format!(
+                    "the fault {fault} ends at tick {to}, after the flight: that ends at tick {last_tick}"
+                ))
+                .help("leave its end out, as it then holds for good, or fly longer (--duration)"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses faults that these processes cannot have: those of a supervisor, or those that were started by hand.
+    pub fn check_faults_of_processes(&self, launched: bool) -> Result<(), Failure> {
+        let in_lockstep = self.flight.pace == PaceName::Lockstep;
+        for (fault, _) in self.spans()? {
+            for change in fault.of_the_loop() {
+                for (kind, _) in change.kinds() {
+                    check_possible(&kind, &change.to_string(), in_lockstep, launched)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses a planned process whose priority the kernel does not grant here.
+    pub fn check_priorities(&self) -> Result<(), Failure> {
+        let acts = self.planned()?.acts;
+        acts.iter()
+            .try_for_each(|fault| check_priority(&fault.kind))
+    }
+}
+
+/// Refuses what cannot go wrong in a flight of this pace, or one without a launcher; `what` is how it was typed.
+pub fn check_possible(
+    kind: &FaultKind,
+    what: &str,
+    in_lockstep: bool,
+    launched: bool,
+) -> Result<(), Failure> {
+    match kind {
+        FaultKind::Messages { .. } => Ok(()),
+        FaultKind::Hog { .. } | FaultKind::Load { .. } if in_lockstep => Err(Failure::usage(
+            format!("{what}: in lockstep no tick is late, however busy the processor is"),
+        )
+        .help("fly on the clock: --pace realtime")),
+        _ if in_lockstep => Err(Failure::usage(format!(
+            "{what}: in lockstep ticks wait for a stage that is not ready"
+        ))
+        .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
+        FaultKind::Late { .. } => Ok(()),
+        _ if !launched => Err(Failure::usage(format!(
+            "{what}: it is done by a launcher, and here there is none"
+        ))
+        .help("start the flight with `ironbird fly`, or signal the process yourself")),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a priority that the kernel does not grant this process: a launcher's own for what is planned. One that is
+/// injected is asked for by the launcher later, which says so where it is refused there.
+pub fn check_priority(kind: &FaultKind) -> Result<(), Failure> {
+    let FaultKind::Hog { priority } = kind else {
+        return Ok(());
+    };
+    let refusal = fifo_refusal(i32::try_from(*priority).unwrap_or(i32::MAX));
+    refusal.map_or(Ok(()), |reason| {
+        let errno = i64::from(reason.raw_os_error().unwrap_or_default());
+        Err(Failure::failed(format!(
+            "cpu.hog={priority}: the kernel refuses SCHED_FIFO {priority} to this process: {reason}"
+        ))
+        .help(remedy(RealtimeStep::Scheduler, errno)))
+    })
+}

@@ -1,0 +1,311 @@
+//! What each process of a flight takes from the settings, and what is warned of before take-off.
+
+use std::collections::BTreeMap;
+
+use control_api::description::{self, Description};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
+use controller::feasibility::{Start, excesses};
+use controller::{Limits, TheoremMonitor, gains};
+use host::{Machine, cpu_list};
+use messages::blackboards::LOCKSTEP;
+use messages::parameters::{Airframe, Parameter, ParameterError};
+use messages::realtime::{LONGEST_LEAD_NS, LeadSetting, RealtimeMode, RealtimeSettings};
+use messages::role::Role;
+use toml::{Table, Value};
+
+use super::airframe::built;
+use super::law_settings::{self, Chosen};
+use super::validation::refused;
+use super::{PaceName, Settings};
+use analysis::laws::FlownLaws;
+use errors::Failure;
+
+impl Settings {
+    /// The true airframe at tick 0.
+    pub fn airframe(&self) -> Result<Airframe, Failure> {
+        self.airframe_of("plant", &self.plant)
+    }
+
+    pub fn plant(&self) -> Result<plant::PlantSettings, Failure> {
+        Ok(plant::PlantSettings {
+            period_s: self.flight.period_s,
+            airframe: self.airframe()?,
+            rotor: self.rotor,
+            seed: self.flight.seed,
+            initial: (&self.initial).into(),
+            ground: self.ground.plane(self.flight.ground_z_m),
+            tilt_max_rad: self.flight.tilt_max_rad,
+        })
+    }
+
+    /// What the laws know of the rig.
+    pub fn rig(&self) -> Result<Rig, Failure> {
+        Ok(Rig {
+            period_s: self.flight.period_s,
+            airframe: self.airframe_of("model", &self.model)?,
+            rotor: self.rotor,
+        })
+    }
+
+    /// The airframe that was built, with the values of a section.
+    fn airframe_of(
+        &self,
+        section: &str,
+        values: &BTreeMap<String, f64>,
+    ) -> Result<Airframe, Failure> {
+        let refused = |section: &str, e: ParameterError| {
+            Failure::usage(format!("{section}.{e}")).help(format!(
+                "see `ironbird params --airframe {}`",
+                self.flight.airframe
+            ))
+        };
+        let mut airframe = built(&self.airframe).map_err(|e| refused("airframe", e))?;
+        for (name, value) in values {
+            Parameter::from_name(name)
+                .and_then(|parameter| airframe.set(parameter, *value))
+                .map_err(|e| refused(section, e))?;
+        }
+        Ok(airframe)
+    }
+
+    pub fn law_sections(&self) -> [(Role, &Table); 3] {
+        [
+            (Role::Outer, &self.outer),
+            (Role::Inner, &self.inner),
+            (Role::Mixer, &self.mixer),
+        ]
+    }
+
+    /// The law of a role, with its settings.
+    pub(super) fn chosen(&self, role: Role) -> Result<(Chosen, description::Settings), Failure> {
+        let section = match role {
+            Role::Outer => &self.outer,
+            Role::Mixer => &self.mixer,
+            _ => &self.inner,
+        };
+        law_settings::chosen(role, section, &self.moved)
+    }
+
+    /// The chosen laws: outer, inner, mixer.
+    pub fn chosen_laws(&self) -> Result<[Chosen; 3], Failure> {
+        Ok([
+            self.chosen(Role::Outer)?.0,
+            self.chosen(Role::Inner)?.0,
+            self.chosen(Role::Mixer)?.0,
+        ])
+    }
+
+    /// The descriptions of the chosen laws: outer, inner, mixer.
+    pub fn laws(&self) -> Result<[&'static Description; 3], Failure> {
+        Ok(self.chosen_laws()?.map(Chosen::description))
+    }
+
+    /// The options that choose the laws other than the default ones.
+    pub fn law_options(&self) -> Result<String, Failure> {
+        let is_requested = |law: &Chosen| {
+            let law = law.description();
+            law_settings::known(law.role)[0].name != law.name
+        };
+        let option = |law: Chosen| format!("--{} {}", law.description().role, law.named());
+        let laws = self.chosen_laws()?.into_iter();
+        let options: Vec<String> = laws.filter(is_requested).map(option).collect();
+        Ok(options.join(" "))
+    }
+
+    /// The outer loop before tick 0.
+    pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Outer)?);
+        let law = match law {
+            Chosen::BuiltIn(law) => {
+                law_settings::entry(controller::laws::OUTER, law).make(&rig, &settings)
+            }
+            Chosen::Library(library) => library.outer(&rig, &settings),
+        };
+        let route = self.course()?.route(rig.period_s);
+        Ok(GuardedOuter::new(law.map_err(refused)?, route, &rig))
+    }
+
+    /// The inner loop before tick 0.
+    pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
+        let law = match law {
+            Chosen::BuiltIn(law) => {
+                law_settings::entry(controller::laws::INNER, law).make(&rig, &settings)
+            }
+            Chosen::Library(library) => library.inner(&rig, &settings),
+        };
+        Ok(GuardedInner::new(law.map_err(refused)?, &rig))
+    }
+
+    pub fn mixer_stage(&self) -> Result<GuardedMixer, Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Mixer)?);
+        let law = match law {
+            Chosen::BuiltIn(law) => law_settings::entry(mixer::LAWS, law).make(&rig, &settings),
+            Chosen::Library(library) => library.mixer(&rig, &settings),
+        };
+        Ok(GuardedMixer::new(law.map_err(refused)?, &rig))
+    }
+
+    /// Checks whether the law of a role can be created. The law of a file is created only by processes that fly it: its
+    /// code does not run where it is not needed.
+    pub(super) fn check_law(&self, role: Role, makes: &[Role]) -> Result<(), Failure> {
+        if self.chosen(role)?.0.library().is_some() && !makes.contains(&role) {
+            return Ok(());
+        }
+        match role {
+            Role::Outer => self.outer_stage().map(drop),
+            Role::Mixer => self.mixer_stage().map(drop),
+            _ => self.inner_stage().map(drop),
+        }
+    }
+
+    /// Whether a law is that of a file.
+    pub fn has_own_laws(&self) -> Result<bool, Failure> {
+        Ok(self
+            .chosen_laws()?
+            .iter()
+            .any(|law| law.library().is_some()))
+    }
+
+    /// The theorem's monitor before tick 0; none if the chosen inner law, with its settings, has no theorem.
+    pub fn theorem(&self) -> Result<Option<TheoremMonitor>, Failure> {
+        let (law, settings) = self.chosen(Role::Inner)?;
+        let rig = self.rig()?;
+        Ok(controller::laws::theorem(law.description().name, &settings)
+            .map(|gains| TheoremMonitor::new(&rig, &gains)))
+    }
+
+    /// The name of the chosen inner law if it, with its settings, has no theorem, and so no estimates.
+    pub fn law_without_theorem(&self) -> Result<Option<&'static str>, Failure> {
+        Ok(self.flown_laws()?.without_theorem)
+    }
+
+    /// What the report knows of the chosen laws.
+    pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
+        let (inner, settings) = self.chosen(Role::Inner)?;
+        let (outer, mixer) = (self.chosen(Role::Outer)?.0, self.chosen(Role::Mixer)?.0);
+        Ok(law_settings::flown(outer, inner, mixer, &settings))
+    }
+
+    /// What to request from the system.
+    pub fn realtime(&self) -> Result<RealtimeSettings, Failure> {
+        let lead = self.lead()?;
+        let cpu = match &self.rt.cpu {
+            Value::String(auto) if auto == "auto" => None,
+            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
+            other => {
+                return Err(Failure::usage(format!(
+                    "rt.cpu = {other}: allowed are a processor's number and \"auto\""
+                ))
+                .help("`taskset -p $$` shows the processors that this shell may use"));
+            }
+        };
+        let settings = RealtimeSettings {
+            mode: self.rt.mode,
+            priority: self.rt.priority,
+            cpu,
+            lead,
+            rehearse: self.rt.rehearse,
+        };
+        Ok(match self.flight.pace {
+            PaceName::Realtime => settings,
+            // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves the others on its processor.
+            PaceName::Lockstep => RealtimeSettings {
+                mode: RealtimeMode::Off,
+                cpu: None,
+                lead: LeadSetting::Fixed(0),
+                rehearse: false,
+                ..settings
+            },
+        })
+    }
+
+    fn lead(&self) -> Result<LeadSetting, Failure> {
+        let tick_ns = match self.wall_period_ns() {
+            LOCKSTEP => self.sample_time_ns(),
+            period_ns => period_ns,
+        };
+        let most_us = (tick_ns / 2).min(LONGEST_LEAD_NS) / 1000;
+        match &self.rt.lead_us {
+            Value::String(auto) if auto == "auto" => Ok(LeadSetting::Auto),
+            Value::Integer(us) if us.cast_unsigned() <= most_us => {
+                Ok(LeadSetting::Fixed(us.cast_unsigned() * 1000))
+            }
+            other => Err(Failure::usage(format!(
+                "rt.lead_us = {other}: allowed are \"auto\" and whole microseconds from 0 (at the tick) to {most_us}: half \
+                 a period, and at most {} ms",
+                LONGEST_LEAD_NS / 1_000_000
+            ))
+            .help("`ironbird fly --print-config` explains every setting")),
+        }
+    }
+
+    /// Checks whether this process may use the processor that is named for the loops.
+    pub fn check_cpu(&self) -> Result<(), Failure> {
+        match self.rt.cpu.as_integer().map(usize::try_from) {
+            Some(Ok(cpu)) => check_cpu(&format!("rt.cpu = {cpu}"), cpu),
+            _ => Ok(()),
+        }
+    }
+
+    /// Demands of the flight beyond its limits, and gains that do not suit the airframe's motors.
+    pub fn warnings(&self) -> Result<Vec<String>, Failure> {
+        let rig = self.rig()?;
+        let name = self.trajectory_name();
+        let start = Start {
+            position_w_m: self.initial.position_w_m,
+            yaw_rad: self.initial.attitude_rad[2],
+        };
+        let duration_s = self.flight.duration_s;
+        let excesses = excesses(&self.course()?, &rig, self.limits()?, &start, duration_s);
+        let excesses = excesses.iter().map(|it| format!("trajectory {name} {it}"));
+        let mut warnings: Vec<String> = excesses.collect();
+        warnings.extend(self.motor_lag(&rig)?);
+        Ok(warnings)
+    }
+
+    /// The active limits of the thrust acceleration, and the role whose law has them. An inner law that has some
+    /// overrides the outer one.
+    fn limits(&self) -> Result<Option<(Role, Limits)>, Failure> {
+        for role in [Role::Inner, Role::Outer] {
+            let (law, settings) = self.chosen(role)?;
+            if let Some(limits) = Limits::of(law.description(), &settings) {
+                return Ok(Some((role, limits)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether a rate loop with the paper's alpha is too fast for its motors.
+    fn motor_lag(&self, rig: &Rig) -> Result<Option<String>, Failure> {
+        // Damping of the rate loop below which its motors' lag is named.
+        const DAMPING_MIN: f64 = 0.5;
+        let (law, settings) = self.chosen(Role::Inner)?;
+        if !law.description().settings.contains(&gains::ALPHA_1_S) {
+            return Ok(None);
+        }
+        let alpha_1_s = settings.number(&gains::ALPHA_1_S);
+        let lag_s = rig.airframe.motor_time_constant_s();
+        // tau s^2 + s + alpha.
+        let damping = 0.5 / (alpha_1_s * lag_s).sqrt();
+        Ok((damping < DAMPING_MIN).then(|| {
+            format!(
+                "inner.alpha_1_s = {alpha_1_s} with motors that lag by {lag_s} s leaves the rate loop a damping of \
+                 {damping:.2}; {DAMPING_MIN} needs {:.1} or less",
+                1.0 / (4.0 * DAMPING_MIN * DAMPING_MIN * lag_s)
+            )
+        }))
+    }
+}
+
+/// Checks whether this process may use a processor that the user names as `named`.
+pub fn check_cpu(named: &str, cpu: usize) -> Result<(), Failure> {
+    let allowed = Machine::files().field("/proc/self/status", "Cpus_allowed_list");
+    match allowed {
+        Some(list) if !cpu_list(&list).contains(&cpu) => Err(Failure::usage(format!(
+            "{named}: this process may use the processors {list}"
+        ))
+        .help("name one of them with --cpu N, or none: the highest-numbered one is taken")),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,340 @@
+//! What is flown: a built-in trajectory, or the points of a CSV file; and how it is stretched.
+//!
+//! The roles share the SHA-256 of the points, not the points: each reads the file itself, and one whose file differs is
+//! refused by both hashes. The flight log keeps the file, so a replay needs no other.
+
+use std::fmt;
+use std::io::Read as _;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use analysis::phrase::count;
+use controller::trajectory::{Point, UnknownTrajectory};
+use controller::{ScaledTrajectory, Spline, Trajectory};
+use errors::{Failure, open_file};
+use messages::parameters::shown;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use super::Settings;
+
+/// First line of a file of points.
+pub const HEADER: &str = "t,x,y,z,yaw";
+/// Points at the most: a curve of so many takes 3.4 MB, which each role locks in memory.
+const MOST_POINTS: usize = 10_000;
+/// Longest file [bytes].
+const MOST_BYTES: u64 = 4 << 20;
+/// Shortest time between two points [s]: a tick at 1 kHz.
+const SHORTEST_S: f64 = 1e-3;
+/// What rounding may take from it [s]: times that are written 1 ms apart are read as less at times.
+const ROUNDING_S: f64 = 1e-9;
+/// Latest point [s].
+const LATEST_S: f64 = 1e6;
+/// Furthest point [m], and most turned one [rad], inside of what messages may say.
+const FURTHEST: f64 = 1e4;
+
+/// How a trajectory is stretched, and which points it has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrajectorySection {
+    /// x, y and z are so many times as large.
+    pub size: f64,
+    /// It takes so many times as long.
+    pub period: f64,
+    /// SHA-256 of the file of points; empty where there is none.
+    pub sha256: String,
+}
+
+impl Default for TrajectorySection {
+    fn default() -> Self {
+        Self {
+            size: 1.0,
+            period: 1.0,
+            sha256: String::new(),
+        }
+    }
+}
+
+/// The points of a file, read.
+#[derive(Clone, PartialEq)]
+pub struct PointsFile {
+    /// The file, as it was read.
+    pub text: String,
+    pub sha256: String,
+    pub course: ScaledTrajectory,
+}
+
+impl fmt::Debug for PointsFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PointsFile")
+            .field("sha256", &self.sha256)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Settings {
+    /// The settings with the points that their trajectory names, if it is a file.
+    pub(super) fn with_points(mut self) -> Result<Self, Failure> {
+        if !is_file(&self.flight.trajectory) {
+            // Of a file that the settings no longer name.
+            self.trajectory.sha256.clear();
+            return Ok(self);
+        }
+        // Where the roles of a flight stand in different folders, they mean the same file.
+        if let Ok(path) = Path::new(&self.flight.trajectory).canonicalize() {
+            self.flight.trajectory = path.to_string_lossy().into_owned();
+        }
+        let read = PointsFile::read(&self.flight.trajectory)?;
+        self.take_points(read)?;
+        Ok(self)
+    }
+
+    /// Takes the points of the trajectory, if they are those that the settings have the hash of.
+    pub fn take_points(&mut self, points: PointsFile) -> Result<(), Failure> {
+        let wanted = &self.trajectory.sha256;
+        if !wanted.is_empty() && *wanted != points.sha256 {
+            return Err(Failure::usage(format!(
+                "trajectory file {}: its SHA-256 is {}, but the settings were made for {wanted}",
+                self.flight.trajectory, points.sha256
+            ))
+            .help("the file has changed: bring the old one back, or take trajectory.sha256 out of the settings"));
+        }
+        self.trajectory.sha256.clone_from(&points.sha256);
+        self.points = Some(points);
+        Ok(())
+    }
+}
+
+/// Whether a trajectory is a file, by its ending or a folder in its name.
+pub fn is_file(trajectory: &str) -> bool {
+    trajectory.contains('/') || Path::new(trajectory).extension().is_some()
+}
+
+pub fn built_in(name: &str) -> Result<ScaledTrajectory, UnknownTrajectory> {
+    name.parse::<Trajectory>().map(ScaledTrajectory::of)
+}
+
+impl PointsFile {
+    pub fn read(path: &str) -> Result<Self, Failure> {
+        let unread = |why: &dyn fmt::Display| {
+            Failure::usage(format!("cannot read the trajectory file {path}: {why}"))
+                .help("name a CSV file that you can read; docs/airframes.md has the format")
+        };
+        let mut bytes = Vec::new();
+        open_file(Path::new(path))
+            .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
+            .map_err(|e| unread(&e))?;
+        if bytes.len() as u64 > MOST_BYTES {
+            return Err(unread(&format!(
+                "it is longer than {} MiB",
+                MOST_BYTES >> 20
+            )));
+        }
+        let text = String::from_utf8(bytes).map_err(|e| {
+            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()]
+                .iter()
+                .filter(|byte| **byte == b'\n')
+                .count();
+            unread(&format!("line {line} is not UTF-8"))
+        })?;
+        Self::of(text).map_err(|why| {
+            Failure::usage(format!("trajectory file {path}: {why}")).help(format!(
+                "a first line {HEADER} and a line per point, in s, m and rad; see docs/airframes.md"
+            ))
+        })
+    }
+
+    pub fn of(text: String) -> Result<Self, String> {
+        let sha256 = sha256_of(&text);
+        // A curve stays for as long as the process does, and a campaign flies the same one a million times.
+        static CURVES: Mutex<Vec<(String, ScaledTrajectory)>> = Mutex::new(Vec::new());
+        let mut curves = CURVES.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, course)) = curves.iter().find(|(known, _)| *known == sha256) {
+            return Ok(Self {
+                text,
+                sha256,
+                course: *course,
+            });
+        }
+        let points = points(&text)?;
+        let spline = Spline::through(&points).map_err(|e| e.to_string())?;
+        let course = ScaledTrajectory::along(spline);
+        curves.push((sha256.clone(), course));
+        Ok(Self {
+            text,
+            sha256,
+            course,
+        })
+    }
+}
+
+/// The SHA-256 of a text, as `sha256sum` writes it.
+pub fn sha256_of(text: &str) -> String {
+    Sha256::digest(text)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+/// Reads points: a first line [`HEADER`], then a line per point.
+fn points(text: &str) -> Result<Vec<Point>, String> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line));
+    let header = lines.next().map_or("", |(_, line)| line);
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    if names.join(",") != HEADER {
+        return Err(format!(
+            "line 1 is `{}`: expected {HEADER}",
+            shortened(header)
+        ));
+    }
+    let mut points: Vec<Point> = Vec::new();
+    for (line, text) in lines.filter(|(_, text)| !text.trim().is_empty()) {
+        if points.len() == MOST_POINTS {
+            return Err(format!("line {line}: more than {MOST_POINTS} points"));
+        }
+        let point = point(line, text)?;
+        match points.last() {
+            None if point.t_s != 0.0 => {
+                return Err(format!(
+                    "line {line}, column t: the first point is at {} s: expected 0",
+                    point.t_s
+                ));
+            }
+            Some(before) if point.t_s - before.t_s < SHORTEST_S - ROUNDING_S => {
+                let (t_s, before_s) = (point.t_s, before.t_s);
+                return Err(format!(
+                    "line {line}, column t: {t_s} s follows {before_s} s: expected at least {SHORTEST_S} s later"
+                ));
+            }
+            _ => points.push(point),
+        }
+    }
+    match points.len() {
+        0 => Err("it has no point: expected at least 2".into()),
+        1 => Err("it has 1 point: expected at least 2".into()),
+        _ => Ok(points),
+    }
+}
+
+fn point(line: usize, text: &str) -> Result<Point, String> {
+    let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+    let names: Vec<&str> = HEADER.split(',').collect();
+    if fields.len() != names.len() {
+        let found = count(fields.len() as u64, "column");
+        return Err(format!(
+            "line {line} has {found}: expected {}, as in {HEADER}",
+            names.len()
+        ));
+    }
+    let mut numbers = [0.0; 5];
+    for ((number, field), name) in numbers.iter_mut().zip(&fields).zip(&names) {
+        let place = format!("line {line}, column {name}");
+        let value: f64 = field
+            .parse()
+            .map_err(|_| format!("{place}: `{}` is not a number", shortened(field)))?;
+        let most = if *name == "t" { LATEST_S } else { FURTHEST };
+        if !(-most..=most).contains(&value) {
+            return Err(format!(
+                "{place}: {} is out of range: allowed are -{most} to {most}",
+                shown(value)
+            ));
+        }
+        *number = value;
+    }
+    let [t_s, value @ ..] = numbers;
+    Ok(Point { t_s, value })
+}
+
+/// The begin of what may be long.
+fn shortened(text: &str) -> String {
+    text.chars().take(40).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_read_from_what_spreadsheets_write() {
+        let plain = points("t,x,y,z,yaw\n0,0,0,0,0\n1.5,1e0,-2,0.5,3\n").unwrap();
+        assert_eq!((plain[1].t_s, plain[1].value), (1.5, [1.0, -2.0, 0.5, 3.0]));
+        let marked = "\u{feff}t, x, y, z, yaw\r\n0,0,0,0,0\r\n 1.5 , 1 ,-2,0.5,3";
+        assert_eq!(points(marked).unwrap(), plain);
+    }
+
+    #[test]
+    fn every_mistake_is_reported_with_line_and_column() {
+        for (rows, expected) in [
+            ("", "it has no point"),
+            ("0,0,0,0,0", "it has 1 point"),
+            ("0,0,0,0,0 1,2,3", "line 3 has 3 columns: expected 5"),
+            ("0,0,0,0,0 1", "line 3 has 1 column: expected 5"),
+            (
+                "0,0,0,0,0 1,a,3,4,5",
+                "line 3, column x: `a` is not a number",
+            ),
+            (
+                "0,0,0,0,0 1,2,3,nan,5",
+                "line 3, column z: NaN is out of range",
+            ),
+            (
+                "0,0,0,0,0 1,2,3,4,inf",
+                "line 3, column yaw: inf is out of range",
+            ),
+            (
+                "0,0,0,0,0 1,2,2e4,4,0",
+                "line 3, column y: 20000 is out of range",
+            ),
+            (
+                "1,0,0,0,0",
+                "line 2, column t: the first point is at 1 s: expected 0",
+            ),
+            (
+                "0,0,0,0,0 1,0,0,0,0 1,0,0,0,0",
+                "line 4, column t: 1 s follows 1 s: expected at least",
+            ),
+        ] {
+            let error = points(&format!("{HEADER}\n{}\n", rows.replace(' ', "\n"))).unwrap_err();
+            assert!(error.contains(expected), "{rows}: {error}");
+        }
+        for header in ["", "0,0,0,0,0", "t,x,y,z"] {
+            let error = points(&format!("{header}\n1,1,1,1,1\n")).unwrap_err();
+            assert_eq!(error, format!("line 1 is `{header}`: expected {HEADER}"));
+        }
+        let many: String = (0..=MOST_POINTS)
+            .map(|i| format!("{i},0,0,0,0\n"))
+            .collect();
+        let error = points(&format!("{HEADER}\n{many}")).unwrap_err();
+        let line = MOST_POINTS + 2;
+        assert_eq!(
+            error,
+            format!("line {line}: more than {MOST_POINTS} points")
+        );
+    }
+
+    #[test]
+    fn points_of_every_millisecond_are_far_enough_apart() {
+        for from_s in [0, 999_980] {
+            let line = |i: usize| format!("{}.{:03},0,0,0,0\n", from_s + i / 1000, i % 1000);
+            let every_ms: String = (1..MOST_POINTS).map(line).collect();
+            let read = points(&format!("{HEADER}\n0,0,0,0,0\n{every_ms}"));
+            assert_eq!(read.map(|points| points.len()), Ok(MOST_POINTS));
+        }
+        let error = points(&format!("{HEADER}\n0,0,0,0,0\n0.00099,0,0,0,0\n")).unwrap_err();
+        assert_eq!(
+            error,
+            "line 3, column t: 0.00099 s follows 0 s: expected at least 0.001 s later"
+        );
+    }
+
+    #[test]
+    fn one_digit_makes_another_hash() {
+        let hash = |text: &str| PointsFile::of(text.to_owned()).unwrap().sha256;
+        assert_ne!(
+            hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n"),
+            hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,1\n")
+        );
+        assert_eq!(hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n").len(), 64);
+    }
+}

@@ -1,0 +1,59 @@
+//! Faults that were injected into the running flight, as the plant publishes them.
+
+use faults::live::{LIVE, LiveBlackboard, LiveFault};
+use flight_log::facts::Record;
+use ipc::error::Error;
+use ipc::{BlackboardReader, Wire};
+
+use analysis::faults::InjectedFault;
+use faults::grammar::{Fault, joined, planned_again};
+
+#[derive(Default)]
+pub struct InjectedFaults {
+    blackboard: Option<BlackboardReader<LiveBlackboard>>,
+    pub faults: Vec<LiveFault>,
+}
+
+impl InjectedFaults {
+    pub fn open(wire: &Wire) -> Result<Self, Error> {
+        Ok(Self {
+            blackboard: wire.blackboard_reader(LIVE)?,
+            faults: Vec::new(),
+        })
+    }
+
+    /// Reads the blackboard; returns all faults of the flight if there are new ones.
+    pub fn update(&mut self) -> Option<&[LiveFault]> {
+        let published = self.blackboard.as_mut()?.news()?;
+        self.faults = published.iter().collect();
+        Some(&self.faults)
+    }
+}
+
+/// The faults by number, each as the text that would plan it.
+pub fn injected_record(faults: &[LiveFault]) -> Record {
+    (1..)
+        .zip(planned_again(faults))
+        .map(|(n, fault)| (format!("{n}"), fault.to_string()))
+        .collect()
+}
+
+/// Injected faults for the report.
+pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
+    let mut ended = live.to_vec();
+    for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
+        for fault in &mut ended[..place] {
+            if !fault.ends && fault.kind.is_like(&end.kind) {
+                fault.span.to = fault.span.to.min(end.span.from);
+            }
+        }
+    }
+    let described = |fault: Fault| {
+        let (from, to) = (
+            fault.from.tick(period_s),
+            fault.to.map(|to| to.tick(period_s)),
+        );
+        InjectedFault::new(joined(&fault.changes), from, to, period_s).in_flight()
+    };
+    planned_again(&ended).into_iter().map(described).collect()
+}

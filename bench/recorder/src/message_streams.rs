@@ -1,0 +1,182 @@
+//! Reads the topics and distributes each message: to observers, the log, the statistics and the Lyapunov monitor.
+
+use analysis::flight_statistics::{FlightStatistics, is_last_word};
+use analysis::states::{Joined, Joiner, LoopMessage};
+use errors::Failure;
+use flight_log::entry::LogEntry;
+use ipc::Wire;
+use ipc::error::Error;
+use messages::content::{Stamped, State, Wrench};
+use messages::grid::Pace;
+use messages::header::Message;
+use messages::inspection::{Expected, Rejections};
+use process::session::JoinedRun;
+
+use super::pairs::Pairs;
+use super::ports::{Ports, Relays, horizon, keep_first};
+use super::run_files::RunFiles;
+use controller::flight_monitor::FlightMonitor;
+
+/// The report names this if messages could not be passed on to observers.
+const OBSERVERS: &str = "what observers see";
+
+/// The recorder's ports, opened before the plant takes off.
+pub struct StreamPorts {
+    receivers: Ports,
+    relays: Relays,
+}
+
+impl StreamPorts {
+    pub fn open(wire: &Wire) -> Result<Self, Error> {
+        Ok(Self {
+            receivers: Ports::new(wire)?,
+            relays: Relays::new(wire)?,
+        })
+    }
+
+    pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        self.receivers.arm(expected)
+    }
+}
+
+pub struct MessageStreams {
+    ports: StreamPorts,
+    pub tally: FlightStatistics,
+    pairs: Pairs,
+    monitor: FlightMonitor,
+    joiner: Joiner,
+    parameter_epoch: u64,
+}
+
+impl MessageStreams {
+    pub fn new(ports: StreamPorts, tally: FlightStatistics, monitor: FlightMonitor) -> Self {
+        Self {
+            ports,
+            tally,
+            pairs: Pairs::default(),
+            monitor,
+            joiner: Joiner::default(),
+            parameter_epoch: 0,
+        }
+    }
+
+    /// Reads every message that has arrived since the last call.
+    pub fn drain(
+        &mut self,
+        pace: Pace,
+        run: &JoinedRun,
+        files: &mut RunFiles<'_>,
+    ) -> Result<(), Failure> {
+        let horizon = horizon(pace, || run.get());
+        let Self {
+            ports: StreamPorts { receivers, relays },
+            tally,
+            joiner,
+            pairs,
+            parameter_epoch,
+            ..
+        } = self;
+        let mut relayed = Ok(());
+        receivers.states.drain(horizon, |message| {
+            keep_first(&mut relayed, relays.states.pass_on(message));
+            files.log(LogEntry::State(*message));
+            *parameter_epoch = message.content.parameter_epoch;
+            tally.state(message);
+            pairs.state(message);
+            joiner.take(message.envelope.tick, LoopMessage::State(message.content));
+        })?;
+        receivers.setpoints.drain(horizon, |message| {
+            keep_first(&mut relayed, relays.setpoints.pass_on(message));
+            files.log(LogEntry::Setpoint(*message));
+            tally.setpoint(message);
+            let content = LoopMessage::Setpoint(message.content);
+            joiner.take(message.envelope.tick, content);
+        })?;
+        receivers.wrenches.drain(horizon, |message| {
+            keep_first(&mut relayed, relays.wrenches.pass_on(message));
+            files.log(LogEntry::Wrench(*message));
+            tally.wrench(message);
+            pairs.wrench(message);
+        })?;
+        receivers.rotor_speeds.drain(horizon, |message| {
+            keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
+            files.log(LogEntry::RotorSpeeds(*message));
+            tally.rotor_speeds(message);
+            if !is_last_word(message) {
+                let content = LoopMessage::RotorSpeeds(message.content);
+                joiner.take(message.envelope.tick, content);
+            }
+        })?;
+        receivers.swaps.drain(horizon, |message| {
+            keep_first(&mut relayed, relays.swaps.pass_on(message));
+            files.log(LogEntry::Swap(*message));
+            tally.swap(message);
+        })?;
+        files.note(OBSERVERS, relayed.map_err(Failure::from));
+        while let Some((wrench, state)) = self.pairs.paired() {
+            self.monitor_wrench(&wrench, state.as_ref(), files);
+        }
+        while let Some(joined) = self.joiner.settled() {
+            self.write_state(&joined, files);
+        }
+        Ok(())
+    }
+
+    /// Whether every parameter change that the plant counted has been received.
+    pub fn has_all_swaps(&self, counted_by_plant: u64) -> bool {
+        // The plant also counts the change of a tick that was skipped at the very end, which is in no state.
+        self.tally.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
+    }
+
+    /// Passes the last wrenches to the monitor; no state arrives any more.
+    pub fn finish_monitor(&mut self, files: &mut RunFiles<'_>) {
+        while let Some((wrench, state)) = self.pairs.rest() {
+            self.monitor_wrench(&wrench, state.as_ref(), files);
+        }
+    }
+
+    /// Writes the states whose tick is incomplete; no message arrives any more.
+    pub fn finish_states(&mut self, files: &mut RunFiles<'_>) {
+        while let Some(joined) = self.joiner.rest() {
+            self.write_state(&joined, files);
+        }
+        files.finish_states();
+    }
+
+    /// Messages that did not pass inspection.
+    pub fn rejections(&self) -> Rejections {
+        self.ports.receivers.rejections()
+    }
+
+    pub const fn incomplete_ticks(&self) -> u64 {
+        self.joiner.incomplete
+    }
+
+    /// Evaluates the Lyapunov monitor for a wrench, then publishes, logs and counts its result.
+    fn monitor_wrench(
+        &mut self,
+        wrench: &Message<Wrench>,
+        state: Option<&Stamped<State>>,
+        files: &mut RunFiles<'_>,
+    ) {
+        let result = self.monitor.watch(wrench, state);
+        match &result {
+            Some(message) => {
+                let relayed = self.ports.relays.theorem.pass_on(message);
+                files.note(OBSERVERS, relayed.map_err(Failure::from));
+                files.log(LogEntry::Theorem(*message));
+                self.tally.theorem(message);
+            }
+            None if self.monitor.applies() => self.tally.theorem.unwatched(),
+            None => {}
+        }
+        let result = result.map(|message| message.content);
+        let content = LoopMessage::Wrench(wrench.content, result);
+        self.joiner.take(wrench.envelope.tick, content);
+    }
+
+    fn write_state(&mut self, joined: &Joined, files: &mut RunFiles<'_>) {
+        self.tally.tracer.take(joined);
+        files.write_state(joined);
+    }
+}

@@ -1,0 +1,250 @@
+//! The recorder's process: reads the topics until the plant closes the run, then writes the final report.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use analysis::flight_statistics::FlightStatistics;
+use analysis::schema::{MarginSection, Report};
+use analysis::tracking::Tracking;
+use errors::Failure;
+use flight_log::facts::record;
+use hdrhistogram::serialization::V2DeflateSerializer;
+use host::Machine;
+use host::sampler::fallen;
+use ipc::clock::now_ns;
+use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
+use messages::grid::{NS_PER_S, Pace};
+use messages::role::Role;
+use process::rt::UsageMeter;
+use process::session::{Armed, RoleSession};
+
+use super::hlog::{Hlog, Lines};
+use super::host_monitor::HostMonitor;
+use super::injected_faults::{InjectedFaults, injected_record};
+use super::log_metadata::metadata;
+use super::message_streams::{MessageStreams, StreamPorts};
+use super::ports::{DRAIN_EVERY, rest};
+use super::report_builder::{RecordedParts, ReportBuilder};
+use super::role_statuses::RoleStatuses;
+use super::run_files::{Files, RunFiles};
+use config::Settings;
+use controller::flight_monitor::FlightMonitor;
+
+/// How long the recorder waits for the final status of the other processes.
+const LANDING_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long it then waits for the records of the last parameter changes, which do not come from the plant's loop.
+const LAST_SWAPS_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// Records until the plant closes the run; returns the flight's report. `margin` gives what the report compares outages
+/// with.
+pub fn run(
+    mut session: RoleSession,
+    settings: &Settings,
+    files: &Files,
+    margin: impl FnOnce(Pace) -> Result<Option<MarginSection>, Failure>,
+) -> Result<Report, Failure> {
+    let mut ports = StreamPorts::open(session.wire())?;
+    let machine = Machine::here(
+        settings.rt.priority + Role::Mixer.priority_step(),
+        settings.realtime()?.cpu,
+    );
+    let (mut roles, mut faults) = (RoleStatuses::default(), InjectedFaults::default());
+    let armed = session.join(|wire, expected, _| {
+        // Before the plant takes off: a flight can be over before the recorder has created its files.
+        roles = RoleStatuses::open(wire)?;
+        faults = InjectedFaults::open(wire)?;
+        ports.arm(expected)
+    })?;
+    let meter = UsageMeter::start();
+    let lines = Lines::create(&files.directory)?;
+    let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
+    let latencies = Hlog::begin(
+        &lines,
+        &mut out,
+        &mut serializer,
+        armed.run.get().t0_wall_ns,
+        settings.recorder.hlog_every_s,
+    )?;
+
+    let instance = session.wire().instance();
+    let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
+    let laws = settings.flown_laws()?;
+    let host = HostMonitor::start(&machine, &roles, settings.recorder.trace, instance)?;
+    let mut tally = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
+    tally.theorem.flown_by(&settings.airframe()?);
+    tally.flown_by(laws);
+    tally.begin_autopsy(host.is_virtual(), host.has_cpu());
+    let metadata = metadata(
+        &armed.run.get(),
+        settings,
+        instance.name(),
+        &host.host,
+        &roles.sections(),
+    )?;
+    let recorder = Recorder {
+        settings,
+        armed: &armed,
+        files: RunFiles::create(files, settings, &metadata, latencies, (tracking, laws))?,
+        report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
+        streams: MessageStreams::new(ports, tally, FlightMonitor::new(settings.theorem()?)),
+        host,
+        roles,
+        faults,
+        seconds: 0,
+    };
+    let outcome = recorder.record(&mut session);
+    session.land(&meter);
+    outcome
+}
+
+struct Recorder<'a> {
+    settings: &'a Settings,
+    armed: &'a Armed,
+    streams: MessageStreams,
+    files: RunFiles<'a>,
+    host: HostMonitor,
+    roles: RoleStatuses,
+    faults: InjectedFaults,
+    report: ReportBuilder<'a>,
+    /// Completed seconds of the flight.
+    seconds: u64,
+}
+
+impl Recorder<'_> {
+    fn record(mut self, session: &mut RoleSession) -> Result<Report, Failure> {
+        let ending = self.record_flight(session)?;
+        let closed_ns = now_ns();
+        self.update_faults();
+        self.wait_for_landing();
+        self.drain()?;
+        self.wait_for_swaps()?;
+        self.finish(ending, closed_ns)
+    }
+
+    /// Records until the plant closes the run or dies.
+    fn record_flight(&mut self, session: &mut RoleSession) -> Result<EndReason, Failure> {
+        loop {
+            rest(self.armed.pace);
+            self.drain()?;
+            self.sample_host();
+            session.status.ticks_run = self.streams.tally.newest_tick();
+            session.pass_on_stop();
+            self.update_faults();
+            self.files.flush_log();
+            let run = self.armed.run.get();
+            if now_ns() >= run.t0_ns + (self.seconds + 1) * NS_PER_S {
+                self.seconds += 1;
+                self.write_each_second()?;
+            }
+            let run = self.armed.run.get();
+            if run.phase() == RunPhase::Closed {
+                return Ok(run.ending());
+            }
+            if !session.plant_lives() {
+                return Ok(EndReason::Failed);
+            }
+        }
+    }
+
+    fn write_each_second(&mut self) -> Result<(), Failure> {
+        let every = self.settings.recorder.hlog_every_s;
+        if self.seconds.is_multiple_of(every) {
+            self.files.write_latencies(&mut self.streams.tally.series);
+        }
+        let report = self.build_report(None)?;
+        self.files.write_partial_report(&report);
+        self.files.flush_states();
+        Ok(())
+    }
+
+    fn drain(&mut self) -> Result<(), Failure> {
+        self.streams
+            .drain(self.armed.pace, &self.armed.run, &mut self.files)
+    }
+
+    fn sample_host(&mut self) {
+        let is_flying = self.armed.run.get().phase() == RunPhase::Flying;
+        let traced = self
+            .host
+            .sample(&self.roles, &mut self.streams.tally, is_flying);
+        self.files.note(TRACE, traced);
+    }
+
+    fn update_faults(&mut self) {
+        if let Some(faults) = self.faults.update() {
+            self.files.log_injected(injected_record(faults));
+        }
+    }
+
+    /// Waits for the final status of the processes that still run.
+    fn wait_for_landing(&self) {
+        let until = now_ns() + LANDING_TIMEOUT.as_nanos() as u64;
+        let landed = || {
+            let loops = self.roles.loops();
+            let is_over =
+                |(status, fallen): (&Status, bool)| fallen || status.phase() == RolePhase::Landed;
+            loops.iter().zip(fallen(&loops)).all(is_over)
+        };
+        while !landed() && now_ns() < until {
+            sleep(DRAIN_EVERY);
+        }
+    }
+
+    fn wait_for_swaps(&mut self) -> Result<(), Failure> {
+        let until = now_ns() + LAST_SWAPS_TIMEOUT.as_nanos() as u64;
+        let counted = self.armed.run.get().parameter_epoch;
+        while !self.streams.has_all_swaps(counted) && now_ns() < until {
+            sleep(DRAIN_EVERY);
+            self.drain()?;
+        }
+        Ok(())
+    }
+
+    /// Completes the statistics and the files, and writes the report.
+    fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
+        let run = self.armed.run.get();
+        self.streams.finish_monitor(&mut self.files);
+        let tally = &mut self.streams.tally;
+        tally.finish(&run, closed_ns);
+        tally
+            .deaths
+            .finish(fallen(&self.roles.loops()), tally.newest_tick());
+        self.files.finish_latencies(&mut tally.series);
+        self.streams.finish_states(&mut self.files);
+        let tally = &mut self.streams.tally;
+        let traced = self.host.finish(
+            &self.roles,
+            tally,
+            (run.deadlines_missed, run.last_tick + 1),
+        );
+        self.files.note(TRACE, traced);
+        tally
+            .miss_runs
+            .update(run.deadlines_missed, run.deadline_miss_run);
+        self.files.prepare_final_report();
+        let mut report = self.build_report(Some(ending))?;
+        let last_record = record(&[
+            ("ending", ending.name()),
+            ("ticks_run", &run.ticks_run.to_string()),
+            ("ticks_skipped", &run.ticks_skipped.to_string()),
+            ("deadlines_missed", &run.deadlines_missed.to_string()),
+        ]);
+        self.files.finish(&mut report, last_record)?;
+        Ok(report)
+    }
+
+    /// The report so far; the final one if there is an ending.
+    fn build_report(&self, ending: Option<EndReason>) -> Result<Report, Failure> {
+        let parts = RecordedParts {
+            streams: &self.streams,
+            files: &self.files,
+            host: &self.host,
+            roles: &self.roles,
+            faults: &self.faults.faults,
+        };
+        self.report.build(&self.armed.run.get(), &parts, ending)
+    }
+}
+
+/// The report names this if the kernel's trace could not be read.
+const TRACE: &str = "the trace of the loops' processor";

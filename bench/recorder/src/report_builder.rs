@@ -1,0 +1,220 @@
+//! Builds the report of a flight from what has been recorded so far.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, UNIX_EPOCH};
+
+use analysis::distribution::buckets;
+use analysis::flight_statistics::FlightStatistics;
+use analysis::gates::{gates, verdict};
+use analysis::laws::{NotFinite, SignalStatistics};
+use analysis::miss_analysis::MissAnalysis;
+use analysis::outages::WORST_SHOWN;
+use analysis::schema::{self, LawSection, MarginSection, Report, RunLength, Verdicts};
+use analysis::sections::rejected;
+use analysis::series::Series;
+use analysis::verdicts::Evidence;
+use errors::Failure;
+use faults::live::LiveFault;
+use flight_log::TOPICS;
+use ipc::clock::now_ns;
+use messages::blackboards::{EndReason, Run};
+use process::rt::UsageMeter;
+
+use super::host_monitor::HostMonitor;
+use super::message_streams::MessageStreams;
+use super::role_statuses::RoleStatuses;
+use super::run_files::RunFiles;
+use crate::injected_faults::injected;
+use config::Settings;
+use config::law_settings::Chosen;
+use flight_log::wall_time::utc;
+
+/// Parts of the recorder that the report is built from.
+pub struct RecordedParts<'a> {
+    pub streams: &'a MessageStreams,
+    pub files: &'a RunFiles<'a>,
+    pub host: &'a HostMonitor,
+    pub roles: &'a RoleStatuses,
+    pub faults: &'a [LiveFault],
+}
+
+pub struct ReportBuilder<'a> {
+    settings: &'a Settings,
+    /// The laws as loaded at the start: a law file that disappears during the flight does not matter.
+    laws: [Chosen; 3],
+    margin: Option<MarginSection>,
+    instance: String,
+    meter: &'a UsageMeter,
+}
+
+impl<'a> ReportBuilder<'a> {
+    pub fn new(
+        settings: &'a Settings,
+        instance: &str,
+        meter: &'a UsageMeter,
+        margin: Option<MarginSection>,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            settings,
+            laws: settings.chosen_laws()?,
+            margin,
+            instance: instance.into(),
+            meter,
+        })
+    }
+
+    /// The figures so far; the final ones if there is an ending.
+    pub fn build(
+        &self,
+        run: &Run,
+        parts: &RecordedParts<'_>,
+        ending: Option<EndReason>,
+    ) -> Result<Report, Failure> {
+        let RecordedParts {
+            streams,
+            files,
+            host,
+            roles,
+            faults,
+        } = parts;
+        let tally = &streams.tally;
+        let period_s = self.settings.flight.period_s;
+        let ticks = tally.ticks(run);
+        let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(tally.states);
+        let late = tally.series.flight(Series::Late);
+        let missed = tally.miss_runs.missed;
+        let deadlines = schema::DeadlineSection {
+            not_fresh: tally.not_fresh(&ticks),
+            missed,
+            missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
+            missed_by_stamps: tally.late_commands.count,
+            late: late.map(buckets).unwrap_or_default(),
+            runs: tally
+                .miss_runs
+                .lengths()
+                .into_iter()
+                .map(|(length_ticks, count)| RunLength {
+                    length_ticks,
+                    count,
+                })
+                .collect(),
+            stretches: tally
+                .late_commands
+                .stretches
+                .iter()
+                .map(|stretch| schema::LateStretchSection {
+                    tick: stretch.tick,
+                    time_s: stretch.tick as f64 * period_s,
+                    length_ticks: stretch.length_ticks,
+                    late_us: stretch.late_ns as f64 / 1e3,
+                })
+                .collect(),
+            stretches_left_out: tally.late_commands.left_out,
+        };
+        let series = tally.series.statistics();
+        let theorem = tally.theorem.section();
+        let lost_messages = tally.lost().iter().sum();
+        let lost = TOPICS.iter().zip(tally.lost());
+        let lost = lost
+            .map(|(topic, lost)| ((*topic).to_owned(), lost))
+            .collect();
+        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
+        let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
+        let steal = host.steal();
+        let role_sections = roles.sections();
+        let performance = schema::ControlPerformance {
+            ticks_without_state,
+            ..tally.flight()
+        };
+        let section = schema::RunSection {
+            run_id: run.run_id,
+            started,
+            instance: self.instance.clone(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            build: flight_log::build::executable(),
+            trajectory: self.settings.trajectory_name().into(),
+            airframe: self.settings.airframe_name().into(),
+            airframe_sha256: self.settings.flight.airframe_sha256.clone(),
+            preset: self.settings.flight.preset.clone(),
+            period_us: period_s * 1e6,
+            wall_period_us: run.period_ns as f64 / 1e3,
+            settings_fingerprint: format!("{:016x}", run.settings),
+            laws: self.laws(tally),
+            ending: ending.unwrap_or(EndReason::None).name().into(),
+            last_words: Vec::new(),
+            in_flight: ending.is_none(),
+        };
+        let evidence = Evidence {
+            run: &section,
+            ending,
+            ticks: &ticks,
+            deadlines: &deadlines,
+            performance: &performance,
+            theorem: &theorem,
+            series: &series,
+            roles: &role_sections,
+            steal: &steal,
+            lost: lost_messages,
+        };
+        let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
+        let autopsy = tally.autopsy.as_ref().map(MissAnalysis::section);
+        let mut autopsy = autopsy.unwrap_or_default().struck_by(&faults);
+        if ending.is_none() {
+            // This report is written every second: only what is shown.
+            autopsy.worst.truncate(WORST_SHOWN);
+        }
+        let words = Verdicts::of(&evidence, &self.settings.tracking_limits());
+        let gates = gates(&self.settings.gates_asked(), &evidence);
+        Ok(Report {
+            schema: schema::SCHEMA.into(),
+            words,
+            run: section,
+            verdict: verdict(gates, lost_messages, ending),
+            ticks,
+            deadlines,
+            margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
+            autopsy,
+            deaths: tally.deaths.deaths.clone(),
+            deaths_left_out: tally.deaths.left_out,
+            flight: performance,
+            theorem,
+            swaps: tally.swaps.clone(),
+            swaps_left_out: tally.swaps_seen - tally.swaps.len() as u64,
+            faults,
+            series,
+            roles: role_sections,
+            lead: tally.lead(&run.lead, roles.rehearsals()),
+            recorder: schema::RecorderSection {
+                lost,
+                rejected: rejected(&streams.rejections()),
+                incomplete_ticks: streams.incomplete_ticks(),
+                cpu_percent: 100.0 * self.meter.read().cpu_ns as f64 / elapsed_ns as f64,
+                log: files.log_section(),
+                unwritten: files.incomplete(),
+            },
+            host: host.host.clone(),
+            doctor: host.diagnosis.clone(),
+            steal,
+            interrupts: host.interrupts(),
+            // Only the page shows these, so they are computed once, at the end.
+            distributions: if ending.is_some() {
+                tally.series.distributions(run.period_ns)
+            } else {
+                Vec::new()
+            },
+            // The launcher measures them after all processes have landed.
+            beside: None,
+            traces: ending.map(|_| tally.tracer.traces()),
+        })
+    }
+
+    /// The laws of the flight with their telemetry and their unusable outputs.
+    fn laws(&self, tally: &FlightStatistics) -> BTreeMap<String, LawSection> {
+        let laws = self.laws.into_iter().zip(tally.not_finite);
+        let section = |((law, not_finite), telemetry): ((Chosen, NotFinite), &SignalStatistics)| {
+            let role = law.description().role.to_string();
+            (role, law.section(not_finite, telemetry.section()))
+        };
+        laws.zip(&tally.telemetry).map(section).collect()
+    }
+}

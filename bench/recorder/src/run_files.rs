@@ -1,0 +1,208 @@
+//! The files that the recorder writes during a flight.
+//!
+//! One policy for all of them: a file that cannot be created refuses the flight. A file that can no longer be written
+//! is incomplete, the report gives the first reason, and the flight and the other files go on.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use analysis::laws::FlownLaws;
+use analysis::schema::{LogSection, Report};
+use analysis::sections::log_section;
+use analysis::series::SeriesSet;
+use analysis::states::{Joined, StatesWriter};
+use analysis::status::FlightStatus;
+use analysis::tracking::Tracking;
+use errors::{Failure, InFile as _};
+use flight_log::entry::LogEntry;
+use flight_log::facts::{Facts, Record};
+use flight_log::writer::FlightLog;
+use ipc::clock::now_ns;
+use render::files::write_all;
+
+use super::atomic_file::AtomicFileWriter;
+use super::hlog::Hlog;
+use crate::run_directory::{LATENCIES, make_latest};
+use config::{LogName, Settings};
+
+const REPORT: &str = "report.json";
+const STATES: &str = "states.csv";
+
+#[derive(Clone, Debug)]
+pub struct Files {
+    pub directory: PathBuf,
+    /// Where to write the states a second time.
+    pub states: Option<PathBuf>,
+}
+
+pub struct RunFiles<'a> {
+    directory: &'a Path,
+    latencies: Hlog<'a>,
+    states: Vec<StatesWriter>,
+    /// None if the settings switch it off, or if it broke.
+    log: Option<FlightLog>,
+    log_name: &'static str,
+    /// report.json while the flight lasts.
+    partial_report: AtomicFileWriter,
+    /// Whether the link `latest` points to this flight.
+    is_latest: bool,
+    /// Incomplete files, each with the first reason.
+    incomplete: BTreeMap<&'static str, String>,
+}
+
+impl<'a> RunFiles<'a> {
+    pub fn create(
+        files: &'a Files,
+        settings: &Settings,
+        metadata: &Facts,
+        latencies: Hlog<'a>,
+        (tracking, laws): (Tracking, FlownLaws),
+    ) -> Result<Self, Failure> {
+        let directory = &files.directory;
+        let every = settings.recorder.states_every_ticks;
+        let states = std::iter::once(&directory.join(STATES))
+            .chain(&files.states)
+            .map(|path| StatesWriter::spooled(path, tracking, laws, every))
+            .collect::<Result<_, _>>()?;
+        let log = match settings.recorder.log {
+            LogName::Off => None,
+            LogName::All | LogName::AroundMisses => Some(FlightLog::create(
+                &directory.join(flight_log::FILE),
+                metadata,
+            )?),
+        };
+        Ok(Self {
+            directory,
+            latencies,
+            states,
+            log,
+            log_name: settings.recorder.log.name(),
+            partial_report: AtomicFileWriter::new(directory.join(REPORT))?,
+            is_latest: false,
+            incomplete: BTreeMap::new(),
+        })
+    }
+
+    /// Remembers why a file is incomplete.
+    pub fn note(&mut self, file: &'static str, written: Result<(), Failure>) {
+        if let Err(failure) = written {
+            self.incomplete
+                .entry(file)
+                .or_insert_with(|| failure.to_string());
+        }
+    }
+
+    pub fn log(&mut self, entry: LogEntry) {
+        if let Some(log) = &mut self.log {
+            log.take(entry);
+        }
+    }
+
+    pub fn log_injected(&mut self, injected: Record) {
+        if let Some(log) = &mut self.log {
+            log.tell_injected(injected);
+        }
+    }
+
+    /// Hands full chunks of the log to the disk; to be called often.
+    pub fn flush_log(&mut self) {
+        let kept = self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()));
+        if kept.is_err() {
+            self.log = None;
+        }
+        self.note(flight_log::FILE, kept);
+    }
+
+    pub fn write_state(&mut self, joined: &Joined) {
+        let written = self
+            .states
+            .iter_mut()
+            .try_for_each(|states| states.write(joined));
+        self.note(STATES, written);
+    }
+
+    pub fn flush_states(&mut self) {
+        let flushed = self.states.iter_mut().try_for_each(StatesWriter::flush);
+        self.note(STATES, flushed);
+    }
+
+    pub fn finish_states(&mut self) {
+        // Finishes each of them, also after one that failed.
+        let finished = self
+            .states
+            .iter_mut()
+            .map(StatesWriter::finish)
+            .fold(Ok(()), Result::and);
+        self.note(STATES, finished);
+    }
+
+    pub fn write_latencies(&mut self, series: &mut SeriesSet) {
+        let written = self.latencies.close_interval(series);
+        self.note(LATENCIES, written);
+    }
+
+    pub fn finish_latencies(&mut self, series: &mut SeriesSet) {
+        let written = self
+            .latencies
+            .close_interval(series)
+            .and_then(|()| self.latencies.finish());
+        self.note(LATENCIES, written);
+    }
+
+    /// Writes report.json during the flight, and makes `latest` point to the flight once that file exists.
+    pub fn write_partial_report(&mut self, report: &Report) {
+        let text = analysis::json::to_string(report).in_file("write", Path::new(REPORT));
+        let put = text.and_then(|text| self.partial_report.put(text + "\n"));
+        self.note(REPORT, put);
+        if !self.is_latest && self.directory.join(REPORT).exists() {
+            self.point_latest();
+        }
+    }
+
+    fn point_latest(&mut self) {
+        self.is_latest = true;
+        let pointed = make_latest(self.directory);
+        self.note("latest", pointed);
+    }
+
+    /// To be called before the final report is built: its own file is no longer incomplete.
+    pub fn prepare_final_report(&mut self) {
+        self.incomplete.remove(REPORT);
+        if !self.is_latest {
+            self.point_latest();
+        }
+    }
+
+    /// Ends the log, then writes the final report.
+    pub fn finish(mut self, report: &mut Report, ending: Record) -> Result<(), Failure> {
+        // The log is the last file that needs much room; the report says whether it is complete.
+        if let Some(log) = self.log.take() {
+            match log.finish(ending) {
+                Ok(fate) => analysis::gates::take_log(report, self.log_name, &fate),
+                Err(failure) => self.note(flight_log::FILE, Err(failure)),
+            }
+        }
+        if self.incomplete.contains_key(flight_log::FILE)
+            && report.verdict.status == FlightStatus::Pass
+        {
+            report.verdict.status = FlightStatus::Incomplete;
+        }
+        report.recorder.unwritten = self.incomplete();
+        self.partial_report.close();
+        write_all(report, self.directory)
+    }
+
+    /// Incomplete files, each with the first reason.
+    pub fn incomplete(&self) -> BTreeMap<String, String> {
+        self.incomplete
+            .iter()
+            .map(|(file, why)| ((*file).to_owned(), why.clone()))
+            .collect()
+    }
+
+    /// What became of the logged messages so far.
+    pub fn log_section(&self) -> LogSection {
+        let fate = self.log.as_ref().map(FlightLog::fate).unwrap_or_default();
+        log_section(self.log_name, &fate)
+    }
+}

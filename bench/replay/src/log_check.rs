@@ -1,0 +1,292 @@
+//! Checks a log while it is read: undamaged, of this version and a single run, without a gap.
+
+use std::path::Path;
+
+use faults::live::FaultKind;
+use messages::content::SwapRecord;
+use messages::grid::Pace;
+use messages::header::{Header, LAYOUT, Message};
+use messages::settings_text::fingerprint;
+
+use analysis::phrase::count;
+use config::law_settings::{LAW, Moved};
+use config::trajectory::is_file;
+use config::{PointsFile, Settings};
+use errors::Failure;
+use faults::grammar::{Change, Fault};
+use flight_log::TOPICS;
+use flight_log::build::Build;
+use flight_log::entry::{Counts, LogEntry};
+use flight_log::facts::{INJECTED, POINTS, RUN, SETTINGS};
+use flight_log::fault_record::injected;
+use flight_log::reader::{End, LogReader};
+use sim::recorded_timing::check_whole;
+pub use sim::recorded_timing::first_of;
+
+/// A log that can be replayed.
+#[derive(Clone, Debug)]
+pub struct LogCheck {
+    pub build: Build,
+    pub settings: Settings,
+    pub pace: Pace,
+    pub swaps: Vec<Message<SwapRecord>>,
+    pub end: End,
+    pub last_tick: Option<u64>,
+}
+
+/// Checks a log while reading it.
+pub struct LogValidator {
+    reader: LogReader,
+    pub settings: Settings,
+    expected: ExpectedMessages,
+    swaps: Vec<Message<SwapRecord>>,
+    first: LogEntry,
+}
+
+impl LogValidator {
+    /// Checks the log's header and its first message.
+    pub fn open(path: &Path, moved: &Moved) -> Result<Self, Failure> {
+        let mut reader = LogReader::open(path)?;
+        let first = first_of(&mut reader)?;
+        reader.check_version()?;
+        check_whole(&reader, path)?;
+        let mut settings = settings_of(&reader)?;
+        take_moved(&mut settings, moved)?;
+        take_injected(&mut settings, &reader, path)?;
+        let expected = ExpectedMessages::new(&reader)?;
+        Ok(Self {
+            reader,
+            settings,
+            expected,
+            swaps: Vec::new(),
+            first,
+        })
+    }
+
+    pub fn pace(&self) -> Result<Pace, Failure> {
+        self.reader.pace()
+    }
+
+    /// Reads to the end of the log and passes on each valid message.
+    pub fn look_through(mut self, mut hand_on: impl FnMut(&LogEntry)) -> Result<LogCheck, Failure> {
+        let mut newest = None;
+        let mut next = Some(&self.first);
+        while let Some(entry) = next {
+            self.expected.check(entry)?;
+            match entry {
+                LogEntry::State(Message { envelope, content }) => {
+                    newest = Some((envelope.tick, content.parameter_epoch));
+                }
+                LogEntry::Swap(message) => self.swaps.push(*message),
+                _ => {}
+            }
+            hand_on(entry);
+            next = self.reader.next_entry()?;
+        }
+        let (reader, swaps) = (self.reader, self.swaps);
+        if reader.end() == End::Complete {
+            self.expected.check_landing(&reader)?;
+        }
+        check_swaps(
+            &swaps,
+            newest.map_or(0, |(_, parameter_epoch)| parameter_epoch),
+            reader.end(),
+        )?;
+        Ok(LogCheck {
+            build: reader.build(),
+            settings: self.settings,
+            pace: reader.pace()?,
+            swaps,
+            end: reader.end(),
+            last_tick: newest.map(|(tick, _)| tick),
+        })
+    }
+}
+
+/// The settings in a log, if they are those that its processes agreed on.
+pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
+    let text = reader.fact(SETTINGS, "settings.toml")?;
+    let mut settings: Settings =
+        toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))?;
+    if is_file(&settings.flight.trajectory) {
+        let points = PointsFile::of(reader.fact(SETTINGS, POINTS)?.to_owned());
+        let points = points.map_err(|e| reader.damaged(&format!("its {POINTS}: {e}")))?;
+        settings
+            .take_points(points)
+            .map_err(|e| reader.damaged(&e.to_string()))?;
+    }
+    let shared = settings.shared_text()?;
+    let (flown, agreed) = (
+        reader.fact(SETTINGS, "shared")?,
+        reader.fact(RUN, "settings")?,
+    );
+    if shared != flown {
+        return Err(reader.damaged("its settings.toml is not what its processes shared"));
+    }
+    let here = format!("{:016x}", fingerprint(&shared));
+    if here != agreed {
+        return Err(reader.damaged(&format!(
+            "its settings have the fingerprint {here}, its run {agreed}"
+        )));
+    }
+    Ok(settings)
+}
+
+/// Adds message faults injected in flight as if they had been planned. Process faults show in the ticks that the processes
+/// ran.
+fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Result<(), Failure> {
+    for text in injected(path)? {
+        let fault: Fault = text
+            .parse()
+            .map_err(|e| reader.damaged(&format!("its record `{INJECTED}` has `{text}`: {e}")))?;
+        let mut kinds = fault.changes.iter().flat_map(Change::kinds);
+        if kinds.any(|(kind, _)| matches!(kind, FaultKind::Messages { .. })) {
+            settings.flight.faults.push(text);
+        }
+    }
+    settings.planned().map(drop).map_err(|e| {
+        reader.damaged(&format!(
+            "the faults of its record `{INJECTED}` do not go together: {e}"
+        ))
+    })
+}
+
+/// Takes the new places of law libraries, and refuses other laws.
+fn take_moved(settings: &mut Settings, moved: &Moved) -> Result<(), Failure> {
+    for (role, file) in moved {
+        let sections = settings.law_sections();
+        let section = sections.iter().find(|(it, _)| it == role);
+        let flown = section.and_then(|(_, section)| section.get(LAW)?.as_str());
+        let flown = flown.unwrap_or_default();
+        if !plugin::is_file(flown) {
+            return Err(Failure::usage(format!(
+                "--{role} {}: the flight flew the {role} law `{flown}`, which is built in",
+                file.display()
+            ))
+            .help("a replay flies the laws of the flight: leave the flag out"));
+        }
+    }
+    settings.moved.clone_from(moved);
+    // Loaded now: what is not there is said before the log is read.
+    settings.laws().map(drop).map_err(|failure| {
+        failure.help(
+            "a replay flies the same file: `ironbird replay --outer | --inner | --mixer FILE` says where it is now",
+        )
+    })
+}
+
+/// Every swap known to the last state must be in the log; a truncated log may end in between.
+fn check_swaps(swaps: &[Message<SwapRecord>], known: u64, end: End) -> Result<(), Failure> {
+    for (expected, swap) in (1..).zip(swaps) {
+        let epoch = swap.content.parameter_epoch;
+        if epoch != expected {
+            return Err(gap(&format!(
+                "swap {expected} is missing: after {} comes {epoch}",
+                expected - 1
+            )));
+        }
+    }
+    if known > swaps.len() as u64 && end == End::Complete {
+        return Err(gap(&format!(
+            "its last state knows {known} swaps, and it holds {}",
+            swaps.len()
+        )));
+    }
+    Ok(())
+}
+
+pub(super) fn gap(what: &str) -> Failure {
+    Failure::failed(format!("the log has a gap: {what}"))
+        .help("a flight can be replayed from a whole record alone; report.txt says what the recorder lost, and why, and which \
+               processes died: a message of a process that died may have reached a loop, and not the recorder")
+}
+
+/// Common facts of all messages, and the next expected ones.
+struct ExpectedMessages {
+    run_id: u64,
+    settings: u64,
+    messages: Counts,
+    /// The newest message per topic.
+    newest: [Option<Sent>; TOPICS.len()],
+}
+
+/// Epoch and sequence number.
+#[derive(Clone, Copy)]
+struct Sent {
+    epoch: u64,
+    seq: u64,
+    tick: u64,
+}
+
+impl ExpectedMessages {
+    fn new(reader: &LogReader) -> Result<Self, Failure> {
+        let text = reader.fact(RUN, "settings")?;
+        let no_fingerprint =
+            format!("its record `{RUN}` has settings = `{text}`, which is no fingerprint");
+        Ok(Self {
+            run_id: reader.number("run_id")?,
+            settings: u64::from_str_radix(text, 16).map_err(|_| reader.damaged(&no_fingerprint))?,
+            messages: [0; TOPICS.len()],
+            newest: [None; TOPICS.len()],
+        })
+    }
+
+    /// Checks that the log holds every message that the recorder wrote and every state that the plant published.
+    fn check_landing(&self, reader: &LogReader) -> Result<(), Failure> {
+        for (topic, holds) in TOPICS.into_iter().zip(self.messages) {
+            let written = reader.landed(&format!("messages.{topic}"))?;
+            if written != Some(holds) {
+                let written = written
+                    .map_or_else(|| "does not say how many".into(), |n| format!("wrote {n}"));
+                return Err(gap(&format!(
+                    "it holds {holds} messages of topic `{topic}`, and its recorder {written}"
+                )));
+            }
+        }
+        let [states, ..] = self.messages;
+        match reader.landed("ticks_run")? {
+            // A plant that dies may have published a state that it has not counted yet.
+            Some(published) if states < published => Err(gap(&format!(
+                "the plant published {published} states, and it holds {states}: the last {} are missing",
+                published - states
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    fn check(&mut self, entry: &LogEntry) -> Result<(), Failure> {
+        let (place, topic) = (entry.topic(), TOPICS[entry.topic()]);
+        let many_per_tick = matches!(entry, LogEntry::Swap(_));
+        let Header {
+            layout,
+            run_id,
+            settings,
+            epoch,
+            seq,
+            tick,
+            ..
+        } = *entry.envelope();
+        if layout != LAYOUT || run_id != self.run_id || settings != self.settings {
+            return Err(Failure::failed(format!(
+                "the log mixes runs: message {seq} of topic `{topic}` (tick {tick}) has run {run_id} and settings \
+                 {settings:016x}, the log has run {} and settings {:016x}",
+                self.run_id, self.settings
+            )));
+        }
+        self.messages[place] += 1;
+        let last = self.newest[place].replace(Sent { epoch, seq, tick });
+        let same_sender = last.filter(|last| last.epoch == epoch);
+        let owed = same_sender.map_or(0, |last| last.seq.saturating_add(1));
+        if seq != owed {
+            let missing = count(seq.wrapping_sub(owed), "message");
+            return Err(gap(&format!(
+                "topic `{topic}` lacks {missing} before tick {tick}"
+            )));
+        }
+        let rises = |last: Sent| last.tick < tick || many_per_tick && last.tick == tick;
+        if last.is_some_and(|last| !rises(last) || last.epoch > epoch) {
+            return Err(gap(&format!("topic `{topic}` goes back to tick {tick}")));
+        }
+        Ok(())
+    }
+}

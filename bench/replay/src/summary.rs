@@ -1,0 +1,144 @@
+//! Summarises a replayed flight in a few lines.
+
+use controller::laws::adaptive;
+use messages::content::{Mode, RotorSpeeds, State, Wrench};
+use messages::header::Message;
+use messages::output_hash::OutputHash;
+
+use crate::log_check::LogCheck;
+use analysis::phrase::count;
+use analysis::swaps::AppliedSwap;
+use analysis::tracking::{Tracking, TrackingError};
+
+const MODES: [(Mode, &str); 5] = [
+    (Mode::Fresh, "fresh"),
+    (Mode::Held, "held"),
+    (Mode::Fallback, "fallback"),
+    (Mode::Idle, "idle"),
+    (Mode::NotFinite, "not finite"),
+];
+
+#[derive(Clone, Copy, Debug)]
+pub struct Summary {
+    tracking: Tracking,
+    /// First counted tick.
+    from_tick: u64,
+    pub ticks: u64,
+    /// Restarts of the inner loop in flight.
+    pub restarts: u64,
+    /// Ticks skipped and deadlines missed before the first counted tick.
+    before: [u64; 2],
+    newest: Option<(u64, State)>,
+    error: TrackingError,
+    inner: [u64; MODES.len()],
+    mixer: [u64; MODES.len()],
+    saturated: u64,
+    estimate: [f64; 3],
+    /// Over all replayed outputs.
+    pub outputs: OutputHash,
+}
+
+impl Summary {
+    pub fn new(tracking: Tracking, from_tick: u64) -> Self {
+        Self {
+            tracking,
+            from_tick,
+            ticks: 0,
+            restarts: 0,
+            before: [0; 2],
+            newest: None,
+            error: TrackingError::default(),
+            inner: [0; MODES.len()],
+            mixer: [0; MODES.len()],
+            saturated: 0,
+            estimate: [0.0; 3],
+            outputs: OutputHash::default(),
+        }
+    }
+
+    pub fn state(&mut self, tick: u64, state: &State) {
+        if tick < self.from_tick {
+            self.before = [state.ticks_skipped, state.deadlines_missed];
+            return;
+        }
+        self.ticks += 1;
+        self.newest = Some((tick, *state));
+        self.error.take(self.tracking.error_m(tick, state));
+    }
+
+    pub fn wrench(&mut self, wrench: &Wrench) {
+        take(&mut self.inner, wrench.mode);
+        self.estimate = adaptive::estimate(&wrench.telemetry);
+    }
+
+    pub fn rotor_speeds(&mut self, speeds: &RotorSpeeds) {
+        take(&mut self.mixer, speeds.mode);
+        self.saturated += speeds.saturated;
+    }
+
+    /// Ticks from the first to the newest one, including skipped ones.
+    pub fn flown_ticks(&self) -> u64 {
+        self.newest.map_or(0, |(tick, _)| tick + 1)
+    }
+
+    pub fn text(&self, survey: &LogCheck) -> String {
+        let flight = &survey.settings.flight;
+        let (tick, state) = self.newest.unwrap_or_default();
+        let [skipped, missed] = [
+            state.ticks_skipped - self.before[0],
+            state.deadlines_missed - self.before[1],
+        ];
+        let from = match self.from_tick {
+            0 => String::new(),
+            from => format!("from tick {from} "),
+        };
+        let [replayed, saturated] = [self.ticks, self.saturated].map(|ticks| count(ticks, "tick"));
+        let mut text = format!(
+            "{}: {replayed} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n\
+             position error {}\n\
+             inner loop {}; started {} in flight\n\
+             mixer      {}; rotors saturated in {saturated}\n\
+             outputs    {}\n",
+            survey.settings.flown(),
+            tick as f64 * flight.period_s,
+            count(missed, "deadline"),
+            self.error,
+            modes(&self.inner),
+            count(self.restarts, "time"),
+            modes(&self.mixer),
+            self.outputs
+        );
+        let law_without_theorem = survey.settings.law_without_theorem();
+        if law_without_theorem.is_ok_and(|law| law.is_none()) {
+            let [i_r, k_r, delta] = self.estimate;
+            text += &format!(
+                "estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n"
+            );
+        }
+        for Message { envelope, content } in &survey.swaps {
+            if envelope.tick >= self.from_tick {
+                let swap = AppliedSwap::new(envelope.tick, flight.period_s, content);
+                let (epoch, tick) = (swap.parameter_epoch, swap.tick);
+                text += &format!(
+                    "swap {epoch} at tick {tick}: {}\n",
+                    render::sentences::swap(&swap)
+                );
+            }
+        }
+        text
+    }
+}
+
+fn take(counts: &mut [u64; MODES.len()], mode: u64) {
+    if let Some(place) = MODES.iter().position(|(known, _)| *known as u64 == mode) {
+        counts[place] += 1;
+    }
+}
+
+fn modes(counts: &[u64; MODES.len()]) -> String {
+    let modes = MODES.iter().zip(counts);
+    let modes: Vec<String> = modes
+        .map(|((_, name), count)| format!("{name} {count}"))
+        .collect();
+    modes.join(", ")
+}

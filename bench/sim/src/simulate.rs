@@ -1,0 +1,191 @@
+//! Simulates a flight and prints the result: the report of `ironbird simulate`.
+
+use std::path::Path;
+use std::time::Instant;
+
+use controller::laws::adaptive;
+use messages::parameters::ESTIMATED;
+
+use crate::invalid_outputs::InvalidOutputs;
+use crate::recorded_timing::Timing;
+use crate::simulator::Simulator;
+pub use crate::simulator::simulated_flight::{Judge, follow};
+pub use crate::simulator::simulated_flight::{SimulatedFlight, fly, fly_with};
+use analysis::phrase::count;
+use analysis::schema::Gate;
+use analysis::states::StatesWriter;
+use analysis::status::FlightStatus;
+use analysis::theorem::TheoremStatistics;
+use analysis::tracer::Tracer;
+use analysis::tracking::Tracking;
+use config::Settings;
+use errors::output::print;
+use errors::{Failure, GATE, OK, write_text};
+use flight_log::wall_time::speed;
+use render::figures::Figures;
+use render::picture;
+
+/// Files to write.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct OutputFiles<'a> {
+    pub states: Option<&'a Path>,
+    pub plot: Option<&'a Path>,
+}
+
+/// Simulates a flight, optionally with recorded timing, and prints the result. Returns the flight and the exit code.
+pub fn report(
+    settings: &Settings,
+    timing: Option<&Timing>,
+    leaves: &OutputFiles<'_>,
+) -> Result<(SimulatedFlight, u8), Failure> {
+    let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
+    let laws = settings.flown_laws()?;
+    let every = settings.recorder.states_every_ticks;
+    let create = |path| StatesWriter::create(path, tracking, laws, every);
+    let mut states = leaves.states.map(create).transpose()?;
+    let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?);
+    let mut observations = Observations::new(settings)?;
+    let start = Instant::now();
+    let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
+    tracer.iter_mut().for_each(|tracer| tracer.flown_by(laws));
+    let look = |rig: &Simulator| -> Result<(), Failure> {
+        if let Some(states) = &mut states {
+            states.write(&rig.joined())?;
+        }
+        if let Some(tracer) = &mut tracer {
+            tracer.take(&rig.joined());
+        }
+        observations.take(rig);
+        Ok(())
+    };
+    let flown = fly_with(&mut rig, settings, timing, look)?;
+    let wall_s = start.elapsed().as_secs_f64();
+    if let (Some(path), Some(tracer)) = (leaves.plot, &tracer) {
+        let title = format!("{}, simulated", settings.flown());
+        let figures = Figures {
+            traces: &tracer.traces(),
+            swaps: &flown.swaps,
+            faults: &settings.injected()?,
+            late: &[],
+            period_s: settings.flight.period_s,
+        };
+        write_text(path, &picture::render(&figures, &title))?;
+    }
+    if let Some(states) = &mut states {
+        states.flush()?;
+    }
+    let theorem = observations.theorem.section();
+    let gate = settings
+        .recorder
+        .gate_theorem
+        .then(|| Gate::theorem(&theorem));
+    let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
+    let mut lines = observations.unusable.sentences(settings)?;
+    for fault in settings.injected()? {
+        lines.push(format!("fault {}", render::sentences::fault(&fault)));
+    }
+    if timing.is_some() || !settings.planned()?.spares_the_loop() {
+        lines.push(outages(&rig));
+    }
+    lines.extend(flown.departure.clone());
+    lines.extend(
+        gate.iter()
+            .filter(|gate| !gate.held)
+            .map(render::sentences::gate),
+    );
+    let mut text = summary(&flown, settings, wall_s)
+        + &observations.estimates()
+        + "\n"
+        + &render::theorem::text(&theorem);
+    for line in lines {
+        text += &(line + "\n");
+    }
+    let status = if passes {
+        FlightStatus::Pass
+    } else {
+        FlightStatus::Fail
+    };
+    let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
+    text += &format!(
+        "RESULT status={status} gates={held}/{} ticks={} outputs={} run=none\n",
+        gate.iter().len(),
+        flown.ticks,
+        flown.outputs
+    );
+    print(&text)?;
+    Ok((flown, if passes { OK } else { GATE }))
+}
+
+/// Effects of message and stage faults or of recorded timing.
+fn outages(rig: &Simulator) -> String {
+    let state = rig.state();
+    format!(
+        "{} skipped, {} missed, {} refused",
+        count(state.ticks_skipped, "tick"),
+        count(state.deadlines_missed, "deadline"),
+        count(rig.rejections().total(), "message")
+    )
+}
+
+fn summary(flown: &SimulatedFlight, settings: &Settings, wall_s: f64) -> String {
+    let flown_s = flown.ticks as f64 * settings.flight.period_s;
+    format!(
+        "{}: {}, {flown_s:.3} s simulated in {}\nposition error {}\n",
+        settings.flown(),
+        count(flown.ticks, "tick"),
+        speed(flown_s, wall_s),
+        flown.error
+    )
+}
+
+/// The theorem, the last estimates, and law outputs that could not be used.
+struct Observations {
+    theorem: TheoremStatistics,
+    has_estimates: bool,
+    /// Estimate and true value of each parameter.
+    newest: Option<[(f64, f64); ESTIMATED.len()]>,
+    unusable: InvalidOutputs,
+}
+
+impl Observations {
+    fn new(settings: &Settings) -> Result<Self, Failure> {
+        let mut theorem = TheoremStatistics::default();
+        theorem.flown_by(&settings.airframe()?);
+        let law_without = settings.law_without_theorem()?;
+        if let Some(law) = law_without {
+            theorem.does_not_apply(law);
+        }
+        Ok(Self {
+            theorem,
+            has_estimates: law_without.is_none(),
+            newest: None,
+            unusable: InvalidOutputs::default(),
+        })
+    }
+
+    fn take(&mut self, rig: &Simulator) {
+        self.unusable.take(rig);
+        let actual = rig.state().truth.theta();
+        self.theorem.truth(actual);
+        let Some(wrench) = rig.new_wrench() else {
+            return;
+        };
+        if let Some(monitor) = rig.monitor() {
+            self.theorem.take(0, monitor);
+        }
+        if self.has_estimates {
+            let estimate = adaptive::estimate(&wrench.telemetry);
+            self.newest = Some(std::array::from_fn(|i| (estimate[i], actual[i])));
+        }
+    }
+
+    fn estimates(&self) -> String {
+        let mut text = String::new();
+        let newest = self.newest.into_iter().flatten();
+        for (parameter, (estimated, actual)) in ESTIMATED.into_iter().zip(newest) {
+            let name = parameter.name();
+            text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
+        }
+        text
+    }
+}

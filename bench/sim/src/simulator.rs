@@ -1,0 +1,569 @@
+//! The simulator: a flight in one process, with the four tick functions called in the order of the data.
+//!
+//! plant -> outer -> inner -> mixer -> plant. Without transport, clock or deadlines every command is on time. Four
+//! processes that miss no deadline reproduce this flight bit by bit. Nothing is allocated after [`Simulator::new`].
+//!
+//! With message or stage faults, the stages read their inputs through [`faults::faulty_input`]. A stage in an
+//! outage does nothing, and the others see it silent, like a stopped process. After an outage of the plant, its next tick
+//! integrates the missed ones with the commands active then.
+
+pub mod simulated_flight;
+pub mod timed;
+
+use std::collections::VecDeque;
+use std::mem::replace;
+
+use analysis::states::{Joined, TickRecord};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use controller::TheoremMonitor;
+use errors::Failure;
+use faults::faulty_input::FaultyInput;
+use faults::gate::Gate;
+use faults::live::FaultKind;
+use faults::{MessageFaults, Port};
+use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::header::Message;
+use messages::inspection::Rejections;
+use messages::monitor::Monitor;
+use messages::role::{Role, STAGES};
+use messages::topic::Topic;
+use plant::command_hold::PENDING_COMMANDS;
+use plant::{EnvelopeViolation, Plant};
+
+use config::Settings;
+use faults::plan::{Lateness, Planned, StageFault, StageTicks};
+
+/// A simulated flight between two ticks.
+pub struct Simulator {
+    plant: Plant,
+    outer: GuardedOuter,
+    inner: GuardedInner,
+    mixer: GuardedMixer,
+    state: Stamped<State>,
+    setpoint: Stamped<Setpoint>,
+    wrench: Stamped<Wrench>,
+    rotor_speeds: Stamped<RotorSpeeds>,
+    tick: u64,
+    envelope: Result<(), EnvelopeViolation>,
+    theorem: Option<TheoremMonitor>,
+    monitor: Option<Monitor>,
+    /// Message and stage faults; none takes the fast path.
+    faulted: Option<Box<Faulted>>,
+}
+
+impl Simulator {
+    /// A flight before tick 0.
+    pub fn new(
+        plant: &plant::PlantSettings,
+        outer: GuardedOuter,
+        inner: GuardedInner,
+        mixer: GuardedMixer,
+    ) -> Self {
+        Self {
+            plant: Plant::new(plant),
+            outer,
+            inner,
+            mixer,
+            state: Stamped::none(),
+            setpoint: Stamped::none(),
+            wrench: Stamped::none(),
+            rotor_speeds: Stamped::none(),
+            tick: 0,
+            envelope: Ok(()),
+            theorem: None,
+            monitor: None,
+            faulted: None,
+        }
+    }
+
+    /// The flight that settings describe, with its faults.
+    pub fn of(settings: &Settings) -> Result<Self, Failure> {
+        Self::faulty(settings, settings.outer_stage()?, settings.inner_stage()?)
+    }
+
+    /// The same with other loops than the settings name.
+    pub fn with(
+        settings: &Settings,
+        outer: GuardedOuter,
+        inner: GuardedInner,
+    ) -> Result<Self, Failure> {
+        let is_lost =
+            |fault: &&StageFault| fault.kind == StageTicks::Anew && fault.role != Role::Mixer;
+        if let Some(fault) = settings.planned()?.stages.iter().find(is_lost) {
+            return Err(Failure::usage(format!(
+                "{}.kill: this law was passed as an object and cannot be created again",
+                fault.role
+            ))
+            .help("stop the stage instead, or name a law in the settings"));
+        }
+        Self::faulty(settings, outer, inner)
+    }
+
+    fn faulty(
+        settings: &Settings,
+        outer: GuardedOuter,
+        inner: GuardedInner,
+    ) -> Result<Self, Failure> {
+        let mixer = settings.mixer_stage()?;
+        let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
+        let planned = settings.planned()?;
+        for fault in &planned.acts {
+            let name = match fault.kind {
+                FaultKind::Hog { .. } => "cpu.hog",
+                FaultKind::Load { .. } => "cpu.load",
+                _ => continue,
+            };
+            return Err(Failure::usage(format!(
+                "fault: {name}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`"
+            )));
+        }
+        if !planned.spares_the_loop() {
+            let faulted = Faulted::new(settings, &planned)?;
+            rig.plant.gate(faulted.plant_gate());
+            rig.faulted = Some(Box::new(faulted));
+        }
+        for swap in planned.swaps {
+            rig.plant
+                .schedule(swap)
+                .map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        }
+        Ok(rig)
+    }
+
+    /// Adds the theorem's monitor, if the inner law has a theorem.
+    pub fn with_monitor(self, theorem: Option<TheoremMonitor>) -> Self {
+        let mut rig = Self { theorem, ..self };
+        if let Some(faulted) = &mut rig.faulted {
+            faulted.theorem.clone_from(&rig.theorem);
+        }
+        rig
+    }
+
+    /// A copy of this flight that continues under other settings, which may differ in message and stage faults that begin
+    /// at least 60 ticks later (some look back). None if a law cannot be copied.
+    pub fn branch(&self, settings: &Settings) -> Result<Option<Box<Self>>, Failure> {
+        let mut rig = Box::new(Self::of(settings)?);
+        let Self {
+            plant,
+            outer,
+            inner,
+            mixer,
+            ..
+        } = self;
+        if !(rig.outer.copy_from(outer) && rig.inner.copy_from(inner) && rig.mixer.copy_from(mixer))
+        {
+            return Ok(None);
+        }
+        rig.plant.clone_from(plant);
+        if let Some(faulted) = &mut rig.faulted {
+            rig.plant.gate(faulted.plant_gate());
+            faulted.take_over(self);
+        }
+        rig.state = self.state;
+        rig.setpoint = self.setpoint;
+        rig.wrench = self.wrench;
+        rig.rotor_speeds = self.rotor_speeds;
+        rig.tick = self.tick;
+        rig.envelope = self.envelope;
+        Ok(Some(rig))
+    }
+
+    pub fn tick(&mut self) {
+        if self.faulted.is_some() {
+            self.faulty_tick();
+            return;
+        }
+        self.stages(None);
+        self.plant.finish();
+    }
+
+    /// A tick without its last step, [`Plant::finish`], which batches run for several flights at once. Only for flights
+    /// without message and stage faults. `reference` is the tick's reference if the caller has it.
+    pub fn stages(&mut self, reference: Option<Reference>) {
+        let Self {
+            plant,
+            outer,
+            inner,
+            mixer,
+            state,
+            setpoint,
+            wrench,
+            rotor_speeds,
+            tick,
+            ..
+        } = self;
+        let tick = *tick;
+        plant.begin_into(tick, &mut state.content);
+        state.tick = tick;
+        self.envelope = plant.envelope();
+        let has_setpoint = match reference {
+            Some(reference) => outer.tick_along(reference, tick, state, &mut setpoint.content),
+            None => outer.tick_into(tick, state, &mut setpoint.content),
+        };
+        if has_setpoint {
+            setpoint.tick = tick;
+        }
+        inner.tick_into(tick, state, setpoint, &mut wrench.content);
+        wrench.tick = tick;
+        mixer.tick_into(tick, wrench, &mut rotor_speeds.content);
+        rotor_speeds.tick = tick;
+        plant.offer(rotor_speeds, tick + 1);
+        if let Some(theorem) = &mut self.theorem {
+            self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
+        }
+        self.tick += 1;
+    }
+
+    #[cold]
+    fn faulty_tick(&mut self) {
+        if let Some(mut faulted) = self.faulted.take() {
+            faulted.tick(self);
+            self.faulted = Some(faulted);
+        }
+    }
+
+    /// Whether messages or stages have faults.
+    pub const fn is_faulted(&self) -> bool {
+        self.faulted.is_some()
+    }
+
+    /// The last tick; [`NO_TICK`] before the first.
+    pub const fn flown_tick(&self) -> u64 {
+        self.tick.wrapping_sub(1)
+    }
+
+    pub const fn next_tick(&self) -> u64 {
+        self.tick
+    }
+
+    /// Tick of the newest state.
+    pub const fn state_tick(&self) -> u64 {
+        self.state.tick
+    }
+
+    /// Whether the plant published a state in the last tick: not during its outage.
+    pub const fn has_state(&self) -> bool {
+        self.state.tick == self.flown_tick()
+    }
+
+    /// Messages that inspection rejected after a fault.
+    pub fn rejections(&self) -> Rejections {
+        let of_stages = self
+            .faulted
+            .as_ref()
+            .map(|faulted| faulted.rejections())
+            .unwrap_or_default();
+        of_stages.and(&self.plant.rejections())
+    }
+
+    /// State of the last tick; an older one during an outage of the plant.
+    pub const fn state(&self) -> &State {
+        &self.state.content
+    }
+
+    /// The set-point of the last tick, if there is one.
+    pub fn setpoint(&self) -> Option<&Setpoint> {
+        (self.setpoint.tick == self.flown_tick()).then_some(&self.setpoint.content)
+    }
+
+    /// The newest wrench.
+    pub const fn wrench(&self) -> &Wrench {
+        &self.wrench.content
+    }
+
+    /// The newest rotor command.
+    pub const fn rotor_speeds(&self) -> &RotorSpeeds {
+        &self.rotor_speeds.content
+    }
+
+    /// The wrench of the last tick, if there is one.
+    pub fn new_wrench(&self) -> Option<&Wrench> {
+        (self.wrench.tick == self.flown_tick()).then_some(&self.wrench.content)
+    }
+
+    /// The rotor command of the last tick, if there is one.
+    pub fn new_rotor_speeds(&self) -> Option<&RotorSpeeds> {
+        (self.rotor_speeds.tick == self.flown_tick()).then_some(&self.rotor_speeds.content)
+    }
+
+    /// The state with the outputs of the stages.
+    pub fn joined(&self) -> Joined {
+        let wrench = self.new_wrench().copied();
+        Joined {
+            tick: self.flown_tick(),
+            state: *self.state(),
+            setpoint: self.setpoint().copied(),
+            wrench,
+            rotor_speeds: self.new_rotor_speeds().copied(),
+            monitor: self.monitor.filter(|_| wrench.is_some()),
+        }
+    }
+
+    pub const fn monitor(&self) -> Option<&Monitor> {
+        self.monitor.as_ref()
+    }
+
+    pub fn record(&self) -> TickRecord {
+        TickRecord {
+            tick: self.state.tick,
+            state: *self.state(),
+            setpoint: self.setpoint().copied(),
+            wrench: *self.wrench(),
+            rotor_speeds: *self.rotor_speeds(),
+            monitor: self.monitor,
+        }
+    }
+
+    /// Whether the last state is inside the model's envelope.
+    pub const fn envelope(&self) -> Result<(), EnvelopeViolation> {
+        self.envelope
+    }
+
+    /// The plant: parameters, applied swaps, envelope.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The plant, to schedule swaps between ticks.
+    pub fn plant_mut(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+}
+
+/// States kept for the theorem's monitor: more than the longest delay.
+const KEPT: usize = 128;
+
+#[allow(clippy::large_enum_variant, reason = "one or two in a flight")]
+enum Replacement {
+    Outer(GuardedOuter),
+    Inner(GuardedInner),
+    Mixer(GuardedMixer),
+}
+
+/// Faulty inputs, outages and delays of the stages.
+struct Faulted {
+    /// Laws that replace killed ones, each with its first tick.
+    replacements: Vec<(u64, Replacement)>,
+    messages: MessageFaults,
+    stages: Vec<StageFault>,
+    /// First tick in which a stage can run after a long one.
+    next_tick: [u64; STAGES.len()],
+    outer_state: FaultyInput<State>,
+    inner_state: FaultyInput<State>,
+    inner_setpoint: FaultyInput<Setpoint>,
+    mixer_wrench: FaultyInput<Wrench>,
+    /// Rotor commands sent to the plant, each with the first tick in which it may act.
+    commands: VecDeque<(Stamped<RotorSpeeds>, u64)>,
+    /// True states, for the theorem's monitor.
+    states: VecDeque<Stamped<State>>,
+    /// The true state that the inner loop worked with last.
+    used: Stamped<State>,
+    /// The monitor as created, for each new inner law.
+    theorem: Option<TheoremMonitor>,
+    /// Rejections counted by the inputs of killed laws.
+    rejections: Rejections,
+}
+
+impl Faulted {
+    fn new(settings: &Settings, planned: &Planned) -> Result<Self, Failure> {
+        let messages = planned.loops.messages;
+        let mut replacements = Vec::new();
+        for fault in planned
+            .stages
+            .iter()
+            .filter(|fault| fault.kind == StageTicks::Anew)
+        {
+            let replacement = match fault.role {
+                Role::Outer => Replacement::Outer(settings.outer_stage()?),
+                Role::Inner => Replacement::Inner(settings.inner_stage()?),
+                Role::Mixer => Replacement::Mixer(settings.mixer_stage()?),
+                // The flight ends with the plant; the recorder is not part of the loop.
+                Role::Plant | Role::Record => continue,
+            };
+            replacements.push((fault.span.to, replacement));
+        }
+        Ok(Self {
+            replacements,
+            messages,
+            stages: planned.stages.clone(),
+            next_tick: [0; STAGES.len()],
+            outer_state: FaultyInput::new(&messages, Port::OuterState),
+            inner_state: FaultyInput::new(&messages, Port::InnerState),
+            inner_setpoint: FaultyInput::new(&messages, Port::InnerSetpoint),
+            mixer_wrench: FaultyInput::new(&messages, Port::MixerWrench),
+            commands: VecDeque::with_capacity(PENDING_COMMANDS + 1),
+            states: VecDeque::with_capacity(KEPT + 1),
+            used: Stamped::none(),
+            theorem: None,
+            rejections: Rejections::default(),
+        })
+    }
+
+    fn plant_gate(&self) -> Option<Gate<RotorSpeeds>> {
+        Gate::new(&self.messages, Port::PlantRotorSpeeds)
+    }
+
+    /// Continues a flight that had no message and stage faults, between two ticks.
+    fn take_over(&mut self, rig: &Simulator) {
+        let Some(tick) = rig.tick.checked_sub(1) else {
+            return;
+        };
+        self.next_tick = [rig.tick; STAGES.len()];
+        self.outer_state.arrive(&message(&rig.state));
+        self.inner_state.arrive(&message(&rig.state));
+        self.inner_setpoint.arrive(&message(&rig.setpoint));
+        self.mixer_wrench.arrive(&message(&rig.wrench));
+        self.outer_state.settle(tick);
+        self.inner_state.settle(tick);
+        self.inner_setpoint.settle(tick);
+        self.mixer_wrench.settle(tick);
+    }
+
+    /// Messages rejected after a fault, except those to the plant.
+    fn rejections(&self) -> Rejections {
+        self.rejections
+            .and(&self.outer_state.rejections())
+            .and(&self.inner_state.rejections())
+            .and(&self.inner_setpoint.rejections())
+            .and(&self.mixer_wrench.rejections())
+    }
+
+    fn tick(&mut self, rig: &mut Simulator) {
+        let tick = rig.tick;
+        self.replace_killed(tick, rig);
+        let plant_works = self.works(Role::Plant, tick);
+        if plant_works {
+            self.plant(tick, rig);
+        }
+        if self.works(Role::Outer, tick) {
+            self.outer_state.settle(tick);
+            let state = self.outer_state.dated();
+            if rig.outer.tick_into(tick, &state, &mut rig.setpoint.content) {
+                rig.setpoint.tick = tick;
+                let late = self.lateness(Role::Outer, tick);
+                self.inner_setpoint
+                    .arrive_late(&message(&rig.setpoint), late.output);
+            }
+        }
+        if self.works(Role::Inner, tick) {
+            self.inner(tick, rig);
+        }
+        if self.works(Role::Mixer, tick) {
+            self.mixer_wrench.settle(tick);
+            let wrench = self.mixer_wrench.dated();
+            rig.mixer
+                .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
+            rig.rotor_speeds.tick = tick;
+            let late = self.lateness(Role::Mixer, tick);
+            if self.commands.len() == PENDING_COMMANDS {
+                self.commands.pop_front();
+            }
+            let acts_from = tick + 1 + late.output;
+            self.commands.push_back((rig.rotor_speeds, acts_from));
+        }
+        if plant_works {
+            rig.plant.finish();
+        }
+        rig.tick += 1;
+    }
+
+    /// The plant takes the commands that have arrived and publishes the state.
+    fn plant(&mut self, tick: u64, rig: &mut Simulator) {
+        while let Some((command, acts_from)) = self.commands.pop_front() {
+            rig.plant.offer(&command, acts_from);
+        }
+        rig.plant.begin_into(tick, &mut rig.state.content);
+        rig.state.tick = tick;
+        rig.envelope = rig.plant.envelope();
+        let late = self.lateness(Role::Plant, tick);
+        let state = message(&rig.state);
+        self.outer_state.arrive_late(&state, late.output);
+        self.inner_state.arrive_late(&state, late.output);
+        if self.theorem.is_some() {
+            if self.states.len() == KEPT {
+                self.states.pop_front();
+            }
+            self.states.push_back(rig.state);
+        }
+    }
+
+    fn inner(&mut self, tick: u64, rig: &mut Simulator) {
+        self.inner_state.settle(tick);
+        self.inner_setpoint.settle(tick);
+        let (state, setpoint) = (self.inner_state.dated(), self.inner_setpoint.dated());
+        rig.inner
+            .tick_into(tick, &state, &setpoint, &mut rig.wrench.content);
+        rig.wrench.tick = tick;
+        let late = self.lateness(Role::Inner, tick);
+        self.mixer_wrench
+            .arrive_late(&message(&rig.wrench), late.output);
+        rig.monitor = None;
+        if let Some(theorem) = &mut rig.theorem {
+            while self
+                .states
+                .front()
+                .is_some_and(|first| first.tick <= state.tick)
+            {
+                self.used = self.states.pop_front().unwrap_or(self.used);
+            }
+            rig.monitor = Some(*theorem.watch(tick, &self.used, &rig.wrench.content));
+        }
+    }
+
+    /// Installs the replacements due at this tick, with empty inputs.
+    fn replace_killed(&mut self, tick: u64, rig: &mut Simulator) {
+        let is_due = |(from, _): &mut (u64, Replacement)| *from == tick;
+        for (_, replacement) in self.replacements.extract_if(.., is_due) {
+            let messages = &self.messages;
+            let counted = match replacement {
+                Replacement::Outer(outer) => {
+                    rig.outer = outer;
+                    let unused = FaultyInput::new(messages, Port::OuterState);
+                    replace(&mut self.outer_state, unused).rejections()
+                }
+                Replacement::Inner(inner) => {
+                    rig.inner = inner;
+                    rig.theorem.clone_from(&self.theorem);
+                    let unused = FaultyInput::new(messages, Port::InnerState);
+                    let states = replace(&mut self.inner_state, unused).rejections();
+                    let unused = FaultyInput::new(messages, Port::InnerSetpoint);
+                    states.and(&replace(&mut self.inner_setpoint, unused).rejections())
+                }
+                Replacement::Mixer(mixer) => {
+                    rig.mixer = mixer;
+                    let unused = FaultyInput::new(messages, Port::MixerWrench);
+                    replace(&mut self.mixer_wrench, unused).rejections()
+                }
+            };
+            self.rejections = self.rejections.and(&counted);
+        }
+    }
+
+    fn works(&self, role: Role, tick: u64) -> bool {
+        let is_out = |fault: &StageFault| {
+            fault.role == role
+                && fault.span.holds(tick)
+                && !matches!(fault.kind, StageTicks::Late { .. })
+        };
+        self.next_tick[role as usize] <= tick && !self.stages.iter().any(is_out)
+    }
+
+    /// How late the output and the next tick of a stage are.
+    fn lateness(&mut self, role: Role, tick: u64) -> Lateness {
+        let is_active = |fault: &&StageFault| fault.role == role && fault.span.holds(tick);
+        let late = self
+            .stages
+            .iter()
+            .find(is_active)
+            .map_or(Lateness::NONE, |fault| {
+                fault.kind.lateness(role, self.messages.seed, tick)
+            });
+        self.next_tick[role as usize] = tick + late.next;
+        late
+    }
+}
+
+/// The message that a process would have sent.
+fn message<C: Topic>(stamped: &Stamped<C>) -> Message<C> {
+    Message::of_tick(stamped.tick, stamped.content)
+}

@@ -1,0 +1,208 @@
+//! Runs a simulation to its end and checks every state.
+
+use messages::output_hash::OutputHash;
+use plant::EnvelopeViolation;
+use plant::parameter_server::swap_record;
+
+use crate::recorded_timing::{Source, Timing};
+use crate::simulator::Simulator;
+use crate::simulator::timed::Timed;
+use analysis::swaps::AppliedSwap;
+use analysis::tracking::{Tracking, TrackingError};
+use config::Settings;
+use errors::Failure;
+
+/// A finished simulation.
+#[derive(Clone, Debug)]
+pub struct SimulatedFlight {
+    pub ticks: u64,
+    /// Hash over all outputs of the stages.
+    pub outputs: OutputHash,
+    /// Position error.
+    pub error: TrackingError,
+    pub swaps: Vec<AppliedSwap>,
+    /// Why the flight left its envelope, if it did.
+    pub departure: Option<String>,
+}
+
+/// Runs to the last tick or until the flight leaves its envelope, and calls `look` after each tick.
+pub fn fly(
+    rig: &mut Simulator,
+    settings: &Settings,
+    mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
+) -> Result<SimulatedFlight, Failure> {
+    let mut judge = Judge::new(settings)?;
+    while judge.goes_on(rig) {
+        rig.tick();
+        judge.take(rig, &mut look)?;
+    }
+    Ok(judge.end())
+}
+
+/// The same, with recorded timing if given. `look` is not called for skipped ticks.
+pub fn fly_with(
+    rig: &mut Simulator,
+    settings: &Settings,
+    timing: Option<&Timing>,
+    look: impl FnMut(&Simulator) -> Result<(), Failure>,
+) -> Result<SimulatedFlight, Failure> {
+    let Some(timing) = timing else {
+        return fly(rig, settings, look);
+    };
+    let mut judge = Judge::new(settings)?;
+    follow(timing, rig, settings, &mut judge, look)?;
+    Ok(judge.end())
+}
+
+/// Runs with recorded timing and reports to `judge`.
+pub fn follow(
+    timing: &Timing,
+    rig: &mut Simulator,
+    settings: &Settings,
+    judge: &mut Judge,
+    mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let mut timed = Timed::new(settings)?;
+    let mut is_open = false;
+    for event in timing
+        .events
+        .iter()
+        .filter(|event| event.tick <= settings.last_tick())
+    {
+        if is_open && matches!(event.source, Source::State { .. }) {
+            look(rig)?;
+            judge.leaves(rig);
+            is_open = false;
+        }
+        if judge.flown.departure.is_some() {
+            break;
+        }
+        timed.play(event, rig, settings, &mut judge.flown.outputs)?;
+        if matches!(event.source, Source::State { .. }) {
+            if !judge.enters(rig) {
+                break;
+            }
+            judge.flown.outputs.take(event.tick, rig.state());
+            judge.flown.ticks += 1;
+            is_open = true;
+        }
+    }
+    if is_open {
+        look(rig)?;
+        judge.leaves(rig);
+    }
+    Ok(())
+}
+
+/// Checks a running simulation.
+#[derive(Debug)]
+pub struct Judge {
+    last_tick: u64,
+    period_s: f64,
+    allowed_m: f64,
+    ground_z_m: f64,
+    tracking: Tracking,
+    lowest_z_m: f64,
+    flown: SimulatedFlight,
+}
+
+impl Judge {
+    pub fn new(settings: &Settings) -> Result<Self, Failure> {
+        let flight = &settings.flight;
+        Ok(Self {
+            last_tick: settings.last_tick(),
+            period_s: flight.period_s,
+            allowed_m: flight.position_error_max_m,
+            ground_z_m: flight.ground_z_m,
+            tracking: Tracking::along(settings.course()?, flight.period_s),
+            lowest_z_m: f64::INFINITY,
+            flown: SimulatedFlight {
+                ticks: 0,
+                outputs: OutputHash::default(),
+                error: TrackingError::default(),
+                swaps: Vec::new(),
+                departure: None,
+            },
+        })
+    }
+
+    pub fn goes_on(&self, rig: &Simulator) -> bool {
+        self.flown.departure.is_none() && rig.next_tick() <= self.last_tick
+    }
+
+    /// Checks the last tick and calls `look`.
+    pub fn take(
+        &mut self,
+        rig: &Simulator,
+        look: impl FnOnce(&Simulator) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let tick = rig.flown_tick();
+        if rig.has_state() {
+            if !self.enters(rig) {
+                return Ok(());
+            }
+            self.flown.outputs.take(tick, rig.state());
+            if let Some(setpoint) = rig.setpoint() {
+                self.flown.outputs.take(tick, setpoint);
+            }
+        }
+        self.flown.ticks += 1;
+        if let Some(wrench) = rig.new_wrench() {
+            self.flown.outputs.take(tick, wrench);
+        }
+        if let Some(speeds) = rig.new_rotor_speeds() {
+            self.flown.outputs.take(tick, speeds);
+        }
+        if rig.has_state() {
+            look(rig)?;
+            self.leaves(rig);
+        }
+        Ok(())
+    }
+
+    /// Checks a new state; false if it is not finite.
+    fn enters(&mut self, rig: &Simulator) -> bool {
+        if let Err(departure) = rig.envelope() {
+            self.flown.departure = Some(departure.to_string());
+            // As in a flight of processes, what is no number is not published.
+            if matches!(departure, EnvelopeViolation::NotFinite { .. }) {
+                return false;
+            }
+        }
+        self.lowest_z_m = self.lowest_z_m.min(rig.state().truth.position_w_m[2]);
+        let (applied, period_s) = (rig.plant().applied().iter(), self.period_s);
+        self.flown
+            .swaps
+            .extend(applied.map(|swap| AppliedSwap::new(swap.tick, period_s, &swap_record(swap))));
+        true
+    }
+
+    /// Checks the state with the outputs of the stages.
+    fn leaves(&mut self, rig: &Simulator) {
+        let (tick, state, setpoint) = (rig.state_tick(), rig.state(), rig.setpoint());
+        // A set-point carries the reference of its tick already.
+        let error_m = setpoint.map_or_else(
+            || self.tracking.error_m(tick, state),
+            |setpoint| setpoint.position_error_m(state),
+        );
+        self.flown.error.take(error_m);
+        let allowed_m = self.allowed_m;
+        // It is the outer loop that ends a flight for this, where it works.
+        if setpoint.is_some() && error_m > allowed_m {
+            self.flown.departure = Some(format!(
+                "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are \
+                 {allowed_m} m"
+            ));
+        }
+    }
+
+    pub fn end(mut self) -> SimulatedFlight {
+        let (lowest_z_m, ground_z_m) = (self.lowest_z_m, self.ground_z_m);
+        if self.flown.departure.is_none() && lowest_z_m < ground_z_m {
+            self.flown.departure = Some(format!(
+                "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"
+            ));
+        }
+        self.flown
+    }
+}

@@ -1,0 +1,258 @@
+//! The processes of a flight as children of the supervisor: how they are started, signalled, waited for and named.
+
+use std::fs::File;
+use std::os::fd::{AsFd as _, OwnedFd};
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
+
+use ipc::clock::{now_ns, timespec};
+use ipc::instance::Instance;
+use messages::role::Role;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io;
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, kill_process_group, pidfd_open,
+    pidfd_send_signal, waitid,
+};
+
+use crate::FlightOptions;
+use errors::{Failure, InFile as _};
+use recorder::run_directory::RunDirectory;
+
+/// How long processes may take to end after a request.
+pub(super) const LANDING: Duration = Duration::from_secs(5);
+/// How long processes may take to end after the flight: longer than a recorder waits for a disk that does not respond.
+pub(super) const ENDING: Duration = Duration::from_secs(30);
+
+/// What messages call the process of a role.
+pub(super) fn title(role: Role) -> String {
+    if role == Role::Record {
+        "recorder".into()
+    } else {
+        format!("{role} process")
+    }
+}
+
+/// The file that receives the standard error of a role's processes.
+pub(super) fn log_path(directory: &Path, role: Role) -> PathBuf {
+    directory.join(format!("{role}.log"))
+}
+
+/// Starts the processes of a flight.
+pub(super) struct Spawner {
+    pub(super) executable: PathBuf,
+    instance: String,
+    settings_file: PathBuf,
+    pub(super) directory: PathBuf,
+    states: Option<PathBuf>,
+}
+
+impl Spawner {
+    pub(super) fn new(
+        executable: PathBuf,
+        instance: &Instance,
+        directory: &RunDirectory,
+        options: &FlightOptions,
+    ) -> Self {
+        Self {
+            executable,
+            instance: instance.name().into(),
+            settings_file: directory.settings_file(),
+            directory: directory.path.clone(),
+            states: options.states.clone(),
+        }
+    }
+
+    /// Starts a role; a recorder writes into `recording`. The log of the role is appended to.
+    pub(super) fn start(&self, role: Role, recording: &RunDirectory) -> Result<Child, Failure> {
+        let mut command = self.command(role)?;
+        if role == Role::Record {
+            command.arg("--run-dir").arg(&recording.path);
+            // Only the first recorder writes the file of --states, which begins with the flight.
+            let is_first = recording.path == self.directory;
+            if let Some(states) = self.states.as_ref().filter(|_| is_first) {
+                command.arg("--states").arg(states);
+            }
+        }
+        spawn(&title(role), command.stdin(Stdio::null()))
+    }
+
+    /// Starts a hot standby of a stage, which waits for a byte on its standard input.
+    pub(super) fn start_standby(&self, role: Role) -> Result<Child, Failure> {
+        spawn(
+            &format!("hot standby of the {}", title(role)),
+            self.command(role)?.arg("--spare").stdin(Stdio::piped()),
+        )
+    }
+
+    fn command(&self, role: Role) -> Result<Command, Failure> {
+        let log_path = log_path(&self.directory, role);
+        let log = File::options()
+            .create(true)
+            .append(true)
+            .open(&log_path)
+            .in_file("write", &log_path)?;
+        let mut command = Command::new(&self.executable);
+        command
+            .arg(role.name())
+            .arg("--config")
+            .arg(&self.settings_file)
+            .args(["--instance", &self.instance])
+            .args(["--launcher", &std::process::id().to_string()])
+            .stdout(Stdio::null())
+            .stderr(log)
+            // Ctrl-C in a terminal reaches the supervisor alone, which then ends the roles in order.
+            .process_group(0);
+        Ok(command)
+    }
+}
+
+fn spawn(what: &str, command: &mut Command) -> Result<Child, Failure> {
+    command.spawn().map_err(|e| {
+        Failure::failed(format!("cannot start the {what}: {e}")).help(
+            "a flight has five processes of some threads each, and three hot standbys with --on-death restart: \
+             see `ulimit -u` and `ulimit -v`",
+        )
+    })
+}
+
+/// Children that have not been reaped: signals reach them and no other process, and their ends end a wait.
+#[derive(Default)]
+pub(super) struct ChildWatch(Vec<Watched>);
+
+struct Watched {
+    pid: u32,
+    /// The kernel makes it readable when the process has ended. `None` before Linux 5.3, or without a free descriptor.
+    descriptor: Option<OwnedFd>,
+    has_ended: bool,
+}
+
+impl ChildWatch {
+    pub(super) fn watch(&mut self, child: &Child) {
+        let descriptor =
+            pid_of(child.id()).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        self.0.push(Watched {
+            pid: child.id(),
+            descriptor,
+            has_ended: false,
+        });
+    }
+
+    fn forget(&mut self, pid: u32) {
+        self.0.retain(|watched| watched.pid != pid);
+    }
+
+    /// Sends a signal to a child. Fails if the child has ended.
+    pub(super) fn signal(&self, pid: u32, signal: Signal) -> io::Result<()> {
+        let watched = self.0.iter().find(|watched| watched.pid == pid);
+        match &watched.ok_or(io::Errno::SRCH)?.descriptor {
+            Some(descriptor) => pidfd_send_signal(descriptor, signal),
+            // The number is the child's until it has been reaped.
+            None => kill_process(pid_of(pid).ok_or(io::Errno::SRCH)?, signal),
+        }
+    }
+
+    /// Waits until an instant, or until a child has ended; returns whether one has. A signal to this process may end
+    /// the wait early.
+    ///
+    /// Each end ends one wait. A child that cannot be reaped yet, as under a debugger, does not end the next one.
+    pub(super) fn wait_until(&mut self, instant_ns: u64) -> bool {
+        let (mut waiting, mut ends): (Vec<&mut bool>, Vec<PollFd<'_>>) = (Vec::new(), Vec::new());
+        for watched in self.0.iter_mut().filter(|watched| !watched.has_ended) {
+            if let Some(descriptor) = &watched.descriptor {
+                waiting.push(&mut watched.has_ended);
+                ends.push(PollFd::from_borrowed_fd(descriptor.as_fd(), PollFlags::IN));
+            }
+        }
+        let time = timespec(instant_ns.saturating_sub(now_ns()));
+        let has_ended = poll(&mut ends, Some(&time)).is_ok_and(|ended| ended > 0);
+        for (ended, end) in waiting.into_iter().zip(&ends) {
+            *ended = has_ended && !end.revents().is_empty();
+        }
+        has_ended
+    }
+
+    /// Reaps a child that has ended, after killing what is left of its process group: a law's code may have started
+    /// processes. `None` while the child lives.
+    pub(super) fn reap(&mut self, child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
+        const HAS_ENDED: WaitIdOptions = WaitIdOptions::EXITED
+            .union(WaitIdOptions::NOHANG)
+            .union(WaitIdOptions::NOWAIT);
+        // Until the child has been reaped, its group's number is not reused.
+        if let Some(pid) = pid_of(child.id())
+            && let Ok(Some(_)) = waitid(WaitId::Pid(pid), HAS_ENDED)
+        {
+            // Usually the group is empty by now.
+            let _ = kill_process_group(pid, Signal::KILL);
+        }
+        let status = child.try_wait()?;
+        if status.is_some() {
+            self.forget(child.id());
+        }
+        Ok(status)
+    }
+}
+
+/// Asks a child to end in order.
+pub(super) fn terminate(child: &Child) {
+    if let Some(pid) = pid_of(child.id()) {
+        // It may have ended meanwhile; its number is not reused before it is reaped.
+        let _ = kill_process(pid, Signal::TERM);
+    }
+}
+
+/// Kills a child. Only a process that has ended already resists.
+pub(super) fn kill(child: &mut Child) {
+    let _ = child.kill();
+}
+
+/// Kills a child and reaps it.
+pub(super) fn kill_and_reap(child: &mut Child) {
+    kill(child);
+    let _ = child.wait();
+}
+
+fn pid_of(number: u32) -> Option<Pid> {
+    i32::try_from(number).ok().and_then(Pid::from_raw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sleeper() -> Child {
+        Command::new("sleep").arg("600").spawn().unwrap()
+    }
+
+    #[test]
+    fn a_wait_ends_with_a_child_and_otherwise_at_its_instant() {
+        let mut child = sleeper();
+        let mut children = ChildWatch::default();
+        children.watch(&child);
+        let soon = now_ns() + 20_000_000;
+        assert!(!children.wait_until(soon) && now_ns() >= soon);
+        child.kill().unwrap();
+        let late = now_ns() + 60_000_000_000;
+        assert!(children.wait_until(late) && now_ns() < late);
+        assert!(
+            !children.wait_until(now_ns() + 1_000_000),
+            "the end of an unreaped child ends one wait only"
+        );
+        child.wait().unwrap();
+    }
+
+    #[test]
+    fn a_signal_reaches_a_watched_child_only() {
+        let (mut child, mut other) = (sleeper(), sleeper());
+        let mut children = ChildWatch::default();
+        children.watch(&child);
+        assert!(children.signal(other.id(), Signal::KILL).is_err());
+        children.signal(child.id(), Signal::KILL).unwrap();
+        child.wait().unwrap();
+        assert!(children.signal(child.id(), Signal::KILL).is_err());
+        assert!(other.try_wait().unwrap().is_none());
+        kill_and_reap(&mut other);
+    }
+}

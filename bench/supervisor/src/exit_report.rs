@@ -1,0 +1,365 @@
+//! How a flight's processes ended, and what that means for its report and exit code.
+
+use std::fs;
+use std::os::unix::process::ExitStatusExt as _;
+use std::path::Path;
+use std::process::ExitStatus;
+
+use messages::grid::Pace;
+use messages::role::{ROLES, Role, STAGES};
+use process::signals::asks_for_the_end;
+use rustix::fs::statvfs;
+
+use crate::child_process::{ENDING, LANDING, log_path, title};
+use analysis::gates::break_off;
+use analysis::process_failures;
+use analysis::process_failures::ObservedFailure;
+use analysis::schema::Report;
+use analysis::status::FlightStatus;
+use errors::output::say;
+use errors::{FAILED, Failure, GATE, INTERRUPTED, harmless};
+
+#[derive(Default)]
+pub struct Outcome {
+    /// The process whose end ended the flight.
+    pub failed: Option<ProcessExit>,
+    /// The process that a signal of another process ended.
+    pub(super) stopped: Option<ProcessExit>,
+    /// Whether a signal to the supervisor requested the end.
+    pub(super) interrupted: bool,
+    /// Whether the plant has taken off.
+    pub(super) flown: bool,
+    /// Roles that the supervisor killed because they did not end on request.
+    pub(super) killed: Vec<Role>,
+    /// Roles that were running when the plant had closed the run.
+    pub(super) outlasted: Vec<Role>,
+    /// Processes that failed in flight.
+    pub(super) noted: Vec<ObservedFailure>,
+    /// The pace of the ticks in which they failed.
+    pub(super) grid: Option<Pace>,
+}
+
+pub struct ProcessExit {
+    pub(super) role: Role,
+    pub(super) pid: u32,
+    pub(super) status: ExitStatus,
+    /// Whether a signal to the supervisor had requested the end by then.
+    pub(super) interrupted: bool,
+    /// Why the supervisor killed it.
+    pub(super) killed: Option<KillReason>,
+    /// Why its role is not restarted.
+    pub(super) not_restarted: Option<String>,
+}
+
+/// Why the supervisor killed a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KillReason {
+    Hang,
+    /// It did not end with the flight.
+    AfterFlight,
+    /// A fault of this tick.
+    Fault(u64),
+}
+
+impl Outcome {
+    /// Takes the exit of a process: on request of the supervisor, if `requested`; before the plant has closed the run,
+    /// if `early`. An early exit is a failure even with exit code 0, which may be a law's.
+    pub(super) fn take(&mut self, exit: ProcessExit, requested: bool, early: bool) {
+        if exit.was_interrupted() {
+            if !requested {
+                self.stopped.get_or_insert(exit);
+            }
+        } else if !exit.is_in_order() || early && !requested {
+            // A recorder that ends because another process failed may be reaped before that one.
+            let known = self.failed.as_ref();
+            if known.is_none_or(|known| known.role == Role::Record) {
+                self.failed = Some(exit);
+            }
+        }
+    }
+
+    /// Whether the other processes have no reason to go on.
+    pub(super) const fn is_over(&self) -> bool {
+        self.interrupted || self.failed.is_some() || self.stopped.is_some()
+    }
+
+    /// Adds to the report what the recorder could not know: that a process failed, or that its own final message is
+    /// missing. Returns whether there was anything to add.
+    pub fn correct(&self, report: &mut Report, directory: &Path) -> bool {
+        let (status, ending) = if let Some(failed) = &self.failed {
+            report.run.last_words = failed.last_lines(directory);
+            let law = flown_law(report, failed.role);
+            (FlightStatus::Aborted, failed.describe(&law))
+        } else if !report.run.in_flight {
+            let role = self
+                .role_without_landing(report)
+                .filter(|_| !self.is_over());
+            let Some(role) = role else {
+                return self.note_failures(report);
+            };
+            let process = title(role) + &flown_law(report, role);
+            let ending = format!("the {process} ended before it had landed");
+            (FlightStatus::Aborted, ending)
+        } else if self.is_over() {
+            (FlightStatus::Interrupted, "interrupted".into())
+        } else {
+            (FlightStatus::Aborted, "the recorder ended too early".into())
+        };
+        let mut ending: String = ending;
+        for role in &self.killed {
+            let (process, law) = (title(*role), flown_law(report, *role));
+            let seconds = LANDING.as_secs();
+            ending += &format!(
+                "; the {process}{law} did not end within {seconds} s of being told to and was killed"
+            );
+        }
+        break_off(report, status, ending);
+        self.note_failures(report);
+        true
+    }
+
+    /// Adds the processes that failed in flight to the report; returns whether there were any.
+    fn note_failures(&self, report: &mut Report) -> bool {
+        if let Some(Pace::Realtime(grid)) = &self.grid {
+            process_failures::note(report, &self.noted, grid);
+        }
+        self.grid.is_some()
+    }
+
+    /// The first stage whose final figures the recorder did not get, and that was gone when the run was closed: an exit
+    /// code of 0 alone does not show that it landed. Failures in flight are reported as such.
+    fn role_without_landing(&self, report: &Report) -> Option<Role> {
+        let has_landed = |role: &Role| {
+            let section = report.roles.get(role.name());
+            section.is_none_or(|section| section.landed)
+        };
+        let is_noted = |role: &Role| self.noted.iter().any(|noted| noted.role == role.name());
+        STAGES
+            .into_iter()
+            .find(|role| !has_landed(role) && !self.outlasted.contains(role) && !is_noted(role))
+    }
+
+    /// The error of a flight without a report.
+    pub(super) fn failure(&self, directory: &Path) -> Failure {
+        for exit in self.failed.iter().chain(&self.stopped) {
+            say(&exit.log(directory));
+        }
+        let when = if self.flown {
+            "the flight had a report"
+        } else {
+            "the flight began"
+        };
+        if let Some(stopped) = &self.stopped {
+            let what = format!("the {} was interrupted before {when}", title(stopped.role));
+            return Failure::new(INTERRUPTED, what);
+        }
+        match &self.failed {
+            // After a signal, the failure of a process is its consequence.
+            Some(failed) if !failed.interrupted => {
+                let code = failed
+                    .status
+                    .code()
+                    .and_then(|code| u8::try_from(code).ok());
+                let what = format!("the {} ended before {when}", title(failed.role));
+                Failure::new(code.filter(|code| *code != 0).unwrap_or(FAILED), what)
+            }
+            _ if self.interrupted => {
+                Failure::new(INTERRUPTED, format!("interrupted before {when}"))
+            }
+            _ => Failure::failed("the processes ended without a report"),
+        }
+    }
+}
+
+impl ProcessExit {
+    /// Whether it did what it should; the recorder's exit code is the flight's verdict.
+    fn is_in_order(&self) -> bool {
+        self.status.success()
+            || (self.role == Role::Record && self.status.code() == Some(i32::from(GATE)))
+    }
+
+    /// Whether a signal requested its end, even before the process could handle it.
+    pub(super) fn was_interrupted(&self) -> bool {
+        self.status.code() == Some(i32::from(INTERRUPTED))
+            || self.status.signal().is_some_and(asks_for_the_end)
+    }
+
+    /// The last lines of its log, fit for a terminal and a page.
+    fn last_lines(&self, directory: &Path) -> Vec<String> {
+        const MAX_LINES: usize = 40;
+        const MAX_CHARACTERS: usize = 400;
+        let log = read_log(directory, self.role);
+        let lines: Vec<&str> = log.lines().collect();
+        lines[lines.len().saturating_sub(MAX_LINES)..]
+            .iter()
+            .map(|line| harmless(&line.chars().take(MAX_CHARACTERS).collect::<String>()))
+            .collect()
+    }
+
+    /// How it ended, in a few words.
+    pub(super) fn cause(&self) -> String {
+        match self.killed {
+            Some(KillReason::Hang) => "hung, and was killed".into(),
+            Some(KillReason::Fault(tick)) => {
+                format!("killed by the fault {}.kill of tick {tick}", self.role)
+            }
+            Some(KillReason::AfterFlight) | None => self.status.to_string(),
+        }
+    }
+
+    /// How it ended, and its log.
+    pub fn log(&self, directory: &Path) -> String {
+        let mut log = read_log(directory, self.role);
+        if log.is_empty() && is_full(directory) {
+            log = format!(
+                "{}: the disk is full, and had no room for the messages of the process\n",
+                directory.display()
+            );
+        }
+        format!("{}: {}\n{log}", title(self.role), self.status)
+    }
+
+    /// How it ended, as a clause, with the law that it flew.
+    pub(super) fn describe(&self, law: &str) -> String {
+        let process = title(self.role) + law;
+        let how = match self.killed {
+            Some(KillReason::AfterFlight) => format!(
+                "the {process} did not end within {} s of the flight and was killed",
+                ENDING.as_secs()
+            ),
+            Some(KillReason::Hang) => format!("the {process} hung, and was killed"),
+            Some(KillReason::Fault(_)) => format!("the {process} was {}", self.cause()),
+            None if self.is_in_order() => {
+                format!("the {process} ended before the flight did: {}", self.status)
+            }
+            None => format!("the {process} died: {}", self.status),
+        };
+        self.not_restarted
+            .iter()
+            .fold(how, |how, why| format!("{how}; {why}"))
+    }
+}
+
+/// The law that a role flew, if it comes from a file: it is the first suspect when the process ends.
+fn flown_law(report: &Report, role: Role) -> String {
+    match report.run.laws.get(role.name()) {
+        Some(law) if law.file.is_some() => {
+            format!(", which flew the law {},", render::sentences::law(law))
+        }
+        _ => String::new(),
+    }
+}
+
+/// The warnings of a flight's processes, a line each, up to a number that a user still reads.
+pub fn warnings(directory: &Path) -> Vec<String> {
+    const MAX_LINES: usize = 20;
+    let logs = ROLES.map(|role| read_log(directory, role)).join("\n");
+    let warnings = logs.lines().filter(|line| line.starts_with("warning: "));
+    warnings.map(harmless).take(MAX_LINES).collect()
+}
+
+fn is_full(directory: &Path) -> bool {
+    const MESSAGE_BYTES: u64 = 16 << 10;
+    statvfs(directory).is_ok_and(|disk| disk.f_bavail * disk.f_frsize < MESSAGE_BYTES)
+}
+
+/// The log of a role's processes. A law may write anything into it, also bytes that are not text.
+fn read_log(directory: &Path, role: Role) -> String {
+    let bytes = fs::read(log_path(directory, role)).unwrap_or_default();
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+
+    use super::*;
+
+    fn exit(role: Role, raw: i32) -> ProcessExit {
+        ProcessExit {
+            role,
+            pid: 1,
+            status: ExitStatus::from_raw(raw),
+            interrupted: false,
+            killed: None,
+            not_restarted: None,
+        }
+    }
+
+    /// The wait status of an exit code, which is its second byte; a signal is the first one.
+    const fn code(code: i32) -> i32 {
+        code << 8
+    }
+
+    #[test]
+    fn an_early_exit_ends_the_flight_with_the_code_of_its_process() {
+        for (role, raw, early, is_over, exit_code) in [
+            (Role::Outer, code(0), true, true, FAILED),
+            (Role::Outer, code(130), true, true, INTERRUPTED),
+            (Role::Outer, code(5), true, true, 5),
+            (Role::Outer, 9, true, true, FAILED),
+            (Role::Plant, SIGTERM, true, true, INTERRUPTED),
+            (Role::Plant, SIGHUP, true, true, INTERRUPTED),
+            (Role::Plant, SIGINT, true, true, INTERRUPTED),
+            (Role::Plant, SIGQUIT, true, true, INTERRUPTED),
+            (Role::Outer, code(0), false, false, FAILED),
+            (Role::Record, code(3), false, false, FAILED),
+            (Role::Mixer, code(3), false, true, 3),
+        ] {
+            let mut outcome = Outcome::default();
+            outcome.take(exit(role, raw), false, early);
+            let failure = outcome.failure(Path::new("/nonexistent"));
+            assert_eq!(
+                (outcome.is_over(), failure.code),
+                (is_over, exit_code),
+                "{role} {raw}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_first_failure_is_reported_and_not_a_recorder_that_follows() {
+        let mut outcome = Outcome::default();
+        outcome.take(exit(Role::Record, code(1)), false, false);
+        outcome.take(exit(Role::Inner, 9), false, false);
+        outcome.take(exit(Role::Mixer, code(1)), true, false);
+        outcome.take(exit(Role::Plant, code(130)), true, false);
+        assert_eq!(outcome.failed.map(|exit| exit.role), Some(Role::Inner));
+        assert!(outcome.stopped.is_none(), "its end was requested");
+    }
+
+    #[test]
+    fn the_last_lines_of_a_log_are_kept_and_harmless() {
+        let directory = tempfile::tempdir().unwrap();
+        let last_lines = |log: &[u8]| {
+            fs::write(log_path(directory.path(), Role::Inner), log).unwrap();
+            exit(Role::Inner, code(1)).last_lines(directory.path())
+        };
+        let lines = last_lines(b"Traceback:\n  gain\nerror: \x1b[31mred\n");
+        assert_eq!(lines, ["Traceback:", "  gain", "error: \\u{1b}[31mred"]);
+        let lines = last_lines(b"\xff\xfe\nerror: SIGSEGV\n");
+        assert_eq!(lines, ["\u{fffd}\u{fffd}", "error: SIGSEGV"]);
+        let long: String = (0..100).map(|i| format!("{i}\n")).collect();
+        let lines = last_lines((long + &"x".repeat(1000)).as_bytes());
+        assert_eq!(
+            (lines.len(), lines[0].as_str(), lines[39].len()),
+            (40, "61", 400)
+        );
+        let outer = exit(Role::Outer, code(1));
+        assert!(outer.last_lines(directory.path()).is_empty());
+    }
+
+    #[test]
+    fn after_an_interruption_the_failure_of_a_process_is_no_other_error() {
+        let mut outcome = Outcome {
+            interrupted: true,
+            ..Outcome::default()
+        };
+        let failed = ProcessExit {
+            interrupted: true,
+            ..exit(Role::Outer, code(1))
+        };
+        outcome.take(failed, true, true);
+        assert_eq!(outcome.failure(Path::new("/nonexistent")).code, INTERRUPTED);
+    }
+}

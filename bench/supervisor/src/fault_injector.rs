@@ -1,0 +1,462 @@
+//! Fault injection into processes, planned or by `inject`: stops and kills them, loads their processor.
+//!
+//! Every fault is due at the start of a tick on the clock. The supervisor rests here between two looks at its flight.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
+use ipc::clock::{now_ns, sleep_until};
+use ipc::instance::Instance;
+use ipc::{BlackboardReader, Wire};
+use messages::blackboards::{Run, RunPhase};
+use messages::content::NO_TICK;
+use messages::grid::{Grid, Pace};
+use messages::role::Role;
+use process::rt::loops_cpu;
+use rustix::process::Signal;
+
+use crate::child_process::{ChildWatch, kill_and_reap};
+use config::Settings;
+use errors::Failure;
+use errors::output::say;
+use faults::grammar::Fault;
+use faults::grammar::planned_again;
+
+/// How often to look for injected faults: if possible, four times between an injection and its first tick.
+const LOOK_EVERY_NS: RangeInclusive<u64> = 1_000_000..=20_000_000;
+/// How long before its first tick a load process is started [ns].
+const START_AHEAD_NS: u64 = 300_000_000;
+/// How long before a tick the wait for a signal begins [ns].
+const AIM_NS: u64 = 2_000_000;
+
+pub(super) struct FaultInjector {
+    instance: String,
+    executable: PathBuf,
+    cpu: usize,
+    /// Faults of the settings, until the flight has a clock.
+    planned: Vec<LiveFault>,
+    blackboard: Option<BlackboardReader<LiveBlackboard>>,
+    /// How many faults of the blackboard have been scheduled.
+    read: usize,
+    /// What is to be done, each at its instant [ns].
+    due: Vec<(u64, Action)>,
+    /// Process numbers of stopped children.
+    stopped: Vec<u32>,
+    /// Processes that load the processor, each with its fault.
+    loads: Vec<(LiveFault, Child)>,
+    /// Process numbers of killed children, each with the tick.
+    killed: Vec<(u32, u64)>,
+    /// The flight ends: nothing is injected any more.
+    is_released: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Action {
+    Inject(LiveFault),
+    Continue(u32),
+}
+
+/// The children of a flight, and which of them plays which role.
+pub(super) struct Players<'a> {
+    pub(super) watch: &'a mut ChildWatch,
+    pub(super) pids: &'a [(Role, u32)],
+}
+
+impl Players<'_> {
+    /// Sends a signal to the process that plays a role; returns its number.
+    fn signal(&self, role: Role, tick: u64, signal: Signal) -> Result<u32, Failure> {
+        let known = self.pids.iter().find(|(known, _)| *known == role);
+        let signalled = known.filter(|(_, pid)| self.watch.signal(*pid, signal).is_ok());
+        signalled.map(|(_, pid)| *pid).ok_or_else(|| {
+            Failure::failed(format!("tick {tick}: no process plays the role {role}"))
+        })
+    }
+}
+
+impl FaultInjector {
+    pub(super) fn new(
+        instance: &Instance,
+        executable: &Path,
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            instance: instance.name().to_owned(),
+            executable: executable.to_owned(),
+            cpu: settings.realtime()?.cpu.unwrap_or_else(loops_cpu),
+            planned: settings.planned()?.acts,
+            blackboard: None,
+            read: 0,
+            due: Vec::new(),
+            stopped: Vec::new(),
+            loads: Vec::new(),
+            killed: Vec::new(),
+            is_released: false,
+        })
+    }
+
+    /// The tick in which a fault killed a process.
+    pub(super) fn killed(&self, pid: u32) -> Option<u64> {
+        let killed = self.killed.iter().find(|(known, _)| *known == pid);
+        killed.map(|(_, tick)| *tick)
+    }
+
+    /// Rests for a time, or until a child has ended, and injects meanwhile what is due. `run` is what the supervisor
+    /// last read of the flight.
+    pub(super) fn rest(
+        &mut self,
+        wire: &Wire,
+        run: Option<&Run>,
+        time: Duration,
+        players: &mut Players<'_>,
+    ) {
+        let until = now_ns().saturating_add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+        let run = run.filter(|run| run.launcher_pid == u64::from(std::process::id()));
+        if run.is_some_and(|run| run.phase() == RunPhase::Closed) {
+            self.release(players.watch);
+        }
+        let flying = run.filter(|run| run.phase() == RunPhase::Flying && run.tick != NO_TICK);
+        let on_clock = flying.and_then(|run| match run.pace() {
+            Pace::Realtime(grid) if !self.is_released => Some((run, grid)),
+            _ => None,
+        });
+        loop {
+            if let Some((run, grid)) = &on_clock {
+                self.schedule_new(wire, grid);
+                self.perform_due(run, grid, players);
+            }
+            let now = now_ns();
+            if now >= until {
+                return;
+            }
+            let due = self.due.iter().map(|(at, _)| at.saturating_sub(AIM_NS));
+            let next_action = due.min().unwrap_or(u64::MAX);
+            let next_look = on_clock.map_or(u64::MAX, |(_, grid)| {
+                next_action.min(now + look_every_ns(&grid))
+            });
+            if players.watch.wait_until(next_look.min(until)) {
+                return;
+            }
+        }
+    }
+
+    /// Schedules the planned faults, and those that were injected since the last look.
+    fn schedule_new(&mut self, wire: &Wire, grid: &Grid) {
+        // Load processes whose time is over; one that failed has said why.
+        self.loads
+            .retain_mut(|(_, child)| matches!(child.try_wait(), Ok(None)));
+        for fault in std::mem::take(&mut self.planned) {
+            self.schedule(fault, grid);
+        }
+        if self.blackboard.is_none() {
+            // If it cannot be read, nothing is injected; the stages report that.
+            self.blackboard = wire.blackboard_reader(LIVE).ok().flatten();
+        }
+        let Some(faults) = self.blackboard.as_ref().map(BlackboardReader::get) else {
+            return;
+        };
+        let new: Vec<LiveFault> = faults.iter().skip(self.read).collect();
+        self.read += new.len();
+        new.into_iter().for_each(|fault| self.schedule(fault, grid));
+    }
+
+    fn schedule(&mut self, fault: LiveFault, grid: &Grid) {
+        let begin_ns = grid.begin_of(fault.span.from);
+        if fault.ends {
+            self.cancel(&fault);
+        }
+        let ahead_ns = match fault.kind {
+            FaultKind::Messages { .. } | FaultKind::Late { .. } => return,
+            FaultKind::Hog { .. } | FaultKind::Load { .. } if !fault.ends => START_AHEAD_NS,
+            _ => 0,
+        };
+        self.due
+            .push((begin_ns.saturating_sub(ahead_ns), Action::Inject(fault)));
+    }
+
+    /// Cancels the faults that would begin after they are ended.
+    fn cancel(&mut self, end: &LiveFault) {
+        let never_begins = |fault: &LiveFault| {
+            !fault.ends && fault.kind.is_like(&end.kind) && fault.span.from >= end.span.from
+        };
+        self.due
+            .retain(|(_, action)| !matches!(action, Action::Inject(fault) if never_begins(fault)));
+        // Their processes may have been started ahead.
+        self.end_loads(never_begins);
+    }
+
+    fn end_loads(&mut self, is_over: impl Fn(&LiveFault) -> bool) {
+        self.loads
+            .extract_if(.., |(fault, _)| is_over(fault))
+            .for_each(|(_, mut child)| kill_and_reap(&mut child));
+    }
+
+    fn perform_due(&mut self, run: &Run, grid: &Grid, players: &Players<'_>) {
+        let now = now_ns();
+        let is_due = |(at, _): &mut (u64, Action)| *at <= now + AIM_NS;
+        let mut due: Vec<(u64, Action)> = self.due.extract_if(.., is_due).collect();
+        due.sort_by_key(|(at, _)| *at);
+        for (at, action) in due {
+            match action {
+                Action::Inject(fault) => {
+                    if let Some(delay) = delay(&fault, grid.tick_at(now)) {
+                        say(&delay);
+                    }
+                    if let Err(failure) = self.inject(&fault, run, grid, players) {
+                        say(&format!("a fault was not injected: {failure}\n"));
+                    }
+                }
+                Action::Continue(pid) => {
+                    wait_until(at);
+                    if let Some(place) = self.stopped.iter().position(|known| *known == pid) {
+                        self.stopped.swap_remove(place);
+                        // It may have ended since.
+                        let _ = players.watch.signal(pid, Signal::CONT);
+                    }
+                }
+            }
+        }
+    }
+
+    fn inject(
+        &mut self,
+        fault: &LiveFault,
+        run: &Run,
+        grid: &Grid,
+        players: &Players<'_>,
+    ) -> Result<(), Failure> {
+        let tick = fault.span.from;
+        // A signal is sent some ten microseconds after the tick has begun, and later if this thread has no processor.
+        let begin_ns = grid.begin_of(tick);
+        match &fault.kind {
+            kind @ (FaultKind::Hog { .. } | FaultKind::Load { .. }) if fault.ends => {
+                wait_until(begin_ns);
+                self.end_loads(|other| other.kind.is_like(kind) && other.span.from < tick);
+            }
+            FaultKind::Hog { priority } => self.load(fault, *priority, 1.0, run, grid)?,
+            FaultKind::Load { share } => self.load(fault, 0, *share, run, grid)?,
+            FaultKind::Stop { role, for_ns } => {
+                wait_until(begin_ns);
+                let pid = players.signal(*role, tick, Signal::STOP)?;
+                self.stopped.push(pid);
+                // The time is flight time, which may pass slower than the clock.
+                let slowdown = run.period_ns / run.sample_time_ns.max(1);
+                let until_ns = begin_ns.saturating_add(for_ns.saturating_mul(slowdown));
+                self.due.push((until_ns, Action::Continue(pid)));
+            }
+            FaultKind::Kill { role } => {
+                wait_until(begin_ns);
+                let pid = players.signal(*role, tick, Signal::KILL)?;
+                self.killed.push((pid, tick));
+            }
+            FaultKind::Messages { .. } | FaultKind::Late { .. } => {}
+        }
+        Ok(())
+    }
+
+    /// Starts a process that loads the processor during the fault's ticks, and no longer than the flight.
+    fn load(
+        &mut self,
+        fault: &LiveFault,
+        priority: u64,
+        share: f64,
+        run: &Run,
+        grid: &Grid,
+    ) -> Result<(), Failure> {
+        let span = fault.span;
+        let until_ns = grid.begin_of(span.to.min(run.last_tick + 1));
+        let child = Command::new(&self.executable)
+            .arg("cpu-load")
+            .args(["--cpu", &self.cpu.to_string()])
+            .args(["--priority", &priority.to_string()])
+            .args(["--instance", &self.instance])
+            .args(["--share", &share.to_string()])
+            .args(["--launcher", &std::process::id().to_string()])
+            .args(["--from-ns", &grid.begin_of(span.from).to_string()])
+            .args(["--until-ns", &until_ns.to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn();
+        let child = child.map_err(|e| {
+            Failure::failed(format!(
+                "cannot start a process that loads the processor: {e}"
+            ))
+        })?;
+        self.loads.push((*fault, child));
+        Ok(())
+    }
+
+    /// Forgets a child that has ended.
+    pub(super) fn forget(&mut self, pid: u32) {
+        self.stopped.retain(|stopped| *stopped != pid);
+    }
+
+    /// Ends all faults, and injects nothing more: the flight ends.
+    pub(super) fn release(&mut self, children: &ChildWatch) {
+        self.is_released = true;
+        self.due.clear();
+        for pid in self.stopped.drain(..) {
+            let _ = children.signal(pid, Signal::CONT);
+        }
+        self.end_loads(|_| true);
+    }
+}
+
+impl Drop for FaultInjector {
+    fn drop(&mut self) {
+        self.end_loads(|_| true);
+    }
+}
+
+/// How often to look for injected faults [ns].
+fn look_every_ns(grid: &Grid) -> u64 {
+    (NOTICE_TICKS.saturating_mul(grid.period_ns) / 4)
+        .clamp(*LOOK_EVERY_NS.start(), *LOOK_EVERY_NS.end())
+}
+
+/// The message about a fault whose first tick has passed.
+fn delay(fault: &LiveFault, tick: u64) -> Option<String> {
+    let ticks = tick
+        .checked_sub(fault.span.from)
+        .filter(|ticks| *ticks > 0)?;
+    let what: String = planned_again(&[*fault])
+        .iter()
+        .map(Fault::to_string)
+        .collect();
+    Some(format!(
+        "the fault {what} begins {ticks} ticks late: the supervisor was notified, or scheduled, late\n"
+    ))
+}
+
+fn wait_until(instant_ns: u64) {
+    while now_ns() < instant_ns {
+        // A signal to this process may end the sleep.
+        sleep_until(instant_ns);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::os::unix::process::ExitStatusExt as _;
+
+    use super::*;
+    use faults::Span;
+
+    /// Runs a test with the fault injector of a flight at tick 0, on the clock.
+    fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
+        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::under(root.path(), "injector").unwrap();
+        let overrides = vec![("flight.faults", faults.to_vec().into())];
+        let settings = Settings::resolve(None, &overrides).unwrap();
+        // Stands in for `ironbird cpu-load`.
+        let load = root.path().join("load");
+        std::fs::write(&load, "#!/bin/sh\nexec sleep 600\n").unwrap();
+        std::fs::set_permissions(&load, std::fs::Permissions::from_mode(0o700)).unwrap();
+        let mut injector = FaultInjector::new(&instance, &load, &settings).unwrap();
+        let run = Run {
+            phase: RunPhase::Flying as u64,
+            launcher_pid: u64::from(std::process::id()),
+            t0_ns: now_ns(),
+            period_ns: 1_000_000,
+            sample_time_ns: 1_000_000,
+            last_tick: 9000,
+            tick: 0,
+            ..Run::default()
+        };
+        let wire = Wire::open(&instance).unwrap();
+        test(&wire, &mut injector, &run);
+        drop((injector, wire));
+        instance.remove_leftovers().unwrap();
+    }
+
+    fn rest(
+        (wire, run): (&Wire, &Run),
+        injector: &mut FaultInjector,
+        watch: &mut ChildWatch,
+        pids: &[(Role, u32)],
+    ) {
+        let mut players = Players { watch, pids };
+        injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
+    }
+
+    fn load(share: f64, ends: bool, from: u64, to: u64) -> LiveFault {
+        LiveFault {
+            kind: FaultKind::Load { share },
+            ends,
+            span: Span { from, to },
+        }
+    }
+
+    #[test]
+    fn an_end_cancels_later_faults_and_after_the_flight_nothing_is_injected() {
+        let loads = ["cpu.load=0.5@tick0..tick4500", "cpu.load=0.4@tick5000"];
+        with_injector(&loads, |wire, injector, run| {
+            let mut children = ChildWatch::default();
+            rest((wire, run), injector, &mut children, &[]);
+            assert_eq!((injector.loads.len(), injector.due.len()), (1, 1));
+            let Pace::Realtime(grid) = run.pace() else {
+                panic!()
+            };
+            injector.schedule(load(1.0, true, 4000, 4001), &grid);
+            let [(_, Action::Inject(left))] = injector.due[..] else {
+                panic!("{:?}", injector.due)
+            };
+            assert!(left.ends && injector.loads.len() == 1, "{left:?}");
+            injector.release(&children);
+            injector.planned.push(load(0.5, false, 0, Span::FOR_GOOD));
+            rest((wire, run), injector, &mut children, &[]);
+            assert_eq!((injector.loads.len(), injector.due.len()), (0, 0));
+        });
+    }
+
+    /// While a successor takes over, the lock file still names the dead process, whose number may be another's.
+    #[test]
+    fn a_signal_reaches_the_child_and_not_the_process_that_the_lock_file_names() {
+        with_injector(&["inner.kill@tick0"], |wire, injector, run| {
+            let sleeper = || Command::new("sleep").arg("600").spawn().unwrap();
+            let (mut inner, mut foreign) = (sleeper(), sleeper());
+            let instance = wire.instance();
+            let lock = instance.lock(Role::Inner).unwrap();
+            let lock_file = instance.directory().join("inner.lock");
+            std::fs::write(lock_file, format!("{}\n", foreign.id())).unwrap();
+            assert_eq!(instance.pid_of(Role::Inner), Some(foreign.id()));
+            let mut children = ChildWatch::default();
+            children.watch(&inner);
+            let pids = [(Role::Inner, inner.id())];
+            rest((wire, run), injector, &mut children, &pids);
+            drop(lock);
+            assert_eq!(inner.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));
+            assert_eq!(injector.killed(inner.id()), Some(0));
+            assert!(foreign.try_wait().unwrap().is_none());
+            kill_and_reap(&mut foreign);
+        });
+    }
+
+    #[test]
+    fn it_looks_often_enough_for_the_notice_that_stages_have() {
+        let look_every = |period_ns| {
+            look_every_ns(&Grid {
+                t0_ns: 0,
+                period_ns,
+            })
+        };
+        let periods_ns = [50_000, 100_000, 1_000_000, 10_000_000];
+        let expected_ns = [1_000_000, 1_600_000, 16_000_000, 20_000_000];
+        assert_eq!(periods_ns.map(look_every), expected_ns);
+    }
+
+    #[test]
+    fn a_late_fault_is_reported() {
+        let (role, for_ns) = (Role::Inner, 20_000_000);
+        let fault = LiveFault {
+            kind: FaultKind::Stop { role, for_ns },
+            ..load(0.0, false, 100, 101)
+        };
+        assert_eq!([99, 100].map(|tick| delay(&fault, tick)), [None, None]);
+        let message = delay(&fault, 107).unwrap();
+        assert!(message.starts_with("the fault inner.stop=20ms@tick100 begins 7 ticks late"));
+    }
+}

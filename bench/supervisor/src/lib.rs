@@ -1,0 +1,111 @@
+//! The supervisor of a flight.
+//!
+//! It starts the five processes of a flight, restarts those that fail (with `--on-death restart`), injects process
+//! faults, and ends the processes with the flight. It does not run any loop itself, does not record (`record`), and
+//! prints no report (`ironbird fly`). Start reading in `flight_supervisor`, whose `Phase` is the life of a flight.
+
+mod child_process;
+pub mod cpu_load;
+pub mod dashboard;
+pub mod exit_report;
+mod fault_injector;
+mod flight_supervisor;
+mod hang_detector;
+mod recordings;
+mod restarts;
+mod status_line;
+pub mod stop_requests;
+
+use std::path::{Path, PathBuf};
+
+use analysis::schema::Report;
+use errors::Failure;
+use ipc::Wire;
+use ipc::instance::Instance;
+
+use config::Settings;
+use exit_report::Outcome;
+use flight_supervisor::FlightSupervisor;
+use recorder::kernel_trace::remove_leftovers;
+use recorder::run_directory::RunDirectory;
+use stop_requests::StopRequests;
+
+/// How a flight is supervised.
+#[derive(Clone, Debug)]
+pub struct FlightOptions {
+    /// Name of the instance.
+    pub instance: String,
+    /// Whether roles that fail in flight are restarted.
+    pub restarts_roles: bool,
+    pub shows_dashboard: bool,
+    /// Where the recorder writes the states a second time.
+    pub states: Option<PathBuf>,
+}
+
+/// A flight that has a report: the last one that the recorder wrote.
+pub struct FinishedFlight {
+    pub directory: RunDirectory,
+    pub outcome: Outcome,
+    pub report: Report,
+}
+
+/// Flies until every process has ended. The calling thread must stay until then.
+pub fn fly(
+    settings: &Settings,
+    options: &FlightOptions,
+    requests: &mut StopRequests,
+) -> Result<FinishedFlight, Failure> {
+    let instance = Instance::new(&options.instance)?;
+    // If another supervisor flies it already, that is the error.
+    if !instance.is_alive() {
+        instance.check_shared_memory(Wire::needed_bytes())?;
+    }
+    instance.prepare()?;
+    let lock = instance.lock_launcher()?;
+    let ended = supervise(&instance, settings, options, requests);
+    drop(lock);
+    remove_leftovers(&instance);
+    let (directory, outcome) = ended?;
+    let report_path = directory.path.join("report.json");
+    if report_path.exists() {
+        let report = Report::read(&report_path)?;
+        return Ok(FinishedFlight {
+            directory,
+            outcome,
+            report,
+        });
+    }
+    let failure = outcome.failure(&directory.path);
+    if outcome.is_over() {
+        // Refused, interrupted or failed: the messages of its processes have been passed on.
+        directory.discard();
+    }
+    if !directory.path.exists() {
+        return Err(failure);
+    }
+    Err(failure.append(&format!(
+        "; {} has what was recorded",
+        directory.path.display()
+    )))
+}
+
+fn supervise(
+    instance: &Instance,
+    settings: &Settings,
+    options: &FlightOptions,
+    requests: &mut StopRequests,
+) -> Result<(RunDirectory, Outcome), Failure> {
+    let out = Path::new(&settings.recorder.out);
+    let directory = RunDirectory::create(out, settings, instance.name())?;
+    match FlightSupervisor::start(instance, &directory, settings, options) {
+        Ok(mut supervisor) => {
+            let outcome = supervisor.run(requests)?;
+            Ok((supervisor.recorded()?, outcome))
+        }
+        Err(failure) => {
+            directory.discard();
+            requests.poll();
+            Err(failure.broken_off(requests.is_requested))
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! The directories of a flight's recorders: one, and another for each that was started again.
+//!
+//! A second recorder does not write into the files of the first one: the states before it came are not known to it, and
+//! what the first one wrote is whole up to its death.
+
+use std::path::Path;
+
+use ipc::instance::Instance;
+
+use analysis::gates::break_off;
+use analysis::schema::Report;
+use analysis::status::FlightStatus;
+use config::Settings;
+use errors::Failure;
+use recorder::run_directory::RunDirectory;
+use render::files::write_all;
+
+/// The directories, the first one's first.
+pub(super) struct Recordings {
+    first: RunDirectory,
+    later: Vec<RunDirectory>,
+    settings: Settings,
+    instance: String,
+}
+
+impl Recordings {
+    pub(super) fn new(first: &RunDirectory, settings: &Settings, instance: &Instance) -> Self {
+        let (settings, instance) = (settings.clone(), instance.name().to_owned());
+        Self {
+            first: first.clone(),
+            later: Vec::new(),
+            settings,
+            instance,
+        }
+    }
+
+    pub(super) fn newest(&self) -> &RunDirectory {
+        self.later.last().unwrap_or(&self.first)
+    }
+
+    /// Makes a directory for another recorder.
+    pub(super) fn begin_another(&mut self) -> Result<(), Failure> {
+        let out = Path::new(&self.settings.recorder.out);
+        self.later
+            .push(RunDirectory::create(out, &self.settings, &self.instance)?);
+        Ok(())
+    }
+
+    /// The directory with the last report, when the flight is over: the reports before it say where the flight goes on.
+    pub(super) fn settle(&self) -> Result<RunDirectory, Failure> {
+        let all: Vec<&RunDirectory> = std::iter::once(&self.first).chain(&self.later).collect();
+        let is_reported = |directory: &&RunDirectory| directory.path.join("report.json").exists();
+        let last = all.iter().rposition(is_reported).unwrap_or(0);
+        let next = all[last]
+            .path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy();
+        for (place, directory) in all.iter().enumerate().filter(|(place, _)| *place != last) {
+            if is_reported(directory) {
+                let mut report = Report::read(&directory.path.join("report.json"))?;
+                let ending = format!(
+                    "the recorder died; the flight went on, and another recorder wrote {next}"
+                );
+                break_off(&mut report, FlightStatus::Aborted, ending);
+                write_all(&report, &directory.path)?;
+            } else if place > 0 {
+                directory.discard();
+            }
+        }
+        Ok(all[last].clone())
+    }
+}

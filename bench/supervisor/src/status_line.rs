@@ -1,0 +1,181 @@
+//! The launcher's status line on a terminal.
+//!
+//! It costs the same with and without a terminal, so a flight from a script is no different.
+
+use std::fs;
+use std::io::{self, IsTerminal as _};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use messages::blackboards::{Run, RunPhase};
+use rustix::termios::tcgetwinsize;
+use serde::Deserialize;
+
+use errors::output::say;
+
+pub(super) struct StatusLine {
+    on_terminal: bool,
+    duration_s: f64,
+    figures: ReportFigures,
+}
+
+impl StatusLine {
+    pub(super) fn new(directory: &Path, duration_s: f64) -> Self {
+        Self {
+            on_terminal: io::stderr().is_terminal(),
+            duration_s,
+            figures: ReportFigures {
+                path: directory.join("report.json"),
+                written: None,
+                text: String::new(),
+            },
+        }
+    }
+
+    /// Shows how the flight goes, unless the dashboard has the terminal.
+    pub(super) fn show(&mut self, run: &Run, terminal_taken: bool) {
+        self.figures.look();
+        let line = match run.phase() {
+            RunPhase::Mustering | RunPhase::Opening => {
+                "waiting for all processes to be ready".into()
+            }
+            RunPhase::Closed => "landing".into(),
+            RunPhase::Flying if run.tick == messages::content::NO_TICK => "armed".into(),
+            RunPhase::Flying => self.flying(run),
+        };
+        if self.on_terminal && !terminal_taken {
+            say(&format!("\r\x1b[K{}", cut(&line, columns())));
+        }
+    }
+
+    fn flying(&self, run: &Run) -> String {
+        let flown_s = run.flight_time_s(run.tick);
+        format!(
+            "{flown_s:7.1} of {:.1} s   missed {}   skipped {}   swaps {}{}",
+            self.duration_s,
+            run.deadlines_missed,
+            run.ticks_skipped,
+            run.parameter_epoch,
+            self.figures.text
+        )
+    }
+
+    pub(super) fn clear(&self) {
+        if self.on_terminal {
+            say("\r\x1b[K");
+        }
+    }
+}
+
+/// Columns of the terminal on standard error.
+fn columns() -> usize {
+    const UNKNOWN: usize = 80;
+    let told = tcgetwinsize(io::stderr()).map(|size| usize::from(size.ws_col));
+    // A line without a size, as of a serial port, tells 0.
+    told.ok().filter(|columns| *columns > 0).unwrap_or(UNKNOWN)
+}
+
+/// The fields of a line that do not wrap: one that does cannot be taken off the terminal again, and half a number is
+/// another one.
+fn cut(line: &str, columns: usize) -> String {
+    let mut kept = line;
+    while kept.chars().count() >= columns {
+        match kept.rsplit_once("   ") {
+            Some((before, _)) => kept = before.trim_end(),
+            None => return kept.chars().take(columns - 1).collect(),
+        }
+    }
+    kept.to_owned()
+}
+
+/// Figures of the recorder's report, which it writes anew once a second.
+struct ReportFigures {
+    path: PathBuf,
+    /// When the report was written that has been read.
+    written: Option<SystemTime>,
+    text: String,
+}
+
+/// What the line shows of a report.
+#[derive(Deserialize)]
+struct ReportExcerpt {
+    series: Vec<SeriesExcerpt>,
+    flight: FlightExcerpt,
+}
+
+#[derive(Deserialize)]
+struct SeriesExcerpt {
+    name: String,
+    p50_us: f64,
+    p99_us: f64,
+}
+
+#[derive(Deserialize)]
+struct FlightExcerpt {
+    position_error_final_m: f64,
+}
+
+impl ReportFigures {
+    /// Reads the report where it is another one than at the last look; says whether it was.
+    fn look(&mut self) -> bool {
+        let written = fs::metadata(&self.path)
+            .and_then(|file| file.modified())
+            .ok();
+        if written.is_none() || written == self.written {
+            return false;
+        }
+        self.written = written;
+        // A flight does not depend on its status line.
+        let text = fs::read_to_string(&self.path).unwrap_or_default();
+        if let Ok(ReportExcerpt { series, flight }) = serde_json::from_str(&text) {
+            self.text.clear();
+            if let Some(chain) = series.iter().find(|series| series.name == "loop") {
+                let SeriesExcerpt { p50_us, p99_us, .. } = chain;
+                self.text += &format!("   loop p50 {p50_us:.1} p99 {p99_us:.1} us");
+            }
+            self.text += &format!("   error {:.3} m", flight.position_error_final_m);
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_never_fills_its_terminal() {
+        let line = "    1.0 of 30.0 s   missed 12   loop p99 678";
+        for (line, columns, expected) in [
+            (line, 80, line),
+            // Half a number is another one.
+            (line, line.len(), "    1.0 of 30.0 s   missed 12"),
+            (line, 20, "    1.0 of 30.0 s"),
+            (line, 8, ""),
+            ("armed", 80, "armed"),
+            ("armed", 1, ""),
+        ] {
+            assert_eq!(cut(line, columns), expected, "{columns}");
+        }
+    }
+
+    #[test]
+    fn a_report_is_read_once_each_time_it_is_written() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("report.json");
+        let mut figures = StatusLine::new(directory.path(), 30.0).figures;
+        assert!(!figures.look());
+        for (p50_us, written) in [(10, SystemTime::UNIX_EPOCH), (11, SystemTime::now())] {
+            let text = format!(
+                "{{\"series\": [{{\"name\": \"loop\", \"p50_us\": {p50_us}, \"p99_us\": 20, \"count\": 5}}], \
+                 \"flight\": {{\"position_error_final_m\": 0.5}}}}"
+            );
+            fs::write(&path, text).unwrap();
+            let file = fs::File::options().write(true).open(&path).unwrap();
+            file.set_modified(written).unwrap();
+            assert_eq!((figures.look(), figures.look()), (true, false));
+            let expected = format!("   loop p50 {p50_us}.0 p99 20.0 us   error 0.500 m");
+            assert_eq!(figures.text, expected);
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Feeds the theorem's monitor from a flight's messages, through restarts of the inner loop.
+
+use crate::TheoremMonitor;
+use messages::content::{Stamped, State, Wrench};
+use messages::header::Message;
+use messages::monitor::Monitor;
+
+/// One monitor per process of the inner loop.
+///
+/// Every process starts with initial estimates, and so does its monitor. After a missed message the monitor no longer knows
+/// the law's state, and is silent until the next process starts.
+#[derive(Clone, Debug)]
+pub struct FlightMonitor {
+    /// A fresh monitor; none if the law has no theorem.
+    begin: Option<TheoremMonitor>,
+    epoch: Option<u64>,
+    /// Sequence number of the next wrench.
+    next_seq: u64,
+    /// None after a missed message.
+    monitor: Option<TheoremMonitor>,
+}
+
+impl FlightMonitor {
+    pub const fn new(begin: Option<TheoremMonitor>) -> Self {
+        Self {
+            begin,
+            epoch: None,
+            next_seq: 0,
+            monitor: None,
+        }
+    }
+
+    pub const fn applies(&self) -> bool {
+        self.begin.is_some()
+    }
+
+    /// The monitor message for a wrench and the state it was computed from; none if a message was missed.
+    ///
+    /// Its header is that of the wrench.
+    pub fn watch(
+        &mut self,
+        wrench: &Message<Wrench>,
+        state: Option<&Stamped<State>>,
+    ) -> Option<Message<Monitor>> {
+        let envelope = wrench.envelope;
+        if self.epoch != Some(envelope.epoch) {
+            self.epoch = Some(envelope.epoch);
+            self.next_seq = 0;
+            self.monitor.clone_from(&self.begin);
+        }
+        if envelope.seq != self.next_seq || state.is_none() {
+            self.monitor = None;
+        }
+        self.next_seq = envelope.seq.saturating_add(1);
+        let content = *self
+            .monitor
+            .as_mut()?
+            .watch(envelope.tick, state?, &wrench.content);
+        Some(Message { envelope, content })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::Gains;
+    use control_api::Rig;
+
+    use super::*;
+
+    fn wrench(epoch: u64, seq: u64) -> Message<Wrench> {
+        let mut wrench = Message::of_tick(100 * epoch + seq, Wrench::default());
+        (wrench.envelope.epoch, wrench.envelope.seq) = (epoch, seq);
+        wrench
+    }
+
+    /// The results for wrenches, each with its epoch, its sequence number and whether its state has arrived: how many
+    /// stale ticks there have been, as the state is never of the wrench's tick.
+    fn results<const N: usize>(wrenches: [(u64, u64, bool); N]) -> [Option<u64>; N] {
+        let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
+        let mut monitor = FlightMonitor::new(Some(begin));
+        let state = Stamped::new(1, State::default());
+        wrenches.map(|(epoch, seq, has_state)| {
+            let wrench = wrench(epoch, seq);
+            let result = monitor.watch(&wrench, has_state.then_some(&state))?;
+            assert_eq!(result.envelope, wrench.envelope);
+            Some(result.content.ticks_stale)
+        })
+    }
+
+    #[test]
+    fn every_process_of_the_loop_has_its_own_monitor() {
+        let wrenches = [(1, 0, true), (1, 1, true), (1, 2, true), (2, 0, true)];
+        assert_eq!(results(wrenches), [Some(1), Some(2), Some(3), Some(1)]);
+    }
+
+    #[test]
+    fn after_a_lost_message_there_is_no_result_until_the_next_process_begins() {
+        for lost in [(1, 1, false), (1, 2, true)] {
+            let wrenches = [(1, 0, true), lost, (1, 3, true), (2, 0, true)];
+            assert_eq!(results(wrenches), [Some(1), None, None, Some(1)]);
+        }
+    }
+
+    #[test]
+    fn a_process_without_its_first_message_has_no_result() {
+        assert_eq!(results([(1, 7, true), (1, 8, true)]), [None; 2]);
+    }
+}
