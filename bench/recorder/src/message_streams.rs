@@ -13,7 +13,7 @@ use messages::inspection::{Expected, Rejections};
 use process::session::JoinedRun;
 
 use super::pairs::Pairs;
-use super::ports::{Ports, Relays, horizon, keep_first};
+use super::ports::{Ports, Relays, horizon};
 use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
 
@@ -76,43 +76,36 @@ impl MessageStreams {
             parameter_epoch,
             ..
         } = self;
-        let mut relayed = Ok(());
-        receivers.states.drain(horizon, |message| {
-            keep_first(&mut relayed, relays.states.pass_on(message));
-            files.log(LogEntry::State(*message));
-            *parameter_epoch = message.content.parameter_epoch;
-            tally.state(message);
-            pairs.state(message);
-            joiner.take(message.envelope.tick, LoopMessage::State(message.content));
-        })?;
-        receivers.setpoints.drain(horizon, |message| {
-            keep_first(&mut relayed, relays.setpoints.pass_on(message));
-            files.log(LogEntry::Setpoint(*message));
-            tally.setpoint(message);
-            let content = LoopMessage::Setpoint(message.content);
-            joiner.take(message.envelope.tick, content);
-        })?;
-        receivers.wrenches.drain(horizon, |message| {
-            keep_first(&mut relayed, relays.wrenches.pass_on(message));
-            files.log(LogEntry::Wrench(*message));
-            tally.wrench(message);
-            pairs.wrench(message);
-        })?;
-        receivers.rotor_speeds.drain(horizon, |message| {
-            keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
-            files.log(LogEntry::RotorSpeeds(*message));
-            tally.rotor_speeds(message);
-            if !is_last_word(message) {
-                let content = LoopMessage::RotorSpeeds(message.content);
-                joiner.take(message.envelope.tick, content);
+        receivers.drain(horizon, |entry| {
+            files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
+            files.log(*entry);
+            let tick = entry.envelope().tick;
+            match entry {
+                LogEntry::State(message) => {
+                    *parameter_epoch = message.content.parameter_epoch;
+                    tally.state(message);
+                    pairs.state(message);
+                    joiner.take(tick, LoopMessage::State(message.content));
+                }
+                LogEntry::Setpoint(message) => {
+                    tally.setpoint(message);
+                    joiner.take(tick, LoopMessage::Setpoint(message.content));
+                }
+                LogEntry::Wrench(message) => {
+                    tally.wrench(message);
+                    pairs.wrench(message);
+                }
+                LogEntry::RotorSpeeds(message) => {
+                    tally.rotor_speeds(message);
+                    if !is_last_word(message) {
+                        joiner.take(tick, LoopMessage::RotorSpeeds(message.content));
+                    }
+                }
+                LogEntry::Swap(message) => tally.swap(message),
+                // The recorder computes these itself.
+                LogEntry::Theorem(_) => {}
             }
         })?;
-        receivers.swaps.drain(horizon, |message| {
-            keep_first(&mut relayed, relays.swaps.pass_on(message));
-            files.log(LogEntry::Swap(*message));
-            tally.swap(message);
-        })?;
-        files.note(OBSERVERS, relayed.map_err(Failure::from));
         while let Some((wrench, state)) = self.pairs.paired() {
             self.monitor_wrench(&wrench, state.as_ref(), files);
         }
@@ -162,9 +155,10 @@ impl MessageStreams {
         let result = self.monitor.watch(wrench, state);
         match &result {
             Some(message) => {
-                let relayed = self.ports.relays.theorem.pass_on(message);
+                let entry = LogEntry::Theorem(*message);
+                let relayed = self.ports.relays.pass_on(&entry);
                 files.note(OBSERVERS, relayed.map_err(Failure::from));
-                files.log(LogEntry::Theorem(*message));
+                files.log(entry);
                 self.tally.theorem(message);
             }
             None if self.monitor.applies() => self.tally.theorem.unwatched(),

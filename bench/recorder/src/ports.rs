@@ -3,6 +3,7 @@
 use std::thread::sleep;
 use std::time::Duration;
 
+use flight_log::entry::LogEntry;
 use ipc::clock::{Horizon, now_ns, sleep_until};
 use ipc::error::Error;
 use ipc::{DEEP, Receiver, Relay, Wire};
@@ -56,6 +57,23 @@ impl Ports {
         self.swaps.arm(expected)
     }
 
+    /// Takes every message that has arrived, topic by topic in the order of the data flow.
+    pub fn drain(
+        &mut self,
+        horizon: impl Horizon + Copy,
+        mut take: impl FnMut(&LogEntry),
+    ) -> Result<(), Error> {
+        self.states
+            .drain(horizon, |it| take(&LogEntry::State(*it)))?;
+        self.setpoints
+            .drain(horizon, |it| take(&LogEntry::Setpoint(*it)))?;
+        self.wrenches
+            .drain(horizon, |it| take(&LogEntry::Wrench(*it)))?;
+        self.rotor_speeds
+            .drain(horizon, |it| take(&LogEntry::RotorSpeeds(*it)))?;
+        self.swaps.drain(horizon, |it| take(&LogEntry::Swap(*it)))
+    }
+
     /// Messages that did not pass inspection.
     pub fn rejections(&self) -> Rejections {
         self.states
@@ -69,12 +87,12 @@ impl Ports {
 
 /// Ports through which the recorder passes every topic on to observers, and publishes the monitor's results.
 pub struct Relays {
-    pub states: Relay<State>,
-    pub setpoints: Relay<Setpoint>,
-    pub wrenches: Relay<Wrench>,
-    pub rotor_speeds: Relay<RotorSpeeds>,
-    pub swaps: Relay<SwapRecord>,
-    pub theorem: Relay<Monitor>,
+    states: Relay<State>,
+    setpoints: Relay<Setpoint>,
+    wrenches: Relay<Wrench>,
+    rotor_speeds: Relay<RotorSpeeds>,
+    swaps: Relay<SwapRecord>,
+    theorem: Relay<Monitor>,
 }
 
 impl Relays {
@@ -87,6 +105,17 @@ impl Relays {
             swaps: wire.relay()?,
             theorem: wire.relay()?,
         })
+    }
+
+    pub fn pass_on(&mut self, entry: &LogEntry) -> Result<(), Error> {
+        match entry {
+            LogEntry::State(message) => self.states.pass_on(message),
+            LogEntry::Setpoint(message) => self.setpoints.pass_on(message),
+            LogEntry::Wrench(message) => self.wrenches.pass_on(message),
+            LogEntry::RotorSpeeds(message) => self.rotor_speeds.pass_on(message),
+            LogEntry::Swap(message) => self.swaps.pass_on(message),
+            LogEntry::Theorem(message) => self.theorem.pass_on(message),
+        }
     }
 }
 
@@ -121,13 +150,6 @@ fn next_drain(grid: Grid, now: u64) -> u64 {
     let between = grid.begin_of(grid.tick_at(due)) + grid.period_ns * LOOPS_DONE_PERCENT / 100;
     // If a tick is longer than the interval between drains, some drains come later within the tick.
     if between > now { between } else { due }
-}
-
-/// Keeps the first error.
-pub(super) fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {
-    if kept.is_ok() {
-        *kept = next;
-    }
 }
 
 #[cfg(test)]
