@@ -1,6 +1,6 @@
-//! Delay of commands on their way from the latch to the motors, in whole ticks.
+//! Delay of commands on their way from the command hold to the motors, in whole ticks.
 //!
-//! What the latch has in force in a tick acts `command_delay_s` later. The latch and its verdicts know nothing of it: a
+//! What is in force in a tick acts `command_delay_s` later. The deadline verdicts know nothing of it: a
 //! bus or a speed controller that is slow misses no deadline. Nominally there is none.
 
 use messages::content::ROTORS;

@@ -1,4 +1,4 @@
-//! Command latch: which rotor command is in force, and whether it met its deadline.
+//! Command hold: which rotor command is in force, and whether it met its deadline.
 //!
 //! The rule is logical execution time: the command computed from tick k acts on [t_k+1, t_k+2), however early it was
 //! ready. A later command acts from the tick of its arrival on. It counts as a missed deadline until a command is in
@@ -66,7 +66,7 @@ pub struct CommandHold {
 }
 
 impl CommandHold {
-    /// A latch that holds `hover` [rad/s] until the first command, and `idle` [rad/s] when none comes for
+    /// One that holds `hover` [rad/s] until the first command, and `idle` [rad/s] when none comes for
     /// [`COMMAND_TIMEOUT_S`], in whole ticks of `period_s` [s].
     pub fn new(hover: [f64; ROTORS], idle: [f64; ROTORS], period_s: f64) -> Self {
         Self {

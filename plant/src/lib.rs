@@ -2,18 +2,16 @@
 //!
 //! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
-//! operating system. The process shell is [`process`], with its [`desk`] and
-//! its [`injection`] of faults.
+//! operating system. The process, of the feature of this name, is `process`.
 
 pub mod command_delay;
 pub mod command_hold;
 pub mod envelope_violation;
 pub mod ground;
-pub mod injection;
 pub mod integrator;
 pub mod noise;
-pub mod parameter_server;
 pub mod plant;
+#[cfg(feature = "process")]
 pub mod process;
 pub mod rigid_body;
 pub mod rotors;

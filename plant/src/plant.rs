@@ -18,7 +18,7 @@ use faults::gate::{Gate, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
 use messages::checks::{Check, is_on};
-use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State, Truth};
+use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
@@ -53,11 +53,11 @@ pub struct Plant {
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
     means: SpinMeans,
-    latch: CommandHold,
+    command_hold: CommandHold,
     delay: CommandDelay,
     /// Behind the inspection of commands, where they have faults.
     gate: Option<Box<Gate<RotorSpeeds>>>,
-    is_struck: bool,
+    has_faults: bool,
     commands_taken: u64,
     command_taken_tick: u64,
     swaps: SwapQueue,
@@ -106,10 +106,10 @@ impl Plant {
             sensors: Sensors::new(period_s, seed, &airframe, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
-            latch: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
+            command_hold: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
             delay: CommandDelay::new(period_s, &airframe, hover.into()),
             gate: None,
-            is_struck: false,
+            has_faults: false,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
             swaps: SwapQueue::default(),
@@ -129,12 +129,12 @@ impl Plant {
     pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
-        match self.gate.as_mut().filter(|_| self.is_struck) {
-            None => self.latch.offer(command, effective_tick),
+        match self.gate.as_mut().filter(|_| self.has_faults) {
+            None => self.command_hold.offer(command, effective_tick),
             Some(gate) => {
                 let tick = command.tick;
                 if let Some(Passed { content, delay }) = gate.pass(tick, &command.content) {
-                    self.latch.offer(
+                    self.command_hold.offer(
                         &Stamped { tick, content },
                         effective_tick.max(tick + 1) + delay,
                     );
@@ -145,21 +145,21 @@ impl Plant {
 
     /// Puts faults of the commands that it is handed before it.
     pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
-        self.is_struck = gate.is_some();
+        self.has_faults = gate.is_some();
         self.gate = gate.map(Box::new);
     }
 
     /// The same of faults that may change in flight.
     pub fn gate_by(&mut self, faults: &MessageFaults) {
         self.gate(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
-        self.is_struck = faults.of(Port::PlantRotorSpeeds).next().is_some();
+        self.has_faults = faults.of(Port::PlantRotorSpeeds).next().is_some();
     }
 
     /// Takes the faults of its commands as they are from now on, without an allocation; `newest` came last.
     pub fn change_faults(&mut self, faults: &MessageFaults, newest: Option<RotorSpeeds>) {
         if let Some(gate) = &mut self.gate {
             gate.change(faults, Port::PlantRotorSpeeds, newest);
-            self.is_struck |= faults.of(Port::PlantRotorSpeeds).next().is_some();
+            self.has_faults |= faults.of(Port::PlantRotorSpeeds).next().is_some();
         }
     }
 
@@ -212,7 +212,7 @@ impl Plant {
     pub fn end(&mut self, last_tick: u64) -> State {
         self.fly_to(last_tick + 1);
         if !self.has_begun {
-            self.latch.enter(self.tick);
+            self.command_hold.enter(self.tick);
             self.has_begun = true;
         }
         self.state()
@@ -300,7 +300,7 @@ impl Plant {
             let _ = self.applied.push(AppliedSwap {
                 tick: self.tick,
                 epoch: self.parameter_epoch,
-                ticket: swap.ticket,
+                request_id: swap.request_id,
                 changes,
             });
         }
@@ -313,8 +313,8 @@ impl Plant {
             self.delay.tune(&self.airframe);
         }
         self.sensors.settle();
-        self.latch.enter(self.tick);
-        self.delay.take(self.latch.speed());
+        self.command_hold.enter(self.tick);
+        self.delay.take(self.command_hold.speed());
         self.has_begun = true;
     }
 
@@ -336,34 +336,15 @@ impl Plant {
             airframe,
             body,
             sensors,
-            latch,
+            command_hold,
             ..
         } = self;
-        // Piece by piece, each where it belongs: a value of all would be made elsewhere, and copied.
-        let State {
-            measured,
-            command_tick,
-            commands_taken,
-            command_taken_tick,
-            command_saturated,
-            deadlines_missed,
-            deadline_miss_run,
-            ticks_skipped,
-            parameter_epoch,
-            truth:
-                Truth {
-                    position_w_m,
-                    velocity_w_m_s,
-                    rate_b_rad_s,
-                    touches_ground,
-                    parameter,
-                },
-        } = state;
         let (fix, fix_velocity) = sensors.fix(airframe);
         let force =
             self.dynamics
                 .specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
-        *measured = Measured {
+        // Field by field: a value of all would be made elsewhere, and copied.
+        state.measured = Measured {
             position_w_m: fix.into(),
             velocity_w_m_s: fix_velocity.into(),
             attitude_rad: self.eta2.into(),
@@ -372,21 +353,22 @@ impl Plant {
             specific_force_b_m_s2: sensors.specific_force(airframe, &force).into(),
             rotor_speed_mean_rad_s: self.means.speed.into(),
             rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
-            rotor_speed_command_rad_s: latch.speed(),
+            rotor_speed_command_rad_s: command_hold.speed(),
         };
-        *command_tick = latch.command_tick();
-        *commands_taken = self.commands_taken;
-        *command_taken_tick = self.command_taken_tick;
-        *command_saturated = u64::from(latch.is_saturated());
-        *deadlines_missed = latch.deadlines_missed;
-        *deadline_miss_run = latch.deadline_miss_run;
-        *ticks_skipped = self.ticks_skipped;
-        *parameter_epoch = self.parameter_epoch;
-        *position_w_m = body.eta1.into();
-        *velocity_w_m_s = body.v.into();
-        *rate_b_rad_s = body.nu2.into();
-        *touches_ground = u64::from(self.pushed_w != Vector3::zeros());
-        *parameter = *airframe.values();
+        state.command_tick = command_hold.command_tick();
+        state.commands_taken = self.commands_taken;
+        state.command_taken_tick = self.command_taken_tick;
+        state.command_saturated = u64::from(command_hold.is_saturated());
+        state.deadlines_missed = command_hold.deadlines_missed;
+        state.deadline_miss_run = command_hold.deadline_miss_run;
+        state.ticks_skipped = self.ticks_skipped;
+        state.parameter_epoch = self.parameter_epoch;
+        let truth = &mut state.truth;
+        truth.position_w_m = body.eta1.into();
+        truth.velocity_w_m_s = body.v.into();
+        truth.rate_b_rad_s = body.nu2.into();
+        truth.touches_ground = u64::from(self.pushed_w != Vector3::zeros());
+        truth.parameter = *airframe.values();
     }
 
     pub fn airframe(&self) -> &Airframe {

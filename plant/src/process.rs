@@ -1,7 +1,10 @@
 //! The plant's process: absolute timer, commands in, states out, parameter swaps.
 //!
-//! It owns the role's tick and takes swaps from the parameter desk. [`crate::plant`] owns what happens to the airframe
-//! in a tick.
+//! It owns the role's tick; [`requests`] answers requests for parameter changes and faults on a thread of its own.
+//! [`crate::plant`] owns what happens to the airframe in a tick.
+
+mod injection;
+mod requests;
 
 use std::sync::mpsc;
 use std::thread;
@@ -16,6 +19,7 @@ use messages::content::{RotorSpeeds, Stamped, State};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};
+use messages::inspection::Expected;
 use messages::role::Role;
 use process::lead::ActiveLead;
 use process::rt::UsageMeter;
@@ -24,15 +28,16 @@ use process::session::{Opened, RoleSession};
 
 use crate::command_hold::pending_commands;
 use crate::envelope_violation::EnvelopeViolation;
-use crate::injection::Injection;
-use crate::parameter_server::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
 use crate::swap::Swap;
 
+use injection::Injection;
+use requests::{Action, Event, INBOX, OUTBOX, Request};
+
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
-/// In lockstep, how often the plant looks up while it waits for the recorder, which rings nobody [ns].
+/// In lockstep, how often the plant looks while it waits for the recorder, which sends no wake-up event [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
@@ -45,44 +50,40 @@ pub fn run(
 ) -> Result<(), Error> {
     let mut inbox = Queue::<Request, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
-    let (orders_in, orders_out) = inbox.split();
+    let (requests_in, requests_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
     let instance = station.wire().instance().clone();
     // Before real time is engaged: a thread inherits the priority and the processor of the one that starts it.
     thread::scope(|scope| {
-        let (open_desk, opened) = mpsc::channel();
-        let (tell, told) = mpsc::channel();
-        let desk = scope.spawn(move || {
-            parameter_server::serve(&instance, &tell, &opened, orders_in, events_out)
+        let (open, opened) = mpsc::channel();
+        let (ready_sender, ready) = mpsc::channel();
+        let server = scope.spawn(move || {
+            requests::serve(&instance, &ready_sender, &opened, requests_in, events_out)
         });
-        // A desk that cannot open ends, and its error is the result of `join` below.
-        let flown = if told.recv().is_ok() {
+        // A server that cannot open ends, and its error is the result of `join` below.
+        let flown = if ready.recv().is_ok() {
             let mut plant =
-                PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
-            plant.planned(planned);
-            plant.serve(&mut station, plan, &open_desk)
+                PlantProcess::new(station.wire(), settings, faults, requests_out, events_in)?;
+            plant.plan(planned);
+            plant.serve(&mut station, plan, &open)
         } else {
             Ok(())
         };
-        drop(open_desk);
-        let served = desk.join().unwrap_or(Err(Error::Panicked {
-            thread: "the parameter desk",
+        drop(open);
+        let served = server.join().unwrap_or(Err(Error::Panicked {
+            thread: "the request server",
         }));
         flown.and(served)
     })
 }
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
-pub struct PlantProcess<'a> {
+struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
     commands: Receiver<RotorSpeeds>,
     doorbell: WakeEvent,
     in_force: Blackboard<ActiveParameters>,
-    orders: Consumer<'a, Request>,
+    requests: Consumer<'a, Request>,
     events: Producer<'a, Event>,
     injection: Injection,
     lead: ActiveLead,
@@ -92,11 +93,11 @@ pub struct PlantProcess<'a> {
 
 impl<'a> PlantProcess<'a> {
     /// The plant at tick 0, with its ports made and its faults scheduled.
-    pub fn new(
+    fn new(
         wire: &Wire,
         settings: &PlantSettings,
         faults: &[Swap],
-        orders: Consumer<'a, Request>,
+        requests: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
         let injection = Injection::none(
@@ -125,7 +126,7 @@ impl<'a> PlantProcess<'a> {
             commands: wire.receiver(pending_commands(settings.period_s))?,
             doorbell: wire.doorbell(Role::Plant)?,
             in_force,
-            orders,
+            requests,
             events,
             lead: ActiveLead::none(),
             previous_busy_ns: 0,
@@ -133,18 +134,14 @@ impl<'a> PlantProcess<'a> {
         })
     }
 
-    /// Takes what is planned to go wrong with messages and stages.
-    pub fn planned(&mut self, (faults, acts): (&LoopFaults, &Acts)) {
+    /// Takes the planned faults of messages and stages.
+    fn plan(&mut self, (faults, acts): (&LoopFaults, &Acts)) {
         self.injection.plan(faults, acts);
         self.plant.change_faults(&faults.messages, None);
     }
 
     /// Connects the ports to those of the other roles.
-    pub fn arm(
-        &mut self,
-        expected: messages::inspection::Expected,
-        epoch: u64,
-    ) -> Result<(), Error> {
+    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
         self.states.arm(expected, epoch)?;
         self.commands.arm(expected)
     }
@@ -153,13 +150,13 @@ impl<'a> PlantProcess<'a> {
         &mut self,
         station: &mut RoleSession,
         plan: FlightPlan,
-        open_desk: &mpsc::Sender<(messages::inspection::Expected, u64)>,
+        open: &mpsc::Sender<(Expected, u64)>,
     ) -> Result<(), Error> {
         self.injection.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         self.injection.last_tick = plan.last_tick;
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
-        // A desk that has ended on an error takes no run number; its error comes with its end.
-        let _ = open_desk.send((opened.expected, station.status.epoch));
+        // A server that has ended on an error takes no run number; its error comes with its end.
+        let _ = open.send((opened.expected, station.status.epoch));
         let lead = station.choose_lead(&mut opened, || self.rehearse(0));
         let meter = UsageMeter::start();
         let flown = lead.and_then(|lead| {
@@ -202,7 +199,7 @@ impl<'a> PlantProcess<'a> {
             if tick > last_tick {
                 self.take_command(last_tick + 1, pace)?;
                 let state = self.plant.end(last_tick);
-                // Those of the last ticks, where they were skipped. The desk answers that all others came too late.
+                // Those of the last ticks, if they were skipped. The server answers that all others came too late.
                 self.hand_over_applied();
                 self.report(&state, &mut opened.run);
                 return Ok(EndReason::Completed);
@@ -242,25 +239,10 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// One tick: take the command and the swaps, publish the state, integrate to the next tick.
-    pub fn tick(&mut self, tick: u64, waking: Waking, pace: Pace) -> Result<PlantTick, Error> {
+    fn tick(&mut self, tick: u64, waking: Waking, pace: Pace) -> Result<PlantTick, Error> {
         self.take_command(tick, pace)?;
-        while let Some(order) = self.orders.dequeue() {
-            match order {
-                Request::Swap(order) => self.schedule(order, tick),
-                Request::Faults(order) => {
-                    let newest = self
-                        .commands
-                        .has_any()
-                        .then(|| self.commands.newest().content);
-                    // The outbox holds more events than orders can be under way.
-                    let _ = self.events.enqueue(self.injection.strike(
-                        &order,
-                        tick,
-                        &mut self.plant,
-                        newest,
-                    ));
-                }
-            }
+        while let Some(request) = self.requests.dequeue() {
+            self.accept(&request, tick);
         }
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
@@ -278,7 +260,7 @@ impl<'a> PlantProcess<'a> {
     /// Has all stages rehearse their next tick, and returns when they have, or at once where they run elsewhere.
     ///
     /// Nothing of the flight changes: it looks at the plant, and prepares a message that is not sent.
-    pub fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
         let state = self.plant.state();
         let waking = Waking::at(now_ns());
         self.states
@@ -305,9 +287,9 @@ impl<'a> PlantProcess<'a> {
     fn wait_for_tick(&mut self, tick: u64, last_tick: u64, grid: Grid) -> Result<Waking, Error> {
         let (begin_ns, lead_ns) = (grid.begin_of(tick), self.lead.lead_ns());
         // Where the tick before took longer than until then, no timer is set, and none is late.
-        let asked_ns = begin_ns.saturating_sub(lead_ns).max(now_ns());
-        let mut now = wait_until(asked_ns);
-        let timer_late_ns = now - asked_ns;
+        let timer_ns = begin_ns.saturating_sub(lead_ns).max(now_ns());
+        let mut now = wait_until(timer_ns);
+        let timer_late_ns = now - timer_ns;
         let mut rehearsal_ns = 0;
         if tick <= last_tick && self.lead.allows_rehearsal(begin_ns.saturating_sub(now)) {
             // Commands that are there are taken in any case: now, and once more when the tick begins.
@@ -392,23 +374,36 @@ impl<'a> PlantProcess<'a> {
         }
     }
 
-    fn schedule(&mut self, order: SwapRequest, tick: u64) {
-        let wanted = order
-            .tick
-            .unwrap_or_else(|| tick.saturating_add(order.in_ticks));
-        let swap = Swap {
-            tick: wanted,
-            ..order.swap
+    /// Schedules a parameter change, or injects faults; reports a refusal, and the ticks of faults.
+    fn accept(&mut self, request: &Request, tick: u64) {
+        let (id, first_tick) = (request.id, request.first_tick(tick));
+        let event = match &request.action {
+            Action::Change(swap) => {
+                let swap = Swap {
+                    tick: first_tick,
+                    request_id: id,
+                    ..swap.clone()
+                };
+                match self.plant.schedule(swap) {
+                    Ok(_) => return,
+                    Err(reason) => Event::Refused { id, tick, reason },
+                }
+            }
+            Action::Inject { for_ticks, faults } => {
+                let injected = self.injection.inject(faults, first_tick, *for_ticks, tick);
+                if injected.is_ok() {
+                    let has_any = self.commands.has_any();
+                    let newest = has_any.then(|| self.commands.newest().content);
+                    self.plant.change_faults(self.injection.messages(), newest);
+                }
+                match injected {
+                    Ok(span) => Event::Injected { id, span },
+                    Err((which, reason)) => Event::FaultRefused { id, which, reason },
+                }
+            }
         };
-        let ticket = swap.ticket;
-        if let Err(reason) = self.plant.schedule(swap) {
-            // The outbox holds more events than orders can be under way.
-            let _ = self.events.enqueue(Event::Refused {
-                ticket,
-                tick,
-                reason,
-            });
-        }
+        // The outbox holds more events than requests can be under way.
+        let _ = self.events.enqueue(event);
     }
 
     fn hand_over_applied(&mut self) {
@@ -431,13 +426,13 @@ impl<'a> PlantProcess<'a> {
 }
 
 /// How the plant woke for a tick.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Waking {
-    pub wake_ns: u64,
+#[derive(Clone, Copy)]
+struct Waking {
+    wake_ns: u64,
     /// How far ahead of the tick its timer was to be set [ns].
-    pub lead_ns: u64,
+    lead_ns: u64,
     /// How late the kernel woke it, after the instant that its timer was set to [ns].
-    pub timer_late_ns: u64,
+    timer_late_ns: u64,
 }
 
 impl Waking {
@@ -462,8 +457,7 @@ fn wait_until(instant_ns: u64) -> u64 {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlantTick {
-    pub state: State,
-    pub envelope: Result<(), EnvelopeViolation>,
+struct PlantTick {
+    state: State,
+    envelope: Result<(), EnvelopeViolation>,
 }

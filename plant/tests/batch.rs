@@ -96,7 +96,7 @@ impl Drawn {
         let swap = Swap {
             tick: self.swap_tick,
             targets: std::iter::once(target).collect(),
-            ticket: 0,
+            request_id: 0,
         };
         plant.schedule(swap).unwrap();
         plant

@@ -2,7 +2,6 @@
 
 use messages::content::{Change, State};
 use messages::parameters::{Airframe, Parameter, ParameterError};
-use plant::parameter_server::swap_record;
 use plant::swap::PENDING_SWAPS;
 use plant::{Plant, PlantSettings, Swap, SwapError, Target};
 use proptest::prelude::*;
@@ -197,7 +196,7 @@ fn a_ramp_is_one_swap_whatever_its_length() {
     let change = change(Parameter::Mass, 0.52, 0.6, 1000);
     assert_eq!((applied.tick, applied.epoch), (5, 1));
     assert_eq!(applied.changes.as_slice(), [change]);
-    assert!(swap_record(applied).changes().eq([change]));
+    assert!(applied.record().changes().eq([change]));
 }
 
 #[test]

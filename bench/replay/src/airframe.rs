@@ -14,7 +14,6 @@ use messages::header::Message;
 use messages::layout::Visit as _;
 use messages::role::Role;
 use plant::command_hold::pending_commands;
-use plant::parameter_server::swap_record;
 use plant::{Plant, Swap, Target};
 
 use crate::comparison::ReplayComparison;
@@ -86,7 +85,7 @@ impl AirframeReplay {
         self.commands_taken = recorded.commands_taken;
         self.command_taken_tick = recorded.command_taken_tick;
         comparison.compare(tick, recorded, &replayed);
-        let mut applied = self.plant.applied().iter().map(swap_record);
+        let mut applied = self.plant.applied().iter().map(plant::AppliedSwap::record);
         for swap in due {
             let replayed = applied.next().unwrap_or_default();
             comparison.compare(swap.envelope.tick, &swap.content, &replayed);

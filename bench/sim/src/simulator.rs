@@ -3,7 +3,7 @@
 //! plant -> outer -> inner -> mixer -> plant. Without transport, clock or deadlines every command is on time. Four
 //! processes that miss no deadline reproduce this flight bit by bit. Nothing is allocated after [`Simulator::new`].
 //!
-//! With message or stage faults, the stages read their inputs through [`faults::faulty_input`]. A stage in an
+//! With message or stage faults, the stages read their inputs through [`faults::gate`]. A stage in an
 //! outage does nothing, and the others see it silent, like a stopped process. After an outage of the plant, its next tick
 //! integrates the missed ones with the commands active then.
 
@@ -17,8 +17,7 @@ use analysis::states::{Joined, TickRecord};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
 use errors::Failure;
-use faults::faulty_input::FaultyInput;
-use faults::gate::Gate;
+use faults::gate::{FaultyInput, Gate};
 use faults::live::FaultKind;
 use faults::{MessageFaults, Port};
 use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};

@@ -2,8 +2,6 @@
 //!
 //! Whoever reads or prints a fault goes by the table and by [`FaultCode`], and needs no list of the kinds of its own.
 
-use std::mem::discriminant;
-
 use crate::{Kind, PORTS, Place, Port, Span, is_share};
 use messages::fault_id::FaultId;
 use messages::layout::layout;
@@ -60,9 +58,20 @@ impl FaultKind {
         }
     }
 
+    pub(crate) const fn id(&self) -> FaultId {
+        match self {
+            Self::Messages { kind, .. } => kind.id(),
+            Self::Late { .. } => FaultId::Late,
+            Self::Stop { .. } => FaultId::Stop,
+            Self::Kill { .. } => FaultId::Kill,
+            Self::Hog { .. } => FaultId::Hog,
+            Self::Load { .. } => FaultId::Load,
+        }
+    }
+
     /// Whether it happens once, at an instant, and nothing of it can be ended.
     pub const fn is_once(&self) -> bool {
-        matches!(self, Self::Stop { .. } | Self::Kill { .. })
+        is_once(self.id())
     }
 
     /// The stage that it acts on, where it acts on the process of one.
@@ -83,7 +92,7 @@ impl FaultKind {
                     kind: with,
                 },
             ) => port == at && kind.is_like(with),
-            _ => discriminant(self) == discriminant(other) && self.role() == other.role(),
+            _ => self.id() as u64 == other.id() as u64 && self.role() == other.role(),
         }
     }
 }
@@ -98,14 +107,14 @@ pub struct LiveFault {
 }
 
 impl LiveFault {
-    /// The ticks that it strikes of those that were asked for: what happens once happens in the first one.
-    pub const fn span_from(&self, asked: Span) -> Span {
+    /// The ticks in which it acts, of those requested: what happens once happens in the first one.
+    pub fn span_from(&self, requested: Span) -> Span {
         let is_endless_late =
-            matches!(self.kind, FaultKind::Late { .. }) && asked.to == Span::FOR_GOOD;
+            matches!(self.kind, FaultKind::Late { .. }) && requested.to == Span::FOR_GOOD;
         if self.kind.is_once() || self.ends || is_endless_late {
-            asked.cut(asked.from.saturating_add(1))
+            requested.once()
         } else {
-            asked
+            requested
         }
     }
 }
@@ -178,10 +187,14 @@ const fn spec(what: FaultId, name: &'static str, scope: Scope, value: ValueType)
     }
 }
 
+const fn is_once(id: FaultId) -> bool {
+    matches!(id, FaultId::Stop | FaultId::Kill)
+}
+
 impl FaultSpec {
     /// Whether it happens at an instant, so that nothing of it can be ended.
     pub const fn is_once(&self) -> bool {
-        matches!(self.what, FaultId::Stop | FaultId::Kill)
+        is_once(self.what)
     }
 
     /// The values that are allowed, for an error; `WHAT` stands for the full name.
@@ -248,35 +261,24 @@ layout! {
 
 impl FaultCode {
     pub fn of(fault: &LiveFault) -> Self {
-        let (what, place, struck, first, second) = match fault.kind {
-            FaultKind::Messages { port, kind } => {
-                let (what, first, second) = match kind {
-                    Kind::Drop(share) => (FaultId::Drop, share.to_bits(), 0),
-                    Kind::DropEach { lost, of } => (FaultId::DropEach, lost, of),
-                    Kind::Delay(ticks) => (FaultId::Delay, ticks, 0),
-                    Kind::Lag(ticks) => (FaultId::Lag, ticks, 0),
-                    Kind::Freeze => (FaultId::Freeze, 0, 0),
-                    Kind::Noise(_, number) => (FaultId::Noise, number.to_bits(), 0),
-                    Kind::Bias(_, number) => (FaultId::Bias, number.to_bits(), 0),
-                    Kind::Nan(_) => (FaultId::Nan, 0, 0),
-                };
-                (what, port as u64, kind.place(), first, second)
-            }
+        let kind = fault.kind;
+        let (place, target, [first, second]) = match kind {
+            FaultKind::Messages { port, kind } => (port as u64, kind.place(), kind.numbers()),
             FaultKind::Late {
                 role,
                 least_ns,
                 most_ns,
-            } => (FaultId::Late, role as u64, None, least_ns, most_ns),
-            FaultKind::Stop { role, for_ns } => (FaultId::Stop, role as u64, None, for_ns, 0),
-            FaultKind::Kill { role } => (FaultId::Kill, role as u64, None, 0, 0),
-            FaultKind::Hog { priority } => (FaultId::Hog, 0, None, priority, 0),
-            FaultKind::Load { share } => (FaultId::Load, 0, None, share.to_bits(), 0),
+            } => (role as u64, None, [least_ns, most_ns]),
+            FaultKind::Stop { role, for_ns } => (role as u64, None, [for_ns, 0]),
+            FaultKind::Kill { role } => (role as u64, None, [0, 0]),
+            FaultKind::Hog { priority } => (0, None, [priority, 0]),
+            FaultKind::Load { share } => (0, None, [share.to_bits(), 0]),
         };
-        let axis = struck.and_then(|place| place.axis);
+        let axis = target.and_then(|place| place.axis);
         Self {
-            what: what as u64,
+            what: kind.id() as u64,
             place,
-            field: struck.map_or(0, |place| place.field as u64),
+            field: target.map_or(0, |place| place.field as u64),
             axis: axis.map_or(0, |axis| axis as u64 + 1),
             first,
             second,

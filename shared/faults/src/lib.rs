@@ -7,7 +7,6 @@
 //! Start with [`code::FAULTS`], the table of all kinds. [`grammar`] reads and prints faults, [`plan`] gives them ticks.
 
 pub mod code;
-pub mod faulty_input;
 pub mod fields;
 pub mod gate;
 pub mod grammar;
@@ -17,6 +16,9 @@ pub mod swap;
 
 use std::fmt;
 
+use messages::fault_id::FaultId;
+
+use code::FaultSpec;
 use fields::{Faulty as _, Field};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 pub use messages::fault_id::FaultRefusal;
@@ -58,33 +60,29 @@ impl Port {
             .find(|port| port.role() == role && port.topic() == topic)
     }
 
-    pub const fn role(self) -> Role {
+    /// The stage that receives, its topic, and the fields of the topic that faults can act on.
+    const fn spec(self) -> (Role, &'static str, &'static [Field]) {
         match self {
-            Self::OuterState => Role::Outer,
-            Self::InnerState | Self::InnerSetpoint => Role::Inner,
-            Self::MixerWrench => Role::Mixer,
-            Self::PlantRotorSpeeds => Role::Plant,
+            Self::OuterState => (Role::Outer, State::NAME, State::STRUCK),
+            Self::InnerState => (Role::Inner, State::NAME, State::STRUCK),
+            Self::InnerSetpoint => (Role::Inner, Setpoint::NAME, Setpoint::STRUCK),
+            Self::MixerWrench => (Role::Mixer, Wrench::NAME, Wrench::STRUCK),
+            Self::PlantRotorSpeeds => (Role::Plant, RotorSpeeds::NAME, RotorSpeeds::STRUCK),
         }
+    }
+
+    pub const fn role(self) -> Role {
+        self.spec().0
     }
 
     /// Name of the topic that it receives.
     pub const fn topic(self) -> &'static str {
-        match self {
-            Self::OuterState | Self::InnerState => State::NAME,
-            Self::InnerSetpoint => Setpoint::NAME,
-            Self::MixerWrench => Wrench::NAME,
-            Self::PlantRotorSpeeds => RotorSpeeds::NAME,
-        }
+        self.spec().1
     }
 
-    /// Fields of the topic that faults can strike.
+    /// Fields of the topic that faults can act on.
     pub const fn fields(self) -> &'static [Field] {
-        match self {
-            Self::OuterState | Self::InnerState => State::STRUCK,
-            Self::InnerSetpoint => Setpoint::STRUCK,
-            Self::MixerWrench => Wrench::STRUCK,
-            Self::PlantRotorSpeeds => RotorSpeeds::STRUCK,
-        }
+        self.spec().2
     }
 }
 
@@ -126,16 +124,33 @@ pub enum Kind {
 }
 
 impl Kind {
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn id(self) -> FaultId {
         match self {
-            Self::Drop(_) | Self::DropEach { .. } => "drop",
-            Self::Delay(_) => "delay",
-            Self::Lag(_) => "lag",
-            Self::Freeze => "freeze",
-            Self::Noise(..) => "noise",
-            Self::Bias(..) => "bias",
-            Self::Nan(_) => "nan",
+            Self::Drop(_) => FaultId::Drop,
+            Self::DropEach { .. } => FaultId::DropEach,
+            Self::Delay(_) => FaultId::Delay,
+            Self::Lag(_) => FaultId::Lag,
+            Self::Freeze => FaultId::Freeze,
+            Self::Noise(..) => FaultId::Noise,
+            Self::Bias(..) => FaultId::Bias,
+            Self::Nan(_) => FaultId::Nan,
         }
+    }
+
+    /// Its two numbers, or the bits of them.
+    pub(crate) const fn numbers(self) -> [u64; 2] {
+        match self {
+            Self::Drop(number) | Self::Noise(_, number) | Self::Bias(_, number) => {
+                [number.to_bits(), 0]
+            }
+            Self::DropEach { lost, of } => [lost, of],
+            Self::Delay(ticks) | Self::Lag(ticks) => [ticks, 0],
+            Self::Freeze | Self::Nan(_) => [0, 0],
+        }
+    }
+
+    pub fn name(self) -> &'static str {
+        FaultSpec::of(self.id() as u64).map_or("", |spec| spec.name)
     }
 
     /// Whether its numbers are ones that a fault may have.
@@ -189,7 +204,7 @@ impl Span {
     }
 
     /// The first tick alone.
-    pub const fn once(self) -> Self {
+    pub fn once(self) -> Self {
         self.cut(self.from.saturating_add(1))
     }
 
@@ -197,26 +212,17 @@ impl Span {
         self.from <= tick && tick < self.to
     }
 
-    pub const fn meets(self, other: Self) -> bool {
-        let (from, to) = (max(self.from, other.from), min(self.to, other.to));
-        from < to
+    pub fn meets(self, other: Self) -> bool {
+        self.from.max(other.from) < self.to.min(other.to)
     }
 
     /// The same up to a tick; none of it is left where it begins then.
-    pub const fn cut(self, tick: u64) -> Self {
+    pub fn cut(self, tick: u64) -> Self {
         Self {
-            to: min(self.to, max(self.from, tick)),
+            to: self.to.min(self.from.max(tick)),
             ..self
         }
     }
-}
-
-const fn min(a: u64, b: u64) -> u64 {
-    if a < b { a } else { b }
-}
-
-const fn max(a: u64, b: u64) -> u64 {
-    if a > b { a } else { b }
 }
 
 /// A fault of the messages at an input.

@@ -8,7 +8,7 @@
 //! is a function of that tick and of the swap alone, so a swap's record is all that a replay needs. A later swap of the
 //! same parameter replaces what is left of its ramp, and starts from the value that held until then.
 
-use messages::content::Change;
+use messages::content::{Change, SwapRecord};
 use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError};
 use thiserror::Error;
 
@@ -32,8 +32,8 @@ pub struct Swap {
     pub tick: u64,
     /// What the parameters are to become, each parameter once.
     pub targets: heapless::Vec<Target, PARAMETERS>,
-    /// Number by which the asker knows it again; 0 for faults known before the flight.
-    pub ticket: u64,
+    /// Number of the request; 0 for faults known before the flight.
+    pub request_id: u64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -41,9 +41,26 @@ pub struct AppliedSwap {
     /// Grid tick from which on it holds.
     pub tick: u64,
     pub epoch: u64,
-    /// Number by which the asker knows it again.
-    pub ticket: u64,
+    pub request_id: u64,
     pub changes: heapless::Vec<Change, PARAMETERS>,
+}
+
+impl AppliedSwap {
+    /// As it is published on topic `swaps`.
+    pub fn record(&self) -> SwapRecord {
+        let mut record = SwapRecord {
+            parameter_epoch: self.epoch,
+            count: self.changes.len() as u64,
+            ..SwapRecord::default()
+        };
+        for (i, change) in self.changes.iter().enumerate() {
+            record.parameter[i] = change.parameter as u64;
+            record.old[i] = change.old;
+            record.new[i] = change.new;
+            record.steps[i] = change.steps;
+        }
+        record
+    }
 }
 
 /// Why a swap was refused; nothing of it is applied then.
@@ -88,7 +105,7 @@ impl Swap {
         let mut swap = Self {
             tick,
             targets: heapless::Vec::new(),
-            ticket: 0,
+            request_id: 0,
         };
         for target in targets {
             // More targets than there are parameters repeat one of them.
@@ -106,23 +123,18 @@ impl Swap {
         if self.targets.is_empty() {
             return Err(SwapError::Empty);
         }
-        for (
-            i,
-            &Target {
+        for (i, target) in self.targets.iter().enumerate() {
+            let Target {
                 parameter,
                 value,
                 steps,
-            },
-        ) in self.targets.iter().enumerate()
-        {
+            } = *target;
             parameter.widest().check(parameter, value)?;
             if !(1..=STEPS_MAX).contains(&steps) {
                 return Err(SwapError::Steps { parameter, steps });
             }
-            if self.targets[..i]
-                .iter()
-                .any(|earlier| earlier.parameter == parameter)
-            {
+            let is_same = |earlier: &Target| earlier.parameter == parameter;
+            if self.targets[..i].iter().any(is_same) {
                 return Err(SwapError::Twice { parameter });
             }
         }
@@ -242,49 +254,29 @@ mod tests {
     #[test]
     fn a_swap_is_valid_or_says_why_not() {
         use Parameter::{GyroNoise, Mass};
+        let twice = Err(SwapError::Twice { parameter: Mass });
         assert!(Swap::new(3, &[(Mass, 0.6), (GyroNoise, 0.01)]).is_ok());
         assert_eq!(Swap::new(3, &[]), Err(SwapError::Empty));
-        assert_eq!(
-            Swap::new(3, &[(Mass, 0.6), (Mass, 0.6)]),
-            Err(SwapError::Twice { parameter: Mass })
-        );
+        assert_eq!(Swap::new(3, &[(Mass, 0.6), (Mass, 0.6)]), twice);
+        assert_eq!(Swap::new(3, &[(Mass, 0.6); PARAMETERS + 1]), twice);
         for value in [-1.0, f64::NAN] {
-            assert!(matches!(
-                Swap::new(3, &[(GyroNoise, 0.0), (Mass, value)]),
-                Err(SwapError::Value(_))
-            ));
+            let refused = Swap::new(3, &[(GyroNoise, 0.0), (Mass, value)]);
+            assert!(matches!(refused, Err(SwapError::Value(_))));
         }
-        let too_many = [(Mass, 0.6); PARAMETERS + 1];
-        assert_eq!(
-            Swap::new(3, &too_many),
-            Err(SwapError::Twice { parameter: Mass })
-        );
+        let ramp = |steps| {
+            let (parameter, value) = (Mass, 0.6);
+            let target = Target {
+                parameter,
+                value,
+                steps,
+            };
+            Swap::to(3, &[target]).map_err(|e| e.to_string())
+        };
+        assert!(ramp(STEPS_MAX).is_ok());
         for steps in [0, STEPS_MAX + 1] {
-            let refused = Swap::to(
-                3,
-                &[Target {
-                    parameter: Mass,
-                    value: 0.6,
-                    steps,
-                }],
-            )
-            .unwrap_err();
-            assert_eq!(
-                refused.to_string(),
-                format!("mass_kg: a ramp of {steps} steps: allowed are 1 to 25920000000")
-            );
+            let refused = format!("mass_kg: a ramp of {steps} steps: allowed are 1 to 25920000000");
+            assert_eq!(ramp(steps), Err(refused));
         }
-        assert!(
-            Swap::to(
-                3,
-                &[Target {
-                    parameter: Mass,
-                    value: 0.6,
-                    steps: STEPS_MAX
-                }]
-            )
-            .is_ok()
-        );
     }
 
     #[test]
@@ -301,19 +293,5 @@ mod tests {
             .collect();
         assert_eq!(order, [(3, 0.2), (3, 0.5), (5, 0.1), (5, 0.1 * 3.0)]);
         assert_eq!(queue.pop_due(9).map(|swap| swap.tick), Some(9));
-    }
-
-    #[test]
-    fn a_full_queue_refuses_and_keeps_what_it_has() {
-        let mut queue = SwapQueue::default();
-        let swap = |tick| Swap::new(tick, &[(Parameter::Mass, 0.6)]).unwrap();
-        for tick in 0..PENDING_SWAPS as u64 {
-            queue.push(swap(tick)).unwrap();
-        }
-        assert_eq!(queue.push(swap(0)), Err(SwapError::Full));
-        assert_eq!(
-            std::iter::from_fn(|| queue.pop_due(u64::MAX)).count(),
-            PENDING_SWAPS
-        );
     }
 }

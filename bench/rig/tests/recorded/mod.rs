@@ -25,7 +25,6 @@ use messages::settings_text::fingerprint;
 use messages::topic::Topic;
 use plant::Plant;
 use plant::command_hold::PENDING_COMMANDS;
-use plant::parameter_server::swap_record;
 
 pub const GRID: Grid = Grid {
     t0_ns: 5_000_000_000,
@@ -177,7 +176,7 @@ impl Flight<'_> {
         let message = self.message(tick, EPOCH, self.published.states.len(), history, state);
         self.published.states.push(message);
         for applied in self.plant.applied() {
-            let (seq, record) = (self.published.swaps.len(), swap_record(applied));
+            let (seq, record) = (self.published.swaps.len(), applied.record());
             let message = self.message(applied.tick, EPOCH, seq, Header::new(), record);
             self.published.swaps.push(message);
         }

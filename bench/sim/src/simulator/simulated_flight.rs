@@ -2,7 +2,6 @@
 
 use messages::output_hash::OutputHash;
 use plant::EnvelopeViolation;
-use plant::parameter_server::swap_record;
 
 use crate::recorded_timing::{Source, Timing};
 use crate::simulator::Simulator;
@@ -173,7 +172,7 @@ impl Judge {
         let (applied, period_s) = (rig.plant().applied().iter(), self.period_s);
         self.flown
             .swaps
-            .extend(applied.map(|swap| AppliedSwap::new(swap.tick, period_s, &swap_record(swap))));
+            .extend(applied.map(|swap| AppliedSwap::new(swap.tick, period_s, &swap.record())));
         true
     }
 

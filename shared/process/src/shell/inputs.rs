@@ -1,7 +1,7 @@
 //! The inputs of a stage: receivers, behind each the faults of its messages once there are some.
 
-use faults::faulty_input::FaultyInput;
 use faults::fields::Faulty;
+use faults::gate::FaultyInput;
 use faults::{LONGEST_DELAY, MessageFaults, Port};
 use ipc::clock::Horizon;
 use ipc::error::Error;

@@ -1,0 +1,91 @@
+//! The faults of a flight, planned and injected, and the blackboard of the latter.
+
+use faults::live::{Acts, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
+use faults::{FaultRefusal, MessageFaults, Span};
+use ipc::clock::busy_wait;
+use ipc::error::Error;
+use ipc::{Blackboard, Wire};
+use messages::role::Role;
+
+/// The faults of a flight, as its plant has them.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handle has none"
+)]
+pub struct Injection {
+    faults: LoopFaults,
+    acts: Acts,
+    live: LiveBlackboard,
+    board: Blackboard<LiveBlackboard>,
+    /// Whether the plant itself is late in some tick.
+    is_late: bool,
+    /// How much longer than in flight a tick takes on the clock.
+    pub slowdown: u64,
+    /// The last tick of the flight: no fault begins after it.
+    pub last_tick: u64,
+}
+
+impl Injection {
+    /// No faults, and an empty blackboard.
+    pub fn none(wire: &Wire, seed: u64, sample_time_ns: u64) -> Result<Self, Error> {
+        let (board, live) = (wire.blackboard(LIVE)?, LiveBlackboard::default());
+        board.put(live);
+        Ok(Self {
+            faults: LoopFaults::none(seed),
+            acts: Acts::none(sample_time_ns),
+            live,
+            board,
+            is_late: false,
+            slowdown: 1,
+            last_tick: u64::MAX,
+        })
+    }
+
+    pub fn plan(&mut self, faults: &LoopFaults, acts: &Acts) {
+        (self.faults, self.acts) = (*faults, *acts);
+        self.is_late = !faults.late.of(Role::Plant).is_empty();
+    }
+
+    pub const fn messages(&self) -> &MessageFaults {
+        &self.faults.messages
+    }
+
+    /// Adds faults from a tick on, at a tick of which nothing has been published: a stage that hears of the tick finds
+    /// them on the blackboard. Gives their ticks, or the first fault that is refused, and why; nothing is changed then.
+    #[cold]
+    pub fn inject(
+        &mut self,
+        faults: &[LiveFault],
+        first_tick: u64,
+        for_ticks: u64,
+        tick: u64,
+    ) -> Result<Span, (usize, FaultRefusal)> {
+        let from = first_tick.max(tick.saturating_add(NOTICE_TICKS));
+        let span = Span::new(from, from.saturating_add(for_ticks));
+        if from > self.last_tick {
+            return Err((0, FaultRefusal::AfterTheEnd));
+        }
+        let (mut loops, mut acts, mut live) = (self.faults, self.acts, self.live);
+        for (which, fault) in faults.iter().enumerate() {
+            let span = fault.span_from(span);
+            let fault = LiveFault { span, ..*fault };
+            loops
+                .take(&fault)
+                .and_then(|()| acts.take(&fault))
+                .and_then(|()| live.push(&fault))
+                .map_err(|reason| (which, reason))?;
+        }
+        self.plan(&loops, &acts);
+        self.live = live;
+        self.board.put(live);
+        Ok(span)
+    }
+
+    /// Computes for as much longer as a fault says.
+    pub fn be_late(&self, tick: u64) {
+        if self.is_late {
+            let late_ns = self.faults.late.late_ns(Role::Plant, tick);
+            busy_wait(self.slowdown.saturating_mul(late_ns));
+        }
+    }
+}
