@@ -10,11 +10,10 @@ use std::sync::mpsc;
 use heapless::spsc::{Consumer, Producer};
 use ipc::clock::now_ns;
 use ipc::error::Error;
-use ipc::injection::{ENDED, MALFORMED, MOST_AT_ONCE, STRIKES};
 use ipc::instance::Instance;
 use ipc::{
-    FaultAnswer, FaultCall, FaultOrder, Owner, Sender, SwapAnswer, SwapCall, SwapOrder,
-    SwapOutcome, Wire,
+    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Owner, STRIKES, Sender,
+    SwapAnswer, SwapOrder, SwapOutcome, Wire,
 };
 use messages::content::{NO_TICK, SwapRecord};
 use messages::fault::code::FaultCode;
@@ -31,7 +30,7 @@ pub const INBOX: usize = 16;
 /// Events that may lie between the loop and the desk: more than swaps can be pending.
 pub const OUTBOX: usize = 128;
 
-/// How long the desk sleeps at its doorbell while nobody waits for an answer [ns].
+/// How long the server sleeps while no client waits for a reply [ns].
 const IDLE_NS: u64 = 20_000_000;
 /// How long while somebody does [ns].
 const BUSY_NS: u64 = 1_000_000;
@@ -107,8 +106,8 @@ pub fn serve(
     events: Consumer<'_, Event>,
 ) -> Result<(), Error> {
     let wire = Wire::open(instance)?;
-    let (server, fault_server) = (wire.swap_server()?, wire.fault_server()?);
-    let doorbell = wire.doorbell(Owner::Desk)?;
+    let (server, fault_server) = (wire.server::<SwapOrder>()?, wire.server::<FaultOrder>()?);
+    let event = wire.wake_event(Owner::Requests)?;
     let (waiting, for_faults) = (heapless::Vec::new(), heapless::Vec::new());
     let mut desk = Desk {
         records: wire.sender(None)?,
@@ -145,7 +144,7 @@ pub fn serve(
         }
         let is_idle = desk.waiting.is_empty() && desk.for_faults.is_empty();
         let patience = if is_idle { IDLE_NS } else { BUSY_NS };
-        doorbell.wait_until(now_ns() + patience)?;
+        event.wait_until(now_ns() + patience)?;
     }
 }
 
@@ -154,17 +153,17 @@ struct Desk<'a> {
     orders: Producer<'a, Request>,
     events: Consumer<'a, Event>,
     /// Callers whose swaps have not come to hold yet, by ticket.
-    waiting: heapless::Vec<(u64, SwapCall), INBOX>,
+    waiting: heapless::Vec<(u64, Call<SwapOrder>), INBOX>,
     /// Callers whose faults the loop has not taken yet, by ticket.
-    for_faults: heapless::Vec<(u64, FaultCall), INBOX>,
+    for_faults: heapless::Vec<(u64, Call<FaultOrder>), INBOX>,
     ticket: u64,
 }
 
 impl Desk<'_> {
-    fn receive(&mut self, call: SwapCall) {
+    fn receive(&mut self, call: Call<SwapOrder>) {
         let order = match read(&call.order()) {
             Ok(order) => order,
-            Err(reason) => return call.answer(refusal(&reason, 0)),
+            Err(reason) => return call.reply(refusal(&reason, 0)),
         };
         self.ticket += 1;
         let order = SwapRequest {
@@ -175,7 +174,7 @@ impl Desk<'_> {
             ..order
         };
         if let Err((_, call)) = self.waiting.push((self.ticket, call)) {
-            return call.answer(refusal(&SwapError::Full, 0));
+            return call.reply(refusal(&SwapError::Full, 0));
         }
         // The inbox has one place less than callers may wait.
         if self.orders.enqueue(Request::Swap(order)).is_err() {
@@ -183,10 +182,10 @@ impl Desk<'_> {
         }
     }
 
-    fn receive_faults(&mut self, call: FaultCall) {
+    fn receive_faults(&mut self, call: Call<FaultOrder>) {
         let order = call.order();
         let Some(faults) = faults_of(&order) else {
-            return call.answer(fault_refusal(MALFORMED, 0));
+            return call.reply(fault_refusal(MALFORMED, 0));
         };
         self.ticket += 1;
         let FaultOrder {
@@ -205,7 +204,7 @@ impl Desk<'_> {
         };
         let full = fault_refusal(NotTaken::NoRoom as u64, 0);
         if let Err((_, call)) = self.for_faults.push((self.ticket, call)) {
-            return call.answer(full);
+            return call.reply(full);
         }
         // The inbox has one place less than callers may wait.
         if self.orders.enqueue(Request::Faults(request)).is_err() {
@@ -215,13 +214,13 @@ impl Desk<'_> {
 
     fn answer_faults(&mut self, ticket: u64, answer: FaultAnswer) {
         if let Some(call) = take_call(&mut self.for_faults, ticket) {
-            call.answer(answer);
+            call.reply(answer);
         }
     }
 
     fn answer(&mut self, ticket: u64, answer: SwapAnswer) {
         if let Some(call) = take_call(&mut self.waiting, ticket) {
-            call.answer(answer);
+            call.reply(answer);
         }
     }
 
@@ -274,10 +273,10 @@ impl Desk<'_> {
     /// Tells everybody who still waits that the run is over.
     fn dismiss(&mut self) {
         while let Some((_, call)) = self.for_faults.pop() {
-            call.answer(fault_refusal(ENDED, 0));
+            call.reply(fault_refusal(ENDED, 0));
         }
         while let Some((_, call)) = self.waiting.pop() {
-            call.answer(without_effect(SwapOutcome::Ended, 0, 0));
+            call.reply(without_effect(SwapOutcome::Ended, 0, 0));
         }
     }
 }
