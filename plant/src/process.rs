@@ -23,7 +23,7 @@ use messages::inspection::Expected;
 use messages::role::Role;
 use process::lead::ActiveLead;
 use process::rt::UsageMeter;
-use process::session::say_landed;
+use process::session::log_landing;
 use process::session::{Opened, RoleSession};
 
 use crate::command_hold::pending_commands;
@@ -121,10 +121,10 @@ impl<'a> PlantProcess<'a> {
         Ok(Self {
             plant,
             injection,
-            states: wire.sender(Some(wire.bell(Role::Outer)?))?,
+            states: wire.sender(Some(wire.notifier(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
             commands: wire.receiver(pending_commands(settings.period_s))?,
-            doorbell: wire.doorbell(Role::Plant)?,
+            doorbell: wire.wake_event(Role::Plant)?,
             in_force,
             requests,
             events,
@@ -169,7 +169,7 @@ impl<'a> PlantProcess<'a> {
         opened.board.put(opened.run);
         station.land(&meter);
         if flown.is_ok() {
-            say_landed(Role::Plant, &opened.run);
+            log_landing(Role::Plant, &opened.run);
         }
         flown.map(|_| ())
     }

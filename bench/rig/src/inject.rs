@@ -8,9 +8,11 @@ use std::time::Duration;
 use faults::code::FaultCode;
 use faults::live::{LiveFault, MOST_LIVE, NOTICE_TICKS};
 use faults::{FaultRefusal, MOST, Span};
-use ipc::injection::{ENDED, MALFORMED, MOST_AT_ONCE, STRIKES};
 use ipc::instance::Instance;
-use ipc::{FaultAnswer, FaultOrder, SwapAnswer, SwapOrder, SwapOutcome, Wire};
+use ipc::{
+    ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, STRIKES, SwapAnswer, SwapOrder,
+    SwapOutcome, Wire,
+};
 use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
 use messages::content::{self, NO_TICK};
 use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
@@ -186,7 +188,7 @@ pub fn ask(instance: &Instance, wanted: &[Desired], when: When) -> Result<Applie
         order.steps[i] = target.steps;
     }
     let wait = Duration::from_nanos(instant.wait_ticks.saturating_mul(run.period_ns));
-    let answer = wire.swap_client()?.ask(order, TIMEOUT + wait)?;
+    let answer = wire.client::<SwapOrder>()?.request(order, TIMEOUT + wait)?;
     check_applied(&targets, &answer, &airframe)?;
     let change = |(target, old): (&Target, f64)| content::Change {
         parameter: target.parameter,
@@ -322,7 +324,7 @@ fn inject_faults(
     }
     // The plant answers when it has taken them; they begin later.
     let timeout = TIMEOUT + Duration::from_nanos(run.period_ns);
-    let answer = wire.fault_client()?.ask(order, timeout)?;
+    let answer = wire.client::<FaultOrder>()?.request(order, timeout)?;
     check_taken(&answer, &requested, period_s)?;
     let taken: Vec<LiveFault> = faults(Span::new(answer.from, answer.to)).collect();
     let mut text = String::new();

@@ -4,14 +4,15 @@ use crate::rig::{Rig, rounds, take_station};
 use config::Settings;
 use control_api::GuardedInner;
 use ipc::Wire;
-use ipc::clock::{Horizon, now_ns};
+use ipc::clock::{Horizon, busy_wait};
 use ipc::error::Error;
-use messages::blackboards::EndReason;
-use messages::content::NO_TICK;
+use messages::content::{NO_TICK, Setpoint, State, Wrench};
+use messages::fault::MessageFaults;
+use messages::fault::live::LoopFaults;
+use messages::header::Header;
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;
-use process::shell::Shell;
-use process::stage::{self, Stage, TickContext, TickOutcome};
+use process::stage::{self, ActiveFaults, Flight, Input, Inputs, Stage, StageInputs};
 use rustix::thread::gettid;
 use serde_json::Value;
 use std::fs;
@@ -24,44 +25,78 @@ const LATE_US: &str = "LATE_INNER_US";
 /// What the other hop is late by [us].
 const KNOWN_US: &str = "20";
 
-/// An inner loop that sees its input late, as if the hop to it took longer.
-struct LateInner {
-    inner: Shell<GuardedInner>,
+type InnerInputs = (Input<Setpoint>, Input<State>);
+
+/// Inputs that are received late, as if the hop to them took longer.
+struct LateInputs {
+    inputs: InnerInputs,
     late_ns: u64,
     seen: u64,
 }
 
-impl Stage for LateInner {
-    const ROLE: Role = Role::Inner;
+impl Inputs for LateInputs {
+    type Stamped = <InnerInputs as Inputs>::Stamped;
 
-    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.inner.arm(wire, expected, epoch)
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
+        let late_us = std::env::var(LATE_US).unwrap();
+        Ok(Self {
+            inputs: Inputs::new(wire, role, faults)?,
+            late_ns: late_us.parse::<u64>().unwrap() * 1_000,
+            seen: NO_TICK,
+        })
     }
 
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        let tick = self.inner.take(horizon)?;
+    fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        self.inputs.arm(expected)
+    }
+
+    fn take(&mut self, horizon: impl Horizon, faults: &mut ActiveFaults) -> Result<u64, Error> {
+        let tick = self.inputs.take(horizon, faults)?;
         if tick != NO_TICK && tick != self.seen {
             self.seen = tick;
-            let until_ns = now_ns() + self.late_ns;
-            while now_ns() < until_ns {}
+            busy_wait(self.late_ns);
         }
         Ok(tick)
     }
 
-    fn tick(
-        &mut self,
-        turn: &TickContext,
-        end: &mut dyn FnMut(EndReason),
-    ) -> Result<TickOutcome, Error> {
-        self.inner.tick(turn, end)
+    fn settle(&mut self, tick: u64) {
+        self.inputs.settle(tick);
     }
 
-    fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
-        self.inner.rehearse(tick)
+    fn dated(&self) -> Self::Stamped {
+        self.inputs.dated()
+    }
+
+    fn dated_as_of(&self, tick: u64) -> Self::Stamped {
+        self.inputs.dated_as_of(tick)
+    }
+
+    fn fresh(&self, tick: u64) -> bool {
+        self.inputs.fresh(tick)
+    }
+
+    fn history(&self, tick: u64) -> Header {
+        self.inputs.history(tick)
     }
 
     fn rejections(&self) -> Rejections {
-        self.inner.rejections()
+        self.inputs.rejections()
+    }
+}
+
+struct LateInner(GuardedInner);
+
+impl Stage for LateInner {
+    const ROLE: Role = Role::Inner;
+    type Inputs = LateInputs;
+    type Output = Wrench;
+
+    fn work(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Wrench> {
+        self.0.work(tick, inputs)
+    }
+
+    fn rehearse(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Wrench> {
+        Stage::rehearse(&mut self.0, tick, inputs)
     }
 }
 
@@ -71,24 +106,17 @@ fn late_inner() {
     let Ok(instance) = std::env::var(INSTANCE) else {
         return;
     };
-    let late_ns = std::env::var(LATE_US).unwrap().parse::<u64>().unwrap() * 1_000;
     let settings = Settings::resolve(Some(Path::new("flight.toml")), &Vec::new()).unwrap();
     let mut station = take_station(Role::Inner, &instance, &settings);
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
-    let doorbell = station.wire().doorbell(Role::Inner).unwrap();
-    let law = settings.inner_stage().unwrap();
-    let inner = Shell::new(station.wire(), law, Some(Role::Mixer)).unwrap();
-    stage::run(
-        LateInner {
-            inner,
-            late_ns,
-            seen: NO_TICK,
-        },
-        doorbell,
-        station,
-    )
-    .unwrap();
+    let flight = Flight {
+        lockstep: false,
+        slowdown: 1,
+        faults: LoopFaults::none(0),
+    };
+    let inner = LateInner(settings.inner_stage().unwrap());
+    stage::run(inner, station, &flight).unwrap();
 }
 
 /// Flies with an inner loop that is late; returns the name of the flight's directory.

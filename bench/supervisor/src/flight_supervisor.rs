@@ -468,7 +468,7 @@ impl FlightSupervisor {
         }
         if due.is_some() {
             // What it held is then free for its successor.
-            self.wire.remove_leavings();
+            self.wire.remove_dead();
             noted.way.cleaned_ns = now_ns();
         }
         self.outcome.noted.push(noted);

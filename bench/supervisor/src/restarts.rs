@@ -142,7 +142,7 @@ impl Standbys {
             status.is_none()
         });
         if is_killed {
-            wire.remove_leavings();
+            wire.remove_dead();
         }
         for (role, status) in ended {
             let has_failed = status.code().is_some_and(|code| code != 0);

@@ -1,4 +1,4 @@
-//! Notice boards: one process writes a value, anybody reads it, and nobody waits.
+//! Blackboards: one process writes a value, any process reads it, and none waits.
 //!
 //! A board is an iceoryx2 blackboard with one value. Readers that join or leave cost the writer nothing, so observers
 //! follow a flight through boards.
@@ -31,7 +31,7 @@ const AHEAD: usize = 7;
 #[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
 #[repr(C)]
 struct BoardSlot<T: Notice> {
-    /// 1 when somebody has written on it.
+    /// 1 after the first write.
     written: u64,
     value: Payload<T>,
 }
@@ -46,7 +46,7 @@ impl Wire {
     pub fn blackboard<T: Notice>(&self, name: &str) -> Result<Blackboard<T>, Error> {
         let service = match self.held_board(name) {
             Some(held) => held,
-            None => Arc::new(self.put_up::<T>(name)?),
+            None => Arc::new(self.create_board::<T>(name)?),
         };
         let failed = || format!("cannot become the writer of board `{name}`");
         let writer = service.writer_builder().create().wire(failed)?;
@@ -64,7 +64,7 @@ impl Wire {
         })
     }
 
-    fn put_up<T: Notice>(&self, name: &str) -> Result<Open, Error> {
+    fn create_board<T: Notice>(&self, name: &str) -> Result<Open, Error> {
         let service_name = self.service_name(name)?;
         let (layout, _) = layout_attributes(T::FINGERPRINT)?;
         let opener = self.blackboard_opener::<T>(name)?;
@@ -119,7 +119,7 @@ impl Wire {
         }))
     }
 
-    /// Opens a board that somebody has put up ahead of its reader or writer, and keeps it open.
+    /// Opens a board that exists ahead of its reader or writer, and keeps it open.
     pub fn hold_board<T: Notice>(&mut self, name: &str) -> Result<(), Error> {
         if let Some(board) = self.open_board::<T>(name)? {
             self.held_boards.push((name.to_owned(), Arc::new(board)));
@@ -191,18 +191,17 @@ pub struct BlackboardReader<T: Notice> {
 }
 
 impl<T: Notice> BlackboardReader<T> {
-    /// What is on the board now. If its writer is gone, this is what it wrote last.
+    /// The present value. If the writer has gone, its last one.
     pub fn get(&self) -> T {
         let mut last = self.last.get();
         // One look at a counter for each of the next sheets: they are taken in order.
         let written_after = |last: usize| {
-            let next = &self.sheets[last + 1..self.sheets.len().min(last + 1 + AHEAD)];
-            Some(
-                last + 1
-                    + next
-                        .iter()
-                        .rposition(|look| !look.sheet.is_up_to_date(&look.before))?,
-            )
+            let next = last + 1..self.sheets.len().min(last + 1 + AHEAD);
+            let is_written = |sheet: &usize| {
+                let look = &self.sheets[*sheet];
+                !look.sheet.is_up_to_date(&look.before)
+            };
+            next.rev().find(is_written)
         };
         while let Some(later) = written_after(last) {
             last = later;
@@ -211,8 +210,8 @@ impl<T: Notice> BlackboardReader<T> {
         self.sheets[last].sheet.get().value.0
     }
 
-    /// What was put on the board since the last time, or since the reader came; nothing mostly, for the price of a look
-    /// at a counter. Of a writer alone that had written before the reader came.
+    /// The value that was written since the last call, or since the reader was opened: usually none, for the cost of
+    /// reading a counter. Only of a writer that had written before the reader was opened.
     pub fn news(&mut self) -> Option<T> {
         let Look { sheet, before } = &mut self.sheets[self.last.get()];
         if sheet.is_up_to_date(before) {

@@ -33,12 +33,11 @@ pub fn busy_wait(ns: u64) {
     }
 }
 
-/// Tells the latest tick whose messages may be there, at the instant at which it is asked.
+/// The latest tick whose messages may exist, at the instant of the call.
 ///
-/// A receiver asks when it holds a message: a tick that was read before would be too old when the machine has stalled
-/// between the two, and good messages of later ticks would be taken for forged ones.
+/// A receiver calls it after it has received a message: an earlier value would be too old if the machine has stalled in
+/// between, and good messages of later ticks would be taken for forged ones.
 pub trait Horizon: Copy {
-    /// The latest tick whose messages may be there now.
     fn latest_tick(&self) -> u64;
 }
 
@@ -54,21 +53,9 @@ impl<F: Fn() -> u64 + Copy> Horizon for F {
     }
 }
 
-/// A tick that is known, whatever the clock says.
+/// A known tick, whatever the time.
 impl Horizon for u64 {
     fn latest_tick(&self) -> u64 {
         *self
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_sleep_ends_after_its_instant() {
-        let until = now_ns() + 2_000_000;
-        assert!(sleep_until(until));
-        assert!(now_ns() >= until);
     }
 }

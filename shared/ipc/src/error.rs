@@ -244,17 +244,13 @@ impl From<Error> for Failure {
 }
 
 fn listed(names: &[String]) -> String {
-    const SHOWN: usize = 3;
-    let shown = names
-        .iter()
-        .take(SHOWN)
-        .map(|name| format!("`{name}`"))
-        .collect::<Vec<_>>()
-        .join(", ");
+    const MOST: usize = 3;
+    let first = names.iter().take(MOST).map(|name| format!("`{name}`"));
+    let first = first.collect::<Vec<_>>().join(", ");
     match names.len() {
-        0 | 1 => format!("lies {shown}"),
-        2..=SHOWN => format!("lie {shown}"),
-        all => format!("lie {shown} and {} more", all - SHOWN),
+        0 | 1 => format!("lies {first}"),
+        2..=MOST => format!("lie {first}"),
+        all => format!("lie {first} and {} more", all - MOST),
     }
 }
 
@@ -342,22 +338,15 @@ fn of_files() -> Option<Shortage> {
     let limit = getrlimit(Resource::Nofile).current?;
     let open = match fs::read_dir("/proc/self/fd") {
         Ok(entries) => entries.count() as u64,
-        Err(e) => {
-            let e = Errno::from_io_error(&e);
-            return matches!(e, Some(Errno::MFILE)).then(|| no_files(limit, limit));
-        }
+        Err(e) if Errno::from_io_error(&e) == Some(Errno::MFILE) => limit,
+        Err(_) => return None,
     };
-    (open + FILES_OF_A_SERVICE > limit).then(|| no_files(open, limit))
-}
-
-fn no_files(open: u64, limit: u64) -> Shortage {
-    let used_up = format!(
-        "too many open files: {open} of the {limit} that this process may have (ulimit -n)"
-    );
-    Shortage {
-        used_up,
+    (open + FILES_OF_A_SERVICE > limit).then(|| Shortage {
+        used_up: format!(
+            "too many open files: {open} of the {limit} that this process may have (ulimit -n)"
+        ),
         remedy: more_files(),
-    }
+    })
 }
 
 fn more_files() -> String {
@@ -369,11 +358,9 @@ fn of_length() -> Option<Shortage> {
     let limit = getrlimit(Resource::Fsize)
         .current
         .filter(|limit| *limit < FILE_BYTES)?;
+    let kib = limit >> 10;
     Some(Shortage {
-        used_up: format!(
-            "a file of shared memory may have {} KiB in this process (ulimit -f)",
-            limit >> 10
-        ),
+        used_up: format!("a file of shared memory may have {kib} KiB in this process (ulimit -f)"),
         remedy: "raise the limit before the start: ulimit -f unlimited".into(),
     })
 }
@@ -384,33 +371,29 @@ fn of_room(place: &Path) -> Option<Shortage> {
 
 fn lack_of_room(place: &Path, system: &StatVfs) -> Option<Shortage> {
     let place = place.display();
-    let shortage = |used_up, remedy| Some(Shortage { used_up, remedy });
     let free = system.f_bavail * system.f_frsize;
-    if system.f_flag.contains(StatVfsMountFlags::RDONLY) {
-        shortage(
+    let (used_up, remedy) = if system.f_flag.contains(StatVfsMountFlags::RDONLY) {
+        (
             format!("the file system of {place} is mounted read-only"),
             format!("mount it writable: mount -o remount,rw {place}"),
         )
     // Some file systems count no inodes.
     } else if system.f_files > 0 && system.f_favail < FILES_OF_A_SERVICE {
-        shortage(
-            format!(
-                "too few inodes are left on the file system of {place}: {}",
-                system.f_favail
-            ),
+        let inodes = system.f_favail;
+        (
+            format!("too few inodes are left on the file system of {place}: {inodes}"),
             format!("remove files from it, or give it more inodes: df -i {place}"),
         )
     } else if free < ROOM_OF_A_SERVICE {
-        shortage(
-            format!(
-                "too little space is left on the file system of {place}: {} KiB",
-                free >> 10
-            ),
+        let kib = free >> 10;
+        (
+            format!("too little space is left on the file system of {place}: {kib} KiB"),
             format!("remove what fills it, or enlarge it: df -h {place}"),
         )
     } else {
-        None
-    }
+        return None;
+    };
+    Some(Shortage { used_up, remedy })
 }
 
 #[cfg(test)]

@@ -1,36 +1,36 @@
-//! The wire: iceoryx2 ports of an instance, with every limit explicit.
+//! Ports of an instance over iceoryx2, with every limit explicit: topics, blackboards, requests, wake-up events.
 //!
-//! This is the only place that names the middleware's services. Ports are made before a loop is armed. After that, a
-//! send costs one loan and a receive costs one copy, and both the check word of what is sent.
+//! Only this crate knows the middleware's services. Ports are created before a loop is armed. After that, a send costs
+//! one loan and a receive costs one copy, and both compute the check word of the message.
 
 mod blackboard;
 pub mod clock;
 pub mod error;
-pub mod injection;
 pub mod instance;
-mod leavings;
 mod ports;
-mod request_response;
-mod sealed;
-mod swaps;
+mod requests;
 pub mod sys;
 mod wake_event;
 
 use std::any::Any;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use iceoryx2::node::{CleanupState, NodeState};
 use iceoryx2::prelude::{
-    AttributeSpecifier, AttributeVerifier, LogLevel, Node, NodeBuilder, ServiceName,
-    SignalHandlingMode, ipc, set_log_level,
+    AttributeSpecifier, AttributeVerifier, CallbackProgression, Config, LogLevel, Node,
+    NodeBuilder, ServiceName, SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
-pub use blackboard::{Blackboard, BlackboardReader, SHEETS};
-pub use injection::{FaultAnswer, FaultCall, FaultClient, FaultOrder, FaultServer};
+pub use blackboard::{Blackboard, BlackboardReader, Notice, SHEETS};
 pub use ports::{OBSERVED, OBSERVERS, Receiver, Relay, Sender};
-pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapOutcome, SwapServer};
+pub use requests::{
+    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, RequestClient, RequestServer,
+    STRIKES, SwapAnswer, SwapOrder, SwapOutcome,
+};
 pub use wake_event::{Notifier, Owner, WakeEvent};
 
 use crate::error::{Error, Refusal, RefusalKind, SHARED_MEMORY, Shortage, Tried as _, shortage};
@@ -45,9 +45,13 @@ pub const LATEST: usize = 1;
 pub const DEEP: usize = 3500;
 /// Processes that may hold a service open: five roles, their spares, and observers.
 const NODES: usize = 28;
-/// How long a service may be in the making, or be taken down, by somebody else, and how often it is tried.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// How long another process may take to create or remove a service, and how often it is tried.
+const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 const TRY_EVERY: Duration = Duration::from_millis(5);
+/// How long processes that were killed may take to exit.
+const EXIT_TIMEOUT: Duration = Duration::from_millis(200);
+/// How long another process may take to remove what a dead process left.
+const CLEANUP_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
@@ -57,20 +61,20 @@ pub struct Wire {
     held_boards: Vec<(String, Arc<blackboard::Open>)>,
     node: Node<ipc::Service>,
     instance: Instance,
-    bells: wake_event::WakeFile,
-    /// What dead processes of the instance left behind, and was removed.
+    wake_file: wake_event::WakeFile,
+    /// Number of dead processes whose leftovers were removed.
     pub cleaned: u64,
-    // Last: nobody takes the shared memory away while a port of this process is in it.
+    // Last: no process removes the shared memory while a port of this process is in it.
     _in_use: Lock,
 }
 
 impl Wire {
     /// Removes what dead processes of the instance left, then joins it.
     pub fn open(instance: &Instance) -> Result<Self, Error> {
-        // What goes wrong comes back as an error; the middleware's own prints would repeat it.
+        // Failures are returned as errors; the middleware's own prints would repeat them.
         set_log_level(LogLevel::Fatal);
         let config = instance.config()?;
-        let in_use = leavings::enter(instance, &config)?;
+        let in_use = enter(instance, &config)?;
         instance.check_segments()?;
         let node = NodeBuilder::new()
             .config(&config)
@@ -84,23 +88,21 @@ impl Wire {
                 )
             })?;
         instance.close_node_counter()?;
-        let cleaned = leavings::remove(&node, instance);
-        let bells = wake_event::WakeFile::join(instance)?;
+        let cleaned = remove_dead(&node, instance);
         Ok(Self {
             held_topics: Vec::new(),
             held_boards: Vec::new(),
             node,
             instance: instance.clone(),
-            bells,
+            wake_file: wake_event::WakeFile::join(instance)?,
             cleaned,
             _in_use: in_use,
         })
     }
 
-    /// Removes what processes of the instance left that have died since; what living ones hold stays. What one has left
-    /// that died while it made a service is removed by whoever opens that.
-    pub fn remove_leavings(&self) {
-        leavings::remove_of_ports(&self.node, &self.instance);
+    /// Removes what processes of the instance left that have died since; what living ones hold stays.
+    pub fn remove_dead(&self) {
+        remove_dead(&self.node, &self.instance);
     }
 
     pub const fn instance(&self) -> &Instance {
@@ -124,8 +126,8 @@ impl Wire {
             + observers::<Monitor>()
     }
 
-    /// Opens a service, which others may be making or taking down at the same time: until it is done, or does not get
-    /// better. What processes left in it that died meanwhile is removed.
+    /// Opens a service, which other processes may be creating or removing at the same time. What processes left in it
+    /// that died meanwhile is removed.
     fn open_service<T>(
         &self,
         what: String,
@@ -140,18 +142,18 @@ impl Wire {
             if refusal.kind != RefusalKind::Passing || shortage_of(&self.instance).is_some() {
                 return Err(not_opened(&self.instance, what, refusal));
             }
-            if start.elapsed() >= PATIENCE {
-                let patience = PATIENCE.as_secs();
+            if start.elapsed() >= SERVICE_TIMEOUT {
+                let seconds = SERVICE_TIMEOUT.as_secs();
                 let what = format!(
-                    "cannot open {what}: another process has not made it, or removed it, in {patience} s"
+                    "cannot open {what}: another process has not created or removed it within {seconds} s"
                 );
                 return Err(Error::Wire {
                     what,
                     reason: refusal.reason,
                 });
             }
-            leavings::remove(&self.node, &self.instance);
-            leavings::remove_half_made(&self.node, &self.instance);
+            remove_dead(&self.node, &self.instance);
+            remove_unfinished(&self.node, &self.instance);
             std::thread::sleep(TRY_EVERY);
         }
     }
@@ -162,7 +164,57 @@ impl Wire {
     }
 }
 
-/// Why a service was not opened: another build made it differently, or it is only out of reach.
+/// Takes the lock of the shared memory; the first process to have it finds the memory empty.
+///
+/// Of several processes that are killed, the last one may still be exiting.
+fn enter(instance: &Instance, config: &Config) -> Result<Lock, Error> {
+    let start = Instant::now();
+    loop {
+        let in_use = instance.enter()?;
+        if nodes(config).1 == 0 || start.elapsed() >= EXIT_TIMEOUT {
+            return Ok(in_use);
+        }
+        drop(in_use);
+        std::thread::sleep(TRY_EVERY);
+    }
+}
+
+/// Removes what dead processes left beside living ones; returns how many there were.
+fn remove_dead(node: &Node<ipc::Service>, instance: &Instance) -> u64 {
+    let CleanupState {
+        cleanups,
+        failed_cleanups,
+    } = node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+    if failed_cleanups == 0 {
+        return cleanups;
+    }
+    // The middleware may have stopped at an unfinished service.
+    remove_unfinished(node, instance);
+    cleanups + node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT).cleanups
+}
+
+/// Removes services whose creators died, and which the middleware takes for services that are still being created.
+fn remove_unfinished(node: &Node<ipc::Service>, instance: &Instance) {
+    // A file that cannot be removed fails where its service is opened.
+    let _ = instance.remove_orphans(|| nodes(node.config()).0);
+}
+
+/// Names of the nodes that may be alive, and the number of those that are dead.
+fn nodes(config: &Config) -> (BTreeSet<String>, u64) {
+    let (mut living, mut dead) = (BTreeSet::new(), 0);
+    // If they cannot be listed, nothing is removed.
+    let _ = Node::<ipc::Service>::list(config, |state| {
+        if matches!(state, NodeState::Dead(_)) {
+            dead += 1;
+        } else {
+            living.insert(state.node_id().value().to_string());
+        }
+        CallbackProgression::Continue
+    });
+    (living, dead)
+}
+
+/// Why a service was not opened: another build created it differently, or it cannot be reached.
 fn not_opened(instance: &Instance, what: String, Refusal { kind, reason }: Refusal) -> Error {
     if kind == RefusalKind::Differs {
         Error::Incompatible { what, reason }
@@ -171,7 +223,7 @@ fn not_opened(instance: &Instance, what: String, Refusal { kind, reason }: Refus
     }
 }
 
-/// What the middleware refused, or what the system has run out of.
+/// The middleware's error, or the resource that the system has run out of.
 fn refused(instance: &Instance, what: String, reason: String) -> Error {
     Error::of_middleware(what, reason, shortage_of(instance))
 }

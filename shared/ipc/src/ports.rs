@@ -12,8 +12,7 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use super::{DEEP, NODES, Notifier, Wire, layout_attributes};
-use crate::clock::Horizon;
-use crate::clock::now_ns;
+use crate::clock::{Horizon, now_ns};
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use messages::content::{NO_TICK, Stamped};
@@ -30,12 +29,9 @@ pub(super) type Open<C> = PortFactory<ipc::Service, Sealed<Message<C>>, ()>;
 
 impl Wire {
     fn topic<C: Topic>(&self) -> Result<Arc<Open<C>>, Error> {
-        // A type for each topic.
-        match self
-            .held_topics
-            .iter()
-            .find_map(|held| held.downcast_ref::<Arc<Open<C>>>())
-        {
+        // Each topic has a type of its own.
+        let mut held = self.held_topics.iter();
+        match held.find_map(|it| it.downcast_ref::<Arc<Open<C>>>()) {
             Some(held) => Ok(Arc::clone(held)),
             None => self
                 .publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
@@ -74,8 +70,8 @@ impl Wire {
         })
     }
 
-    /// The one sender of a topic; rings `bell` after each message.
-    pub fn sender<C: Topic>(&self, bell: Option<Notifier>) -> Result<Sender<C>, Error> {
+    /// The one sender of a topic; calls `notifier` after each message.
+    pub fn sender<C: Topic>(&self, notifier: Option<Notifier>) -> Result<Sender<C>, Error> {
         let publisher = self
             .topic::<C>()?
             .publisher_builder()
@@ -85,7 +81,7 @@ impl Wire {
         Ok(Sender {
             loan: None,
             publisher,
-            bell,
+            notifier,
             envelope: Header::new(),
         })
     }
@@ -116,14 +112,14 @@ pub struct Sender<C: Topic> {
     /// Taken ahead of the message that it is for, by a rehearsal.
     loan: Option<Loan<C>>,
     publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
-    bell: Option<Notifier>,
+    notifier: Option<Notifier>,
     envelope: Header,
 }
 
 impl<C: Topic> Sender<C> {
     /// Arms the sender for a run: connects to everybody who listens now.
     pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.bell.iter().for_each(Notifier::begin);
+        self.notifier.iter().for_each(Notifier::begin);
         self.envelope = Header {
             run_id: expected.run_id,
             settings: expected.settings,
@@ -135,7 +131,7 @@ impl<C: Topic> Sender<C> {
             .wire(|| format!("cannot connect the sender of topic `{}`", C::NAME))
     }
 
-    /// Sends a message made for `tick`, and rings.
+    /// Sends a message made for `tick`, and notifies its receiver.
     ///
     /// `history` is the envelope of the input that it was made from; origin, sequence and the send stamp are the
     /// sender's own. One allocation: the middleware's loan.
@@ -145,11 +141,11 @@ impl<C: Topic> Sender<C> {
             .send()
             .wire(not_sent::<C>)?;
         self.envelope.seq += 1;
-        self.bell.as_ref().map_or(Ok(()), Notifier::ring)
+        self.notifier.as_ref().map_or(Ok(()), Notifier::notify)
     }
 
     /// Does of [`Sender::send`] what can be done without sending: takes the loan, which the next message is then sent
-    /// with, fills it, and rings for a rehearsal.
+    /// with, fills it, and notifies of a rehearsal.
     pub fn rehearse(&mut self, tick: u64, history: &Header, content: C) -> Result<(), Error> {
         let mut loan = self.take_loan()?;
         loan.payload_mut()
@@ -157,16 +153,14 @@ impl<C: Topic> Sender<C> {
         self.loan = Some(loan);
         // The part of a send that looks for receivers that have come or gone.
         self.publisher.update_connections().wire(not_sent::<C>)?;
-        self.bell
-            .as_ref()
-            .map_or(Ok(()), Notifier::ring_for_rehearsal)
+        let notifier = self.notifier.as_ref();
+        notifier.map_or(Ok(()), Notifier::notify_rehearsal)
     }
 
-    /// Rings to say that there is no message of a tick.
+    /// Notifies the receiver that there is no message of a tick.
     pub fn pass(&self, tick: u64) -> Result<(), Error> {
-        self.bell
-            .as_ref()
-            .map_or(Ok(()), |bell| bell.ring_for_silence(tick))
+        let notifier = self.notifier.as_ref();
+        notifier.map_or(Ok(()), |it| it.notify_silence(tick))
     }
 
     fn take_loan(&mut self) -> Result<Loan<C>, Error> {
@@ -178,20 +172,13 @@ impl<C: Topic> Sender<C> {
 
     #[inline]
     fn message(&self, tick: u64, history: &Header, content: C) -> Sealed<Message<C>> {
-        let Header {
-            layout,
-            run_id,
-            settings,
-            epoch,
-            seq,
-            ..
-        } = self.envelope;
+        let own = &self.envelope;
         let mut envelope = Header {
-            layout,
-            run_id,
-            settings,
-            epoch,
-            seq,
+            layout: own.layout,
+            run_id: own.run_id,
+            settings: own.settings,
+            epoch: own.epoch,
+            seq: own.seq,
             tick,
             ..*history
         };
@@ -247,7 +234,7 @@ impl<C: Topic> Receiver<C> {
         self.drain_after(horizon, |_, message| each(message))
     }
 
-    /// The same; `each` is also told what was the newest message before.
+    /// The same; the first argument of `each` is the newest message before.
     pub fn drain_after(
         &mut self,
         horizon: impl Horizon,

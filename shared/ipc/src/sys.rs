@@ -1,4 +1,4 @@
-//! The wire's only `unsafe` code: bell memory, timers, payloads, signal masks, locks beside forks.
+//! The wire's only `unsafe` code: event memory, timers, payloads, signal masks, locks beside forks.
 #![allow(
     unsafe_code,
     reason = "the one module of the crate where it is allowed; every use says why it is sound"
@@ -13,7 +13,10 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering};
 
 use iceoryx2::prelude::ZeroCopySend;
-use messages::layout::{Layout, Plain};
+use messages::check_word::check_word;
+use messages::checks::{Check, is_on};
+use messages::inspection::Reason;
+use messages::layout::{Layout, Plain, words};
 use rustix::fs::{FlockOperation, flock, fstat};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::time::Timespec;
@@ -31,42 +34,64 @@ unsafe impl<T: Plain> ZeroCopySend for Payload<T> {}
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Sealed<T> {
-    pub(crate) content: T,
-    pub(crate) check: u64,
+    content: T,
+    check: u64,
 }
 
 // SAFETY: what has a layout is `Plain`, and a number stands behind it.
 unsafe impl<T: Layout> ZeroCopySend for Sealed<T> {}
 
+impl<T: Layout> Sealed<T> {
+    /// Adds the check word.
+    #[inline]
+    pub fn new(content: T) -> Self {
+        Self {
+            check: check_word(words(&content)),
+            content,
+        }
+    }
+
+    /// The content, if its check word is right. Call it on a copy: shared memory may change after the check.
+    #[inline]
+    pub fn open(&self) -> Result<&T, Reason> {
+        let is_whole = check_word(words(&self.content)) == self.check || !is_on(Check::Checksum);
+        if is_whole {
+            Ok(&self.content)
+        } else {
+            Err(Reason::Checksum)
+        }
+    }
+}
+
 /// A futex with a number to hand over; alone on its cache line.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub struct WakeWord {
-    /// Grows with every ring: the word to wait on.
-    pub rung: AtomicU32,
-    /// Grows with every ring that calls to a rehearsal.
+    /// Counts notifications: the word to wait on.
+    pub count: AtomicU32,
+    /// Counts notifications of a rehearsal.
     pub rehearsals: AtomicU32,
     pub token: AtomicU64,
-    /// The tick after the newest of which the role before has nothing to say; 0 is none.
+    /// The tick after the newest one without a message of the role before; 0 is none.
     pub silent: AtomicU64,
 }
 
-pub const BELLS: usize = 64;
+pub const EVENTS: usize = 64;
 
 #[derive(Debug)]
 pub struct WakePage {
-    page: NonNull<[WakeWord; BELLS]>,
+    page: NonNull<[WakeWord; EVENTS]>,
 }
 
 impl WakePage {
-    pub const BYTES: usize = size_of::<[WakeWord; BELLS]>();
+    pub const BYTES: usize = size_of::<[WakeWord; EVENTS]>();
 
     /// Maps a memory file of at least [`Self::BYTES`], which nobody may shrink, and touches it.
     pub fn map(file: BorrowedFd<'_>) -> io::Result<Self> {
         if fstat(file)?.st_size.unsigned_abs() < Self::BYTES as u64 {
             return Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
-                "not a memory file for a page of bells",
+                "not a memory file for a page of wake-up events",
             ));
         }
         let protection = ProtFlags::READ | ProtFlags::WRITE;
@@ -87,7 +112,7 @@ impl WakePage {
 }
 
 impl Deref for WakePage {
-    type Target = [WakeWord; BELLS];
+    type Target = [WakeWord; EVENTS];
 
     fn deref(&self) -> &Self::Target {
         // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for
@@ -108,9 +133,9 @@ impl Drop for WakePage {
     }
 }
 
-/// A timer of the kernel that rings a bell for the thread that made it.
+/// A timer of the kernel that notifies the thread that created it.
 ///
-/// It does so from a signal handler, so that whoever waits on the bell's word sees it change, or is interrupted.
+/// It does so from a signal handler, so that a thread that waits on the event's word sees it change, or is interrupted.
 #[derive(Debug)]
 pub struct Alarm {
     timer: libc::timer_t,
@@ -121,15 +146,15 @@ impl Alarm {
     /// The signal that it uses up: a process has one alarm.
     const SIGNAL: i32 = libc::SIGALRM;
 
-    /// A timer that is not set, for a bell of a page and the calling thread.
+    /// A timer that is not set, for an event of a page and the calling thread.
     pub fn new(page: WakePage, place: usize) -> io::Result<Self> {
-        let ring = move || {
-            page[place].rung.fetch_add(1, Ordering::Release);
+        let notify = move || {
+            page[place].count.fetch_add(1, Ordering::Release);
         };
-        // A mask is inherited through exec: whoever started us may have blocked the signal.
-        unblock_signal(Self::SIGNAL)?;
+        // A mask is inherited through exec: the parent process may have blocked the signal.
+        mask_signals(libc::SIG_UNBLOCK, &[Self::SIGNAL])?;
         // SAFETY: adding to an atomic is all that the handler does; it neither allocates nor locks nor panics.
-        let handler = unsafe { signal_hook::low_level::register(Self::SIGNAL, ring) }?;
+        let handler = unsafe { signal_hook::low_level::register(Self::SIGNAL, notify) }?;
         let mut timer = std::ptr::null_mut();
         // SAFETY: all zeroes are a valid sigevent; the pointers are to live values, of which the call keeps none.
         let made = check(unsafe {
@@ -146,20 +171,14 @@ impl Alarm {
         Ok(Self { timer, handler })
     }
 
-    /// Sets it to an instant on CLOCK_MONOTONIC, replacing the previous one. A past instant rings at once.
+    /// Sets it to an instant on CLOCK_MONOTONIC, replacing the previous one. A past instant notifies at once.
     pub fn set(&self, instant: Timespec) -> io::Result<()> {
+        let time = |tv_sec, tv_nsec| libc::timespec { tv_sec, tv_nsec };
         // An instant of zero would switch it off.
         let tv_nsec = instant.tv_nsec.max(libc::c_long::from(instant.tv_sec == 0));
-        let it_value = libc::timespec {
-            tv_sec: instant.tv_sec,
-            tv_nsec,
-        };
         let once = libc::itimerspec {
-            it_interval: libc::timespec {
-                tv_sec: 0,
-                tv_nsec: 0,
-            },
-            it_value,
+            it_interval: time(0, 0),
+            it_value: time(instant.tv_sec, tv_nsec),
         };
         // SAFETY: the timer lives as long as `self`; the pointer is to a live value, of which the call keeps nothing.
         check(unsafe {
@@ -179,10 +198,6 @@ impl Drop for Alarm {
         unsafe { libc::timer_delete(self.timer) };
         signal_hook::low_level::unregister(self.handler);
     }
-}
-
-fn unblock_signal(signal: i32) -> io::Result<()> {
-    mask_signals(libc::SIG_UNBLOCK, &[signal])
 }
 
 /// Keeps the alarm's signal from the calling thread.
@@ -239,23 +254,16 @@ impl Locked {
         CLOSES.call_once(|| unsafe {
             libc::pthread_atfork(None, None, Some(close_locks));
         });
-        let place = take_place(&LOCKS, file.as_raw_fd())?;
+        let descriptor = file.as_raw_fd();
+        let take = |place: &AtomicI32| {
+            place
+                .compare_exchange(-1, descriptor, Ordering::AcqRel, Ordering::Relaxed)
+                .is_ok()
+        };
+        let full = || io::Error::other(format!("this process already holds {LOCKED} locks"));
+        let place = LOCKS.iter().position(take).ok_or_else(full)?;
         Ok(Self { file, place })
     }
-}
-
-fn take_place(places: &[AtomicI32], file: i32) -> io::Result<usize> {
-    let take = |place: &AtomicI32| {
-        place
-            .compare_exchange(-1, file, Ordering::AcqRel, Ordering::Relaxed)
-            .is_ok()
-    };
-    places.iter().position(take).ok_or_else(|| {
-        io::Error::new(
-            io::ErrorKind::QuotaExceeded,
-            format!("this process already holds {} locks", places.len()),
-        )
-    })
 }
 
 impl AsFd for Locked {
@@ -304,13 +312,5 @@ mod tests {
         drop(locked);
         assert!(is_free());
         drop(inherited);
-    }
-
-    #[test]
-    fn a_lock_that_forked_children_would_inherit_is_refused() {
-        let places = [AtomicI32::new(-1)];
-        assert_eq!(take_place(&places, 3).unwrap(), 0);
-        let refused = take_place(&places, 4).unwrap_err().to_string();
-        assert_eq!(refused, "this process already holds 1 locks");
     }
 }

@@ -1,6 +1,6 @@
-//! Doorbells: how a stage wakes the next one.
+//! Wake-up events: how a stage wakes the next one.
 //!
-//! A doorbell is a futex in shared memory: one system call to ring it, one to wait on it until an instant.
+//! An event is a futex in shared memory: one system call to notify, one to wait until an instant.
 //! docs/decisions/0005-wake-by-futex.md has the measurements and the rejected alternatives.
 
 use std::cell::Cell;
@@ -18,11 +18,11 @@ use super::Wire;
 use crate::clock::timespec;
 use crate::error::Error;
 use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
-use crate::sys::{Alarm, BELLS, Locked, WakePage};
+use crate::sys::{Alarm, EVENTS, Locked, WakePage};
 use messages::layout::{FNV_OFFSET, fnv1a};
 use messages::role::{ROLES, Role};
 
-/// How long after its instant a wait with an alarm ends, had the alarm failed [ns].
+/// How long after its instant a wait ends whose alarm has failed [ns].
 ///
 /// More than a stage's deadline is before the end of a tick, also at 50 Hz: so the plant's timer comes before this one,
 /// and this one is never the next of their processor.
@@ -31,7 +31,8 @@ const BACK_STOP_NS: u64 = 10_000_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
     Role(Role),
-    Desk,
+    /// The plant's server of requests.
+    Requests,
 }
 
 impl From<Role> for Owner {
@@ -44,44 +45,43 @@ impl Owner {
     const fn place(self) -> usize {
         match self {
             Self::Role(role) => role as usize,
-            Self::Desk => ROLES.len(),
+            Self::Requests => ROLES.len(),
         }
     }
 }
 
 impl Wire {
-    /// The doorbell of a role's loop or of the parameter desk. Only one thread may wait at it.
-    pub fn doorbell(&self, owner: impl Into<Owner>) -> Result<WakeEvent, Error> {
-        let (page, place) = (self.bells.page()?, owner.into().place());
-        let heard = Cell::new(page[place].rung.load(Ordering::Acquire));
-        let rehearsed = Cell::new(page[place].rehearsals.load(Ordering::Acquire));
+    /// The event of a role's loop or of the server of requests. Only one thread may wait for it.
+    pub fn wake_event(&self, owner: impl Into<Owner>) -> Result<WakeEvent, Error> {
+        let (page, place) = (self.wake_file.page()?, owner.into().place());
+        let word = &page[place];
         Ok(WakeEvent {
+            seen: Cell::new(word.count.load(Ordering::Acquire)),
+            rehearsals_seen: Cell::new(word.rehearsals.load(Ordering::Acquire)),
             page,
             place,
-            heard,
-            rehearsed,
             alarm: None,
         })
     }
 
-    /// As [`Wire::doorbell`], but only for the calling thread, and with an alarm that outlives the waits.
+    /// As [`Wire::wake_event`], but only for the calling thread, and with an alarm that outlives the waits.
     ///
-    /// The deadline is a POSIX timer instead of the futex's time-out. Cancelling a time-out on every ring costs a VM
-    /// exit if it is its processor's next timer (docs/decisions/0005-wake-by-futex.md). The price is one more system
-    /// call per wait, and the signal: a process has one such doorbell. If the signal is blocked, the wait ends
+    /// The deadline is a POSIX timer instead of the futex's timeout. Cancelling a timeout on every notification costs
+    /// a VM exit if it is its processor's next timer (docs/decisions/0005-wake-by-futex.md). The price is one more system
+    /// call per wait, and the signal: a process has one such event. If the signal is blocked, the wait ends
     /// `BACK_STOP_NS` after its instant.
-    pub fn doorbell_with_alarm(&self, owner: impl Into<Owner>) -> Result<WakeEvent, Error> {
-        let doorbell = self.doorbell(owner)?;
-        let alarm = Alarm::new(self.bells.page()?, doorbell.place);
+    pub fn wake_event_with_alarm(&self, owner: impl Into<Owner>) -> Result<WakeEvent, Error> {
+        let event = self.wake_event(owner)?;
+        let alarm = Alarm::new(self.wake_file.page()?, event.place);
         Ok(WakeEvent {
             alarm: Some(alarm.map_err(|e| Error::system("cannot make a timer", e))?),
-            ..doorbell
+            ..event
         })
     }
 
-    pub fn bell(&self, owner: impl Into<Owner>) -> Result<Notifier, Error> {
+    pub fn notifier(&self, owner: impl Into<Owner>) -> Result<Notifier, Error> {
         Ok(Notifier {
-            page: self.bells.page()?,
+            page: self.wake_file.page()?,
             place: owner.into().place(),
         })
     }
@@ -91,22 +91,21 @@ impl Wire {
 pub struct WakeEvent {
     page: WakePage,
     place: usize,
-    /// How often it had rung when it was last answered.
-    heard: Cell<u32>,
-    /// How many calls to a rehearsal there had been when they were last asked for.
-    rehearsed: Cell<u32>,
+    /// The counts when they were last read.
+    seen: Cell<u32>,
+    rehearsals_seen: Cell<u32>,
     alarm: Option<Alarm>,
 }
 
 impl WakeEvent {
-    /// Waits until somebody rings or the instant has come, on CLOCK_MONOTONIC [ns]; returns whether it rang.
+    /// Waits until a notification or the instant, on CLOCK_MONOTONIC [ns]; returns whether it was notified.
     ///
-    /// One answer covers all rings since the last one, including an alarm's. A signal ends the wait like the instant.
+    /// This covers all notifications since the last call, including an alarm's. A signal ends the wait like the instant.
     pub fn wait_until(&self, instant_ns: u64) -> Result<bool, Error> {
-        if self.answer() {
+        if self.was_notified() {
             return Ok(true);
         }
-        let rung = &self.page[self.place].rung;
+        let count = &self.page[self.place].count;
         let mut until = timespec(instant_ns);
         if let Some(alarm) = &self.alarm {
             alarm
@@ -115,24 +114,24 @@ impl WakeEvent {
             until = timespec(instant_ns.saturating_add(BACK_STOP_NS));
         }
         match futex::wait_bitset(
-            rung,
+            count,
             futex::Flags::empty(),
-            self.heard.get(),
+            self.seen.get(),
             Some(&until),
             NonZero::<u32>::MAX,
         ) {
-            Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(self.answer()),
-            Err(e) => Err(Error::system("cannot wait at a doorbell", e)),
+            Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(self.was_notified()),
+            Err(e) => Err(Error::system("cannot wait for a wake-up event", e)),
         }
     }
 
-    /// Whether somebody has rung for a rehearsal since this was last asked.
-    pub fn rehearsal_is_called(&self) -> bool {
-        let called = self.page[self.place].rehearsals.load(Ordering::Acquire);
-        self.rehearsed.replace(called) != called
+    /// Whether a rehearsal was notified since the last call.
+    pub fn rehearsal_is_due(&self) -> bool {
+        let rehearsals = self.page[self.place].rehearsals.load(Ordering::Acquire);
+        self.rehearsals_seen.replace(rehearsals) != rehearsals
     }
 
-    /// The newest tick of this run of which the role before has nothing to say.
+    /// The newest tick of this run without a message of the role before.
     pub fn silent_tick(&self) -> Option<u64> {
         self.page[self.place]
             .silent
@@ -140,9 +139,9 @@ impl WakeEvent {
             .checked_sub(1)
     }
 
-    fn answer(&self) -> bool {
-        let rung = self.page[self.place].rung.load(Ordering::Acquire);
-        self.heard.replace(rung) != rung
+    fn was_notified(&self) -> bool {
+        let count = self.page[self.place].count.load(Ordering::Acquire);
+        self.seen.replace(count) != count
     }
 }
 
@@ -153,20 +152,20 @@ pub struct Notifier {
 }
 
 impl Notifier {
-    /// Rings for a rehearsal: whoever wakes finds no message.
-    pub fn ring_for_rehearsal(&self) -> Result<(), Error> {
+    /// Notifies of a rehearsal, without a message.
+    pub fn notify_rehearsal(&self) -> Result<(), Error> {
         self.page[self.place]
             .rehearsals
             .fetch_add(1, Ordering::Release);
-        self.ring()
+        self.notify()
     }
 
-    /// Rings to say that there is no message of a tick.
-    pub fn ring_for_silence(&self, tick: u64) -> Result<(), Error> {
+    /// Notifies that there is no message of a tick.
+    pub fn notify_silence(&self, tick: u64) -> Result<(), Error> {
         self.page[self.place]
             .silent
             .store(tick + 1, Ordering::Release);
-        self.ring()
+        self.notify()
     }
 
     /// Forgets the silence of an earlier run.
@@ -174,17 +173,17 @@ impl Notifier {
         self.page[self.place].silent.store(0, Ordering::Release);
     }
 
-    /// Rings. It is no error if nobody waits: others notice a dead stage by its silence.
-    pub fn ring(&self) -> Result<(), Error> {
-        let rung = &self.page[self.place].rung;
-        rung.fetch_add(1, Ordering::Release);
-        futex::wake(rung, futex::Flags::empty(), 1)
-            .map_err(|e| Error::system("cannot ring a doorbell", e))?;
+    /// Notifies. It is no error if no process waits: others detect a dead stage by its silence.
+    pub fn notify(&self) -> Result<(), Error> {
+        let count = &self.page[self.place].count;
+        count.fetch_add(1, Ordering::Release);
+        futex::wake(count, futex::Flags::empty(), 1)
+            .map_err(|e| Error::system("cannot notify a wake-up event", e))?;
         Ok(())
     }
 }
 
-/// Token of the last bell of the page, which nobody rings: how the page is used.
+/// Token of the last event of the page, which is not used otherwise: version of the page's layout.
 const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/3");
 
 /// A share in the page of an instance.
@@ -226,12 +225,12 @@ impl WakeFile {
     }
 
     fn check_mark(&self) -> Result<(), Error> {
-        let mark = &self.page()?[BELLS - 1].token;
+        let mark = &self.page()?[EVENTS - 1].token;
         match mark.compare_exchange(0, MARK, Ordering::AcqRel, Ordering::Acquire) {
             Ok(_) => Ok(()),
             Err(found) if found == MARK => Ok(()),
             Err(found) => Err(Error::Incompatible {
-                what: "the page of doorbells".into(),
+                what: "the page of wake-up events".into(),
                 reason: format!("its mark is {found:016x}, here {MARK:016x}"),
             }),
         }
@@ -260,19 +259,16 @@ mod tests {
 
     #[test]
     fn a_wait_whose_alarm_has_failed_ends_all_the_same() {
-        let root = tempfile::Builder::new()
-            .prefix("ib-")
-            .tempdir_in("/tmp")
-            .unwrap();
-        let instance = Instance::under(root.path(), "deaf").unwrap();
+        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::under(root.path(), "blocked").unwrap();
         // On a thread of its own, which is then without the signal.
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 let wire = Wire::open(&instance).unwrap();
-                let doorbell = wire.doorbell_with_alarm(Role::Mixer).unwrap();
+                let event = wire.wake_event_with_alarm(Role::Mixer).unwrap();
                 block_alarms().unwrap();
                 let until = now_ns() + 1_000_000;
-                assert!(!doorbell.wait_until(until).unwrap(), "nobody rang");
+                assert!(!event.wait_until(until).unwrap(), "no notification");
                 assert!(now_ns() >= until + BACK_STOP_NS);
             });
         });

@@ -43,33 +43,6 @@ fn a_reader_that_comes_before_the_writer_finds_nothing_and_after_it_finds_the_va
 }
 
 #[test]
-fn a_board_that_nobody_holds_is_gone() {
-    let site = Site::new();
-    let wire = site.wire();
-    drop(board(&wire));
-    assert!(reader(&wire).is_none());
-    let board = board(&wire);
-    board.put(at(1));
-    assert_eq!(reader(&wire).unwrap().get(), at(1));
-}
-
-#[test]
-fn a_board_is_taken_over_while_a_reader_of_the_first_writer_still_looks_at_it() {
-    let site = Site::new();
-    let (first, second, observer) = (site.wire(), site.wire(), site.wire());
-    let first_board = board(&first);
-    let first_reader = reader(&observer).unwrap();
-    first_board.put(at(1));
-    drop((first_board, first));
-    assert_eq!(first_reader.get(), at(1), "what the last writer left");
-    let board = board(&second);
-    assert_eq!(first_reader.get(), at(1), "until the next one writes");
-    board.put(at(2));
-    assert_eq!(first_reader.get(), at(2));
-    assert_eq!(reader(&observer).unwrap().get(), at(2));
-}
-
-#[test]
 fn a_board_has_one_writer() {
     let site = Site::new();
     let (here, there) = (site.wire(), site.wire());

@@ -18,7 +18,7 @@ use std::process::{Command, Stdio};
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, SHARED_MEMORY};
-use ipc::{Blackboard, BlackboardReader, DEEP, LATEST, SHEETS, Wire};
+use ipc::{Blackboard, BlackboardReader, DEEP, LATEST, SHEETS, Sender, SwapOrder, Wire};
 use messages::blackboards::ActiveParameters;
 use messages::content::{RotorSpeeds, State};
 use messages::header::Header;
@@ -54,36 +54,24 @@ fn put(board: &Blackboard<ActiveParameters>, tick: u64) {
     });
 }
 
+fn sender(wire: &Wire) -> Sender<State> {
+    let notifier = wire.notifier(Role::Outer).unwrap();
+    wire.sender(Some(notifier)).unwrap()
+}
+
 /// Ports of every kind, held until the value is dropped, with the lock of the plant.
 fn hold_everything(instance: &Instance) -> impl Sized {
     instance.prepare().unwrap();
     let lock = instance.lock(Role::Plant).unwrap();
     let wire = Wire::open(instance).unwrap();
-    let mut sender = wire
-        .sender::<State>(Some(wire.bell(Role::Outer).unwrap()))
-        .unwrap();
+    let mut sender = sender(&wire);
     let receiver = wire.receiver::<RotorSpeeds>(LATEST).unwrap();
     let board = create(&wire);
     put(&board, 5);
-    let (server, doorbell) = (
-        wire.swap_server().unwrap(),
-        wire.doorbell(Role::Plant).unwrap(),
-    );
+    let server = wire.server::<SwapOrder>().unwrap();
+    let event = wire.wake_event(Role::Plant).unwrap();
     sender.arm(EXPECTED, EPOCH).unwrap();
-    (sender, receiver, board, server, doorbell, wire, lock)
-}
-
-#[test]
-fn an_instance_that_ended_in_order_leaves_no_segment() {
-    let site = Site::new();
-    let everything = hold_everything(&site.instance);
-    assert!(segments(&site.instance).len() >= 3);
-    drop(everything);
-    let left = segments(&site.instance);
-    assert!(
-        left.iter()
-            .all(|path| path.extension().is_some_and(|e| e == "global_mgmt"))
-    );
+    (sender, receiver, board, server, event, wire, lock)
 }
 
 #[test]
@@ -161,7 +149,7 @@ fn the_place_of_a_killed_process_is_free_again() {
     let survivor = site.wire();
     let mut receiver = survivor.receiver::<State>(LATEST).unwrap();
     let mut recorder = survivor.receiver::<State>(DEEP).unwrap();
-    let doorbell = survivor.doorbell(Role::Outer).unwrap();
+    let event = survivor.wake_event(Role::Outer).unwrap();
     hold_everything_and_be_killed(&site.instance);
     // The kernel has dropped its lock.
     assert!(!site.instance.is_occupied(Role::Plant));
@@ -172,12 +160,10 @@ fn the_place_of_a_killed_process_is_free_again() {
     let wire = site.wire();
     assert_eq!(wire.cleaned, 1);
     assert_eq!(site.wire().cleaned, 0, "nothing is left for the next one");
-    let mut sender = wire
-        .sender::<State>(Some(wire.bell(Role::Outer).unwrap()))
-        .unwrap();
+    let mut sender = sender(&wire);
     let _commands = wire.receiver::<RotorSpeeds>(LATEST).unwrap();
-    let _server = wire.swap_server().unwrap();
-    let _doorbell = wire.doorbell(Role::Plant).unwrap();
+    let _server = wire.server::<SwapOrder>().unwrap();
+    let _event = wire.wake_event(Role::Plant).unwrap();
     let board = create(&wire);
     put(&board, 6);
     assert_eq!(read(&survivor).get().tick, 6);
@@ -187,7 +173,7 @@ fn the_place_of_a_killed_process_is_free_again() {
     recorder.arm(EXPECTED).unwrap();
     for tick in 0..3 {
         sender.send(tick, &Header::new(), State::default()).unwrap();
-        assert!(doorbell.wait_until(now_ns() + 60_000_000_000).unwrap());
+        assert!(event.wait_until(now_ns() + 60_000_000_000).unwrap());
         // Survivors hear the one who took the place.
         assert_eq!(receiver.take(tick).unwrap(), tick);
     }
@@ -212,7 +198,7 @@ fn a_service_that_its_maker_died_over_is_made_anew_beside_survivors() {
     put_back_into_the_making(&site.instance);
     let wire = site.wire();
     let _sender = wire.sender::<State>(None).unwrap();
-    let _server = wire.swap_server().unwrap();
+    let _server = wire.server::<SwapOrder>().unwrap();
     let board = create(&wire);
     put(&board, 6);
     assert_eq!(read(&survivor).get().tick, 6);
@@ -231,7 +217,7 @@ fn a_service_that_is_never_done_is_an_error_that_names_it() {
     for (opened, what) in [(topic, "topic `state`"), (board, "board `in_force`")] {
         let error = opened.unwrap_err();
         let words = format!(
-            "cannot open {what}: another process has not made it, or removed it, in 5 s: iceoryx2 says "
+            "cannot open {what}: another process has not created or removed it within 5 s: iceoryx2 says "
         );
         assert!(error.to_string().starts_with(&words), "{error}");
         assert_eq!(error.exit_code(), 1);
@@ -282,18 +268,6 @@ fn a_board_is_taken_over_from_killed_writers_while_an_observer_looks_at_it() {
     assert!(matches!(error, Error::Wire { .. }), "{error}");
     drop((reader, observer));
     create(&wire);
-}
-
-#[test]
-fn what_a_living_process_holds_is_never_cleaned() {
-    let site = Site::new();
-    let everything = hold_everything(&site.instance);
-    let had = segments(&site.instance);
-    assert_eq!(site.wire().cleaned, 0);
-    assert_eq!(segments(&site.instance), had);
-    assert!(site.instance.remove_leftovers().unwrap().is_empty());
-    assert_eq!(segments(&site.instance), had);
-    drop(everything);
 }
 
 #[test]

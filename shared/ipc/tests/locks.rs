@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use ipc::instance::Instance;
-use messages::role::{ROLES, Role};
+use messages::role::Role;
 use rustix::fs::{FlockOperation, flock};
 
 use crate::Site;
@@ -62,30 +62,6 @@ fn a_lock_that_outlives_its_process_is_said_to_be_another_ones() {
 }
 
 #[test]
-fn roles_instances_and_the_launcher_lock_side_by_side() {
-    let site = Site::new();
-    let other = Instance::under(site.root(), "other").unwrap();
-    site.instance.prepare().unwrap();
-    other.prepare().unwrap();
-    let locks: Vec<_> = ROLES
-        .iter()
-        .map(|role| site.instance.lock(*role).unwrap())
-        .collect();
-    assert!(!other.is_alive());
-    other.lock(Role::Plant).unwrap();
-    let launcher = site.instance.lock_launcher().unwrap();
-    let error = site.instance.lock_launcher().unwrap_err();
-    assert!(
-        error.to_string().contains("already has a running fly"),
-        "{error}"
-    );
-    drop(locks);
-    assert!(site.instance.is_alive(), "the launcher alone");
-    drop(launcher);
-    assert!(!site.instance.is_alive());
-}
-
-#[test]
 fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
     let site = Site::new();
     site.instance.prepare().unwrap();
@@ -105,16 +81,6 @@ fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
         refused
     });
     assert!(refused.is_none(), "{}", refused.unwrap());
-}
-
-#[test]
-fn threads_of_a_process_prepare_an_instance_side_by_side() {
-    let site = Site::new();
-    thread::scope(|scope| {
-        for _ in 0..4 {
-            scope.spawn(|| (0..500).for_each(|_| site.instance.prepare().unwrap()));
-        }
-    });
 }
 
 #[test]

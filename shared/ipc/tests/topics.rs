@@ -3,14 +3,13 @@
 use iceoryx2::prelude::AttributeSpecifier;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use ipc::error::Error;
-use ipc::instance::Instance;
 use ipc::sys::Sealed;
 use ipc::{DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Sender, Wire};
 use messages::content::{Measured, NO_TICK, Setpoint, State, Wrench};
 use messages::header::{Header, Message};
 use messages::inspection::Expected;
 use messages::role::Role;
-use messages::topic::{Bound, Topic};
+use messages::topic::Topic;
 
 use crate::common::{EPOCH, EXPECTED};
 use crate::forgery::node;
@@ -172,55 +171,6 @@ fn a_topic_has_one_sender_and_as_many_receivers_as_it_was_made_for() {
 }
 
 #[test]
-fn instances_of_other_roots_and_names_do_not_receive() {
-    let (ours, theirs) = (Site::new(), Site::new());
-    let beside = Instance::under(ours.root(), "other").unwrap();
-    {
-        let wires = [ours.wire(), theirs.wire(), Wire::open(&beside).unwrap()];
-        let [
-            (mut sender, mut receiver),
-            (_other, mut far),
-            (_third, mut near),
-        ] = [0, 1, 2].map(|i| connected(&wires[i], LATEST));
-        send(&mut sender, 0..1);
-        let taken = [&mut receiver, &mut far, &mut near].map(|port| port.take(0).unwrap());
-        assert_eq!(taken, [0, NO_TICK, NO_TICK]);
-    }
-    beside.remove_leftovers().unwrap();
-}
-
-/// The topic `state` as another build may have it: of the same size, with another meaning.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-struct ForeignState {
-    state: State,
-}
-messages::layout!(ForeignState { state });
-
-impl Topic for ForeignState {
-    const NAME: &'static str = State::NAME;
-    const SENDER: Role = State::SENDER;
-    const SUBSCRIBERS: usize = State::SUBSCRIBERS;
-
-    fn numbers(&self, look: impl FnMut(&[f64], Bound)) {
-        self.state.numbers(look);
-    }
-
-    fn has_known_flags(&self) -> bool {
-        self.state.has_known_flags()
-    }
-}
-
-#[test]
-fn a_topic_of_another_type_is_incompatible() {
-    let site = Site::new();
-    let wire = site.wire();
-    let _foreign = wire.sender::<ForeignState>(None).unwrap();
-    assert_incompatible(wire.receiver::<State>(LATEST), "`state`");
-    assert_incompatible(wire.sender::<State>(None), "`state`");
-}
-
-#[test]
 fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
     let site = Site::new();
     let layout = AttributeKey::try_from("layout").unwrap();
@@ -237,26 +187,6 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
         .create_with_attributes(&AttributeSpecifier::new().define(&layout, &other).unwrap())
         .unwrap();
     assert_incompatible(site.wire().receiver::<State>(LATEST), "`state`");
-}
-
-#[test]
-fn a_topic_that_is_full_of_processes_is_not_called_incompatible() {
-    let site = Site::new();
-    let wire = site.wire();
-    let _topic = wire.sender::<State>(None).unwrap();
-    let open = |_| {
-        node(&site.instance)
-            .service_builder(&"ironbird/test/state".try_into().unwrap())
-            .publish_subscribe::<Sealed<Message<State>>>()
-            .open()
-            .unwrap()
-    };
-    let crowd: Vec<_> = (1..28).map(open).collect();
-    let latecomer = site.wire();
-    let error = latecomer.receiver::<State>(LATEST).unwrap_err();
-    assert!(matches!(error, Error::Wire { .. }), "{error}");
-    drop(crowd);
-    latecomer.receiver::<State>(LATEST).unwrap();
 }
 
 #[test]

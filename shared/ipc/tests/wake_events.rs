@@ -2,25 +2,20 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
 use ipc::clock::now_ns;
 use ipc::error::Error;
-use ipc::{LATEST, WakeEvent, Wire};
-use messages::content::State;
-use messages::header::Header;
+use ipc::{WakeEvent, Wire};
 use messages::role::Role;
 
 use crate::Site;
-use crate::common::{EPOCH, EXPECTED};
-
 /// Only ends a test that hangs [ns].
 const LONG: u64 = 60_000_000_000;
 
 fn notify(wire: &Wire, role: Role) {
-    wire.bell(role).unwrap().ring().unwrap();
+    wire.notifier(role).unwrap().notify().unwrap();
 }
 
 /// Waits for a time [ns]; whether it was notified.
@@ -32,12 +27,12 @@ fn wait(event: &WakeEvent, time_ns: u64) -> bool {
 fn a_notification_before_the_wait_ends_it_at_once_and_many_are_one() {
     let site = Site::new();
     let wire = site.wire();
-    let bell = wire.bell(Role::Outer).unwrap();
-    bell.ring().unwrap();
-    let event = wire.doorbell(Role::Outer).unwrap();
+    let notifier = wire.notifier(Role::Outer).unwrap();
+    notifier.notify().unwrap();
+    let event = wire.wake_event(Role::Outer).unwrap();
     // The last is more than any queue of the kernel holds.
     for (count, wait_ns) in [(1, LONG), (1, 0), (2, LONG), (5, LONG), (100_000, LONG)] {
-        (0..count).for_each(|_| bell.ring().unwrap());
+        (0..count).for_each(|_| notifier.notify().unwrap());
         assert!(wait(&event, wait_ns), "{count}");
         assert!(!wait(&event, 1_000_000), "{count} were answered together");
     }
@@ -47,9 +42,9 @@ fn a_notification_before_the_wait_ends_it_at_once_and_many_are_one() {
 fn a_wait_without_a_notification_ends_after_its_instant() {
     let site = Site::new();
     let wire = site.wire();
-    let event = wire.doorbell(Role::Inner).unwrap();
+    let event = wire.wake_event(Role::Inner).unwrap();
     // Another role is notified.
-    let other = wire.doorbell(Role::Mixer).unwrap();
+    let other = wire.wake_event(Role::Mixer).unwrap();
     notify(&wire, Role::Mixer);
     for wait_ns in [0, 1, 50_000, 300_000, 2_500_000, 30_000_000] {
         let until = now_ns() + wait_ns;
@@ -65,7 +60,7 @@ fn a_wait_without_a_notification_ends_after_its_instant() {
 fn with_an_alarm_a_wait_ends_by_a_notification_or_after_its_instant_too() {
     let site = Site::new();
     let wire = site.wire();
-    let event = wire.doorbell_with_alarm(Role::Mixer).unwrap();
+    let event = wire.wake_event_with_alarm(Role::Mixer).unwrap();
     for wait_ns in [0, 1, 50_000, 300_000, 2_500_000, 30_000_000] {
         let until = now_ns() + wait_ns;
         assert!(event.wait_until(until).unwrap(), "the alarm notifies");
@@ -102,44 +97,6 @@ fn with_an_alarm_a_wait_ends_by_a_notification_or_after_its_instant_too() {
 }
 
 #[test]
-fn a_notification_ends_a_wait_in_another_thread() {
-    let site = Site::new();
-    thread::scope(|scope| {
-        let (ready, is_ready) = mpsc::channel();
-        let waiter = scope.spawn({
-            let site = &site;
-            move || {
-                let wire = site.wire();
-                let event = wire.doorbell(Role::Inner).unwrap();
-                ready.send(()).unwrap();
-                wait(&event, LONG)
-            }
-        });
-        is_ready.recv().unwrap();
-        thread::sleep(Duration::from_millis(5));
-        notify(&site.wire(), Role::Inner);
-        assert!(waiter.join().unwrap());
-    });
-}
-
-#[test]
-fn a_message_is_there_when_its_sender_notifies() {
-    let site = Site::new();
-    let wire = site.wire();
-    let event = wire.doorbell(Role::Outer).unwrap();
-    let bell = wire.bell(Role::Outer).unwrap();
-    let mut sender = wire.sender::<State>(Some(bell)).unwrap();
-    let mut receiver = wire.receiver::<State>(LATEST).unwrap();
-    sender.arm(EXPECTED, EPOCH).unwrap();
-    receiver.arm(EXPECTED).unwrap();
-    for tick in 0..1000 {
-        sender.send(tick, &Header::new(), State::default()).unwrap();
-        assert!(wait(&event, LONG));
-        assert_eq!(receiver.take(tick).unwrap(), tick);
-    }
-}
-
-#[test]
 fn a_page_of_another_build_is_incompatible() {
     let site = Site::new();
     let page = page_of(&site);
@@ -152,7 +109,7 @@ fn a_page_of_another_build_is_incompatible() {
     let error = Wire::open(&site.instance).unwrap_err();
     assert!(matches!(&error, Error::Incompatible { .. }), "{error}");
     let words = error.to_string();
-    assert!(words.contains("the page of doorbells"), "{words}");
+    assert!(words.contains("the page of wake-up events"), "{words}");
     assert!(!page.exists(), "nobody else had it");
 }
 
@@ -161,8 +118,8 @@ fn the_page_goes_with_the_last_process_that_has_it() {
     let site = Site::new();
     let page = page_of(&site);
     let (first, second) = (site.wire(), site.wire());
-    let event = first.doorbell(Role::Outer).unwrap();
-    let bell = second.bell(Role::Outer).unwrap();
+    let event = first.wake_event(Role::Outer).unwrap();
+    let notifier = second.notifier(Role::Outer).unwrap();
     assert!(page.exists());
     drop(first);
     assert!(page.exists(), "one still has it");
@@ -171,7 +128,7 @@ fn the_page_goes_with_the_last_process_that_has_it() {
     assert!(wait(&event, LONG), "a later process has the same page");
     drop((second, third));
     assert!(!page.exists());
-    bell.ring().unwrap();
+    notifier.notify().unwrap();
     assert!(wait(&event, 0), "what is mapped stays");
 }
 
@@ -179,7 +136,7 @@ fn the_page_goes_with_the_last_process_that_has_it() {
 fn processes_that_come_and_go_at_once_share_one_page() {
     let site = Site::new();
     let stays = site.wire();
-    let event = stays.doorbell(Role::Inner).unwrap();
+    let event = stays.wake_event(Role::Inner).unwrap();
     thread::scope(|scope| {
         for _ in 0..4 {
             scope.spawn(|| (0..50).for_each(|_| notify(&site.wire(), Role::Inner)));

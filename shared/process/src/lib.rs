@@ -5,7 +5,6 @@
 pub mod lead;
 pub mod rt;
 pub mod session;
-pub mod shell;
 pub mod signals;
 pub mod stage;
 pub mod standby;

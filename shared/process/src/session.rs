@@ -25,7 +25,7 @@ use errors::{FAILED, INTERRUPTED};
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, Lock};
-use ipc::{Blackboard, BlackboardReader, Wire};
+use ipc::{Blackboard, BlackboardReader, Notice, Wire};
 use messages::blackboards::{Arrival, EndReason, RolePhase, Run, SettingsText, Status};
 use messages::checks::{Check, is_on};
 use messages::content::NO_TICK;
@@ -43,15 +43,14 @@ pub struct StartConfig {
     pub resume_estimates: bool,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
-    /// When the process was started, or as a spare told to go on [ns].
+    /// When the process was started, or as a spare was activated [ns].
     pub begun_ns: u64,
-    /// What a spare has done ahead.
     pub ready: Option<Ready>,
 }
 
-/// What a standby has done ahead.
+/// What a standby has prepared.
 pub struct Ready {
-    // First: real time is given back before anything else is given up.
+    // First: real time ends before anything else is released.
     pub(crate) ahead: Option<Ahead>,
     pub(crate) boards: Blackboards,
     pub(crate) wire: Wire,
@@ -63,6 +62,18 @@ pub(crate) struct Blackboards {
     pub(crate) run: Option<BlackboardReader<Run>>,
     pub(crate) settings: Option<BlackboardReader<SettingsText>>,
     pub(crate) status: Option<BlackboardReader<Status>>,
+}
+
+/// A board that was opened ahead, or is opened now; nothing if it does not exist.
+fn opened<T: Notice>(
+    ahead: &mut Option<BlackboardReader<T>>,
+    wire: &Wire,
+    name: &str,
+) -> Result<Option<BlackboardReader<T>>, Error> {
+    match ahead.take() {
+        Some(board) => Ok(Some(board)),
+        None => wire.blackboard_reader(name),
+    }
 }
 
 const LOOK_EVERY: Duration = Duration::from_millis(2);
@@ -91,7 +102,7 @@ pub struct RoleSession {
 
 impl RoleSession {
     pub fn take(role: Role, orders: StartConfig) -> Result<Self, Error> {
-        // A spare has listened since it was started, and may have been told to end on its way here.
+        // A spare has handled signals since its start, and may have received one already.
         let stop = orders
             .ready
             .as_ref()
@@ -104,15 +115,16 @@ impl RoleSession {
             }
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
         }
-        Self::settle_in(role, orders, Arc::clone(&stop))
-            .map_err(|error| broken_off(error, stop.load(Ordering::Relaxed)))
+        // If a signal has interrupted a system call, that is the reason, and not the call.
+        Self::start(role, orders, Arc::clone(&stop)).map_err(|error| {
+            match stop.load(Ordering::Relaxed) && error.exit_code() == FAILED {
+                true => Error::Interrupted,
+                false => error,
+            }
+        })
     }
 
-    fn settle_in(
-        role: Role,
-        mut orders: StartConfig,
-        stop: Arc<AtomicBool>,
-    ) -> Result<Self, Error> {
+    fn start(role: Role, mut orders: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let made_ns = now_ns();
         end_with_launcher(orders.launcher)?;
         // Where somebody has the place, that is the error.
@@ -121,20 +133,13 @@ impl RoleSession {
         }
         let lock = orders.instance.lock(role)?;
         let (wire, ahead, mut boards) = match orders.ready.take() {
-            Some(Ready {
-                wire,
-                ahead,
-                boards,
-                stop: _,
-            }) => (wire, ahead, boards),
+            Some(ready) => (ready.wire, ready.ahead, ready.boards),
             None => (Wire::open(&orders.instance)?, None, Blackboards::default()),
         };
-        let status = boards.status.take().map_or_else(
-            || wire.blackboard_reader::<Status>(&status_board(role)),
-            |it| Ok(Some(it)),
-        )?;
-        let before = status.map(|board| board.get()).unwrap_or_default();
-        let board = wire.blackboard(&status_board(role))?;
+        let name = status_board(role);
+        let before = opened(&mut boards.status, &wire, &name)?;
+        let before = before.map(|board| board.get()).unwrap_or_default();
+        let board = wire.blackboard(&name)?;
         let epoch = now_ns();
         let status = Status {
             pid: u64::from(std::process::id()),
@@ -194,7 +199,7 @@ impl RoleSession {
         self.publish_status();
     }
 
-    pub fn ask_for_the_end(&mut self, end: EndReason) {
+    pub fn request_end(&mut self, end: EndReason) {
         self.status.wants_end = end as u64;
         self.publish_status();
     }
@@ -217,7 +222,7 @@ impl RoleSession {
         Ok(engaged)
     }
 
-    /// The role's last word: its figures are final.
+    /// Publishes the final figures of the role.
     pub fn land(&mut self, meter: &UsageMeter) {
         self.status.usage = meter.read();
         self.enter(RolePhase::Landed);
@@ -235,17 +240,8 @@ impl RoleSession {
     }
 }
 
-/// What a call says that a signal has broken off: that it was interrupted, and not what it was in the middle of.
-fn broken_off(error: Error, by_signal: bool) -> Error {
-    if by_signal && error.exit_code() == FAILED {
-        Error::Interrupted
-    } else {
-        error
-    }
-}
-
-/// Says how the flight ended; the loop is over, and nobody waits for its process any more.
-pub fn say_landed(role: Role, run: &Run) {
+/// Logs how the flight ended; the loop is over, so this delays nothing.
+pub fn log_landing(role: Role, run: &Run) {
     let flown_s = if run.tick == NO_TICK {
         0.0
     } else {
@@ -263,28 +259,4 @@ pub fn wall_ns() -> u64 {
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default();
     u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_call_that_a_signal_breaks_off_ends_as_interrupted_and_a_mistake_stays_one() {
-        let interrupted_call = || {
-            Error::system(
-                "cannot look",
-                std::io::Error::from(std::io::ErrorKind::Interrupted),
-            )
-        };
-        assert_eq!(
-            broken_off(interrupted_call(), true).exit_code(),
-            INTERRUPTED
-        );
-        assert_eq!(broken_off(interrupted_call(), false).exit_code(), FAILED);
-        let mistake = Error::InstanceName {
-            name: "../up".into(),
-        };
-        assert_eq!(broken_off(mistake, true).exit_code(), 2);
-    }
 }

@@ -1,23 +1,75 @@
-//! The loop of a stage that its input wakes: outer, inner, mixer.
+//! A stage of the chain - outer loop, inner loop, mixer: its inputs, its output, and its loop.
 //!
 //! Deadline first, event second: a stage waits for its input until its own deadline inside the tick. It then works with
 //! the newest data it has, and its message says so. If a tick is over before the stage got to it, the tick is skipped
 //! and counted. Skipped ticks are never made up for in a burst.
+//!
+//! One [`StageLoop`] serves all stages; a [`Stage`] says what differs. The first input is the one that wakes the stage.
+//! The header passes from the input to the output.
 
+mod inputs;
 mod pacer;
 
+pub use self::inputs::{ActiveFaults, Input, Inputs};
 use self::pacer::{Pacer, WakeReason};
 use crate::rt::UsageMeter;
-use crate::session::say_landed;
-use crate::session::{Armed, RoleSession};
-use ipc::clock::Horizon;
-use ipc::clock::now_ns;
+use crate::session::{Armed, RoleSession, log_landing};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use ipc::clock::{Horizon, busy_wait, now_ns};
 use ipc::error::Error;
-use ipc::{WakeEvent, Wire};
-use messages::blackboards::{EndReason, Run, RunPhase, Status};
+use ipc::{Sender, WakeEvent, Wire};
+use messages::blackboards::{EndReason, RunPhase, Status};
+use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::fault::live::LoopFaults;
 use messages::grid::{NS_PER_S, Pace};
-use messages::inspection::{Expected, Rejections};
+use messages::header::{Header, Stamps};
+use messages::inspection::Expected;
 use messages::role::Role;
+use messages::topic::Topic;
+
+/// The newest inputs of a stage, each with its tick.
+pub type StageInputs<S> = <<S as Stage>::Inputs as Inputs>::Stamped;
+
+pub trait Stage {
+    const ROLE: Role;
+    type Inputs: Inputs;
+    type Output: Topic;
+
+    /// Computes a tick with the newest inputs, of whatever tick; nothing if there is nothing new to publish.
+    fn work(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
+
+    /// The reason for which this output ends the run. It is on the status board before the output is published.
+    fn end(&self, _output: &Self::Output, _inputs: &StageInputs<Self>) -> Option<EndReason> {
+        None
+    }
+
+    /// What [`Self::work`] would publish; nothing if the law cannot be copied. It changes nothing.
+    fn rehearse(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
+
+    /// The law's present estimates; nothing if it has none.
+    fn estimates(&self) -> Option<[f64; 3]> {
+        None
+    }
+
+    /// Begins with these estimates; false, and nothing is changed, if the law does not allow them.
+    fn resume(&mut self, _estimates: [f64; 3]) -> bool {
+        false
+    }
+
+    /// The message that the next stage gets after the run.
+    fn last_output(&self) -> Option<Self::Output> {
+        None
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Flight {
+    /// Whether the ticks are not tied to the clock.
+    pub lockstep: bool,
+    /// How much longer than in flight a tick takes on the clock.
+    pub slowdown: u64,
+    pub faults: LoopFaults,
+}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TickContext {
@@ -28,90 +80,221 @@ pub struct TickContext {
     pub previous_busy_ns: u64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TickOutcome {
-    /// Some input was not of the tick.
-    pub stale: bool,
+/// A stage with its ports and the faults that act on it.
+pub struct StageLoop<S: Stage> {
+    stage: S,
+    inputs: S::Inputs,
+    output: Sender<S::Output>,
+    /// Whether the next stage is notified of a tick without an output: in lockstep nothing else wakes it.
+    reports_silence: bool,
+    faults: ActiveFaults,
+    slowdown: u64,
 }
 
-pub trait Stage {
-    const ROLE: Role;
+impl<S: Stage> StageLoop<S> {
+    /// Creates the ports. `wakes` is the role that waits for the output; none if the receiver keeps to the clock.
+    pub fn new(wire: &Wire, stage: S, wakes: Option<Role>, flight: &Flight) -> Result<Self, Error> {
+        let notifier = wakes.map(|role| wire.notifier(role)).transpose()?;
+        Ok(Self {
+            stage,
+            inputs: S::Inputs::new(wire, S::ROLE, &flight.faults.messages)?,
+            output: wire.sender(notifier)?,
+            reports_silence: flight.lockstep,
+            faults: ActiveFaults::new(S::ROLE, flight.faults),
+            slowdown: flight.slowdown,
+        })
+    }
 
-    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error>;
+    pub fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.faults.arm(wire)?;
+        self.inputs.arm(expected)?;
+        self.output.arm(expected, epoch)
+    }
 
     /// Takes what has arrived, and returns the tick of the input that wakes the stage ([`NO_TICK`]: none yet).
     ///
-    /// `horizon` tells its ports which ticks can have begun.
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
+    /// [`NO_TICK`]: messages::content::NO_TICK
+    pub fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        let tick = self.inputs.take(horizon, &mut self.faults)?;
+        // Also if nothing has come: a stage may be late in a tick without a message.
+        self.faults.version();
+        Ok(tick)
+    }
 
-    /// Works a tick with what was taken: step, limit, publish. `end` asks for the run's end, before anything is published:
-    /// whoever has the output can know.
-    fn tick(
+    /// Works a tick with what was taken: step, limit, publish. Says whether all inputs were of this tick.
+    pub fn tick(
         &mut self,
-        turn: &TickContext,
-        end: &mut dyn FnMut(EndReason),
-    ) -> Result<TickOutcome, Error>;
+        context: &TickContext,
+        end: impl FnOnce(EndReason),
+    ) -> Result<bool, Error> {
+        let tick = context.tick;
+        self.inputs.settle(tick);
+        let fresh = self.inputs.fresh(tick);
+        let inputs = self.inputs.dated();
+        let output = self.stage.work(tick, &inputs);
+        let late_ns = self.faults.late_ns(tick);
+        if late_ns > 0 {
+            busy_wait(self.slowdown.saturating_mul(late_ns));
+        }
+        if let Some(output) = output {
+            if let Some(reason) = self.stage.end(&output, &inputs) {
+                end(reason);
+            }
+            let mut history = self.inputs.history(tick);
+            history.previous_busy_ns = context.previous_busy_ns;
+            history.stamps[S::ROLE as usize] = Stamps {
+                receive_ns: context.receive_ns,
+                send_ns: 0,
+            };
+            self.output.send(tick, &history, output)?;
+        } else if self.reports_silence {
+            self.output.pass(tick)?;
+        }
+        Ok(fresh)
+    }
 
-    /// Does what [`Stage::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the
-    /// law works on a clone, and no message is sent. The next stage is rung for its rehearsal. False where the law
-    /// cannot be copied: nothing is rehearsed then, here and behind it.
-    fn rehearse(&mut self, tick: u64) -> Result<bool, Error>;
+    /// Does what [`Self::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the law
+    /// works on a copy, and no message is sent. The next stage is notified of its rehearsal. False if the law cannot be
+    /// copied: then neither this stage nor those after it rehearse.
+    fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
+        let inputs = self.inputs.dated_as_of(tick);
+        let Some(output) = self.stage.rehearse(tick, &inputs) else {
+            return Ok(false);
+        };
+        let history = self.inputs.history(tick);
+        self.output.rehearse(tick, &history, output).map(|()| true)
+    }
 
-    /// Called last, when the run is over: sends the final message to the next stage.
+    /// Sends the last message to the next stage when the run is over.
     fn finish(&mut self, tick: u64) -> Result<(), Error> {
-        let _ = tick;
-        Ok(())
-    }
-
-    fn rejections(&self) -> Rejections;
-
-    /// What its law has learnt so far; nothing where it does not learn.
-    fn estimates(&self) -> Option<[f64; 3]> {
-        None
-    }
-
-    /// Begins with these estimates; false, and nothing is changed, where the law may not have them.
-    fn resume(&mut self, estimates: [f64; 3]) -> bool {
-        let _ = estimates;
-        false
+        self.stage
+            .last_output()
+            .map_or(Ok(()), |last| self.output.send(tick, &Header::new(), last))
     }
 }
 
-/// After this long without a sign of life from the plant, a stage checks whether the plant's process lives [ns].
-const PLANT_SILENT_NS: u64 = NS_PER_S;
-/// And then how often [ns]: a look opens a file, which is not for every tick.
-const PLANT_LOOK_NS: u64 = NS_PER_S / 10;
+/// The outer loop: a setpoint from a state of this tick, and an end to a flight that is lost.
+struct Outer {
+    law: GuardedOuter,
+    /// Distance from the reference beyond which the flight ends [m].
+    position_error_max_m: f64,
+}
 
-pub fn run<S: Stage>(stage: S, doorbell: WakeEvent, station: RoleSession) -> Result<(), Error> {
-    // They are given up in the reverse order: real time, which `armed` holds, the ports, the doorbell, whose alarm may
-    // ring until then, and the place last.
-    let mut station = station;
-    let doorbell = doorbell;
-    let mut stage = stage;
-    let armed = station.join(|wire, expected, epoch| stage.arm(wire, expected, epoch))?;
-    resume(&mut stage, &station, &armed);
+impl Stage for Outer {
+    const ROLE: Role = Role::Outer;
+    type Inputs = Input<State>;
+    type Output = Setpoint;
+
+    fn work(&mut self, tick: u64, state: &Stamped<State>) -> Option<Setpoint> {
+        self.law.tick(tick, state)
+    }
+
+    fn end(&self, setpoint: &Setpoint, state: &Stamped<State>) -> Option<EndReason> {
+        let error_m = setpoint.position_error_m(&state.content);
+        (error_m > self.position_error_max_m).then_some(EndReason::Position)
+    }
+
+    fn rehearse(&mut self, tick: u64, state: &Stamped<State>) -> Option<Setpoint> {
+        self.law.rehearse(tick, state)
+    }
+}
+
+impl Stage for GuardedInner {
+    const ROLE: Role = Role::Inner;
+    type Inputs = (Input<Setpoint>, Input<State>);
+    type Output = Wrench;
+
+    fn work(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Wrench> {
+        let (setpoint, state) = inputs;
+        Some(self.tick(tick, state, setpoint))
+    }
+
+    fn rehearse(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Wrench> {
+        let (setpoint, state) = inputs;
+        Self::rehearse(self, tick, state, setpoint)
+    }
+
+    fn estimates(&self) -> Option<[f64; 3]> {
+        Self::estimates(self)
+    }
+
+    fn resume(&mut self, estimates: [f64; 3]) -> bool {
+        Self::resume(self, estimates)
+    }
+}
+
+impl Stage for GuardedMixer {
+    const ROLE: Role = Role::Mixer;
+    type Inputs = Input<Wrench>;
+    type Output = RotorSpeeds;
+
+    fn work(&mut self, tick: u64, wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
+        Some(self.tick(tick, wrench))
+    }
+
+    fn rehearse(&mut self, tick: u64, wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
+        Self::rehearse(self, tick, wrench)
+    }
+
+    fn last_output(&self) -> Option<RotorSpeeds> {
+        Some(self.idle())
+    }
+}
+
+pub fn outer(
+    session: RoleSession,
+    law: GuardedOuter,
+    position_error_max_m: f64,
+    flight: &Flight,
+) -> Result<(), Error> {
+    let stage = Outer {
+        law,
+        position_error_max_m,
+    };
+    run(stage, session, flight)
+}
+
+/// Flies a stage until the plant closes the run; the mixer wakes the plant in lockstep, which otherwise keeps to the clock.
+pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<(), Error> {
+    // These are dropped in the reverse order: real time, which `armed` holds, the ports, the wake-up event, whose alarm
+    // may fire until then, and the role's lock last.
+    let mut session = session;
+    let wire = session.wire();
+    // The last stage of the chain has time for the second call when its command is out.
+    let event = match S::ROLE {
+        Role::Mixer if !flight.lockstep => wire.wake_event_with_alarm(Role::Mixer),
+        role => wire.wake_event(role),
+    }?;
+    let wakes = match S::ROLE {
+        Role::Outer => Some(Role::Inner),
+        Role::Inner => Some(Role::Mixer),
+        _ => flight.lockstep.then_some(Role::Plant),
+    };
+    let mut stage = StageLoop::new(wire, stage, wakes, flight)?;
+    let armed = session.join(|wire, expected, epoch| stage.arm(wire, expected, epoch))?;
+    resume(&mut stage.stage, &session, &armed);
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     let meter = UsageMeter::start();
-    let flown = fly(&mut stage, &doorbell, &mut station, &armed, &mut pacer);
+    let flown = fly(&mut stage, &event, &mut session, &armed, &mut pacer);
     let finished = stage.finish(pacer.next_tick);
     if flown.is_err() {
-        station.status.wants_end = EndReason::Failed as u64;
+        session.status.wants_end = EndReason::Failed as u64;
     }
-    station.land(&meter);
+    session.land(&meter);
     if flown.is_ok() {
-        say_landed(S::ROLE, &armed.run.get());
+        log_landing(S::ROLE, &armed.run.get());
     }
     flown.and(finished)
 }
 
-/// Has a law begin with what its predecessor had learnt in this run, where it may, and says whether it does.
-fn resume<S: Stage>(stage: &mut S, station: &RoleSession, armed: &Armed) {
+/// Has a law begin with the last estimates of its predecessor in this run, if it allows them.
+fn resume<S: Stage>(stage: &mut S, session: &RoleSession, armed: &Armed) {
     let Status {
         estimates_run,
         estimates,
         ..
-    } = station.status;
-    if !station.resumes_estimates() || estimates_run != armed.expected.run_id {
+    } = session.status;
+    if !session.resumes_estimates() || estimates_run != armed.expected.run_id {
         return;
     }
     let role = S::ROLE.name();
@@ -120,44 +303,51 @@ fn resume<S: Stage>(stage: &mut S, station: &RoleSession, armed: &Armed) {
     } else {
         tracing::warn!(
             role,
-            "begins with its priors: the last estimates {estimates:?} are none that its law may have"
+            "resuming with initial estimates: the last estimates {estimates:?} are outside the law's bounds"
         );
     }
 }
 
 fn fly<S: Stage>(
-    stage: &mut S,
-    doorbell: &WakeEvent,
-    station: &mut RoleSession,
+    stage: &mut StageLoop<S>,
+    event: &WakeEvent,
+    session: &mut RoleSession,
     armed: &Armed,
     pacer: &mut Pacer,
 ) -> Result<(), Error> {
+    let role = S::ROLE;
     let mut previous_busy_ns = 0;
-    let resumes = station.resumes_estimates();
-    let mut signs_of_life = SignsOfLife::new(now_ns());
+    let resumes = session.resumes_estimates();
+    let mut plant = PlantWatch::new(now_ns());
     loop {
-        let (tick, receive_ns) = match pacer.wait(doorbell, |pace| stage.take(pace))? {
+        let (tick, receive_ns) = match pacer.wait(event, |pace| stage.take(pace))? {
             WakeReason::Work { tick, receive_ns } => (tick, receive_ns),
             WakeReason::Rehearsal { tick } => {
                 let is_rehearsed = stage.rehearse(tick)?;
-                station.status.rehearsals += u64::from(is_rehearsed && tick > 0);
+                session.status.rehearsals += u64::from(is_rehearsed && tick > 0);
                 continue;
             }
             WakeReason::Silence { tick, receive_ns } => {
                 if let Some(next) = armed.run.successor() {
-                    return Err(replaced(S::ROLE, &next));
+                    return Err(Error::TooLate {
+                        what: format!(
+                            "another run has begun: a new plant (process {}) has replaced the one that this {role} \
+                             process flew with; start `ironbird {role}` again",
+                            next.plant_pid
+                        ),
+                    });
                 }
                 if armed.run.get().phase() == RunPhase::Closed {
                     return Ok(());
                 }
-                if signs_of_life.look_is_due(receive_ns) && !station.plant_lives() {
+                if plant.check_is_due(receive_ns) && !session.plant_lives() {
                     return Err(Error::Absent {
                         what: "the plant died in flight".into(),
                     });
                 }
                 if armed.pace == Pace::Lockstep {
                     // The plant notices a stage that has died, and closes the run.
-                    station.pass_on_stop();
+                    session.pass_on_stop();
                     continue;
                 }
                 if tick > armed.last_tick {
@@ -166,62 +356,52 @@ fn fly<S: Stage>(
                 (tick, receive_ns)
             }
         };
-        let worked = stage.tick(
-            &TickContext {
-                tick,
-                receive_ns,
-                previous_busy_ns,
-            },
-            &mut |end| station.ask_for_the_end(end),
-        )?;
-        if !worked.stale {
-            signs_of_life.heard(receive_ns);
+        let context = TickContext {
+            tick,
+            receive_ns,
+            previous_busy_ns,
+        };
+        let fresh = stage.tick(&context, |reason| session.request_end(reason))?;
+        if fresh {
+            plant.heard_ns = receive_ns;
         }
-        let status = &mut station.status;
+        let status = &mut session.status;
         status.ticks_run += 1;
-        status.ticks_stale += u64::from(worked.stale);
+        status.ticks_stale += u64::from(!fresh);
         status.ticks_skipped = pacer.skipped;
-        status.rejections = stage.rejections();
-        if let Some(estimates) = stage.estimates().filter(|_| resumes) {
+        status.rejections = stage.inputs.rejections();
+        if let Some(estimates) = stage.stage.estimates().filter(|_| resumes) {
             (status.estimates_run, status.estimates) = (armed.expected.run_id, estimates);
         }
-        station.pass_on_stop();
+        session.pass_on_stop();
         previous_busy_ns = now_ns() - receive_ns;
     }
 }
 
-fn replaced(role: Role, next: &Run) -> Error {
-    Error::TooLate {
-        what: format!(
-            "another run has begun: a new plant (process {}) has the place of the one that this {role} process flew \
-             with; start `ironbird {role}` again",
-            next.plant_pid
-        ),
-    }
-}
+/// After this long without a message that goes back to the plant, a stage checks whether the plant's process lives [ns].
+const PLANT_SILENT_NS: u64 = NS_PER_S;
+/// And then how often [ns]: a check opens a file, which is too slow for every tick.
+const PLANT_CHECK_NS: u64 = NS_PER_S / 10;
 
 #[derive(Clone, Copy, Debug)]
-struct SignsOfLife {
+struct PlantWatch {
     heard_ns: u64,
-    looked_ns: u64,
+    checked_ns: u64,
 }
 
-impl SignsOfLife {
-    const fn new(now: u64) -> Self {
+impl PlantWatch {
+    const fn new(heard_ns: u64) -> Self {
         Self {
-            heard_ns: now,
-            looked_ns: 0,
+            heard_ns,
+            checked_ns: 0,
         }
     }
 
-    const fn heard(&mut self, now: u64) {
-        self.heard_ns = now;
-    }
-
-    const fn look_is_due(&mut self, now: u64) -> bool {
-        let is_due = now > self.heard_ns + PLANT_SILENT_NS && now >= self.looked_ns + PLANT_LOOK_NS;
+    const fn check_is_due(&mut self, now_ns: u64) -> bool {
+        let is_due =
+            now_ns > self.heard_ns + PLANT_SILENT_NS && now_ns >= self.checked_ns + PLANT_CHECK_NS;
         if is_due {
-            self.looked_ns = now;
+            self.checked_ns = now_ns;
         }
         is_due
     }
@@ -232,17 +412,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plant_that_is_silent_is_looked_after_ten_times_a_second() {
-        let mut signs = SignsOfLife::new(0);
-        let looks = |signs: &mut SignsOfLife, from_ms: u64, to_ms: u64| {
-            (from_ms..to_ms)
-                .filter(|ms| signs.look_is_due(ms * 1_000_000))
-                .count()
+    fn a_silent_plant_is_checked_ten_times_a_second_after_a_second() {
+        let mut plant = PlantWatch::new(0);
+        let mut checks = |from_ms: u64, to_ms: u64| {
+            let due = (from_ms..to_ms).filter(|ms| plant.check_is_due(ms * 1_000_000));
+            due.count()
         };
-        // Within a second it may be late.
-        assert_eq!(looks(&mut signs, 0, 1001), 0);
-        assert_eq!(looks(&mut signs, 1001, 3001), 20);
-        signs.heard(3_001_000_000);
-        assert_eq!(looks(&mut signs, 3001, 4002), 0);
+        assert_eq!((checks(0, 1001), checks(1001, 3001)), (0, 20));
     }
 }

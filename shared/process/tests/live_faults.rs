@@ -1,4 +1,4 @@
-//! What was injected meets messages as what was planned: in a stage that is late, that was away, that has heard nothing.
+//! Injected faults act like planned ones: in a stage that is late, that has stalled, or after a gap.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -9,8 +9,7 @@ use ipc::{Blackboard, Sender, Wire};
 use messages::content::{RotorSpeeds, Stamped, Wrench};
 use messages::header::Header;
 use messages::role::Role;
-use process::shell::{Flight, Input, Job, Made, Shell};
-use process::stage::{Stage as _, TickContext};
+use process::stage::{Flight, Input, Stage, StageLoop, TickContext};
 
 use crate::common::{EPOCH, EXPECTED, Site};
 
@@ -19,25 +18,21 @@ const THRUST: Place = Place {
     axis: None,
 };
 
-/// Ticks and thrusts of what a stage has worked with.
-type Had = Vec<(u64, f64)>;
+/// Ticks and thrusts of the inputs that a stage has worked with.
+type Worked = Vec<(u64, f64)>;
 
-/// A mixer that remembers what it had.
-struct Witness(Rc<RefCell<Had>>);
+/// A mixer that records its inputs.
+struct Recorder(Rc<RefCell<Worked>>);
 
-impl Job for Witness {
+impl Stage for Recorder {
     const ROLE: Role = Role::Mixer;
     type Inputs = Input<Wrench>;
     type Output = RotorSpeeds;
 
-    fn work(&mut self, _tick: u64, wrench: &Stamped<Wrench>) -> Made<RotorSpeeds> {
-        self.0
-            .borrow_mut()
-            .push((wrench.tick, wrench.content.thrust_n));
-        Made {
-            output: None,
-            wants_end: None,
-        }
+    fn work(&mut self, _tick: u64, wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
+        let thrust_n = wrench.content.thrust_n;
+        self.0.borrow_mut().push((wrench.tick, thrust_n));
+        None
     }
 
     fn rehearse(&mut self, _tick: u64, _wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
@@ -45,54 +40,47 @@ impl Job for Witness {
     }
 }
 
-/// A stage in flight, with who sends to it and the plant's board.
-struct Post {
-    shell: Shell<Witness>,
-    had: Rc<RefCell<Had>>,
+/// A stage in flight, its sender, and the plant's board.
+struct Chain {
+    stage: StageLoop<Recorder>,
+    worked: Rc<RefCell<Worked>>,
     sender: Sender<Wrench>,
     board: Blackboard<LiveBlackboard>,
 }
 
-impl Post {
+impl Chain {
     fn new(wire: &Wire, planned: &[LiveFault]) -> Self {
         let mut faults = LoopFaults::none(7);
         planned.iter().for_each(|fault| faults.take(fault).unwrap());
-        let (had, board, mut sender) = (
-            Rc::default(),
-            wire.blackboard(LIVE).unwrap(),
-            wire.sender(None).unwrap(),
-        );
+        let board = wire.blackboard(LIVE).unwrap();
         board.put(LiveBlackboard::default());
         let flight = Flight {
             lockstep: false,
             slowdown: 1,
             faults,
         };
-        let mut shell = Shell::of_flight(wire, Witness(Rc::clone(&had)), None, &flight).unwrap();
+        let worked = Rc::default();
+        let mut sender = wire.sender(None).unwrap();
+        let mut stage = StageLoop::new(wire, Recorder(Rc::clone(&worked)), None, &flight).unwrap();
         sender.arm(EXPECTED, EPOCH).unwrap();
-        shell.arm(wire, EXPECTED, EPOCH).unwrap();
+        stage.arm(wire, EXPECTED, EPOCH).unwrap();
         sender.arm(EXPECTED, EPOCH).unwrap();
         Self {
-            shell,
-            had,
+            stage,
+            worked,
             sender,
             board,
         }
     }
-
-    fn work(&mut self, tick: u64) {
-        self.shell.take(tick).unwrap();
-        work(&mut self.shell, tick);
-    }
 }
 
-fn work(shell: &mut Shell<Witness>, tick: u64) {
+fn work(stage: &mut StageLoop<Recorder>, tick: u64) {
     let context = TickContext {
         tick,
         receive_ns: 0,
         previous_busy_ns: 0,
     };
-    shell.tick(&context, &mut |_| ()).unwrap();
+    stage.tick(&context, |_| ()).unwrap();
 }
 
 fn send(sender: &mut Sender<Wrench>, tick: u64) {
@@ -120,83 +108,97 @@ fn fault(kind: Kind, from: u64, to: u64) -> LiveFault {
     }
 }
 
-/// What a stage has that works in some ticks, of messages that are sent in some; faults are planned, or injected.
-fn had(faults: &[LiveFault], is_live: bool, sends: fn(u64) -> bool, works: fn(u64) -> bool) -> Had {
+/// The inputs of a stage that works in some ticks, of messages that are sent in some; faults are planned, or injected.
+fn worked(
+    faults: &[LiveFault],
+    is_live: bool,
+    sends: fn(u64) -> bool,
+    works: fn(u64) -> bool,
+) -> Worked {
     let site = Site::new();
-    let wire = site.wire();
-    let mut place = Post::new(&wire, if is_live { &[] } else { faults });
+    let mut chain = Chain::new(&site.wire(), if is_live { &[] } else { faults });
     let first = faults.iter().map(|fault| fault.span.from).min().unwrap();
     for tick in 0..first + 60 {
         if is_live && tick + NOTICE_TICKS == first {
-            place.board.put(board_of(faults));
+            chain.board.put(board_of(faults));
         }
         if sends(tick) {
-            send(&mut place.sender, tick);
+            send(&mut chain.sender, tick);
         }
         if works(tick) {
-            place.work(tick);
+            chain.stage.take(tick).unwrap();
+            work(&mut chain.stage, tick);
         }
     }
-    place.had.take()
+    chain.worked.take()
 }
 
 #[test]
-fn a_late_stage_has_what_it_would_have_if_the_fault_had_been_planned() {
-    for faults in [
-        vec![fault(Kind::Lag(3), 100, 130)],
-        vec![fault(Kind::Delay(3), 100, Span::FOR_GOOD)],
-        vec![
-            fault(Kind::Freeze, 101, 120),
-            fault(Kind::Bias(THRUST, 0.25), 101, 140),
-        ],
+fn injected_faults_act_like_planned_ones_in_a_late_stage_and_after_a_gap() {
+    let bias = Kind::Bias(THRUST, 0.25);
+    let odd: fn(u64) -> bool = |tick| tick % 2 == 1;
+    let gap: fn(u64) -> bool = |tick| !(20..100).contains(&tick);
+    let lag = [(101, 98.0), (103, 100.0), (105, 102.0)];
+    // A freeze repeats what came long before it was injected.
+    let freeze = [(19, 19.0), (100, 19.0), (101, 19.0)];
+    for (faults, sends, works, expected) in [
+        (
+            vec![fault(Kind::Lag(3), 100, 130)],
+            None,
+            odd,
+            Some((50, lag)),
+        ),
+        (
+            vec![fault(Kind::Delay(3), 100, Span::FOR_GOOD)],
+            None,
+            odd,
+            None,
+        ),
+        (
+            vec![fault(Kind::Freeze, 101, 120), fault(bias, 101, 140)],
+            None,
+            odd,
+            None,
+        ),
+        (
+            vec![fault(Kind::Freeze, 100, 120)],
+            Some(gap),
+            |_| true,
+            Some((99, freeze)),
+        ),
     ] {
+        let sends = sends.unwrap_or(|_| true);
         let [planned, injected] =
-            [false, true].map(|is_live| had(&faults, is_live, |_| true, |tick| tick % 2 == 1));
+            [false, true].map(|is_live| worked(&faults, is_live, sends, works));
         assert_eq!(planned, injected, "{faults:?}");
+        if let Some((at, expected)) = expected {
+            assert_eq!(injected[at..at + 3], expected);
+        }
     }
-    let lags = had(
-        &[fault(Kind::Lag(3), 100, 130)],
-        true,
-        |_| true,
-        |tick| tick % 2 == 1,
-    );
-    assert_eq!(lags[50..53], [(101, 98.0), (103, 100.0), (105, 102.0)]);
 }
 
 #[test]
-fn a_freeze_repeats_what_came_long_before_it_was_injected() {
-    let faults = [fault(Kind::Freeze, 100, 120)];
-    let sends = |tick| !(20..100).contains(&tick);
-    let [planned, injected] = [false, true].map(|is_live| had(&faults, is_live, sends, |_| true));
-    assert_eq!(injected[99..102], [(19, 19.0), (100, 19.0), (101, 19.0)]);
-    assert_eq!(planned, injected);
-}
-
-#[test]
-fn a_stage_that_is_away_with_its_hand_at_the_port_uses_no_message_that_a_fault_strikes() {
+fn a_stage_that_stalls_while_it_receives_uses_no_message_without_the_faults_of_its_tick() {
     let site = Site::new();
     let wire = site.wire();
-    let Post {
-        mut shell,
-        had,
+    let Chain {
+        mut stage,
+        worked,
         sender,
         board,
-    } = Post::new(&wire, &[]);
-    let (sender, is_away) = (RefCell::new(sender), Cell::new(true));
+    } = Chain::new(&wire, &[]);
+    let (sender, stalls) = (RefCell::new(sender), Cell::new(true));
     send(&mut sender.borrow_mut(), 0);
-    // Asked with the first message in hand: while the stage is away the flight goes on, and a fault is injected.
+    // Called after the first message was received: while the stage stalls, the flight goes on and a fault is injected.
     let meanwhile = || {
-        if is_away.replace(false) {
-            board.put(board_of(&[fault(
-                Kind::Bias(THRUST, 0.5),
-                NOTICE_TICKS,
-                90,
-            )]));
+        if stalls.replace(false) {
+            let bias = fault(Kind::Bias(THRUST, 0.5), NOTICE_TICKS, 90);
+            board.put(board_of(&[bias]));
             (1..=80).for_each(|tick| send(&mut sender.borrow_mut(), tick));
         }
         u64::MAX - 1
     };
-    shell.take(meanwhile).unwrap();
-    work(&mut shell, 80);
-    assert_eq!(had.take(), [(80, 80.5)]);
+    stage.take(meanwhile).unwrap();
+    work(&mut stage, 80);
+    assert_eq!(worked.take(), [(80, 80.5)]);
 }

@@ -12,8 +12,8 @@ use messages::role::Role;
 use plant::PlantSettings;
 use process::rt::{loops_cpu, take_stand};
 use process::session::{RoleSession, StartConfig};
-use process::shell::{self, Flight};
 use process::signals::is_on_its_own;
+use process::stage::{self, Flight};
 use process::standby;
 
 use crate::cli::flight::check_clock_flags;
@@ -111,10 +111,10 @@ impl Stage {
             }
             Self::Outer(outer) => {
                 let error_max_m = settings.flight.position_error_max_m;
-                shell::outer(session, outer, error_max_m, &flight)?;
+                stage::outer(session, outer, error_max_m, &flight)?;
             }
-            Self::Inner(inner) => shell::inner(session, inner, &flight)?,
-            Self::Mixer(mixer) => shell::mixer(session, mixer, &flight)?,
+            Self::Inner(inner) => stage::run(inner, session, &flight)?,
+            Self::Mixer(mixer) => stage::run(mixer, session, &flight)?,
         }
         Ok(())
     }

@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::AtFlags;
@@ -31,7 +31,7 @@ pub(super) struct Contents {
     pub(super) foreign: Vec<PathBuf>,
 }
 
-/// Where a directory stands, which says what may lie in it.
+/// Which directory of an instance it is.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Place {
     Instance,
@@ -40,19 +40,14 @@ enum Place {
     Node,
 }
 
-/// Whether a file of this name may be ours, or which place a directory of this name is.
+/// Whether a file of this name may be ours.
 fn file_is_ours(place: Place, name: &str, prefix: &str) -> bool {
-    match place {
-        Place::Instance => {
-            let mut roles = ROLES
-                .iter()
-                .map(|role| role.name())
-                .chain([LAUNCHER, IN_USE]);
-            roles.any(|role| lock_name(role) == name)
-        }
-        // Service files; node monitors; what a node is, what it uses.
-        Place::Services | Place::Nodes | Place::Node => name.starts_with(prefix),
+    if place != Place::Instance {
+        return name.starts_with(prefix);
     }
+    let roles = ROLES.iter().map(|role| role.name());
+    let mut locks = roles.chain([LAUNCHER, IN_USE]).map(lock_name);
+    locks.any(|lock| lock == name)
 }
 
 fn place_below(place: Place, name: &str) -> Option<Place> {
@@ -137,16 +132,12 @@ impl Instance {
             Ok(directory) => directory?,
             Err(refusal) => return Some(refusal),
         };
-        let unmarked = || {
-            not_ours(
-                self.directory(),
-                "it has lost the mark that ironbird made it",
-            )
-        };
-        directory
-            .check_private()
-            .err()
-            .or_else(|| (!is_marked(&directory)).then(unmarked))
+        let why = "it has lost the mark that ironbird made it";
+        match directory.check_private() {
+            Ok(()) if is_marked(&directory) => None,
+            Ok(()) => Some(not_ours(self.directory(), why)),
+            Err(refusal) => Some(refusal),
+        }
     }
 
     /// Removes what is left of the instance when no process lives that uses it, and says what it removed.
@@ -186,18 +177,13 @@ impl Instance {
     /// Whether any process of the instance lives, or uses its shared memory.
     fn is_used(&self, door: &Door) -> bool {
         let name = lock_name(IN_USE);
-        let is_free = |file: Option<File>| {
-            file.map_or(Ok(true), |file| {
-                try_lock(&file, &self.directory().join(&name))
-            })
+        let is_free = |file: Option<File>| match file {
+            Some(file) => try_lock(&file, &self.directory().join(&name)),
+            None => Ok(true),
         };
-        // Where that cannot be seen, it may be.
-        self.is_alive()
-            || !door
-                .directory
-                .file(&name)
-                .and_then(is_free)
-                .unwrap_or(false)
+        let is_free = door.directory.file(&name).and_then(is_free);
+        // If that cannot be read, it may be.
+        self.is_alive() || !is_free.unwrap_or(false)
     }
 
     fn has_no_directory(&self) -> bool {
@@ -239,72 +225,49 @@ impl Instance {
         let Some(services) = door.directory.open_below(Path::new(SERVICES))? else {
             return Ok(());
         };
-        let found: Vec<_> = services
-            .names()?
-            .into_iter()
-            .filter_map(|name| name.into_string().ok())
-            .filter(|name| name.starts_with(&prefix))
+        let names = services.names()?.into_iter();
+        let names = names.filter_map(|name| name.into_string().ok());
+        let services_before: Vec<_> = names
+            .filter(|name| name.starts_with(&prefix) && name.ends_with(".service"))
             .map(|name| (services.identity(Path::new(&name)), name))
             .collect();
         let living = living();
-        let has_share = |node: &String, share: &Path| {
-            door.directory
-                .kind(&Path::new(NODES).join(node).join(share))
-                != EntryKind::Gone
-        };
-        for (identity, name) in found {
-            let Some(service) = name.strip_suffix(".service") else {
-                continue;
+        for (identity, name) in services_before {
+            let is_shared = |node: &String| {
+                let share = Path::new(NODES).join(node).join(format!("{name}_tag"));
+                door.directory.kind(&share) != EntryKind::Gone
             };
-            let share = PathBuf::from(format!("{service}.service_tag"));
-            let name = Path::new(&name);
-            if !living.iter().any(|node| has_share(node, &share))
-                && services.identity(name) == identity
-            {
-                services.remove(name, AtFlags::empty())?;
+            let file = Path::new(&name);
+            if !living.iter().any(is_shared) && services.identity(file) == identity {
+                services.remove(file, AtFlags::empty())?;
             }
         }
         Ok(())
     }
 
     fn paths(&self, contents: &Contents) -> Vec<PathBuf> {
-        let directory = self.directory();
-        let rest = if contents.foreign.is_empty() {
-            vec![directory]
+        let (mut paths, directory) = (self.paths_of_segments(), self.directory());
+        if contents.foreign.is_empty() {
+            paths.push(directory);
         } else {
-            contents
-                .files
-                .iter()
-                .map(|path| directory.join(path))
-                .collect()
-        };
-        self.paths_of_segments().into_iter().chain(rest).collect()
+            paths.extend(contents.files.iter().map(|path| directory.join(path)));
+        }
+        paths
     }
 
     fn paths_of_segments(&self) -> Vec<PathBuf> {
-        self.segments()
-            .into_iter()
-            .map(|name| Path::new(SHARED_MEMORY).join(name))
-            .collect()
+        let segments = self.segments().into_iter();
+        let path = |name| Path::new(SHARED_MEMORY).join(name);
+        segments.map(path).collect()
     }
 
     pub(super) fn contents(&self, door: &Door) -> Result<Contents, Error> {
-        let mut contents = Contents::default();
-        look_into(
-            &door.directory,
-            Path::new(""),
-            Place::Instance,
-            &self.prefix(),
-            &mut contents,
-        )?;
+        let (mut contents, prefix) = (Contents::default(), self.prefix());
+        let (here, place) = (Path::new(""), Place::Instance);
+        sort_entries(&door.directory, here, place, &prefix, &mut contents)?;
         if !is_marked(&door.directory) {
-            // Without our mark, a name proves nothing.
-            let (ours, foreign) = contents
-                .files
-                .into_iter()
-                .partition(|path| may_be_a_lock(&door.directory, path));
-            contents.files = ours;
-            contents.foreign.extend::<Vec<_>>(foreign);
+            // Without the mark, a name proves nothing: the mark is written before all other files.
+            contents.foreign.append(&mut contents.files);
         }
         Ok(contents)
     }
@@ -374,24 +337,8 @@ impl Instance {
     }
 }
 
-/// Whether a file holds what a lock does: a process number, or nothing.
-fn may_be_a_lock(directory: &Directory, path: &Path) -> bool {
-    const LONGEST: u64 = 32;
-    let Some(file) = path
-        .to_str()
-        .and_then(|name| directory.file(name).ok().flatten())
-    else {
-        return false;
-    };
-    let mut bytes = Vec::new();
-    file.take(LONGEST).read_to_end(&mut bytes).is_ok()
-        && bytes
-            .iter()
-            .all(|byte| byte.is_ascii_digit() || *byte == b'\n')
-}
-
-/// Sorts what lies in a directory; says whether all of it is ours.
-fn look_into(
+/// Sorts the entries of a directory; returns whether all of them are ours.
+fn sort_entries(
     directory: &Directory,
     path: &Path,
     place: Place,
@@ -414,7 +361,7 @@ fn look_into(
         };
         if let Some(place) = inner {
             if let Some(inner) = directory.open_below(Path::new(&name))? {
-                all_ours &= look_into(&inner, &below, place, prefix, contents)?;
+                all_ours &= sort_entries(&inner, &below, place, prefix, contents)?;
             }
         } else {
             all_ours = false;

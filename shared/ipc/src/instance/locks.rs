@@ -36,7 +36,7 @@ pub(super) const LAUNCHER: &str = "fly";
 const LOCK_TRIES: u32 = 20;
 const LOCK_RETRY: Duration = Duration::from_millis(5);
 /// How long a lock that is held for instants only may be waited for.
-const PATIENCE: Duration = Duration::from_secs(5);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 #[derive(Debug)]
@@ -138,7 +138,7 @@ impl Instance {
 
     fn is_held(&self, role: &str) -> Result<bool, Error> {
         let path = self.lock_path(role);
-        match open_to_look(&path) {
+        match open_for_reading(&path) {
             Ok(file) => lock_if_free(&file, FlockOperation::NonBlockingLockShared, &path)
                 .map(|is_free| !is_free),
             // Nobody ever was there.
@@ -211,28 +211,21 @@ impl Instance {
         if is_marked(&door.directory) {
             return Ok(());
         }
+        let (path, name) = (self.directory(), self.name());
         let foreign = self.contents(door)?.foreign;
         if !foreign.is_empty() {
-            let names = foreign
-                .iter()
-                .map(|path| path.display().to_string())
-                .collect();
-            return Err(Error::ForeignDirectory {
-                path: self.directory(),
-                names,
-            });
+            let names = foreign.iter().map(|path| path.display().to_string());
+            let names = names.collect();
+            return Err(Error::ForeignDirectory { path, names });
         }
         door.directory.make_private()?;
         let Some(mut mark) = door.directory.new_file(MARK)? else {
             return Ok(());
         };
-        let path = self.directory().join(MARK);
-        writeln!(
-            mark,
-            "A directory of ironbird, which removes it when the instance `{}` has ended.",
-            self.name()
-        )
-        .map_err(|source| Error::path(path, source))
+        let text = format!(
+            "A directory of ironbird, which removes it when the instance `{name}` has ended."
+        );
+        writeln!(mark, "{text}").map_err(|source| Error::path(path.join(MARK), source))
     }
 }
 
@@ -261,10 +254,10 @@ pub(crate) fn lock_soon(
 ) -> Result<(), Error> {
     let start = Instant::now();
     while !lock_if_free(&file, operation, path)? {
-        if start.elapsed() >= PATIENCE {
+        if start.elapsed() >= LOCK_TIMEOUT {
             return Err(Error::Held {
                 path: path.to_owned(),
-                waited: PATIENCE,
+                waited: LOCK_TIMEOUT,
             });
         }
         std::thread::sleep(LOOK_EVERY);
@@ -301,13 +294,8 @@ fn lock_if_free(file: impl AsFd, operation: FlockOperation, path: &Path) -> Resu
 
 /// What the last holder of a lock wrote; nothing in the instant between locking and writing.
 fn written_pid(path: &Path) -> Option<u32> {
-    let mut text = String::new();
-    open_to_look(path)
-        .ok()?
-        .take(32)
-        .read_to_string(&mut text)
-        .ok()?;
-    text.trim().parse().ok()
+    let text = io::read_to_string(open_for_reading(path).ok()?.take(32));
+    text.ok()?.trim().parse().ok()
 }
 
 fn has_ended(pid: u32) -> bool {
@@ -315,7 +303,7 @@ fn has_ended(pid: u32) -> bool {
     pid.is_some_and(|pid| test_kill_process(pid) == Err(Errno::SRCH))
 }
 
-fn open_to_look(path: &Path) -> io::Result<File> {
+fn open_for_reading(path: &Path) -> io::Result<File> {
     let safely = OFlags::NOFOLLOW | OFlags::NONBLOCK;
     File::options()
         .read(true)

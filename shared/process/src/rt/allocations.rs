@@ -53,8 +53,8 @@ macro_rules! count_and_forward {
 /// Counts every call to malloc and its kin in this executable, whoever makes it: Rust, or a library that it loads. It is
 /// written once, in an executable that proves that a tick does not allocate.
 ///
-/// The functions are found before those of the C library, and pass on to it. Another C library than glibc counts Rust's
-/// allocations alone.
+/// The functions are found before those of the C library, and forward to it. With another C library than glibc nothing is
+/// counted.
 #[macro_export]
 macro_rules! count_allocations {
     () => {
@@ -103,28 +103,5 @@ macro_rules! count_allocations {
                 0
             }
         }
-
-        #[cfg(not(target_env = "gnu"))]
-        #[global_allocator]
-        static ALLOCATOR: $crate::rt::CountingAllocator = $crate::rt::CountingAllocator;
     };
-}
-
-#[cfg(not(target_env = "gnu"))]
-#[derive(Debug)]
-pub struct CountingAllocator;
-
-#[cfg(not(target_env = "gnu"))]
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl std::alloc::GlobalAlloc for CountingAllocator {
-    unsafe fn alloc(&self, layout: std::alloc::Layout) -> *mut u8 {
-        count_allocation();
-        // SAFETY: promised by the caller.
-        unsafe { std::alloc::System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: std::alloc::Layout) {
-        // SAFETY: promised by the caller.
-        unsafe { std::alloc::System.dealloc(pointer, layout) }
-    }
 }

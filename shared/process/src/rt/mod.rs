@@ -7,8 +7,6 @@ pub(crate) mod sys;
 mod thread;
 mod usage;
 
-#[cfg(not(target_env = "gnu"))]
-pub use allocations::CountingAllocator;
 pub use allocations::{count_allocation, thread_allocations};
 pub use memory::settle;
 pub use setup::{Ahead, Engaged, WITHOUT_ROOT, hold_cpu_latency, remedy};

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!                a plant lives            it announces t_0           it keeps to it
-//!   Seeking --------------------> Told ---------------------> Armed ----------------> joined
+//!   Seeking --------------------> Found --------------------> Armed ----------------> joined
 //!      ^                         |  ^ |                         |                        ^
 //!      |     it dies or closes   |  | |    it flies already     |                        |
 //!      +-------------------------+  | +-------------------------)------------------------+
@@ -15,7 +15,7 @@
 use std::cell::Cell;
 use std::thread::sleep;
 
-use super::{LOOK_EVERY, RoleSession};
+use super::{LOOK_EVERY, RoleSession, StartConfig, opened};
 use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
 use ipc::clock::now_ns;
@@ -51,7 +51,7 @@ impl JoinedRun {
         }
     }
 
-    /// What the plant says of the run; once another run is on the board, what it said last, closed by a failure.
+    /// The plant's board of this run; if another run is on it, the last state of this one, closed by a failure.
     pub fn get(&self) -> Run {
         let (now, last) = (self.board.get(), self.last.get());
         if now.run_id == last.run_id {
@@ -73,8 +73,8 @@ impl JoinedRun {
 
 enum Joining {
     Seeking,
-    /// A plant is known, and what it says is waited for.
-    Told(BlackboardReader<Run>),
+    /// A plant has its board up, and has not announced t_0.
+    Found(BlackboardReader<Run>),
     /// The ports are armed for the t_0 of this run, which the plant may still move.
     Armed(BlackboardReader<Run>, Run),
     Joined(BlackboardReader<Run>, Run),
@@ -90,27 +90,27 @@ impl RoleSession {
         mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
     ) -> Result<Armed, Error> {
         let engaged = self.report_ready()?;
-        let mut patience = ThrottledLog::new(self.role);
+        let mut log = ThrottledLog::new(self.role);
         let mut joining = Joining::Seeking;
         loop {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
             joining = match joining {
-                Joining::Seeking => self.seek(&mut patience)?,
-                Joining::Told(board) => self.follow(board, &mut patience, &mut arm)?,
-                Joining::Armed(board, run) => self.await_word(board, run, &mut patience),
+                Joining::Seeking => self.seek(&mut log)?,
+                Joining::Found(board) => self.follow(board, &mut log, &mut arm)?,
+                Joining::Armed(board, run) => self.await_start(board, run, &mut log),
                 Joining::Joined(board, run) => return Ok(self.take_off(engaged, board, run)),
             };
         }
     }
 
-    fn seek(&mut self, patience: &mut ThrottledLog) -> Result<Joining, Error> {
+    fn seek(&mut self, log: &mut ThrottledLog) -> Result<Joining, Error> {
         if let Some(board) = self.find_plant()? {
             self.compare_settings()?;
-            return Ok(Joining::Told(board));
+            return Ok(Joining::Found(board));
         }
-        patience.say(|| "the plant (`ironbird plant`)".into());
+        log.waiting_for(|| "the plant (`ironbird plant`)".into());
         sleep(10 * LOOK_EVERY);
         Ok(Joining::Seeking)
     }
@@ -118,7 +118,7 @@ impl RoleSession {
     fn follow(
         &mut self,
         board: BlackboardReader<Run>,
-        patience: &mut ThrottledLog,
+        log: &mut ThrottledLog,
         arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
     ) -> Result<Joining, Error> {
         let run = board.get();
@@ -130,9 +130,9 @@ impl RoleSession {
         }
         match run.phase() {
             RunPhase::Mustering | RunPhase::Closed => {
-                patience.say(|| "the plant to open the run".into());
+                log.waiting_for(|| "the plant to open the run".into());
                 sleep(LOOK_EVERY);
-                Ok(Joining::Told(board))
+                Ok(Joining::Found(board))
             }
             RunPhase::Opening => {
                 self.arm_for(&run, arm)?;
@@ -148,11 +148,11 @@ impl RoleSession {
         }
     }
 
-    fn await_word(
+    fn await_start(
         &mut self,
         board: BlackboardReader<Run>,
         run: Run,
-        patience: &mut ThrottledLog,
+        log: &mut ThrottledLog,
     ) -> Joining {
         let now = board.get();
         let is_same = (now.run_id, now.t0_ns) == (run.run_id, run.t0_ns);
@@ -161,37 +161,29 @@ impl RoleSession {
             RunPhase::Flying | RunPhase::Closed if is_same => Joining::Joined(board, run),
             // The plant keeps to this t_0 or announces another one: that it has passed says nothing.
             RunPhase::Opening if is_same && self.plant_lives() => {
-                patience.say(|| "the plant to open the run".into());
+                log.waiting_for(|| "the plant to open the run".into());
                 sleep(LOOK_EVERY);
                 Joining::Armed(board, run)
             }
             _ => {
                 self.enter(RolePhase::Ready);
-                Joining::Told(board)
+                Joining::Found(board)
             }
         }
     }
 
     /// The board of a plant that lives and whose run is open to this role.
     fn find_plant(&mut self) -> Result<Option<BlackboardReader<Run>>, Error> {
-        let board = self.boards.run.take().map_or_else(
-            || self.wire.blackboard_reader::<Run>(RUN),
-            |board| Ok(Some(board)),
-        )?;
-        let Some(board) = board else { return Ok(None) };
+        let Some(board) = opened(&mut self.boards.run, &self.wire, RUN)? else {
+            return Ok(None);
+        };
         let run = board.get();
+        let StartConfig {
+            instance, launcher, ..
+        } = &self.orders;
         // A launched role flies with the plant of its own launcher: another one's is about to end.
-        let is_of_our_flight = self
-            .orders
-            .launcher
-            .is_none_or(|launcher| u64::from(launcher) == run.launcher_pid);
-        let wrote_it = |pid: u32| u64::from(pid) == run.plant_pid;
-        let is_ours = is_of_our_flight
-            && self
-                .orders
-                .instance
-                .pid_of(Role::Plant)
-                .is_some_and(wrote_it);
+        let is_ours = launcher.is_none_or(|pid| u64::from(pid) == run.launcher_pid)
+            && instance.pid_of(Role::Plant).map(u64::from) == Some(run.plant_pid);
         if run.phase() == RunPhase::Closed || (!is_ours && is_on(Check::RunCheck)) {
             return Ok(None);
         }
@@ -237,13 +229,10 @@ impl RoleSession {
     }
 
     fn compare_settings(&mut self) -> Result<(), Error> {
-        let ahead = self.boards.settings.take();
-        let board = ahead.map_or_else(
-            || self.wire.blackboard_reader::<SettingsText>(SETTINGS),
-            |board| Ok(Some(board)),
-        )?;
-        let Some(board) = board else { return Ok(()) };
-        let theirs = board.get();
+        let Some(board) = opened(&mut self.boards.settings, &self.wire, SETTINGS)? else {
+            return Ok(());
+        };
+        let theirs: SettingsText = board.get();
         let differences = differences(&self.orders.settings, theirs.text(), self.role);
         if theirs.text().is_empty() || differences.is_empty() {
             return Ok(());

@@ -96,9 +96,9 @@ impl RoleSession {
             run_id: wall_ns(),
             settings: run.settings,
         };
-        let mut patience = ThrottledLog::new(self.role);
+        let mut log = ThrottledLog::new(self.role);
         let crew = loop {
-            let crew = self.muster(&board, &mut run, &mut patience)?;
+            let crew = self.muster(&board, &mut run, &mut log)?;
             run.phase = RunPhase::Opening as u64;
             run.run_id = expected.run_id;
             run.t0_ns = now_ns() + ANNOUNCE_NS;
@@ -111,7 +111,7 @@ impl RoleSession {
                 break crew;
             }
             // Whoever has died meanwhile is missed by the next muster.
-            patience.say(|| format!("{} to arm for t_0", late.join(", ")));
+            log.waiting_for(|| format!("{} to arm for t_0", late.join(", ")));
         };
         run.phase = RunPhase::Flying as u64;
         board.put(run);
@@ -153,7 +153,7 @@ impl RoleSession {
         &self,
         board: &Blackboard<Run>,
         run: &mut Run,
-        patience: &mut ThrottledLog,
+        log: &mut ThrottledLog,
     ) -> Result<RoleStatuses, Error> {
         loop {
             if self.stop_requested() {
@@ -177,7 +177,7 @@ impl RoleSession {
                 run.phase = RunPhase::Mustering as u64;
                 board.put(*run);
             }
-            patience.say(|| {
+            log.waiting_for(|| {
                 let (all, laws) = (missing.join(", "), &self.orders.law_options);
                 let command = format!("ironbird {} {laws}", missing[0]);
                 format!(

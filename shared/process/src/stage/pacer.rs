@@ -1,4 +1,4 @@
-//! Which tick a stage works next: input, deadline, or a ring without a message.
+//! Which tick a stage works next: input, deadline, or a notification without a message.
 
 use ipc::WakeEvent;
 use ipc::clock::now_ns;
@@ -43,7 +43,7 @@ pub(super) struct Pacer {
     pace: Pace,
     first_look_percent: u64,
     deadline_percent: u64,
-    /// When the present wait for the doorbell began [ns].
+    /// When the present wait for the event began [ns].
     since_ns: u64,
     pub(super) next_tick: u64,
     pub(super) skipped: u64,
@@ -51,12 +51,10 @@ pub(super) struct Pacer {
 
 impl Pacer {
     pub(super) const fn new(pace: Pace, role: Role, first_tick: u64) -> Self {
-        let (first_look_percent, deadline_percent) =
-            (first_look_percent(role), role.deadline_percent());
         Self {
             pace,
-            first_look_percent,
-            deadline_percent,
+            first_look_percent: first_look_percent(role),
+            deadline_percent: role.deadline_percent(),
             since_ns: 0,
             next_tick: first_tick,
             skipped: 0,
@@ -65,27 +63,25 @@ impl Pacer {
 
     pub(super) fn wait(
         &mut self,
-        doorbell: &WakeEvent,
+        event: &WakeEvent,
         mut take: impl FnMut(Pace) -> Result<u64, Error>,
     ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
         loop {
             // Before the ports: what a tick has is there when the role before has said that it has nothing to add.
-            let silent = doorbell
-                .silent_tick()
-                .filter(|_| self.pace == Pace::Lockstep);
+            let silent = event.silent_tick().filter(|_| self.pace == Pace::Lockstep);
             let newest = latest(take(self.pace)?, silent);
             // After the ports: a machine that stalls in between must not make what has come look too early.
             let now = now_ns();
             if let Some(wake) = self.decide(now, newest) {
                 return Ok(wake);
             }
-            if doorbell.rehearsal_is_called() && self.is_to_come(now) {
+            if event.rehearsal_is_due() && self.is_to_come(now) {
                 return Ok(WakeReason::Rehearsal {
                     tick: self.next_tick,
                 });
             }
-            doorbell.wait_until(self.look_up(now))?;
+            event.wait_until(self.look_up(now))?;
         }
     }
 
@@ -175,49 +171,66 @@ mod tests {
         Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick)
     }
 
-    fn work(tick: u64, receive_ns: u64) -> Option<WakeReason> {
-        Some(WakeReason::Work { tick, receive_ns })
-    }
-
-    fn silence(tick: u64, receive_ns: u64) -> Option<WakeReason> {
-        Some(WakeReason::Silence { tick, receive_ns })
-    }
-
     #[test]
-    fn works_its_input_and_waits_for_the_next() {
-        let mut pacer = pacer(0);
-        assert_eq!(pacer.decide(at(0, 0) - 500, NO_TICK), None);
-        assert_eq!(pacer.decide(at(0, 30), 0), work(0, at(0, 30)));
-        // Its input is of the past tick.
-        assert_eq!(pacer.decide(at(0, 40), 0), None);
-        assert_eq!(pacer.decide(at(1, 30), 1), work(1, at(1, 30)));
-        assert_eq!(pacer.skipped, 0);
-    }
-
-    #[test]
-    fn works_without_input_after_its_deadline_once() {
-        let mut pacer = pacer(5);
-        assert_eq!(pacer.decide(at(5, 799), 4), None);
-        assert_eq!(pacer.decide(at(5, 800), 4), silence(5, at(5, 800)));
-        // The late input is not worked a second time.
-        assert_eq!(pacer.decide(at(5, 900), 5), None);
-        assert_eq!(pacer.decide(at(6, 10), 6), work(6, at(6, 10)));
-    }
-
-    #[test]
-    fn looks_up_once_before_its_deadline() {
-        let pacer = pacer(5);
-        assert_eq!(pacer.look_up(at(4, 900)), at(5, 690));
-        assert_eq!(pacer.look_up(at(5, 690)), at(5, 800));
-    }
-
-    #[test]
-    fn skips_the_ticks_that_are_over() {
-        let mut pacer = pacer(5);
-        // A pause of the machine: tick 9 may still get its input.
-        assert_eq!(pacer.decide(at(9, 100), 4), None);
-        assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
-        assert_eq!(pacer.decide(at(9, 200), 9), work(9, at(9, 200)));
+    fn a_stage_works_its_input_or_its_deadline_once_and_skips_ticks_that_are_over() {
+        #[derive(Debug, PartialEq)]
+        enum Does {
+            Wait,
+            Work(u64),
+            Silence(u64),
+        }
+        use Does::{Silence, Wait, Work};
+        // First tick, then: when it looks, newest input, what it does. Last: the next tick, and ticks skipped.
+        for (first, looks, expected) in [
+            // The input of the past tick is not worked again.
+            (
+                0,
+                vec![
+                    (at(0, 0) - 500, NO_TICK, Wait),
+                    (at(0, 30), 0, Work(0)),
+                    (at(0, 40), 0, Wait),
+                    (at(1, 30), 1, Work(1)),
+                ],
+                (2, 0),
+            ),
+            // Nor is one that comes after the deadline.
+            (
+                5,
+                vec![
+                    (at(5, 799), 4, Wait),
+                    (at(5, 800), 4, Silence(5)),
+                    (at(5, 900), 5, Wait),
+                    (at(6, 10), 6, Work(6)),
+                ],
+                (7, 0),
+            ),
+            // After a pause of the machine, tick 9 may still get its input.
+            (
+                5,
+                vec![(at(9, 100), 4, Wait), (at(9, 200), 9, Work(9))],
+                (10, 4),
+            ),
+            // An input that comes just before its tick begins is worked once.
+            (
+                5,
+                vec![(at(5, 999), 6, Work(6)), (at(6, 10), 6, Wait)],
+                (7, 1),
+            ),
+        ] {
+            let mut pacer = pacer(first);
+            for (now, newest, expected) in looks {
+                let does = match pacer.decide(now, newest) {
+                    None => Wait,
+                    Some(WakeReason::Work { tick, receive_ns }) if receive_ns == now => Work(tick),
+                    Some(WakeReason::Silence { tick, .. }) => Silence(tick),
+                    Some(other) => panic!("{other:?}"),
+                };
+                assert_eq!(does, expected, "at {now}");
+            }
+            assert_eq!((pacer.next_tick, pacer.skipped), expected);
+        }
+        assert_eq!(pacer(5).look_up(at(4, 900)), at(5, 690));
+        assert_eq!(pacer(5).look_up(at(5, 690)), at(5, 800));
     }
 
     #[test]
@@ -234,79 +247,52 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_is_no_rehearsal_unless_it_calls_for_one() {
-        let root = tempfile::Builder::new()
-            .prefix("ib-")
-            .tempdir_in("/tmp")
-            .unwrap();
-        let instance = ipc::instance::Instance::under(root.path(), "called").unwrap();
+    fn a_notification_is_a_rehearsal_only_if_it_calls_for_one_and_time_is_read_after_the_input() {
+        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = ipc::instance::Instance::under(root.path(), "pacer").unwrap();
         let wire = ipc::Wire::open(&instance).unwrap();
-        let (doorbell, bell) = (
-            wire.doorbell(Role::Inner).unwrap(),
-            wire.bell(Role::Inner).unwrap(),
-        );
+        let event = wire.wake_event(Role::Inner).unwrap();
+        let notifier = wire.notifier(Role::Inner).unwrap();
         // A minute long, and begun fifty seconds ago: the next tick is to come.
         let period_ns = 60_000_000_000;
         let grid = Grid {
             t0_ns: now_ns() - period_ns * 5 / 6,
             period_ns,
         };
-        // Rung in the first look and in the second; the third finds a message, so that the wait has an end.
-        let woken_by = |ring: &dyn Fn()| {
+        // Notified in the first look and in the second; the third finds a message, so that the wait has an end.
+        let woken_by = |notify: &dyn Fn()| {
             let mut looks = 0;
-            Pacer::new(Pace::Realtime(grid), Role::Inner, 1).wait(&doorbell, |_| {
+            let woken = Pacer::new(Pace::Realtime(grid), Role::Inner, 1).wait(&event, |_| {
                 looks += 1;
-                ring();
+                notify();
                 Ok(if looks > 2 { 1 } else { NO_TICK })
-            })
+            });
+            woken.unwrap()
         };
-        let late_message_or_alarm = woken_by(&|| bell.ring().unwrap()).unwrap();
-        assert!(matches!(
-            late_message_or_alarm,
-            WakeReason::Work { tick: 1, .. }
-        ));
-        let called = woken_by(&|| bell.ring_for_rehearsal().unwrap()).unwrap();
+        let by_message = woken_by(&|| notifier.notify().unwrap());
+        assert!(matches!(by_message, WakeReason::Work { tick: 1, .. }));
+        let called = woken_by(&|| notifier.notify_rehearsal().unwrap());
         assert_eq!(called, WakeReason::Rehearsal { tick: 1 });
-        drop(wire);
-        instance.remove_leftovers().unwrap();
-    }
 
-    #[test]
-    fn a_machine_that_stalls_while_input_is_taken_makes_none_of_it_come_from_the_future() {
-        let root = tempfile::Builder::new()
-            .prefix("ib-")
-            .tempdir_in("/tmp")
-            .unwrap();
-        let instance = ipc::instance::Instance::under(root.path(), "stall").unwrap();
-        let wire = ipc::Wire::open(&instance).unwrap();
-        let doorbell = wire.doorbell(Role::Inner).unwrap();
+        // If the machine stalls while input is taken, a message that is sent meanwhile is not from the future.
         let grid = Grid {
             t0_ns: now_ns(),
             period_ns: 1_000_000,
         };
         let mut pacer = Pacer::new(Pace::Realtime(grid), Role::Inner, 0);
         let mut sent_ns = 0;
-        let woken = pacer.wait(&doorbell, |pace: Pace| {
+        let woken = pacer.wait(&event, |pace: Pace| {
             std::thread::sleep(std::time::Duration::from_millis(20));
             sent_ns = now_ns();
             let tick = grid.tick_at(sent_ns);
-            // A message of this instant is no forgery.
             assert!(pace.latest_tick() >= tick);
             Ok(tick)
         });
-        drop(wire);
-        instance.remove_leftovers().unwrap();
-        let WakeReason::Work { tick, receive_ns } = woken.unwrap() else {
-            panic!("there was an input")
+        let Ok(WakeReason::Work { tick, receive_ns }) = woken else {
+            panic!("{woken:?}")
         };
         assert!(tick >= 20 && receive_ns >= sent_ns);
-    }
-
-    #[test]
-    fn an_input_that_comes_as_its_tick_begins_is_worked_once() {
-        let mut pacer = pacer(5);
-        assert_eq!(pacer.decide(at(5, 999), 6), work(6, at(5, 999)));
-        assert_eq!((pacer.next_tick, pacer.skipped), (7, 1));
-        assert_eq!(pacer.decide(at(6, 10), 6), None);
+        drop(wire);
+        instance.remove_leftovers().unwrap();
     }
 }

@@ -5,16 +5,75 @@ use faults::gate::FaultyInput;
 use faults::{LONGEST_DELAY, MessageFaults, Port};
 use ipc::clock::Horizon;
 use ipc::error::Error;
-use ipc::{LATEST, Receiver, Wire};
+use ipc::{BlackboardReader, LATEST, Receiver, Wire};
 use messages::content::Stamped;
+use messages::fault::live::{LIVE, LiveBlackboard, LoopFaults};
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;
 
-use super::troubles::ActiveFaults;
-
 /// Messages that an input that may have faults keeps for its stage: more than any fault looks back.
 const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
+
+/// The faults of a stage: those planned, and those that the plant's board has had since.
+pub struct ActiveFaults {
+    role: Role,
+    planned: LoopFaults,
+    now: LoopFaults,
+    version: u64,
+    is_late: bool,
+    live: Option<BlackboardReader<LiveBlackboard>>,
+}
+
+impl ActiveFaults {
+    pub(super) fn new(role: Role, planned: LoopFaults) -> Self {
+        Self {
+            role,
+            planned,
+            now: planned,
+            version: 0,
+            is_late: !planned.late.of(role).is_empty(),
+            live: None,
+        }
+    }
+
+    /// Opens the plant's board, with the faults that were injected before this process joined the flight.
+    pub(super) fn arm(&mut self, wire: &Wire) -> Result<(), Error> {
+        self.live = wire.blackboard_reader(LIVE)?;
+        if let Some(live) = self.live.as_ref().map(BlackboardReader::get) {
+            self.take(&live);
+        }
+        Ok(())
+    }
+
+    /// Reads the board; returns how often the faults have changed.
+    pub fn version(&mut self) -> u64 {
+        if let Some(news) = self.live.as_mut().and_then(BlackboardReader::news) {
+            self.take(&news);
+        }
+        self.version
+    }
+
+    pub const fn messages(&self) -> &MessageFaults {
+        &self.now.messages
+    }
+
+    /// How much longer the stage computes at a tick [ns], as of the last look.
+    pub(super) fn late_ns(&self, tick: u64) -> u64 {
+        if self.is_late {
+            self.now.late.late_ns(self.role, tick)
+        } else {
+            0
+        }
+    }
+
+    #[cold]
+    fn take(&mut self, live: &LiveBlackboard) {
+        self.now = self.planned.with(live);
+        self.is_late = !self.now.late.of(self.role).is_empty();
+        self.version += 1;
+    }
+}
 
 /// The receivers of a stage; the first one's messages wake it.
 pub trait Inputs: Sized {
@@ -25,9 +84,9 @@ pub trait Inputs: Sized {
 
     fn arm(&mut self, expected: Expected) -> Result<(), Error>;
 
-    /// Takes what has come; the tick of the newest that wakes. What goes wrong with a message is asked for when it is
-    /// there, and taken without an allocation.
-    fn take(&mut self, horizon: impl Horizon, troubles: &mut ActiveFaults) -> Result<u64, Error>;
+    /// Takes what has come; the tick of the newest message that wakes. Faults are read after a message has been
+    /// received, and taken without an allocation.
+    fn take(&mut self, horizon: impl Horizon, active: &mut ActiveFaults) -> Result<u64, Error>;
 
     /// Settles what there is of each by a tick: a fault may hold messages back.
     fn settle(&mut self, tick: u64);
@@ -51,13 +110,13 @@ pub struct Input<C: Faulty> {
     receiver: Receiver<C>,
     port: Option<Port>,
     inlet: Box<FaultyInput<C>>,
-    is_struck: bool,
+    is_faulty: bool,
     version: u64,
 }
 
 impl<C: Faulty> Input<C> {
     fn newest(&self) -> &Message<C> {
-        if self.is_struck {
+        if self.is_faulty {
             self.inlet.newest()
         } else {
             self.receiver.newest()
@@ -86,7 +145,7 @@ impl<A: Faulty> Inputs for Input<A> {
 
     fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
         let port = Port::of(role, A::NAME);
-        let is_struck = port.is_some_and(|port| faults.of(port).next().is_some());
+        let is_faulty = port.is_some_and(|port| faults.of(port).next().is_some());
         // What lags behind the newest message is one that came before: none may be lost beneath it, neither while a
         // stage that was late comes to it, nor before a fault that is injected.
         let depth = if port.is_some() { FAULTS_DEPTH } else { LATEST };
@@ -98,7 +157,7 @@ impl<A: Faulty> Inputs for Input<A> {
             receiver: wire.receiver(depth)?,
             port,
             inlet,
-            is_struck,
+            is_faulty,
             version: 0,
         })
     }
@@ -107,23 +166,23 @@ impl<A: Faulty> Inputs for Input<A> {
         self.receiver.arm(expected)
     }
 
-    fn take(&mut self, horizon: impl Horizon, troubles: &mut ActiveFaults) -> Result<u64, Error> {
+    fn take(&mut self, horizon: impl Horizon, active: &mut ActiveFaults) -> Result<u64, Error> {
         let Self {
             receiver,
             port,
             inlet,
-            is_struck,
+            is_faulty,
             version,
         } = self;
         receiver.drain_after(horizon, |before, message| {
-            // With the message in hand: what it meets was on the board when it was sent, however long this stage then
-            // was without a processor.
-            let now = troubles.version();
+            // After the message was received: the faults that act on it were on the board when it was sent, however
+            // long this stage had no processor since.
+            let now = active.version();
             if now != *version {
                 *version = now;
-                *is_struck |= change(inlet, *port, troubles.messages(), before);
+                *is_faulty |= change(inlet, *port, active.messages(), before);
             }
-            if *is_struck {
+            if *is_faulty {
                 inlet.arrive(message);
             }
         })?;
@@ -131,13 +190,13 @@ impl<A: Faulty> Inputs for Input<A> {
     }
 
     fn settle(&mut self, tick: u64) {
-        if self.is_struck {
+        if self.is_faulty {
             self.inlet.settle(tick);
         }
     }
 
     fn dated(&self) -> Stamped<A> {
-        if self.is_struck {
+        if self.is_faulty {
             self.inlet.dated()
         } else {
             self.receiver.dated()
@@ -181,9 +240,9 @@ impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
     }
 
     /// The second input of a tick was there before the first was made from it.
-    fn take(&mut self, horizon: impl Horizon, troubles: &mut ActiveFaults) -> Result<u64, Error> {
-        let tick = self.0.take(horizon, troubles)?;
-        self.1.take(horizon, troubles)?;
+    fn take(&mut self, horizon: impl Horizon, active: &mut ActiveFaults) -> Result<u64, Error> {
+        let tick = self.0.take(horizon, active)?;
+        self.1.take(horizon, active)?;
         Ok(tick)
     }
 
