@@ -20,7 +20,7 @@ use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};
 use crate::combinations;
 use crate::output::{print, print_json, say};
-use crate::parallel::{all_on_processors, asked_to_stop, processors};
+use crate::parallel::{all_on_processors, processors, stop_flag};
 use crate::progress::Progress;
 use crate::settings::Settings;
 use errors::{Failure, OK, check_writable, write_text};
@@ -33,7 +33,7 @@ use target::Target;
 const SPARSE: usize = 8;
 
 pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
-    let stop = asked_to_stop()?;
+    let stop = stop_flag()?;
     check_writable("--page", args.page.as_deref())?;
     let given = GivenLimits::new(&args.gates)?;
     let settings = settings(args)?;
