@@ -66,7 +66,7 @@ pub enum Target {
     Timing,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Variant {
     pub name: String,
     pub settings: Vec<(String, String, Value)>,
@@ -87,7 +87,7 @@ impl Campaign {
     /// Sections of the settings of a flight by an arm, as a settings file would have them.
     pub fn given(&self, arm: &Variant, draws: &[Value]) -> Table {
         let mut given = self.base.clone();
-        let mut set = |section: &str, key: &str, value: Value| {
+        let set = |given: &mut Table, section: &str, key: &str, value: Value| {
             let section = given.entry(section);
             let section = section.or_insert_with(|| Value::Table(Table::new()));
             if let Some(section) = section.as_table_mut() {
@@ -96,25 +96,19 @@ impl Campaign {
         };
         for (factor, value) in self.factors.iter().zip(draws) {
             if let Target::Setting { section, key } = &factor.target {
-                set(section, key, value.clone());
+                set(&mut given, section, key, value.clone());
             }
         }
         for (section, key, value) in &arm.settings {
-            set(section, key, value.clone());
+            set(&mut given, section, key, value.clone());
         }
         if !self.faults.is_empty() {
             let own = given.get("flight").and_then(|it| it.get("faults"));
             let own = own.and_then(Value::as_array).into_iter().flatten();
-            let drawn = self
-                .faults
-                .iter()
-                .map(|fault| Value::from(fault.text(draws)));
-            let faults: Vec<Value> = own.cloned().chain(drawn).collect();
-            let section = given.entry("flight");
-            let section = section.or_insert_with(|| Value::Table(Table::new()));
-            if let Some(section) = section.as_table_mut() {
-                section.insert("faults".into(), Value::Array(faults));
-            }
+            let faults = self.faults.iter();
+            let drawn = faults.map(|fault| Value::from(fault.text(draws)));
+            let faults = own.cloned().chain(drawn).collect();
+            set(&mut given, "flight", "faults", Value::Array(faults));
         }
         given
     }

@@ -1,4 +1,4 @@
-//! A fault of a campaign: what is drawn of it, and the same in the words of `--fault`.
+//! A fault of a campaign: its factors, and its text as `--fault` takes it.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ pub struct Fault {
     pub for_s: Option<usize>,
 }
 
-/// What a number that is drawn for a fault stands for.
+/// What a number drawn for a fault means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Number {
     Plain,
@@ -58,7 +58,7 @@ impl Number {
     }
 }
 
-pub fn is_of_the_loop(what: &str) -> bool {
+pub fn is_loop_fault(what: &str) -> bool {
     what.contains('.')
 }
 
@@ -77,15 +77,13 @@ impl Fault {
     pub fn text(&self, draws: &[Value]) -> String {
         let time = |place: usize| draws[place].as_float().unwrap_or_default();
         let what = self.what(draws);
-        let value = self
-            .value
-            .map_or_else(String::new, |place| Number::of(what).text(&draws[place]));
+        let value = self.value.map(|place| Number::of(what).text(&draws[place]));
         let over = self.over_s.map(|over| nanoseconds(time(over)));
-        let over = over.map_or_else(String::new, |over_ns| format!("~{over_ns}ns"));
+        let over = over.map(|over_ns| format!("~{over_ns}ns"));
         let at_s = time(self.at_s);
-        let to = self.for_s.map_or_else(String::new, |lasts| {
-            format!("..{}ns", nanoseconds(at_s + time(lasts)))
-        });
+        let to = self.for_s.map(|lasts| nanoseconds(at_s + time(lasts)));
+        let to = to.map(|to_ns| format!("..{to_ns}ns"));
+        let [value, over, to] = [value, over, to].map(Option::unwrap_or_default);
         format!("{what}{value}{over}@{}ns{to}", nanoseconds(at_s))
     }
 }
@@ -96,62 +94,27 @@ mod tests {
 
     #[test]
     fn a_number_is_written_as_its_fault_has_it() {
-        for (what, value, for_s, expected) in [
-            (
-                "mass_kg",
-                Some(0.6.into()),
-                None,
-                "mass_kg=0.6@1500000000ns",
-            ),
-            (
-                "state.drop",
-                Some(0.25.into()),
-                Some(0.5),
-                "state.drop=0.25@1500000000ns..2000000000ns",
-            ),
-            (
-                "state.drop",
-                Some("5/25".into()),
-                None,
-                "state.drop=5/25@1500000000ns",
-            ),
-            (
-                "inner.stop",
-                Some(0.02.into()),
-                None,
-                "inner.stop=20000000ns@1500000000ns",
-            ),
-            (
-                "inner.late",
-                Some("1ms..3ms".into()),
-                Some(1.0),
-                "inner.late=1ms..3ms@1500000000ns..2500000000ns",
-            ),
-            (
-                "inner.state.lag",
-                Some(3.0.into()),
-                None,
-                "inner.state.lag=3@1500000000ns",
-            ),
-            ("outer.kill", None, None, "outer.kill@1500000000ns"),
-            (
-                "state.freeze",
-                Some(1.0.into()),
-                Some(1.0),
-                "state.freeze@1500000000ns..2500000000ns",
-            ),
+        for row in [
+            "mass_kg | 0.6 | | mass_kg=0.6@1500000000ns",
+            "state.drop | 0.25 | 0.5 | state.drop=0.25@1500000000ns..2000000000ns",
+            "state.drop | \"5/25\" | | state.drop=5/25@1500000000ns",
+            "inner.stop | 0.02 | | inner.stop=20000000ns@1500000000ns",
+            "inner.late | \"1ms..3ms\" | 1.0 | inner.late=1ms..3ms@1500000000ns..2500000000ns",
+            "inner.state.lag | 3.0 | | inner.state.lag=3@1500000000ns",
+            "outer.kill | | | outer.kill@1500000000ns",
+            "state.freeze | 1.0 | 1.0 | state.freeze@1500000000ns..2500000000ns",
         ] {
+            let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+            let draw = |cell: &str| cell.parse().unwrap_or(Value::Boolean(false));
             let fault = Fault {
                 what: 0,
-                value: value.is_some().then_some(1),
+                value: (!cells[1].is_empty()).then_some(1),
                 at_s: 2,
                 over_s: None,
-                for_s: for_s.map(|_| 3),
+                for_s: (!cells[2].is_empty()).then_some(3),
             };
-            let value = value.unwrap_or(Value::Boolean(false));
-            let for_s = for_s.unwrap_or_default();
-            let draws = [what.into(), value, 1.5.into(), for_s.into()];
-            assert_eq!(fault.text(&draws), expected);
+            let draws = [cells[0].into(), draw(cells[1]), 1.5.into(), draw(cells[2])];
+            assert_eq!(fault.text(&draws), cells[3]);
         }
     }
 }

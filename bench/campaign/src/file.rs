@@ -2,7 +2,7 @@
 
 use crate::campaign::{Campaign, Factor, Submission, Target, Variant};
 use crate::distribution::{Distribution, fractional};
-use crate::fault::{Fault, Number, is_of_the_loop};
+use crate::fault::{Fault, Number, is_loop_fault};
 use crate::gates::{Gates, METRICS, RECOVERED_BELOW_M, SignalGate};
 use crate::lines::{Lines, line_of};
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
@@ -13,12 +13,12 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::time::Duration;
+use toml::de::DeTable;
 use toml::{Table, Value};
-use toml_edit::Document;
 
 const FLIGHTS_MAX: i64 = 1_000_000_000;
-/// Flights in a file of rows, where the campaign says nothing.
-const CHUNK: i64 = 1000;
+/// Flights in a file of rows, where the campaign does not set it.
+const CHUNK: u64 = 1000;
 /// Flights in a file of rows at the most: they are held in memory.
 const CHUNK_MAX: i64 = 100_000;
 /// Longest time limit: engines count minutes in 32 bits [s].
@@ -32,17 +32,9 @@ const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "subm
 const NOISE_SEED: &str = "flight.seed";
 const TIMING: &str = "timing";
 const RECORDED: &str = "a recorded flight, its directory or its log";
-const FAULTS: &str = "faults are written as [[fault]], each with what, value and at_s";
-const KINDS: [&str; 8] = [
-    "fixed",
-    "choice",
-    "grid",
-    "uniform",
-    "normal",
-    "loguniform",
-    "latin",
-    "sobol",
-];
+/// Keys of a fault.
+const PARTS: [&str; 5] = ["what", "value", "at_s", "over_s", "for_s"];
+const KINDS: &str = "fixed, choice, grid, uniform, normal, loguniform, latin, sobol";
 
 pub fn read(text: &str) -> Result<Campaign, Failure> {
     let failure = |mistakes: &[(usize, String)]| {
@@ -50,21 +42,20 @@ pub fn read(text: &str) -> Result<Campaign, Failure> {
         let lines: Vec<String> = mistakes.iter().map(line).collect();
         Failure::usage(lines.join("; ")).help("docs/campaigns.md explains the file")
     };
-    let unread = |message: &str, span: Option<std::ops::Range<usize>>| {
-        let line = span.map_or(1, |span| line_of(text, &span));
-        failure(&[(line, message.trim_end().replace('\n', ", "))])
+    let unread = |e: toml::de::Error| {
+        let line = line_of(text, e.span().unwrap_or_default().start);
+        failure(&[(line, e.message().trim_end().replace('\n', ", "))])
     };
-    let given: Table = text
-        .parse()
-        .map_err(|e: toml::de::Error| unread(e.message(), e.span()))?;
-    let document = Document::parse(text).map_err(|e| unread(e.message(), e.span()))?;
+    let given: Table = text.parse().map_err(unread)?;
+    let document = DeTable::parse(text).map_err(unread)?.into_inner();
     let order = |section: &str| -> Vec<String> {
-        let keys = document.get(section).and_then(|it| it.as_table_like());
-        let keys = keys.into_iter().flat_map(|keys| keys.iter());
-        keys.map(|(key, _)| key.to_owned()).collect()
+        let table = document.get(section).and_then(|it| it.get_ref().as_table());
+        let mut keys: Vec<_> = table.into_iter().flat_map(DeTable::keys).collect();
+        keys.sort_by_key(|key| key.span().start);
+        keys.iter().map(|key| key.get_ref().to_string()).collect()
     };
     let mut reader = Reader {
-        lines: Lines::of(text),
+        lines: Lines::of(text, &document),
         mistakes: Vec::new(),
         flights: 0,
         dimensions: 0,
@@ -133,22 +124,21 @@ fn is_name(name: &str) -> bool {
 
 /// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value.
 fn flat(keys: &Table) -> Vec<(String, String, Value)> {
-    let mut all: BTreeMap<(String, String), Value> = BTreeMap::new();
+    let mut all = BTreeMap::new();
     for (name, value) in keys {
-        match (name.split_once('.'), value) {
-            (None, Value::Table(inner)) => {
+        let (section, key) = name.split_once('.').unwrap_or((name, ""));
+        match value {
+            Value::Table(inner) if !name.contains('.') => {
                 let inner = inner.iter();
-                all.extend(inner.map(|(key, value)| ((name.clone(), key.clone()), value.clone())));
+                all.extend(inner.map(|(key, value)| ((section, key.as_str()), value)));
             }
-            (split, value) => {
-                let (section, key) = split.unwrap_or((name, ""));
-                all.insert((section.to_owned(), key.to_owned()), value.clone());
-            }
+            value => drop(all.insert((section, key), value)),
         }
     }
-    let all = all.into_iter();
-    all.map(|((section, key), value)| (section, key, value))
-        .collect()
+    let owned = |((section, key), value): ((&str, &str), &Value)| {
+        (section.to_owned(), key.to_owned(), value.clone())
+    };
+    all.into_iter().map(owned).collect()
 }
 
 impl Reader {
@@ -157,7 +147,7 @@ impl Reader {
         self.mistakes.push((line, mistake.into()));
     }
 
-    /// The value, or nothing where it is a mistake, which is noted.
+    /// The value; none where it is a mistake, which is noted.
     fn noted<T>(&mut self, path: &str, read: Result<T, String>) -> Option<T> {
         read.map_err(|mistake| self.mistake(path, mistake)).ok()
     }
@@ -170,28 +160,30 @@ impl Reader {
         }
         let name = own.get("name").and_then(Value::as_str).unwrap_or_default();
         if !is_name(name) {
-            self.mistake(
-                "campaign.name",
-                "campaign.name must be 1 to 64 letters, digits, - or _, as in name = \"mass-and-drag\"",
-            );
+            let expected = "1 to 64 letters, digits, - or _, as in name = \"mass-and-drag\"";
+            self.mistake("campaign.name", format!("campaign.name must be {expected}"));
         }
-        self.flights = self.whole(&own, "flights", None, 1..=FLIGHTS_MAX);
-        let seed = self.whole(&own, "seed", Some(1), 0..=i64::MAX);
-        let chunk = self.whole(&own, "chunk", Some(CHUNK), 1..=CHUNK_MAX);
+        if !own.contains_key("flights") {
+            let expected = format!("expected a whole number from 1 to {FLIGHTS_MAX}");
+            let path = "campaign.flights";
+            self.mistake(path, format!("{path} is missing: {expected}"));
+        }
+        let flights = self.whole(&own, "campaign.flights", 1..=FLIGHTS_MAX);
+        self.flights = flights.unwrap_or(1);
+        let seed = self.whole(&own, "campaign.seed", 0..=i64::MAX);
+        let chunk = self.whole(&own, "campaign.chunk", 1..=CHUNK_MAX);
         let mut base = given.clone();
         base.retain(|section, _| !OWN.contains(&section));
         let has_setting = |key| base.get("flight").is_some_and(|it| it.get(key).is_some());
-        let section = self.section(given, "factors", None);
-        let mut drawn = self.factors(&section, factors);
+        let mut drawn = self.factors(given, factors);
         let is_drawn = |drawn: &[Factor], name| drawn.iter().any(|factor| factor.name == name);
         if !is_drawn(&drawn, NOISE_SEED) && !has_setting("seed") {
-            let target = Target::Setting {
-                section: "flight".into(),
-                key: "seed".into(),
-            };
             drawn.push(Factor {
                 name: NOISE_SEED.into(),
-                target,
+                target: Target::Setting {
+                    section: "flight".into(),
+                    key: "seed".into(),
+                },
                 distribution: Distribution::Seed,
                 line: 1,
             });
@@ -200,16 +192,14 @@ impl Reader {
         self.set_strides(&mut drawn);
         let has_fault =
             !faults.is_empty() || has_setting("faults") || is_drawn(&drawn, "flight.faults");
-        let success = self.section(given, "success", None);
-        let timing = own.get(TIMING);
         Campaign {
             name: name.to_owned(),
             flights: self.flights,
-            seed,
-            chunk,
-            timing: timing.and_then(|it| self.recorded("campaign.timing", it, &drawn)),
+            seed: seed.unwrap_or(1),
+            chunk: chunk.unwrap_or(CHUNK),
+            timing: self.recorded(&own, "campaign.timing", &drawn),
             arms: self.arms(given, arms, &drawn),
-            gates: self.gates(&success, has_fault),
+            gates: self.gates(given, has_fault),
             submission: self.submission(given),
             base,
             factors: drawn,
@@ -236,42 +226,36 @@ impl Reader {
             let hint = did_you_mean(nearest(key, known.iter().copied()));
             let section = path.split('.').next().unwrap_or_default();
             let known = known.join(", ");
-            self.mistake(
-                &format!("{path}.{key}"),
-                format!("unknown key `{key}` in [{section}], which has {known}{hint}"),
-            );
+            let what = format!("unknown key `{key}` in [{section}], which has {known}{hint}");
+            self.mistake(&format!("{path}.{key}"), what);
         }
     }
 
-    fn whole(
+    /// The value of a key of a section; none where it is missing or a mistake, which is noted.
+    fn key<T>(
         &mut self,
         own: &Table,
-        key: &str,
-        default: Option<i64>,
-        allowed: RangeInclusive<i64>,
-    ) -> u64 {
-        let given = own.get(key);
-        let value = match given {
-            None => default,
-            Some(value) => value.as_integer().filter(|value| allowed.contains(value)),
-        };
-        if value.is_none() {
-            let given = given.map_or_else(|| "is missing".to_owned(), |value| format!("= {value}"));
-            let (path, least, most) = (format!("campaign.{key}"), allowed.start(), allowed.end());
-            self.mistake(
-                &path,
-                format!("{path} {given}: expected a whole number from {least} to {most}"),
-            );
-        }
-        value.unwrap_or(1).cast_unsigned()
+        path: &str,
+        expected: &str,
+        read: impl Fn(&Value) -> Option<T>,
+    ) -> Option<T> {
+        let value = own.get(path.rsplit('.').next()?)?;
+        let read = read(value).ok_or_else(|| wrong(path, value, expected));
+        self.noted(path, read)
+    }
+
+    fn whole(&mut self, own: &Table, path: &str, allowed: RangeInclusive<i64>) -> Option<u64> {
+        let (least, most) = (allowed.start(), allowed.end());
+        let expected = format!("a whole number from {least} to {most}");
+        let read = |value: &Value| value.as_integer().filter(|value| allowed.contains(value));
+        let whole = self.key(own, path, &expected, read);
+        whole.map(i64::cast_unsigned)
     }
 
     fn factors(&mut self, given: &Table, order: &[String]) -> Vec<Factor> {
+        let section = self.section(given, "factors", None);
         let mut factors = Vec::new();
         for name in order {
-            let Some(value) = given.get(name) else {
-                continue;
-            };
             let path = format!("factors.{name}");
             let target = match name.split_once('.') {
                 Some((section, key)) => Target::Setting {
@@ -280,13 +264,11 @@ impl Reader {
                 },
                 None if name == TIMING => Target::Timing,
                 None => {
-                    self.mistake(
-                        &path,
-                        format!("`{name}` is no key of the settings: write \"section.key\", as in \"plant.mass_kg\""),
-                    );
+                    self.mistake(&path, no_setting(name, "plant.mass_kg"));
                     continue;
                 }
             };
+            let value = &section[name];
             let Some(distribution) = self.distribution(&path, name, value) else {
                 continue;
             };
@@ -307,46 +289,35 @@ impl Reader {
     }
 
     fn faults(&mut self, given: &Table, factors: &mut Vec<Factor>) -> Vec<Fault> {
-        let tables = match given.get("fault") {
-            None => return Vec::new(),
-            Some(Value::Array(tables)) => tables.as_slice(),
-            Some(_) => {
-                self.mistake("fault", FAULTS);
-                return Vec::new();
-            }
-        };
+        let tables = given.get("fault").map_or(Some(Vec::new()), |tables| {
+            let tables = tables.as_array()?.iter().map(Value::as_table);
+            tables.collect()
+        });
+        if tables.is_none() {
+            let expected = "faults are written as [[fault]], each with what, value and at_s";
+            self.mistake("fault", expected);
+        }
         let mut faults = Vec::new();
-        for (number, table) in (1..).zip(tables) {
-            let Some(table) = table.as_table() else {
-                self.mistake("fault", FAULTS);
-                continue;
-            };
+        for (number, table) in (1..).zip(tables.unwrap_or_default()) {
             let path = format!("fault.{number}");
             for key in table.keys() {
-                self.check_key(&path, key, &["what", "value", "at_s", "over_s", "for_s"]);
+                self.check_key(&path, key, &PARTS);
             }
             let what = table.get("what").and_then(Value::as_str);
-            let is_valued = what.is_none_or(|what| Number::of(what) != Number::None);
-            let mut part = |part: &str| self.fault_part(&path, part, table, factors);
+            let has_value = what.is_none_or(|what| Number::of(what) != Number::None);
             let [what, value, at_s, over_s, for_s] =
-                ["what", "value", "at_s", "over_s", "for_s"].map(&mut part);
-            for (part, is_needed) in [("what", true), ("value", is_valued), ("at_s", true)] {
+                PARTS.map(|part| self.fault_part(&path, part, table, factors));
+            for (part, is_needed) in [("what", true), ("value", has_value), ("at_s", true)] {
                 if is_needed && !table.contains_key(part) {
-                    self.mistake(
-                        &path,
-                        format!("fault {number} has no `{part}`: a fault has what, value and at_s"),
-                    );
+                    let what = "a fault has what, value and at_s";
+                    self.mistake(&path, format!("fault {number} has no `{part}`: {what}"));
                 }
             }
-            if !is_valued && value.is_some() {
-                self.mistake(
-                    &format!("{path}.value"),
-                    format!("fault {number} takes no value: leave it out"),
-                );
+            if !has_value && value.is_some() {
+                let what = format!("fault {number} takes no value: leave it out");
+                self.mistake(&format!("{path}.value"), what);
             }
-            if let (Some(what), Some(at_s)) = (what, at_s)
-                && (value.is_some() || !is_valued)
-            {
+            if let (Some(what), Some(at_s)) = (what, at_s) {
                 faults.push(Fault {
                     what,
                     value,
@@ -390,37 +361,26 @@ impl Reader {
             let path = format!("arms.{name}");
             // It is part of the names of files.
             if !is_name(name) {
-                self.mistake(
-                    &path,
-                    format!("an arm is named by 1 to 64 letters, digits, - or _, and not `{name}`"),
-                );
+                let expected = "an arm is named by 1 to 64 letters, digits, - or _";
+                self.mistake(&path, format!("{expected}, and not `{name}`"));
                 continue;
             }
-            let Some(mut keys) = section.get(name).and_then(Value::as_table).cloned() else {
-                self.mistake(
-                    &path,
-                    format!("`{name}` must be a section: [arms.{name}], with keys of the settings"),
-                );
+            let Some(mut keys) = section[name].as_table().cloned() else {
+                let expected = format!("a section: [arms.{name}], with keys of the settings");
+                self.mistake(&path, format!("`{name}` must be {expected}"));
                 continue;
             };
-            let timing = keys.remove(TIMING);
-            let timing =
-                timing.and_then(|it| self.recorded(&format!("{path}.{TIMING}"), &it, factors));
-            let mut settings = Vec::new();
-            for (section, key, value) in flat(&keys) {
+            let timing = self.recorded(&keys, &format!("{path}.{TIMING}"), factors);
+            keys.remove(TIMING);
+            let settings = flat(&keys);
+            for (section, key, _) in &settings {
                 let full = format!("{section}.{key}");
                 if key.is_empty() {
-                    self.mistake(
-                        &path,
-                        format!("`{section}` is no key of the settings: write \"section.key\", as in \"inner.law\""),
-                    );
+                    self.mistake(&path, no_setting(section, "inner.law"));
                 } else if factors.iter().any(|factor| factor.name == full) {
-                    self.mistake(
-                        &path,
-                        format!("`{full}` is drawn as a factor, so the arm {name} cannot set it"),
-                    );
-                } else {
-                    settings.push((section, key, value));
+                    let what =
+                        format!("`{full}` is drawn as a factor, so the arm {name} cannot set it");
+                    self.mistake(&path, what);
                 }
             }
             arms.push(Variant {
@@ -433,30 +393,32 @@ impl Reader {
         if arms.is_empty() {
             arms.push(Variant {
                 name: ONLY_ARM.into(),
-                settings: Vec::new(),
-                timing: None,
                 line: 1,
+                ..Variant::default()
             });
         }
         arms
     }
 
     fn gates(&mut self, given: &Table, has_fault: bool) -> Gates {
+        let own = self.section(given, "success", None);
         let mut gates = Gates {
             recovered_below_m: RECOVERED_BELOW_M,
             ..Gates::default()
         };
         let names = METRICS.iter().map(|metric| metric.name);
         let known: Vec<&str> = names.chain(["recovered_below_m", "telemetry"]).collect();
-        for (key, value) in given {
+        for (key, value) in &own {
             let path = format!("success.{key}");
             let most = number(value).filter(|most| *most >= 0.0 && most.is_finite());
             let place = known.iter().position(|name| name == key);
             match (key.as_str(), place, most) {
                 (_, None, _) => self.check_key("success", key, &known),
-                ("telemetry", ..) => gates.telemetry = self.signals(value),
+                ("telemetry", ..) => gates.telemetry = self.signals(&own),
                 ("recovery_max_s", ..) if !has_fault => {
-                    self.mistake(&path, "recovery_max_s is the time after a fault, and the campaign has no [[fault]] and no flight.faults");
+                    let why = "the campaign has no [[fault]] and no flight.faults";
+                    let what = format!("recovery_max_s is the time after a fault, and {why}");
+                    self.mistake(&path, what);
                 }
                 (_, _, None) => {
                     let expected = "a number from 0 on, the most that counts as success";
@@ -470,8 +432,8 @@ impl Reader {
         gates
     }
 
-    fn signals(&mut self, value: &Value) -> Vec<SignalGate> {
-        let Some(keys) = value.as_table() else {
+    fn signals(&mut self, success: &Table) -> Vec<SignalGate> {
+        let Some(keys) = success["telemetry"].as_table() else {
             let mistake = "`telemetry` must be a section: [success.telemetry]";
             self.mistake("success.telemetry", mistake);
             return Vec::new();
@@ -503,26 +465,22 @@ impl Reader {
         };
         let kinds: Vec<&String> = table.keys().filter(|key| *key != "within").collect();
         let [kind] = kinds[..] else {
-            let kinds = KINDS.join(", ");
             self.mistake(
                 path,
-                format!("`{name}` is drawn in one way: one of {kinds}"),
+                format!("`{name}` is drawn in one way: one of {KINDS}"),
             );
             return None;
         };
         let read = self.drawn(path, kind, &table[kind.as_str()], table.get("within"));
         let distribution = self.noted(path, read)?;
         if table.contains_key("within") && kind != "normal" {
-            self.mistake(
-                path,
-                "`within` bounds a normal distribution; the others have their ends",
-            );
+            let mistake = "`within` bounds a normal distribution; the others have their ends";
+            self.mistake(path, mistake);
         }
         if !distribution.is_likely() {
-            self.mistake(
-                path,
-                "fewer than one draw in a hundred would be `within`: widen it, or move the mean",
-            );
+            let remedy = "widen it, or move the mean";
+            let mistake = format!("fewer than one draw in a hundred would be `within`: {remedy}");
+            self.mistake(path, mistake);
         }
         Some(distribution)
     }
@@ -544,9 +502,8 @@ impl Reader {
             },
             "uniform" => Distribution::Uniform(range()?),
             "loguniform" if range()?[0] <= 0.0 => {
-                return Err(format!(
-                    "loguniform = {argument}: both ends must be above 0"
-                ));
+                let expected = "both ends must be above 0";
+                return Err(format!("loguniform = {argument}: {expected}"));
             }
             "loguniform" => Distribution::LogUniform(range()?),
             "latin" => Distribution::Latin {
@@ -567,10 +524,7 @@ impl Reader {
                     within: within.map(|it| proper("within", it)).transpose()?,
                 }
             }
-            unknown => {
-                let kinds = KINDS.join(", ");
-                return Err(format!("`{unknown}` is no way to draw: one of {kinds}"));
-            }
+            unknown => return Err(format!("`{unknown}` is no way to draw: one of {KINDS}")),
         })
     }
 
@@ -578,18 +532,12 @@ impl Reader {
         let dimension = self.dimensions;
         self.dimensions += 1;
         if dimension >= SOBOL_DIMENSIONS {
-            self.mistake(
-                path,
-                format!(
-                    "sobol draws {SOBOL_DIMENSIONS} factors at the most: draw this one as latin"
-                ),
-            );
+            let most = format!("sobol draws {SOBOL_DIMENSIONS} factors at the most");
+            self.mistake(path, most + ": draw this one as latin");
         }
         if self.flights > SOBOL_FLIGHTS {
-            self.mistake(
-                path,
-                format!("sobol has {SOBOL_FLIGHTS} points: fly fewer flights"),
-            );
+            let most = format!("sobol has {SOBOL_FLIGHTS} points: fly fewer flights");
+            self.mistake(path, most);
         }
         dimension
     }
@@ -605,12 +553,9 @@ impl Reader {
         }
         let flights = self.flights;
         if cells > flights {
-            self.mistake(
-                "campaign.flights",
-                format!(
-                    "the grids have {cells} cells, and {flights} flights leave some of them out"
-                ),
-            );
+            let fewer = format!("{flights} flights leave some of them out");
+            let mistake = format!("the grids have {cells} cells, and {fewer}");
+            self.mistake("campaign.flights", mistake);
         }
     }
 
@@ -621,75 +566,58 @@ impl Reader {
             let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.,".contains(c);
             !name.is_empty() && !name.starts_with('-') && name.chars().all(is_plain)
         };
+        let name = |value: &Value| value.as_str().filter(is_name).map(str::to_owned);
         let expected = "a partition's name, as in \"batch\"";
-        let partition = self.submit_key(&own, "partition", expected, |value| {
-            value.as_str().filter(is_name).map(str::to_owned)
-        });
+        let partition = self.key(&own, "submit.partition", expected, name);
+        let time = |value: &Value| {
+            let allowed = 60.0..=TIME_LIMIT_MAX_S;
+            let seconds = number(value).filter(|seconds| allowed.contains(seconds));
+            seconds.map(Duration::from_secs_f64)
+        };
         let expected = "a time from 60 to 1e8 s, as in 1800.0";
-        let time_limit = self.submit_key(&own, "time_limit_s", expected, |value| {
-            number(value)
-                .filter(|seconds| (60.0..=TIME_LIMIT_MAX_S).contains(seconds))
-                .map(Duration::from_secs_f64)
-        });
-        let requeue = self.submit_key(&own, "requeue", "true or false", Value::as_bool);
-        let expected = "a whole number from 1 to 4096";
-        let processors = self.submit_key(&own, "processors", expected, |value| {
-            let number = value.as_integer();
-            number.filter(|number| (1..=PROCESSORS_MAX).contains(number))
-        });
+        let time_limit = self.key(&own, "submit.time_limit_s", expected, time);
+        let requeue = self.key(&own, "submit.requeue", "true or false", Value::as_bool);
+        let processors = self.whole(&own, "submit.processors", 1..=PROCESSORS_MAX);
         Submission {
             partition,
             time_limit,
             requeue: requeue.unwrap_or(true),
-            processors: processors.unwrap_or(1).cast_unsigned(),
+            processors: processors.unwrap_or(1),
         }
     }
 
-    /// A key of the section [submit] that may be missing.
-    fn submit_key<T>(
-        &mut self,
-        own: &Table,
-        key: &str,
-        expected: &str,
-        read: impl Fn(&Value) -> Option<T>,
-    ) -> Option<T> {
-        let (path, value) = (format!("submit.{key}"), own.get(key)?);
-        let read = read(value).ok_or_else(|| wrong(&path, value, expected));
-        self.noted(&path, read)
-    }
-
-    /// The recorded flight of a key.
-    fn recorded(&mut self, path: &str, value: &Value, factors: &[Factor]) -> Option<String> {
+    /// The recorded flight of the key `timing` of a section.
+    fn recorded(&mut self, own: &Table, path: &str, factors: &[Factor]) -> Option<String> {
+        own.get(TIMING)?;
         if factors.iter().any(|factor| factor.target == Target::Timing) {
-            self.mistake(
-                path,
-                format!("`timing` is drawn as a factor, so {path} cannot set it"),
-            );
+            let mistake = format!("`timing` is drawn as a factor, so {path} cannot set it");
+            self.mistake(path, mistake);
             return None;
         }
-        let name = value.as_str().filter(|name| !name.is_empty());
         let expected = format!("{RECORDED}, as in timing = \"runs/latest\"");
-        let name = name.ok_or_else(|| wrong(path, value, expected));
-        self.noted(path, name).map(str::to_owned)
+        let name = |value: &Value| Some(value.as_str()?.to_owned()).filter(|it| !it.is_empty());
+        self.key(own, path, &expected, name)
     }
+}
+
+fn no_setting(name: &str, example: &str) -> String {
+    format!("`{name}` is no key of the settings: write \"section.key\", as in \"{example}\"")
 }
 
 /// Rejects a part of a fault that is no parameter, value or time. Faults of messages and stages are tried when the
 /// first flight is.
 fn check_part(part: &str, path: &str, end: &Value) -> Result<(), String> {
-    match (part, end) {
-        ("what", Value::String(name)) if is_of_the_loop(name) => Ok(()),
-        ("what", Value::String(name)) => Parameter::from_name(name)
-            .map(drop)
-            .map_err(|e| e.to_string()),
-        ("what", _) => Err(wrong(
-            path,
-            end,
-            "the name of a parameter, or state.drop and the like",
-        )),
-        ("value", Value::Float(_) | Value::String(_)) => Ok(()),
-        ("value", _) => Err(wrong(path, end, "a number, \"nominal\" or \"+30%\"")),
-        (_, Value::Float(time)) if (0.0..=1e9).contains(time) => Ok(()),
-        (_, _) => Err(wrong(path, end, "a time from 0 s on, as in 4.0")),
-    }
+    let expected = match (part, end) {
+        ("what", Value::String(name)) if is_loop_fault(name) => return Ok(()),
+        ("what", Value::String(name)) => {
+            let parameter = Parameter::from_name(name).map(drop);
+            return parameter.map_err(|e| e.to_string());
+        }
+        ("what", _) => "the name of a parameter, or state.drop and the like",
+        ("value", Value::Float(_) | Value::String(_)) => return Ok(()),
+        ("value", _) => "a number, \"nominal\" or \"+30%\"",
+        (_, Value::Float(time)) if (0.0..=1e9).contains(time) => return Ok(()),
+        _ => "a time from 0 s on, as in 4.0",
+    };
+    Err(wrong(path, end, expected))
 }

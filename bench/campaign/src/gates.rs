@@ -1,4 +1,4 @@
-//! What came of a flight, and what counts as success: limits of metrics, ranges of laws' own numbers.
+//! The outcome of a flight, and what counts as success: limits of metrics, ranges of the laws' signals.
 
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
 use messages::role::Role;
@@ -70,7 +70,7 @@ pub struct Gates {
     pub telemetry: Vec<SignalGate>,
 }
 
-/// A number that a law shows, and what it must stay within in every tick in which it is known.
+/// A signal of a law, and the range that it must stay in whenever it is set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalGate {
     pub role: Role,
@@ -83,7 +83,7 @@ impl SignalGate {
         format!("{}.{}", self.role, self.signal)
     }
 
-    /// The number at a place of the law's telemetry; none where its stage gave nothing or does not know it.
+    /// The signal at a place of the law's telemetry; none if its stage published nothing or did not set it.
     pub fn value(
         &self,
         place: usize,
@@ -112,35 +112,15 @@ impl Gates {
 pub struct Outcome {
     pub lost: Option<String>,
     pub metrics: [Option<f64>; METRICS.len()],
-    /// What the laws showed, by the gates on it.
-    pub telemetry: Vec<Shown>,
+    /// Smallest and largest value of each signal with a gate, [`UNSET`] if it was never set; none if the flight's laws
+    /// have no such signal.
+    pub telemetry: Vec<Option<[f64; 2]>>,
     /// Hash over all outputs, as `simulate` prints it.
     pub outputs: String,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shown {
-    NotOfThisLaw,
-    /// It has, and never knew it.
-    Never,
-    Between([f64; 2]),
-}
-
-impl Shown {
-    pub fn and(self, value: f64) -> Self {
-        match self {
-            Self::Between([low, high]) => Self::Between([low.min(value), high.max(value)]),
-            _ => Self::Between([value, value]),
-        }
-    }
-
-    pub const fn range(self) -> Option<[f64; 2]> {
-        match self {
-            Self::Between(range) => Some(range),
-            _ => None,
-        }
-    }
-}
+/// The range of a signal that was never set.
+pub const UNSET: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 impl Gates {
     /// Which gates held, in the order of [`Gates::names`]; none of those that are not of this flight's laws. A gate
@@ -151,10 +131,9 @@ impl Gates {
         };
         let limits = self.limits.iter().map(within);
         let gates = self.telemetry.iter().zip(&outcome.telemetry);
-        let telemetry = gates.map(|(gate, shown)| match shown {
-            Shown::NotOfThisLaw => None,
-            Shown::Never => Some(false),
-            Shown::Between([low, high]) => Some(gate.range[0] <= *low && *high <= gate.range[1]),
+        let telemetry = gates.map(|(gate, range)| {
+            let [low, high] = (*range)?;
+            Some(low <= high && gate.range[0] <= low && high <= gate.range[1])
         });
         limits.chain(telemetry).collect()
     }
@@ -182,34 +161,30 @@ mod tests {
             telemetry: vec![gate],
         };
         let metrics = [Some(0.1); METRICS.len()];
-        let flown = |metrics, shown, lost: Option<&str>| Outcome {
+        let flown = |metrics, range, lost: Option<&str>| Outcome {
             lost: lost.map(str::to_owned),
             metrics,
-            telemetry: vec![shown],
+            telemetry: vec![range],
             outputs: String::new(),
         };
-        let inside = Shown::Never.and(-1.0).and(0.5);
-        let success = |metrics, shown, lost| gates.is_success(&flown(metrics, shown, lost));
         let recovered = |time_s: Option<f64>| {
             let mut metrics = metrics;
             metrics[4] = time_s;
             metrics
         };
-        for (expected, metrics, shown, lost) in [
+        let inside = Some([-1.0, 0.5]);
+        for (expected, metrics, range, lost) in [
             (true, metrics, inside, None),
-            (true, metrics, Shown::NotOfThisLaw, None),
+            (true, metrics, None, None),
             // A lost flight is no success, whatever it measured.
             (false, metrics, inside, Some("lost")),
             // A gate that measured nothing did not hold.
-            (false, metrics, Shown::Never, None),
-            (false, metrics, inside.and(1.5), None),
+            (false, metrics, Some(UNSET), None),
+            (false, metrics, Some([-1.0, 1.5]), None),
             (false, recovered(None), inside, None),
         ] {
-            assert_eq!(
-                success(metrics, shown, lost),
-                expected,
-                "{shown:?} {lost:?}"
-            );
+            let is_success = gates.is_success(&flown(metrics, range, lost));
+            assert_eq!(is_success, expected, "{range:?} {lost:?}");
         }
         let mut metrics = recovered(Some(2.0));
         metrics[1] = Some(0.51);

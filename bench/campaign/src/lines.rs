@@ -1,75 +1,62 @@
-//! Where in a file keys are, to name the line of a mistake.
+//! Where keys are in a file, to name the line of a mistake.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
-use toml_edit::{Document, Item, Key, TableLike};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
 
 /// Lines of keys, by their path: `factors.plant.mass_kg`, `fault.1.at_s`.
 #[derive(Clone, Debug, Default)]
 pub struct Lines(BTreeMap<String, usize>);
 
 impl Lines {
-    pub fn of(text: &str) -> Self {
+    pub fn of(text: &str, document: &DeTable<'_>) -> Self {
         let mut lines = Self::default();
-        if let Ok(document) = Document::parse(text) {
-            lines.take(text, "", document.as_table());
-        }
+        lines.add_keys(text, "", document);
         lines
     }
 
-    fn take(&mut self, text: &str, path: &str, table: &dyn TableLike) {
-        for (name, item) in table.iter() {
-            let path = format!("{path}.{name}");
-            let path = path.trim_start_matches('.').to_owned();
-            let span = table.key(name).and_then(Key::span).or_else(|| item.span());
-            if let Some(span) = span {
-                self.0.insert(path.clone(), line_of(text, &span));
-            }
-            match item {
-                Item::ArrayOfTables(tables) => {
-                    for (i, table) in tables.iter().enumerate() {
-                        let path = format!("{path}.{}", i + 1);
-                        table.span().into_iter().for_each(|span| {
-                            self.0.insert(path.clone(), line_of(text, &span));
-                        });
-                        self.take(text, &path, table);
-                    }
+    fn add_keys(&mut self, text: &str, before: &str, table: &DeTable<'_>) {
+        for (key, value) in table {
+            let path = format!("{before}{}", key.get_ref());
+            self.add(text, path, key.span().start, value);
+        }
+    }
+
+    fn add(&mut self, text: &str, path: String, start: usize, value: &Spanned<DeValue<'_>>) {
+        let before = format!("{path}.");
+        self.0.insert(path, line_of(text, start));
+        match value.get_ref() {
+            DeValue::Table(table) => self.add_keys(text, &before, table),
+            DeValue::Array(items) => {
+                let items = (1..).zip(items.iter());
+                for (number, item) in items.filter(|(_, item)| item.get_ref().is_table()) {
+                    self.add(text, format!("{before}{number}"), item.span().start, item);
                 }
-                item => item
-                    .as_table_like()
-                    .into_iter()
-                    .for_each(|table| self.take(text, &path, table)),
             }
+            _ => {}
         }
     }
 
-    /// Line of a key, or of what it is in; 1 where nothing of it is there.
+    /// Line of a key, or of the section that it is in; 1 where the file has neither.
     pub fn of_key(&self, path: &str) -> usize {
-        let mut path = path;
-        loop {
-            if let Some(line) = self.0.get(path) {
-                return *line;
-            }
-            match path.rsplit_once('.') {
-                Some((outer, _)) => path = outer,
-                None => return 1,
-            }
-        }
+        let sections = std::iter::successors(Some(path), |path| Some(path.rsplit_once('.')?.0));
+        let mut lines = sections.filter_map(|path| self.0.get(path));
+        lines.next().copied().unwrap_or(1)
     }
 
-    /// Line of the longest key of the settings, `section.key`, that a text speaks of; none where it speaks of none.
-    pub fn spoken_of(&self, said: &str) -> Option<usize> {
-        // The same key stands below [factors] and [arms.NAME], too.
+    /// Line of the longest key of the settings, `section.key`, that a message names; none where it names none.
+    pub fn named_in(&self, message: &str) -> Option<usize> {
+        // The same key may be below [factors] and [arms.NAME], too.
         let key = |path: &str| path.rmatch_indices('.').nth(1).map_or(0, |it| it.0 + 1);
         let keys = self.0.iter().map(|(path, line)| (&path[key(path)..], line));
-        let spoken = keys.filter(|(key, _)| key.contains('.') && said.contains(key));
-        let longest = spoken.max_by_key(|(key, _)| key.len());
+        let named = keys.filter(|(key, _)| key.contains('.') && message.contains(key));
+        let longest = named.max_by_key(|(key, _)| key.len());
         longest.map(|(_, line)| *line)
     }
 }
 
-pub(crate) fn line_of(text: &str, span: &Range<usize>) -> usize {
-    let before = &text.as_bytes()[..span.start.min(text.len())];
-    1 + before.iter().filter(|byte| **byte == b'\n').count()
+pub(crate) fn line_of(text: &str, start: usize) -> usize {
+    let before = text.bytes().take(start);
+    1 + before.filter(|byte| *byte == b'\n').count()
 }

@@ -1,38 +1,50 @@
-//! What a flight comes to, by the truth and not by what its sensors show.
+//! The metrics of a flight, by its true states and not by what its sensors measure.
 
 use analysis::comparison::{Effort, STAYING_S};
 use analysis::flight_metrics::FlightMetrics;
-use messages::content::{RotorSpeeds, State};
+use messages::content::{RotorSpeeds, Setpoint, State};
 use messages::parameters::Airframe;
+use report::comparison::STAYING_S;
+use report::tracking::Tracking;
 
 use crate::gates::METRICS;
 
 #[derive(Debug)]
 pub struct Metrics {
-    period_s: f64,
+    tracking: Tracking,
     flight: FlightMetrics,
     recoveries: Recoveries,
 }
 
 impl Metrics {
-    /// Of a flight that has not begun, with faults at these ticks.
+    /// Of a flight along a reference, with faults at these ticks.
     pub fn new(
-        period_s: f64,
+        tracking: Tracking,
         airframe: &Airframe,
         fault_ticks: Vec<u64>,
         last_tick: u64,
         bound_m: f64,
     ) -> Self {
-        let staying = (STAYING_S / period_s).round() as u64;
+        let staying = (STAYING_S / tracking.period_s()).round() as u64;
         Self {
-            period_s,
-            flight: FlightMetrics::new(period_s, airframe),
+            tracking,
+            flight: FlightMetrics::new(tracking.period_s(), airframe),
             recoveries: Recoveries::new(fault_ticks, last_tick, bound_m, staying),
         }
     }
 
-    /// Adds a tick: its state, its true position error [m], and the command computed from it.
-    pub fn take(&mut self, tick: u64, state: &State, error_m: f64, rotors: &RotorSpeeds) {
+    /// Adds a tick: its state, the setpoint if there was one, and the command computed from them.
+    pub fn take(
+        &mut self,
+        tick: u64,
+        state: &State,
+        setpoint: Option<&Setpoint>,
+        rotors: &RotorSpeeds,
+    ) {
+        let error_m = match setpoint {
+            Some(setpoint) => setpoint.position_error_m(state),
+            None => self.tracking.error_m(tick, state),
+        };
         self.flight.take(tick, state, error_m, rotors);
         self.recoveries.take(tick, error_m);
     }
@@ -40,22 +52,18 @@ impl Metrics {
     /// The values of [`METRICS`]; there is no recovery without a fault, or when the flight did not recover from one.
     pub fn values(&self) -> [Option<f64>; METRICS.len()] {
         let (error, recent) = (&self.flight.error, &self.flight.recent);
-        let Effort {
-            power,
-            agitation_rad_s,
-            saturated_percent,
-        } = self.flight.effort();
-        let recovery = self.recoveries.longest_ticks();
+        let effort = self.flight.effort();
+        let (recovery, period_s) = (self.recoveries.longest_ticks(), self.tracking.period_s());
         [
-            Some(error.states as f64 * self.period_s),
+            Some(error.states as f64 * period_s),
             Some(error.max_m),
             Some(error.rms_m()),
             Some(recent.error_max_m()),
-            recovery.map(|ticks| ticks as f64 * self.period_s),
+            recovery.map(|ticks| ticks as f64 * period_s),
             Some(self.flight.tilt_max_rad()),
-            Some(saturated_percent),
-            Some(power),
-            Some(agitation_rad_s),
+            Some(effort.saturated_percent),
+            Some(effort.power),
+            Some(effort.agitation_rad_s),
         ]
     }
 }
@@ -69,8 +77,6 @@ struct Recoveries {
     last_tick: u64,
     bound_m: f64,
     staying: u64,
-    /// Place of the fault that took effect last.
-    newest_fault: Option<usize>,
     newest_tick: u64,
 }
 
@@ -84,18 +90,14 @@ impl Recoveries {
             last_tick,
             bound_m,
             staying,
-            newest_fault: None,
             newest_tick: 0,
         }
     }
 
     fn take(&mut self, tick: u64, error_m: f64) {
-        let next = self.newest_fault.map_or(0, |newest_fault| newest_fault + 1);
-        if self.faults.get(next).is_some_and(|fault| *fault <= tick) {
-            self.newest_fault = Some(next);
-        }
-        if let Some(newest_fault) = self.newest_fault.filter(|_| error_m > self.bound_m) {
-            self.back[newest_fault] = tick + 1;
+        let begun = self.faults.partition_point(|fault| *fault <= tick);
+        if error_m > self.bound_m && begun > 0 {
+            self.back[begun - 1] = tick + 1;
         }
         self.newest_tick = tick;
     }
@@ -136,40 +138,23 @@ mod tests {
         let errors = [0.0, 0.9, 0.9, 0.1, 0.9, 0.2, 0.2, 0.2];
         let twice = [0.9, 0.1, 0.1, 0.1, 0.1, 0.9, 0.9, 0.1, 0.1, 0.1];
         let slow = [0.9, 0.9, 0.9, 0.1, 0.1, 0.1, 0.1];
-        for (what, faults, errors_m, last_tick, expected) in [
-            (
-                "the error came back once more",
-                &[1][..],
-                &errors[..],
-                7,
-                Some(4),
-            ),
-            (
-                "without a fault there is nothing to recover from",
-                &[],
-                &errors,
-                7,
-                None,
-            ),
-            (
-                "two ticks are too short to stay",
-                &[1],
-                &errors[..7],
-                6,
-                None,
-            ),
-            (
-                "of a flight that ended early nothing is known",
-                &[1],
-                &errors,
-                9,
-                None,
-            ),
-            ("the error never left", &[5], &errors, 7, Some(0)),
-            ("two faults", &[0, 0, 5], &twice, 9, Some(2)),
-            ("the first one was not recovered", &[0, 3], &slow, 6, None),
+        for (faults, errors_m, last_tick, expected) in [
+            // The error came back once more.
+            (&[1][..], &errors[..], 7, Some(4)),
+            // Without a fault there is nothing to recover from.
+            (&[], &errors, 7, None),
+            // Two ticks are too short to stay.
+            (&[1], &errors[..7], 6, None),
+            // Of a flight that ended early nothing is known.
+            (&[1], &errors, 9, None),
+            // The error never left.
+            (&[5], &errors, 7, Some(0)),
+            (&[0, 0, 5], &twice, 9, Some(2)),
+            // The first one was not recovered.
+            (&[0, 3], &slow, 6, None),
         ] {
-            assert_eq!(longest(faults, errors_m, last_tick), expected, "{what}");
+            let longest = longest(faults, errors_m, last_tick);
+            assert_eq!(longest, expected, "{faults:?} {errors_m:?}");
         }
     }
 }

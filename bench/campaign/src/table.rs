@@ -83,111 +83,85 @@ fn hash_into(hash: &mut Sha256, cell: &Option<Cell>) {
     }
 }
 
-struct Columns<'a> {
-    rows: &'a [Row],
-    columns: Vec<Column>,
-}
-
-impl Columns<'_> {
-    fn add(
-        &mut self,
-        (name, unit, meaning): (&str, &'static str, &str),
-        kind: Kind,
-        cell: impl Fn(&Row) -> Option<Cell>,
-    ) {
-        self.columns.push(Column {
-            name: name.to_owned(),
-            unit,
-            meaning: meaning.to_owned(),
-            kind,
-            optional: false,
-            cells: self.rows.iter().map(cell).collect(),
-        });
-    }
-
-    fn add_optional(
-        &mut self,
-        described: (&str, &'static str, &str),
-        kind: Kind,
-        cell: impl Fn(&Row) -> Option<Cell>,
-    ) {
-        self.add(described, kind, cell);
-        self.columns
-            .last_mut()
-            .into_iter()
-            .for_each(|column| column.optional = true);
-    }
-}
-
 impl Table {
     pub fn new(campaign: &Campaign, rows: &[Row]) -> Self {
-        let mut all = Columns {
-            rows,
-            columns: Vec::new(),
+        use Kind::{Flag, Integer, Number, Text};
+        let mut columns = Vec::new();
+        // Adds a column whose cells may be empty if `optional`.
+        let mut add = |name: &str,
+                       (unit, meaning): (&'static str, &str),
+                       kind: Kind,
+                       optional: bool,
+                       cell: &dyn Fn(&Row) -> Option<Cell>| {
+            columns.push(Column {
+                name: name.to_owned(),
+                unit,
+                meaning: meaning.to_owned(),
+                kind,
+                optional,
+                cells: rows.iter().map(cell).collect(),
+            });
         };
-        let number = ("flight", "", "number of the flight, from 0");
-        all.add(number, Kind::Integer, |row| {
+        let number = ("", "number of the flight, from 0");
+        add("flight", number, Integer, false, &|row| {
             Some(Cell::Integer(row.flight.cast_signed()))
         });
-        all.add(("arm", "", "what flew it"), Kind::Text, |row| {
+        add("arm", ("", "variant that flew it"), Text, false, &|row| {
             Some(Cell::Text(campaign.arms[row.arm].name.clone()))
         });
         for (i, factor) in campaign.factors.iter().enumerate() {
             let (unit, meaning) = unit_and_meaning(campaign, factor);
             let kind = match factor.distribution.ends().first() {
-                Some(Value::Float(_)) => Kind::Number,
-                Some(Value::Integer(_)) => Kind::Integer,
-                _ => Kind::Text,
+                Some(Value::Float(_)) => Number,
+                Some(Value::Integer(_)) => Integer,
+                _ => Text,
             };
-            all.add((&factor.name, unit, &meaning), kind, |row| {
+            add(&factor.name, (unit, &meaning), kind, false, &|row| {
                 let draw = &row.draws[i];
                 match kind {
-                    Kind::Number => draw.as_float().map(Cell::Number),
-                    Kind::Integer => draw.as_integer().map(Cell::Integer),
-                    _ => Some(Cell::Text(shown(draw))),
+                    Number => draw.as_float().map(Cell::Number),
+                    Integer => draw.as_integer().map(Cell::Integer),
+                    _ => Some(Cell::Text(text(draw))),
                 }
             });
         }
         let success = "flown to its end within its envelope, and every gate held";
-        all.add(("success", "", success), Kind::Flag, |row| {
+        add("success", ("", success), Flag, false, &|row| {
             Some(Cell::Flag(campaign.gates.is_success(&row.outcome)))
         });
-        let lost = ("lost", "", "why the flight counts as lost");
-        all.add_optional(lost, Kind::Text, |row| {
+        let lost = "why the flight counts as lost";
+        add("lost", ("", lost), Text, true, &|row| {
             row.outcome.lost.clone().map(Cell::Text)
         });
         for (i, metric) in METRICS.iter().enumerate() {
-            let described = (metric.name, metric.unit, metric.meaning);
-            all.add_optional(described, Kind::Number, |row| {
+            let meaning = (metric.unit, metric.meaning);
+            add(metric.name, meaning, Number, true, &|row| {
                 row.outcome.metrics[i].map(Cell::Number)
             });
         }
-        for (i, name) in campaign.gates.names().enumerate() {
-            let meaning = format!("whether the gate {name} held");
-            let described = (&*format!("{HOLDS}{name}"), "", &*meaning);
-            all.add_optional(described, Kind::Flag, |row| {
+        for (i, gate) in campaign.gates.names().enumerate() {
+            let meaning = format!("whether the gate {gate} held");
+            let name = format!("{HOLDS}{gate}");
+            add(&name, ("", &meaning), Flag, true, &|row| {
                 campaign.gates.held(&row.outcome)[i].map(Cell::Flag)
             });
         }
         for (i, gate) in campaign.gates.telemetry.iter().enumerate() {
-            for (end, (suffix, which)) in [("min", "smallest"), ("max", "largest")]
-                .into_iter()
-                .enumerate()
-            {
+            for (end, suffix) in ["min", "max"].into_iter().enumerate() {
+                let which = ["smallest", "largest"][end];
                 let name = format!("{TELEMETRY}{}.{suffix}", gate.name());
-                let meaning = format!("{which} that the {} law showed of it", gate.role);
-                all.add_optional((&name, "", &meaning), Kind::Number, |row| {
-                    Some(Cell::Number(row.outcome.telemetry[i].range()?[end]))
+                let meaning = format!("{which} value of the {} law's signal", gate.role);
+                add(&name, ("", &meaning), Number, true, &|row| {
+                    let range = row.outcome.telemetry[i].filter(|[low, high]| low <= high);
+                    range.map(|range| Cell::Number(range[end]))
                 });
             }
         }
         let outputs = "hash over all outputs, as `ironbird simulate` prints it";
-        all.add(("outputs", "", outputs), Kind::Text, |row| {
+        add("outputs", ("", outputs), Text, false, &|row| {
             Some(Cell::Text(row.outcome.outputs.clone()))
         });
-        Self {
-            columns: all.columns,
-        }
+        Self { columns }
     }
 
     pub fn rows(&self) -> usize {
@@ -222,7 +196,7 @@ impl Table {
     }
 }
 
-fn shown(value: &Value) -> String {
+fn text(value: &Value) -> String {
     let text = value.as_str();
     text.map_or_else(|| value.to_string(), str::to_owned)
 }
@@ -230,12 +204,12 @@ fn shown(value: &Value) -> String {
 pub(crate) fn unit_and_meaning(campaign: &Campaign, factor: &Factor) -> (&'static str, String) {
     let of_parameter = |name: &str| Parameter::from_name(name).ok().map(Parameter::spec);
     match &factor.target {
-        Target::Setting { section, key } => {
-            match of_parameter(key).filter(|_| section == "plant" || section == "model") {
-                Some(spec) => (spec.unit, spec.meaning.to_owned()),
-                None => ("", format!("{key} of [{section}]")),
+        Target::Setting { section, key } => match of_parameter(key) {
+            Some(spec) if section == "plant" || section == "model" => {
+                (spec.unit, spec.meaning.to_owned())
             }
-        }
+            _ => ("", format!("{key} of [{section}]")),
+        },
         Target::Fault => of_fault(campaign, &factor.name),
         Target::Timing => ("", "recorded flight whose timing the flight has".into()),
     }
@@ -247,14 +221,14 @@ fn of_fault(campaign: &Campaign, name: &str) -> (&'static str, String) {
     let fault = campaign.faults.iter().find(|fault| place == fault.value);
     let what = fault.map(|fault| &campaign.factors[fault.what].distribution);
     match (part, what) {
-        ("what", _) => ("", "what goes wrong".into()),
+        ("what", _) => ("", "kind of the fault".into()),
         ("value", Some(Distribution::Fixed(Value::String(name)))) => {
             let of_parameter = || Parameter::from_name(name).map_or("", |it| it.spec().unit);
             let unit = Number::of(name).unit().unwrap_or_else(of_parameter);
             (unit, format!("value of {name}"))
         }
         ("value", _) => ("", "value of the fault".into()),
-        ("at_s", _) => ("s", "when the fault strikes".into()),
+        ("at_s", _) => ("s", "when the fault begins".into()),
         ("for_s", _) => ("s", "how long the fault lasts".into()),
         _ => ("s", "how long the fault takes".into()),
     }

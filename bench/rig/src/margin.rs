@@ -19,7 +19,7 @@ use render::margin::document;
 use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};
 use crate::combinations;
-use crate::parallel::{all_on_processors, asked_to_stop, processors};
+use crate::parallel::{all_on_processors, processors, stop_flag};
 use crate::progress::Progress;
 use analysis::json::print_json;
 use config::Settings;
@@ -34,7 +34,7 @@ use target::Target;
 const SPARSE: usize = 8;
 
 pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
-    let stop = asked_to_stop()?;
+    let stop = stop_flag()?;
     check_writable("--page", args.page.as_deref())?;
     let given = GivenLimits::new(&args.gates)?;
     let settings = settings(args)?;

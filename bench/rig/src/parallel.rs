@@ -12,7 +12,7 @@ use process::signals::stop_signals;
 use signal_hook::flag;
 
 /// A flag that a stop signal sets; long work polls it.
-pub fn asked_to_stop() -> Result<Arc<AtomicBool>, Failure> {
+pub fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in stop_signals() {
         flag::register(signal, Arc::clone(&stop))

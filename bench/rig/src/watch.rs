@@ -21,8 +21,8 @@ use process::signals::end_with_launcher;
 
 use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};
-use crate::parallel::asked_to_stop;
 use analysis::series::{Series, Statistics};
+use crate::parallel::stop_flag;
 use dashboard_model::{Model, WatchedFlight};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OK};
@@ -35,7 +35,7 @@ const TRIES: u32 = 20;
 
 pub fn watch(args: &WatchArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let stop = asked_to_stop()?;
+    let stop = stop_flag()?;
     end_with_launcher(args.launcher)?;
     // https://no-color.org
     let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());

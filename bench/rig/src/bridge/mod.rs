@@ -27,8 +27,8 @@ use messages::blackboards::EndReason;
 use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
-use crate::parallel::asked_to_stop;
 use analysis::laws::no_theorem;
+use crate::parallel::stop_flag;
 use channels::Channels;
 use config::law_settings;
 use errors::output::print;
@@ -47,7 +47,7 @@ const BACKLOG: usize = 4096;
 /// Serves a flight until it ends.
 pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let stop = asked_to_stop()?;
+    let stop = stop_flag()?;
     let mut observation = join(&instance)?;
     let context = Context::new();
     let laws = law_settings::shared(&observation.settings)?;

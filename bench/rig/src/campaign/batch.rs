@@ -1,9 +1,9 @@
-//! Flights of a campaign, several of them abreast.
+//! Flights of a campaign, flown in batches: one flight in each SIMD lane.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use analysis::tracking::Tracking;
-use campaign::gates::{Gates, Outcome, Shown, SignalGate};
+use campaign::gates::{Gates, Outcome, SignalGate, UNSET};
 use campaign::metrics::Metrics;
 use campaign::table::Row;
 use controller::ScaledTrajectory;
@@ -51,7 +51,7 @@ pub(super) fn rows(
     Ok(rows)
 }
 
-/// Flies flights of an arm, each as `ironbird simulate` does, unless it is told to stop.
+/// Flies flights of an arm, each as `ironbird simulate` does, until `stop` is set.
 fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>, Failure> {
     let gates = &plan.campaign.gates;
     let begun = |&(flight, arm): &Flight| {
@@ -61,11 +61,11 @@ fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>,
     };
     let flown = flights.iter().map(begun);
     let mut flown = flown.collect::<Result<Vec<_>, Failure>>()?;
-    let (mut alone, mut abreast): (Vec<_>, Vec<_>) = flown.iter_mut().partition(|it| it.is_alone);
-    for flown in &mut alone {
+    let (alone, mut batch): (Vec<_>, Vec<_>) = flown.iter_mut().partition(|it| it.is_alone);
+    for flown in alone {
         fly_alone(flown, gates, stop)?;
     }
-    fly_abreast(&mut abreast, gates, stop)?;
+    fly_batch(&mut batch, gates, stop)?;
     let row = |(&(flight, arm), flown): (&Flight, Flown<'_>)| Row {
         flight,
         arm,
@@ -85,7 +85,7 @@ fn go_on(stop: &AtomicBool) -> Result<(), Failure> {
 fn fly_alone(flown: &mut Flown<'_>, gates: &Gates, stop: &AtomicBool) -> Result<(), Failure> {
     if let Some((timing, settings)) = flown.timing.take() {
         return follow(timing, &mut flown.rig, &settings, &mut flown.judge, |rig| {
-            flown.seen.take(rig, gates);
+            flown.observed.take(rig, gates);
             go_on(stop)
         });
     }
@@ -97,14 +97,14 @@ fn fly_alone(flown: &mut Flown<'_>, gates: &Gates, stop: &AtomicBool) -> Result<
     Ok(())
 }
 
-/// Flies flights tick by tick: their plants integrate abreast, and a reference that all follow is computed once.
-fn fly_abreast(
+/// Flies flights tick by tick: their plants integrate together, and a reference that all follow is computed once.
+fn fly_batch(
     flown: &mut [&mut Flown<'_>],
     gates: &Gates,
     stop: &AtomicBool,
 ) -> Result<(), Failure> {
     let route = route(flown);
-    let mut abreast = PlantBatch::default();
+    let mut plants = PlantBatch::default();
     loop {
         go_on(stop)?;
         for it in flown.iter_mut() {
@@ -118,7 +118,7 @@ fn fly_abreast(
             .map(|(course, period_s)| course.reference(first.rig.next_tick() as f64 * period_s));
         flying.for_each(|it| it.rig.stages(reference));
         let flying = flown.iter_mut().filter(|it| it.is_flying);
-        abreast.finish(flying.map(|it| it.rig.plant_mut()));
+        plants.finish(flying.map(|it| it.rig.plant_mut()));
         for it in flown.iter_mut().filter(|it| it.is_flying) {
             it.take(gates)?;
         }
@@ -142,7 +142,7 @@ struct Flown<'a> {
     is_alone: bool,
     is_flying: bool,
     route: (ScaledTrajectory, f64),
-    seen: Seen,
+    observed: Observed,
 }
 
 impl<'a> Flown<'a> {
@@ -159,13 +159,13 @@ impl<'a> Flown<'a> {
             judge: Judge::new(settings)?,
             timing: timing.map(|timing| (timing, settings.clone())),
             route: (settings.course()?, settings.flight.period_s),
-            seen: Seen::new(settings, gates)?,
+            observed: Observed::new(settings, gates)?,
         })
     }
 
     fn take(&mut self, gates: &Gates) -> Result<(), Failure> {
         self.judge.take(&self.rig, |rig| {
-            self.seen.take(rig, gates);
+            self.observed.take(rig, gates);
             Ok(())
         })
     }
@@ -174,31 +174,28 @@ impl<'a> Flown<'a> {
         let flown = self.judge.end();
         Outcome {
             lost: flown.departure,
-            metrics: self.seen.metrics.values(),
-            telemetry: self.seen.telemetry,
+            metrics: self.observed.metrics.values(),
+            telemetry: self.observed.telemetry,
             outputs: flown.outputs.to_string(),
         }
     }
 }
 
-/// What a row needs to know of the ticks of its flight.
-struct Seen {
-    tracking: Tracking,
+/// What a row has of the ticks of its flight.
+struct Observed {
     metrics: Metrics,
-    /// Of each gate of telemetry, the place of its number; none where the flight's law shows no such number.
+    /// Per gate of telemetry, the place of its signal; none if the flight's law has no such signal.
     places: Vec<Option<usize>>,
-    telemetry: Vec<Shown>,
+    telemetry: Vec<Option<[f64; 2]>>,
 }
 
-impl Seen {
+impl Observed {
     fn new(settings: &Settings, gates: &Gates) -> Result<Self, Failure> {
         let (period_s, bound_m) = (settings.flight.period_s, gates.recovered_below_m);
         let typed = settings.typed_faults();
         let typed = typed.map_err(|e| Failure::usage(format!("fault: {e}")))?;
-        let faults = typed
-            .iter()
-            .map(|fault| fault.from.tick(period_s))
-            .collect();
+        let faults = typed.iter().map(|fault| fault.from.tick(period_s));
+        let tracking = Tracking::along(settings.course()?, period_s);
         let (airframe, last_tick) = (settings.airframe()?, settings.last_tick());
         let signals = settings.flown_laws()?.signals;
         let place = |gate: &SignalGate| {
@@ -206,30 +203,22 @@ impl Seen {
             signals.position(|signal| signal.name == gate.signal)
         };
         let places: Vec<Option<usize>> = gates.telemetry.iter().map(place).collect();
-        let shown = |place: &Option<usize>| match place {
-            Some(_) => Shown::Never,
-            None => Shown::NotOfThisLaw,
-        };
         Ok(Self {
-            tracking: Tracking::along(settings.course()?, period_s),
-            metrics: Metrics::new(period_s, &airframe, faults, last_tick, bound_m),
-            telemetry: places.iter().map(shown).collect(),
+            metrics: Metrics::new(tracking, &airframe, faults.collect(), last_tick, bound_m),
+            telemetry: places.iter().map(|place| place.map(|_| UNSET)).collect(),
             places,
         })
     }
 
     fn take(&mut self, rig: &Simulator, gates: &Gates) {
-        let (tick, state, setpoint) = (rig.flown_tick(), rig.state(), rig.setpoint());
-        let error_m = match setpoint {
-            Some(setpoint) => setpoint.position_error_m(state),
-            None => self.tracking.error_m(tick, state),
-        };
-        self.metrics.take(tick, state, error_m, rig.rotor_speeds());
+        let (setpoint, speeds) = (rig.setpoint(), rig.rotor_speeds());
+        self.metrics
+            .take(rig.flown_tick(), rig.state(), setpoint, speeds);
         let gates = gates.telemetry.iter().zip(&self.places);
-        for ((gate, place), shown) in gates.zip(&mut self.telemetry) {
-            let value = |place| gate.value(place, setpoint, rig.wrench(), rig.rotor_speeds());
-            if let Some(value) = place.and_then(value) {
-                *shown = shown.and(value);
+        for ((gate, place), range) in gates.zip(&mut self.telemetry) {
+            let value = place.and_then(|place| gate.value(place, setpoint, rig.wrench(), speeds));
+            if let (Some([low, high]), Some(value)) = (range, value) {
+                (*low, *high) = (low.min(value), high.max(value));
             }
         }
     }
@@ -244,57 +233,62 @@ mod tests {
     use super::*;
     use sim::simulate;
 
-    const LAWS: [&[&str]; 2] = [
-        &["pd", "estimating"],
-        &["adaptive", "fixed", "geometric", "indi", "pid"],
-    ];
-
     /// A campaign whose flights differ in all that a plant has branches for: some are lost, some saturate, some land.
     fn text(seed: u64, ground: bool, lag: bool, heavy: f64) -> String {
-        let mut text = format!(
-            "[campaign]\nname = \"drawn\"\nflights = 9\nseed = {seed}\n[flight]\ntrajectory = \"fast\"\nduration_s = 0.6\n\
-             position_error_max_m = 1.5\n[ground]\ncontact = \"{}\"\n[factors]\n\
-             \"plant.mass_kg\" = {{ uniform = [0.3, {heavy}] }}\n\
-             \"plant.inertia_x_kg_m2\" = {{ uniform = [0.004, 0.01] }}\n\
-             \"plant.motor_time_constant_s\" = {{ choice = [0.0, {}] }}\n\
-             \"plant.gyro_noise_rad_s\" = {{ choice = [0.0, 0.01] }}\n\
-             \"plant.position_noise_m\" = {{ choice = [0.0, 0.02] }}\n\
-             \"trajectory.size\" = {{ choice = [1.0, 1.0, 20.0] }}\n\
-             \"initial.attitude_rad\" = {{ choice = [[0.0, 0.0, 0.0], [0.5, -1.2, 3.1], [3.1, 0.2, 0.0]] }}\n\
-             \"flight.faults\" = {{ choice = [[], [], [\"rotor_speeds.drop=3/10@0.1s\"]] }}\n\
-             [[fault]]\nwhat = {{ choice = [\"rotor_efficiency_1\", \"drag_factor_nm_s2\", \"command_delay_s\"] }}\n\
-             value = {{ choice = [0.0, 1e-6] }}\nat_s = {{ uniform = [0.0, 0.5] }}\nover_s = {{ uniform = [0.001, 0.1] }}\n",
-            if ground { "plane" } else { "off" },
-            if lag { 0.02 } else { 0.0 },
+        let (contact, lag_s) = (
+            ["off", "plane"][usize::from(ground)],
+            f64::from(u8::from(lag)) * 0.02,
         );
-        for outer in LAWS[0] {
-            for inner in LAWS[1] {
-                text += &format!(
-                    "[arms.{outer}_{inner}]\n\"outer.law\" = \"{outer}\"\n\"inner.law\" = \"{inner}\"\n"
-                );
+        let mut text = format!(
+            r#"
+            campaign = {{ name = "drawn", flights = 9, seed = {seed} }}
+            flight = {{ trajectory = "fast", duration_s = 0.6, position_error_max_m = 1.5 }}
+            ground.contact = "{contact}"
+            success.position_error_max_m = 0.5
+            [factors]
+            "plant.mass_kg" = {{ uniform = [0.3, {heavy}] }}
+            "plant.inertia_x_kg_m2" = {{ uniform = [0.004, 0.01] }}
+            "plant.motor_time_constant_s" = {{ choice = [0.0, {lag_s:?}] }}
+            "plant.gyro_noise_rad_s" = {{ choice = [0.0, 0.01] }}
+            "plant.position_noise_m" = {{ choice = [0.0, 0.02] }}
+            "trajectory.size" = {{ choice = [1.0, 1.0, 20.0] }}
+            "initial.attitude_rad" = {{ choice = [[0.0, 0.0, 0.0], [0.5, -1.2, 3.1], [3.1, 0.2, 0.0]] }}
+            "flight.faults" = {{ choice = [[], [], ["rotor_speeds.drop=3/10@0.1s"]] }}
+            [[fault]]
+            what = {{ choice = ["rotor_efficiency_1", "drag_factor_nm_s2", "command_delay_s"] }}
+            value = {{ choice = [0.0, 1e-6] }}
+            at_s = {{ uniform = [0.0, 0.5] }}
+            over_s = {{ uniform = [0.001, 0.1] }}
+            "#
+        );
+        for outer in ["pd", "estimating"] {
+            for inner in ["adaptive", "fixed", "geometric", "indi", "pid"] {
+                let laws = format!("outer.law = \"{outer}\"\ninner.law = \"{inner}\"\n");
+                text += &format!("[arms.{outer}_{inner}]\n{laws}");
             }
         }
-        text + "[success]\nposition_error_max_m = 0.5\n"
+        text
     }
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
 
         #[test]
-        fn rows_of_flights_abreast_are_those_of_simulate(
+        fn rows_of_a_batch_are_those_of_simulate(
             seed in 0..u64::from(u32::MAX),
             ground in prop::bool::weighted(0.2),
             lag: bool,
             heavy in 0.6..2.0_f64,
         ) {
             let plan = Plan::of(text(seed, ground, lag, heavy), Path::new("drawn.toml")).unwrap();
+            let (gates, stop) = (&plan.campaign.gates, AtomicBool::new(false));
             for arm in 0..plan.campaign.arms.len() {
                 let flights: Vec<Flight> = (0..plan.campaign.flights).map(|flight| (flight, arm)).collect();
-                let abreast = rows(&plan, &flights, 1, &AtomicBool::new(false), |_| ()).unwrap();
-                for (row, (flight, arm)) in abreast.iter().zip(&flights) {
+                let rows = rows(&plan, &flights, 1, &stop, |_| ()).unwrap();
+                for (row, (flight, arm)) in rows.iter().zip(&flights) {
                     let settings = plan.settings(*flight, *arm).unwrap();
-                    let mut alone = Flown::new(&settings, None, &plan.campaign.gates).unwrap();
-                    fly_alone(&mut alone, &plan.campaign.gates, &AtomicBool::new(false)).unwrap();
+                    let mut alone = Flown::new(&settings, None, gates).unwrap();
+                    fly_alone(&mut alone, gates, &stop).unwrap();
                     prop_assert_eq!((row.flight, row.arm), (*flight, *arm));
                     prop_assert_eq!(format!("{:?}", &row.outcome), format!("{:?}", alone.end()));
                     let mut rig = Simulator::of(&settings).unwrap();

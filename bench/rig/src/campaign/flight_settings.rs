@@ -162,7 +162,7 @@ impl Plan {
         let said = failure.to_string();
         let line = factor
             .or_else(|| self.line_of_fault(&said))
-            .or_else(|| self.campaign.lines.spoken_of(&said))
+            .or_else(|| self.campaign.lines.named_in(&said))
             .unwrap_or(arm.line);
         failure.append(&format!(": line {line}, flown by the arm {}", arm.name))
     }

@@ -14,7 +14,7 @@ use super::batch;
 use super::flight_settings::{Plan, open_directory};
 use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
-use crate::parallel::{asked_to_stop, processors};
+use crate::parallel::{processors, stop_flag};
 use crate::progress::Progress;
 use errors::output::{print, say};
 
@@ -31,7 +31,7 @@ const DIRTY: &str = "this build has uncommitted changes, and rows of any such bu
                      commit and rebuild before flying results that count";
 
 pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
-    let stop = asked_to_stop()?;
+    let stop = stop_flag()?;
     let plan = Plan::read(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| default_directory(&plan));
     let chunks = args.shard.map_or(Ok(0..plan.campaign.chunks()), |shard| {

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime};
 use analysis::phrase::count;
 use campaign::campaign::{Campaign, Submission};
 use campaign::chunk::path_of;
-use errors::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
+use errors::{Failure, GATE, INTERRUPTED, InFile as _, OK};
 use host::own_executable;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -20,7 +20,7 @@ use super::flight_settings::{Plan, open_directory};
 use super::run;
 use super::status::{found, ranges, report};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
-use crate::parallel::asked_to_stop;
+use crate::parallel::stop_flag;
 use crate::progress::Progress;
 use errors::output::{print, say};
 
@@ -37,25 +37,24 @@ const CANCEL_TIMEOUT: Duration = Duration::from_secs(10);
 /// Submits the shards that are not whole, watches the engine, submits again what it lost, and reports.
 pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let plan = Plan::read(&args.file)?;
-    let out = args
-        .out
-        .clone()
-        .unwrap_or_else(|| run::default_directory(&plan));
+    let out = args.out.clone();
+    let out = out.unwrap_or_else(|| run::default_directory(&plan));
     let array = Array::of(&plan, args, &out)?;
-    if let Some(asked) = args.shards.filter(|asked| *asked > array.shards) {
-        let (shards, files) = (array.shards, count(array.shards, "file"));
+    let all = array.shards;
+    if let Some(given) = args.shards.filter(|given| *given > all) {
+        let files = count(all, "file");
         say(&format!(
-            "warning: --shards {asked}: the campaign has {files} of rows, and a shard has one at least: {shards} are \
+            "warning: --shards {given}: the campaign has {files} of rows, and a shard has one at least: {all} are \
              flown; `campaign.chunk` makes the files smaller\n"
         ));
     }
     if args.dry_run {
-        let all: Vec<u64> = (1..=array.shards).collect();
+        let shards: Vec<u64> = (1..=all).collect();
         let command = match args.on {
             Engine::Local => String::new(),
-            engine => format!("# {}\n", array.command(engine, &all).join(" ")),
+            _ => format!("# {}\n", array.command(&shards).join(" ")),
         };
-        print(&(array.script(args.on) + &command))?;
+        print(&(array.script() + &command))?;
         return Ok(OK);
     }
     let reported = CampaignReportArgs {
@@ -79,40 +78,35 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let submitted = Submitted {
         plan: &plan,
         array: &array,
-        on: args.on,
-        stop: &*asked_to_stop()?,
+        stop: &*stop_flag()?,
     };
-    fs::write(array.script_file(), array.script(args.on)).in_file("write", &array.script_file())?;
-    for round in 1..=ROUNDS {
+    fs::write(array.script_file(), array.script()).in_file("write", &array.script_file())?;
+    for round in 1.. {
         let missing = submitted.missing();
         let shards = array.shards_of(&plan.campaign, &missing);
+        let (few, numbers, place) = (shards.len(), ranges(&shards), out.display());
         if shards.is_empty() {
+            say(&format!("{place}: all {all} shards are there\n"));
+            return report(&reported);
+        }
+        if round > ROUNDS {
+            print(&format!(
+                "{place}: {few} of {all} shards are missing after {ROUNDS} rounds: {numbers}; their output is in {}\n",
+                out.join("shard-*.log").display()
+            ))?;
             break;
         }
-        let (few, all, numbers) = (shards.len(), array.shards, ranges(&shards));
         say(&format!(
             "round {round}: {few} of {all} shards: {numbers}\n"
         ));
         submitted.fly(&missing, &shards)?;
     }
-    let shards = array.shards_of(&plan.campaign, &submitted.missing());
-    let (few, all, place) = (shards.len(), array.shards, out.display());
-    if shards.is_empty() {
-        say(&format!("{place}: all {all} shards are there\n"));
-        return report(&reported);
-    }
-    let (numbers, logs) = (ranges(&shards), out.join("shard-*.log"));
-    print(&format!(
-        "{place}: {few} of {all} shards are missing after {ROUNDS} rounds: {numbers}; their output is in {}\n",
-        logs.display()
-    ))?;
     Ok(GATE)
 }
 
 struct Submitted<'a> {
     plan: &'a Plan,
     array: &'a Array,
-    on: Engine,
     stop: &'a AtomicBool,
 }
 
@@ -130,7 +124,7 @@ impl Submitted<'_> {
             .ok()
     }
 
-    /// Has the engine fly some shards, and tells how far it is until its job has ended.
+    /// Submits some shards to the engine, and shows the progress until its job has ended.
     fn fly(&self, missing: &[u64], shards: &[u64]) -> Result<(), Failure> {
         let (campaign, output) = (&self.plan.campaign, self.array.out.join("submit.job"));
         let job = || fs::read_to_string(&output).unwrap_or_default();
@@ -142,9 +136,9 @@ impl Submitted<'_> {
         let total = missing.iter().map(|chunk| rows(*chunk)).sum();
         let mut progress = Progress::new(total, "flight");
         let mut flown = 0;
-        let command = self.array.command(self.on, shards);
+        let command = self.array.command(shards);
         let mut engine = started(&command, File::create(&output).in_file("write", &output)?)?;
-        let mut all_there: Option<Instant> = None;
+        let mut complete: Option<Instant> = None;
         let ended = loop {
             if let Some(ended) = engine.try_wait().in_file("wait for", command[0].as_ref())? {
                 break Some(ended);
@@ -153,9 +147,8 @@ impl Submitted<'_> {
                 progress.clear();
                 return Err(self.cancelled(&mut engine, &job()));
             }
-            if waited.is_empty()
-                && all_there.get_or_insert_with(Instant::now).elapsed() > JOB_END_TIMEOUT
-            {
+            let mut since = || complete.get_or_insert_with(Instant::now).elapsed();
+            if waited.is_empty() && since() > JOB_END_TIMEOUT {
                 end(&mut engine);
                 break None;
             }
@@ -187,44 +180,40 @@ impl Submitted<'_> {
     /// Ends the engine's job; `output` is what the engine printed of it.
     fn cancelled(&self, engine: &mut Child, output: &str) -> Failure {
         end(engine);
-        // Slurm says the number and, behind a semicolon, the cluster.
+        // Slurm prints the number and, behind a semicolon, the cluster.
         let mut lines = output.lines();
         let job = lines.find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
-        let cancel = job.and_then(|job| Array::cancel(self.on, &job.to_string()));
-        let words = cancel.map_or_else(String::new, |words| {
-            let cancelling = Command::new(&words[0])
-                .args(&words[1..])
+        let cancel = job.map(|job| [self.array.cancel, &[&job.to_string()]].concat().join(" "));
+        let is_cancelled = |command: &String| {
+            let mut words = command.split(' ');
+            let cancelling = Command::new(words.next().unwrap_or_default())
+                .args(words)
                 .stdin(Stdio::null())
                 .spawn();
-            let is_cancelled = cancelling.is_ok_and(|mut process| {
+            cancelling.is_ok_and(|mut process| {
                 let status = wait_at_most(&mut process, CANCEL_TIMEOUT);
                 if status.is_none() {
                     end(&mut process);
                 }
                 status.is_some_and(|status| status.success())
-            });
-            match is_cancelled {
-                true => String::new(),
-                false => format!("; `{}` failed, so the job may still run", words.join(" ")),
-            }
-        });
-        Failure::new(INTERRUPTED, format!("interrupted{words}"))
+            })
+        };
+        let failed = cancel.filter(|command| !is_cancelled(command));
+        let failed = failed.map(|it| format!("; `{it}` failed, so the job may still run"));
+        let what = format!("interrupted{}", failed.unwrap_or_default());
+        Failure::new(INTERRUPTED, what)
             .help("whole files of rows are kept; the same command again flies what is missing")
     }
 }
 
 fn started(command: &[String], to: File) -> Result<Child, Failure> {
     let engine = &command[0];
-    Command::new(engine)
-        .args(&command[1..])
-        .stdin(Stdio::null())
-        .stdout(to)
-        .spawn()
-        .map_err(|e| {
-            Failure::new(FAILED, format!("cannot start {engine}: {e}")).help(
-                "run it where the engine's commands are on the path; --dry-run prints the script",
-            )
-        })
+    let mut process = Command::new(engine);
+    let process = process.args(&command[1..]).stdin(Stdio::null()).stdout(to);
+    process.spawn().map_err(|e| {
+        Failure::failed(format!("cannot start {engine}: {e}"))
+            .help("run it where the engine's commands are on the path; --dry-run prints the script")
+    })
 }
 
 /// Ends a command: with SIGTERM, and with SIGKILL if it ignores that.
@@ -251,22 +240,25 @@ fn wait_at_most(process: &mut Child, limit: Duration) -> Option<ExitStatus> {
     }
 }
 
-/// Shards where nobody says how many: Slurm takes no more than 1000 in an array, unless it is told to.
+/// Shards where --shards is not given: by default, Slurm takes no more than 1000 in an array.
 const SHARDS: u64 = 1000;
 
 /// The array job of a campaign: its script, and the commands that submit and cancel it.
 struct Array {
-    name: String,
     shards: u64,
-    executable: PathBuf,
-    file: PathBuf,
     out: PathBuf,
-    asked: Submission,
+    /// Options of the job that stand in the script, one a line, and what the script executes.
+    options: Vec<String>,
+    executed: String,
+    /// The command that submits the job, without the array and the script; what follows the array.
+    submit: Vec<String>,
+    shell: Option<&'static str>,
+    /// The command that cancels a job, without its number.
+    cancel: &'static [&'static str],
 }
 
 impl Array {
     fn of(plan: &Plan, args: &CampaignSubmitArgs, out: &Path) -> Result<Self, Failure> {
-        let chunks = plan.campaign.chunks();
         let out = absolute(out).in_file("find", out)?;
         // Slurm's options are comments of the script: a line break would end the comment.
         if out.to_string_lossy().contains(char::is_control) {
@@ -275,116 +267,94 @@ impl Array {
             ))
             .help("choose a directory without control characters in its path"));
         }
-        Ok(Self {
-            name: plan.campaign.name.clone(),
-            // A shard without a chunk would do nothing.
-            shards: args.shards.unwrap_or(SHARDS).min(chunks),
-            executable: own_executable()?,
-            file: plan.file.clone(),
-            out,
-            asked: plan.campaign.submission.clone(),
-        })
-    }
-
-    fn script(&self, on: Engine) -> String {
-        let [executable, file, out] =
-            [&self.executable, &self.file, &self.out].map(|path| quoted(path));
-        let (shards, processors) = (self.shards, self.asked.processors);
-        let shard = format!(" --shard auto/{shards} --jobs {processors}");
-        let (header, shard) = match on {
-            Engine::Slurm => (self.slurm(), shard),
-            Engine::Hyperqueue => (String::new(), shard),
-            Engine::Local => (String::new(), String::new()),
-        };
-        format!("#!/bin/sh\n{header}exec {executable} campaign run {file} --out {out}{shard}\n")
-    }
-
-    fn slurm(&self) -> String {
         let Submission {
             partition,
             time_limit,
             requeue,
             processors,
-        } = &self.asked;
-        let log = quoted(&self.out.join("shard-%a.log"));
-        let requeue = if *requeue { "requeue" } else { "no-requeue" };
-        let mut asked = vec![
-            format!("job-name=ironbird-{}", self.name),
-            format!("output={log}"),
-            "open-mode=append".into(),
-            format!("cpus-per-task={processors}"),
-            requeue.into(),
-        ];
-        let partition = partition.iter();
-        asked.extend(partition.map(|partition| format!("partition={partition}")));
-        // A number alone is minutes.
-        let minutes = time_limit.iter().map(|limit| limit.as_secs().div_ceil(60));
-        asked.extend(minutes.map(|minutes| format!("time={minutes}")));
-        let lines = asked.iter().map(|option| format!("#SBATCH --{option}\n"));
-        lines.collect()
+        } = &plan.campaign.submission;
+        // A shard without a chunk would do nothing.
+        let shards = args.shards.unwrap_or(SHARDS).min(plan.campaign.chunks());
+        let name = format!("ironbird-{}", plan.campaign.name);
+        let limit_s = time_limit.map(|limit| limit.as_secs());
+        let of_array = format!(" --shard auto/{shards} --jobs {processors}");
+        let log = |task: &str| out.join(format!("shard-{task}.log"));
+        let mut options = Vec::new();
+        let (submit, shell, cancel, of_array) = match args.on {
+            Engine::Slurm => {
+                let log = quoted(&log("%a"));
+                let requeue = if *requeue { "requeue" } else { "no-requeue" };
+                options = vec![
+                    format!("job-name={name}"),
+                    format!("output={log}"),
+                    "open-mode=append".into(),
+                    format!("cpus-per-task={processors}"),
+                    requeue.into(),
+                ];
+                options.extend(partition.iter().map(|it| format!("partition={it}")));
+                // A number alone is minutes.
+                let minutes = limit_s.map(|limit_s| limit_s.div_ceil(60));
+                options.extend(minutes.map(|minutes| format!("time={minutes}")));
+                let submit = ["sbatch", "--parsable", "--wait"].map(String::from).into();
+                (submit, None, &["scancel"][..], of_array)
+            }
+            // The partition is Slurm's alone.
+            Engine::Hyperqueue => {
+                let log = log("%{TASK_ID}").display().to_string();
+                let hq = ["hq", "--output-mode=quiet", "submit", "--wait"];
+                let mut submit: Vec<String> = hq.map(String::from).into();
+                submit.push(format!("--name={name}"));
+                submit.push(format!("--cpus={processors}"));
+                submit.extend(limit_s.map(|limit_s| format!("--time-limit={limit_s}s")));
+                submit.extend((!requeue).then(|| "--crash-limit=1".to_owned()));
+                submit.extend(["stdout", "stderr"].map(|which| format!("--{which}={log}")));
+                (submit, Some("sh"), &["hq", "job", "cancel"][..], of_array)
+            }
+            Engine::Local => (Vec::new(), None, &[][..], String::new()),
+        };
+        let [executable, file, directory] =
+            [&own_executable()?, &plan.file, &out].map(|path| quoted(path));
+        Ok(Self {
+            shards,
+            options,
+            executed: format!("{executable} campaign run {file} --out {directory}{of_array}"),
+            submit,
+            shell,
+            cancel,
+            out,
+        })
+    }
+
+    fn script(&self) -> String {
+        let options = self.options.iter();
+        let header: String = options
+            .map(|option| format!("#SBATCH --{option}\n"))
+            .collect();
+        format!("#!/bin/sh\n{header}exec {}\n", self.executed)
     }
 
     fn script_file(&self) -> PathBuf {
         self.out.join("submit.sh")
     }
 
-    /// What submits some shards, prints the number of the job, and waits for its end.
-    fn command(&self, on: Engine, shards: &[u64]) -> Vec<String> {
+    /// The command that submits some shards, prints the number of the job, and waits for its end.
+    fn command(&self, shards: &[u64]) -> Vec<String> {
+        let all = shards.len() as u64 == self.shards;
+        let numbers: Vec<String> = shards.iter().map(u64::to_string).collect();
+        let array = match all {
+            true => format!("--array=1-{}", self.shards),
+            false => format!("--array={}", numbers.join(",")),
+        };
         let script = self.script_file().display().to_string();
-        let array = match shards.len() as u64 == self.shards {
-            true => format!("1-{}", self.shards),
-            false => shards
-                .iter()
-                .map(u64::to_string)
-                .collect::<Vec<_>>()
-                .join(","),
-        };
-        let array = format!("--array={array}");
-        let mut words: Vec<String> = match on {
-            Engine::Slurm => ["sbatch", "--parsable", "--wait"].map(String::from).into(),
-            Engine::Hyperqueue => self.hyperqueue(),
-            Engine::Local => return vec!["sh".into(), script],
-        };
-        words.push(array);
-        words.extend((on == Engine::Hyperqueue).then(|| "sh".to_owned()));
-        words.push(script);
-        words
-    }
-
-    fn hyperqueue(&self) -> Vec<String> {
-        // The partition is Slurm's alone.
-        let Submission {
-            time_limit,
-            requeue,
-            processors,
-            ..
-        } = &self.asked;
-        let log = self.out.join("shard-%{TASK_ID}.log").display().to_string();
-        let mut words: Vec<String> = ["hq", "--output-mode=quiet", "submit", "--wait"]
-            .map(String::from)
-            .into();
-        words.push(format!("--name=ironbird-{}", self.name));
-        words.push(format!("--cpus={processors}"));
-        let limit_s = time_limit.iter().map(|limit| limit.as_secs());
-        words.extend(limit_s.map(|limit_s| format!("--time-limit={limit_s}s")));
-        words.extend((!requeue).then(|| "--crash-limit=1".to_owned()));
-        words.extend(["stdout", "stderr"].map(|which| format!("--{which}={log}")));
-        words
-    }
-
-    fn cancel(on: Engine, job: &str) -> Option<Vec<String>> {
-        match on {
-            Engine::Slurm => Some(["scancel", job].map(String::from).into()),
-            Engine::Hyperqueue => Some(["hq", "job", "cancel", job].map(String::from).into()),
-            Engine::Local => None,
-        }
+        let shell = self.shell.map(str::to_owned);
+        let rest = [array].into_iter().chain(shell).chain([script]);
+        self.submit.iter().cloned().chain(rest).collect()
     }
 
     fn shards_of(&self, campaign: &Campaign, chunks: &[u64]) -> Vec<u64> {
         let has = |shard: &u64| {
-            campaign
-                .shard(*shard, self.shards)
-                .any(|chunk| chunks.binary_search(&chunk).is_ok())
+            let mut own = campaign.shard(*shard, self.shards);
+            own.any(|chunk| chunks.binary_search(&chunk).is_ok())
         };
         (1..=self.shards).filter(has).collect()
     }

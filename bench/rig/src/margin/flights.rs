@@ -84,16 +84,18 @@ impl<'a> Flights<'a> {
             None => Box::new(Simulator::of(&settings)?),
         };
         let recovers_from = vec![recovers_from];
-        let mut metrics = Metrics::new(period_s, &self.airframe, recovers_from, last_tick, bound_m);
+        let mut metrics = Metrics::new(
+            self.tracking,
+            &self.airframe,
+            recovers_from,
+            last_tick,
+            bound_m,
+        );
         let flown = simulate::fly(&mut rig, &settings, |rig| {
             self.heed()?;
             let (tick, state) = (rig.flown_tick(), rig.state());
             if tick >= self.from {
-                let error_m = match rig.setpoint() {
-                    Some(setpoint) => setpoint.position_error_m(state),
-                    None => self.tracking.error_m(tick, state),
-                };
-                metrics.take(tick, state, error_m, rig.rotor_speeds());
+                metrics.take(tick, state, rig.setpoint(), rig.rotor_speeds());
             }
             Ok(())
         })?;
