@@ -31,7 +31,7 @@ use crate::output::print;
 use crate::parallel::asked_to_stop;
 use crate::record::kernel_trace::remove_leftovers;
 use crate::settings::law_settings;
-use analysis::laws::no_theorem;
+use analysis::theorem::no_theorem;
 use channels::Channels;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use origin_proxy::{LIMITS, OriginProxy, hidden_address};
