@@ -1,20 +1,19 @@
-//! Whether a flight passed: the gates it was asked to hold, what was found, and its status.
+//! Whether a flight passed: its gates, what was measured for them, and its status.
 //!
-//! Two gates are every flight's; the others are asked for. A gate that measured nothing does not hold.
+//! Every flight has two gates; the others are requested. A gate that measured nothing does not hold.
 
 use crate::phrase::count;
 use crate::schema::{
-    AcceptanceResult, Explained, Gate, Report, RunSection, StabilityVerdict, TimingVerdict,
+    AcceptanceResult, Explained, Gate, Report, StabilityVerdict, TimingVerdict, Verdicts,
 };
 use crate::series::Series;
 use crate::speed::Speed;
 use crate::status::FlightStatus;
 use crate::theorem::Theorem;
-use crate::verdicts::{Evidence, stability_verdict};
+use crate::verdicts::{TrackingLimits, stability_verdict};
 use flight_log::writer::Fate;
 use messages::blackboards::EndReason;
 use messages::role::{Role, STAGES};
-use std::fmt;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RequestedGates {
@@ -42,105 +41,98 @@ pub struct RequestedGates {
 
 const ENVELOPE: &str = "flight envelope";
 
-pub fn gates(asked: &RequestedGates, evidence: &Evidence<'_>) -> Vec<Gate> {
-    // Late commands, commands from older inputs and skipped ticks in one number.
-    let not_fresh = evidence.deadlines.not_fresh.unwrap_or_default();
-    let mut fresh = per_million(evidence, not_fresh.ticks);
-    if not_fresh.ticks > 0 {
-        fresh.words += &format!(" ({})", not_fresh.parts());
-    }
-    let skipped = per_million(evidence, evidence.ticks.skipped);
-    let wake = p999(evidence, Series::Wake(Role::Plant));
-    let whole = p999(evidence, Series::Loop);
+/// What a gate measures: its name with the unit, and the number with its words, or why nothing was measured.
+struct Measured {
+    name: String,
+    value: Result<(f64, String), String>,
+}
 
-    let steal = steal(evidence);
-    let (stale, tracking) = (stale(evidence), tracking(evidence));
-    let mut gates = vec![envelope(asked, evidence), ticks(evidence)];
-    // Plant, stages and kernel count some of these themselves; the others are counted from messages.
-    let mut add = |lost: u64, name: &str, limit: Option<f64>, found: Found| {
-        gates.extend(limit.map(|limit| unless_lost(lost, at_most(name, limit, found))));
+/// Judges a flight by its numbers: the gates, the status and the three verdicts. It still flies without an ending.
+pub fn judge(
+    report: &mut Report,
+    ending: Option<EndReason>,
+    requested: &RequestedGates,
+    limits: &TrackingLimits,
+) {
+    report.words = Verdicts::of(report, ending, limits);
+    let gates = gates(report, ending, requested);
+    let held = gates.iter().all(|gate| gate.held);
+    let status = match ending {
+        None => FlightStatus::Flying,
+        Some(EndReason::Interrupted) => FlightStatus::Interrupted,
+        Some(EndReason::Failed) => FlightStatus::Aborted,
+        _ if held && report.lost() > 0 => FlightStatus::Incomplete,
+        _ if held => FlightStatus::Pass,
+        _ => FlightStatus::Fail,
     };
-    let (lost, fresh_name) = (evidence.lost, "ticks without a fresh command per million");
-    add(lost, fresh_name, asked.max_miss_rate_ppm, fresh);
-    add(
-        0,
-        "ticks skipped per million",
-        asked.max_skip_rate_ppm,
-        skipped,
-    );
-    add(
-        0,
-        "stale ticks per million",
-        asked.max_stale_rate_ppm,
-        stale,
-    );
-    add(0, "steal [%]", asked.max_steal_percent, steal);
-    add(lost, "wake.plant p99.9 [us]", asked.max_wake_p999_us, wake);
-    add(lost, "loop p99.9 [us]", asked.max_loop_p999_us, whole);
-    let name = "position error in the last 5 s [m]";
-    add(lost, name, asked.max_tracking_error_m, tracking);
-    let theorem = asked.theorem.then(|| Gate::theorem(evidence.theorem));
-    gates.extend(theorem.map(|gate| unless_lost(evidence.lost, gate)));
+    report.verdict = AcceptanceResult {
+        status,
+        exit_code: status.exit_code(),
+        gates,
+    };
+}
+
+fn gates(report: &Report, ending: Option<EndReason>, requested: &RequestedGates) -> Vec<Gate> {
+    // Late commands, commands from older inputs and skipped ticks in one number.
+    let not_fresh = report.deadlines.not_fresh.unwrap_or_default();
+    let mut fresh = per_million(report, "ticks without a fresh command", not_fresh.ticks);
+    if let (Ok((_, words)), 1..) = (&mut fresh.value, not_fresh.ticks) {
+        *words += &format!(" ({})", not_fresh.parts());
+    }
+    let skipped = per_million(report, "ticks skipped", report.ticks.skipped);
+    let wake = p999(report, Series::Wake(Role::Plant));
+    let whole = p999(report, Series::Loop);
+    let lost = report.lost();
+    // Plant, stages and kernel count some of these themselves; the others are counted from messages.
+    let limits = [
+        (lost, requested.max_miss_rate_ppm, fresh),
+        (0, requested.max_skip_rate_ppm, skipped),
+        (0, requested.max_stale_rate_ppm, stale(report)),
+        (0, requested.max_steal_percent, steal(report)),
+        (lost, requested.max_wake_p999_us, wake),
+        (lost, requested.max_loop_p999_us, whole),
+        (lost, requested.max_tracking_error_m, tracking(report)),
+    ];
+    let mut gates = vec![envelope(report, ending, requested), ticks(report)];
+    for (lost, limit, measured) in limits {
+        gates.extend(limit.map(|limit| unless_lost(lost, at_most(limit, measured))));
+    }
+    let theorem = requested.theorem.then(|| Gate::theorem(&report.theorem));
+    gates.extend(theorem.map(|gate| unless_lost(lost, gate)));
     gates
 }
 
-struct Found {
-    words: String,
-    /// The number that is held against the limit; none where nothing was measured.
-    number: Option<f64>,
-}
-
-impl Found {
-    fn number(number: f64, digits: usize) -> Self {
-        Self {
-            words: format!("{number:.digits$}"),
-            number: Some(number),
-        }
-    }
-
-    fn nothing(why: impl fmt::Display) -> Self {
-        Self {
-            words: format!("measured nothing: {why}"),
-            number: None,
-        }
-    }
-
-    /// Of a measurement in the clock's time, which a flight in lockstep has not.
-    fn on_the_clock(run: &RunSection, found: impl FnOnce() -> Self) -> Self {
-        match run.speed() {
-            speed @ Speed::Lockstep => Self::nothing(speed.why_not_real_time().unwrap_or_default()),
-            Speed::Clock | Speed::Slowed(_) => found(),
-        }
-    }
-}
-
-fn at_most(name: &str, limit: f64, found: Found) -> Gate {
-    let held = found.number.is_some_and(|number| number <= limit);
+fn at_most(limit: f64, measured: Measured) -> Gate {
+    let number = measured.value.as_ref().ok().map(|(number, _)| *number);
     Gate {
-        name: name.into(),
+        name: measured.name,
         limit: format!("<= {limit}"),
-        value: found.words,
-        held,
+        value: measured.value.map_or_else(nothing, |(_, words)| words),
+        held: number.is_some_and(|number| number <= limit),
         asked: true,
     }
 }
 
-/// What is measured from messages tells nothing of those that were lost.
+fn nothing(why: String) -> String {
+    format!("measured nothing: {why}")
+}
+
+/// What is measured from messages says nothing about those that were lost.
 fn unless_lost(lost: u64, gate: Gate) -> Gate {
-    if lost == 0 {
-        return gate;
-    }
-    Gate {
-        held: false,
-        value: format!("{}, and {lost} messages were not seen", gate.value),
-        ..gate
+    match lost {
+        0 => gate,
+        _ => Gate {
+            held: false,
+            value: format!("{}, and {lost} messages were not seen", gate.value),
+            ..gate
+        },
     }
 }
 
-fn envelope(asked: &RequestedGates, evidence: &Evidence<'_>) -> Gate {
-    let (error_max_m, ground_z_m) = (asked.position_error_max_m, asked.ground_z_m);
-    let tilt_max_deg = asked.tilt_max_rad.to_degrees();
-    let (ending, lowest_z_m) = (evidence.ending, evidence.performance.lowest_z_m);
+fn envelope(report: &Report, ending: Option<EndReason>, requested: &RequestedGates) -> Gate {
+    let (error_max_m, ground_z_m) = (requested.position_error_max_m, requested.ground_z_m);
+    let tilt_max_deg = requested.tilt_max_rad.to_degrees();
+    let lowest_z_m = report.flight.lowest_z_m;
     let has_left = ending.is_some_and(EndReason::left_envelope);
     let has_hit = lowest_z_m < ground_z_m;
     let value = match has_hit && !has_left {
@@ -168,8 +160,8 @@ const fn envelope_words(ending: Option<EndReason>) -> &'static str {
     }
 }
 
-fn ticks(evidence: &Evidence<'_>) -> Gate {
-    let ticks = evidence.ticks;
+fn ticks(report: &Report) -> Gate {
+    let ticks = &report.ticks;
     Gate {
         name: "ticks run + skipped = elapsed / period".into(),
         limit: ticks.elapsed_periods.to_string(),
@@ -179,97 +171,96 @@ fn ticks(evidence: &Evidence<'_>) -> Gate {
     }
 }
 
-fn per_million(evidence: &Evidence<'_>, of: u64) -> Found {
-    let all = evidence.ticks.run + evidence.ticks.skipped;
-    Found::on_the_clock(evidence.run, || match all {
-        0 => Found::nothing("no tick was flown"),
-        _ => Found::number(of as f64 * 1e6 / all as f64, 1),
-    })
-}
-
-/// Of the stage that has most of them: the plant has no input that could be stale.
-fn stale(evidence: &Evidence<'_>) -> Found {
-    let rate = |role: &Role| {
-        let stage = evidence.roles.get(role.name())?;
-        let rate = stage.ticks_stale as f64 * 1e6 / stage.ticks_run as f64;
-        (stage.ticks_run > 0).then_some((rate, *role))
+/// A measurement in the clock's time, which a flight in lockstep does not have.
+fn on_the_clock(
+    report: &Report,
+    name: String,
+    measure: impl FnOnce() -> Result<(f64, String), String>,
+) -> Measured {
+    let value = match report.run.speed() {
+        speed @ Speed::Lockstep => Err(speed.why_not_real_time().unwrap_or_default()),
+        Speed::Clock | Speed::Slowed(_) => measure(),
     };
-    let rates = STAGES[1..].iter().filter_map(rate);
-    let worst = rates.max_by(|a, b| a.0.total_cmp(&b.0));
-    Found::on_the_clock(evidence.run, || match worst {
-        None => Found::nothing("no stage worked a tick"),
-        Some((rate, role)) => Found {
-            words: format!("{rate:.1} ({role})"),
-            number: Some(rate),
-        },
-    })
+    Measured { name, value }
 }
 
-fn p999(evidence: &Evidence<'_>, series: Series) -> Found {
-    let statistics = evidence.series.iter().find(|it| it.name == series.name());
-    Found::on_the_clock(evidence.run, || {
-        match statistics.map(|it| (it.count, it.p999_us)) {
-            None => Found::nothing("it has no values"),
-            Some((values, None)) => Found::nothing(format!("too few values for p99.9: {values}")),
-            Some((_, Some(us))) => Found::number(us, 1),
+fn per_million(report: &Report, what: &str, count: u64) -> Measured {
+    on_the_clock(report, format!("{what} per million"), || {
+        match report.ticks.run + report.ticks.skipped {
+            0 => Err("no tick was flown".into()),
+            all => Ok(worded(count as f64 * 1e6 / all as f64, 1)),
         }
     })
 }
 
-fn tracking(evidence: &Evidence<'_>) -> Found {
-    let performance = evidence.performance;
-    match performance.states {
-        0 => Found::nothing("no state was seen"),
-        _ => Found::number(performance.recent_error_max_m, 4),
+fn worded(number: f64, digits: usize) -> (f64, String) {
+    (number, format!("{number:.digits$}"))
+}
+
+/// Of the stage that has most of them: the plant has no input that could be stale.
+fn stale(report: &Report) -> Measured {
+    let rate = |role: &Role| {
+        let stage = report.roles.get(role.name())?;
+        let rate = stage.ticks_stale as f64 * 1e6 / stage.ticks_run as f64;
+        (stage.ticks_run > 0).then_some((rate, *role))
+    };
+    on_the_clock(report, "stale ticks per million".into(), || {
+        let rates = STAGES[1..].iter().filter_map(rate);
+        let worst = rates.max_by(|a, b| a.0.total_cmp(&b.0));
+        let (rate, role) = worst.ok_or("no stage worked a tick")?;
+        Ok((rate, format!("{rate:.1} ({role})")))
+    })
+}
+
+fn p999(report: &Report, series: Series) -> Measured {
+    let name = series.name();
+    on_the_clock(report, format!("{name} p99.9 [us]"), || {
+        let statistics = report.series(&name).ok_or("it has no values")?;
+        let few = || format!("too few values for p99.9: {}", statistics.count);
+        Ok(worded(statistics.p999_us.ok_or_else(few)?, 1))
+    })
+}
+
+fn tracking(report: &Report) -> Measured {
+    Measured {
+        name: "position error in the last 5 s [m]".into(),
+        value: match report.flight.states {
+            0 => Err("no state was seen".into()),
+            _ => Ok(worded(report.flight.recent_error_max_m, 4)),
+        },
     }
 }
 
-fn steal(evidence: &Evidence<'_>) -> Found {
-    let steal = evidence.steal;
-    if steal.of_ms == 0 {
-        return Found::nothing("the kernel counted no time");
-    }
-    Found {
-        words: format!("{:.2} of {}", steal.percent, steal.processors()),
-        number: Some(steal.percent),
+fn steal(report: &Report) -> Measured {
+    let (percent, processors) = (report.steal.percent, report.steal.processors());
+    Measured {
+        name: "steal [%]".into(),
+        value: match report.steal.of_ms {
+            0 => Err("the kernel counted no time".into()),
+            _ => Ok((percent, format!("{percent:.2} of {processors}"))),
+        },
     }
 }
 
 impl Gate {
     pub fn theorem(theorem: &Theorem) -> Self {
         let Explained { word, why } = stability_verdict(theorem);
+        let unwatched = theorem.ticks_unwatched;
         Self {
             name: "theorem".into(),
             limit: "0 unexplained, estimates live".into(),
-            value: match (word, theorem.ticks_unwatched) {
-                (StabilityVerdict::NotApplicable, _) => Found::nothing(why).words,
-                (_, 0) => theorem.found(),
-                (_, unwatched) => {
-                    let unwatched = count(unwatched, "tick");
-                    format!("{}, {unwatched} not watched", theorem.found())
-                }
+            value: match word {
+                StabilityVerdict::NotApplicable => nothing(why),
+                _ if unwatched == 0 => theorem.found(),
+                _ => format!(
+                    "{}, {} not watched",
+                    theorem.found(),
+                    count(unwatched, "tick")
+                ),
             },
             held: word == StabilityVerdict::Holds,
             asked: true,
         }
-    }
-}
-
-/// Whether a flight passed, from its gates, the messages that were lost, and how it ended; nothing while it flies.
-pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<EndReason>) -> AcceptanceResult {
-    let held = gates.iter().all(|gate| gate.held);
-    let status = match ending {
-        None => FlightStatus::Flying,
-        Some(EndReason::Interrupted) => FlightStatus::Interrupted,
-        Some(EndReason::Failed) => FlightStatus::Aborted,
-        _ if held && lost > 0 => FlightStatus::Incomplete,
-        _ if held => FlightStatus::Pass,
-        _ => FlightStatus::Fail,
-    };
-    AcceptanceResult {
-        status,
-        exit_code: status.exit_code(),
-        gates,
     }
 }
 
@@ -323,9 +314,9 @@ pub fn take_log(report: &mut Report, kept: &str, fate: &Fate) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::Sample;
+    use crate::sample::{good, not_fresh};
 
-    const ASKED: RequestedGates = RequestedGates {
+    const REQUESTED: RequestedGates = RequestedGates {
         position_error_max_m: 10.0,
         ground_z_m: -0.25,
         tilt_max_rad: std::f64::consts::PI,
@@ -339,113 +330,96 @@ mod tests {
         theorem: true,
     };
 
-    /// What was found by the gates that a changed flight does not hold.
-    fn broken(change: impl FnOnce(&mut Sample)) -> Vec<String> {
-        let mut sample = Sample::good();
-        change(&mut sample);
-        let gates = gates(&ASKED, &sample.evidence()).into_iter();
+    /// What was measured for the gates that a changed flight does not hold.
+    fn broken(change: impl FnOnce(&mut Report)) -> Vec<String> {
+        let mut report = good();
+        change(&mut report);
+        let gates = gates(&report, Some(EndReason::Completed), &REQUESTED).into_iter();
         let failed = gates.filter(|gate| !gate.held);
-        failed
-            .map(|gate| format!("{}: {}", gate.name, gate.value))
-            .collect()
+        let failed = failed.map(|gate| format!("{}: {}", gate.name, gate.value));
+        failed.collect()
     }
+
+    type Change = fn(&mut Report);
 
     #[test]
     fn each_gate_breaks_by_its_own_number_alone() {
-        let check =
-            |change: fn(&mut Sample), failed: &str| assert_eq!(broken(change).join("; "), failed);
+        let check = |change: Change, failed: &str| assert_eq!(broken(change).join("; "), failed);
         check(|_| (), "");
         let low = "flight envelope: below ground: down to z = -0.26 m";
-        check(|it| it.performance.lowest_z_m = -0.26, low);
-        let fresh = "ticks without a fresh command per million";
-        let missed = format!("{fresh}: 100.0 (2 missed + 0 stale + 0 skipped)");
-        check(|it| it.not_fresh(2, 0, 0), &missed);
-        let stale = format!("{fresh}: 4950.0 (0 missed + 99 stale + 0 skipped)");
-        check(|it| it.not_fresh(0, 99, 0), &stale);
-        let skipped = format!(
-            "{fresh}: 50.0 (0 missed + 0 stale + 1 skipped); ticks skipped per million: 50.0"
-        );
-        check(|it| it.not_fresh(0, 0, 1), &skipped);
-        check(
-            |it| it.steal.percent = 0.25,
-            "steal [%]: 0.25 of processor 1",
-        );
-        let worst = |it: &mut Sample| {
+        check(|it| it.flight.lowest_z_m = -0.26, low);
+        let fresh = |rest: &str| format!("ticks without a fresh command per million: {rest}");
+        let missed = fresh("100.0 (2 missed + 0 stale + 0 skipped)");
+        check(|it| not_fresh(it, 2, 0, 0), &missed);
+        let stale = fresh("4950.0 (0 missed + 99 stale + 0 skipped)");
+        check(|it| not_fresh(it, 0, 99, 0), &stale);
+        let skipped = "50.0 (0 missed + 0 stale + 1 skipped); ticks skipped per million: 50.0";
+        check(|it| not_fresh(it, 0, 0, 1), &fresh(skipped));
+        let stolen = "steal [%]: 0.25 of processor 1";
+        check(|it| it.steal.percent = 0.25, stolen);
+        let worst = |it: &mut Report| {
             for (role, stale) in [("outer", 1), ("inner", 3), ("mixer", 2)] {
                 it.roles.get_mut(role).unwrap().ticks_stale = stale;
             }
         };
         check(worst, "stale ticks per million: 150.0 (inner)");
-        check(
-            |it| it.series[0].p999_us = Some(51.1),
-            "loop p99.9 [us]: 51.1",
-        );
+        let whole = "loop p99.9 [us]: 51.1";
+        check(|it| it.series[0].p999_us = Some(51.1), whole);
         let wake = "wake.plant p99.9 [us]: 51.1";
         check(|it| it.series[1].p999_us = Some(51.1), wake);
         let error = "position error in the last 5 s [m]: 0.0200";
-        check(|it| it.performance.recent_error_max_m = 0.02, error);
+        check(|it| it.flight.recent_error_max_m = 0.02, error);
         let unwatched = "theorem: 0 unexplained, estimates live, 1 tick not watched";
         check(|it| it.theorem.ticks_unwatched = 1, unwatched);
-        let lifeless = |it: &mut Sample| (it.theorem.holds, it.theorem.is_live) = (false, false);
-        check(
-            lifeless,
-            "theorem: 0 unexplained, estimates do not move as predicted",
-        );
+        let lifeless = "theorem: 0 unexplained, estimates do not move as predicted";
+        let change: Change = |it| (it.theorem.holds, it.theorem.is_live) = (false, false);
+        check(change, lifeless);
     }
 
     #[test]
-    fn what_measured_nothing_does_not_hold() {
-        let steal = broken(|it| it.steal.of_ms = 0);
-        assert_eq!(
-            steal,
-            ["steal [%]: measured nothing: the kernel counted no time"]
-        );
-        let unseen = broken(|it| it.performance.states = 0);
-        assert_eq!(
-            unseen,
-            ["position error in the last 5 s [m]: measured nothing: no state was seen"]
-        );
-        let idle = broken(|it| it.roles.clear());
-        assert_eq!(
-            idle,
-            ["stale ticks per million: measured nothing: no stage worked a tick"]
-        );
-        assert_eq!(broken(|it| it.series.clear()).len(), 2);
-        let mut lockstep = broken(|it| it.run.wall_period_us = 0.0);
-        lockstep.retain(|it| it.ends_with("in lockstep there are no deadlines"));
-        assert_eq!(lockstep.len(), 5);
+    fn a_measurement_without_values_does_not_hold() {
+        let check = |change: Change, end: &str, failed: usize| {
+            let broken = broken(change);
+            let is_it = broken.iter().filter(|it| it.ends_with(end));
+            assert_eq!(
+                (is_it.count(), broken.len()),
+                (failed, failed),
+                "{broken:?}"
+            );
+        };
+        check(|it| it.steal.of_ms = 0, "the kernel counted no time", 1);
+        check(|it| it.flight.states = 0, "no state was seen", 1);
+        check(|it| it.roles.clear(), "no stage worked a tick", 1);
+        check(|it| it.series.clear(), "it has no values", 2);
+        let lockstep = "in lockstep there are no deadlines";
+        check(|it| it.run.wall_period_us = 0.0, lockstep, 5);
+        // Fresh commands, wake-up, loop, position error and theorem are measured from messages.
+        let lost: Change = |it| it.recorder.lost = [("state".to_owned(), 3)].into();
+        check(lost, ", and 3 messages were not seen", 5);
     }
 
     #[test]
-    fn lost_messages_fail_what_is_measured_from_messages_alone() {
-        let lost = broken(|it| it.lost = 3);
-        // Fresh commands, wake-up, loop, position error and theorem.
-        assert_eq!(lost.len(), 5, "{lost:?}");
-        assert!(
-            lost.iter()
-                .all(|it| it.ends_with(", and 3 messages were not seen")),
-            "{lost:?}"
-        );
-    }
-
-    #[test]
-    fn the_status_names_how_many_gates_were_asked_for() {
+    fn the_status_follows_from_the_gates_that_were_requested() {
         let none = RequestedGates {
-            position_error_max_m: 10.0,
             ground_z_m: -0.25,
             ..RequestedGates::default()
         };
         let miss = RequestedGates {
             max_loop_p999_us: Some(1.0),
-            ..ASKED
+            ..REQUESTED
         };
-        for (asked, held, status) in [
-            (ASKED, (8, 8), FlightStatus::Pass),
+        let limits = TrackingLimits {
+            error_max_m: 0.1,
+            ground_z_m: -0.25,
+        };
+        for (requested, held, status) in [
+            (REQUESTED, (8, 8), FlightStatus::Pass),
             (none, (0, 0), FlightStatus::Pass),
             (miss, (7, 8), FlightStatus::Fail),
         ] {
-            let sample = Sample::good();
-            let verdict = verdict(gates(&asked, &sample.evidence()), 0, sample.ending);
+            let mut report = good();
+            judge(&mut report, Some(EndReason::Completed), &requested, &limits);
+            let verdict = report.verdict;
             assert_eq!((verdict.requested(), verdict.status), (held, status));
         }
     }

@@ -1,7 +1,6 @@
 //! The control laws of a flight: their signals, and outputs that could not be used.
 
 use crate::schema::{LawSection, SignalSection};
-use controller::laws::may_have_theorem;
 use messages::content::{Mode, Wrench};
 use messages::parameters::{ESTIMATED, Parameter};
 use messages::role::Role;
@@ -39,15 +38,6 @@ impl FlownLaws {
             .filter(|_| self.without_theorem.is_none())
             .map(Places)
     }
-}
-
-/// Why the theorem says nothing of a flight with this inner law.
-pub fn no_theorem(law: &str) -> String {
-    let settings = may_have_theorem(law).then_some(" with its settings");
-    format!(
-        "the inner law `{law}` has no theorem{}",
-        settings.unwrap_or_default()
-    )
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -110,7 +110,7 @@ pub struct RunSection {
     pub in_flight: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AcceptanceResult {
     pub status: FlightStatus,
     pub exit_code: u8,

@@ -4,9 +4,10 @@ use errors::{FAILED, GATE, INTERRUPTED, OK};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum FlightStatus {
+    #[default]
     Flying,
     Pass,
     /// It held its gates as far as it was seen; not all was, or not all was logged.

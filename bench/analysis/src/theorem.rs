@@ -2,9 +2,9 @@
 //!
 //! docs/theorem.md explains how to read it.
 
-use crate::laws::no_theorem;
 use crate::phrase::count;
 use controller::excitation::EXCITING;
+use controller::laws::may_have_theorem;
 use messages::monitor::{CAUSES, Cause, Monitor};
 use messages::parameters::{Airframe, ESTIMATED};
 use serde::ser::SerializeStruct as _;
@@ -119,6 +119,15 @@ impl Theorem {
         section.serialize_field("not_applicable", &why)?;
         section.end()
     }
+}
+
+/// Why the theorem says nothing of a flight with this inner law.
+pub fn no_theorem(law: &str) -> String {
+    let settings = may_have_theorem(law).then_some(" with its settings");
+    format!(
+        "the inner law `{law}` has no theorem{}",
+        settings.unwrap_or_default()
+    )
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -6,15 +6,13 @@
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
 use crate::phrase::count;
 use crate::schema::{
-    ControlPerformance, DeadlineSection, Explained, FlightVerdict, NotFresh, RoleSection,
-    RunSection, StabilityVerdict, Ticks, TimingVerdict, Verdicts,
+    ControlPerformance, Explained, FlightVerdict, NotFresh, Report, RunSection, StabilityVerdict,
+    Ticks, TimingVerdict, Verdicts,
 };
-use crate::series::Statistics;
 use crate::speed::Speed;
 use crate::theorem::Theorem;
 use messages::blackboards::EndReason;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrackingLimits {
@@ -24,31 +22,17 @@ pub struct TrackingLimits {
     pub ground_z_m: f64,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub struct Evidence<'a> {
-    pub run: &'a RunSection,
-    /// How it ended; nothing while it flies.
-    pub ending: Option<EndReason>,
-    pub ticks: &'a Ticks,
-    pub deadlines: &'a DeadlineSection,
-    pub performance: &'a ControlPerformance,
-    pub theorem: &'a Theorem,
-    pub series: &'a [Statistics],
-    pub roles: &'a BTreeMap<String, RoleSection>,
-    pub steal: &'a Steal,
-    pub lost: u64,
-}
-
 impl Verdicts {
-    pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
-        let (run, ticks, theorem) = (evidence.run, evidence.ticks, evidence.theorem);
-        let not_fresh = evidence.deadlines.not_fresh.unwrap_or_default();
+    /// The verdicts on a flight that ended so; nothing while it flies.
+    pub fn of(report: &Report, ending: Option<EndReason>, limits: &TrackingLimits) -> Self {
+        let (run, ticks, theorem) = (&report.run, &report.ticks, &report.theorem);
+        let not_fresh = report.deadlines.not_fresh.unwrap_or_default();
         let mut verdicts = Self {
-            flight: flight_verdict(evidence.performance, evidence.ending, limits),
-            timing: timing_verdict(ticks, &not_fresh, run.speed(), evidence.steal),
+            flight: flight_verdict(&report.flight, ending, limits),
+            timing: timing_verdict(ticks, &not_fresh, run.speed(), &report.steal),
             theorem: stability_verdict(theorem),
         };
-        match evidence.ending {
+        match ending {
             Some(EndReason::Interrupted) => verdicts.cut_short("interrupted", run, ticks),
             Some(EndReason::Failed) => verdicts.cut_short("aborted", run, ticks),
             _ => {}
@@ -194,26 +178,19 @@ impl StabilityVerdict {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::Sample;
+    use crate::sample::{good, not_fresh};
 
     const LIMITS: TrackingLimits = TrackingLimits {
         error_max_m: 0.1,
         ground_z_m: -0.25,
     };
 
-    fn words(change: impl FnOnce(&mut Sample)) -> [&'static str; 3] {
-        let mut sample = Sample::good();
-        change(&mut sample);
-        let verdicts = Verdicts::of(&sample.evidence(), &LIMITS);
-        words_of(&verdicts)
-    }
-
-    const fn words_of(of: &Verdicts) -> [&'static str; 3] {
+    fn words(verdicts: &Verdicts) -> [&'static str; 3] {
         let Verdicts {
             flight,
             timing,
             theorem,
-        } = of;
+        } = verdicts;
         [
             flight.word.words(),
             timing.word.words(),
@@ -222,76 +199,70 @@ mod tests {
     }
 
     #[test]
-    fn a_good_flight_tracks_in_time_and_the_theorem_holds() {
-        assert_eq!(words(|_| ()), ["tracked", "in time", "holds"]);
-    }
-
-    type Row = (fn(&mut Sample), &'static str);
-
-    /// What changes a good flight, and the word that one of its verdicts then has.
-    fn check(verdict: usize, rows: &[Row]) {
-        for (i, (change, word)) in rows.iter().enumerate() {
-            assert_eq!(words(change)[verdict], *word, "row {i}");
+    fn a_good_flight_is_tracked_in_time_and_holds_and_each_change_has_its_word() {
+        const GOOD: [&str; 3] = ["tracked", "in time", "holds"];
+        fn periods(report: &mut Report, period_us: f64, wall_period_us: f64) {
+            (report.run.period_us, report.run.wall_period_us) = (period_us, wall_period_us);
         }
-    }
-
-    #[test]
-    fn a_flight_is_tracked_by_its_end_and_lost_by_the_ground_or_its_envelope() {
-        let rows: [Row; 7] = [
-            (|it| it.performance.recent_error_max_m = 0.1, "tracked"),
-            (|it| it.performance.recent_error_max_m = 0.1001, "off track"),
-            (|it| it.performance.position_error_max_m = 3.0, "tracked"),
-            (|it| it.performance.lowest_z_m = -0.25, "tracked"),
-            (|it| it.performance.lowest_z_m = -0.26, "lost"),
-            (|it| it.ending = Some(EndReason::Position), "lost"),
-            (|it| it.performance.states = 0, "not seen"),
+        type Change = fn(&mut Report);
+        let check = |verdict: usize, word: &'static str, changes: &[Change]| {
+            for (i, change) in changes.iter().enumerate() {
+                let mut report = good();
+                change(&mut report);
+                let verdicts = Verdicts::of(&report, Some(EndReason::Completed), &LIMITS);
+                let mut expected = GOOD;
+                expected[verdict] = word;
+                assert_eq!(words(&verdicts), expected, "{word} {i}");
+            }
+        };
+        let tracked: [Change; 3] = [
+            |it| it.flight.recent_error_max_m = 0.1,
+            |it| it.flight.position_error_max_m = 3.0,
+            |it| it.flight.lowest_z_m = -0.25,
         ];
-        check(0, &rows);
-    }
-
-    #[test]
-    fn one_miss_or_skip_is_late_and_what_measures_nothing_is_not_in_time() {
-        fn periods(sample: &mut Sample, period_us: f64, wall_period_us: f64) {
-            sample.run.period_us = period_us;
-            sample.run.wall_period_us = wall_period_us;
-        }
-        let rows: [Row; 10] = [
-            (|it| it.not_fresh(1, 0, 0), "late"),
-            (|it| it.not_fresh(0, 1, 0), "late"),
-            (|it| it.not_fresh(0, 0, 1), "late"),
-            (|it| periods(it, 1000.0, 0.0), "not measured"),
-            (|it| periods(it, 1000.0, 5000.0), "not measured"),
-            // A sample time need not be a whole number of nanoseconds.
-            (|it| periods(it, 1666.6667, 1666.667), "in time"),
-            (|it| periods(it, 333.3333, 333.333), "in time"),
-            (|it| it.steal.percent = 1.0, "in time"),
-            (|it| it.steal.percent = 1.01, "not measured"),
-            (|it| it.ticks.run = 0, "not measured"),
+        check(0, "tracked", &tracked);
+        check(
+            0,
+            "off track",
+            &[|it| it.flight.recent_error_max_m = 0.1001],
+        );
+        check(0, "lost", &[|it| it.flight.lowest_z_m = -0.26]);
+        check(0, "not seen", &[|it| it.flight.states = 0]);
+        let late: [Change; 3] = [
+            |it| not_fresh(it, 1, 0, 0),
+            |it| not_fresh(it, 0, 1, 0),
+            |it| not_fresh(it, 0, 0, 1),
         ];
-        check(1, &rows);
-    }
-
-    #[test]
-    fn estimates_that_should_move_and_do_not_break_the_theorem_and_pinned_ones_have_none() {
-        let rows: [Row; 7] = [
-            (|it| it.theorem.ticks_checked = 0, "not applicable"),
-            (|it| it.theorem.steps_adapted = 0, "not applicable"),
-            (
-                |it| it.theorem.law_without = Some("pid".into()),
-                "not applicable",
-            ),
-            (|it| it.theorem.holds = false, "broken"),
-            (|it| it.theorem.ticks_unwatched = 1, "partly watched"),
-            (
-                |it| (it.theorem.ticks_unwatched, it.theorem.holds) = (1, false),
-                "broken",
-            ),
-            (
-                |it| (it.theorem.steps_adapted, it.theorem.holds) = (0, false),
-                "broken",
-            ),
+        check(1, "late", &late);
+        let not_measured: [Change; 4] = [
+            |it| periods(it, 1000.0, 0.0),
+            |it| periods(it, 1000.0, 5000.0),
+            |it| it.steal.percent = 1.01,
+            |it| it.ticks.run = 0,
         ];
-        check(2, &rows);
+        check(1, "not measured", &not_measured);
+        // A sample time need not be a whole number of nanoseconds.
+        let in_time: [Change; 3] = [
+            |it| periods(it, 1666.6667, 1666.667),
+            |it| periods(it, 333.3333, 333.333),
+            |it| it.steal.percent = 1.0,
+        ];
+        check(1, "in time", &in_time);
+        let not_applicable: [Change; 3] = [
+            |it| it.theorem.ticks_checked = 0,
+            |it| it.theorem.steps_adapted = 0,
+            |it| it.theorem.law_without = Some("pid".into()),
+        ];
+        check(2, "not applicable", &not_applicable);
+        let broken: [Change; 3] = [
+            |it| it.theorem.holds = false,
+            |it| (it.theorem.ticks_unwatched, it.theorem.holds) = (1, false),
+            |it| (it.theorem.steps_adapted, it.theorem.holds) = (0, false),
+        ];
+        check(2, "broken", &broken);
+        check(2, "partly watched", &[|it| it.theorem.ticks_unwatched = 1]);
+        let lost = Verdicts::of(&good(), Some(EndReason::Position), &LIMITS);
+        assert_eq!(words(&lost)[0], "lost");
     }
 
     #[test]
@@ -300,28 +271,26 @@ mod tests {
             (EndReason::Failed, "aborted"),
             (EndReason::Interrupted, "interrupted"),
         ] {
-            let mut sample = Sample::good();
-            (sample.ending, sample.ticks.run) = (Some(ending), 1);
-            let short = Verdicts::of(&sample.evidence(), &LIMITS);
-            let words = words_of(&short);
-            assert_eq!(words, ["cut short", "cut short", "holds"]);
+            let mut report = good();
+            report.ticks.run = 1;
+            let short = Verdicts::of(&report, Some(ending), &LIMITS);
+            assert_eq!(words(&short), ["cut short", "cut short", "holds"]);
             let begin = format!("{how} after 1 tick (0.001 s); until then ");
             for why in [short.flight.why, short.timing.why, short.theorem.why] {
                 assert!(why.starts_with(&begin), "{why}");
             }
-            sample.performance.recent_error_max_m = 1.0;
-            sample.not_fresh(0, 1, 0);
-            let bad = Verdicts::of(&sample.evidence(), &LIMITS);
-            let words = words_of(&bad);
-            assert_eq!(words, ["off track", "late", "holds"]);
+            report.flight.recent_error_max_m = 1.0;
+            not_fresh(&mut report, 0, 1, 0);
+            let bad = Verdicts::of(&report, Some(ending), &LIMITS);
+            assert_eq!(words(&bad), ["off track", "late", "holds"]);
         }
     }
 
     #[test]
     fn the_timing_begins_with_one_number_and_its_parts() {
-        let mut sample = Sample::good();
-        sample.not_fresh(24, 6, 94);
-        let verdicts = Verdicts::of(&sample.evidence(), &LIMITS);
+        let mut report = good();
+        not_fresh(&mut report, 24, 6, 94);
+        let verdicts = Verdicts::of(&report, None, &LIMITS);
         let why = "124 of 20094 ticks without a fresh command on time (6171.0 per million): \
                    24 missed + 6 stale + 94 skipped";
         assert_eq!(verdicts.timing.why, why);

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use analysis::host::Host;
-use analysis::laws::{NotFinite, no_theorem};
+use analysis::laws::NotFinite;
 use analysis::schema::RoleSection;
+use analysis::theorem::no_theorem;
 use errors::Failure;
 use flight_log::facts::{
     FAULTS, FORMAT, Facts, HOST, LAWS, POINTS, REALTIME, RUN, Record, SETTINGS, record,

@@ -5,14 +5,13 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use analysis::distribution::buckets;
 use analysis::flight_statistics::FlightStatistics;
-use analysis::gates::{gates, verdict};
+use analysis::gates::judge;
 use analysis::laws::{NotFinite, SignalStatistics};
 use analysis::miss_analysis::MissAnalysis;
 use analysis::outages::WORST_SHOWN;
 use analysis::schema::{self, LawSection, MarginSection, Report, RunLength, Verdicts};
 use analysis::sections::rejected;
 use analysis::series::Series;
-use analysis::verdicts::Evidence;
 use errors::Failure;
 use faults::live::LiveFault;
 use flight_log::TOPICS;
@@ -111,17 +110,12 @@ impl<'a> ReportBuilder<'a> {
                 .collect(),
             stretches_left_out: tally.late_commands.left_out,
         };
-        let series = tally.series.statistics();
-        let theorem = tally.theorem.section();
-        let lost_messages = tally.lost().iter().sum();
         let lost = TOPICS.iter().zip(tally.lost());
         let lost = lost
             .map(|(topic, lost)| ((*topic).to_owned(), lost))
             .collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
-        let steal = host.steal();
-        let role_sections = roles.sections();
         let performance = schema::ControlPerformance {
             ticks_without_state,
             ..tally.flight()
@@ -144,18 +138,6 @@ impl<'a> ReportBuilder<'a> {
             last_words: Vec::new(),
             in_flight: ending.is_none(),
         };
-        let evidence = Evidence {
-            run: &section,
-            ending,
-            ticks: &ticks,
-            deadlines: &deadlines,
-            performance: &performance,
-            theorem: &theorem,
-            series: &series,
-            roles: &role_sections,
-            steal: &steal,
-            lost: lost_messages,
-        };
         let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
         let autopsy = tally.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy = autopsy.unwrap_or_default().struck_by(&faults);
@@ -163,13 +145,11 @@ impl<'a> ReportBuilder<'a> {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);
         }
-        let words = Verdicts::of(&evidence, &self.settings.tracking_limits());
-        let gates = gates(&self.settings.gates_asked(), &evidence);
-        Ok(Report {
+        let mut report = Report {
             schema: schema::SCHEMA.into(),
-            words,
+            words: Verdicts::default(),
             run: section,
-            verdict: verdict(gates, lost_messages, ending),
+            verdict: schema::AcceptanceResult::default(),
             ticks,
             deadlines,
             margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
@@ -177,12 +157,12 @@ impl<'a> ReportBuilder<'a> {
             deaths: tally.deaths.deaths.clone(),
             deaths_left_out: tally.deaths.left_out,
             flight: performance,
-            theorem,
+            theorem: tally.theorem.section(),
             swaps: tally.swaps.clone(),
             swaps_left_out: tally.swaps_seen - tally.swaps.len() as u64,
             faults,
-            series,
-            roles: role_sections,
+            series: tally.series.statistics(),
+            roles: roles.sections(),
             lead: tally.lead(&run.lead, roles.rehearsals()),
             recorder: schema::RecorderSection {
                 lost,
@@ -194,7 +174,7 @@ impl<'a> ReportBuilder<'a> {
             },
             host: host.host.clone(),
             doctor: host.diagnosis.clone(),
-            steal,
+            steal: host.steal(),
             interrupts: host.interrupts(),
             // Only the page shows these, so they are computed once, at the end.
             distributions: if ending.is_some() {
@@ -205,7 +185,10 @@ impl<'a> ReportBuilder<'a> {
             // The launcher measures them after all processes have landed.
             beside: None,
             traces: ending.map(|_| tally.tracer.traces()),
-        })
+        };
+        let limits = self.settings.tracking_limits();
+        judge(&mut report, ending, &self.settings.gates_asked(), &limits);
+        Ok(report)
     }
 
     /// The laws of the flight with their telemetry and their unusable outputs.

@@ -13,7 +13,8 @@ use messages::telemetry::LAW_ROLES;
 use messages::topic::Topic;
 
 use crate::observation::ObservedMessage;
-use analysis::laws::{FlownLaws, no_theorem};
+use analysis::laws::FlownLaws;
+use analysis::theorem::no_theorem;
 use errors::Failure;
 use flight_log::codec::{Logged, encode};
 use flight_log::scene::{self, Placed};

@@ -1,10 +1,10 @@
 //! The six pages of the dashboard.
 
-use analysis::laws::no_theorem;
 use analysis::schema::SignalSection;
 use analysis::sections::role_section;
 use analysis::series::{Series, Statistics};
 use analysis::theorem::Theorem;
+use analysis::theorem::no_theorem;
 use controller::laws::adaptive;
 use errors::errno_text;
 use hdrhistogram::Histogram;
