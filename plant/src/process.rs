@@ -81,7 +81,7 @@ struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
     commands: Receiver<RotorSpeeds>,
-    doorbell: WakeEvent,
+    event: WakeEvent,
     in_force: Blackboard<ActiveParameters>,
     requests: Consumer<'a, Request>,
     events: Producer<'a, Event>,
@@ -124,7 +124,7 @@ impl<'a> PlantProcess<'a> {
             states: wire.sender(Some(wire.notifier(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
             commands: wire.receiver(pending_commands(settings.period_s))?,
-            doorbell: wire.wake_event(Role::Plant)?,
+            event: wire.wake_event(Role::Plant)?,
             in_force,
             requests,
             events,
@@ -364,7 +364,7 @@ impl<'a> PlantProcess<'a> {
                 };
                 return Err(Error::Absent { what });
             }
-            self.doorbell.wait_until(
+            self.event.wait_until(
                 now + if is_there {
                     RECORDER_LOOK_UP_NS
                 } else {

@@ -21,8 +21,8 @@ use process::signals::end_with_launcher;
 
 use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};
-use analysis::series::{Series, Statistics};
 use crate::parallel::stop_flag;
+use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OK};

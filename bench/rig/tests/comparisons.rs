@@ -3,12 +3,12 @@
 use crate::rig::{Rig, rounds, take_station};
 use config::Settings;
 use control_api::GuardedInner;
+use faults::MessageFaults;
+use faults::live::LoopFaults;
 use ipc::Wire;
 use ipc::clock::{Horizon, busy_wait};
 use ipc::error::Error;
 use messages::content::{NO_TICK, Setpoint, State, Wrench};
-use messages::fault::MessageFaults;
-use messages::fault::live::LoopFaults;
 use messages::header::Header;
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;

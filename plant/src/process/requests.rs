@@ -14,11 +14,10 @@ use faults::{FaultRefusal, Span};
 use heapless::spsc::{Consumer, Producer};
 use ipc::clock::now_ns;
 use ipc::error::Error;
-use ipc::injection::{ENDED, MALFORMED, MOST_AT_ONCE, STRIKES};
 use ipc::instance::Instance;
 use ipc::{
-    FaultAnswer, FaultCall, FaultOrder, Owner, Sender, SwapAnswer, SwapCall, SwapOrder,
-    SwapOutcome, Wire,
+    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Owner, STRIKES, Sender,
+    SwapAnswer, SwapOrder, SwapOutcome, Wire,
 };
 use messages::content::{NO_TICK, SwapRecord};
 use messages::header::Header;
@@ -103,8 +102,8 @@ pub(super) fn serve(
     mut events: Consumer<'_, Event>,
 ) -> Result<(), Error> {
     let wire = Wire::open(instance)?;
-    let (swap_server, fault_server) = (wire.swap_server()?, wire.fault_server()?);
-    let doorbell = wire.doorbell(Owner::Desk)?;
+    let (swap_server, fault_server) = (wire.server::<SwapOrder>()?, wire.server::<FaultOrder>()?);
+    let event = wire.wake_event(Owner::Requests)?;
     let mut server = Server {
         records: wire.sender(None)?,
         requests,
@@ -133,16 +132,16 @@ pub(super) fn serve(
         while let Some(call) = fault_server.next()? {
             server.receive_faults(call);
         }
-        while let Some(event) = events.dequeue() {
-            server.report(event)?;
+        while let Some(outcome) = events.dequeue() {
+            server.report(outcome)?;
         }
         if closed {
             server.end();
             return Ok(());
         }
         let is_idle = server.changes.is_empty() && server.injections.is_empty();
-        let patience = if is_idle { IDLE_NS } else { BUSY_NS };
-        doorbell.wait_until(now_ns() + patience)?;
+        let timeout_ns = if is_idle { IDLE_NS } else { BUSY_NS };
+        event.wait_until(now_ns() + timeout_ns)?;
     }
 }
 
@@ -152,8 +151,8 @@ type Waiting<C> = heapless::Vec<(u64, C), INBOX>;
 struct Server<'a> {
     records: Sender<SwapRecord>,
     requests: Producer<'a, Request>,
-    changes: Waiting<SwapCall>,
-    injections: Waiting<FaultCall>,
+    changes: Waiting<Call<SwapOrder>>,
+    injections: Waiting<Call<FaultOrder>>,
     id: u64,
 }
 
@@ -182,29 +181,29 @@ impl Server<'_> {
         take_call(waiting(self), id)
     }
 
-    fn receive_swap(&mut self, call: SwapCall) {
+    fn receive_swap(&mut self, call: Call<SwapOrder>) {
         let order = call.order();
         let swap = match swap_of(&order) {
             Ok(swap) => swap,
-            Err(reason) => return call.answer(swap_refusal(&reason, 0)),
+            Err(reason) => return call.reply(swap_refusal(&reason, 0)),
         };
         let ticks = [order.at_tick, order.in_ticks];
         let rejected = self.submit(call, ticks, Action::Change(swap), |it| &mut it.changes);
         if let Some(call) = rejected {
-            call.answer(swap_refusal(&SwapError::Full, 0));
+            call.reply(swap_refusal(&SwapError::Full, 0));
         }
     }
 
-    fn receive_faults(&mut self, call: FaultCall) {
+    fn receive_faults(&mut self, call: Call<FaultOrder>) {
         let order = call.order();
         let Some(faults) = faults_of(&order) else {
-            return call.answer(fault_refusal(MALFORMED, 0));
+            return call.reply(fault_refusal(MALFORMED, 0));
         };
         let for_ticks = order.for_ticks;
         let action = Action::Inject { for_ticks, faults };
         let ticks = [order.at_tick, order.in_ticks];
         if let Some(call) = self.submit(call, ticks, action, |it| &mut it.injections) {
-            call.answer(fault_refusal(FaultRefusal::NoRoom as u64, 0));
+            call.reply(fault_refusal(FaultRefusal::NoRoom as u64, 0));
         }
     }
 
@@ -240,24 +239,24 @@ impl Server<'_> {
             }
         };
         if let Some(call) = take_call(&mut self.changes, id) {
-            call.answer(answer);
+            call.reply(answer);
         }
         Ok(())
     }
 
     fn answer_faults(&mut self, id: u64, answer: FaultAnswer) {
         if let Some(call) = take_call(&mut self.injections, id) {
-            call.answer(answer);
+            call.reply(answer);
         }
     }
 
     /// Answers all waiting clients that the run is over.
     fn end(&mut self) {
         while let Some((_, call)) = self.injections.pop() {
-            call.answer(fault_refusal(ENDED, 0));
+            call.reply(fault_refusal(ENDED, 0));
         }
         while let Some((_, call)) = self.changes.pop() {
-            call.answer(without_effect(SwapOutcome::Ended, 0, 0));
+            call.reply(without_effect(SwapOutcome::Ended, 0, 0));
         }
     }
 }

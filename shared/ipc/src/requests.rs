@@ -14,9 +14,9 @@ use super::{NODES, Notifier, Owner, Wire, layout_attributes};
 use crate::clock::now_ns;
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
+use faults::FaultRefusal;
+use faults::code::FaultCode;
 use messages::enum_registry::Fingerprint as _;
-use messages::fault::NotTaken;
-use messages::fault::code::FaultCode;
 use messages::layout::{FNV_OFFSET, Layout, fnv1a, from_wire, layout};
 use messages::parameters::PARAMETERS;
 
@@ -130,7 +130,7 @@ layout!(FaultOrder {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct FaultAnswer {
-    /// [`STRIKES`] if accepted; else a [`NotTaken`], [`MALFORMED`] or [`ENDED`].
+    /// [`STRIKES`] if accepted; else a [`FaultRefusal`], [`MALFORMED`] or [`ENDED`].
     pub verdict: u64,
     pub from: u64,
     /// First tick without the faults; `Span::FOR_GOOD` without an end.
@@ -152,7 +152,7 @@ pub const ENDED: u64 = 101;
 
 impl Order for FaultOrder {
     const SERVICE: &'static str = "injection";
-    const NAMES: u64 = NotTaken::ENUM_HASH;
+    const NAMES: u64 = FaultRefusal::ENUM_HASH;
     type Answer = FaultAnswer;
 }
 

@@ -6,12 +6,12 @@ use std::sync::atomic::Ordering;
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
+use faults::live::LoopFaults;
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use messages::blackboards::RunPhase;
 use messages::content::{Stamped, State, Wrench};
-use messages::fault::live::LoopFaults;
 use messages::flight_plan::FlightPlan;
 use messages::grid::{Grid, Pace};
 use messages::realtime::{LeadSetting, RealtimeMode, RealtimeSettings, RealtimeStep};

@@ -2,12 +2,12 @@
 
 use faults::fields::Faulty;
 use faults::gate::FaultyInput;
+use faults::live::{LIVE, LiveBlackboard, LoopFaults};
 use faults::{LONGEST_DELAY, MessageFaults, Port};
 use ipc::clock::Horizon;
 use ipc::error::Error;
 use ipc::{BlackboardReader, LATEST, Receiver, Wire};
 use messages::content::Stamped;
-use messages::fault::live::{LIVE, LiveBlackboard, LoopFaults};
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;
