@@ -20,7 +20,7 @@ create_exception!(
 
 /// What a command prints of a failure, without its first word.
 fn message(failure: &Failure) -> String {
-    let text = failure.told();
+    let text = failure.text();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
     text.trim_end().to_owned()
 }

@@ -192,7 +192,7 @@ fn settings_of_one_law_preset_or_airframe_are_not_mixed_with_another() {
         ),
     ] {
         let other_value = vec![(key, Value::from(other))];
-        let by_flag = with_flags(&printed, &other_value).unwrap_err().told();
+        let by_flag = with_flags(&printed, &other_value).unwrap_err().text();
         let expected = format!("{what}, and would go before those of --{name} {other}");
         assert!(by_flag.contains(&expected), "{by_flag}");
         assert!(
@@ -201,7 +201,7 @@ fn settings_of_one_law_preset_or_airframe_are_not_mixed_with_another() {
         );
         let beside = Settings::of(table.clone(), &other_value)
             .unwrap_err()
-            .told();
+            .text();
         let expected = format!("{what}, and would go before those of {name}=\"{other}\"");
         assert!(beside.contains(&expected), "{beside}");
         assert!(beside.starts_with("error: settings: "), "{beside}");

@@ -101,13 +101,12 @@ mod tests {
     fn steal_is_the_eighth_field_of_the_processors_line() {
         let before = times("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n", None);
         let after = times("cpu  150 0 60 880 0 0 0 60 7 0\n", None);
-        let steal = Steal {
-            stolen_ms: 100,
-            percent: 100.0 * 10.0 / 150.0,
-            of_ms: 1500,
-            processor: None,
-        };
-        assert_eq!(before.steal_until(&after), steal);
+        let steal = before.steal_until(&after);
+        assert_eq!((steal.stolen_ms, steal.of_ms), (100, 1500));
+        assert_eq!(
+            (steal.percent, steal.processor),
+            (100.0 * 10.0 / 150.0, None)
+        );
         assert_eq!(after.steal_until(&after).of_ms, 0);
         let stat =
             "cpu  1 0 1 8 0 0 0 5 0 0\ncpu1 1 0 1 8 0 0 0 2 0 0\ncpu10 1 0 1 8 0 0 0 3 0 0\n";

@@ -12,7 +12,7 @@ use errors::Failure;
 use process::rt::loops_cpu;
 
 use crate::cpu_times::CpuTimes;
-use ring::{RingFloor, RingSettings, WakeMechanism, Work};
+use ring::{RingFloor, RingSettings, Work};
 use timer::{Schedule, TimerFloor};
 
 pub struct MachineFloor {
@@ -33,7 +33,6 @@ impl MachineFloor {
         let before = CpuTimes::read(processor);
         let timer = timer::measure(schedule)?;
         let settings = RingSettings {
-            wake: WakeMechanism::Futex,
             schedule: schedule.clone(),
             work,
             rehearsal: None,

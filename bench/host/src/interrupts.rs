@@ -33,19 +33,19 @@ impl Interrupts {
     }
 
     pub fn until(&self, later: &Self) -> Vec<InterruptCount> {
-        let mut counts = Vec::new();
-        for (key, (count, source)) in &later.0 {
-            let before = self.0.get(key).map_or(0, |(before, _)| *before);
-            if *count > before {
-                counts.push(InterruptCount {
-                    kind: key.0,
-                    name: key.1.clone(),
+        let since =
+            |((kind, name), (count, source)): (&(InterruptKind, String), &(u64, String))| {
+                let key = (*kind, name.clone());
+                let before = self.0.get(&key).map_or(0, |(before, _)| *before);
+                (*count > before).then(|| InterruptCount {
+                    kind: *kind,
+                    name: name.clone(),
                     source: source.clone(),
                     count: count - before,
-                });
-            }
-        }
-        counts.sort_by_key(|counted| std::cmp::Reverse(counted.count));
+                })
+            };
+        let mut counts: Vec<_> = later.0.iter().filter_map(since).collect();
+        counts.sort_by_key(|it| std::cmp::Reverse(it.count));
         counts
     }
 }
@@ -55,23 +55,17 @@ fn rows(table: &str, processor: Option<u64>) -> Vec<(String, u64, String)> {
     let mut lines = table.lines();
     let header = lines.next().unwrap_or_default().split_ascii_whitespace();
     let wanted = processor.map(|number| format!("CPU{number}"));
-    let columns: Vec<bool> = header
-        .map(|name| wanted.as_ref().is_none_or(|wanted| wanted == name))
-        .collect();
+    let is_wanted = |name| wanted.as_ref().is_none_or(|wanted| wanted == name);
+    let columns: Vec<bool> = header.map(is_wanted).collect();
     let row = |line: &str| {
         let (name, rest) = line.split_once(':')?;
         let words: Vec<&str> = rest.split_ascii_whitespace().collect();
         let (counts, source) = words.split_at_checked(columns.len())?;
-        // Rows that are not counted by processor have fewer numbers.
-        let counts: Vec<u64> = counts
-            .iter()
-            .map(|count| count.parse().ok())
-            .collect::<Option<_>>()?;
-        let count = counts.iter().zip(&columns);
-        let count = count
-            .filter(|(_, is_wanted)| **is_wanted)
-            .map(|(n, _)| n)
-            .sum();
+        let mut sum = 0;
+        for (count, is_wanted) in counts.iter().zip(&columns) {
+            let count: u64 = count.parse().ok()?;
+            sum += if *is_wanted { count } else { 0 };
+        }
         // Before the devices of a numbered one, with commas between them, stand its controller and its line.
         let name = name.trim();
         let devices = match source.split_last() {
@@ -81,7 +75,7 @@ fn rows(table: &str, processor: Option<u64>) -> Vec<(String, u64, String)> {
             }
             _ => source,
         };
-        Some((name.to_owned(), count, devices.join(" ")))
+        Some((name.to_owned(), sum, devices.join(" ")))
     };
     lines.filter_map(row).collect()
 }
@@ -125,19 +119,12 @@ mod tests {
         assert_eq!(of(Some(2)), expected);
         assert_eq!(of(Some(1)), [""; 0]);
         assert_eq!(of(None)[0], "Hard LOC Local timer interrupts 3000000");
-    }
-
-    #[test]
-    fn what_has_come_since_is_counted() {
-        let before = counted(HARD, SOFT, Some(2));
-        let after = counted(
+        let later = counted(
             &HARD.replace("700", "705"),
             &SOFT.replace("20", "120"),
             Some(2),
         );
-        assert_eq!(
-            shown(&before.until(&after)),
-            ["Soft TIMER  100", "Hard 24 virtio1-req.0 5"]
-        );
+        let since = shown(&counted(HARD, SOFT, Some(2)).until(&later));
+        assert_eq!(since, ["Soft TIMER  100", "Hard 24 virtio1-req.0 5"]);
     }
 }

@@ -61,14 +61,11 @@ impl Look {
         const PF_EXITING: u64 = 4;
         let line = read(pid, "stat").ok()?;
         let stat = Stat::of(&line);
-        let (flags, exit_code) = (stat.number(9), stat.number(52));
-        let ran_ns = read(pid, "schedstat").ok();
-        let ran_ns = ran_ns.and_then(|text| text.split_whitespace().next()?.parse().ok());
         Some(Self {
             state: stat.state()?,
-            ran_ns: ran_ns.unwrap_or(0),
+            ran_ns: scheduled(pid)[0],
             // A main thread that has ended by itself, and left others behind, has the exit code 0.
-            is_dying: flags & PF_EXITING != 0 && exit_code != 0,
+            is_dying: stat.number(9) & PF_EXITING != 0 && stat.number(52) != 0,
         })
     }
 
@@ -99,20 +96,21 @@ fn counters(pid: u64) -> Counters {
         // What may not be read says nothing.
         Err(_) => {}
     }
-    // The kernel ends them together with the process, so that nothing but an end makes these fail.
-    if let Ok(text) = read(pid, "schedstat") {
-        let mut numbers = text.split_whitespace().map(|ns| ns.parse().unwrap_or(0));
-        counters.ran_ns = numbers.next().unwrap_or(0);
-        counters.waited_ns = numbers.next().unwrap_or(0);
-    }
-    if let Ok(text) = read(pid, "status") {
-        let switches = text
-            .lines()
-            .find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))
-            .and_then(|count| count.trim().parse().ok());
-        counters.involuntary_switches = switches.unwrap_or(0);
-    }
+    // The kernel removes these files together with the process, so only its end makes reading them fail.
+    [counters.ran_ns, counters.waited_ns] = scheduled(pid);
+    let status = read(pid, "status").unwrap_or_default();
+    let mut lines = status.lines();
+    let switches = lines.find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"));
+    let switches = switches.and_then(|count| count.trim().parse().ok());
+    counters.involuntary_switches = switches.unwrap_or(0);
     counters
+}
+
+/// How long the main thread of a process has run and waited to run [ns].
+fn scheduled(pid: u64) -> [u64; 2] {
+    let text = read(pid, "schedstat").unwrap_or_default();
+    let mut numbers = text.split_whitespace().map(|ns| ns.parse().unwrap_or(0));
+    [(); 2].map(|()| numbers.next().unwrap_or(0))
 }
 
 fn read(pid: u64, file: &str) -> std::io::Result<String> {
@@ -197,18 +195,18 @@ mod tests {
 
     #[test]
     fn only_loops_that_ended_without_landing_have_fallen() {
-        let status = |pid: u64, phase: RolePhase| Status {
+        let (here, gone) = (u64::from(std::process::id()), u64::from(u32::MAX));
+        let loops = [
+            (here, RolePhase::Flying),
+            (gone, RolePhase::Landed),
+            (gone, RolePhase::Flying),
+            (0, RolePhase::Starting),
+        ]
+        .map(|(pid, phase)| Status {
             pid,
             phase: phase as u64,
             ..Status::default()
-        };
-        let (here, gone) = (u64::from(std::process::id()), u64::from(u32::MAX));
-        let loops = [
-            status(here, RolePhase::Flying),
-            status(gone, RolePhase::Landed),
-            status(gone, RolePhase::Flying),
-            Status::default(),
-        ];
+        });
         assert_eq!(fallen(&loops), [false, false, true, false]);
     }
 }

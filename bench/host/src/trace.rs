@@ -32,8 +32,7 @@ const EVENTS: [(&str, bool); 6] = [
 
 #[derive(Debug)]
 pub struct Trace {
-    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it
-    /// is open.
+    /// The events as text; reading removes them. Closed before the ring, which cannot be removed while it is open.
     pipe: File,
     ring: Ring,
     rest: Vec<u8>,
@@ -75,12 +74,8 @@ impl Trace {
         {
             return Err(named(&self.ring.0.join(PIPE), &e));
         }
-        let lines = self
-            .rest
-            .iter()
-            .rposition(|byte| *byte == b'\n')
-            .map_or(0, |end| end + 1);
-        let text: Vec<u8> = self.rest.drain(..lines).collect();
+        let end = self.rest.iter().rposition(|byte| *byte == b'\n');
+        let text: Vec<u8> = self.rest.drain(..end.map_or(0, |end| end + 1)).collect();
         Ok(self.readers.read(&String::from_utf8_lossy(&text)))
     }
 }
@@ -212,14 +207,8 @@ struct Reader {
 
 impl Reader {
     fn take(&mut self, event: &Event<'_>, slices: &mut Vec<Slice>) {
-        let Event {
-            pid,
-            at_ns,
-            name,
-            fields,
-            ..
-        } = *event;
-        self.find(pid, at_ns, slices);
+        let (at_ns, name, fields) = (event.at_ns, event.name, event.fields);
+        self.find(event.pid, at_ns, slices);
         self.seen_ns = at_ns;
         let slice = |from_ns, runner| Slice {
             from_ns,
@@ -272,14 +261,14 @@ fn switch(fields: &str) -> Option<(Runner, u64)> {
         .rsplit_once(" prev_pid=")?;
     let (pid, rest) = rest.split_once(" prev_prio=")?;
     let (pid, priority) = (pid.parse().ok()?, rest.split(' ').next()?.parse().ok()?);
-    let runner = if pid == 0 {
-        Runner::Idle
-    } else {
-        Runner::Thread {
+    let name = name.to_owned();
+    let runner = match pid {
+        0 => Runner::Idle,
+        pid => Runner::Thread {
             pid,
             priority,
-            name: name.into(),
-        }
+            name,
+        },
     };
     let (_, comes) = comes.rsplit_once(" next_pid=")?;
     Some((runner, comes.split(' ').next()?.parse().ok()?))
@@ -353,16 +342,8 @@ mod tests {
             ),
             (vec![&[goes, LEAVES]], vec![]),
             (vec![&[comes, LEAVES]], vec![]),
-            (
-                vec![&[
-                    "",
-                    "#",
-                    "x: y: z",
-                    "a-1 [001] d 1.x: sched_switch: nothing",
-                    ": : :",
-                ]],
-                vec![],
-            ),
+            (vec![&["", "#", "x: y: z", ": : :"]], vec![]),
+            (vec![&["a-1 [001] d 1.x: sched_switch: nothing"]], vec![]),
         ] {
             let mut readers = Readers::default();
             let read = parts.iter().flat_map(|part| slices(&mut readers, part));
@@ -371,14 +352,6 @@ mod tests {
                 .map(|(name, from_us, ns)| ((*name).to_owned(), *from_us, *ns));
             assert_eq!(Vec::from_iter(read), Vec::from_iter(expected), "{parts:?}");
         }
-    }
-
-    #[test]
-    fn a_processor_is_a_bit_of_a_word() {
-        assert_eq!(
-            [0, 5, 31, 32, 65].map(mask),
-            ["1", "20", "80000000", "1,00000000", "2,00000000,00000000"]
-        );
     }
 
     #[test]
@@ -396,9 +369,8 @@ mod tests {
         );
         let error = Trace::begin_at(Path::new("/proc/self/nowhere"), "x", Some(0)).unwrap_err();
         let error = error.to_string();
-        assert!(
-            error.starts_with("/proc/self/nowhere/instances/x: "),
-            "{error}"
-        );
+        let expected = "/proc/self/nowhere/instances/x: ";
+        assert!(error.starts_with(expected), "{error}");
+        assert_eq!([5, 31, 32].map(mask), ["20", "80000000", "1,00000000"]);
     }
 }

@@ -153,7 +153,7 @@ fn notes_of(page: &str) -> &str {
 /// ends.
 pub fn ring_hop(args: &HopArgs) -> Result<u8, Failure> {
     end_with_launcher(Some(args.launcher))?;
-    let mut link = Link::inherited(args.wake, args.position, args.processes)?;
+    let mut link = Link::inherited(args.position, args.processes)?;
     let work = Work {
         iterations: args.work,
     };
@@ -164,7 +164,7 @@ pub fn ring_hop(args: &HopArgs) -> Result<u8, Failure> {
     }
     while link.wait(None)? != END {
         work.run();
-        link.ring(now_ns())?;
+        link.notify(now_ns())?;
     }
     Ok(OK)
 }

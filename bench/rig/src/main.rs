@@ -37,7 +37,7 @@ fn main() -> ExitCode {
     plugin::leave(match started.and_then(|()| run(&Cli::parse())) {
         Ok(code) => code,
         Err(failure) => {
-            say(&failure.told());
+            say(&failure.text());
             failure.code
         }
     })

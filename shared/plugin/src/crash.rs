@@ -9,8 +9,9 @@
 )]
 
 use std::ffi::c_void;
+use std::fmt::{self, Write as _};
 use std::fs;
-use std::io::{self, Write as _};
+use std::io;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::process::{self, ExitCode};
@@ -52,7 +53,7 @@ pub(crate) fn name_laws() {
         PROCESS.store(process::id(), Ordering::Relaxed);
         for signal in DEADLY {
             let mut action = MaybeUninit::<libc::sigaction>::zeroed();
-            let handler: extern "C" fn(i32, *const libc::siginfo_t, *const c_void) = tell_and_die;
+            let handler: extern "C" fn(i32, *const libc::siginfo_t, *const c_void) = name_and_die;
             // SAFETY: all zeroes are a valid sigaction. The handler reads words that no longer change, and makes system
             // calls that a handler may make.
             unsafe {
@@ -75,19 +76,19 @@ pub(crate) fn name_laws() {
                 limit.rlim_cur = limit.rlim_cur.min(RUNAWAY_US);
                 libc::setrlimit(libc::RLIMIT_RTTIME, &raw const limit);
             }
-            libc::atexit(tell_of_exit);
-            at_quick_exit(tell_of_quick_exit);
+            libc::atexit(name_exit);
+            at_quick_exit(name_quick_exit);
         }
     });
 }
 
-extern "C" fn tell_and_die(signal: i32, info: *const libc::siginfo_t, context: *const c_void) {
+extern "C" fn name_and_die(signal: i32, info: *const libc::siginfo_t, context: *const c_void) {
     // SAFETY: the system hands over a siginfo that lives as long as the handler runs.
     let code = unsafe { (*info).si_code };
     // A thread that the law has started is in no call.
     let outside =
         || law_at(interrupted_at(context)).map(|law| Call::new(law, "outside of its calls"));
-    if !tell_of(call().or_else(outside), meaning(signal, code)) && signal == libc::SIGXCPU {
+    if !name_law(call().or_else(outside), meaning(signal, code)) && signal == libc::SIGXCPU {
         return;
     }
     // SAFETY: both calls are allowed here; the signal is delivered, with its default action, as this handler returns.
@@ -119,57 +120,40 @@ const fn meaning(signal: i32, code: i32) -> &'static str {
 }
 
 /// A law that ends the process has not landed.
-extern "C" fn tell_of_exit() {
-    if tell("it called exit()") {
+extern "C" fn name_exit() {
+    if name_law(call(), "it called exit()") {
         end_now(1);
     }
 }
 
-extern "C" fn tell_of_quick_exit() {
-    if tell("it called quick_exit()") {
+extern "C" fn name_quick_exit() {
+    if name_law(call(), "it called quick_exit()") {
         end_now(1);
     }
 }
 
-/// Writes who was called and why it dies; false where no law was.
-pub(crate) fn tell(meaning: &str) -> bool {
-    tell_of(call(), meaning)
-}
-
-/// The same of a call; false also where only a child dies that a law has forked.
-fn tell_of(call: Option<Call>, meaning: &str) -> bool {
+/// Writes the law of a call and why the process ends; false without a call, and in a child process of a law.
+fn name_law(call: Option<Call>, meaning: &str) -> bool {
     let Some(call) = call.filter(|_| PROCESS.load(Ordering::Relaxed) == process::id()) else {
         return false;
     };
-    let mut digits = [0_u8; 20];
-    let tick = match call.of_tick() {
-        Some(tick) => decimal(tick, &mut digits),
-        None => &[][..],
+    // Formatting into a stream without a buffer neither allocates nor locks.
+    let (law, doing) = (call.law, call.doing);
+    let _ = match call.of_tick() {
+        Some(tick) => writeln!(Stderr, "error: {law} failed {doing}{tick}: {meaning}"),
+        None => writeln!(Stderr, "error: {law} failed {doing}: {meaning}"),
     };
-    let parts = [
-        "error: ".as_bytes(),
-        call.law.as_bytes(),
-        b" failed ",
-        call.doing.as_bytes(),
-        tick,
-        b": ",
-    ];
-    for part in parts.into_iter().chain([meaning.as_bytes(), b"\n"]) {
-        // SAFETY: the bytes live; that standard error takes no more changes nothing about what follows.
-        unsafe { libc::write(libc::STDERR_FILENO, part.as_ptr().cast(), part.len()) };
-    }
     true
 }
 
-fn decimal(mut number: u64, digits: &mut [u8; 20]) -> &[u8] {
-    let mut at = digits.len();
-    loop {
-        at -= 1;
-        digits[at] = b'0' + (number % 10) as u8;
-        number /= 10;
-        if number == 0 {
-            return &digits[at..];
-        }
+/// Standard error without a lock, for a signal handler.
+struct Stderr;
+
+impl fmt::Write for Stderr {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        // SAFETY: the bytes live. If standard error takes no more, the process ends all the same.
+        unsafe { libc::write(libc::STDERR_FILENO, text.as_ptr().cast(), text.len()) };
+        Ok(())
     }
 }
 
@@ -200,7 +184,8 @@ macro_rules! name_exits {
 /// As `_exit` of the C library; a law that calls it is named, and has failed.
 #[doc(hidden)]
 pub fn exit(code: i32) -> ! {
-    end_now(if tell("it called _exit()") { 1 } else { code })
+    let is_law = name_law(call(), "it called _exit()");
+    end_now(if is_law { 1 } else { code })
 }
 
 /// Ends the process as a return from `main` would, but without what libraries have asked to be run then: none is ever
@@ -211,9 +196,9 @@ pub fn leave(code: u8) -> ExitCode {
         return ExitCode::from(code);
     }
     // There is no other place to say that nobody reads it.
-    let _ = io::stdout().flush();
+    let _ = io::Write::flush(&mut io::stdout());
     for warning in crate::warnings() {
-        let _ = writeln!(io::stderr(), "warning: {warning}");
+        let _ = writeln!(Stderr, "warning: {warning}");
     }
     end_children();
     // SAFETY: writes out what a library has printed; NULL means all streams.
@@ -223,28 +208,25 @@ pub fn leave(code: u8) -> ExitCode {
 
 /// Kills the child processes that are left: the process has waited for its own, so a law has forked these.
 fn end_children() {
-    let Ok(tasks) = fs::read_dir("/proc/self/task") else {
-        return;
-    };
-    let lists = tasks.flatten().filter_map(|task| {
-        // Absent where the kernel was built without it.
-        fs::read_to_string(task.path().join("children")).ok()
-    });
+    let tasks = fs::read_dir("/proc/self/task").into_iter().flatten();
+    // The file is missing if the kernel was built without it.
+    let lists = tasks
+        .flatten()
+        .filter_map(|task| fs::read_to_string(task.path().join("children")).ok());
     let lists: Vec<String> = lists.collect();
-    let words = lists.iter().flat_map(|list| list.split_whitespace());
-    let children: Vec<i32> = words.filter_map(|pid| pid.parse().ok()).collect();
-    let still_runs = |child: &&i32| {
-        // SAFETY: takes what is left of a child that has ended; 0 says that it has not.
-        unsafe { libc::waitpid(**child, ptr::null_mut(), libc::WNOHANG) == 0 }
-    };
-    let left = children.iter().filter(still_runs).inspect(|child| {
-        // SAFETY: a child that nobody has waited for keeps its number.
-        unsafe { libc::kill(**child, libc::SIGKILL) };
-    });
-    let count = left.count();
+    let mut count = 0;
+    for child in lists.join(" ").split(' ').filter_map(|it| it.parse().ok()) {
+        // SAFETY: reaps a child that has ended; 0 means that it has not, and then its number is still its own.
+        unsafe {
+            if libc::waitpid(child, ptr::null_mut(), libc::WNOHANG) == 0 {
+                libc::kill(child, libc::SIGKILL);
+                count += 1;
+            }
+        }
+    }
     if count > 0 {
         let _ = writeln!(
-            io::stderr(),
+            Stderr,
             "warning: a law left {count} child process(es) behind; they were killed"
         );
     }
@@ -260,11 +242,8 @@ type Code = (Range<usize>, &'static str);
 static CODES: [OnceLock<Code>; KNOWN] = [const { OnceLock::new() }; KNOWN];
 
 fn law_at(address: usize) -> Option<&'static str> {
-    let codes = CODES.iter().map_while(OnceLock::get);
-    codes
-        .filter(|(code, _)| code.contains(&address))
-        .map(|(_, law)| *law)
-        .next()
+    let mut codes = CODES.iter().map_while(OnceLock::get);
+    codes.find_map(|(code, law)| code.contains(&address).then_some(*law))
 }
 
 /// The segment of code that an address lies in; empty where it is data, or nothing.
@@ -275,20 +254,13 @@ pub(crate) fn segment_of(address: usize) -> Range<usize> {
     found.1
 }
 
-/// Remembers a law by the code that one of its functions lies in.
+/// Remembers a law by the code that one of its functions lies in. With too many laws, a crash of this one is not named.
 pub(crate) fn remember(function: usize, law: &'static str) {
     let code = segment_of(function);
-    if code.is_empty() || law_at(function).is_some() {
-        return;
+    let mut free = CODES.iter().filter(|place| place.get().is_none());
+    if !code.is_empty() && law_at(function).is_none() {
+        let _ = free.next().map(|place| place.set((code, law)));
     }
-    let mut left = (code, law);
-    for place in &CODES {
-        match place.set(left) {
-            Ok(()) => return,
-            Err(still) => left = still,
-        }
-    }
-    // There are too many: a crash of this one is not named.
 }
 
 /// Takes the segment with the function, where this object has it.
@@ -333,13 +305,6 @@ const fn interrupted_at(_: *const c_void) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_are_written_as_they_are_read() {
-        for number in [0, 7, 10, 4_000, u64::MAX] {
-            assert_eq!(decimal(number, &mut [0; 20]), number.to_string().as_bytes());
-        }
-    }
 
     #[test]
     fn code_is_known_by_a_function_in_it() {

@@ -135,8 +135,7 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
         .collect();
     let is_library = !loader::is_for_python(&file);
     if is_library {
-        object::check(&bytes)
-            .map_err(|what| unusable(named, &what.to_string()).help(what.remedy()))?;
+        object::check(&bytes).map_err(|(what, remedy)| unusable(named, &what).help(remedy))?;
     }
     drop(bytes);
     crash::name_laws();

@@ -6,9 +6,7 @@ use std::process::Command;
 
 use control_api::description::{Setting, Settings, Value};
 use control_api::law::{Desired, Rig};
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::Stamped;
+use messages::content::{Measured, Reference, Stamped};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use plugin::{Library, open};
@@ -19,39 +17,24 @@ const BREAKS: &str = "IRONBIRD_TEST_BREAKS";
 /// Builds the crate that authors copy, and the law with it.
 fn build(directory: &Path) -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let rustc = |kind: &str, name: &str, source: &Path, needs: &[&str]| {
+    let rustc = |kind: &str, name: &str, source: &str, needs: &[&str]| {
+        let arguments =
+            format!("--edition 2024 --crate-type {kind} --crate-name {name} -D warnings");
         let mut rustc = Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()));
-        rustc.args([
-            "--edition",
-            "2024",
-            "--crate-type",
-            kind,
-            "--crate-name",
-            name,
-            "-D",
-            "warnings",
-            "--out-dir",
-        ]);
         rustc
-            .arg(directory)
+            .args(arguments.split(' '))
+            .arg("--out-dir")
+            .arg(directory);
+        rustc
             .arg("-L")
             .arg(directory)
             .args(needs)
-            .arg(source);
+            .arg(here.join(source));
         assert!(rustc.status().unwrap().success(), "{rustc:?}");
     };
-    rustc(
-        "rlib",
-        "ironbird_law",
-        &here.join("../ironbird_law/src/lib.rs"),
-        &[],
-    );
-    rustc(
-        "cdylib",
-        "spring",
-        &here.join("tests/in_rust/law.rs"),
-        &["--extern", "ironbird_law"],
-    );
+    let needs = ["--extern", "ironbird_law"];
+    rustc("rlib", "ironbird_law", "../ironbird_law/src/lib.rs", &[]);
+    rustc("cdylib", "spring", "tests/in_rust/law.rs", &needs);
     directory.join("libspring.so")
 }
 
@@ -95,23 +78,15 @@ fn a_law_in_rust_is_one_line_away_from_the_rig() {
         ("spring", "3", "Hooke, 1678")
     );
     assert!(library.not_real_time && library.is_rehearsed());
+    let given = description.settings.iter().map(Setting::default);
+    assert!(given.eq([
+        Value::Number(0.5),
+        Value::Three([1.0, 2.0, 3.0]),
+        Value::Word("never")
+    ]));
     let stiff = description.preset("stiff").unwrap();
-    let given: Vec<Value> = description.settings.iter().map(Setting::default).collect();
-    assert_eq!(
-        given,
-        [
-            Value::Number(0.5),
-            Value::Three([1.0, 2.0, 3.0]),
-            Value::Word("never")
-        ]
-    );
-    assert_eq!(
-        (
-            stiff.number(&description.settings[0]),
-            stiff.word(&description.settings[2])
-        ),
-        (8.0, "tick")
-    );
+    assert_eq!(stiff.number(&description.settings[0]), 8.0);
+    assert_eq!(stiff.word(&description.settings[2]), "tick");
 
     let mut made = library.inner(&rig, &Settings::default()).unwrap();
     let torque = [0.1, -0.2 * 2.0, 0.3 * 3.0].map(|it: f64| -0.5 * it);
@@ -125,24 +100,23 @@ fn a_law_in_rust_is_one_line_away_from_the_rig() {
     }
     assert_eq!(tick(&mut *made.law).1, 2.0, "and changes nothing");
 
-    let refused = |how| {
-        library
-            .inner(&rig, &ends(library, how))
-            .map(drop)
-            .unwrap_err()
-            .0
-    };
-    assert!(refused("refused").ends_with(
-        "refuses its settings: ends = refused with a period of 0.001 s; choose another"
-    ));
-    assert!(
-        refused("new").ends_with("refuses its settings: it panicked: no spring at 0.001 s"),
-        "{}",
-        refused("new")
-    );
+    for (how, expected) in [
+        (
+            "refused",
+            "ends = refused with a period of 0.001 s; choose another",
+        ),
+        ("new", "it panicked: no spring at 0.001 s"),
+    ] {
+        let refused = library.inner(&rig, &ends(library, how)).map(drop);
+        let text = refused.unwrap_err().0;
+        assert!(
+            text.ends_with(&format!("refuses its settings: {expected}")),
+            "{text}"
+        );
+    }
 
     let broken = Command::new(env::current_exe().unwrap())
-        .args(["--nocapture"])
+        .arg("--nocapture")
         .env(BREAKS, &file)
         .output()
         .unwrap();

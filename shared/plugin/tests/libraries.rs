@@ -7,57 +7,35 @@ use std::process::Command;
 
 use control_api::description::{Settings, Value};
 use control_api::law::Rig;
-use messages::content::Measured;
-use messages::content::Reference;
+use errors::Failure;
+use messages::content::{Measured, Reference};
 use messages::parameters::Parameter;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use plugin::{load, open};
 use tempfile::TempDir;
 
+const COMPILER: &str = "-std=c11 -O1 -Wall -Wextra -Werror -Wno-unused-variable -fPIC -shared";
+
 fn library(directory: &TempDir, name: &str, defined: &[&str]) -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let library = directory.path().join(name);
     let mut compiler = Command::new("gcc");
-    compiler.args([
-        "-std=c11",
-        "-O1",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-Wno-unused-variable",
-        "-fPIC",
-        "-shared",
-        "-I",
-    ]);
-    compiler
-        .arg(here.join("../ironbird_law/include"))
-        .args(defined.iter().map(|it| format!("-D{it}")));
-    compiler
-        .arg("-o")
-        .arg(&library)
-        .arg(here.join("tests/described.c"))
-        .arg("-lm");
+    compiler.args(COMPILER.split(' ')).arg("-I");
+    compiler.arg(here.join("../ironbird_law/include"));
+    compiler.args(defined.iter().map(|it| format!("-D{it}")));
+    compiler.arg("-o").arg(&library);
+    compiler.arg(here.join("tests/described.c")).arg("-lm");
     assert!(compiler.status().unwrap().success(), "{defined:?}");
     library
 }
 
-#[test]
-fn a_table_that_is_exported_as_data_is_refused() {
-    let directory = tempfile::tempdir().unwrap();
-    let (source, library) = (
-        directory.path().join("data.c"),
-        directory.path().join("lib.so"),
-    );
-    fs::write(&source, "const char ironbird_law[64] = {1};\n").unwrap();
-    let mut compiler = Command::new("gcc");
-    compiler.args(["-fPIC", "-shared", "-o"]).arg(&library);
-    assert!(compiler.arg(&source).status().unwrap().success());
-    let refused = load(&library).unwrap_err().to_string();
-    assert!(
-        refused.contains("its `ironbird_law` is data, and not a function"),
-        "{refused}"
-    );
+/// Demands a usage error with these parts.
+fn assert_refused<T>(result: Result<T, Failure>, parts: &[&str]) {
+    let failure = result.map(drop).unwrap_err();
+    let text = failure.text();
+    assert_eq!(failure.code, errors::USAGE, "{text}");
+    assert!(parts.iter().all(|part| text.contains(part)), "{text}");
 }
 
 #[test]
@@ -65,57 +43,36 @@ fn a_table_is_read_in_full() {
     let directory = tempfile::tempdir().unwrap();
     let library = load(&library(&directory, "lib.so", &[])).unwrap();
     let description = library.description;
-    assert_eq!(
-        (description.name, description.role, description.version),
-        ("described", Role::Outer, "1")
-    );
-    assert_eq!(
-        (description.summary, description.source),
-        ("says what it is", "")
-    );
-    let settings: Vec<_> = description
-        .settings
-        .iter()
-        .map(|it| (it.name, it.unit, it.default(), it.allowed()))
+    assert_eq!((description.name, description.version), ("described", "1"));
+    assert_eq!(description.role, Role::Outer);
+    let text = (description.summary, description.source);
+    assert_eq!(text, ("says what it is", ""));
+    let settings = description.settings.iter();
+    let settings: Vec<_> = settings
+        .map(|it| {
+            format!(
+                "{} [{}] {:?} {}",
+                it.name,
+                it.unit,
+                it.default(),
+                it.allowed()
+            )
+        })
         .collect();
     assert_eq!(
         settings,
         [
-            (
-                "gain_1_s",
-                "1/s",
-                Value::Number(2.0),
-                "0 to 9 1/s".to_owned()
-            ),
-            (
-                "axes",
-                "",
-                Value::Three([1.0, 2.0, 3.0]),
-                "three numbers, each -1 to 9".to_owned()
-            ),
-            (
-                "mode",
-                "",
-                Value::Word("slow"),
-                "\"slow\" or \"quick\"".to_owned()
-            ),
+            "gain_1_s [1/s] Number(2.0) 0 to 9 1/s",
+            "axes [] Three([1.0, 2.0, 3.0]) three numbers, each -1 to 9",
+            "mode [] Word(\"slow\") \"slow\" or \"quick\"",
         ]
     );
     let soft = description.preset("soft").unwrap();
     assert_eq!(soft.three(&description.settings[1]), [4.0, 5.0, 6.0]);
-    assert_eq!(
-        (
-            soft.number(&description.settings[0]),
-            soft.word(&description.settings[2])
-        ),
-        (1.0, "quick")
-    );
-    let signals: Vec<_> = description
-        .telemetry
-        .iter()
-        .map(|it| (it.name, it.unit))
-        .collect();
-    assert_eq!(signals, [("error_m", "m"), ("speed_m_s", "m/s")]);
+    assert_eq!(soft.number(&description.settings[0]), 1.0);
+    assert_eq!(soft.word(&description.settings[2]), "quick");
+    let signals = description.telemetry.iter().map(|it| (it.name, it.unit));
+    assert!(signals.eq([("error_m", "m"), ("speed_m_s", "m/s")]));
     assert!(library.sha256.len() == 64 && !library.not_real_time && !library.is_rehearsed());
     let again = load(&library.file).unwrap();
     assert!(std::ptr::eq(again, library), "a file is loaded once");
@@ -133,7 +90,9 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
         .set(Parameter::MotorTimeConstant, 0.03)
         .unwrap();
     rig.airframe.set(Parameter::RotorEfficiency4, 0.9).unwrap();
-    let [gain, axes, mode] = *description(library);
+    let [gain, axes, mode] = *library.description.settings else {
+        panic!("{:?}", library.description)
+    };
     let settings = Settings::default()
         .with(&gain, Value::Number(7.0))
         .with(&axes, Value::Three([0.1, 0.2, 0.3]))
@@ -157,26 +116,12 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     );
     assert_eq!(wanted.attitude_rate_rad_s, rig.airframe.i_m());
     assert_eq!(wanted.attitude_acceleration_rad_s2, measured.position_w_m);
-    let shown = [
-        7.0,
-        0.03,
-        rig.rotor.max_rad_s,
-        0.002,
-        22.0,
-        123.0,
-        0.9,
-        rig.airframe.m(),
-    ];
+    let (max_rad_s, mass_kg) = (rig.rotor.max_rad_s, rig.airframe.m());
+    let shown = [7.0, 0.03, max_rad_s, 0.002, 22.0, 123.0, 0.9, mass_kg];
     assert_eq!(telemetry.value[..8], shown);
     // What is not shown stays as it is.
     assert_eq!((telemetry.value[8], telemetry.value[31]), (99.0, 21.0));
     assert!(!made.law.copy_into(&mut *made.twin), "it has no copy_into");
-}
-
-fn description(
-    library: &'static plugin::Library,
-) -> &'static [control_api::description::Setting; 3] {
-    library.description.settings.try_into().unwrap()
 }
 
 #[test]
@@ -189,35 +134,24 @@ fn what_is_wrong_with_a_table_is_named() {
         };
         let file = library(&directory, &format!("{i}.so"), &[defined]);
         let failure = load(&file).unwrap_err();
-        let start = format!("the law {}: ", file.display());
-        let said = failure.to_string();
-        assert!(said.starts_with(&start), "{defined}: {said}");
-        assert!(said.contains(words.trim_start()), "{defined}: {said}");
-        let is_usage = failure.code == errors::USAGE;
-        assert!(is_usage && failure.told().lines().count() == 2, "{said}");
+        assert_eq!(failure.text().lines().count(), 2, "{defined}: {failure}");
+        let start = format!("error: the law {}: ", file.display());
+        assert_refused(Err::<(), _>(failure), &[&start, words.trim_start()]);
     }
 }
 
 #[test]
 fn a_file_that_changes_is_not_flown_under_the_sum_of_what_it_was() {
     let directory = tempfile::tempdir().unwrap();
-    let grows = load(&library(&directory, "grows.so", &["GROWS"]))
-        .unwrap_err()
-        .to_string();
-    assert!(
-        grows.contains("grows.so: the file has changed while it was loaded"),
-        "{grows}"
-    );
+    let grows = library(&directory, "grows.so", &["GROWS"]);
+    let changed = "grows.so: the file has changed while it was loaded";
+    assert_refused(load(&grows), &[changed]);
     let file = library(&directory, "lib.so", &[]);
     load(&file).unwrap();
     library(&directory, "new.so", &["SUMMARY=\"says another thing\""]);
     fs::rename(directory.path().join("new.so"), &file).unwrap();
-    let told = load(&file).unwrap_err().told();
-    assert!(
-        told.contains("lib.so: the file has changed since it was loaded"),
-        "{told}"
-    );
-    assert!(told.contains("help: start again"), "{told}");
+    let changed = "lib.so: the file has changed since it was loaded";
+    assert_refused(load(&file), &[changed, "help: start again"]);
 }
 
 #[test]
@@ -225,41 +159,18 @@ fn a_file_that_every_user_may_write_is_not_run() {
     let directory = tempfile::tempdir().unwrap();
     let file = library(&directory, "lib.so", &[]);
     let set_mode = |mode| fs::set_permissions(&file, fs::Permissions::from_mode(mode)).unwrap();
+    let path = file.display();
     for mode in [0o777, 0o602] {
         set_mode(mode);
-        let failure = load(&file).unwrap_err();
-        let told = failure.told();
-        let said = format!(
-            "{}: every user may write it, and it is code: its mode is {mode:04o}",
-            file.display()
-        );
-        assert!(
-            failure.code == errors::USAGE && told.contains(&said),
-            "{told}"
-        );
-        assert!(
-            told.contains(&format!("help: chmod o-w {}", file.display())),
-            "{told}"
-        );
+        let what =
+            format!("{path}: every user may write it, and it is code: its mode is {mode:04o}");
+        assert_refused(load(&file), &[&what, &format!("help: chmod o-w {path}")]);
     }
     set_mode(0o775);
-    // Many users have a group of their own, and files that it may write.
-    assert!(load(&file).is_ok());
-}
-
-#[test]
-fn a_law_of_another_role_is_told_which_flag_flies_it() {
-    let directory = tempfile::tempdir().unwrap();
-    let file = library(&directory, "lib.so", &[]);
-    let told = open(Role::Inner, &file).unwrap_err().told();
-    assert!(
-        told.contains("`described` is a law of the role outer, and not of inner"),
-        "{told}"
-    );
-    assert!(
-        told.contains(&format!("help: fly it with --outer {}", file.display())),
-        "{told}"
-    );
+    // Many users have a group of their own, and files that it may write. Here is its flag, too.
+    let what = "`described` is a law of the role outer, and not of inner";
+    let help = format!("help: fly it with --outer {path}");
+    assert_refused(open(Role::Inner, &file), &[what, &help]);
 }
 
 #[test]

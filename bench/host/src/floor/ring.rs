@@ -11,20 +11,18 @@
 //! its own. The others run the same executable.
 
 use std::hint::black_box;
-use std::os::fd::{AsFd as _, OwnedFd};
+use std::os::fd::{AsFd, OwnedFd};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use analysis::series::histogram;
-use clap::ValueEnum;
 use errors::Failure;
 use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, timespec};
-use ipc::sys::{BELLS, WakePage};
+use ipc::sys::{EVENTS, WakePage};
 use process::rt::{Standing, fifo_refusal, loops_cpu, take_stand};
-use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use rustix::io::Errno;
 use rustix::thread::futex;
@@ -33,7 +31,6 @@ use super::timer::{PeriodicTimer, Schedule, on_a_thread, stay_awake};
 
 #[derive(Clone, Debug)]
 pub struct RingSettings {
-    pub wake: WakeMechanism,
     /// The priority is that of the first process; each later one has one more, as the loops have. A period of 0 lets lap
     /// follow lap without a timer.
     pub schedule: Schedule,
@@ -76,8 +73,8 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, Failure> {
     let (settings, executable) = (settings.clone(), executable.to_owned());
     let processes = settings.work.len();
-    if !(2..=BELLS).contains(&processes) {
-        let mistake = format!("a ring has 2 to {BELLS} processes, not {processes}");
+    if !(2..=EVENTS).contains(&processes) {
+        let mistake = format!("a ring has 2 to {EVENTS} processes, not {processes}");
         return Err(Failure::usage(mistake));
     }
     // The processes end with the thread that starts them.
@@ -87,14 +84,14 @@ pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, 
         let highest = priority + processes as i32 - 1;
         let refusal = fifo_refusal(highest).filter(|_| priority > 0);
         let priority = if refusal.is_some() { 0 } else { priority };
-        let links = Links::new(settings.wake, processes)?;
+        let page = page_file().map_err(failed("cannot make a memory file"))?;
         // Before this thread takes its stand: a process inherits the scheduling of the thread that starts it.
-        let others = Others::start(&executable, &links, cpu, priority, &settings.work)?;
+        let others = Others::start(&executable, &page, cpu, priority, &settings.work)?;
         let mut standing = take_stand(cpu, priority);
         let refusal = refusal.map(|reason| format!("SCHED_FIFO {highest}: {reason}"));
         standing.refused.extend(refusal);
         let _awake = stay_awake(&mut standing);
-        let measured = go_around(&mut links.first()?, &settings, standing);
+        let measured = go_around(&mut Link::new(&page, 0, processes)?, &settings, standing);
         drop(others);
         measured
     })
@@ -141,7 +138,7 @@ fn go_around(
         chain.saturating_record(sent_ns.saturating_sub(start_ns));
         start_ns = back_ns;
     }
-    link.ring(END)?;
+    link.notify(END)?;
     let (ticks_run, ticks_skipped, lateness) = match timer {
         Some(timer) => (timer.ticks_run(), timer.skipped, timer.lateness),
         None => (lap.len(), 0, histogram()?),
@@ -158,7 +155,7 @@ fn go_around(
 
 fn pass_around(link: &mut Link, work: Work) -> Result<u64, Failure> {
     work.run();
-    link.ring(now_ns())?;
+    link.notify(now_ns())?;
     link.wait(Some(TIMEOUT))
 }
 
@@ -167,34 +164,26 @@ struct Others(Vec<Child>);
 impl Others {
     fn start(
         executable: &Path,
-        links: &Links,
+        page: &OwnedFd,
         cpu: usize,
         priority: i32,
         work: &[Work],
     ) -> Result<Self, Failure> {
-        let (wake, processes) = match links {
-            Links::Eventfd(counters) => ("eventfd", counters.len()),
-            Links::Futex { processes, .. } => ("futex", *processes),
-        };
-        let launcher = std::process::id();
+        let (processes, launcher) = (work.len(), std::process::id());
         let mut others = Self(Vec::new());
-        for (position, work) in work.iter().enumerate().skip(1) {
-            let own_priority = match priority {
-                0 => 0,
-                priority => priority + position as i32,
-            };
+        for (position, Work { iterations }) in work.iter().enumerate().skip(1) {
+            let priority = priority + position as i32 * priority.signum();
             let arguments = format!(
-                "ring-hop --wake {wake} --position {position} --processes {processes} --cpu {cpu} \
-                 --priority {own_priority} --work {} --launcher {launcher}",
-                work.iterations
+                "ring-hop --position {position} --processes {processes} --cpu {cpu} --priority {priority} \
+                 --work {iterations} --launcher {launcher}"
             );
-            let (stdin, stdout) = links.of(position)?;
+            let page = page.try_clone();
             let child = Command::new(executable)
                 .args(arguments.split(' '))
-                .stdin(stdin)
-                .stdout(stdout)
+                .stdin(page.map_err(failed("cannot duplicate a descriptor"))?)
+                .stdout(Stdio::null())
                 .spawn()
-                .map_err(|e| Failure::failed(format!("cannot start a process of the ring: {e}")))?;
+                .map_err(failed("cannot start a process of the ring"))?;
             others.0.push(child);
         }
         Ok(others)
@@ -211,30 +200,16 @@ impl Drop for Others {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum WakeMechanism {
-    /// A counter of the kernel: one `write` to ring, one `read` to wait.
-    Eventfd,
-    /// A word in shared memory: one `futex` call to ring, one to wait.
-    Futex,
-}
+/// Ends the ring in the place of a token.
+pub const END: u64 = u64::MAX;
 
-/// Ends the ring in the place of a token; the largest number that an eventfd takes.
-pub const END: u64 = u64::MAX - 1;
-
-/// The place of a process in the ring: what it waits on and what it wakes.
-pub enum Link {
-    Eventfd {
-        own: OwnedFd,
-        next: OwnedFd,
-    },
-    Futex {
-        page: WakePage,
-        own: usize,
-        next: usize,
-        /// How often the own one had been notified when it was last read.
-        heard: u32,
-    },
+/// The place of a process in the ring: the events that it waits for and that it notifies.
+pub struct Link {
+    page: WakePage,
+    own: usize,
+    next: usize,
+    /// How often the own event had been notified when it was last read.
+    seen: u32,
 }
 
 fn failed<E: std::fmt::Display>(what: &str) -> impl Fn(E) -> Failure {
@@ -242,129 +217,51 @@ fn failed<E: std::fmt::Display>(what: &str) -> impl Fn(E) -> Failure {
 }
 
 impl Link {
-    /// The link of a process of `Others`: its end of the ring are its standard streams.
-    pub fn inherited(
-        wake: WakeMechanism,
-        position: usize,
-        processes: usize,
-    ) -> Result<Self, Failure> {
-        let (stdin, stdout) = (std::io::stdin(), std::io::stdout());
-        let link = match wake {
-            WakeMechanism::Eventfd => stdin.as_fd().try_clone_to_owned().and_then(|own| {
-                let next = stdout.as_fd().try_clone_to_owned()?;
-                Ok(Self::Eventfd { own, next })
-            }),
-            WakeMechanism::Futex => WakePage::map(stdin.as_fd()).map(|page| Self::Futex {
-                page,
-                own: position,
-                next: (position + 1) % processes,
-                heard: 0,
-            }),
-        };
-        link.map_err(|e| {
-            failed("standard input and output are no link of a ring")(e)
+    fn new(page: impl AsFd, position: usize, processes: usize) -> Result<Self, Failure> {
+        let page = WakePage::map(page.as_fd());
+        Ok(Self {
+            page: page.map_err(failed("cannot map a memory file"))?,
+            own: position,
+            next: (position + 1) % processes,
+            seen: 0,
+        })
+    }
+
+    /// The link of a process of `Others`: its standard input is the page.
+    pub fn inherited(position: usize, processes: usize) -> Result<Self, Failure> {
+        Self::new(std::io::stdin(), position, processes).map_err(|e| {
+            failed("standard input is no link of a ring")(e)
                 .or_code(errors::USAGE)
                 .help("`ironbird doctor` starts these processes by itself")
         })
     }
 
-    pub fn ring(&self, token: u64) -> Result<(), Failure> {
-        match self {
-            Self::Eventfd { next, .. } => rustix::io::write(next, &token.to_ne_bytes())
-                .map(drop)
-                .map_err(failed("cannot ring an eventfd")),
-            Self::Futex { page, next, .. } => {
-                let bell = &page[*next];
-                bell.token.store(token, Ordering::Relaxed);
-                bell.rung.fetch_add(1, Ordering::Release);
-                futex::wake(&bell.rung, futex::Flags::empty(), 1)
-                    .map(drop)
-                    .map_err(failed("cannot wake a futex"))
-            }
-        }
+    pub fn notify(&self, token: u64) -> Result<(), Failure> {
+        let event = &self.page[self.next];
+        event.token.store(token, Ordering::Relaxed);
+        event.count.fetch_add(1, Ordering::Release);
+        futex::wake(&event.count, futex::Flags::empty(), 1)
+            .map(drop)
+            .map_err(failed("cannot wake a futex"))
     }
 
     pub fn wait(&mut self, timeout: Option<Duration>) -> Result<u64, Failure> {
         let timeout = timeout.map(|timeout| timespec(timeout.as_nanos() as u64));
-        let silent = || Failure::failed("a process of the ring hangs or has died");
-        match self {
-            Self::Eventfd { own, .. } => {
-                if timeout.is_some() {
-                    let ready = poll(&mut [PollFd::new(own, PollFlags::IN)], timeout.as_ref());
-                    if ready.map_err(failed("cannot wait for an eventfd"))? == 0 {
-                        return Err(silent());
-                    }
-                }
-                let mut token = [0; 8];
-                match rustix::io::read(own, &mut token) {
-                    Ok(8) => Ok(u64::from_ne_bytes(token)),
-                    Ok(_) => Err(silent()),
-                    Err(e) => Err(failed("cannot read an eventfd")(e)),
-                }
+        let event = &self.page[self.own];
+        loop {
+            let count = event.count.load(Ordering::Acquire);
+            if count != self.seen {
+                self.seen = count;
+                return Ok(event.token.load(Ordering::Relaxed));
             }
-            Self::Futex {
-                page, own, heard, ..
-            } => {
-                let bell = &page[*own];
-                loop {
-                    let rung = bell.rung.load(Ordering::Acquire);
-                    if rung != *heard {
-                        *heard = rung;
-                        return Ok(bell.token.load(Ordering::Relaxed));
-                    }
-                    match futex::wait(&bell.rung, futex::Flags::empty(), rung, timeout.as_ref()) {
-                        Ok(()) | Err(Errno::AGAIN | Errno::INTR) => {}
-                        Err(Errno::TIMEDOUT) => return Err(silent()),
-                        Err(e) => return Err(failed("cannot wait for a futex")(e)),
-                    }
+            match futex::wait(&event.count, futex::Flags::empty(), count, timeout.as_ref()) {
+                Ok(()) | Err(Errno::AGAIN | Errno::INTR) => {}
+                Err(Errno::TIMEDOUT) => {
+                    return Err(Failure::failed("a process of the ring hangs or has died"));
                 }
+                Err(e) => return Err(failed("cannot wait for a futex")(e)),
             }
         }
-    }
-}
-
-enum Links {
-    Eventfd(Vec<OwnedFd>),
-    Futex { file: OwnedFd, processes: usize },
-}
-
-impl Links {
-    fn new(wake: WakeMechanism, processes: usize) -> Result<Self, Failure> {
-        match wake {
-            WakeMechanism::Eventfd => (0..processes)
-                .map(|_| eventfd(0, EventfdFlags::CLOEXEC))
-                .collect::<Result<_, _>>()
-                .map(Self::Eventfd)
-                .map_err(failed("cannot make an eventfd")),
-            WakeMechanism::Futex => page_file()
-                .map(|file| Self::Futex { file, processes })
-                .map_err(failed("cannot make a memory file")),
-        }
-    }
-
-    fn first(&self) -> Result<Link, Failure> {
-        match self {
-            Self::Eventfd(counters) => Ok(Link::Eventfd {
-                own: clone(&counters[0])?,
-                next: clone(&counters[1])?,
-            }),
-            Self::Futex { file, .. } => Ok(Link::Futex {
-                page: WakePage::map(file.as_fd()).map_err(failed("cannot map a memory file"))?,
-                own: 0,
-                next: 1,
-                heard: 0,
-            }),
-        }
-    }
-
-    fn of(&self, position: usize) -> Result<(Stdio, Stdio), Failure> {
-        Ok(match self {
-            Self::Eventfd(counters) => {
-                let next = &counters[(position + 1) % counters.len()];
-                (clone(&counters[position])?.into(), clone(next)?.into())
-            }
-            Self::Futex { file, .. } => (clone(file)?.into(), Stdio::null()),
-        })
     }
 }
 
@@ -374,12 +271,6 @@ fn page_file() -> Result<OwnedFd, Errno> {
     ftruncate(&file, WakePage::BYTES as u64)?;
     fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
     Ok(file)
-}
-
-fn clone(descriptor: &OwnedFd) -> Result<OwnedFd, Failure> {
-    descriptor
-        .try_clone()
-        .map_err(failed("cannot duplicate a descriptor"))
 }
 
 /// The stand-in for a law: iterations of a chain of dependent multiplications.

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::Shell;
-use host::floor::ring::WakeMechanism;
 use serde::{Deserialize, Serialize};
 
 use crate::cli::values;
@@ -44,9 +43,6 @@ pub enum Set {
 /// Flags of the hidden `ring-hop`.
 #[derive(Clone, Debug, Args)]
 pub struct HopArgs {
-    /// What wakes the next process.
-    #[arg(long, value_enum)]
-    pub wake: WakeMechanism,
     /// Position in the ring.
     #[arg(long)]
     pub position: usize,

@@ -28,7 +28,7 @@ const LEGEND: &str = "\
 * *wake*: from the start of a tick to the plant's wake-up, compared with `cyclictest` on the same processor at the same priority and period. It shows what early wake-up gains; *timer*, from the instant the timer was set to, shows the kernel alone.\n\
 * *loop*: from sampling the state to publishing the rotor command, compared with a raw futex ring of four processes that compute as long. The ring has warm-up runs only in the lines *the ring rehearses too*.\n\
 * *misses*: missed deadlines, compared with ticks in which cyclictest woke too late for the median loop or not at all.\n\
-* *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw eventfd ring of four processes under SCHED_OTHER.\n\
+* *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw futex ring of four processes under SCHED_OTHER.\n\
 * *laws*: one tick of the four stages, compared with the same equations hand-written in scalars, with constants that the compiler can fold.\n\
 * *replay --verify*: a tick read from a log, flown again and compared bit for bit, against a tick of `simulate` of the same flight; whole processes.\n\
 ";

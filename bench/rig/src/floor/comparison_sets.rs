@@ -21,7 +21,7 @@ use errors::Failure;
 use host::cpu_times::CpuTimes;
 use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;
-use host::floor::ring::{self, RingRehearsal, RingSettings, WakeMechanism, Work};
+use host::floor::ring::{self, RingRehearsal, RingSettings, Work};
 use host::floor::timer::Schedule;
 use scalar::timing;
 use sim::simulator::Simulator;
@@ -195,7 +195,6 @@ fn floors(
     let work = work_like(like)?;
     let ring = |rehearsal| {
         let settings = RingSettings {
-            wake: WakeMechanism::Futex,
             schedule: schedule.clone(),
             work: work.clone(),
             rehearsal,
@@ -240,7 +239,7 @@ fn in_turns<T, F>(
     Ok((ours, floor, steal.percent))
 }
 
-/// Ticks in lockstep compared with laps of a raw eventfd ring, both under SCHED_OTHER; and the speed relative to real
+/// Ticks in lockstep compared with laps of a raw futex ring, both under SCHED_OTHER; and the speed relative to real
 /// time.
 pub fn lockstep(
     runner: &FlightRunner,
@@ -251,7 +250,6 @@ pub fn lockstep(
     // At about 30 times real time, a side lasts the requested time.
     let simulated = format!("{}s", 30 * effort.duration.as_secs().max(1));
     let settings = RingSettings {
-        wake: WakeMechanism::Eventfd,
         schedule: Schedule {
             priority: 0,
             ..effort.schedule(0)

@@ -96,7 +96,7 @@ impl Trial<'_> {
         };
         for (i, good) in self.good.iter().enumerate() {
             if let Err(failure) = read(format!("good-{i}"), good) {
-                panic!("{kind}: good file {i} is refused: {}", failure.told());
+                panic!("{kind}: good file {i} is refused: {}", failure.text());
             }
         }
         let corpus = corpus(kind);
@@ -155,7 +155,7 @@ impl Trial<'_> {
 
     /// What is wrong with a refusal.
     fn bad_refusal(&self, failure: &Failure) -> Option<String> {
-        let said = failure.told();
+        let said = failure.text();
         let start: String = said.chars().take(300).collect();
         let is_obeyed = |c: char| c.is_control() && !"\n\t".contains(c) || c == '\u{202e}';
         // An airframe is named by what it describes.

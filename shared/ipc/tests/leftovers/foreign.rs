@@ -46,7 +46,7 @@ fn a_directory_that_somebody_else_has_made_is_neither_used_nor_removed() {
     furnish(&home.join("src"));
     fs::write(home.join("src/plant.lock"), "").unwrap();
     let had = everything_below(&home);
-    let in_it = "is no directory of ironbird: in it lie `bus`, `dangling`, `deep` and 3 more";
+    let in_it = "is no directory of ironbird: in it lie `bus`, `dangling`, `deep` and 4 more";
     for (name, words) in [
         ("src", in_it),
         ("notes", "is not used: it is no directory"),
