@@ -1,11 +1,10 @@
 //! The metrics of a flight, by its true states and not by what its sensors measure.
 
-use analysis::comparison::{Effort, STAYING_S};
+use analysis::comparison::STAYING_S;
 use analysis::flight_metrics::FlightMetrics;
+use analysis::tracking::Tracking;
 use messages::content::{RotorSpeeds, Setpoint, State};
 use messages::parameters::Airframe;
-use report::comparison::STAYING_S;
-use report::tracking::Tracking;
 
 use crate::gates::METRICS;
 
