@@ -81,7 +81,10 @@ mod tests {
         let mut ended = for_good.clone();
         ended.end(700, 0.002);
         ended.end(900, 0.002);
-        assert_eq!((ended.to_tick, ended.to_s), (Some(700), Some(700.0 * 0.002)));
+        assert_eq!(
+            (ended.to_tick, ended.to_s),
+            (Some(700), Some(700.0 * 0.002))
+        );
         let mut cancelled = ended;
         cancelled.end(400, 0.002);
         assert!(with_end.strikes(7000, 8000) && with_end.strikes(8999, 9999));
