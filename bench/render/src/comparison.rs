@@ -151,7 +151,7 @@ fn over_time(comparison: &Comparison) -> Section {
 fn error_chart(comparison: &Comparison) -> Chart {
     let bound_m = comparison.flight.bound_m;
     let (mut lines, values) = lines(comparison, TRUE_ERROR, ERROR_MIN_M);
-    lines.push(Layer::level("deadline", bound_m, "recovered"));
+    lines.push(Layer::Level("deadline", bound_m, "recovered"));
     let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
     over(comparison, "true position error [m]", scale, lines)
 }
@@ -177,7 +177,7 @@ fn lines(comparison: &Comparison, channel: &str, least: f64) -> (Vec<Layer>, Vec
         });
         let points = through(spans, ends_s);
         values.extend(points.iter().map(|point| point.1));
-        Layer::Line { class, points }
+        Layer::Line(class, points)
     };
     let lines = comparison.outcomes.iter().zip(LAWS).map(line).collect();
     (lines, values)
