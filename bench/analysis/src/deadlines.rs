@@ -3,6 +3,7 @@
 //! The command of tick k must be published before t_k+1. A command that never came counts as late until the next one
 //! that did. No tick is left out because nobody was there to measure it (no coordinated omission).
 
+use crate::schema::{LateStretchSection, RunLength};
 use messages::grid::Grid;
 use std::collections::BTreeMap;
 
@@ -17,6 +18,9 @@ pub enum DeadlineOutcome {
     /// The deadline passed this long before a command came [ns].
     Late(u64),
 }
+
+/// A tick with what became of its deadline.
+pub type Judged = (u64, DeadlineOutcome);
 
 #[derive(Clone, Debug)]
 pub struct Deadlines {
@@ -41,20 +45,15 @@ impl Deadlines {
     }
 
     /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`.
-    pub fn published(
-        &mut self,
-        tick: u64,
-        send_ns: u64,
-        mut judge: impl FnMut(u64, DeadlineOutcome),
-    ) {
-        let first_owed = self.owed_tick.unwrap_or(tick);
-        for owed in first_owed..=tick {
-            let deadline_ns = self.grid.begin_of(owed + 1);
+    pub fn published(&mut self, tick: u64, send_ns: u64) -> impl Iterator<Item = Judged> + use<> {
+        let (grid, first_owed) = (self.grid, self.owed_tick.unwrap_or(tick));
+        self.owed_tick = Some(first_owed.max(tick + 1));
+        (first_owed..=tick).map(move |owed| {
+            let deadline_ns = grid.begin_of(owed + 1);
             let slack_ns = deadline_ns.checked_sub(send_ns);
             let late = || DeadlineOutcome::Late(send_ns - deadline_ns);
-            judge(owed, slack_ns.map_or_else(late, DeadlineOutcome::Slack));
-        }
-        self.owed_tick = Some(first_owed.max(tick + 1));
+            (owed, slack_ns.map_or_else(late, DeadlineOutcome::Slack))
+        })
     }
 
     /// Owes nothing from before a tick: commands were published, and nobody has seen them.
@@ -63,17 +62,14 @@ impl Deadlines {
     }
 
     /// Judges the deadlines that a flight still owed up to `last_tick`, when it ended at `end_ns`: no stage published.
-    pub fn finish(
-        &mut self,
-        last_tick: u64,
-        end_ns: u64,
-        mut judge: impl FnMut(u64, DeadlineOutcome),
-    ) {
-        for owed in self.owed_tick.unwrap_or(last_tick + 1)..=last_tick {
-            let late_ns = end_ns.saturating_sub(self.grid.begin_of(owed + 1));
-            judge(owed, DeadlineOutcome::Late(late_ns));
-        }
-        self.owed_tick = self.owed_tick.max(Some(last_tick + 1));
+    pub fn finish(&mut self, last_tick: u64, end_ns: u64) -> impl Iterator<Item = Judged> + use<> {
+        let (grid, next) = (self.grid, last_tick + 1);
+        let first_owed = self.owed_tick.unwrap_or(next);
+        self.owed_tick = self.owed_tick.max(Some(next));
+        (first_owed..next).map(move |owed| {
+            let late_ns = end_ns.saturating_sub(grid.begin_of(owed + 1));
+            (owed, DeadlineOutcome::Late(late_ns))
+        })
     }
 }
 
@@ -81,35 +77,29 @@ impl Deadlines {
 pub struct LateCommands {
     pub count: u64,
     /// The first [`KEPT`] stretches.
-    pub stretches: Vec<LateStretch>,
+    pub stretches: Vec<LateStretchSection>,
     last: Option<u64>,
     pub left_out: u64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LateStretch {
-    pub tick: u64,
-    pub length_ticks: u64,
-    pub late_ns: u64,
-}
-
 impl LateCommands {
-    /// Takes the lateness [ns] of the command of a tick.
-    pub fn take(&mut self, tick: u64, late_ns: u64) {
+    /// Takes the lateness [ns] of the command of a tick of `period_s`.
+    pub fn take(&mut self, tick: u64, period_s: f64, late_ns: u64) {
         self.count += 1;
         let continues = self.last.is_some_and(|last| last + 1 == tick);
         self.last = Some(tick);
-        let (has_room, length_ticks) = (self.stretches.len() < KEPT, 1);
+        let (has_room, late_us) = (self.stretches.len() < KEPT, late_ns as f64 / 1e3);
         match self.stretches.last_mut() {
             // One that was left out has no entry to be continued.
             Some(stretch) if continues && self.left_out == 0 => {
                 stretch.length_ticks += 1;
-                stretch.late_ns = stretch.late_ns.max(late_ns);
+                stretch.late_us = stretch.late_us.max(late_us);
             }
-            _ if has_room => self.stretches.push(LateStretch {
+            _ if has_room => self.stretches.push(LateStretchSection {
                 tick,
-                length_ticks,
-                late_ns,
+                time_s: tick as f64 * period_s,
+                length_ticks: 1,
+                late_us,
             }),
             _ => self.left_out += 1,
         }
@@ -161,10 +151,14 @@ impl MissRuns {
     }
 
     /// How many runs there were of each length; the one that has not ended counts with its present length.
-    pub fn lengths(&self) -> BTreeMap<u64, u64> {
+    pub fn lengths(&self) -> Vec<RunLength> {
         let mut all = self.clone();
         all.end(self.run);
-        all.lengths
+        let run = |(length_ticks, count)| RunLength {
+            length_ticks,
+            count,
+        };
+        all.lengths.into_iter().map(run).collect()
     }
 }
 
@@ -180,73 +174,72 @@ mod tests {
 
     #[test]
     fn every_deadline_is_judged_by_the_next_command_that_came() {
-        type Row<'a> = (Deadlines, &'a [(u64, u64)], &'a [DeadlineOutcome]);
-        let mut unseen = Deadlines::new(GRID);
+        let check =
+            |mut deadlines: Deadlines, sent: &[(u64, u64)], expected: &[DeadlineOutcome]| {
+                let mut all = Vec::new();
+                for (tick, send_ns) in sent {
+                    all.extend(deadlines.published(*tick, *send_ns).map(|(_, it)| it));
+                }
+                assert_eq!(all, expected, "{sent:?}");
+            };
+        let (new, joining) = (Deadlines::new(GRID), Deadlines::joining(GRID));
+        let mut unseen = new.clone();
         unseen.unseen_before(3);
-        let lost = &[Slack(970), Late(1_040), Late(40), Slack(960)];
-        let joined = &[Slack(970), Late(40), Slack(960)];
-        let rows: [Row<'_>; 5] = [
-            (
-                Deadlines::new(GRID),
-                &[(0, 30), (1, 1_400)],
-                &[Slack(970), Slack(600)],
-            ),
-            (Deadlines::new(GRID), &[(0, 1_001)], &[Late(1)]),
-            (Deadlines::new(GRID), &[(0, 30), (3, 3_040)], lost),
-            // What was published and not seen is not late; whoever joins is owed nothing from before.
-            (unseen, &[(3, 3_040)], &[Slack(960)]),
-            (Deadlines::joining(GRID), &[(7, 7_030), (9, 9_040)], joined),
-        ];
-        for (mut deadlines, published, expected) in rows {
-            let mut all = Vec::new();
-            for (tick, send_ns) in published {
-                deadlines.published(*tick, *send_ns, |_, verdict| all.push(verdict));
-            }
-            assert_eq!(all, expected, "{published:?}");
-        }
+        let in_time = [Slack(970), Slack(600)];
+        check(new.clone(), &[(0, 30), (1, 1_400)], &in_time);
+        check(new.clone(), &[(0, 1_001)], &[Late(1)]);
+        let lost = [Slack(970), Late(1_040), Late(40), Slack(960)];
+        check(new, &[(0, 30), (3, 3_040)], &lost);
+        // What was published and not seen is not late; whoever joins is owed nothing from before.
+        check(unseen, &[(3, 3_040)], &[Slack(960)]);
+        let joined = [Slack(970), Late(40), Slack(960)];
+        check(joining, &[(7, 7_030), (9, 9_040)], &joined);
     }
 
     #[test]
     fn an_outage_that_ends_the_flight_is_late_until_its_end() {
         let mut deadlines = Deadlines::new(GRID);
-        let mut all = Vec::new();
-        deadlines.published(0, 30, |_, _| {});
-        deadlines.finish(3, 4_100, |tick, verdict| all.push((tick, verdict)));
+        assert_eq!(deadlines.published(0, 30).count(), 1);
+        let all: Vec<_> = deadlines.finish(3, 4_100).collect();
         assert_eq!(all, [(1, Late(2_100)), (2, Late(1_100)), (3, Late(100))]);
-        deadlines.finish(3, 4_100, |_, _| panic!("judged twice"));
-        Deadlines::joining(GRID).finish(3, 4_100, |_, _| panic!("it has seen nothing"));
+        assert_eq!(deadlines.finish(3, 4_100).count(), 0, "judged twice");
+        let mut joined = Deadlines::joining(GRID);
+        assert_eq!(joined.finish(3, 4_100).count(), 0, "it has seen nothing");
     }
 
     #[test]
-    fn late_commands_of_consecutive_ticks_stand_together() {
+    fn late_commands_of_consecutive_ticks_stand_together_and_are_counted_beyond_those_kept() {
         let mut late = LateCommands::default();
         for (tick, late_ns) in [(7, 40), (8, 90), (9, 30), (11, 5)] {
-            late.take(tick, late_ns);
+            late.take(tick, 1e-3, late_ns);
         }
         let found = late.stretches.iter();
         let found: Vec<_> = found
-            .map(|it| (it.tick, it.length_ticks, it.late_ns))
+            .map(|it| (it.tick, it.length_ticks, it.late_us))
             .collect();
-        assert_eq!(found, [(7, 3, 90), (11, 1, 5)]);
-        assert_eq!((late.count, late.left_out), (4, 0));
-    }
-
-    #[test]
-    fn late_commands_beyond_those_kept_are_counted() {
-        let mut late = LateCommands::default();
-        (0..KEPT as u64).for_each(|i| late.take(2 * i, 1));
-        let next = 2 * KEPT as u64;
-        (next..next + 3).for_each(|tick| late.take(tick, 1));
+        assert_eq!(found, [(7, 3, 0.09), (11, 1, 0.005)]);
+        (10..8 + KEPT as u64).for_each(|i| late.take(2 * i, 1e-3, 1));
+        let next = 2 * KEPT as u64 + 100;
+        (next..next + 3).for_each(|tick| late.take(tick, 1e-3, 1));
         assert_eq!((late.stretches.len(), late.left_out), (KEPT, 3));
-        assert_eq!(late.count, KEPT as u64 + 3);
-        let last = late.stretches.last().unwrap();
-        assert_eq!((last.tick, last.length_ticks), (next - 2, 1));
+        assert_eq!(late.count, 4 + KEPT as u64 - 2 + 3);
+        assert_eq!(late.stretches.last().unwrap().length_ticks, 1);
     }
 
     #[test]
     fn runs_are_counted_by_length() {
-        let mut unseen = MissRuns::default();
-        unseen.unseen(14, 0);
+        let check = |mut runs: MissRuns, states: &[(u64, u64)], lengths: &[(u64, u64)]| {
+            states
+                .iter()
+                .for_each(|(missed, run)| runs.update(*missed, *run));
+            let found = runs.lengths().into_iter();
+            assert!(
+                found
+                    .map(|it| (it.length_ticks, it.count))
+                    .eq(lengths.iter().copied())
+            );
+            assert_eq!(Some(runs.missed), states.last().map(|it| it.0));
+        };
         // missed, run: one miss; in time; two in a row; in time; then a skipped stretch with one command in it.
         let whole = [
             (0, 0),
@@ -258,28 +251,11 @@ mod tests {
             (4, 1),
             (9, 3),
         ];
-        for (mut runs, counters, missed, lengths) in [
-            (
-                MissRuns::default(),
-                &whole[..],
-                9,
-                vec![(1, 1), (2, 1), (3, 2)],
-            ),
-            (unseen, &[(16, 2)], 16, vec![(2, 1)]),
-            (
-                MissRuns::joining(70, 2),
-                &[(71, 3), (71, 0), (72, 1)],
-                72,
-                vec![(1, 1), (3, 1)],
-            ),
-        ] {
-            counters
-                .iter()
-                .for_each(|(missed, run)| runs.update(*missed, *run));
-            assert_eq!(
-                (runs.missed, runs.lengths()),
-                (missed, lengths.into_iter().collect())
-            );
-        }
+        check(MissRuns::default(), &whole, &[(1, 1), (2, 1), (3, 2)]);
+        let mut unseen = MissRuns::default();
+        unseen.unseen(14, 0);
+        check(unseen, &[(16, 2)], &[(2, 1)]);
+        let joining = MissRuns::joining(70, 2);
+        check(joining, &[(71, 3), (71, 0), (72, 1)], &[(1, 1), (3, 1)]);
     }
 }

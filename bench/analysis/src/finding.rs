@@ -37,16 +37,6 @@ pub enum RealtimeClass {
     Hard,
 }
 
-impl RealtimeClass {
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::Hard => "hard",
-            Self::Soft => "soft",
-            Self::NotRealTime => "not real-time here",
-        }
-    }
-}
-
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
     pub subject: String,
@@ -118,6 +108,7 @@ impl Diagnosis {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::phrase::name_of;
 
     #[test]
     fn the_verdict_is_the_worst_that_any_finding_leaves_open_with_its_reasons() {
@@ -135,7 +126,7 @@ mod tests {
                 verdict,
                 reasons: found,
             } = Diagnosis::of(&findings);
-            assert_eq!((verdict.words(), &*found.join("; ")), (words, reasons));
+            assert_eq!((&*name_of(&verdict), &*found.join("; ")), (words, reasons));
         }
     }
 }

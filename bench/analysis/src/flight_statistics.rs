@@ -3,7 +3,7 @@
 //! The work of a stage in a tick counts after the plant has flown that tick, and the deadline of a command counts after
 //! the plant has judged it. A stage that continues after the plant has ended is not counted.
 
-use crate::deadlines::{DeadlineOutcome, Deadlines, LateCommands, MissRuns};
+use crate::deadlines::{DeadlineOutcome, Deadlines, Judged, LateCommands, MissRuns};
 use crate::freshness::FreshnessStatistics;
 use crate::laws::{FlownLaws, NotFinite, SignalStatistics};
 use crate::miss_analysis::MissAnalysis;
@@ -467,13 +467,24 @@ impl FlightStatistics {
         let Some(deadlines) = &mut self.deadlines else {
             return;
         };
-        let (series, late_commands) = (&mut self.series, &mut self.late_commands);
         if command.follows_loss {
             deadlines.unseen_before(command.tick);
         }
-        deadlines.published(command.tick, command.sent_ns, |tick, verdict| {
-            enter(series, late_commands, tick, verdict)
-        });
+        let judged = deadlines.published(command.tick, command.sent_ns);
+        self.enter(judged);
+    }
+
+    fn enter(&mut self, judged: impl Iterator<Item = Judged>) {
+        for (tick, outcome) in judged {
+            match outcome {
+                DeadlineOutcome::Slack(ns) => self.series.record(Series::Slack, ns),
+                DeadlineOutcome::Late(ns) => {
+                    let period_s = self.tracking.period_s();
+                    self.late_commands.take(tick, period_s, ns);
+                    self.series.record(Series::Late, ns);
+                }
+            }
+        }
     }
 
     /// The flight is over, at the latest at `now_ns`: what was still owed then is late until its end.
@@ -519,25 +530,8 @@ impl FlightStatistics {
             }
         }
         if let Some(deadlines) = &mut self.deadlines {
-            let (series, late_commands) = (&mut self.series, &mut self.late_commands);
-            deadlines.finish(last_tick, end_ns, |tick, verdict| {
-                enter(series, late_commands, tick, verdict)
-            });
-        }
-    }
-}
-
-fn enter(
-    series: &mut SeriesSet,
-    late_commands: &mut LateCommands,
-    tick: u64,
-    verdict: DeadlineOutcome,
-) {
-    match verdict {
-        DeadlineOutcome::Slack(ns) => series.record(Series::Slack, ns),
-        DeadlineOutcome::Late(ns) => {
-            late_commands.take(tick, ns);
-            series.record(Series::Late, ns);
+            let judged = deadlines.finish(last_tick, end_ns);
+            self.enter(judged);
         }
     }
 }
@@ -708,7 +702,7 @@ mod tests {
         assert_eq!(statistics.lost(), [0; TOPICS.len()]);
         let late = &statistics.late_commands.stretches;
         assert!(
-            late.len() >= 20 && late.iter().all(|it| it.late_ns == 100_000),
+            late.len() >= 20 && late.iter().all(|it| it.late_us == 100.0),
             "{late:?}"
         );
         let position_m = TRACKING.position_w_m(DAYS_30);

@@ -153,28 +153,24 @@ mod tests {
         t0_ns: 0,
         period_ns: 1_000,
     };
+    const FRESH: [Mode; 3] = [Mode::Fresh; 3];
 
     fn state(statistics: &mut FreshnessStatistics, tick: u64, missed: u64, skipped: u64) {
-        let envelope = Header {
-            tick,
-            ..Header::new()
+        let mut message = Message::<State> {
+            envelope: Header::new(),
+            content: State::default(),
         };
-        let content = State {
-            deadlines_missed: missed,
-            ticks_skipped: skipped,
-            ..State::default()
-        };
-        statistics.state(&Message { envelope, content }, false);
+        message.envelope.tick = tick;
+        message.content.deadlines_missed = missed;
+        message.content.ticks_skipped = skipped;
+        statistics.state(&message, false);
         statistics.decide(Some(GRID), false);
     }
 
     /// Each stage publishes in a tick; the inputs are the ticks of state, set-point and wrench.
     fn stages(statistics: &mut FreshnessStatistics, tick: u64, inputs: [u64; 3], modes: [Mode; 3]) {
-        let envelope = Header {
-            tick,
-            input_tick: inputs,
-            ..Header::new()
-        };
+        let mut envelope = Header::new();
+        (envelope.tick, envelope.input_tick) = (tick, inputs);
         statistics.stage(0, tick, modes[0] as u64);
         statistics.stage(1, tick, modes[1] as u64);
         statistics.command(&envelope, GRID.begin_of(tick) + 100, modes[2] as u64);
@@ -185,23 +181,21 @@ mod tests {
         (statistics.missed, statistics.stale)
     }
 
-    const FRESH: [Mode; 3] = [Mode::Fresh; 3];
-
     #[test]
     fn a_command_is_fresh_when_every_stage_worked_with_its_tick() {
-        let rows = [
+        use Mode::{Fallback, Fresh, Held, NotFinite};
+        for (inputs, modes, stale) in [
             ([7, 7, 7], FRESH, 0),
             ([6, 7, 7], FRESH, 1),
             ([7, 6, 7], FRESH, 1),
             ([7, 7, 6], FRESH, 1),
             ([7, 7, NO_TICK], FRESH, 1),
-            ([7, 7, 7], [Mode::Fresh, Mode::Held, Mode::Fresh], 1),
-            ([7, 7, 7], [Mode::Fresh, Mode::Fresh, Mode::Held], 1),
-            ([7, 7, 7], [Mode::Fallback, Mode::Fresh, Mode::Fresh], 1),
+            ([7, 7, 7], [Fresh, Held, Fresh], 1),
+            ([7, 7, 7], [Fresh, Fresh, Held], 1),
+            ([7, 7, 7], [Fallback, Fresh, Fresh], 1),
             // What the law answered is no matter of time.
-            ([7, 7, 7], [Mode::Fresh, Mode::NotFinite, Mode::Fresh], 0),
-        ];
-        for (inputs, modes, stale) in rows {
+            ([7, 7, 7], [Fresh, NotFinite, Fresh], 0),
+        ] {
             let mut statistics = FreshnessStatistics::default();
             state(&mut statistics, 7, 0, 0);
             stages(&mut statistics, 7, inputs, modes);
@@ -241,16 +235,13 @@ mod tests {
         stages(&mut statistics, 8, [8, 8, 2], FRESH);
         statistics.finish(9, 6, 4, Some(GRID));
         assert_eq!(counts(&statistics), (2, 1));
-    }
-
-    #[test]
-    fn one_who_joins_counts_what_was_before_as_far_as_the_plant_tells() {
-        let mut statistics = FreshnessStatistics::default();
-        statistics.join(&State {
+        // Whoever joins counts what was before as far as the plant tells.
+        let mut joined = FreshnessStatistics::default();
+        joined.join(&State {
             deadlines_missed: 7,
             ticks_skipped: 5,
             ..State::default()
         });
-        assert_eq!(counts(&statistics), (2, 0));
+        assert_eq!(counts(&joined), (2, 0));
     }
 }

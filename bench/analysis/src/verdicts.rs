@@ -141,43 +141,10 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     Explained { word, why }
 }
 
-impl FlightVerdict {
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::NotSeen => "not seen",
-            Self::Tracked => "tracked",
-            Self::CutShort => "cut short",
-            Self::OffTrack => "off track",
-            Self::Lost => "lost",
-        }
-    }
-}
-
-impl TimingVerdict {
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::NotMeasured => "not measured",
-            Self::InTime => "in time",
-            Self::CutShort => "cut short",
-            Self::Late => "late",
-        }
-    }
-}
-
-impl StabilityVerdict {
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::NotApplicable => "not applicable",
-            Self::Holds => "holds",
-            Self::PartlyWatched => "partly watched",
-            Self::Broken => "broken",
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::phrase::name_of;
     use crate::sample::{good, not_fresh};
 
     const LIMITS: TrackingLimits = TrackingLimits {
@@ -185,16 +152,11 @@ mod tests {
         ground_z_m: -0.25,
     };
 
-    fn words(verdicts: &Verdicts) -> [&'static str; 3] {
-        let Verdicts {
-            flight,
-            timing,
-            theorem,
-        } = verdicts;
+    fn words(verdicts: &Verdicts) -> [String; 3] {
         [
-            flight.word.words(),
-            timing.word.words(),
-            theorem.word.words(),
+            name_of(&verdicts.flight.word),
+            name_of(&verdicts.timing.word),
+            name_of(&verdicts.theorem.word),
         ]
     }
 

@@ -201,11 +201,11 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
             .collect();
         let points = bins.iter().map(|(x, bin)| (*x, 100.0 * rate(bin)));
         let points = points.collect();
-        layers.push(Layer::Line { class, points });
+        layers.push(Layer::Line(class, points));
         for (x, bin) in bins {
             let ends = [bin.interval.low, bin.interval.high];
             let points = ends.map(|end| (x, 100.0 * end)).into();
-            layers.push(Layer::Line { class, points });
+            layers.push(Layer::Line(class, points));
         }
     }
     let x = Axis::new(x, &factor.name);
@@ -311,7 +311,7 @@ fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Fig
     let layers = layers.map(|(class, curve)| {
         let points = curve.iter().map(|point| (point.share, point.value));
         let points = points.collect();
-        Layer::Line { class, points }
+        Layer::Line(class, points)
     });
     let label = match metric.unit {
         "" => metric.name.to_owned(),

@@ -495,7 +495,7 @@ fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
         measured.write(out)?;
     }
     let Diagnosis { verdict, reasons } = &examination.diagnosis;
-    writeln!(out, "\nVERDICT {}", verdict.words())?;
+    writeln!(out, "\nVERDICT {}", analysis::phrase::name_of(verdict))?;
     for reason in reasons {
         writeln!(out, "  {reason}")?;
     }

@@ -9,7 +9,7 @@ use analysis::gates::judge;
 use analysis::laws::{NotFinite, SignalStatistics};
 use analysis::miss_analysis::MissAnalysis;
 use analysis::outages::WORST_SHOWN;
-use analysis::schema::{self, LawSection, MarginSection, Report, RunLength, Verdicts};
+use analysis::schema::{self, LawSection, MarginSection, Report, Verdicts};
 use analysis::sections::rejected;
 use analysis::series::Series;
 use errors::Failure;
@@ -88,26 +88,8 @@ impl<'a> ReportBuilder<'a> {
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
             missed_by_stamps: tally.late_commands.count,
             late: late.map(buckets).unwrap_or_default(),
-            runs: tally
-                .miss_runs
-                .lengths()
-                .into_iter()
-                .map(|(length_ticks, count)| RunLength {
-                    length_ticks,
-                    count,
-                })
-                .collect(),
-            stretches: tally
-                .late_commands
-                .stretches
-                .iter()
-                .map(|stretch| schema::LateStretchSection {
-                    tick: stretch.tick,
-                    time_s: stretch.tick as f64 * period_s,
-                    length_ticks: stretch.length_ticks,
-                    late_us: stretch.late_ns as f64 / 1e3,
-                })
-                .collect(),
+            runs: tally.miss_runs.lengths(),
+            stretches: tally.late_commands.stretches.clone(),
             stretches_left_out: tally.late_commands.left_out,
         };
         let lost = TOPICS.iter().zip(tally.lost());

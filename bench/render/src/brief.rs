@@ -50,7 +50,7 @@ pub fn render(report: &Report, left: &Left) -> String {
 }
 
 fn sentences(report: &Report) -> Vec<String> {
-    let word = |(subject, word, why): (&str, &str, &str)| {
+    let word = |(subject, word, why): (&str, String, &str)| {
         format!("{subject:<9} {}: {why}", word.to_uppercase())
     };
     let mut all = shared::verdicts(&report.words).map(word).to_vec();

@@ -151,7 +151,7 @@ fn over_time(comparison: &Comparison) -> Section {
 fn error_chart(comparison: &Comparison) -> Chart {
     let bound_m = comparison.flight.bound_m;
     let (mut lines, values) = lines(comparison, TRUE_ERROR, ERROR_MIN_M);
-    lines.push(Layer::level("deadline", bound_m, "recovered"));
+    lines.push(Layer::Level("deadline", bound_m, "recovered"));
     let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
     over(comparison, "true position error [m]", scale, lines)
 }
@@ -177,7 +177,7 @@ fn lines(comparison: &Comparison, channel: &str, least: f64) -> (Vec<Layer>, Vec
         });
         let points = through(spans, ends_s);
         values.extend(points.iter().map(|point| point.1));
-        Layer::Line { class, points }
+        Layer::Line(class, points)
     };
     let lines = comparison.outcomes.iter().zip(LAWS).map(line).collect();
     (lines, values)
@@ -327,113 +327,21 @@ fn agitation(outcome: &Outcome) -> Answer {
 
 #[cfg(test)]
 mod tests {
-    use flight_log::build::Build;
-
     use super::*;
-    use analysis::comparison::{Effort, Laws, SCHEMA};
-    use analysis::traces::Group;
-
-    fn outcome(inner: &str, mixer: &str, worst_m: f64, agitation_rad_s: f64) -> Outcome {
-        let error = ErrorFigures {
-            rms_m: 0.0,
-            p99_m: 0.0,
-            worst_m,
-        };
-        let figures = Figures {
-            error,
-            error_before: Some(error),
-            error_after: Some(error),
-            recovery_s: vec![Some(0.5)],
-            effort: Effort {
-                power: 1.0,
-                agitation_rad_s,
-                saturated_percent: 0.0,
-            },
-            trace: Group::default(),
-        };
-        let laws = Laws {
-            outer: "pd".into(),
-            inner: inner.into(),
-            mixer: mixer.into(),
-        };
-        Outcome {
-            laws,
-            ticks: 1,
-            ended_early_s: None,
-            lost: None,
-            unusable: Vec::new(),
-            figures,
-            outputs: String::new(),
-        }
-    }
-
-    fn row(name: &str, outcomes: Vec<Outcome>) -> (String, Comparison) {
-        let flight = Flight {
-            trajectory: "hover".into(),
-            airframe: "paper".into(),
-            preset: "flight".into(),
-            seed: 1,
-            last_tick: 0,
-            period_s: 0.001,
-            bound_m: 0.05,
-            faults: Vec::new(),
-        };
-        let comparison = Comparison {
-            schema: SCHEMA,
-            build: Build::default(),
-            flight,
-            outcomes,
-        };
-        (name.into(), comparison)
-    }
 
     #[test]
     fn the_best_of_a_row_is_bold_and_quiet_rows_are_left_out() {
-        let lost = Outcome {
-            ended_early_s: Some(9.87),
-            lost: Some("crash".into()),
-            ..outcome("c", "m", 0.001, 0.5)
-        };
-        let low = Outcome {
-            lost: Some("below ground".into()),
-            ..outcome("d", "m", 0.001, 0.5)
-        };
-        let four = |agitation| {
-            let (a, b) = (
-                outcome("a", "m", 0.0123, agitation),
-                outcome("b", "m", 0.01232, 0.1),
-            );
-            vec![a, b, lost.clone(), low.clone()]
-        };
-        let text = tables(&[row("a|b", four(0.2)), row("quiet", four(0.1))]);
-        let cells = "**12.3 / 0.50** | **12.3 / 0.50** | lost at 9.9 s | below ground |\n";
-        for part in [
-            "Outer law `pd`: worst true position error",
-            "| fault | `a` | `b` | `c` | `d` |\n|---|---|---|---|---|\n",
-            &format!("| a\\|b | {cells}| quiet | {cells}"),
-            "| a\\|b | 0.200 | **0.100** | lost | lost |\n",
-        ] {
-            assert!(text.contains(part), "{part} is not in\n{text}");
-        }
-        assert_eq!(text.matches("| quiet |").count(), 1, "{text}");
-    }
-
-    #[test]
-    fn each_mixer_has_its_tables_and_only_the_error_after_the_fault_counts() {
-        let with = |mixer: &str, recovery_s: Vec<Option<f64>>| {
-            let mut outcome = outcome("a", mixer, 0.5, 0.2);
-            (outcome.figures.error_after, outcome.figures.recovery_s) = (None, recovery_s);
-            outcome
-        };
-        let text = tables(&[row("x", vec![with("m", vec![None]), with("n", Vec::new())])]);
-        assert_eq!(
-            text.matches("Outer law `pd`, mixer `n`: ").count(),
-            2,
-            "{text}"
-        );
-        assert!(
-            text.contains("| x | - / - |\n") && text.contains("| x | **500 / -** |\n"),
-            "{text}"
-        );
+        // Figures that print alike are both the best.
+        let answer = |figure: f64| (significant(figure), Some(figure));
+        let answers = [
+            answer(12.3),
+            answer(12.32),
+            answer(20.0),
+            ("lost".into(), None),
+        ];
+        let (name, cells) = table_row("a|b", &answers, None).unwrap();
+        assert_eq!(name, "a\\|b");
+        assert_eq!(cells, ["**12.3**", "**12.3**", "20.0", "lost"]);
+        assert_eq!(table_row("quiet", &answers, Some(20.0)), None);
     }
 }

@@ -45,7 +45,8 @@ pub enum Block {
     Terminal(String),
     Heading(String),
     Table(Table),
-    Verdicts(Vec<Verdict>),
+    /// Subject, verdict, reason, and whether it is good, bad or open.
+    Verdicts([(&'static str, String, String, &'static str); 3]),
     /// Title, value and unit of the most important numbers; on a page only, as the next ones.
     KeyFigures(Vec<(String, String, String)>),
     Note(String),
@@ -54,14 +55,6 @@ pub enum Block {
     Figures(Vec<Figure>),
     WideFigures(Vec<Figure>),
     Details(String, Vec<Block>),
-}
-
-#[derive(Clone, Debug)]
-pub struct Verdict {
-    pub subject: &'static str,
-    pub word: &'static str,
-    pub why: String,
-    pub tone: &'static str,
 }
 
 #[derive(Clone, Debug)]
@@ -207,8 +200,10 @@ impl Block {
             Self::Terminal(text) => text.clone(),
             Self::Table(table) => table.text(),
             Self::Verdicts(verdicts) => {
-                let line = |it: &Verdict| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why);
-                verdicts.iter().map(line).collect()
+                let lines = verdicts.iter().map(|(subject, verdict, why, _)| {
+                    format!("{subject:<9} {verdict:<14} {why}\n")
+                });
+                lines.collect()
             }
             _ => String::new(),
         }
@@ -225,7 +220,7 @@ impl Block {
             Self::Table(table) => table.html(),
             Self::Verdicts(verdicts) => html! {
                 dl.words {
-                    @for Verdict { subject, word, why, tone } in verdicts {
+                    @for (subject, word, why, tone) in verdicts {
                         div.(tone) { dt { (subject) } dd.word { (word) } dd.why { (why) } }
                     }
                 }

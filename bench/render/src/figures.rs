@@ -200,7 +200,7 @@ impl<'a> Figures<'a> {
             figures.push(latency("wake", title, ("plant", traces::WAKE, "")));
         }
         for figure in &mut figures {
-            let level = |at| Layer::level("deadline", at, "a tick");
+            let level = |at| Layer::Level("deadline", at, "a tick");
             figure.chart.layers.extend(tick_us.map(level));
         }
         if !self.late.is_empty() {
@@ -223,7 +223,7 @@ impl<'a> Figures<'a> {
         let (x, y) = (axis(across), axis(up));
         let place = |point: &[f64; 3]| (point[across], point[up]);
         let line = |class: &'static str, points: &[[f64; 3]]| {
-            Layer::line(class, points.iter().map(place).collect())
+            Layer::Line(class, points.iter().map(place).collect())
         };
         let at_swap = |swap: &AppliedSwap| {
             let sample = tick.iter().position(|tick| *tick >= swap.tick);
@@ -232,7 +232,7 @@ impl<'a> Figures<'a> {
         };
         let swaps = self.swaps.iter().filter_map(at_swap).collect();
         let (reference, flown) = (line("reference", reference), line("flown", flown));
-        let layers = vec![reference, flown, Layer::dots("swap", swaps)];
+        let layers = vec![reference, flown, Layer::Dots("swap", swaps)];
         let title = format!("path in the plane of {} and {}", AXES[across], AXES[up]);
         let axis = |scale, i: usize| Axis::new(scale, format!("{} [m]", AXES[i]));
         let mut chart = Chart {
@@ -281,7 +281,7 @@ impl<'a> Figures<'a> {
         let ends_s = |tick| [self.time_s(tick), self.time_s(tick + last)];
         let layers = lines
             .iter()
-            .map(|(class, channel, _)| Layer::line(class, through(group.spans(channel), ends_s)));
+            .map(|(class, channel, _)| Layer::Line(class, through(group.spans(channel), ends_s)));
         let chart = self.marked(label, scale, layers.collect());
         let keys = lines.iter().filter(|(.., word)| !word.is_empty());
         let keys = keys.map(|(class, _, word)| (*class, (*word).to_owned()));

@@ -1,10 +1,8 @@
 //! The report of a flight, section by section.
 
-use crate::document::{
-    self, Block, Cell, Document, Figure, Section, Table, Verdict, known, row, table, us,
-};
+use crate::document::{self, Block, Cell, Document, Figure, Section, Table, known, row, table, us};
 use crate::figures::Figures;
-use crate::sentences::{self, count};
+use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
 use analysis::baseline::Baseline;
 use analysis::host::{Host, InterruptCount, InterruptKind};
@@ -148,17 +146,16 @@ pub fn result_line(report: &Report, directory: &str) -> String {
 }
 
 fn verdicts(report: &Report) -> Block {
-    let verdicts = sentences::verdicts(&report.words).map(|(subject, word, why)| Verdict {
-        subject,
-        word,
-        why: why.to_owned(),
-        tone: match word {
-            "tracked" | "in time" | "holds" => "good",
-            "off track" | "lost" | "late" | "broken" => "bad",
-            _ => "open",
-        },
-    });
-    Block::Verdicts(verdicts.into())
+    let tone = |word: &str| match word {
+        "tracked" | "in time" | "holds" => "good",
+        "off track" | "lost" | "late" | "broken" => "bad",
+        _ => "open",
+    };
+    let verdicts = sentences::verdicts(&report.words);
+    Block::Verdicts(verdicts.map(|(subject, word, why)| {
+        let tone = tone(&word);
+        (subject, word, why.to_owned(), tone)
+    }))
 }
 
 fn key_figures(report: &Report) -> Vec<(String, String, String)> {
@@ -238,7 +235,7 @@ pub fn ending(report: &Report) -> &str {
 /// What the flight says of real time on this machine, and what the doctor expects of it.
 fn here(report: &Report) -> String {
     let (doctor, timing) = (&report.doctor, &report.words.timing);
-    let mut expected = doctor.verdict.words().to_owned();
+    let mut expected = name_of(&doctor.verdict);
     if !doctor.reasons.is_empty() {
         expected += &format!(" ({})", doctor.reasons.join("; "));
     }

@@ -34,7 +34,7 @@ pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
     let mut properties = Properties::new();
     for (subject, word, why) in sentences::verdicts(&report.words) {
         let subject = subject.to_lowercase();
-        properties.push((subject.clone(), word.to_string()));
+        properties.push((subject.clone(), word));
         properties.push((format!("{subject}.why"), why.to_string()));
     }
     if let Some(not_fresh) = &report.deadlines.not_fresh {
@@ -48,7 +48,7 @@ pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
         }
     }
     let status = report.verdict.status;
-    properties.push(("status".into(), status.name().into()));
+    properties.push(("status".into(), status.to_string()));
     let steal = format!("{:.2}", report.steal.percent);
     properties.push(("steal_percent".into(), steal));
     properties.push(("build".into(), report.run.build.token().to_string()));

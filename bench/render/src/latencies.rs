@@ -2,7 +2,7 @@
 
 use crate::document::{Block, Figure, Table, known, row, table, us};
 use crate::figures::Figures;
-use crate::plot::{Axis, Chart, LANE, Lane, Layer, MARKS};
+use crate::plot::{Axis, Chart, Layer};
 use crate::scale::{Kind, Scale};
 use analysis::distribution::{Bin, Distribution, PERCENTS};
 use analysis::phrase::count;
@@ -64,12 +64,9 @@ pub fn blocks(report: &Report) -> Vec<Block> {
     if !report.distributions.is_empty() {
         blocks.push(Block::PageHeading("Histograms"));
         blocks.push(Block::Figures(histograms(report)));
-        blocks.push(Block::Note(
-            "Every value is in its bin. Above histograms of latencies, a row for each series: a bar at p50, a diamond at \
-             p99, a square at p99.9, a cross at the largest value. A percentile stands there if it has enough values. \
-             Differences are linear up to 10 us and logarithmic beyond."
-                .into(),
-        ));
+        let note =
+            "Every value is in its bin. Differences are linear up to 10 us and logarithmic beyond.";
+        blocks.push(Block::Note(note.into()));
     }
     blocks.push(Block::PageHeading("Where the time goes"));
     blocks.push(Block::Figures(waterfalls(report)));
@@ -133,10 +130,10 @@ fn waterfall(report: &Report, title: &str, pick: fn(&Statistics) -> Option<f64>)
     let names = bars.iter().map(|bar| bar.0.to_owned()).collect();
     let layer = |(i, (name, from, to)): (usize, (&str, f64, f64))| {
         let corners = [(from, i as f64 + 0.2), (to, i as f64 + 0.8)];
-        Layer::Boxes {
-            class: format!("bar {}", class(name)),
-            boxes: vec![(corners, String::new(), us(to - from))],
-        }
+        Layer::Boxes(
+            format!("bar {}", class(name)),
+            vec![(corners, String::new(), us(to - from))],
+        )
     };
     // Room for the number behind the longest bar.
     let x = Axis::new(Scale::time(0.0, 1.15 * longest), "us");
@@ -170,7 +167,7 @@ fn curves(report: &Report) -> Vec<Figure> {
         let x = Scale::tail(points().map(|point| point.0).fold(0.0, f64::max));
         let y = Scale::log(points().map(|point| point.1));
         let lines = all.iter();
-        let lines = lines.map(|(class, it)| Layer::line(class, it.curve.clone()));
+        let lines = lines.map(|(class, it)| Layer::Line(class, it.curve.clone()));
         let (x, y) = (Axis::new(x, "percentile"), Axis::new(y, "us"));
         let chart = Chart::new(format!("percentiles: {title}"), x, y, lines.collect());
         (!all.is_empty()).then(|| Figure::new(format!("curve-{name}"), *title, keys(&all), chart))
@@ -250,18 +247,10 @@ fn histogram(
         ),
     };
     let steps = all_bins.into_iter();
-    let steps = steps.map(|(class, bins)| Layer::Steps { class, bins });
+    let steps = steps.map(|(class, bins)| Layer::Steps(class, bins));
     let zero = zero.map(|word| Layer::verticals("deadline", [(0.0, word)]));
     let (layers, x) = (steps.chain(zero).collect(), Axis::new(x, label));
-    let mut chart = Chart::new(format!("histogram: {title}"), x, counts(most), layers);
-    if value != Value::Late {
-        let lane = |(class, series): &(&'static str, &Distribution)| {
-            Some(lane(class, report.series(&series.name)?, shift_us))
-        };
-        chart.lanes = all.iter().filter_map(lane).collect();
-        chart.height += LANE * chart.lanes.len() as f64;
-    }
-    chart
+    Chart::new(format!("histogram: {title}"), x, counts(most), layers)
 }
 
 /// An axis of differences, with room for what stands at its ends, and for 0.
@@ -281,18 +270,6 @@ fn counts(most: f64) -> Axis {
     Axis::new(Scale::new(Kind::Log, low, high), "count")
 }
 
-fn lane(class: &'static str, series: &Statistics, shift_us: f64) -> Lane {
-    let [p50, p99, max] = [series.p50_us, series.p99_us, series.max_us].map(Some);
-    let places = [p50, p99, series.p999_us, max].into_iter().enumerate();
-    let marks = places.filter_map(|(mark, place_us)| {
-        let place_us = place_us?;
-        let word = format!("{}: {} {} us", series.name, MARKS[mark], us(place_us));
-        Some((mark, place_us - shift_us, word))
-    });
-    let marks = marks.collect();
-    Lane { class, marks }
-}
-
 fn miss_runs(report: &Report) -> Figure {
     let runs = report.deadlines.runs.iter().map(|run| {
         let length = run.length_ticks as f64;
@@ -303,7 +280,7 @@ fn miss_runs(report: &Report) -> Figure {
     let y = counts(bins.iter().map(|bin| bin.2).fold(1.0, f64::max));
     let (class, title) = ("late", "Deadlines missed in a row");
     let (layers, x) = (
-        vec![Layer::Steps { class, bins }],
+        vec![Layer::Steps(class, bins)],
         Axis::new(x, "ticks in a row"),
     );
     let chart = Chart::new(format!("histogram: {title}"), x, y, layers);

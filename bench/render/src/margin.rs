@@ -188,7 +188,7 @@ fn outage_chart(margins: &Margins, i: usize, name: &str) -> Chart {
         let ticks = ticks.map(|ticks| (*ticks as f64).max(0.5));
         values.extend(ticks.clone());
         let points = margins.phases_s.iter().copied().zip(ticks).collect();
-        Some(Layer::line(class, points))
+        Some(Layer::Line(class, points))
     };
     let layers = margins.laws.iter().zip(LAWS).filter_map(line).collect();
     let first_s = margins.phases_s.first().copied().unwrap_or_default();
@@ -233,7 +233,7 @@ fn error_chart<'a>(
         let failed = failed.filter(|(it, _)| it.survived < it.flights);
         let word = |it: &Point| format!("{} of {} flights survived", it.survived, it.flights);
         let dots = failed.map(|(it, place)| (place, word(it))).collect();
-        layers.extend([Layer::line(class, line), Layer::dots(class, dots)]);
+        layers.extend([Layer::Line(class, line), Layer::Dots(class, dots)]);
     }
     let x = Scale::time(0.0, last);
     let y = Scale::log(values.into_iter());

@@ -164,18 +164,15 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
         let word = format!("tick {}: its command missed the deadline", tick.tick);
         (corners, word, String::new())
     });
-    let mut layers = vec![Layer::Boxes {
-        class: "missed-tick late".into(),
-        boxes: missed.collect(),
-    }];
+    let mut layers = vec![Layer::Boxes("missed-tick late".into(), missed.collect())];
     for (i, role) in STAGES.into_iter().enumerate() {
         let (name, middle) = (role.name(), i as f64 + 0.5);
         if case.stage.as_deref() == Some(name) && case.delay_us > 0.0 {
             let ends = [(case.due_us, middle), (case.due_us + case.delay_us, middle)];
-            layers.push(Layer::Segments {
-                class: "late-stage late".into(),
-                segments: vec![(ends, String::new())],
-            });
+            layers.push(Layer::Segments(
+                "late-stage late".into(),
+                vec![(ends, String::new())],
+            ));
         }
         let mut waited = Vec::new();
         let mut work: [Vec<_>; 2] = Default::default();
@@ -196,13 +193,10 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
             let corners = [(wake_us, middle - 0.3), (send_us, middle + 0.3)];
             work[usize::from(!it.is_fresh)].push((corners, word, String::new()));
         }
-        layers.push(Layer::Segments {
-            class: format!("waited {name}"),
-            segments: waited,
-        });
+        layers.push(Layer::Segments(format!("waited {name}"), waited));
         for (class, boxes) in ["work", "work stale"].into_iter().zip(work) {
             let class = format!("{class} {name}");
-            layers.push(Layer::Boxes { class, boxes });
+            layers.push(Layer::Boxes(class, boxes));
         }
     }
     let length = match tick_us >= 1e3 {

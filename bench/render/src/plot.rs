@@ -66,69 +66,37 @@ impl Axis {
 /// Two opposite corners of a box, or both ends of a line, in the units of the axes.
 pub type Ends = [(f64, f64); 2];
 
-/// Something in a chart; `class` is its colour.
+/// Something in a chart; the class that it begins with is its colour.
 #[derive(Clone, Debug)]
 pub enum Layer {
-    Line {
-        class: &'static str,
-        points: Vec<(f64, f64)>,
-    },
-    Steps {
-        class: &'static str,
-        /// From, to and height of each bin, in order.
-        bins: Vec<(f64, f64, f64)>,
-    },
+    Line(&'static str, Vec<(f64, f64)>),
+    /// From, to and height of each bin, in order.
+    Steps(&'static str, Vec<(f64, f64, f64)>),
     /// Dots, each with a word for who points at it.
-    Dots {
-        class: &'static str,
-        points: Vec<((f64, f64), String)>,
-    },
+    Dots(&'static str, Vec<((f64, f64), String)>),
     /// A line over the whole width, with its name.
-    Level {
-        class: &'static str,
-        at: f64,
-        label: String,
-    },
+    Level(&'static str, f64, &'static str),
     /// Rectangles from one corner to the other, each with a word for who points at it and a label behind it.
-    Boxes {
-        class: String,
-        boxes: Vec<(Ends, String, String)>,
-    },
+    Boxes(String, Vec<(Ends, String, String)>),
     /// Straight lines, each with a word for who points at it.
-    Segments {
-        class: String,
-        segments: Vec<(Ends, String)>,
-    },
+    Segments(String, Vec<(Ends, String)>),
 }
 
 impl Layer {
-    pub const fn line(class: &'static str, points: Vec<(f64, f64)>) -> Self {
-        Self::Line { class, points }
-    }
-
-    pub const fn dots(class: &'static str, points: Vec<((f64, f64), String)>) -> Self {
-        Self::Dots { class, points }
-    }
-
-    pub fn level(class: &'static str, at: f64, label: &str) -> Self {
-        let label = label.into();
-        Self::Level { class, at, label }
-    }
-
     pub fn stems(class: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let stem = |(x, y)| ([(x, f64::NEG_INFINITY), (x, y)], String::new());
-        Self::Segments {
-            class: format!("stem {class}"),
-            segments: points.into_iter().map(stem).collect(),
-        }
+        Self::Segments(
+            format!("stem {class}"),
+            points.into_iter().map(stem).collect(),
+        )
     }
 
     pub fn verticals(class: &str, at: impl IntoIterator<Item = (f64, String)>) -> Self {
         let vertical = |(x, word)| ([(x, f64::NEG_INFINITY), (x, f64::INFINITY)], word);
-        Self::Segments {
-            class: format!("vertical {class}"),
-            segments: at.into_iter().map(vertical).collect(),
-        }
+        Self::Segments(
+            format!("vertical {class}"),
+            at.into_iter().map(vertical).collect(),
+        )
     }
 }
 
@@ -137,21 +105,9 @@ pub struct Chart {
     pub title: String,
     pub x: Axis,
     pub y: Axis,
-    /// Rows of marks above the axes, on the horizontal one.
-    pub lanes: Vec<Lane>,
     pub layers: Vec<Layer>,
     /// Height [pixels].
     pub height: f64,
-}
-
-/// Marks of percentiles in a lane, from the smallest to the largest.
-pub const MARKS: [&str; 4] = ["p50", "p99", "p99.9", "max"];
-
-#[derive(Clone, Debug)]
-pub struct Lane {
-    pub class: &'static str,
-    /// Each of [`MARKS`] with its place on the horizontal axis, and a word for who points at it.
-    pub marks: Vec<(usize, f64, String)>,
 }
 
 /// The rectangle inside the axes [pixels].
@@ -173,7 +129,6 @@ impl Chart {
             title: title.into(),
             x,
             y,
-            lanes: Vec::new(),
             layers,
             height,
         }
@@ -211,9 +166,6 @@ impl Chart {
                     @if !self.y.label.is_empty() { text.of-y x="2" y="12" { (self.y.label) } }
                     text.of-x x=(right) y=(self.height - 5.0) { (self.x.label) }
                 }
-                @for (row, lane) in self.lanes.iter().enumerate() {
-                    (self.lane(frame, ABOVE + LANE * (row as f64 + 0.5), lane))
-                }
                 @for layer in &self.layers { (self.layer(frame, layer)) }
                 path.frame d=(format!("M{left} {top}V{foot}H{right}")) {}
             }
@@ -225,11 +177,10 @@ impl Chart {
         let lengths = ticks.iter().map(|tick| tick.label.chars().count());
         let widest = lengths.max().unwrap_or(1);
         let left = 10.0 + CHARACTER * widest as f64;
-        let top = ABOVE + LANE * self.lanes.len() as f64;
         Frame {
             left,
             right: WIDTH - RIGHT,
-            top,
+            top: ABOVE,
             foot: self.height - BELOW,
         }
     }
@@ -250,30 +201,30 @@ impl Chart {
     fn layer(&self, frame: Frame, layer: &Layer) -> Markup {
         let at = |(x, y): (f64, f64)| (self.at_x(frame, x), self.at_y(frame, y));
         match layer {
-            Layer::Line { class, points } => {
+            Layer::Line(class, points) => {
                 let d = path(points.iter().map(|point| at(*point)));
                 html! { path.line.(class) d=(d) {} }
             }
-            Layer::Steps { class, bins } => {
+            Layer::Steps(class, bins) => {
                 let bin =
                     |(from, to, y): &(f64, f64, f64)| (at((*from, *y)), self.at_x(frame, *to));
                 let d = outline(bins.iter().map(bin), frame.foot);
                 html! { path.steps.(class) d=(d) {} }
             }
-            Layer::Dots { class, points } => html! {
+            Layer::Dots(class, points) => html! {
                 @for (point, word) in points {
                     @let (x, y) = at(*point);
                     circle.dot.(class) cx=(tenths(x)) cy=(tenths(y)) r="4.5" { title { (word) } }
                 }
             },
-            Layer::Level { class, at, label } => {
+            Layer::Level(class, at, label) => {
                 let y = tenths(self.at_y(frame, *at));
                 html! {
                     line.level.(class) x1=(frame.left) x2=(frame.right) y1=(y) y2=(y) {}
                     text.level x=(frame.right - 4.0) y=(tenths(self.at_y(frame, *at) - 4.0)) { (label) }
                 }
             }
-            Layer::Boxes { class, boxes } => html! {
+            Layer::Boxes(class, boxes) => html! {
                 @for ([from, to], word, label) in boxes {
                     @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
                     // What is short can be seen, too.
@@ -286,7 +237,7 @@ impl Chart {
                     }
                 }
             },
-            Layer::Segments { class, segments } => html! {
+            Layer::Segments(class, segments) => html! {
                 // Many marks over the whole height must not hide what they mark.
                 @let is_over_all = class.starts_with("vertical");
                 @let opacity = tenths((30.0 / segments.len() as f64).clamp(0.2, 1.0));
@@ -298,24 +249,6 @@ impl Chart {
                     }
                 }
             },
-        }
-    }
-
-    fn lane(&self, frame: Frame, y: f64, lane: &Lane) -> Markup {
-        let places = lane
-            .marks
-            .iter()
-            .map(|(_, value, _)| self.at_x(frame, *value));
-        let places: Vec<f64> = places.collect();
-        html! {
-            g.lane.(lane.class) {
-                @if let [first, .., last] = places[..] {
-                    path.reach d=(format!("M{} {y}H{}", tenths(first), tenths(last))) {}
-                }
-                @for ((mark, _, word), x) in lane.marks.iter().zip(places) {
-                    path.mark d=(mark_path(*mark, x, y)) { title { (word) } }
-                }
-            }
         }
     }
 }
@@ -393,23 +326,6 @@ pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0
 }
 
-/// Height of a lane [pixels].
-pub const LANE: f64 = 11.0;
-/// Half the size of a mark [pixels].
-const HALF: f64 = 3.0;
-
-/// One of [`MARKS`] around a place in pixels: a bar, a diamond, a square, a cross.
-fn mark_path(mark: usize, x: f64, y: f64) -> String {
-    let [left, right, top, foot] = [x - HALF, x + HALF, y - HALF, y + HALF].map(tenths);
-    let (x, y) = (tenths(x), tenths(y));
-    match mark {
-        0 => format!("M{x} {}V{}", top - 1.0, foot + 1.0),
-        1 => format!("M{left} {y}L{x} {top}L{right} {y}L{x} {foot}Z"),
-        2 => format!("M{left} {top}H{right}V{foot}H{left}Z"),
-        _ => format!("M{left} {top}L{right} {foot}M{left} {foot}L{right} {top}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -448,19 +364,12 @@ mod tests {
         let axis = |label: &str| Axis::new(Scale::time(0.0, 1.0), label);
         let layers = vec![
             Layer::verticals("swap", [(0.5, word())]),
-            Layer::Boxes {
-                class: "bar".into(),
-                boxes: vec![([(0.0, 0.0), (1.0, 1.0)], word(), word())],
-            },
+            Layer::Boxes(
+                "bar".into(),
+                vec![([(0.0, 0.0), (1.0, 1.0)], word(), word())],
+            ),
         ];
-        let lane = Lane {
-            class: "loop",
-            marks: vec![(3, 0.7, word())],
-        };
-        let chart = Chart {
-            lanes: vec![lane],
-            ..Chart::new("<a> & \"b\"", axis("time [s]"), axis("<y>"), layers)
-        };
+        let chart = Chart::new("<a> & \"b\"", axis("time [s]"), axis("<y>"), layers);
         let svg = chart.svg(None).into_string();
         assert!(
             !svg.contains("<script>") && !svg.contains("<a>") && !svg.contains("<y>"),

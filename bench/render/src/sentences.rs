@@ -11,7 +11,7 @@ use analysis::swaps::{AppliedSwap, ParameterChange};
 use flight_log::facts::OFF;
 use messages::role::Role;
 
-pub use analysis::phrase::count;
+pub use analysis::phrase::{count, name_of};
 
 /// `setpoint.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)`.
 pub fn fault(fault: &InjectedFault) -> String {
@@ -64,16 +64,12 @@ pub fn law(law: &LawSection) -> String {
 }
 
 /// The verdicts with their subjects: subject, verdict, reason.
-pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, &'static str, &str); 3] {
-    let Verdicts {
-        flight,
-        timing,
-        theorem,
-    } = verdicts;
+pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, String, &str); 3] {
+    let (flight, timing, theorem) = (&verdicts.flight, &verdicts.timing, &verdicts.theorem);
     [
-        ("Flight", flight.word.words(), &flight.why),
-        ("Timing", timing.word.words(), &timing.why),
-        ("Theorem", theorem.word.words(), &theorem.why),
+        ("Flight", name_of(&flight.word), &flight.why),
+        ("Timing", name_of(&timing.word), &timing.why),
+        ("Theorem", name_of(&theorem.word), &theorem.why),
     ]
 }
 

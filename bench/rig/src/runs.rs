@@ -117,9 +117,7 @@ impl RecordedRun {
             missed: report.map(|it| it.deadlines.missed),
             not_fresh: report.and_then(|it| it.deadlines.not_fresh),
             airframe: last_name(airframe).to_owned(),
-            words: report.map(|it| {
-                render::sentences::verdicts(&it.words).map(|(_, word, _)| word.to_owned())
-            }),
+            words: report.map(|it| render::sentences::verdicts(&it.words).map(|(_, word, _)| word)),
             bytes: bytes(directory),
             is_alive: is_in_the_air || is_held,
             is_latest: latest.is_some() && fs::canonicalize(directory).ok().as_deref() == latest,

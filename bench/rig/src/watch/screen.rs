@@ -21,6 +21,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Sparkline, Wrap};
 
 use crate::watch::dashboard_model::{Model, Tab, WatchedFlight};
+use analysis::phrase::name_of;
 use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
 
 /// The smallest terminal that has room for a page.
@@ -202,7 +203,7 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let lost_at = flight.lost_at();
     let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
     let theorem = verdicts.theorem.word;
-    let verdict = |subject, word: &'static str, is_good: bool, is_bad: bool| {
+    let verdict = |subject, word: String, is_good: bool, is_bad: bool| {
         let style = match (lost_at, is_good, is_bad) {
             (None, true, _) => GOOD,
             (None, _, true) => BAD,
@@ -214,19 +215,19 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let parts = [
         verdict(
             " ",
-            tracked.words(),
+            name_of(&tracked),
             tracked == FlightVerdict::Tracked,
             matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
         ),
         verdict(
             "   timing ",
-            timing.words(),
+            name_of(&timing),
             timing == TimingVerdict::InTime,
             timing == TimingVerdict::Late,
         ),
         verdict(
             "   theorem ",
-            theorem.words(),
+            name_of(&theorem),
             theorem == StabilityVerdict::Holds,
             theorem == StabilityVerdict::Broken,
         ),
