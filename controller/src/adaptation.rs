@@ -104,7 +104,7 @@ impl Samples {
 }
 
 /// X and Y after a whole tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regression {
     pub x: Matrix3<f64>,
     /// Y, filtered sample of what the regressor must explain [rad/s^2].
@@ -337,16 +337,10 @@ pub struct Evidence {
 
 impl Evidence {
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
-        let newest = Regression {
-            x: Matrix3::zeros(),
-            y: Vector3::zeros(),
-            weight: None,
-            last: LastTick::default(),
-        };
         Self {
             adaptation: Adaptation::new(rig, gains),
             samples: Samples::new(rig),
-            newest,
+            newest: Regression::default(),
             ended_at: None,
         }
     }

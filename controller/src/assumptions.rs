@@ -9,7 +9,7 @@
 use messages::content::{Mode, Stamped, State, Truth, Wrench};
 use messages::math::ln;
 use messages::monitor::{CAUSES, Cause};
-use messages::parameters::{Airframe, Parameter};
+use messages::parameters::{Airframe, Parameter, ROTOR_EFFICIENCY};
 use nalgebra::Vector3;
 
 use crate::adaptation::Adaptation;
@@ -135,17 +135,11 @@ impl Assumptions {
     }
 
     fn model_is_broken(&self, truth: &Truth) -> bool {
-        let efficiency = [
-            Parameter::RotorEfficiency1,
-            Parameter::RotorEfficiency2,
-            Parameter::RotorEfficiency3,
-            Parameter::RotorEfficiency4,
-        ];
         // The model has no ground either.
         truth.touches_ground == 1
             || MODELLED.iter().any(|parameter| truth.get(*parameter) != self.model.get(*parameter))
             // The controller's model has no efficiencies: it takes every rotor for a whole one.
-            || efficiency.iter().any(|parameter| truth.get(*parameter) != 1.0)
+            || ROTOR_EFFICIENCY.iter().any(|parameter| truth.get(*parameter) != 1.0)
     }
 
     /// Whether a cause is in force at a tick.

@@ -3,7 +3,7 @@
 //! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
 //! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
 
-use control_api::description::{Preset, Setting, SettingKind, Settings, Value, number, three};
+use control_api::description::{Preset, SettingKind, Settings, Value, number, settings, three};
 use control_api::law::Rig;
 use messages::parameters::Airframe;
 
@@ -11,60 +11,17 @@ use messages::parameters::Airframe;
 const ON: &str = "on";
 const OFF: &str = "off";
 
-pub const ATTITUDE_1_S: Setting = Setting {
-    name: "attitude_1_s",
-    unit: "1/s",
-    meaning: "K_eta: roll, pitch, yaw",
-    kind: positive_three([8.0, 8.0, 3.0]),
-};
-pub const COMMAND_FILTER_RAD_S: Setting = Setting {
-    name: "command_filter_rad_s",
-    unit: "rad/s",
-    meaning: "w_f, bandwidth of the command filter: roll, pitch, yaw",
-    kind: positive_three([20.0, 20.0, 3.0]),
-};
-pub const ALPHA_1_S: Setting = Setting {
-    name: "alpha_1_s",
-    unit: "1/s",
-    meaning: "alpha, decay of the rate error",
-    kind: number(200.0, f64::MIN_POSITIVE, f64::MAX),
-};
-pub const PREDICTOR_TICKS: Setting = Setting {
-    name: "predictor_ticks",
-    unit: "",
-    meaning: "ticks that the loop predicts ahead: 0 (none) or 1 (the chain's delay)",
-    kind: number(0.0, 0.0, 1.0),
-};
-pub const ADAPTATION: Setting = Setting {
-    name: "adaptation",
-    unit: "",
-    meaning: "whether I_R, k_r and delta are learnt; off keeps their priors",
-    kind: SettingKind::Word(&[ON, OFF]),
-};
-pub const ADAPTATION_GAIN: Setting = Setting {
-    name: "adaptation_gain",
-    unit: "",
-    meaning: "Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2]",
-    kind: positive_three([2e-4, 0.6, 100.0]),
-};
-pub const REGRESSOR_FILTER_RAD_S: Setting = Setting {
-    name: "regressor_filter_rad_s",
-    unit: "rad/s",
-    meaning: "w_e, bandwidth of the filter of the adaptation's samples; 0 is off",
-    kind: number(50.0, 0.0, f64::MAX),
-};
-pub const ESTIMATE_MIN: Setting = Setting {
-    name: "estimate_min",
-    unit: "",
-    meaning: "lower bounds of I_R [kg m^2], k_r [N m s], delta [rad/s^2]",
-    kind: three([-1e-3, 0.0, -2.0], f64::MIN, f64::MAX),
-};
-pub const ESTIMATE_MAX: Setting = Setting {
-    name: "estimate_max",
-    unit: "",
-    meaning: "upper bounds of the same",
-    kind: three([1e-3, 1.0, 2.0], f64::MIN, f64::MAX),
-};
+settings! {
+    pub ATTITUDE_1_S = "attitude_1_s", "1/s", positive_three([8.0, 8.0, 3.0]), "K_eta: roll, pitch, yaw";
+    pub COMMAND_FILTER_RAD_S = "command_filter_rad_s", "rad/s", positive_three([20.0, 20.0, 3.0]), "w_f, bandwidth of the command filter: roll, pitch, yaw";
+    pub ALPHA_1_S = "alpha_1_s", "1/s", number(200.0, f64::MIN_POSITIVE, f64::MAX), "alpha, decay of the rate error";
+    pub PREDICTOR_TICKS = "predictor_ticks", "", number(0.0, 0.0, 1.0), "ticks that the loop predicts ahead: 0 (none) or 1 (the chain's delay)";
+    pub ADAPTATION = "adaptation", "", SettingKind::Word(&[ON, OFF]), "whether I_R, k_r and delta are learnt; off keeps their priors";
+    pub ADAPTATION_GAIN = "adaptation_gain", "", positive_three([2e-4, 0.6, 100.0]), "Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2]";
+    pub REGRESSOR_FILTER_RAD_S = "regressor_filter_rad_s", "rad/s", number(50.0, 0.0, f64::MAX), "w_e, bandwidth of the filter of the adaptation's samples; 0 is off";
+    pub ESTIMATE_MIN = "estimate_min", "", three([-1e-3, 0.0, -2.0], f64::MIN, f64::MAX), "lower bounds of I_R [kg m^2], k_r [N m s], delta [rad/s^2]";
+    pub ESTIMATE_MAX = "estimate_max", "", three([1e-3, 1.0, 2.0], f64::MIN, f64::MAX), "upper bounds of the same";
+}
 
 /// Names of [`PRESETS`].
 pub const PRESET_NAMES: [&str; 3] = ["flight", "paper", "soft"];

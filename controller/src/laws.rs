@@ -10,8 +10,8 @@
 //! | inner | [`Indi`] | Smeur, Chu, de Croon 2016 |
 //! | inner | [`Pid`] | the cascade of PX4, Brescianini, Hehn, D'Andrea 2013 |
 //!
-//! What they share is not a law: rotations ([`attitude`]), a low-pass ([`low_pass`]), and the refusal of loops that
-//! cannot fly ([`cascade`]).
+//! What they share is not a law: a low-pass ([`low_pass`]), and what cascades have in
+//! common ([`cascade`]).
 
 use control_api::description::Settings;
 use control_api::law::Law as _;
@@ -21,7 +21,6 @@ use control_api::registry::Entry;
 use crate::gains::Gains;
 
 pub mod adaptive;
-pub mod attitude;
 pub mod cascade;
 pub mod estimating;
 pub mod geometric;

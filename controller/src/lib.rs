@@ -9,6 +9,7 @@
 //!
 //! Everything here is a pure law: time comes in as a tick, data as [`messages::measured`]. A tick uses no port or clock,
 //! allocates nothing and logs nothing. The rotors belong to the mixer, the airframe to the plant.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod adaptation;
 pub mod assumptions;

@@ -7,9 +7,9 @@ use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, r
 use control_api::description::{Settings, Value};
 use control_api::law::{Desired, InnerLaw, Law, WrenchSetpoint};
 use controller::Trajectory;
-use controller::laws::attitude::Attitude;
 use controller::laws::{Estimating, Fixed, Geometric, Indi, Pid};
 use messages::allocation::Allocation;
+use messages::attitude::Attitude;
 use messages::content::{Measured, NO_TICK, Reference, RotorSpeeds, Stamped};
 use messages::parameters::Parameter::{
     DisturbanceGain, GyroNoise, InertiaX, InertiaY, Mass, MotorTimeConstant, RotationalDrag,
@@ -255,7 +255,7 @@ fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
         plant.offer(&Stamped::new(tick, command), tick + 1);
         plant.finish();
         let position = Vector3::from(measured.content.position_w_m);
-        let z_b = Attitude::new(measured.content.attitude_quaternion).turn(&Vector3::z());
+        let z_b = Attitude::of_wxyz(measured.content.attitude_quaternion).to_world(&Vector3::z());
         if z_b.z < 10_f64.to_radians().cos() {
             recovery.upright_s = tick as f64 * rig.period_s;
         }

@@ -56,15 +56,6 @@ fn assert_held_then_hover(wrench: &Wrench, tick: u64) {
 }
 
 #[test]
-fn the_outer_loop_publishes_nothing_for_a_state_of_another_tick() {
-    let mut outer = outer_loop();
-    for stale in [state(6), state(8), Stamped::never()] {
-        assert_eq!(outer.tick(7, &stale), None);
-    }
-    assert!(outer.tick(7, &state(7)).is_some());
-}
-
-#[test]
 fn the_outer_loop_feeds_nothing_forward_while_limited() {
     let mut outer = outer_loop();
     let near = outer.tick(3000, &state(3000)).unwrap();

@@ -1,6 +1,7 @@
 //! From thrust and torque to rotor speeds: (7) inverted, saturation by priority.
 //!
 //! [`Priority`] is the law; [`mix`] is what it computes. Neither knows a clock, a transport or an operating system.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 use control_api::law::MixerLaw;
 use control_api::registry::Entry;

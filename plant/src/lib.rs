@@ -3,6 +3,7 @@
 //! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
 //! operating system. The process, of the feature of this name, is `process`.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod command_delay;
 pub mod command_hold;

@@ -28,21 +28,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sample_depends_on_seed_tick_and_axis_alone() {
-        let forward: Vec<f64> = (0..1000)
-            .map(|tick| standard_normal(7, tick, tick % 3))
-            .collect();
-        let backward: Vec<f64> = (0..1000)
-            .rev()
-            .map(|tick| standard_normal(7, tick, tick % 3))
-            .collect();
-        assert!(forward.iter().eq(backward.iter().rev()));
-        assert_ne!(standard_normal(7, 5, 0), standard_normal(8, 5, 0));
-        assert_ne!(standard_normal(7, 5, 0), standard_normal(7, 6, 0));
-        assert_ne!(standard_normal(7, 5, 0), standard_normal(7, 5, 1));
-    }
-
-    #[test]
     fn samples_are_standard_normal_and_independent() {
         const TICKS: u64 = 100_000;
         for seed in [0, 1, u64::MAX] {

@@ -1,6 +1,5 @@
 //! A flight as Python gets it: its messages by topic as columns, and facts by name.
 
-use std::collections::TryReserveError;
 use std::fs;
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use control_api::description::Description;
 use flight_log::codec::Logged;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
-use messages::role::{Role, STAGES};
+use messages::role::{ROLES, Role, STAGES};
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -70,43 +69,30 @@ impl FlownLaw {
 /// Copies of the number of a tick that a flight keeps beside its columns: rows, `tick` and `t`.
 const BESIDE: u64 = 3;
 
+/// One table per topic, by its sender: state, setpoint, wrench, rotor speeds, and the recorder's theorem.
 #[derive(Debug)]
-pub(crate) struct Tables {
-    pub state: Table,
-    pub setpoint: Table,
-    pub wrench: Table,
-    pub rotor_speeds: Table,
-    pub theorem: Table,
-}
+pub(crate) struct Tables([Table; ROLES.len()]);
 
 impl Tables {
     /// Empty, for what these laws show: outer, inner, mixer.
     pub(crate) fn of([outer, inner, mixer]: &[FlownLaw; 3]) -> Self {
         let none = Some(Signals::new());
-        Self {
-            state: Table::of::<State>(&none),
-            setpoint: Table::of::<Setpoint>(&outer.signals),
-            wrench: Table::of::<Wrench>(&inner.signals),
-            rotor_speeds: Table::of::<RotorSpeeds>(&mixer.signals),
-            theorem: Table::of::<Monitor>(&none),
-        }
+        Self([
+            Table::of::<State>(&none),
+            Table::of::<Setpoint>(&outer.signals),
+            Table::of::<Wrench>(&inner.signals),
+            Table::of::<RotorSpeeds>(&mixer.signals),
+            Table::of::<Monitor>(&none),
+        ])
     }
 
-    pub(crate) fn all(&mut self) -> [&mut Table; 5] {
-        let Self {
-            state,
-            setpoint,
-            wrench,
-            rotor_speeds,
-            theorem,
-        } = self;
-        [state, setpoint, wrench, rotor_speeds, theorem]
+    pub(crate) fn push<C: Logged>(&mut self, tick: u64, content: &C) {
+        self.0[C::SENDER as usize].push(tick, content);
     }
 
     /// Takes the memory of so many ticks before the flight begins: the interpreter would end where none is left.
     pub(crate) fn reserve(&mut self, ticks: u64) -> PyResult<()> {
-        let numbers = self.all().map(|table| table.numbers());
-        let numbers = numbers.iter().sum::<u64>() + BESIDE;
+        let numbers = self.0.iter().map(Table::numbers).sum::<u64>() + BESIDE;
         let needed = numbers.saturating_mul(8).saturating_mul(ticks);
         let refused = |available: &str| {
             PyMemoryError::new_err(format!(
@@ -118,23 +104,23 @@ impl Tables {
             return Err(refused(&format!("{available} are available")));
         }
         let rows = usize::try_from(ticks).unwrap_or(usize::MAX);
-        let mut tables = self.all().into_iter();
-        let reserved: Result<(), TryReserveError> =
-            tables.try_for_each(|table| table.reserve(rows));
+        let mut tables = self.0.iter_mut();
+        let reserved = tables.try_for_each(|table| table.reserve(rows));
         reserved.map_err(|_| refused("this process may not have as many"))
     }
 
     pub(crate) fn take(&mut self, tick: u64, rig: &Simulator) {
-        fn push<C: Logged>(table: &mut Table, tick: u64, content: Option<&C>) {
-            content
-                .into_iter()
-                .for_each(|content| table.push(tick, content));
-        }
-        push(&mut self.state, tick, Some(rig.state()));
-        push(&mut self.setpoint, tick, rig.setpoint());
-        push(&mut self.wrench, tick, rig.new_wrench());
-        push(&mut self.rotor_speeds, tick, rig.new_rotor_speeds());
-        push(&mut self.theorem, tick, rig.monitor());
+        self.push(tick, rig.state());
+        rig.setpoint()
+            .into_iter()
+            .for_each(|it| self.push(tick, it));
+        rig.new_wrench()
+            .into_iter()
+            .for_each(|it| self.push(tick, it));
+        rig.new_rotor_speeds()
+            .into_iter()
+            .for_each(|it| self.push(tick, it));
+        rig.monitor().into_iter().for_each(|it| self.push(tick, it));
     }
 
     /// All of it on the same ticks, with tables beside; nothing of the theorem where nothing was said of it.
@@ -144,15 +130,10 @@ impl Tables {
         mut beside: Vec<Table>,
         facts: Bound<'py, PyDict>,
     ) -> PyResult<Shown<'py>> {
-        let Self {
-            state,
-            setpoint,
-            wrench,
-            rotor_speeds,
-            theorem,
-        } = self;
-        let mut tables = vec![state, setpoint, wrench, rotor_speeds];
-        tables.extend((!theorem.is_empty()).then_some(theorem));
+        let mut tables = Vec::from(self.0);
+        if tables.last().is_some_and(Table::is_empty) {
+            tables.pop();
+        }
         let rows = rows(&tables);
         tables.append(&mut beside);
         let ticks: Vec<f64> = rows.iter().map(|tick| *tick as f64).collect();

@@ -18,7 +18,6 @@ use replay::log_check::{first_of, settings_of};
 
 use crate::errors::log_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
-use crate::table::Table;
 use crate::timing::Timing;
 
 /// Reads a flight: its directory, its flight.mcap, or `latest`.
@@ -75,29 +74,27 @@ impl Read {
 
     fn take(&mut self, entry: &LogEntry) {
         match entry {
-            LogEntry::State(message) => self.stage(message, |tables| &mut tables.state),
-            LogEntry::Setpoint(message) => self.stage(message, |tables| &mut tables.setpoint),
-            LogEntry::Wrench(message) => self.stage(message, |tables| &mut tables.wrench),
+            LogEntry::State(message) => self.stage(message),
+            LogEntry::Setpoint(message) => self.stage(message),
+            LogEntry::Wrench(message) => self.stage(message),
             // The last message is the answer to no state.
             LogEntry::RotorSpeeds(message) if is_last_word(message) => {}
-            LogEntry::RotorSpeeds(message) => {
-                self.stage(message, |tables| &mut tables.rotor_speeds);
-            }
+            LogEntry::RotorSpeeds(message) => self.stage(message),
             LogEntry::Swap(Message { envelope, content }) => {
                 let period_s = self.settings.flight.period_s;
                 self.swaps
                     .push(AppliedSwap::new(envelope.tick, period_s, content));
             }
             LogEntry::Theorem(Message { envelope, content }) => {
-                self.tables.theorem.push(envelope.tick, content);
+                self.tables.push(envelope.tick, content);
             }
         }
     }
 
-    fn stage<C: Logged>(&mut self, message: &Message<C>, table: fn(&mut Tables) -> &mut Table) {
+    fn stage<C: Logged>(&mut self, message: &Message<C>) {
         let Message { envelope, content } = message;
         self.outputs.take(envelope.tick, content);
         self.timing.take(C::SENDER, envelope);
-        table(&mut self.tables).push(envelope.tick, content);
+        self.tables.push(envelope.tick, content);
     }
 }

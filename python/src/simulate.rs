@@ -11,9 +11,9 @@ use messages::blackboards::EndReason;
 use messages::role::Role;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use python_law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
 use sim::simulate::fly;
 use sim::simulator::Simulator;
+use python_law::{Flying, PythonLaw, Raised};
 
 use crate::errors::settings_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
@@ -115,12 +115,7 @@ fn flight(
         None => settings.outer_stage()?,
         Some(law) => {
             let signals = law.signals();
-            let law = FlyingOuter(law, raised.clone());
-            let made = Made::<dyn OuterLaw> {
-                law: Box::new(law.clone()),
-                twin: Box::new(law),
-                signals,
-            };
+            let made = Made::<dyn OuterLaw>::of(Flying(law, raised.clone()), signals);
             GuardedOuter::new(made, settings.course()?.route(rig.period_s), &rig)
         }
     };
@@ -128,12 +123,7 @@ fn flight(
         None => settings.inner_stage()?,
         Some(law) => {
             let signals = law.signals();
-            let law = FlyingInner(law, raised.clone());
-            let made = Made::<dyn InnerLaw> {
-                law: Box::new(law.clone()),
-                twin: Box::new(law),
-                signals,
-            };
+            let made = Made::<dyn InnerLaw>::of(Flying(law, raised.clone()), signals);
             GuardedInner::new(made, &rig)
         }
     };

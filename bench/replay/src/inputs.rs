@@ -157,7 +157,7 @@ impl<C: Faulty> RecordedInput<C> {
         Self {
             gate: Gate::new(faults, port),
             passed: VecDeque::new(),
-            used: Stamped::none(),
+            used: Stamped::never(),
         }
     }
 

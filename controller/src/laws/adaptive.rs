@@ -38,18 +38,9 @@ pub fn estimate(telemetry: &Telemetry) -> [f64; 3] {
 }
 
 const RATE_ERROR: [Signal; 3] = [
-    Signal {
-        name: telemetry::RATE_ERROR[0],
-        unit: "rad/s",
-    },
-    Signal {
-        name: telemetry::RATE_ERROR[1],
-        unit: "rad/s",
-    },
-    Signal {
-        name: telemetry::RATE_ERROR[2],
-        unit: "rad/s",
-    },
+    signal(telemetry::RATE_ERROR[0], "rad/s"),
+    signal(telemetry::RATE_ERROR[1], "rad/s"),
+    signal(telemetry::RATE_ERROR[2], "rad/s"),
 ];
 
 const SOURCE: &str = "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \

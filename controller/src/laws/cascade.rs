@@ -1,7 +1,10 @@
-//! What every cascade of an attitude and a rate loop must keep to: refusals in words.
+//! What the cascades of an attitude and a rate loop share: the desired attitude as a rotation, the last rates, and the
+//! refusal of loops that cannot fly.
 
 use control_api::description::{Refused, Setting};
-use control_api::law::WrenchSetpoint;
+use control_api::law::{Desired, WrenchSetpoint};
+use messages::attitude::Attitude;
+use messages::frames::RollPitch;
 use nalgebra::Vector3;
 
 use crate::limits::Limits;
@@ -93,5 +96,52 @@ impl LastRates {
             }
             _ => RateStep::Nothing,
         }
+    }
+}
+
+/// The desired attitude, with body rates and their derivative along the reference. Nothing in it is singular.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DesiredAttitude {
+    pub attitude: Attitude,
+    /// Body rates of the desired frame, in that frame [rad/s].
+    pub nu2: Vector3<f64>,
+    /// Their derivative [rad/s^2].
+    pub dnu2: Vector3<f64>,
+}
+
+impl DesiredAttitude {
+    /// Of the desired Euler angles and their derivatives: W d(eta2), and its derivative.
+    pub fn of(wanted: &Desired) -> Self {
+        let eta2 = Vector3::from(wanted.attitude_rad);
+        let d_eta2 = Vector3::from(wanted.attitude_rate_rad_s);
+        let dd_eta2 = Vector3::from(wanted.attitude_acceleration_rad_s2);
+        let roll_pitch = RollPitch::of(&eta2);
+        Self {
+            attitude: Attitude::of_euler(&eta2),
+            nu2: roll_pitch.body_rate(&d_eta2),
+            dnu2: roll_pitch.body_rate(&dd_eta2) + roll_pitch.body_rate_dot(&d_eta2, &d_eta2),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn desired_rates_are_those_of_the_desired_attitude() {
+        let desired = |t: f64| Desired {
+            attitude_rad: [0.4 * t, 0.3 - t, t * t],
+            attitude_rate_rad_s: [0.4, -1.0, 2.0 * t],
+            attitude_acceleration_rad_s2: [0.0, 0.0, 2.0],
+            ..Desired::default()
+        };
+        let (t, h) = (0.7, 1e-5);
+        let [before, at, after] = [t - h, t, t + h].map(|t| DesiredAttitude::of(&desired(t)));
+        let spin = at.attitude.rot_wb().transpose()
+            * (after.attitude.rot_wb() - before.attitude.rot_wb())
+            / (2.0 * h);
+        assert!((at.nu2 - Vector3::new(spin.m32, spin.m13, spin.m21)).amax() < 1e-9);
+        assert!((at.dnu2 - (after.nu2 - before.nu2) / (2.0 * h)).amax() < 1e-9);
     }
 }

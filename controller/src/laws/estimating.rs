@@ -17,7 +17,7 @@
 //! R_ and v_ are those at the start of the tick, u_m is what the rotors really did in it. So a saturated or late
 //! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
 
-use control_api::description::{Description, Refused, Setting, Settings, number, signal};
+use control_api::description::{Description, Refused, Settings, number, settings, signal};
 use control_api::law::{Desired, Law, OuterLaw, Rig};
 use messages::content::{Measured, Reference};
 use messages::role::Role;
@@ -33,48 +33,15 @@ const THRUST_SCALE: (f64, f64) = (0.4, 2.0);
 /// Bounds of sig [1/s].
 const DRAG: (f64, f64) = (0.0, 10.0);
 
-const POSITION: Setting = Setting {
-    name: "position_1_s2",
-    unit: "1/s^2",
-    meaning: "K_P of the position loop",
-    kind: number(4.0, 0.01, 100.0),
-};
-const VELOCITY: Setting = Setting {
-    name: "velocity_1_s",
-    unit: "1/s",
-    meaning: "K_D of the position loop",
-    kind: number(3.4, 0.01, 100.0),
-};
-const THRUST_SCALE_GAIN: Setting = Setting {
-    name: "thrust_scale_gain_s3_m2",
-    unit: "s^3/m^2",
-    meaning: "g_l, gain of the estimate of the thrust scale; 0 keeps the nominal mass",
-    kind: number(0.02, 0.0, 10.0),
-};
-const DRAG_GAIN: Setting = Setting {
-    name: "drag_gain_s_m2",
-    unit: "s/m^2",
-    meaning: "g_s, gain of the estimate of the drag; 0 keeps the nominal drag",
-    kind: number(2.0, 0.0, 1000.0),
-};
-const ACCELERATION_Z_MIN: Setting = Setting {
-    name: "acceleration_z_min_g",
-    unit: "g",
-    meaning: "smallest vertical thrust acceleration",
-    kind: number(0.2, 0.01, 1.0),
-};
-const ACCELERATION_Z_MAX: Setting = Setting {
-    name: "acceleration_z_max_g",
-    unit: "g",
-    meaning: "largest vertical thrust acceleration",
-    kind: number(2.0, 1.0, 20.0),
-};
-const TILT_MAX: Setting = Setting {
-    name: "tilt_max_rad",
-    unit: "rad",
-    meaning: "largest angle between the thrust asked for and the vertical",
-    kind: number(35_f64.to_radians(), 0.001, 1.5),
-};
+settings! {
+    POSITION = "position_1_s2", "1/s^2", number(4.0, 0.01, 100.0), "K_P of the position loop";
+    VELOCITY = "velocity_1_s", "1/s", number(3.4, 0.01, 100.0), "K_D of the position loop";
+    THRUST_SCALE_GAIN = "thrust_scale_gain_s3_m2", "s^3/m^2", number(0.02, 0.0, 10.0), "g_l, gain of the estimate of the thrust scale; 0 keeps the nominal mass";
+    DRAG_GAIN = "drag_gain_s_m2", "s/m^2", number(2.0, 0.0, 1000.0), "g_s, gain of the estimate of the drag; 0 keeps the nominal drag";
+    ACCELERATION_Z_MIN = "acceleration_z_min_g", "g", number(0.2, 0.01, 1.0), "smallest vertical thrust acceleration";
+    ACCELERATION_Z_MAX = "acceleration_z_max_g", "g", number(2.0, 1.0, 20.0), "largest vertical thrust acceleration";
+    TILT_MAX = "tilt_max_rad", "rad", number(35_f64.to_radians(), 0.001, 1.5), "largest angle between the thrust asked for and the vertical";
+}
 
 /// The law, with what it has learnt.
 #[derive(Clone, Debug)]

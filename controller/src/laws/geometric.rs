@@ -25,61 +25,28 @@
 
 use std::f64::consts::SQRT_2;
 
-use control_api::description::{Description, Refused, Setting, Settings, number, signal, three};
+use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
+use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
 use messages::math::sin_cos;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::laws::attitude::Attitude;
 use crate::laws::cascade;
 use crate::limits::{self, AccelerationLimits, Limits};
 
-const POSITION: Setting = Setting {
-    name: "position_1_s2",
-    unit: "1/s^2",
-    meaning: "k_x/m of the position error",
-    kind: number(4.0, 0.01, 100.0),
-};
-const VELOCITY: Setting = Setting {
-    name: "velocity_1_s",
-    unit: "1/s",
-    meaning: "k_v/m of the velocity error",
-    kind: number(3.4, 0.01, 100.0),
-};
-const ATTITUDE: Setting = Setting {
-    name: "attitude_rad_s",
-    unit: "rad/s",
-    meaning: "root of k_R/J of the attitude error: roll, pitch, yaw",
-    kind: three([14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2], 0.1, 200.0),
-};
-const RATE: Setting = Setting {
-    name: "rate_1_s",
-    unit: "1/s",
-    meaning: "k_Omega/J of the rate error: roll, pitch, yaw",
-    kind: three([40.0, 40.0, 15.0], 0.1, 1000.0),
-};
-const ACCELERATION_Z_MIN: Setting = Setting {
-    name: "acceleration_z_min_g",
-    unit: "g",
-    meaning: "smallest vertical acceleration of A/m",
-    kind: number(0.2, 0.01, 1.0),
-};
-const ACCELERATION_Z_MAX: Setting = Setting {
-    name: "acceleration_z_max_g",
-    unit: "g",
-    meaning: "largest vertical acceleration of A/m",
-    kind: number(2.0, 1.0, 20.0),
-};
-const TILT_MAX: Setting = Setting {
-    name: "tilt_max_rad",
-    unit: "rad",
-    meaning: "largest angle between A and the vertical",
-    kind: number(60_f64.to_radians(), 0.001, 1.5),
-};
+settings! {
+    POSITION = "position_1_s2", "1/s^2", number(4.0, 0.01, 100.0), "k_x/m of the position error";
+    VELOCITY = "velocity_1_s", "1/s", number(3.4, 0.01, 100.0), "k_v/m of the velocity error";
+    ATTITUDE = "attitude_rad_s", "rad/s", three([14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2], 0.1, 200.0), "root of k_R/J of the attitude error: roll, pitch, yaw";
+    RATE = "rate_1_s", "1/s", three([40.0, 40.0, 15.0], 0.1, 1000.0), "k_Omega/J of the rate error: roll, pitch, yaw";
+    ACCELERATION_Z_MIN = "acceleration_z_min_g", "g", number(0.2, 0.01, 1.0), "smallest vertical acceleration of A/m";
+    ACCELERATION_Z_MAX = "acceleration_z_max_g", "g", number(2.0, 1.0, 20.0), "largest vertical acceleration of A/m";
+    TILT_MAX = "tilt_max_rad", "rad", number(60_f64.to_radians(), 0.001, 1.5), "largest angle between A and the vertical";
+}
 
 /// The law. It keeps only what to hold in a tick without a measurement.
 #[derive(Clone, Debug)]
@@ -294,7 +261,7 @@ impl InnerLaw for Geometric {
             return cascade::no_torque(self.f);
         }
         let state = &measured.content;
-        let r = Attitude::new(state.attitude_quaternion).matrix();
+        let r = Attitude::of_wxyz(state.attitude_quaternion).rot_wb();
         let omega = Vector3::from(state.rate_b_rad_s);
         let j = Vector3::from(self.rig.airframe.i_m());
         let (f, a, limited) = self.thrust(state, reference, &r);

@@ -23,43 +23,25 @@
 //! * Rates and accelerations along the reference (nu2_d, dnu2_d) are fed forward; the paper has none.
 
 use control_api::description::{
-    Description, Preset, Refused, Setting, Settings, Value, number, signal, three,
+    Description, Preset, Refused, Settings, Value, number, settings, signal, three,
 };
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
+use messages::attitude::Attitude;
 use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::{Vector3, Vector4};
 
-use crate::laws::attitude::{Attitude, DesiredAttitude};
-use crate::laws::cascade::{self, LastRates, RateStep};
+use crate::laws::cascade::{self, DesiredAttitude, LastRates, RateStep};
 use crate::laws::low_pass::LowPass;
 
-const ATTITUDE: Setting = Setting {
-    name: "attitude_1_s",
-    unit: "1/s",
-    meaning: "K_eta of the attitude error: roll, pitch, yaw",
-    kind: three([8.0, 8.0, 3.0], 0.1, 200.0),
-};
-const RATE: Setting = Setting {
-    name: "rate_1_s",
-    unit: "1/s",
-    meaning: "K_nu2 of the rate error: roll, pitch, yaw",
-    kind: three([40.0, 40.0, 20.0], 0.1, 1000.0),
-};
-const FILTER: Setting = Setting {
-    name: "filter_rad_s",
-    unit: "rad/s",
-    meaning: "w_n of the filter of acceleration and torque",
-    kind: number(50.0, 1.0, 5000.0),
-};
-const DAMPING: Setting = Setting {
-    name: "filter_damping",
-    unit: "",
-    meaning: "zeta of that filter",
-    kind: number(0.55, 0.3, 2.0),
-};
+settings! {
+    ATTITUDE = "attitude_1_s", "1/s", three([8.0, 8.0, 3.0], 0.1, 200.0), "K_eta of the attitude error: roll, pitch, yaw";
+    RATE = "rate_1_s", "1/s", three([40.0, 40.0, 20.0], 0.1, 1000.0), "K_nu2 of the rate error: roll, pitch, yaw";
+    FILTER = "filter_rad_s", "rad/s", number(50.0, 1.0, 5000.0), "w_n of the filter of acceleration and torque";
+    DAMPING = "filter_damping", "", number(0.55, 0.3, 2.0), "zeta of that filter";
+}
 
 /// The law: two filters and the last measurement.
 #[derive(Clone, Debug)]
@@ -169,12 +151,12 @@ impl InnerLaw for Indi {
             nu2: nu2_d,
             dnu2: dnu2_d,
         } = DesiredAttitude::of(&wanted.content);
-        let q_e = Attitude::new(state.attitude_quaternion)
+        let q_e = Attitude::of_wxyz(state.attitude_quaternion)
             .inverse()
             .times(&q_d)
             .short_way();
-        let nu2_r = 2.0 * self.k_eta.component_mul(&q_e.v) + q_e.turn(&nu2_d);
-        let nu = self.k_nu2.component_mul(&(nu2_r - nu2)) + q_e.turn(&dnu2_d);
+        let nu2_r = 2.0 * self.k_eta.component_mul(&q_e.vector()) + q_e.to_world(&nu2_d);
+        let nu = self.k_nu2.component_mul(&(nu2_r - nu2)) + q_e.to_world(&dnu2_d);
         let (tau_f, dnu2_f) = (self.torque.output(), self.acceleration.output());
         let tau = tau_f + self.i_m.component_mul(&(nu - dnu2_f));
 

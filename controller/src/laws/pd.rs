@@ -8,7 +8,7 @@
 //! * The derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
 use control_api::description::{
-    Description, Refused, Setting, SettingKind, Settings, number, signal,
+    Description, Refused, SettingKind, Settings, number, settings, signal,
 };
 use control_api::law::{Desired, Law, OuterLaw, Rig};
 use messages::content::{Measured, Reference};
@@ -23,37 +23,13 @@ use crate::flatness::{desired, thrust_acceleration};
 use crate::gains::{PRESET_NAMES, preset};
 use crate::limits::{self, AccelerationLimits, Limits};
 
-pub const POSITION_1_S2: Setting = Setting {
-    name: "position_1_s2",
-    unit: "1/s^2",
-    meaning: "K_P",
-    kind: positive(1.0),
-};
-pub const VELOCITY_1_S: Setting = Setting {
-    name: "velocity_1_s",
-    unit: "1/s",
-    meaning: "K_D",
-    kind: positive(1.0),
-};
-pub const ACCELERATION_Z_MIN_G: Setting = Setting {
-    name: "acceleration_z_min_g",
-    unit: "g",
-    meaning: "smallest vertical acceleration that the thrust gives",
-    kind: positive(0.2),
-};
-pub const ACCELERATION_Z_MAX_G: Setting = Setting {
-    name: "acceleration_z_max_g",
-    unit: "g",
-    meaning: "largest vertical acceleration that the thrust gives",
-    kind: positive(2.0),
-};
-pub const TILT_MAX_RAD: Setting = Setting {
-    name: "tilt_max_rad",
-    unit: "rad",
-    meaning: "largest angle between the thrust and the vertical",
-    // 35 degrees.
-    kind: number(0.610_865_238_198_015_3, 1e-3, 1.5),
-};
+settings! {
+    pub POSITION_1_S2 = "position_1_s2", "1/s^2", positive(1.0), "K_P";
+    pub VELOCITY_1_S = "velocity_1_s", "1/s", positive(1.0), "K_D";
+    pub ACCELERATION_Z_MIN_G = "acceleration_z_min_g", "g", positive(0.2), "smallest vertical acceleration that the thrust gives";
+    pub ACCELERATION_Z_MAX_G = "acceleration_z_max_g", "g", positive(2.0), "largest vertical acceleration that the thrust gives";
+    pub TILT_MAX_RAD = "tilt_max_rad", "rad", number(0.610_865_238_198_015_3, 1e-3, 1.5), "largest angle between the thrust and the vertical"; // 35 degrees.
+}
 
 const fn positive(default: f64) -> SettingKind {
     SettingKind::Number {

@@ -21,70 +21,32 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use control_api::description::{Description, Refused, Setting, Settings, number, signal, three};
+use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
+use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
 use messages::math::{atan2, sin_cos};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
-use crate::laws::attitude::{Attitude, DesiredAttitude};
-use crate::laws::cascade::{self, LastRates, RateStep};
+use crate::laws::cascade::{self, DesiredAttitude, LastRates, RateStep};
 use crate::laws::low_pass::LowPass;
 
 /// Rate error at which the integrator takes nothing any more [rad/s].
 const INTEGRATOR_ERROR_MAX: f64 = 400_f64.to_radians();
 
-const ATTITUDE: Setting = Setting {
-    name: "attitude_1_s",
-    unit: "1/s",
-    meaning: "P of the attitude error: roll, pitch, yaw",
-    kind: three([8.0, 8.0, 3.0], 0.1, 200.0),
-};
-const YAW_WEIGHT: Setting = Setting {
-    name: "yaw_weight",
-    unit: "",
-    meaning: "share of a yaw error that the attitude error holds; the gain makes up for it, up to the largest rate",
-    kind: number(0.4, 0.05, 1.0),
-};
-const RATE_MAX: Setting = Setting {
-    name: "rate_max_rad_s",
-    unit: "rad/s",
-    meaning: "largest rates wanted: roll, pitch, yaw",
-    kind: three([4.0, 4.0, 3.5], 0.1, 40.0),
-};
-const RATE: Setting = Setting {
-    name: "rate_1_s",
-    unit: "1/s",
-    meaning: "P of the rate error: roll, pitch, yaw",
-    kind: three([40.0, 40.0, 20.0], 0.1, 1000.0),
-};
-const INTEGRAL: Setting = Setting {
-    name: "integral_1_s2",
-    unit: "1/s^2",
-    meaning: "I of the rate error: roll, pitch, yaw",
-    kind: three([120.0, 120.0, 40.0], 0.0, 1e5),
-};
-const DERIVATIVE: Setting = Setting {
-    name: "derivative",
-    unit: "",
-    meaning: "D, ratio of the angular acceleration: roll, pitch, yaw",
-    kind: three([0.2, 0.2, 0.0], 0.0, 0.9),
-};
-const INTEGRAL_MAX: Setting = Setting {
-    name: "integral_max_rad_s2",
-    unit: "rad/s^2",
-    meaning: "largest integrator: roll, pitch, yaw",
-    kind: three([60.0, 60.0, 10.0], 0.0, 1e4),
-};
-const FILTER: Setting = Setting {
-    name: "filter_rad_s",
-    unit: "rad/s",
-    meaning: "bandwidth of the low-pass of the angular acceleration",
-    kind: number(190.0, 1.0, 5000.0),
-};
+settings! {
+    ATTITUDE = "attitude_1_s", "1/s", three([8.0, 8.0, 3.0], 0.1, 200.0), "P of the attitude error: roll, pitch, yaw";
+    YAW_WEIGHT = "yaw_weight", "", number(0.4, 0.05, 1.0), "share of a yaw error that the attitude error holds; the gain makes up for it, up to the largest rate";
+    RATE_MAX = "rate_max_rad_s", "rad/s", three([4.0, 4.0, 3.5], 0.1, 40.0), "largest rates wanted: roll, pitch, yaw";
+    RATE = "rate_1_s", "1/s", three([40.0, 40.0, 20.0], 0.1, 1000.0), "P of the rate error: roll, pitch, yaw";
+    INTEGRAL = "integral_1_s2", "1/s^2", three([120.0, 120.0, 40.0], 0.0, 1e5), "I of the rate error: roll, pitch, yaw";
+    DERIVATIVE = "derivative", "", three([0.2, 0.2, 0.0], 0.0, 0.9), "D, ratio of the angular acceleration: roll, pitch, yaw";
+    INTEGRAL_MAX = "integral_max_rad_s2", "rad/s^2", three([60.0, 60.0, 10.0], 0.0, 1e4), "largest integrator: roll, pitch, yaw";
+    FILTER = "filter_rad_s", "rad/s", number(190.0, 1.0, 5000.0), "bandwidth of the low-pass of the angular acceleration";
+}
 
 /// The law: integrator, filter, and the last measurement.
 #[derive(Clone, Debug)]
@@ -166,18 +128,15 @@ impl Law for Pid {
 
 /// The attitude wanted with its turn about z, beyond the tilt from `q`, reduced to `weight` of it.
 fn weighted(q: &Attitude, q_d: &Attitude, weight: f64) -> Attitude {
-    let axis = |attitude: &Attitude| attitude.turn(&Vector3::z());
+    let axis = |attitude: &Attitude| attitude.to_world(&Vector3::z());
     // Upside down no tilt is the shortest, and the attitude wanted is taken as it is.
     let Some(tilt) = Attitude::between(&axis(q), &axis(q_d)) else {
         return *q_d;
     };
     let q_t = tilt.times(q);
     let about_z = q_t.inverse().times(q_d).short_way();
-    let (sin, cos) = sin_cos(weight * atan2(about_z.v.z, about_z.w));
-    q_t.times(&Attitude {
-        w: cos,
-        v: sin * Vector3::z(),
-    })
+    let (sin, cos) = sin_cos(weight * atan2(about_z.vector().z, about_z.w()));
+    q_t.times(&Attitude::of_parts(cos, sin * Vector3::z()))
 }
 
 impl Pid {
@@ -246,7 +205,7 @@ impl InnerLaw for Pid {
             nu2: nu2_d,
             ..
         } = DesiredAttitude::of(&wanted.content);
-        let q = Attitude::new(state.attitude_quaternion);
+        let q = Attitude::of_wxyz(state.attitude_quaternion);
         let q_e = q
             .inverse()
             .times(&weighted(&q, &q_d, self.yaw_weight))
@@ -255,8 +214,8 @@ impl InnerLaw for Pid {
         let gain = self
             .attitude
             .component_div(&Vector3::new(1.0, 1.0, self.yaw_weight));
-        let ahead = q.inverse().times(&q_d).turn(&nu2_d);
-        let nu2_r = (2.0 * gain.component_mul(&q_e.v) + ahead)
+        let ahead = q.inverse().times(&q_d).to_world(&nu2_d);
+        let nu2_r = (2.0 * gain.component_mul(&q_e.vector()) + ahead)
             .sup(&-self.rate_max)
             .inf(&self.rate_max);
         let e = nu2_r - nu2;

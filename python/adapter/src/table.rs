@@ -4,11 +4,12 @@
     reason = "the rig's pointers; each use says why it is sound"
 )]
 
-use std::ffi::{CString, c_char, c_void};
+use std::ffi::{c_char, c_void};
 use std::io::{Write as _, stderr};
 use std::ptr;
 
 use ironbird_law::abi::*;
+use ironbird_law::{kept, text};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::{Looked, PythonLaw, Rig, SaidSetting};
@@ -41,11 +42,11 @@ pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
         summary: text(&looked.summary),
         source: text(&looked.source),
         settings_count: settings.len() as u64,
-        settings: settings.leak().as_ptr(),
+        settings: kept(settings),
         presets: ptr::null(),
         presets_count: 0,
         telemetry_count: telemetry.len() as u64,
-        telemetry: telemetry.leak().as_ptr(),
+        telemetry: kept(telemetry),
         context: Box::into_raw(Box::new(looked)).cast(),
         create: Some(create),
         destroy: Some(destroy),
@@ -78,15 +79,8 @@ fn setting(said: &SaidSetting) -> IronbirdSetting {
         min: *min,
         max: *max,
         words_count: words.len() as u64,
-        words: words.leak().as_ptr(),
+        words: kept(words),
     }
-}
-
-/// A text that stays; without the NUL bytes that it cannot have.
-fn text(text: &str) -> *const c_char {
-    CString::new(text.replace('\0', ""))
-        .unwrap_or_default()
-        .into_raw()
 }
 
 unsafe extern "C" fn create(

@@ -108,23 +108,21 @@ impl Raised {
         self.first().take()
     }
 
-    fn or_keep<T>(&self, ask: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {
+    fn or_keep<T>(&self, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {
         if self.is_there() {
             return None;
         }
-        Python::attach(ask).map_err(|raised| self.keep(raised)).ok()
+        Python::attach(call)
+            .map_err(|raised| self.keep(raised))
+            .ok()
     }
 }
 
-/// An outer law in Python for a flight in one process; after an exception its answers are no numbers.
+/// A law in Python for a flight in one process; after an exception its outputs are NaN.
 #[derive(Clone, Debug)]
-pub struct FlyingOuter(pub Arc<PythonLaw>, pub Raised);
+pub struct Flying(pub Arc<PythonLaw>, pub Raised);
 
-/// An inner law in Python for a flight in one process; after an exception its answers are no numbers.
-#[derive(Clone, Debug)]
-pub struct FlyingInner(pub Arc<PythonLaw>, pub Raised);
-
-impl CopyState for FlyingOuter {
+impl CopyState for Flying {
     fn copy_into(&self, _: &mut dyn Any) -> bool {
         false
     }
@@ -134,7 +132,7 @@ impl CopyState for FlyingOuter {
     }
 }
 
-impl OuterLaw for FlyingOuter {
+impl OuterLaw for Flying {
     fn tick(
         &mut self,
         tick: u64,
@@ -156,17 +154,7 @@ impl OuterLaw for FlyingOuter {
     }
 }
 
-impl CopyState for FlyingInner {
-    fn copy_into(&self, _: &mut dyn Any) -> bool {
-        false
-    }
-
-    fn as_any(&mut self) -> &mut dyn Any {
-        self
-    }
-}
-
-impl InnerLaw for FlyingInner {
+impl InnerLaw for Flying {
     fn tick(
         &mut self,
         tick: u64,

@@ -1,4 +1,4 @@
-//! A law in Python, as the rig asks it: arrays in, numbers out, exceptions kept.
+//! A law in Python, as the rig calls it: arrays in, numbers out, exceptions kept.
 //!
 //! The module `ironbird` flies such laws in a notebook, and the adapter in the rig's own processes.
 
@@ -10,5 +10,5 @@ mod look;
 
 pub use arrays::array;
 pub use inputs::{Desired, Measured, Reference, Rig};
-pub use law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
+pub use law::{Flying, PythonLaw, Raised};
 pub use look::{Looked, SaidSetting, is_refusal, load};

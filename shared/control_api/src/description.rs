@@ -23,6 +23,20 @@ pub const fn three(default: [f64; 3], min: f64, max: f64) -> SettingKind {
     SettingKind::Three { default, min, max }
 }
 
+/// Declares the settings of a law as constants: name with unit, unit, kind, and meaning.
+#[macro_export]
+macro_rules! settings {
+    ($($vis:vis $constant:ident = $name:literal, $unit:literal, $kind:expr, $meaning:literal;)+) => {
+        $($vis const $constant: $crate::description::Setting = $crate::description::Setting {
+            name: $name,
+            unit: $unit,
+            meaning: $meaning,
+            kind: $kind,
+        };)+
+    };
+}
+pub use settings;
+
 #[derive(Clone, Copy, Debug)]
 pub struct Description {
     pub name: &'static str,
@@ -130,10 +144,6 @@ mod tests {
 
     fn flaws(telemetry: &'static [Signal]) -> Vec<String> {
         Description { telemetry, ..NAMED }.flaws()
-    }
-
-    const fn signal(name: &'static str, unit: &'static str) -> Signal {
-        Signal { name, unit }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! [`registry`] finds it by name and holds it whatever its type. [`guard`] makes a stage of a law: messages in, a message
 //! out. A driver (a role's process, a simulation, a replay) calls it once per tick, with increasing ticks, of which some
 //! may be skipped. The guard handles stale inputs and outputs that are not finite, so that no law can forget them.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod description;
 pub mod guard;

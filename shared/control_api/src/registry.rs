@@ -41,13 +41,19 @@ macro_rules! of_role {
             }
         }
 
-        impl<L: Law + $trait + Clone> From<L> for Made<dyn $trait> {
-            fn from(law: L) -> Self {
+        impl Made<dyn $trait> {
+            pub fn of(law: impl $trait + Clone + 'static, signals: usize) -> Self {
                 Self {
-                    signals: L::DESCRIPTION.telemetry.len(),
                     twin: Box::new(law.clone()),
                     law: Box::new(law),
+                    signals,
                 }
+            }
+        }
+
+        impl<L: Law + $trait + Clone + 'static> From<L> for Made<dyn $trait> {
+            fn from(law: L) -> Self {
+                Self::of(law, L::DESCRIPTION.telemetry.len())
             }
         }
     };

@@ -5,6 +5,7 @@
 //! plant applies ([`swap`]); those of processes are done by the supervisor.
 //!
 //! Start with [`code::FAULTS`], the table of all kinds. [`grammar`] reads and prints faults, [`plan`] gives them ticks.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod code;
 pub mod fields;

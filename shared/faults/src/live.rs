@@ -8,7 +8,7 @@
 use crate::code::FaultCode;
 pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
 use crate::{FaultList, FaultRefusal, LONGEST_DELAY, MessageFault, MessageFaults, Span, Spanned};
-use messages::layout::layout;
+use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
 use messages::role::Role;
 
@@ -33,10 +33,7 @@ layout! {
 
 impl Default for LiveBlackboard {
     fn default() -> Self {
-        Self {
-            count: 0,
-            faults: [FaultCode::default(); MOST_LIVE],
-        }
+        zeroed()
     }
 }
 

@@ -26,36 +26,46 @@ pub trait RoleOf<L> {
     fn enter(table: &mut IronbirdLaw);
 }
 
-/// The role of an [`OuterLaw`].
-#[derive(Clone, Copy, Debug)]
-pub enum Outer {}
-/// The role of an [`InnerLaw`].
-#[derive(Clone, Copy, Debug)]
-pub enum Inner {}
-/// The role of a [`MixerLaw`].
-#[derive(Clone, Copy, Debug)]
-pub enum Mixer {}
+/// The marker of a role, and the function of its tick.
+macro_rules! of_role {
+    ($(#[$doc:meta])* $role:ident, $trait:ident, $number:ident, $tick:ident, $input:ident, $output:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug)]
+        pub enum $role {}
 
-impl<L: OuterLaw> RoleOf<L> for Outer {
-    fn enter(table: &mut IronbirdLaw) {
-        table.role = IRONBIRD_OUTER;
-        table.tick_outer = Some(tick_outer::<L>);
-    }
+        impl<L: $trait> RoleOf<L> for $role {
+            fn enter(table: &mut IronbirdLaw) {
+                table.role = $number;
+                table.$tick = Some($tick::<L>);
+            }
+        }
+
+        /// A panic that would leave this function ends the process, after its text.
+        unsafe extern "C" fn $tick<L: $trait>(
+            law: *mut c_void,
+            input: *const $input,
+            output: *mut $output,
+            telemetry: *mut IronbirdTelemetry,
+        ) {
+            // SAFETY: the instance is one that `create` gave; the rest is valid, and nobody else's, for the time of this
+            // call.
+            unsafe { *output = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
+        }
+    };
 }
 
-impl<L: InnerLaw> RoleOf<L> for Inner {
-    fn enter(table: &mut IronbirdLaw) {
-        table.role = IRONBIRD_INNER;
-        table.tick_inner = Some(tick_inner::<L>);
-    }
-}
-
-impl<L: MixerLaw> RoleOf<L> for Mixer {
-    fn enter(table: &mut IronbirdLaw) {
-        table.role = IRONBIRD_MIXER;
-        table.tick_mixer = Some(tick_mixer::<L>);
-    }
-}
+of_role!(
+    /// The role of an [`OuterLaw`].
+    Outer, OuterLaw, IRONBIRD_OUTER, tick_outer, IronbirdOuterInput, IronbirdWanted
+);
+of_role!(
+    /// The role of an [`InnerLaw`].
+    Inner, InnerLaw, IRONBIRD_INNER, tick_inner, IronbirdInnerInput, IronbirdDemand
+);
+of_role!(
+    /// The role of a [`MixerLaw`].
+    Mixer, MixerLaw, IRONBIRD_MIXER, tick_mixer, IronbirdMixerInput, IronbirdRotorSpeeds
+);
 
 impl IronbirdSizes {
     /// Those of this build.
@@ -174,13 +184,17 @@ fn preset(preset: &Preset, settings: &[Setting]) -> IronbirdPreset {
 }
 
 /// A text that stays; one with a NUL in it ends there.
-fn text(text: &str) -> *const c_char {
+#[doc(hidden)]
+#[must_use]
+pub fn text(text: &str) -> *const c_char {
     let text = text.split('\0').next().unwrap_or_default();
     CString::new(text).unwrap_or_default().into_raw()
 }
 
 /// An array that stays.
-fn kept<T>(array: Vec<T>) -> *const T {
+#[doc(hidden)]
+#[must_use]
+pub fn kept<T>(array: Vec<T>) -> *const T {
     if array.is_empty() {
         ptr::null()
     } else {
@@ -258,37 +272,4 @@ unsafe extern "C" fn copy_into<L: Law>(law: *const c_void, other: *mut c_void) {
     // SAFETY: both are different instances that `create` gave.
     let (law, other) = unsafe { (&*law.cast::<L>(), &mut *other.cast::<L>()) };
     other.clone_from(law);
-}
-
-/// A panic that would leave this function ends the process, after its text.
-unsafe extern "C" fn tick_outer<L: OuterLaw>(
-    law: *mut c_void,
-    input: *const IronbirdOuterInput,
-    wanted: *mut IronbirdWanted,
-    telemetry: *mut IronbirdTelemetry,
-) {
-    // SAFETY: the instance is one that `create` gave; the rest is valid, and nobody else's, for the time of this call.
-    unsafe { *wanted = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
-}
-
-/// As [`tick_outer`].
-unsafe extern "C" fn tick_inner<L: InnerLaw>(
-    law: *mut c_void,
-    input: *const IronbirdInnerInput,
-    demand: *mut IronbirdDemand,
-    telemetry: *mut IronbirdTelemetry,
-) {
-    // SAFETY: as in `tick_outer`.
-    unsafe { *demand = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
-}
-
-/// As [`tick_outer`].
-unsafe extern "C" fn tick_mixer<L: MixerLaw>(
-    law: *mut c_void,
-    input: *const IronbirdMixerInput,
-    speeds: *mut IronbirdRotorSpeeds,
-    telemetry: *mut IronbirdTelemetry,
-) {
-    // SAFETY: as in `tick_outer`.
-    unsafe { *speeds = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
 }

@@ -51,7 +51,7 @@ pub use abi::{
 };
 pub use border::{Inner, Mixer, Outer, RoleOf};
 #[doc(hidden)]
-pub use border::{table, write_refusal};
+pub use border::{kept, table, text, write_refusal};
 
 /// A law of any role. It knows no clock and no operating system.
 pub trait Law: Clone + 'static {

@@ -40,6 +40,59 @@ impl Attitude {
         }
     }
 
+    /// Of w, and the sine of half the angle along the axis.
+    pub fn of_parts(w: f64, v: Vector3<f64>) -> Self {
+        Self {
+            q: Vector4::new(w, v.x, v.y, v.z),
+        }
+    }
+
+    /// The shortest rotation that turns the unit vector `from` into `to`; `None` if they are opposite.
+    pub fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Self> {
+        // 1 + cos a = 2 cos^2(a/2); below this the axis is lost in rounding.
+        let twice_w2 = 1.0 + from.dot(to);
+        (twice_w2 > 1e-6).then(|| {
+            let w = (0.5 * twice_w2).sqrt();
+            Self::of_parts(w, from.cross(to) * (0.5 / w))
+        })
+    }
+
+    pub fn w(&self) -> f64 {
+        self.q.x
+    }
+
+    /// Sine of half the angle, along the axis.
+    pub fn vector(&self) -> Vector3<f64> {
+        Vector3::new(self.q.y, self.q.z, self.q.w)
+    }
+
+    pub fn inverse(&self) -> Self {
+        Self::of_parts(self.w(), -self.vector())
+    }
+
+    /// The product of two rotations, as `rot_ac = rot_ab * rot_bc`.
+    pub fn times(&self, other: &Self) -> Self {
+        let ((w, v), (other_w, other_v)) = ((self.w(), self.vector()), (other.w(), other.vector()));
+        Self::of_parts(
+            w * other_w - v.dot(&other_v),
+            w * other_v + other_w * v + v.cross(&other_v),
+        )
+    }
+
+    /// The same rotation, by the angle of at most pi.
+    pub fn short_way(self) -> Self {
+        if self.w() < 0.0 {
+            Self { q: -self.q }
+        } else {
+            self
+        }
+    }
+
+    /// A vector of the body frame in the world frame.
+    pub fn to_world(&self, v_b: &Vector3<f64>) -> Vector3<f64> {
+        self.rot_wb() * v_b
+    }
+
     #[inline]
     pub fn wxyz(&self) -> [f64; 4] {
         self.q.into()

@@ -1,10 +1,10 @@
-//! The contents of the notice boards.
+//! The contents of the blackboards.
 //!
 //! These are the run, each role's status, the parameters in force, and the settings.
 
 use crate::content::NO_TICK;
 use crate::grid::{Grid, Pace};
-use crate::layout::{layout, wire_enum};
+use crate::layout::{layout, wire_enum, zeroed};
 use crate::parameters::PARAMETERS;
 use crate::realtime::{Grants, Lead, Usage};
 use crate::rejections::Rejections;
@@ -101,25 +101,10 @@ layout! {
 
 impl Default for Run {
     fn default() -> Self {
+        // The first phase, and no end.
         Self {
-            phase: RunPhase::Mustering as u64,
-            ending: EndReason::None as u64,
-            run_id: 0,
-            settings: 0,
-            plant_pid: 0,
-            launcher_pid: 0,
-            t0_ns: 0,
-            t0_wall_ns: 0,
-            period_ns: 0,
-            sample_time_ns: 0,
-            last_tick: 0,
             tick: NO_TICK,
-            ticks_run: 0,
-            ticks_skipped: 0,
-            deadlines_missed: 0,
-            deadline_miss_run: 0,
-            parameter_epoch: 0,
-            lead: Lead::default(),
+            ..zeroed()
         }
     }
 }
@@ -250,10 +235,7 @@ layout! {
 
 impl Default for SettingsText {
     fn default() -> Self {
-        Self {
-            length: 0,
-            bytes: [0; SETTINGS_MAX],
-        }
+        zeroed()
     }
 }
 

@@ -26,13 +26,6 @@ pub struct Stamped<T> {
     pub content: T,
 }
 
-impl<T: Default> Stamped<T> {
-    /// Nothing received yet.
-    pub fn none() -> Self {
-        Self::new(NO_TICK, T::default())
-    }
-}
-
 impl<T> Stamped<T> {
     pub const fn new(tick: u64, content: T) -> Self {
         Self { tick, content }

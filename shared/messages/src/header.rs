@@ -7,7 +7,9 @@ use std::mem::offset_of;
 
 use crate::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Truth, Wrench};
 use crate::enum_registry::Fingerprint as _;
-use crate::layout::{Element, FNV_OFFSET, Field, Kind, Layout, Plain, Visit, fnv1a, layout};
+use crate::layout::{
+    Element, FNV_OFFSET, Field, Kind, Layout, Plain, Visit, fnv1a, layout, zeroed,
+};
 use crate::monitor::Monitor;
 use crate::role::{Role, STAGES};
 
@@ -61,21 +63,9 @@ impl Header {
     pub const fn new() -> Self {
         Self {
             layout: LAYOUT,
-            run_id: 0,
-            settings: 0,
-            epoch: 0,
-            seq: 0,
             tick: NO_TICK,
-            parameter_epoch: 0,
-            sample_ns: 0,
-            lead_ns: 0,
-            timer_late_ns: 0,
             input_tick: [NO_TICK; 3],
-            previous_busy_ns: 0,
-            stamps: [Stamps {
-                receive_ns: 0,
-                send_ns: 0,
-            }; STAGES.len()],
+            ..zeroed()
         }
     }
 
@@ -144,8 +134,6 @@ impl<C: Visit> Layout for Message<C> {
         },
     ];
 }
-
-// Logs written before the type was renamed stay readable.
 
 /// Fingerprint of all layouts of messages: processes whose fingerprints differ must not talk.
 pub const LAYOUT: u64 = {

@@ -41,32 +41,36 @@ impl Inspector {
     ) -> Result<(), Reason> {
         let envelope = &message.envelope;
         let first = self.tick == NO_TICK;
-        if envelope.layout != LAYOUT && is_on(Check::Layout) {
-            Err(Reason::Layout)
-        } else if envelope.run_id != self.expected.run_id && is_on(Check::Run) {
-            Err(Reason::Run)
-        } else if envelope.settings != self.expected.settings && is_on(Check::Settings) {
-            Err(Reason::Settings)
-        } else if (envelope.epoch < self.epoch
-            || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq))
-            && is_on(Check::Sequence)
-        {
-            Err(Reason::Sequence)
-        } else if (envelope.tick > newest_tick
-            || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK)))
-            && is_on(Check::Tick)
-        {
-            Err(Reason::Tick)
-        } else if !message.content.finite() && is_on(Check::NonFinite) {
-            Err(Reason::NonFinite)
-        } else if !message.content.plausible() && is_on(Check::Implausible) {
-            Err(Reason::Implausible)
-        } else {
-            self.epoch = envelope.epoch;
-            self.seq = envelope.seq;
-            self.tick = envelope.tick;
-            Ok(())
+        let is_replaced = envelope.epoch < self.epoch
+            || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq);
+        let is_of_other_tick = envelope.tick > newest_tick
+            || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK));
+        let is_finite = message.content.finite();
+        let is_plausible = is_finite && message.content.plausible();
+        let Expected { run_id, settings } = self.expected;
+        let failed = [
+            (envelope.layout != LAYOUT, Check::Layout, Reason::Layout),
+            (envelope.run_id != run_id, Check::Run, Reason::Run),
+            (
+                envelope.settings != settings,
+                Check::Settings,
+                Reason::Settings,
+            ),
+            (is_replaced, Check::Sequence, Reason::Sequence),
+            (is_of_other_tick, Check::Tick, Reason::Tick),
+            (!is_finite, Check::NonFinite, Reason::NonFinite),
+            (!is_plausible, Check::Implausible, Reason::Implausible),
+        ];
+        let failed = failed
+            .iter()
+            .find(|(fails, check, _)| *fails && is_on(*check));
+        if let Some((_, _, reason)) = failed {
+            return Err(*reason);
         }
+        self.epoch = envelope.epoch;
+        self.seq = envelope.seq;
+        self.tick = envelope.tick;
+        Ok(())
     }
 }
 

@@ -56,6 +56,13 @@ plain!(u8, i64, u64, f64);
 // SAFETY: it consists of what its elements consist of.
 unsafe impl<T: Plain, const N: usize> Plain for [T; N] {}
 
+/// A value whose bits are all 0.
+#[allow(unsafe_code, reason = "an array of any length has no `Default`")]
+pub const fn zeroed<T: Plain>() -> T {
+    // SAFETY: of what is `Plain`, every bit pattern is a value.
+    unsafe { std::mem::zeroed() }
+}
+
 /// A struct with a fixed layout, known field by field.
 pub trait Layout: Plain {
     /// Its fields, in order and without a gap.

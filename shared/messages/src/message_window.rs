@@ -58,7 +58,7 @@ impl<C: Topic> MessageWindow<C> {
     /// The input of a stage, by the tick that the stage reports; none if that message is not in the window.
     pub fn input(&self, input_tick: u64) -> Option<Stamped<C>> {
         if input_tick == NO_TICK {
-            return Some(Stamped::none());
+            return Some(Stamped::never());
         }
         Some(Stamped::new(input_tick, self.of(input_tick)?.content))
     }

@@ -1,32 +1,30 @@
-//! The roles that processes play, in the order of the data flow.
+//! The roles that processes play, in the order of the data flow. A name is also a subcommand.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[repr(usize)]
-pub enum Role {
-    Plant,
-    Outer,
-    /// The inner (attitude and rate) loop.
-    Inner,
-    Mixer,
-    /// The recorder: no part of the loop, not real-time.
-    Record,
+use crate::layout::wire_enum;
+
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    #[repr(usize)]
+    pub enum Role {
+        Plant = 0 => "plant",
+        Outer = 1 => "outer",
+        /// The inner (attitude and rate) loop.
+        Inner = 2 => "inner",
+        Mixer = 3 => "mixer",
+        /// The recorder: no part of the loop, not real-time.
+        Record = 4 => "record",
+    }
 }
 
 /// The four roles of the control loop.
 pub const STAGES: [Role; 4] = [Role::Plant, Role::Outer, Role::Inner, Role::Mixer];
 
-pub const ROLES: [Role; 5] = [
-    Role::Plant,
-    Role::Outer,
-    Role::Inner,
-    Role::Mixer,
-    Role::Record,
-];
+pub const ROLES: [Role; 5] = Role::ALL;
 
 impl Role {
     /// Share of the tick, in percent, after which a stage no longer waits for its input.
@@ -37,17 +35,6 @@ impl Role {
             Self::Outer => 70,
             Self::Inner => 80,
             _ => 90,
-        }
-    }
-
-    /// Its name, which is also its subcommand.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Plant => "plant",
-            Self::Outer => "outer",
-            Self::Inner => "inner",
-            Self::Mixer => "mixer",
-            Self::Record => "record",
         }
     }
 

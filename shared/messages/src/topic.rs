@@ -88,6 +88,18 @@ impl Bound {
     }
 }
 
+macro_rules! shows_telemetry {
+    () => {
+        fn telemetry(&self) -> Option<&Telemetry> {
+            Some(&self.telemetry)
+        }
+
+        fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+            Some(&mut self.telemetry)
+        }
+    };
+}
+
 impl Topic for State {
     const NAME: &'static str = "state";
     const SENDER: Role = Role::Plant;
@@ -158,13 +170,7 @@ impl Topic for Setpoint {
         self.limited <= 1 && Mode::from_wire(self.mode).is_some()
     }
 
-    fn telemetry(&self) -> Option<&Telemetry> {
-        Some(&self.telemetry)
-    }
-
-    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
-        Some(&mut self.telemetry)
-    }
+    shows_telemetry!();
 }
 
 impl Topic for Wrench {
@@ -182,13 +188,7 @@ impl Topic for Wrench {
         Mode::from_wire(self.mode).is_some()
     }
 
-    fn telemetry(&self) -> Option<&Telemetry> {
-        Some(&self.telemetry)
-    }
-
-    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
-        Some(&mut self.telemetry)
-    }
+    shows_telemetry!();
 }
 
 impl Topic for RotorSpeeds {
@@ -207,13 +207,7 @@ impl Topic for RotorSpeeds {
         self.saturated <= 1 && Mode::from_wire(self.mode).is_some()
     }
 
-    fn telemetry(&self) -> Option<&Telemetry> {
-        Some(&self.telemetry)
-    }
-
-    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
-        Some(&mut self.telemetry)
-    }
+    shows_telemetry!();
 }
 
 impl Topic for SwapRecord {

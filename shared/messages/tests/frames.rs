@@ -2,6 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
+use messages::attitude::Attitude;
 use messages::frames::{RollPitch, quaternion_wb, wrap};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -40,6 +41,21 @@ proptest! {
     fn the_quaternion_is_the_same_rotation(eta2 in attitude()) {
         let quaternion = UnitQuaternion::new_unchecked(Quaternion::from(quaternion_wb(&eta2)));
         prop_assert!((quaternion.to_rotation_matrix().matrix() - rot_wb(&eta2)).amax() < 1e-14);
+    }
+
+    #[test]
+    fn rotations_compose_and_invert_and_the_shortest_one_leads_between_vectors(a in attitude(), b in attitude()) {
+        let [p, q] = [a, b].map(|eta2| Attitude::of_euler(&eta2));
+        prop_assert!((p.rot_wb() - rot_wb(&a)).amax() < 1e-14);
+        prop_assert!((p.times(&q).rot_wb() - p.rot_wb() * q.rot_wb()).amax() < 1e-14);
+        prop_assert!(p.inverse().times(&p).vector().amax() < 1e-14);
+        prop_assert!(p.short_way().w() >= 0.0 && (p.short_way().rot_wb() - p.rot_wb()).amax() < 1e-15);
+        let (from, to) = (p.z_b_in_w(), q.z_b_in_w());
+        if let Some(turn) = Attitude::between(&from, &to) {
+            prop_assert!((turn.to_world(&from) - to).amax() < 1e-9);
+            prop_assert!((turn.to_world(&from.cross(&to)) - from.cross(&to)).amax() < 1e-9);
+        }
+        prop_assert_eq!(Attitude::between(&from, &-from), None);
     }
 
     #[test]
