@@ -24,36 +24,29 @@ use recorder::run_directory::find_log;
 pub const DIRECTORY: &str = "export";
 
 pub fn is_ours(name: &str) -> bool {
-    let has_name = |topic: &str, format: TableFormat| name == file_name(topic, format);
-    topics().any(|topic| has_name(topic, TableFormat::Csv) || has_name(topic, TableFormat::Json))
+    let topic = name.strip_suffix(".csv");
+    let topic = topic.or_else(|| name.strip_suffix(".jsonl"));
+    topics().any(|known| topic == Some(known))
 }
 
 pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let mut reader = LogReader::open(&path)?;
     let run_directory = path.parent().unwrap_or(Path::new("."));
-    let format = match args.format {
-        ExportFormat::Csv => TableFormat::Csv,
-        ExportFormat::Json => TableFormat::Json,
-        ExportFormat::Perfetto if args.topic.is_some() => {
-            return Err(
-                Failure::usage("a Perfetto trace contains all stages, not one topic")
-                    .help("omit --topic"),
-            );
+    if matches!(args.format, ExportFormat::Perfetto) {
+        if args.topic.is_some() {
+            let what = "a Perfetto trace contains all stages, not one topic";
+            return Err(Failure::usage(what).help("omit --topic"));
         }
-        ExportFormat::Perfetto => {
-            return trace(&mut reader, args.to.as_deref().unwrap_or(run_directory));
-        }
-    };
-    let directory = || {
-        args.to
-            .clone()
-            .unwrap_or_else(|| run_directory.join(DIRECTORY))
-    };
+        return trace(&mut reader, args.to.as_deref().unwrap_or(run_directory));
+    }
+    let is_json = matches!(args.format, ExportFormat::Json);
+    let to = args.to.clone();
+    let directory = || to.unwrap_or_else(|| run_directory.join(DIRECTORY));
     let mut tables = match &args.topic {
         // The columns of a law's signals are known once the log has been opened.
-        Some(topic) => Tables::begin_all(|name| name == topic, None, format)?,
-        None => Tables::begin_all(|_| true, Some(directory()), format)?,
+        Some(topic) => Tables::begin_all(|name| name == topic, None, is_json)?,
+        None => Tables::begin_all(|_| true, Some(directory()), is_json)?,
     };
     // Everything before a damaged part is exported, then the damage is reported.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
@@ -147,23 +140,10 @@ fn create_directory(directory: &Path) -> Result<(), Failure> {
     })
 }
 
-#[derive(Clone, Copy)]
-enum TableFormat {
-    Csv,
-    Json,
-}
-
-fn file_name(topic: &str, format: TableFormat) -> String {
-    match format {
-        TableFormat::Csv => format!("{topic}.csv"),
-        TableFormat::Json => format!("{topic}.jsonl"),
-    }
-}
-
 struct Tables {
-    format: TableFormat,
+    is_json: bool,
     directory: Option<PathBuf>,
-    wanted: Vec<&'static str>,
+    selected: Vec<&'static str>,
     open: BTreeMap<&'static str, Table>,
     is_read: bool,
 }
@@ -176,15 +156,15 @@ struct Table {
 impl Tables {
     /// Starts the tables of some topics whose columns are known before the log is read.
     fn begin_all(
-        is_wanted: impl Fn(&str) -> bool,
+        is_selected: impl Fn(&str) -> bool,
         directory: Option<PathBuf>,
-        format: TableFormat,
+        is_json: bool,
     ) -> Result<Self, Failure> {
         directory.as_deref().map_or(Ok(()), create_directory)?;
         let mut tables = Self {
-            format,
+            is_json,
             directory,
-            wanted: topics().filter(|topic| is_wanted(topic)).collect(),
+            selected: topics().filter(|topic| is_selected(topic)).collect(),
             open: BTreeMap::new(),
             is_read: true,
         };
@@ -194,29 +174,30 @@ impl Tables {
         Ok(tables)
     }
 
-    /// Starts a table if it is wanted and not started yet; writes the header line, also if no message follows.
+    /// Starts a table if it is selected and not started yet; writes the header line, also if no message follows.
     fn begin(
         &mut self,
         topic: &'static str,
         columns: impl FnOnce() -> Vec<String>,
     ) -> Result<(), Failure> {
-        if self.open.contains_key(topic) || !self.wanted.contains(&topic) {
+        if self.open.contains_key(topic) || !self.selected.contains(&topic) {
             return Ok(());
         }
         let mut out: Box<dyn Write> = match self.path(topic) {
             Some(path) => Box::new(BufWriter::new(replace(&path)?)),
             None => Box::new(BufWriter::new(io::stdout())),
         };
-        let begun = match self.format {
-            TableFormat::Csv => writeln!(out, "{}", columns().join(",")),
-            TableFormat::Json => Ok(()),
+        let begun = match self.is_json {
+            false => writeln!(out, "{}", columns().join(",")),
+            true => Ok(()),
         };
         self.open.insert(topic, Table { out, messages: 0 });
         self.written(begun)
     }
 
     fn path(&self, topic: &str) -> Option<PathBuf> {
-        Some(self.directory.as_ref()?.join(file_name(topic, self.format)))
+        let ending = if self.is_json { "jsonl" } else { "csv" };
+        Some(self.directory.as_ref()?.join(format!("{topic}.{ending}")))
     }
 
     fn fill(&mut self, reader: &mut LogReader) -> Result<(), Failure> {
@@ -231,19 +212,19 @@ impl Tables {
         reader: &LogReader,
         message: &Message<C>,
     ) -> Result<(), Failure> {
-        let format = self.format;
-        self.put(<C as Topic>::NAME, || match format {
-            TableFormat::Csv => rows::csv(message),
-            TableFormat::Json => rows::json(message),
+        let is_json = self.is_json;
+        self.put(<C as Topic>::NAME, || match is_json {
+            false => rows::csv(message),
+            true => rows::json(message),
         })?;
-        let Some((shown, telemetry)) = reader.telemetry(C::SENDER).zip(message.content.telemetry())
-        else {
+        let signals = reader.telemetry(C::SENDER);
+        let Some((signals, telemetry)) = signals.zip(message.content.telemetry()) else {
             return Ok(());
         };
-        self.begin(shown.topic(), || shown.columns())?;
-        self.put(shown.topic(), || match format {
-            TableFormat::Csv => shown.csv(message.envelope.tick, telemetry),
-            TableFormat::Json => shown.json(message.envelope.tick, telemetry),
+        self.begin(signals.topic(), || signals.columns())?;
+        self.put(signals.topic(), || match is_json {
+            false => signals.csv(message.envelope.tick, telemetry),
+            true => signals.json(message.envelope.tick, telemetry),
         })
     }
 

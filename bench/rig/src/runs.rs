@@ -190,7 +190,7 @@ fn length(seconds: f64) -> String {
 }
 
 /// A number of bytes in at most six characters.
-fn size(bytes: u64) -> String {
+pub(crate) fn size(bytes: u64) -> String {
     let mut number = bytes as f64 / 1e3;
     let mut units = ["kB", "MB", "GB", "TB"].into_iter();
     let unit = loop {

@@ -148,7 +148,7 @@ fn pages_and_parameters_work_in_a_terminal_and_leaving_lets_the_flight_continue(
     for (keys, words) in [
         ("1", "position error, last"),
         ("2", "loop [us], counts"),
-        ("Tab", "rotor_inertia_kg_m2"),
+        ("Tab", "I_R kg m^2"),
         ("5", "memory_lock"),
         ("6", "inner adaptive"),
         ("?", "leave; it flies on"),

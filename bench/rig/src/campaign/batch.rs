@@ -55,8 +55,7 @@ pub(super) fn rows(
 fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>, Failure> {
     let gates = &plan.campaign.gates;
     let begun = |&(flight, arm): &Flight| {
-        let settings = plan.settings(flight, arm)?;
-        let timing = plan.timing(flight, arm, &settings)?;
+        let (settings, timing) = plan.flight(flight, arm)?;
         Flown::new(&settings, timing, gates)
     };
     let flown = flights.iter().map(begun);
@@ -286,7 +285,7 @@ mod tests {
                 let flights: Vec<Flight> = (0..plan.campaign.flights).map(|flight| (flight, arm)).collect();
                 let rows = rows(&plan, &flights, 1, &stop, |_| ()).unwrap();
                 for (row, (flight, arm)) in rows.iter().zip(&flights) {
-                    let settings = plan.settings(*flight, *arm).unwrap();
+                    let settings = plan.flight(*flight, *arm).unwrap().0;
                     let mut alone = Flown::new(&settings, None, gates).unwrap();
                     fly_alone(&mut alone, gates, &stop).unwrap();
                     prop_assert_eq!((row.flight, row.arm), (*flight, *arm));

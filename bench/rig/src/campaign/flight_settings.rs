@@ -1,5 +1,5 @@
-//! A campaign with the settings that it means, each end of its draws tried; and its directory: its rows, and a copy of
-//! its file.
+//! A campaign with the settings of its flights, each end of its distributions checked; and its directory, with its rows
+//! and a copy of its file.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use campaign::campaign::{Campaign, Variant};
 use campaign::chunk::{Identity, SCHEMA, write_whole};
 use campaign::file;
+use campaign::gates::SignalGate;
 use errors::{Failure, InFile as _, USAGE, read_text};
 use serde::{Deserialize, Serialize};
 use toml::Value;
@@ -60,28 +61,16 @@ impl Plan {
         Ok(plan)
     }
 
-    pub fn settings(&self, flight: u64, arm: usize) -> Result<Settings, Failure> {
-        let (variant, draws) = (&self.campaign.arms[arm], self.campaign.draws(flight));
-        let settings = self.resolved(variant, &draws);
-        settings.map_err(|failure| self.not_flown(failure, flight, arm))
-    }
-
-    pub fn timing(
-        &self,
-        flight: u64,
-        arm: usize,
-        settings: &Settings,
-    ) -> Result<Option<&Timing>, Failure> {
-        let (variant, draws) = (&self.campaign.arms[arm], self.campaign.draws(flight));
-        let timing = self.checked(variant, &draws, settings);
-        timing.map_err(|failure| self.not_flown(failure, flight, arm))
-    }
-
-    fn not_flown(&self, failure: Failure, flight: u64, arm: usize) -> Failure {
-        let arm = &self.campaign.arms[arm].name;
-        failure.append(&format!(
-            ": flight {flight} of the arm {arm} cannot be flown"
-        ))
+    /// The settings of a flight by an arm, and its recorded timing if it has one.
+    pub fn flight(&self, flight: u64, arm: usize) -> Result<(Settings, Option<&Timing>), Failure> {
+        let (arm, draws) = (&self.campaign.arms[arm], self.campaign.draws(flight));
+        let flown = self.resolved(arm, &draws).and_then(|settings| {
+            let timing = self.checked(arm, &draws, &settings)?;
+            Ok((settings, timing))
+        });
+        let arm = &arm.name;
+        let what = format!(": flight {flight} of the arm {arm} cannot be flown");
+        flown.map_err(|failure| failure.append(&what))
     }
 
     /// The recorded flight whose timing a flight by an arm has, if it has one.
@@ -121,7 +110,7 @@ impl Plan {
     fn check(&self) -> Result<Vec<String>, Failure> {
         let first = self.campaign.draws(0);
         let mut shared = Vec::new();
-        let mut shown = vec![false; self.campaign.gates.telemetry.len()];
+        let mut unknown: Vec<&SignalGate> = self.campaign.gates.telemetry.iter().collect();
         for arm in &self.campaign.arms {
             let settings = self
                 .tried(arm, &first)
@@ -135,45 +124,41 @@ impl Plan {
                 }
             }
             let signals = settings.flown_laws()?.signals;
-            for (gate, shown) in self.campaign.gates.telemetry.iter().zip(&mut shown) {
+            unknown.retain(|gate| {
                 let mut signals = signals.of(gate.role).iter();
-                *shown |= signals.any(|signal| signal.name == gate.signal);
-            }
+                !signals.any(|signal| signal.name == gate.signal)
+            });
             let (_, recorded) = self.campaign.timings(arm);
             shared.push(settings.shared_text()? + &self.timings.sums_of(&recorded));
         }
-        let mut gates = self.campaign.gates.telemetry.iter().zip(shown);
-        if let Some((gate, _)) = gates.find(|(_, shown)| !shown) {
-            let key = format!("success.telemetry.{}", gate.name());
-            let (file, line) = (self.file.display(), self.campaign.lines.of_key(&key));
-            let (role, signal) = (gate.role, &gate.signal);
-            return Err(Failure::usage(format!(
-                "{file}: line {line}: no arm has a law of the role {role} that shows `{signal}`"
-            ))
-            .help(format!(
-                "`ironbird laws LAW` lists what a law of the role {role} shows"
-            )));
-        }
-        Ok(shared)
+        let Some(gate) = unknown.first() else {
+            return Ok(shared);
+        };
+        let key = format!("success.telemetry.{}", gate.name());
+        let (file, line) = (self.file.display(), self.campaign.lines.of_key(&key));
+        let (role, signal) = (gate.role, &gate.signal);
+        let what = format!("no arm has a law of the role {role} that shows `{signal}`");
+        let help = format!("`ironbird laws LAW` lists what a law of the role {role} shows");
+        Err(Failure::usage(format!("{file}: line {line}: {what}")).help(help))
     }
 
-    /// The line of the key that a failure speaks of, or else of the factor, or else of the arm.
+    /// Appends the line of the factor, or else of the key that a failure names, or else of the arm.
     fn at_line(&self, failure: Failure, arm: &Variant, factor: Option<usize>) -> Failure {
-        let said = failure.to_string();
+        let message = failure.to_string();
         let line = factor
-            .or_else(|| self.line_of_fault(&said))
-            .or_else(|| self.campaign.lines.named_in(&said))
+            .or_else(|| self.line_of_fault(&message))
+            .or_else(|| self.campaign.lines.named_in(&message))
             .unwrap_or(arm.line);
         failure.append(&format!(": line {line}, flown by the arm {}", arm.name))
     }
 
-    /// The line of the [[fault]] that a failure of the first flight speaks of, or of the only one.
-    fn line_of_fault(&self, said: &str) -> Option<usize> {
+    /// The line of the [[fault]] that a failure of the first flight names, or of the only one.
+    fn line_of_fault(&self, message: &str) -> Option<usize> {
         let (draws, faults) = (self.campaign.draws(0), &self.campaign.faults);
         let mut all = faults.iter();
-        let named = all.find(|fault| said.contains(fault.what(&draws)));
+        let named = all.find(|fault| message.contains(fault.what(&draws)));
         let only = faults.first().filter(|_| faults.len() == 1);
-        let fault = named.or(only).filter(|_| said.starts_with("fault: "))?;
+        let fault = named.or(only).filter(|_| message.starts_with("fault: "))?;
         Some(self.campaign.factors[fault.what].line)
     }
 }
@@ -237,10 +222,6 @@ fn beside(file: &Path, name: &str) -> PathBuf {
 const FILE: &str = "campaign.toml";
 const FACTS: &str = "campaign.json";
 
-/// What to do where a recorded flight is another one.
-const OTHER_RECORDING: &str =
-    "name the recorded flight itself, and not `latest`; or fly into another directory (--out DIR)";
-
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Facts {
@@ -255,15 +236,32 @@ struct Facts {
 }
 
 impl Facts {
-    fn changed(&self, plan: &Plan) -> Option<String> {
+    fn read(directory: &Path) -> Result<Self, Failure> {
+        let path = directory.join(FACTS);
+        let text = read_text("read the campaign's directory", &path).map_err(|failure| {
+            let failure = failure.or_code(USAGE);
+            failure.help("name a directory of `ironbird campaign run FILE --out DIR`")
+        })?;
+        serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
+    }
+
+    /// Whether a recorded flight has changed since; `what` the directory has of it.
+    fn check_recordings(&self, plan: &Plan, what: &str) -> Result<(), Failure> {
         let now = plan.timings.sums();
-        let is_other = |name: &String, sum: &String| now.get(name).is_some_and(|it| it != sum);
-        let changed = self
-            .timings
-            .iter()
-            .filter(|(name, sum)| is_other(name, sum));
-        let names: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
-        (!names.is_empty()).then(|| names.join(", "))
+        let is_other =
+            |(name, sum): &(&String, &String)| now.get(*name).is_some_and(|it| it != *sum);
+        let changed = self.timings.iter().filter(is_other);
+        let changed: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
+        if changed.is_empty() {
+            return Ok(());
+        }
+        let changed = changed.join(", ");
+        Err(Failure::usage(format!(
+            "{what} another recorded flight than the one that is now at {changed}"
+        ))
+        .help(
+            "name the recorded flight itself, and not `latest`; or fly into another directory (--out DIR)",
+        ))
     }
 }
 
@@ -271,14 +269,8 @@ pub(super) fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failur
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));
     if facts.exists() {
-        let there = read_facts(directory)?;
-        let place = directory.display();
-        if let Some(changed) = there.changed(plan) {
-            return Err(Failure::usage(format!(
-                "{place} holds rows of another recorded flight than the one that is now at {changed}"
-            ))
-            .help(OTHER_RECORDING));
-        }
+        let (there, place) = (Facts::read(directory)?, directory.display());
+        there.check_recordings(plan, &format!("{place} holds rows of"))?;
         if there.campaign != plan.identity.campaign {
             return Err(Failure::usage(format!(
                 "{place} holds another campaign: the file has changed in more than its number of flights"
@@ -305,17 +297,11 @@ pub(super) fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failur
 }
 
 pub(super) fn plan_of(directory: &Path) -> Result<Plan, Failure> {
-    let facts = read_facts(directory)?;
-    let text = read_text("read the campaign", &directory.join(FILE))
-        .map_err(|failure| failure.or_code(USAGE))?;
-    let plan = Plan::of(text, &facts.file)?;
+    let facts = Facts::read(directory)?;
+    let text = read_text("read the campaign", &directory.join(FILE));
+    let plan = Plan::of(text.map_err(|failure| failure.or_code(USAGE))?, &facts.file)?;
     let (place, build) = (directory.display(), &facts.build);
-    if let Some(changed) = facts.changed(&plan) {
-        return Err(Failure::usage(format!(
-            "{place} was flown with another recorded flight than the one that is now at {changed}"
-        ))
-        .help(OTHER_RECORDING));
-    }
+    facts.check_recordings(&plan, &format!("{place} was flown with"))?;
     if plan.identity.campaign != facts.campaign {
         return Err(Failure::usage(format!(
             "{place} was flown by the build {build}, for which its campaign means other settings than for this one"
@@ -323,14 +309,4 @@ pub(super) fn plan_of(directory: &Path) -> Result<Plan, Failure> {
         .help("read it with the build that flew it, or fly it again into another directory"));
     }
     Ok(plan)
-}
-
-fn read_facts(directory: &Path) -> Result<Facts, Failure> {
-    let path = directory.join(FACTS);
-    let text = read_text("read the campaign's directory", &path).map_err(|failure| {
-        failure
-            .or_code(USAGE)
-            .help("name a directory of `ironbird campaign run FILE --out DIR`")
-    })?;
-    serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
 }

@@ -31,8 +31,7 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         ))
         .help("`ironbird campaign report DIR` lists the worst ones"));
     }
-    let mut settings = plan.settings(args.flight, arm)?;
-    let timing = plan.timing(args.flight, arm, &settings)?;
+    let (mut settings, timing) = plan.flight(args.flight, arm)?;
     // A flight with a recorded timing or with late stages: processes in lockstep cannot fly it, as no stage is late there.
     let is_of_ticks_alone = timing.is_some() || !settings.planned()?.stages.is_empty();
     settings.flight.pace = match is_of_ticks_alone {

@@ -17,6 +17,7 @@ use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::parallel::{processors, stop_flag};
 use crate::progress::Progress;
 use errors::output::{print, say};
+use crate::runs::size;
 
 /// Environment variables with the task number of a job, and the offset that makes it start with 1: Slurm, HyperQueue,
 /// Kubernetes and GNU parallel.
@@ -200,7 +201,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
     let jobs = args.jobs.unwrap_or_else(processors);
     let total = campaign.flights * arms as u64;
-    let length_s = plan.settings(0, 0)?.flight.duration_s;
+    let length_s = plan.flight(0, 0)?.0.flight.duration_s;
     let [per_file, per_row] = bytes(&plan, &rows)?;
     let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
     let takes_s = (each_s * total as f64 / jobs as f64).ceil();
@@ -222,7 +223,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         humantime::format_duration(takes),
         1e3 * each_s,
         rows.len(),
-        size(per_row * total as f64 + per_file * campaign.chunks() as f64),
+        size((per_row * total as f64 + per_file * campaign.chunks() as f64) as u64),
         per_row.round(),
         plan.identity.campaign,
     ))?;
@@ -238,11 +239,4 @@ fn bytes(plan: &Plan, rows: &[Row]) -> Result<[f64; 2], Failure> {
     let (one, all) = (length(&rows[..half])?, length(rows)?);
     let per_row = (all - one) / (rows.len() - half) as f64;
     Ok([(all - per_row * rows.len() as f64).max(0.0), per_row])
-}
-
-fn size(bytes: f64) -> String {
-    let units = ["B", "kB", "MB", "GB", "TB"];
-    let place = ((bytes.max(1.0).log10() / 3.0) as usize).min(units.len() - 1);
-    let number = bytes / 1000_f64.powi(place as i32);
-    format!("{number:.1} {}", units[place])
 }

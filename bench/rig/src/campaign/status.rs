@@ -2,6 +2,8 @@
 
 use analysis::json;
 use analysis::phrase::count;
+use std::path::Path;
+
 use campaign::aggregate;
 use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
@@ -10,65 +12,54 @@ use errors::{Failure, GATE, OK, check_writable, write_text};
 use super::flight_settings::{Plan, plan_of};
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
 use errors::output::{print, say};
+use crate::output::{print, print_json, say};
 
 const MERGED: &str = "merged.parquet";
 
-#[derive(Default)]
-pub(super) struct Found {
-    pub whole: Vec<u64>,
-    missing: Vec<u64>,
-    refused: Vec<(u64, String)>,
-}
-
-pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
-    let mut found = Found::default();
-    for chunk in 0..plan.campaign.chunks() {
-        match chunk::state(directory, &plan.campaign, &plan.identity, chunk) {
-            State::Whole => found.whole.push(chunk),
-            State::Missing => found.missing.push(chunk),
-            State::Refused(why) => found.refused.push((chunk, why)),
-        }
-    }
-    found
+/// The chunks that are whole, and the state of each other one.
+pub(super) fn chunks(plan: &Plan, directory: &Path) -> (Vec<u64>, Vec<(u64, State)>) {
+    let state = |chunk| chunk::state(directory, &plan.campaign, &plan.identity, chunk);
+    let all = (0..plan.campaign.chunks()).map(|chunk| (chunk, state(chunk)));
+    let (whole, others): (Vec<_>, _) = all.partition(|(_, state)| *state == State::Whole);
+    let whole = whole.into_iter().map(|(chunk, _)| chunk);
+    (whole.collect(), others)
 }
 
 pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let plan = plan_of(&args.directory)?;
-    let found = found(&plan, &args.directory);
+    let (whole, others) = chunks(&plan, &args.directory);
     let (campaign, place) = (&plan.campaign, args.directory.display());
-    let flown = found
-        .whole
-        .iter()
-        .map(|chunk| campaign.flights_of(*chunk).count());
-    let (flown, arms) = (
-        flown.sum::<usize>(),
-        count(campaign.arms.len() as u64, "arm"),
-    );
+    let flown = whole.iter().map(|chunk| campaign.flights_of(*chunk));
     let mut text = format!(
-        "{}: {flown} of {} flights, each by {arms}; {} of {} files are whole\n",
+        "{}: {} of {} flights, each by {}; {} of {} files are whole\n",
         campaign.name,
+        flown.map(Iterator::count).sum::<usize>(),
         campaign.flights,
-        found.whole.len(),
+        count(campaign.arms.len() as u64, "arm"),
+        whole.len(),
         campaign.chunks()
     );
-    if !found.missing.is_empty() {
-        text += &format!("missing: chunks {}\n", ranges(&found.missing));
+    let missing = others.iter().filter(|(_, state)| *state == State::Missing);
+    let missing: Vec<u64> = missing.map(|(chunk, _)| *chunk).collect();
+    if !missing.is_empty() {
+        text += &format!("missing: chunks {}\n", ranges(&missing));
     }
-    for (chunk, why) in &found.refused {
-        let path = chunk::path_of(&args.directory, *chunk);
-        text += &format!("{}: {why}\n", path.display());
+    for (chunk, state) in &others {
+        if let State::Refused(why) = state {
+            let path = chunk::path_of(&args.directory, *chunk);
+            text += &format!("{}: {why}\n", path.display());
+        }
     }
     for other in chunk::others(&args.directory, campaign)? {
         let path = args.directory.join(other);
         text += &format!("{}: none of this campaign's\n", path.display());
     }
-    let is_whole = found.missing.is_empty() && found.refused.is_empty();
-    if !is_whole {
+    if !others.is_empty() {
         let file = plan.file.display();
         text += &format!("`ironbird campaign run {file} --out {place}` flies what is missing\n");
     }
     print(&text)?;
-    Ok(if is_whole { OK } else { GATE })
+    Ok(if others.is_empty() { OK } else { GATE })
 }
 
 /// Numbers, those that follow each other as one: `0-3, 7`.
@@ -87,19 +78,23 @@ pub(super) fn ranges(chunks: &[u64]) -> String {
     ranges.iter().map(words).collect::<Vec<_>>().join(", ")
 }
 
+/// A campaign and its chunks that are whole; and how many that is, if some are not.
+fn whole_chunks(directory: &Path) -> Result<(Plan, Vec<u64>, Option<String>), Failure> {
+    let plan = plan_of(directory)?;
+    let (whole, others) = chunks(&plan, directory);
+    let (files, all) = (whole.len(), plan.campaign.chunks());
+    let part = format!("{files} of {all} files of rows are whole");
+    Ok((plan, whole, Some(part).filter(|_| !others.is_empty())))
+}
+
 pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
-    let plan = plan_of(&args.directory)?;
-    let whole = found(&plan, &args.directory).whole;
-    let (place, files, chunks) = (
-        args.directory.display(),
-        whole.len(),
-        plan.campaign.chunks(),
-    );
-    if files as u64 != chunks {
-        return Err(Failure::failed(format!(
-            "{place}: {files} of {chunks} files of rows are whole, so that there is nothing to merge yet"
-        ))
-        .help(format!("`ironbird campaign status {place}` says which are not")));
+    let (plan, whole, part) = whole_chunks(&args.directory)?;
+    if let Some(part) = part {
+        let place = args.directory.display();
+        let what = format!("{place}: {part}, so that there is nothing to merge yet");
+        return Err(Failure::failed(what).help(format!(
+            "`ironbird campaign status {place}` says which are not"
+        )));
     }
     let to = args.directory.join(MERGED);
     let rows = Rows::new(&args.directory, whole).merge(&plan.campaign, &plan.identity, &to)?;
@@ -110,21 +105,14 @@ pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
 /// Prints the results of the rows recorded so far, and writes their page.
 pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
-    let plan = plan_of(&args.directory)?;
-    let whole = found(&plan, &args.directory).whole;
-    let (place, files, chunks) = (
-        args.directory.display(),
-        whole.len(),
-        plan.campaign.chunks(),
-    );
-    if files == 0 {
+    let (plan, whole, part) = whole_chunks(&args.directory)?;
+    let place = args.directory.display();
+    if whole.is_empty() {
         return Err(Failure::failed(format!("{place}: no flight is there yet"))
             .help(format!("`ironbird campaign status {place}` says why")));
     }
-    if files as u64 != chunks {
-        say(&format!(
-            "warning: {files} of {chunks} files of rows are whole; the others are left out\n"
-        ));
+    if let Some(part) = part {
+        say(&format!("warning: {part}; the others are left out\n"));
     }
     let rows = Rows::new(&args.directory, whole);
     let results = aggregate::of(&plan.campaign, &plan.identity, &rows)?;
@@ -134,10 +122,7 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     }
     match args.format {
         DiffFormat::Text => print(&document.text())?,
-        DiffFormat::Json => {
-            let json = json::to_string(&results).map_err(|e| Failure::failed(e.to_string()))?;
-            print(&(json + "\n"))?;
-        }
+        DiffFormat::Json => print_json(&results)?,
     }
     Ok(OK)
 }

@@ -18,7 +18,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::flight_settings::{Plan, open_directory};
 use super::run;
-use super::status::{found, ranges, report};
+use super::status::{chunks, ranges, report};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
 use crate::parallel::stop_flag;
 use crate::progress::Progress;
@@ -112,10 +112,8 @@ struct Submitted<'a> {
 
 impl Submitted<'_> {
     fn missing(&self) -> Vec<u64> {
-        let whole = found(self.plan, &self.array.out).whole;
-        (0..self.plan.campaign.chunks())
-            .filter(|chunk| whole.binary_search(chunk).is_err())
-            .collect()
+        let (_, missing) = chunks(self.plan, &self.array.out);
+        missing.into_iter().map(|(chunk, _)| chunk).collect()
     }
 
     fn written(&self, chunk: u64) -> Option<SystemTime> {

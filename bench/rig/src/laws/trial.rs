@@ -1,4 +1,4 @@
-//! A law on the bench: same output twice and after warm-ups, finite, how long a tick takes, what it allocates.
+//! Tries a law: same output twice and after warm-ups, finite, how long a tick takes, what it allocates.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -42,33 +42,24 @@ pub enum Candidate {
     Mixer(Made<dyn MixerLaw>),
 }
 
-/// Two instances of a law answered the same input differently.
+/// An input that two instances of a law answered differently, or with a number that is not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Difference {
+pub struct BadAnswer {
     pub input: u64,
     /// Index in the answer.
     pub index: usize,
     pub values: [f64; 2],
 }
 
-/// An answer with a number that is not finite.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NotFinite {
-    pub input: u64,
-    /// Index in the answer.
-    pub index: usize,
-    pub value: f64,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Findings {
     /// The first difference between two instances with the same inputs.
-    pub difference: Option<Difference>,
-    pub not_finite: Option<NotFinite>,
+    pub difference: Option<BadAnswer>,
+    pub not_finite: Option<BadAnswer>,
     /// Whether an instance can take over the memory of another one, as a warm-up needs.
     pub is_copied: bool,
     /// The first difference between an instance and one with a warm-up before each tick; none if `difference` is some.
-    pub rehearsed: Option<Difference>,
+    pub rehearsed: Option<BadAnswer>,
     /// Median and 99th percentile of a tick with warm caches [ns].
     pub hot_ns: [u64; 2],
     /// Median of a tick with cold caches [ns].
@@ -104,28 +95,25 @@ pub const ANSWER: usize = 10;
 /// The numbers that other stages read, then the telemetry.
 type Answer = [f64; ANSWER + TELEMETRY];
 
+/// The instance of a law that flies, or its twin, which flies warm-up runs.
+fn instance<L: ?Sized>(made: &mut Made<L>, is_twin: bool) -> &mut L {
+    if is_twin {
+        &mut made.twin
+    } else {
+        &mut made.law
+    }
+}
+
 impl Candidate {
-    fn tick(&mut self, input: &Input) -> Answer {
+    fn tick(&mut self, input: &Input, is_twin: bool) -> Answer {
         match self {
-            Self::Outer(made) => tick_outer(&mut *made.law, input),
-            Self::Inner(made) => tick_inner(&mut *made.law, input),
-            Self::Mixer(made) => tick_mixer(&mut *made.law, input),
+            Self::Outer(made) => tick_outer(instance(made, is_twin), input),
+            Self::Inner(made) => tick_inner(instance(made, is_twin), input),
+            Self::Mixer(made) => tick_mixer(instance(made, is_twin), input),
         }
     }
 
-    /// Has its twin fly a tick as it would; false if it cannot be copied.
-    fn rehearse(&mut self, input: &Input) -> bool {
-        let is_copied = self.is_copied();
-        if is_copied {
-            black_box(match self {
-                Self::Outer(made) => tick_outer(&mut *made.twin, input),
-                Self::Inner(made) => tick_inner(&mut *made.twin, input),
-                Self::Mixer(made) => tick_mixer(&mut *made.twin, input),
-            });
-        }
-        is_copied
-    }
-
+    /// Copies the law into its twin; false if it cannot be copied.
     fn is_copied(&mut self) -> bool {
         match self {
             Self::Outer(made) => made.law.copy_into(&mut *made.twin),
@@ -189,9 +177,9 @@ pub fn trial<E>(
     make: impl Fn() -> Result<Candidate, E>,
     alive: impl Fn(),
 ) -> Result<Findings, E> {
-    let (difference, not_finite) = compare(rig, INPUTS, false, &make, &alive)?;
+    let [difference, not_finite] = compare(rig, INPUTS, false, &make, &alive)?;
     let rehearsed = match difference {
-        None => compare(rig, REHEARSED, true, &make, &alive)?.0,
+        None => compare(rig, REHEARSED, true, &make, &alive)?[0],
         Some(_) => None,
     };
     let mut candidate = make()?;
@@ -201,7 +189,7 @@ pub fn trial<E>(
         for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
             let input = black_box(hover.at(tick));
             let begun = Instant::now();
-            black_box(candidate.tick(&input));
+            black_box(candidate.tick(&input, false));
             *time_ns = begun.elapsed().as_nanos() as u64;
             alive();
         }
@@ -239,44 +227,42 @@ fn compare<E>(
     rehearses: bool,
     make: &impl Fn() -> Result<Candidate, E>,
     alive: &impl Fn(),
-) -> Result<(Option<Difference>, Option<NotFinite>), E> {
+) -> Result<[Option<BadAnswer>; 2], E> {
     // Always the same inputs.
     let mut rng = fastrand::Rng::with_seed(1);
     let (mut difference, mut not_finite) = (None, None);
+    let first = |input: u64, [one, other]: &[Answer; 2], is_bad: fn(f64, f64) -> bool| {
+        let mut both = one.iter().zip(other);
+        let index = both.position(|(one, other)| is_bad(*one, *other))?;
+        Some(BadAnswer {
+            input,
+            index,
+            values: [one[index], other[index]],
+        })
+    };
     for life in 0..inputs / INPUTS_PER_LIFE {
         let (mut one, mut other) = (make()?, make()?);
         let mut input = Input::hover(rig);
         for number in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
             draw_next(&mut input, &mut rng, rig);
-            if rehearses && !other.rehearse(&input) {
-                return Ok((None, None));
+            if rehearses {
+                if !other.is_copied() {
+                    return Ok([None; 2]);
+                }
+                black_box(other.tick(&input, true));
             }
-            let answers = [one.tick(&input), other.tick(&input)];
+            let answers = [one.tick(&input, false), other.tick(&input, false)];
             alive();
-            difference = difference.or_else(|| differing(number, &answers));
+            // NaN is a difference from everything but the same bits.
+            let differs = |one: f64, other: f64| one.to_bits() != other.to_bits();
+            difference = difference.or_else(|| first(number, &answers, differs));
             not_finite = not_finite.or_else(|| {
-                let mut answer = answers[0][..ANSWER].iter();
-                let index = answer.position(|value| !value.is_finite())?;
-                Some(NotFinite {
-                    input: number,
-                    index,
-                    value: answers[0][index],
-                })
+                let is_bad = first(number, &answers, |value, _| !value.is_finite());
+                is_bad.filter(|bad| bad.index < ANSWER)
             });
         }
     }
-    Ok((difference, not_finite))
-}
-
-/// NaN is a difference from everything but the same bits.
-fn differing(input: u64, [one, other]: &[Answer; 2]) -> Option<Difference> {
-    let mut both = one.iter().zip(other);
-    let index = both.position(|(one, other)| one.to_bits() != other.to_bits())?;
-    Some(Difference {
-        input,
-        index,
-        values: [one[index], other[index]],
-    })
+    Ok([difference, not_finite])
 }
 
 /// Ends the process with code 3 if a law does not return.

@@ -159,17 +159,4 @@ mod tests {
             assert_ne!(end(&whole, &one), end(&whole, &other));
         }
     }
-
-    #[test]
-    fn a_stop_request_ends_a_flight_with_or_without_a_base() {
-        let settings = Settings::resolve(None, &Vec::new()).unwrap();
-        let stop = AtomicBool::new(true);
-        let code = |failure: Option<Failure>| failure.map(|failure| failure.code);
-        let base = Flights::new(&settings, 2000, &stop).err();
-        assert_eq!(code(base), Some(INTERRUPTED));
-        let flights = Flights::new(&settings, 0, &stop).unwrap();
-        assert_eq!(flights.count.get(), 0);
-        let flown = flights.fly(&[], 0, 10, 0.1).err();
-        assert_eq!(code(flown), Some(INTERRUPTED));
-    }
 }

@@ -4,9 +4,7 @@ use analysis::comparison::{SETTLING_S, STAYING_S};
 use analysis::margin::{
     Gate, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M, TIMES_UNFAULTED,
 };
-use campaign::gates::Outcome;
-use campaign::gates::{Gates, METRICS};
-use messages::role::Role;
+use campaign::gates::{Gates, METRICS, Outcome};
 
 use crate::cli::{GateLimit, MarginArgs, RECOVERED_BELOW};
 use config::Settings;
@@ -180,29 +178,16 @@ pub fn check(name: &str, outcome: &Outcome, gates: &Gates) -> Result<(), Failure
         return Ok(());
     };
     let metric = METRICS[*place];
-    let found = match outcome.metrics[*place] {
-        Some(found) => format!("{found} {}", metric.unit),
-        None => {
-            let bound_m = gates.recovered_below_m;
-            format!("the position error does not stay below {bound_m} m")
-        }
-    };
-    let why = format!("{}: {}, allowed are {most}", metric.name, found.trim_end());
+    let bound_m = gates.recovered_below_m;
+    let value = outcome.metrics[*place].map_or_else(
+        || format!("the position error does not stay below {bound_m} m"),
+        |value| format!("{value} {}", metric.unit),
+    );
+    let why = format!("{}: {}, allowed are {most}", metric.name, value.trim_end());
     Err(unflyable(name, &why))
 }
 
 fn unflyable(name: &str, why: &str) -> Failure {
     Failure::new(GATE, format!("{name} does not hold the gate without a fault: {why}"))
         .help("choose other laws, another trajectory or preset, or a wider limit such as --gate recovered_below_m=0.2")
-}
-
-pub fn name(settings: &Settings) -> Result<String, Failure> {
-    let [outer, inner, mixer] = settings.laws()?.map(|law| law.name);
-    let is_default = mixer == known(Role::Mixer)[0].name;
-    let mixer = if is_default {
-        ""
-    } else {
-        &format!(" + {mixer}")
-    };
-    Ok(format!("{outer} + {inner}{mixer}"))
 }

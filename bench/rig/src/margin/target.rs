@@ -90,12 +90,4 @@ mod tests {
             assert_eq!(target.outage(10, 3, 2_000_000), fault);
         }
     }
-
-    #[test]
-    fn a_topic_selects_all_its_inputs() {
-        let selected = |word: &str| all().filter(|it| it.is_named_by(word)).count();
-        let words = ["state", "wrench", "outer", "machine", "x"];
-        assert_eq!(words.map(selected), [2, 1, 1, 1, 0]);
-        assert_eq!(names().len(), 9);
-    }
 }

@@ -85,11 +85,6 @@ struct Region<'r, 'f> {
 }
 
 impl Region<'_, '_> {
-    /// Whether the region has room for this many columns.
-    const fn is_wide(&self, columns: u16) -> bool {
-        self.area.width >= columns
-    }
-
     /// Takes lines off the top.
     fn split(&mut self, lines: u16) -> Rect {
         let [top, rest] =
@@ -124,13 +119,14 @@ impl Region<'_, '_> {
     }
 
     /// A table with a heading, scrolled so that the selected row is visible.
-    fn put_table(&mut self, heading: String, rows: Vec<Line<'_>>, selected: usize, room: usize) {
+    fn put_table(&mut self, heading: Line<'_>, rows: Vec<Line<'_>>, selected: usize, room: usize) {
         let first = selected
             .saturating_sub(room / 2)
             .min(rows.len().saturating_sub(room));
-        let mut lines = vec![Line::styled(heading, HEADING)];
+        let mut lines = vec![heading.style(HEADING)];
         for (i, row) in rows.into_iter().enumerate().skip(first).take(room) {
-            lines.push(if i == selected {
+            let is_selected = i == selected;
+            lines.push(if is_selected {
                 row.style(SELECTED)
             } else {
                 row
@@ -203,7 +199,13 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let lost_at = flight.lost_at();
     let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
     let theorem = verdicts.theorem.word;
+<<<<<<< HEAD
     let verdict = |subject, word: String, is_good: bool, is_bad: bool| {
+||||||| 56a4d19
+    let verdict = |subject, word: &'static str, is_good: bool, is_bad: bool| {
+=======
+    let verdict = |subject, word: &'static str, [is_good, is_bad]: [bool; 2]| {
+>>>>>>> b16138f32a1256b30bc0f65bb0ada79dfb59fa89
         let style = match (lost_at, is_good, is_bad) {
             (None, true, _) => GOOD,
             (None, _, true) => BAD,
@@ -211,8 +213,18 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
         };
         Line::from_iter([Span::styled(subject, FAINT), Span::styled(word, style)])
     };
+    let flight = [
+        tracked == FlightVerdict::Tracked,
+        matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
+    ];
+    let in_time = [
+        timing == TimingVerdict::InTime,
+        timing == TimingVerdict::Late,
+    ];
+    let holds = [StabilityVerdict::Holds, StabilityVerdict::Broken].map(|it| theorem == it);
     let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), BAD));
     let parts = [
+<<<<<<< HEAD
         verdict(
             " ",
             name_of(&tracked),
@@ -231,6 +243,30 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
             theorem == StabilityVerdict::Holds,
             theorem == StabilityVerdict::Broken,
         ),
+||||||| 56a4d19
+        verdict(
+            " ",
+            tracked.words(),
+            tracked == FlightVerdict::Tracked,
+            matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
+        ),
+        verdict(
+            "   timing ",
+            timing.words(),
+            timing == TimingVerdict::InTime,
+            timing == TimingVerdict::Late,
+        ),
+        verdict(
+            "   theorem ",
+            theorem.words(),
+            theorem == StabilityVerdict::Holds,
+            theorem == StabilityVerdict::Broken,
+        ),
+=======
+        verdict(" ", tracked.words(), flight),
+        verdict("   timing ", timing.words(), in_time),
+        verdict("   theorem ", theorem.words(), holds),
+>>>>>>> b16138f32a1256b30bc0f65bb0ada79dfb59fa89
     ];
     fitting(until.into_iter().chain(parts), width)
 }

@@ -1,4 +1,4 @@
-//! The six pages of the dashboard.
+//! The six pages of the dashboard. On a narrow terminal, a row ends before the first cell that has no room.
 
 use analysis::schema::SignalSection;
 use analysis::sections::role_section;
@@ -11,7 +11,7 @@ use hdrhistogram::Histogram;
 use messages::blackboards::{RolePhase, Status};
 use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
-use messages::parameters::{ESTIMATED, SPECS, Spec};
+use messages::parameters::{SPECS, Spec};
 use messages::realtime::RealtimeStep;
 use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
@@ -22,7 +22,7 @@ use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke};
 
-use super::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, good_or_bad};
+use super::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad};
 use crate::params::{bound, number};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 
@@ -42,7 +42,7 @@ fn flight_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     const NUMBERS: u16 = 50;
     const HORIZON: (u16, u16) = (26, 12);
     let page = region.area;
-    region.put(flight_numbers(flight, page.width < 46));
+    region.put(flight_numbers(flight));
     let (width, height) = HORIZON;
     if page.width >= NUMBERS + width && page.height >= height {
         let area = Rect {
@@ -64,17 +64,15 @@ fn flight_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     }
 }
 
-fn flight_numbers<'a>(flight: &WatchedFlight, is_narrow: bool) -> Vec<Line<'a>> {
-    // One digit less on a narrow terminal.
-    let (column, fewer) = if is_narrow { (7, 1) } else { (10, 0) };
-    let row = |(name, values, digits, unit): (&str, &[f64], usize, &str)| {
-        let (width, digits) = ((3 * column + 2) / values.len(), digits - fewer);
+fn flight_numbers<'a>(flight: &WatchedFlight) -> Vec<Line<'a>> {
+    let row = |(name, values, digits): (&str, &[f64], usize)| {
+        let width = 24 / values.len();
         let cell = |value: &f64| format!("{value:>width$.digits$}");
         let cells: String = values.iter().map(cell).collect();
-        Line::from(format!("{name:<10}{cells} {unit}"))
+        Line::from(format!("{name:<14}{cells}"))
     };
     let heading = |[a, b, c]: [&str; 3]| {
-        let text = format!("{:<10}{a:>column$}{b:>column$}{c:>column$}", "");
+        let text = format!("{:<14}{a:>8}{b:>8}{c:>8}", "");
         Line::styled(text, HEADING)
     };
     let state = flight.state.unwrap_or_default();
@@ -82,37 +80,29 @@ fn flight_numbers<'a>(flight: &WatchedFlight, is_narrow: bool) -> Vec<Line<'a>> 
     let measured = &state.measured;
     let (p, r) = (state.truth.position_w_m, setpoint.reference.position_w_m);
     let error = [0, 1, 2].map(|i| p[i] - r[i]);
-    let positions = [
-        ("position", &p[..], 3, "m"),
-        ("reference", &r, 3, "m"),
-        ("error", &error, 3, "m"),
-    ];
-    let attitude = measured.attitude_rad.map(f64::to_degrees);
-    let wanted = setpoint.attitude_rad.map(f64::to_degrees);
-    let rate = measured.rate_b_rad_s.map(f64::to_degrees);
-    let rotors = &measured.rotor_speed_command_rad_s;
-    let attitudes = [
-        ("attitude", &attitude[..], 2, "deg"),
-        ("set-point", &wanted, 2, "deg"),
-        ("rate", &rate, 2, "deg/s"),
-        ("rotors", rotors, 1, "rad/s"),
-    ];
-    let mut lines = vec![heading(["x", "y", "z"])];
-    lines.extend(positions.map(row));
-    lines.push(heading(["roll", "pitch", "yaw"]));
-    lines.extend(attitudes.map(row));
+    let degrees = |rad: [f64; 3]| rad.map(f64::to_degrees);
     let thrust_n = flight.rotor_speeds.unwrap_or_default().thrust_n;
-    let thrust = format!("{:<10}{thrust_n:>column$.3} N", "thrust");
     let total = flight.statistics.flight();
     let (now_m, rms_m) = (total.position_error_final_m, total.position_error_rms_m);
     let max_m = total.position_error_max_m;
-    let error = format!("error     {now_m:.4} m   rms {rms_m:.4}   max {max_m:.4}");
-    lines.extend([thrust.into(), modes(flight), error.into()]);
-    lines
+    vec![
+        heading(["x", "y", "z"]),
+        row(("position [m]", &p, 3)),
+        row(("reference [m]", &r, 3)),
+        row(("error [m]", &error, 3)),
+        heading(["roll", "pitch", "yaw"]),
+        row(("attitude [deg]", &degrees(measured.attitude_rad), 2)),
+        row(("setpoint [deg]", &degrees(setpoint.attitude_rad), 2)),
+        row(("rate [deg/s]", &degrees(measured.rate_b_rad_s), 2)),
+        row(("rotors [rad/s]", &measured.rotor_speed_command_rad_s, 0)),
+        Line::from(format!("{:<14}{thrust_n:>8.3}", "thrust [N]")),
+        modes(flight),
+        Line::from(format!("now {now_m:.4} rms {rms_m:.4} max {max_m:.4} m")),
+    ]
 }
 
 fn modes<'a>(flight: &WatchedFlight) -> Line<'a> {
-    let mut line = Line::from("mode      ");
+    let mut line = Line::from("mode  ");
     let (Some(wrench), Some(speeds)) = (&flight.wrench, &flight.rotor_speeds) else {
         line.push_span("-");
         return line;
@@ -192,27 +182,26 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
         0..12 => 0,
         height => HISTOGRAM.max(height / 3),
     };
-    // A narrow terminal shows only these columns.
-    let shown: &[usize] = match region.is_wide(76) {
-        true => &[0, 1, 2, 3, 4, 5],
-        false => &[1, 3],
-    };
+    let width = region.area.width;
     let row = |name: &str, cells: [String; 6]| {
-        let cells: String = shown.iter().map(|i| format!("{:>10}", cells[*i])).collect();
-        format!("{name:<18}{cells}")
+        let cells = cells.iter().map(|cell| Line::from(format!("{cell:>10}")));
+        let name = Line::from(format!("{name:<18}"));
+        fitting([name].into_iter().chain(cells), width)
     };
-    let heading = ["count", "p50", "p90", "p99", "p99.9", "max"].map(str::to_owned);
+    let heading = ["p50", "p99", "p90", "p99.9", "max", "count"].map(str::to_owned);
     let series_row = |series: &Series| {
         let histogram = statistics.series.flight(*series);
         let Some(histogram) = histogram.filter(|histogram| !histogram.is_empty()) else {
-            return Line::from(row(&series.name(), ["-"; 6].map(str::to_owned)));
+            return row(&series.name(), ["-"; 6].map(str::to_owned));
         };
         let s = Statistics::of("", histogram);
         let us = |us: f64| format!("{us:.1}");
         let p999 = s.p999_us.map_or_else(|| "-".into(), us);
-        let (count, max) = (s.count.to_string(), us(s.max_us));
-        let cells = [count, us(s.p50_us), us(s.p90_us), us(s.p99_us), p999, max];
-        Line::from(row(&series.name(), cells))
+        let [p50, p99, p90, max] = [s.p50_us, s.p99_us, s.p90_us, s.max_us].map(us);
+        row(
+            &series.name(),
+            [p50, p99, p90, p999, max, s.count.to_string()],
+        )
     };
     let all = Series::all();
     let room = usize::from(height - histogram_height).saturating_sub(1);
@@ -305,7 +294,7 @@ fn decade(ns: u64) -> f64 {
 fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     /// Minimum height of the chart.
     const CHART: u16 = 8;
-    /// Short names of the estimated parameters.
+    /// The paper's symbols of [`messages::parameters::ESTIMATED`].
     const SYMBOLS: [&str; 3] = ["I_R kg m^2", "k_r N m s", "delta rad/s^2"];
     if let Some(why) = flight.laws.without_theorem.map(no_theorem) {
         let text = format!("The theorem is not applicable: {why}.");
@@ -314,36 +303,28 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     let (Some(wrench), Some(monitor)) = (&flight.wrench, &flight.monitor) else {
         return region.put(vec![Line::from("the monitor has published no result yet")]);
     };
-    let is_wide = region.is_wide(70);
+    let width = region.area.width;
     let theorem = flight.statistics.theorem.section();
-    let mut lines = vec![theorem_verdict(&theorem, flight.lost_at(), is_wide)];
-    lines.extend(lyapunov_values(flight, monitor, is_wide));
-    let (name, cell) = if is_wide { (25, 13) } else { (14, 11) };
-    let row = |title: &str, [estimated, truth, error]: [&str; 3]| {
-        let error = if is_wide { error } else { "" };
-        format!("{title:<name$}{estimated:>cell$}{truth:>cell$}{error:>cell$}")
+    let mut lines = vec![theorem_verdict(&theorem, flight.lost_at(), width)];
+    lines.extend(lyapunov_values(flight, monitor, width));
+    let row = |name: &str, cells: [&str; 3], mark: Option<Line<'static>>| {
+        let cells = cells.map(|cell| Line::from(format!("{cell:>11}")));
+        let name = Line::from(format!("{name:<14}"));
+        fitting([name].into_iter().chain(cells).chain(mark), width)
     };
-    let heading = row("estimates", ["estimated", "true", "error"]);
-    lines.push(Line::styled(heading, HEADING));
+    lines.push(row("estimates", ["estimated", "true", "error"], None).style(HEADING));
     let estimates = adaptive::estimate(&wrench.telemetry);
-    for (i, (parameter, estimate)) in ESTIMATED.iter().zip(estimates).enumerate() {
+    for (i, (symbol, estimate)) in SYMBOLS.iter().zip(estimates).enumerate() {
         let known = theorem.estimates.get(i);
         let truth = known.map_or(0.0, |known| known.actual);
         let [estimate, truth] = [estimate, truth].map(|value| format!("{value:.4e}"));
         let error = format!("{:.2e}", monitor.estimate_error[i]);
-        let title = if is_wide {
-            parameter.name()
-        } else {
-            SYMBOLS[i]
-        };
-        let mut line = Line::from(row(title, [&estimate, &truth, &error]));
-        if known.is_some_and(|known| known.found) {
-            line.push_span(Span::styled("  found", GOOD));
-        }
-        lines.push(line);
+        let is_found = known.is_some_and(|known| known.found);
+        let mark = is_found.then(|| Line::styled("  found", GOOD));
+        lines.push(row(symbol, [&estimate, &truth, &error], mark));
     }
     region.put(lines);
-    region.put(causes(monitor, region.area.height >= 8, is_wide));
+    region.put(causes(monitor, region.area.height >= 8, width));
     let converged = match theorem.converged {
         true => "held",
         false => "did not hold so far",
@@ -364,15 +345,14 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     put_v_th(flight, region);
 }
 
-fn theorem_verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, is_wide: bool) -> Line<'a> {
+fn theorem_verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, width: u16) -> Line<'a> {
     if let Some(tick) = lost_at {
         let held = if theorem.holds {
             "held"
         } else {
             "DID NOT HOLD"
         };
-        let words =
-            format!("theorem {held} up to tick {tick}; unchecked since: the recorder has gone");
+        let words = format!("theorem {held} up to tick {tick}; unchecked since: no recorder");
         return Line::styled(words, BAD);
     }
     let holds = if theorem.holds {
@@ -380,59 +360,45 @@ fn theorem_verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, is_wide: bool) -
     } else {
         "DOES NOT HOLD"
     };
-    let steps = match is_wide {
-        true => format!(" {} steps,", theorem.ticks_checked),
-        false => String::new(),
-    };
-    Line::from_iter([
-        Span::styled(format!("theorem {holds}"), good_or_bad(theorem.holds)),
-        Span::raw(format!(":{steps} {} unexplained", theorem.unexplained())),
-    ])
+    let holds = Line::styled(format!("theorem {holds}"), good_or_bad(theorem.holds));
+    let unexplained = format!(": {} unexplained", theorem.unexplained());
+    let steps = format!(" of {} steps", theorem.ticks_checked);
+    fitting([holds, unexplained.into(), steps.into()], width)
 }
 
 /// V, V_th and the rate error: current values and, if there is room, their history.
-fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, is_wide: bool) -> [Line<'a>; 3] {
+fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, width: u16) -> [Line<'a>; 3] {
     let error = flight.statistics.flight().rate_error_final_rad_s;
-    let error = error.map_or_else(|| "-".into(), |error| format!("{error:.3e}"));
-    let number = |value: f64| format!("{value:.3e}");
-    let [change, at_most] = [m.v_change, m.v_change_bound];
-    let [first, fell] = [m.v_th_start, m.descent];
-    let [rms, largest] = [m.rate_error_rms_rad_s, m.rate_error_max_rad_s];
-    let predicted = m.descent_predicted;
-    let [v, v_th] = [number(m.v), number(m.v_th)];
+    let (v, rate, predicted) = ("rad^2/s^2", "rad/s", m.descent_predicted);
+    let fell = format!(
+        "  fell by {:>10.2e} of {predicted:.2e} predicted",
+        m.descent
+    );
+    let history = |first: &str, [a, b]: [f64; 2], second: &str| {
+        let second = format!("  {second} {b:>10.2e}");
+        [format!("  {first:<6} {a:>10.2e}"), second]
+    };
+    let changes = history("change", [m.v_change, m.v_change_bound], "at most");
+    let [first, _] = history("first", [m.v_th_start, 0.0], "");
+    let errors = [m.rate_error_rms_rad_s, m.rate_error_max_rad_s];
     [
-        (
-            "V",
-            v,
-            "rad^2/s^2",
-            format!("change {change:>10.2e}  at most {at_most:>10.2e}  rad^2/s^2"),
-        ),
-        (
-            "V_th",
-            v_th,
-            "rad^2/s^2",
-            format!("first  {first:>10.2e}  fell by {fell:>10.2e}  of {predicted:.2e} predicted"),
-        ),
-        (
-            "|e|",
-            error,
-            "rad/s",
-            format!("rms    {rms:>10.2e}  largest {largest:>10.2e}  rad/s"),
-        ),
+        ("V", Some(m.v), v, changes),
+        ("V_th", Some(m.v_th), v, [first, fell]),
+        ("|e|", error, rate, history("rms", errors, "largest")),
     ]
     .map(|(name, now, unit, history)| {
-        let rest = if is_wide { &history } else { unit };
-        Line::from(format!("{name:<5}{now:>10}  {rest}"))
+        let now = now.map_or_else(|| "-".into(), |now| format!("{now:.3e}"));
+        let now = format!("{name:<5}{now:>10} {unit:<9}");
+        fitting([now].into_iter().chain(history).map(Line::from), width)
     })
 }
 
 /// Steps by cause, for rises of V_th and of V.
-fn causes<'a>(monitor: &Monitor, all: bool, is_wide: bool) -> Vec<Line<'a>> {
-    let (name, cell) = if is_wide { (25, 13) } else { (20, 9) };
-    let unjudged = if is_wide { "V, unjudged" } else { "V" };
-    let title = "violations by cause";
-    let heading = format!("{title:<name$}{:>cell$}{unjudged:>cell$}", "V_th");
-    let mut lines = vec![Line::styled(heading, HEADING)];
+fn causes<'a>(monitor: &Monitor, all: bool, width: u16) -> Vec<Line<'a>> {
+    let row = |name: &str, [v_th, v]: [&str; 2]| format!("{name:<20}{v_th:>9}{v:>9}");
+    let heading = row("violations by cause", ["V_th", "V"]);
+    let heading = [heading.into(), Line::from("  V is not judged")];
+    let mut lines = vec![fitting(heading, width).style(HEADING)];
     for cause in Cause::ALL {
         let steps = monitor.violations[cause as usize];
         let unjudged = monitor.v_above_bound[cause as usize];
@@ -443,7 +409,8 @@ fn causes<'a>(monitor: &Monitor, all: bool, is_wide: bool) -> Vec<Line<'a>> {
             } else {
                 PLAIN
             };
-            let text = format!("{:<name$}{steps:>cell$}{unjudged:>cell$}", cause.name());
+            let [steps, unjudged] = [steps, unjudged].map(|steps| steps.to_string());
+            let text = row(cause.name(), [&steps, &unjudged]);
             lines.push(Line::styled(text, style));
         }
     }
@@ -472,33 +439,33 @@ fn put_v_th(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
 
 /// The current parameters, and the input line that changes them.
 fn plant_page(flight: &WatchedFlight, page: &ParameterPage, region: &mut Region<'_, '_>) {
-    let is_wide = region.is_wide(74);
     // An error message may need two lines.
     let foot = if region.area.height >= 12 { 2 } else { 1 };
-    let room = usize::from(region.area.height).saturating_sub(foot + 1);
+    let (width, height) = (region.area.width, usize::from(region.area.height));
+    let room = height.saturating_sub(foot + 1);
+    let cells = |unit: &str, [nominal, min, max]: [String; 3]| {
+        // A long unit uses the room of the nominal value, which is 0 in that row.
+        let rest = 17_usize.saturating_sub(unit.len().max(8));
+        let nominal = format!("  {unit:<8}{nominal:>rest$}");
+        [nominal, format!("{min:>9}"), format!("{max:>9}")].map(Line::from)
+    };
     let row = |(spec, value): (&Spec, f64)| {
-        let (nominal, range) = (
-            flight.airframe.get(spec.parameter),
-            flight.airframe.range(spec.parameter),
-        );
+        let nominal = flight.airframe.get(spec.parameter);
+        let range = flight.airframe.range(spec.parameter);
         let (mark, style) = match value == nominal {
             true => (' ', PLAIN),
             false => ('*', BAD),
         };
-        let mut text = format!("{:<24}{:>10}{mark}", spec.name, number(value));
-        if is_wide {
-            // A long unit uses the room of the nominal value, which is 0 in that row.
-            let rest = 17_usize.saturating_sub(spec.unit.len().max(8));
-            let (unit, nominal) = (spec.unit, number(nominal));
-            let [min, max] = [range.min, range.max].map(bound);
-            text += &format!("  {unit:<8}{nominal:>rest$}{min:>9}{max:>9}");
-        }
-        Line::styled(text, style)
+        let name = format!("{:<24}{:>10}{mark}", spec.name, number(value));
+        let cells = cells(
+            spec.unit,
+            [number(nominal), bound(range.min), bound(range.max)],
+        );
+        fitting([name.into()].into_iter().chain(cells), width).style(style)
     };
-    let mut heading = format!("{:<24}{:>11}", "parameter", "in force");
-    if is_wide {
-        heading += &format!("  {:<8}{:>9}{:>9}{:>9}", "unit", "nominal", "min", "max");
-    }
+    let heading = format!("{:<24}{:>11}", "parameter", "in force");
+    let columns = cells("unit", ["nominal", "min", "max"].map(str::to_owned));
+    let heading = fitting([heading.into()].into_iter().chain(columns), width);
     let rows = SPECS.iter().zip(flight.active.value).map(row).collect();
     region.put_table(heading, rows, page.selected, room);
     region.split(u16::from(usize::from(region.area.height) > foot));
@@ -547,20 +514,18 @@ fn dialogue<'a>(flight: &WatchedFlight, page: &'a ParameterPage) -> Vec<Line<'a>
 /// The real-time rights that each process requested and got.
 fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     const COLUMN: usize = 12;
-    let name = if region.is_wide(74) { 14 } else { 12 };
-    let room = usize::from(region.area.width).saturating_sub(name) / COLUMN;
-    let shown = room.clamp(1, 5);
+    let room = usize::from(region.area.width) / COLUMN - 1;
     let all = flight.statuses.len();
-    if shown < all {
-        let text = format!("room for {shown} of {all} roles");
+    if room < all {
+        let text = format!("room for {room} of {all} roles");
         region.put(vec![Line::styled(text, FAINT)]);
     }
     // The plant first: its delays matter most.
-    let statuses: Vec<(&Role, &Status)> = flight.statuses.iter().take(shown).collect();
+    let statuses: Vec<(&Role, &Status)> = flight.statuses.iter().take(room).collect();
     let row = |title: &str, text: &dyn Fn(&Role, &Status) -> String| {
         let cell = |(role, status): &(&Role, &Status)| format!("{:<COLUMN$}", text(role, status));
         let cells: String = statuses.iter().map(cell).collect();
-        Line::from(format!("{title:<name$}{cells}"))
+        Line::from(format!("{title:<COLUMN$}{cells}"))
     };
     let mut lines = vec![
         row("", &|role, _| role.to_string()).style(HEADING),
@@ -571,7 +536,7 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     for step in RealtimeStep::ALL {
         let title = serde_json::to_value(step).unwrap_or_default();
         let title = title.as_str().unwrap_or_default();
-        let mut line = Line::from(format!("{title:<name$}"));
+        let mut line = Line::from(format!("{title:<COLUMN$}"));
         for (role, status) in &statuses {
             let grant = status.grants.of(step);
             let value = match (step, role) {
@@ -623,40 +588,35 @@ fn phase(status: &Status) -> &'static str {
 
 /// The signals that each law publishes.
 fn laws_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
-    const NAME: usize = 27;
-    let is_wide = region.is_wide(76);
-    let width = usize::from(region.area.width);
-    let row = |signal: &SignalSection| {
+    let width = region.area.width;
+    let row = |name: &str, [last, min, max]: [&str; 3], unit: &str| {
+        let cells = [
+            format!("{name:<27.27}{last:>11}"),
+            format!("{min:>13}"),
+            format!("{max:>13}"),
+            format!(" {unit}"),
+        ];
+        fitting(cells.map(Line::from), width)
+    };
+    let signal_row = |signal: &SignalSection| {
         let cell =
             |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.4e}"));
-        let (name, unit) = (&signal.name, &signal.unit);
-        let [last, min, max] = [signal.last, signal.min, signal.max].map(cell);
-        // The number must not be cut: without its exponent it would be another one.
-        let room = width.saturating_sub(1 + 11);
-        let text = match is_wide {
-            true => format!("  {name:<NAME$.NAME$}{last:>13}{min:>13}{max:>13} {unit}"),
-            false => format!(" {name:<room$.room$}{last:>11}"),
-        };
-        Line::from(text.trim_end().to_owned())
+        let cells = [signal.last, signal.min, signal.max].map(cell);
+        let name = format!(" {}", signal.name);
+        row(&name, cells.each_ref().map(String::as_str), &signal.unit)
     };
     let mut lines = Vec::new();
-    let mut names_columns = is_wide;
     for (role, statistics) in LAW_ROLES.into_iter().zip(&flight.statistics.telemetry) {
         let signals = statistics.section();
         let title = format!("{role} {}", flight.setting(&format!("{role}.law")));
-        let mut heading = Line::styled(title.clone(), HEADING);
-        if signals.is_empty() {
-            heading = Line::from_iter([
+        lines.push(match signals.is_empty() {
+            true => Line::from_iter([
                 Span::styled(title, HEADING),
                 Span::styled("   publishes no signals", FAINT),
-            ]);
-        } else if std::mem::take(&mut names_columns) {
-            let room = NAME + 2;
-            let columns = format!("{:>13}{:>13}{:>13}", "now", "smallest", "largest");
-            heading = Line::styled(format!("{title:<room$}{columns}"), HEADING);
-        }
-        lines.push(heading);
-        lines.extend(signals.iter().map(row));
+            ]),
+            false => row(&title, ["now", "smallest", "largest"], "").style(HEADING),
+        });
+        lines.extend(signals.iter().map(signal_row));
     }
     let rows = usize::from(region.area.height);
     if lines.len() > rows {
