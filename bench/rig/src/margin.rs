@@ -14,8 +14,8 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use analysis::margin::{Margins, SCHEMA};
-use render::margin::document;
 use messages::role::Role;
+use render::margin::document;
 
 use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};
@@ -24,8 +24,8 @@ use crate::parallel::{all_on_processors, processors, stop_flag};
 use crate::progress::Progress;
 use analysis::json::print_json;
 use config::Settings;
+use config::law_settings::known;
 use errors::output::{print, say};
-use crate::settings::law_settings::known;
 use errors::{Failure, OK, check_writable, write_text};
 use flights::Flights;
 use limits::{GivenLimits, Judged, Phases};

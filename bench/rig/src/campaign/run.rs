@@ -16,8 +16,8 @@ use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::parallel::{processors, stop_flag};
 use crate::progress::Progress;
-use errors::output::{print, say};
 use crate::runs::size;
+use errors::output::{print, say};
 
 /// Environment variables with the task number of a job, and the offset that makes it start with 1: Slurm, HyperQueue,
 /// Kubernetes and GNU parallel.

@@ -1,6 +1,6 @@
 //! `ironbird campaign status`, `merge` and `report`: which rows are there; all in one file; what they show.
 
-use analysis::json;
+use analysis::json::print_json;
 use analysis::phrase::count;
 use std::path::Path;
 
@@ -12,7 +12,6 @@ use errors::{Failure, GATE, OK, check_writable, write_text};
 use super::flight_settings::{Plan, plan_of};
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
 use errors::output::{print, say};
-use crate::output::{print, print_json, say};
 
 const MERGED: &str = "merged.parquet";
 

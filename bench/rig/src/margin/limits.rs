@@ -8,7 +8,6 @@ use campaign::gates::{Gates, METRICS, Outcome};
 
 use crate::cli::{GateLimit, MarginArgs, RECOVERED_BELOW};
 use config::Settings;
-use config::law_settings::known;
 use errors::{Failure, GATE};
 
 /// Default time within which the flight must have recovered [s].

@@ -199,13 +199,7 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let lost_at = flight.lost_at();
     let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
     let theorem = verdicts.theorem.word;
-<<<<<<< HEAD
-    let verdict = |subject, word: String, is_good: bool, is_bad: bool| {
-||||||| 56a4d19
-    let verdict = |subject, word: &'static str, is_good: bool, is_bad: bool| {
-=======
-    let verdict = |subject, word: &'static str, [is_good, is_bad]: [bool; 2]| {
->>>>>>> b16138f32a1256b30bc0f65bb0ada79dfb59fa89
+    let verdict = |subject, word: String, [is_good, is_bad]: [bool; 2]| {
         let style = match (lost_at, is_good, is_bad) {
             (None, true, _) => GOOD,
             (None, _, true) => BAD,
@@ -224,49 +218,9 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let holds = [StabilityVerdict::Holds, StabilityVerdict::Broken].map(|it| theorem == it);
     let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), BAD));
     let parts = [
-<<<<<<< HEAD
-        verdict(
-            " ",
-            name_of(&tracked),
-            tracked == FlightVerdict::Tracked,
-            matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
-        ),
-        verdict(
-            "   timing ",
-            name_of(&timing),
-            timing == TimingVerdict::InTime,
-            timing == TimingVerdict::Late,
-        ),
-        verdict(
-            "   theorem ",
-            name_of(&theorem),
-            theorem == StabilityVerdict::Holds,
-            theorem == StabilityVerdict::Broken,
-        ),
-||||||| 56a4d19
-        verdict(
-            " ",
-            tracked.words(),
-            tracked == FlightVerdict::Tracked,
-            matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
-        ),
-        verdict(
-            "   timing ",
-            timing.words(),
-            timing == TimingVerdict::InTime,
-            timing == TimingVerdict::Late,
-        ),
-        verdict(
-            "   theorem ",
-            theorem.words(),
-            theorem == StabilityVerdict::Holds,
-            theorem == StabilityVerdict::Broken,
-        ),
-=======
-        verdict(" ", tracked.words(), flight),
-        verdict("   timing ", timing.words(), in_time),
-        verdict("   theorem ", theorem.words(), holds),
->>>>>>> b16138f32a1256b30bc0f65bb0ada79dfb59fa89
+        verdict(" ", name_of(&tracked), flight),
+        verdict("   timing ", name_of(&timing), in_time),
+        verdict("   theorem ", name_of(&theorem), holds),
     ];
     fitting(until.into_iter().chain(parts), width)
 }
