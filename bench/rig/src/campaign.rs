@@ -3,8 +3,6 @@
 //! The file, its draws and its tables are the crate `campaign`. Here is what flies: each flight is that of `ironbird
 //! simulate` with the same settings, bit for bit.
 
-mod batch;
-mod flight_settings;
 mod refly;
 mod run;
 mod status;

@@ -34,8 +34,7 @@ pub use records::{
 };
 pub use study::{
     CampaignCheckArgs, CampaignCommand, CampaignDirectoryArgs, CampaignFlyArgs, CampaignReportArgs,
-    CampaignRunArgs, CampaignSubmitArgs, CompareArgs, Engine, GateLimit, LawSetArgs, MarginArgs,
-    RECOVERED_BELOW, Shard,
+    CampaignRunArgs, CampaignSubmitArgs, CompareArgs, Engine, LawSetArgs, MarginArgs, Shard,
 };
 
 /// A real-time test rig for quadrotor flight controllers.

@@ -14,12 +14,12 @@ use toml::Value;
 
 use crate::build;
 use crate::cli::{CompareArgs, DiffFormat};
-use crate::combinations;
-use crate::parallel::{on_processors, processors};
 use analysis::json::print_json;
 use config::{Overrides, Settings};
 use errors::output::{print, say};
 use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
+use experiments::combinations;
+use experiments::parallel::{on_processors, processors};
 use sim::invalid_outputs::InvalidOutputs;
 use sim::simulate;
 use sim::simulator::Simulator;

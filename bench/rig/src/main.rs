@@ -9,7 +9,7 @@ use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
 use ironbird::floor;
 use ironbird::{
     campaign, clean, compare, doctor, export, laws, manual, margin, new_law, params,
-    report_command, resource_limits, runs, watch,
+    report_command, resource_limits, runs,
 };
 use messages::checks;
 use messages::role::Role;
@@ -46,9 +46,9 @@ fn main() -> ExitCode {
 fn run(cli: &Cli) -> Result<u8, Failure> {
     match &cli.command {
         Command::Fly(args) => fly::fly(args),
-        Command::Watch(args) => watch::watch(args),
+        Command::Watch(args) => live::watch::watch(&args.instance, args.plain, args.launcher),
         #[cfg(feature = "foxglove")]
-        Command::Bridge(BridgeTo::Foxglove(args)) => ironbird::bridge::foxglove(args),
+        Command::Bridge(BridgeTo::Foxglove(args)) => live::bridge::foxglove(&args.options()),
         #[cfg(not(feature = "foxglove"))]
         Command::Bridge(BridgeTo::Foxglove(_)) => Err(Failure::usage(
             "this build of ironbird has no bridge to Foxglove",

@@ -6,11 +6,12 @@ use messages::parameters::{Airframe, SPECS, Spec};
 use serde::Serialize;
 
 use crate::cli::ParamsArgs;
-use crate::inject::{self, flight};
 use analysis::json::print_json;
 use config::airframe::named;
 use errors::output::print;
 use errors::{Failure, OK};
+use live::inject::{self, flight};
+use live::parameter_text::{bound, number};
 use render::document::{Table, known, row};
 
 #[derive(Serialize)]
@@ -74,28 +75,4 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     };
     print(&(Table::new(columns, cells).list() + &note))?;
     Ok(OK)
-}
-
-/// An end of a range. That of an airframe of another size is a quotient with many digits, and is shortened.
-pub(crate) fn bound(value: f64) -> String {
-    let text = number(value);
-    if text.len() > 8 {
-        format!("{value:.2e}")
-    } else {
-        text
-    }
-}
-
-/// A value as a user types it; small ones as powers of ten. One on a ramp has many digits, and is shortened.
-pub(crate) fn number(value: f64) -> String {
-    let is_small = value != 0.0 && value.abs() < 1e-3;
-    let text = match is_small {
-        true => format!("{value:e}"),
-        false => format!("{value}"),
-    };
-    match (text.len() > 12, is_small) {
-        (false, _) => text,
-        (true, true) => format!("{value:.3e}"),
-        (true, false) => format!("{value:.6}"),
-    }
 }

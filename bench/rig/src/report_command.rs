@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use crate::browser::open_page;
 use crate::cli::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
-use crate::margin::table::look_again;
 use analysis::diff::{Flown, compare};
 use analysis::gates::break_off;
 use analysis::json::print_json;
@@ -14,6 +13,7 @@ use analysis::schema::Report;
 use analysis::status::FlightStatus;
 use errors::output::print;
 use errors::{Failure, InFile as _, OK, check_writable, read_text};
+use experiments::margin::table::look_again;
 use flight_log::wall_time::utc;
 use recorder::hlog;
 use recorder::run_directory::{find, log_files};

@@ -14,8 +14,12 @@
 //! `nohup` and a shell's background jobs ask for.
 
 use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use errors::Failure;
 use signal_hook::consts::{SIGALRM, SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+use signal_hook::flag;
 
 use crate::rt::no_longer_ignore;
 use ipc::error::Error;
@@ -30,6 +34,16 @@ pub fn stop_signals() -> Vec<i32> {
         .into_iter()
         .filter(|signal| !is_ignored(*signal));
     [SIGINT, SIGTERM].into_iter().chain(respected).collect()
+}
+
+/// A flag that a stop signal sets; long work polls it.
+pub fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in stop_signals() {
+        flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
+    }
+    Ok(stop)
 }
 
 /// Whether a signal ends the process at once when the end has been asked for already.

@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use campaign::chunk::{self, Rows, State};
 use errors::{Failure, GATE, InFile as _, OK};
 
-use super::flight_settings::{Plan, plan_of};
 use crate::cli::{
     self, CampaignFlyArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs, TrajectoryArgs,
 };
 use config::law_settings::Moved;
 use config::{PaceName, Settings};
 use errors::output::print;
+use experiments::campaign::flight_settings::{Plan, plan_of};
 use recorder::run_directory::find_log;
 use replay::fly_again;
 use sim::recorded_timing::Timing;

@@ -10,14 +10,15 @@ use campaign::table::Row;
 use errors::{Failure, INTERRUPTED, OK};
 use plant::LANES;
 
-use super::batch;
-use super::flight_settings::{Plan, open_directory};
 use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
-use crate::parallel::{processors, stop_flag};
-use crate::progress::Progress;
 use crate::runs::size;
 use errors::output::{print, say};
+use experiments::campaign::batch;
+use experiments::campaign::flight_settings::{Plan, open_directory};
+use experiments::parallel::processors;
+use experiments::progress::Progress;
+use process::signals::stop_flag;
 
 /// Environment variables with the task number of a job, and the offset that makes it start with 1: Slurm, HyperQueue,
 /// Kubernetes and GNU parallel.

@@ -9,9 +9,9 @@ use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
 use errors::{Failure, GATE, OK, check_writable, write_text};
 
-use super::flight_settings::{Plan, plan_of};
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
 use errors::output::{print, say};
+use experiments::campaign::flight_settings::{Plan, plan_of};
 
 const MERGED: &str = "merged.parquet";
 

@@ -16,13 +16,13 @@ use errors::{Failure, GATE, INTERRUPTED, InFile as _, OK};
 use host::own_executable;
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::flight_settings::{Plan, open_directory};
 use super::run;
 use super::status::{chunks, ranges, report};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
-use crate::parallel::stop_flag;
-use crate::progress::Progress;
 use errors::output::{print, say};
+use experiments::campaign::flight_settings::{Plan, open_directory};
+use experiments::progress::Progress;
+use process::signals::stop_flag;
 
 /// How often the missing shards are submitted. A shard that fails this often always fails.
 const ROUNDS: usize = 3;

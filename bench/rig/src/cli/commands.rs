@@ -4,11 +4,11 @@ use std::path::Path;
 
 use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
 use crate::fault_text;
-use crate::inject::{self, When};
 use config::Settings;
 use errors::output::{print, say};
 use errors::{Failure, OK, check_writable};
 use ipc::instance::Instance;
+use live::inject::{self, When};
 use recorder::run_directory::find_log;
 use sim::recorded_timing::Timing;
 use sim::simulate::{self, OutputFiles};

@@ -47,6 +47,19 @@ pub struct FoxgloveArgs {
     pub instance: String,
 }
 
+#[cfg(feature = "foxglove")]
+impl FoxgloveArgs {
+    pub fn options(&self) -> live::bridge::FoxgloveOptions {
+        live::bridge::FoxgloveOptions {
+            instance: self.instance.clone(),
+            host: self.host.clone(),
+            port: self.port,
+            allow_swaps: self.allow_swaps,
+            allow_origin: self.allow_origin.clone(),
+        }
+    }
+}
+
 #[derive(Clone, Debug, Args)]
 pub struct InjectArgs {
     /// What to change, with the syntax of --fault. Parameters: NAME=VALUE, where VALUE is a number, `nominal`, or +30% of

@@ -18,11 +18,11 @@ use process::standby;
 
 use crate::cli::flight::check_clock_flags;
 use crate::cli::{RecordArgs, RoleArgs};
-use crate::margin::table;
 use crate::report_command::ended;
 use config::{Overrides, PaceName, Settings};
 use errors::output::print;
 use errors::{Failure, OK, check_writable};
+use experiments::margin::table;
 use recorder::kernel_trace::{self, remove_leftovers};
 use recorder::recording;
 use recorder::run_directory::{LATENCIES, RunDirectory};

@@ -8,7 +8,8 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 
 use crate::cli::{DiffFormat, TrajectoryArgs, values};
-use crate::margin::target;
+use experiments::margin::limits::{GateLimit, RECOVERED_BELOW};
+use experiments::margin::target;
 
 /// The laws to fly: every outer law with every inner law and every mixer.
 #[derive(Clone, Debug, Args)]
@@ -77,17 +78,6 @@ pub struct MarginArgs {
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
 }
-
-/// A limit that a flight must hold to count as survived.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GateLimit {
-    /// A metric of a campaign's `[success]`.
-    pub name: &'static str,
-    pub most: f64,
-}
-
-/// The bound below which a flight has recovered: a parameter of a metric, not a metric.
-pub const RECOVERED_BELOW: &str = "recovered_below_m";
 
 #[derive(Clone, Debug, Subcommand)]
 pub enum CampaignCommand {

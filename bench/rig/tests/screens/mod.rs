@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use errors::Failure;
-use ironbird::observation::ObservedMessage;
-use ironbird::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
-use ironbird::watch::line;
-use ironbird::watch::screen::{SMALLEST, draw};
+use live::observation::ObservedMessage;
+use live::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
+use live::watch::line;
+use live::watch::screen::{SMALLEST, draw};
 use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status};
 use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
 use messages::content::{SwapRecord, Truth, Wrench};

@@ -24,10 +24,8 @@ use ipc::error::Error;
 use ipc::instance::Instance;
 use messages::blackboards::EndReason;
 
-use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
-use crate::parallel::stop_flag;
 use analysis::theorem::no_theorem;
 use channels::Channels;
 use config::law_settings;
@@ -35,6 +33,7 @@ use errors::output::print;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use origin_proxy::{LIMITS, OriginProxy, hidden_address};
 use parameters::ParameterMirror;
+use process::signals::stop_flag;
 use recorder::kernel_trace::remove_leftovers;
 
 /// How long it may take to join a flying instance: joining fails for an instant while roles start.
@@ -44,20 +43,33 @@ const FINAL_STATUS: Duration = Duration::from_millis(200);
 /// Messages that a slow client may fall behind before it loses the oldest: a second of all topics.
 const BACKLOG: usize = 4096;
 
+/// How a flight is served.
+#[derive(Clone, Debug)]
+pub struct FoxgloveOptions {
+    pub instance: String,
+    pub host: String,
+    /// 0 takes a free one.
+    pub port: u16,
+    /// Whether every client that reaches the address may change parameters and inject faults.
+    pub allow_swaps: bool,
+    /// Origins of web pages that are accepted besides the usual ones.
+    pub allow_origin: Vec<String>,
+}
+
 /// Serves a flight until it ends.
-pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
-    let instance = Instance::new(&args.instance)?;
+pub fn foxglove(options: &FoxgloveOptions) -> Result<u8, Failure> {
+    let instance = Instance::new(&options.instance)?;
     let stop = stop_flag()?;
     let mut observation = join(&instance)?;
     let context = Context::new();
     let laws = law_settings::shared(&observation.settings)?;
     let mut channels = Channels::new(&context, &observation.run(), &laws)?;
     let active = observation.active_parameters();
-    let mirror = ParameterMirror::new(instance.clone(), active, args.allow_swaps);
+    let mirror = ParameterMirror::new(instance.clone(), active, options.allow_swaps);
     let mirror = Arc::new(mirror);
-    let (server, proxy) = start(args, &context, &mirror)?;
-    let address = address(&args.host, proxy.port);
-    let access = match args.allow_swaps {
+    let (server, proxy) = start(options, &context, &mirror)?;
+    let address = address(&options.host, proxy.port);
+    let access = match options.allow_swaps {
         true => "every client may change parameters",
         false => "read-only",
     };
@@ -109,16 +121,17 @@ fn join(instance: &Instance) -> Result<Observation, Failure> {
 
 /// Starts the server, and the proxy in front of it.
 fn start(
-    args: &FoxgloveArgs,
+    options: &FoxgloveOptions,
     context: &Arc<Context>,
     mirror: &Arc<ParameterMirror>,
 ) -> Result<(WebSocketServerHandle, OriginProxy), Failure> {
-    let not_listening = |e: io::Error| not_listening(args, &e);
+    let not_listening = |e: io::Error| not_listening(options, &e);
     // First, because the address is what a user can get wrong.
-    let listener = TcpListener::bind((args.host.as_str(), args.port)).map_err(not_listening)?;
+    let listener =
+        TcpListener::bind((options.host.as_str(), options.port)).map_err(not_listening)?;
     let hidden = hidden_address();
     let server = WebSocketServer::new()
-        .name(format!("ironbird {}", args.instance))
+        .name(format!("ironbird {}", options.instance))
         .context(context)
         .bind(hidden.to_string(), 0)
         .message_backlog_size(BACKLOG)
@@ -126,12 +139,12 @@ fn start(
         .start_blocking()
         .map_err(|e: FoxgloveError| Failure::failed(format!("cannot serve: {e}")))?;
     let address = SocketAddr::from((hidden, server.port()));
-    let proxy = OriginProxy::open(listener, address, &args.allow_origin, LIMITS);
+    let proxy = OriginProxy::open(listener, address, &options.allow_origin, LIMITS);
     Ok((server, proxy.map_err(not_listening)?))
 }
 
-fn not_listening(args: &FoxgloveArgs, error: &io::Error) -> Failure {
-    let address = address(&args.host, args.port);
+fn not_listening(options: &FoxgloveOptions, error: &io::Error) -> Failure {
+    let address = address(&options.host, options.port);
     if error.kind() == ErrorKind::AddrInUse {
         let what = format!("cannot serve on {address}: the port is in use");
         return Failure::new(OCCUPIED, what)

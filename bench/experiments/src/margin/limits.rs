@@ -1,12 +1,13 @@
 //! When faults begin, and what counts as survived.
 
+use std::time::Duration;
+
 use analysis::comparison::{SETTLING_S, STAYING_S};
 use analysis::margin::{
     Gate, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M, TIMES_UNFAULTED,
 };
 use campaign::gates::{Gates, METRICS, Outcome};
 
-use crate::cli::{GateLimit, MarginArgs, RECOVERED_BELOW};
 use config::Settings;
 use errors::{Failure, GATE};
 
@@ -18,6 +19,17 @@ const NO_CYCLE_S: f64 = 10.0;
 const STEADY_S: f64 = 10.0;
 
 const RECOVERY: &str = "recovery_max_s";
+
+/// A limit that a flight must hold to count as survived.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GateLimit {
+    /// A metric of a campaign's `[success]`.
+    pub name: &'static str,
+    pub most: f64,
+}
+
+/// The bound below which a flight has recovered: a parameter of a metric, not a metric.
+pub const RECOVERED_BELOW: &str = "recovered_below_m";
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phases {
@@ -31,15 +43,19 @@ pub struct Phases {
 
 impl Phases {
     /// From the end of the trajectory's ramp and of the flight's settling time, over one period.
-    pub fn new(args: &MarginArgs, settings: &Settings) -> Result<Self, Failure> {
+    pub fn new(
+        phases: u32,
+        duration: Option<Duration>,
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
         let course = settings.course()?;
-        let (period_s, number) = (settings.flight.period_s, f64::from(args.phases));
+        let (period_s, number) = (settings.flight.period_s, f64::from(phases));
         let first_s = course.begun_s() + SETTLING_S;
         let rest_s = course.end_s().map(|end_s| end_s - first_s);
         let cycle_s = course.cycle_s();
         let whole_s = cycle_s.or(rest_s.filter(|rest_s| *rest_s > 0.0));
         let mut span_s = whole_s.unwrap_or(NO_CYCLE_S);
-        let duration_s = args.course.duration.map(|duration| duration.as_secs_f64());
+        let duration_s = duration.map(|duration| duration.as_secs_f64());
         if let Some(duration_s) = duration_s {
             span_s = span_s.min(duration_s - first_s);
         }
@@ -53,7 +69,7 @@ impl Phases {
         }
         let tick = |i: u32| ((first_s + span_s * f64::from(i) / number) / period_s).round() as u64;
         Ok(Self {
-            ticks: (0..args.phases).map(tick).collect(),
+            ticks: (0..phases).map(tick).collect(),
             span_s,
             cycle_s,
         })

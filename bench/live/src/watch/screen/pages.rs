@@ -23,7 +23,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke};
 
 use super::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad};
-use crate::params::{bound, number};
+use crate::parameter_text::{bound, number};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 
 pub(super) fn draw(model: &Model, flight: &WatchedFlight, region: &mut Region<'_, '_>) {

@@ -2,15 +2,15 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use ::campaign::gates::{Gates, Outcome, SignalGate, UNSET};
+use ::campaign::metrics::Metrics;
+use ::campaign::table::Row;
 use analysis::tracking::Tracking;
-use campaign::gates::{Gates, Outcome, SignalGate, UNSET};
-use campaign::metrics::Metrics;
-use campaign::table::Row;
 use controller::ScaledTrajectory;
 use errors::{Failure, INTERRUPTED};
 use plant::{LANES, PlantBatch};
 
-use super::flight_settings::Plan;
+use crate::campaign::flight_settings::Plan;
 use crate::parallel::all_on_processors;
 use config::Settings;
 use sim::recorded_timing::Timing;
@@ -18,11 +18,11 @@ use sim::simulate::{Judge, follow};
 use sim::simulator::Simulator;
 
 /// A flight of a campaign, and the place of the arm that flies it.
-pub(super) type Flight = (u64, usize);
+pub type Flight = (u64, usize);
 
 /// Rows of flights, in the order of flights and arms, flown by so many `workers`; `look` gets the number of flights
 /// flown so far.
-pub(super) fn rows(
+pub fn rows(
     plan: &Plan,
     flights: &[Flight],
     workers: usize,

@@ -1,25 +1,12 @@
 //! Processes items on several threads; the results are in the items' order.
 
 use std::num::NonZero;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
 use errors::{Failure, INTERRUPTED};
-use process::signals::stop_signals;
-use signal_hook::flag;
-
-/// A flag that a stop signal sets; long work polls it.
-pub fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in stop_signals() {
-        flag::register(signal, Arc::clone(&stop))
-            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
-    }
-    Ok(stop)
-}
 
 #[must_use]
 pub fn processors() -> usize {

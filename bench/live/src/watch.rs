@@ -19,13 +19,12 @@ use ipc::instance::Instance;
 use messages::role::Role;
 use process::signals::end_with_launcher;
 
-use crate::cli::WatchArgs;
 use crate::observation::{DRAIN_EVERY, Observation};
-use crate::parallel::stop_flag;
 use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OK};
+use process::signals::stop_flag;
 
 /// How often to look for a flight and to check its processes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -33,18 +32,18 @@ const PRINT_EVERY: Duration = Duration::from_secs(1);
 /// How often joining may fail in a row: it can while roles start or end.
 const TRIES: u32 = 20;
 
-pub fn watch(args: &WatchArgs) -> Result<u8, Failure> {
-    let instance = Instance::new(&args.instance)?;
+pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8, Failure> {
+    let instance = Instance::new(instance)?;
     let stop = stop_flag()?;
-    end_with_launcher(args.launcher)?;
+    end_with_launcher(launcher)?;
     // https://no-color.org
     let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
-    let mut model = Model::new(instance.name(), args.launcher.is_some(), colours);
+    let mut model = Model::new(instance.name(), launcher.is_some(), colours);
     let mut feed = Feed::new(instance);
-    if args.plain || !io::stdout().is_terminal() || !io::stdin().is_terminal() {
+    if is_plain || !io::stdout().is_terminal() || !io::stdin().is_terminal() {
         return print_lines(&mut model, &mut feed, &stop);
     }
-    terminal::run(&mut model, &mut feed, args.launcher, &stop)
+    terminal::run(&mut model, &mut feed, launcher, &stop)
 }
 
 /// Updates the model: waits for a flight, joins it, reads its messages, and notices its end.

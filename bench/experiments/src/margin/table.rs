@@ -10,10 +10,10 @@ use analysis::schema::{MarginSection, Report};
 use flight_log::build::Build;
 use messages::grid::Pace;
 
-use crate::build;
 use config::Settings;
 use config::trajectory::sha256_of;
 use errors::{Failure, InFile as _, read_text};
+use flight_log::build;
 
 /// Directory of the tables, next to the flights.
 pub const DIRECTORY: &str = "margins";
@@ -101,7 +101,7 @@ pub fn of_flight(
     if pace == Pace::Lockstep {
         return Ok(None);
     }
-    let section = section(&fingerprint(settings)?, directory, &build::here());
+    let section = section(&fingerprint(settings)?, directory, &build::executable());
     Ok(Some(section))
 }
 
@@ -147,7 +147,7 @@ mod tests {
     fn build(commit: &str) -> Build {
         Build {
             commit: commit.into(),
-            ..build::here()
+            ..build::executable()
         }
     }
 

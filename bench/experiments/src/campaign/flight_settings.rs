@@ -6,21 +6,21 @@ use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use campaign::campaign::{Campaign, Variant};
-use campaign::chunk::{Identity, SCHEMA, write_whole};
-use campaign::file;
-use campaign::gates::SignalGate;
+use ::campaign::campaign::{Campaign, Variant};
+use ::campaign::chunk::{Identity, SCHEMA, write_whole};
+use ::campaign::file;
+use ::campaign::gates::SignalGate;
 use errors::{Failure, InFile as _, USAGE, read_text};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
-use crate::build;
 use config::Settings;
+use flight_log::build;
 use recorder::run_directory::find_log;
 use sim::recorded_timing::Timing;
 
 #[derive(Clone, Debug)]
-pub(super) struct Plan {
+pub struct Plan {
     pub campaign: Campaign,
     /// The file; relative names of laws are beside it.
     pub file: PathBuf,
@@ -165,14 +165,14 @@ impl Plan {
 
 /// The build, as far as the bits of flights depend on it: profile and target do not change them.
 fn flown_by() -> String {
-    let build = build::here();
+    let build = build::executable();
     let dirty = if build.dirty { "-dirty" } else { "" };
     format!("{} {}{dirty}", build.version, build.commit)
 }
 
 /// The recorded flights whose timing a campaign applies, by their names in its file.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Timings(BTreeMap<String, Timing>);
+pub struct Timings(BTreeMap<String, Timing>);
 
 impl Timings {
     pub fn read(campaign: &Campaign, file: &Path) -> Result<Self, Failure> {
@@ -265,7 +265,7 @@ impl Facts {
     }
 }
 
-pub(super) fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
+pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));
     if facts.exists() {
@@ -296,7 +296,7 @@ pub(super) fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failur
     Ok(())
 }
 
-pub(super) fn plan_of(directory: &Path) -> Result<Plan, Failure> {
+pub fn plan_of(directory: &Path) -> Result<Plan, Failure> {
     let facts = Facts::read(directory)?;
     let text = read_text("read the campaign", &directory.join(FILE));
     let plan = Plan::of(text.map_err(|failure| failure.or_code(USAGE))?, &facts.file)?;

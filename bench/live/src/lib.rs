@@ -1,0 +1,11 @@
+//! What looks at a running flight, or changes it: the dashboard, the bridge to Foxglove, injection.
+//!
+//! It joins a flight as an observer ([`observation`]), which has no effect on the control loops, and sends requests to
+//! the plant's parameter server ([`inject`]). It starts no flight (`supervisor`) and writes no log (`recorder`).
+
+#[cfg(feature = "foxglove")]
+pub mod bridge;
+pub mod inject;
+pub mod observation;
+pub mod parameter_text;
+pub mod watch;
