@@ -20,6 +20,7 @@ pub mod facts;
 pub mod fault_record;
 mod log_file;
 pub mod perfetto;
+mod protobuf;
 pub mod reader;
 pub mod rows;
 pub mod scene;

@@ -1,7 +1,6 @@
 //! A flight as a Perfetto trace: a track per stage, missed deadlines and swaps as instants.
 //!
-//! The messages below are the part of Perfetto's trace format that this needs, with the field numbers of its
-//! `trace_packet.proto`, `track_event.proto`, `track_descriptor.proto` and `debug_annotation.proto`.
+//! The field numbers are those of Perfetto's `trace_packet.proto`, `track_event.proto`, `track_descriptor.proto` and `debug_annotation.proto`.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -10,75 +9,23 @@ use messages::content::{Change, State, SwapRecord};
 use messages::header::Message;
 use messages::role::{Role, STAGES};
 use messages::topic::Topic;
-use prost::Message as _;
+
+use crate::protobuf::Value::{self, Message as Nested, Number, Text};
+use crate::protobuf::message;
 
 pub const FILE: &str = "flight.perfetto-trace";
 
-const SEQUENCE: u32 = 1;
+const SEQUENCE: u64 = 1;
 /// Tracks beside those of the stages, which have the numbers of [`STAGES`] and one more.
 const MISSES: u64 = STAGES.len() as u64 + 1;
 const SWAPS: u64 = MISSES + 1;
 const FLIGHT: u64 = SWAPS + 1;
 
-const SLICE_BEGIN: i32 = 1;
-const SLICE_END: i32 = 2;
-const INSTANT: i32 = 3;
+const SLICE_BEGIN: u64 = 1;
+const SLICE_END: u64 = 2;
+const INSTANT: u64 = 3;
 
-#[derive(Clone, PartialEq, prost::Message)]
-struct Trace {
-    #[prost(message, repeated, tag = "1")]
-    packet: Vec<TracePacket>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-struct TracePacket {
-    #[prost(uint64, optional, tag = "8")]
-    timestamp: Option<u64>,
-    #[prost(uint32, optional, tag = "10")]
-    trusted_packet_sequence_id: Option<u32>,
-    #[prost(message, optional, tag = "11")]
-    track_event: Option<TrackEvent>,
-    #[prost(message, optional, tag = "60")]
-    track_descriptor: Option<TrackDescriptor>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-struct TrackEvent {
-    #[prost(message, repeated, tag = "4")]
-    debug_annotations: Vec<DebugAnnotation>,
-    #[prost(int32, optional, tag = "9")]
-    r#type: Option<i32>,
-    #[prost(uint64, optional, tag = "11")]
-    track_uuid: Option<u64>,
-    #[prost(string, optional, tag = "23")]
-    name: Option<String>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-struct TrackDescriptor {
-    #[prost(uint64, optional, tag = "1")]
-    uuid: Option<u64>,
-    #[prost(string, optional, tag = "2")]
-    name: Option<String>,
-    #[prost(uint64, optional, tag = "5")]
-    parent_uuid: Option<u64>,
-    #[prost(int32, optional, tag = "11")]
-    child_ordering: Option<i32>,
-    #[prost(int32, optional, tag = "12")]
-    sibling_order_rank: Option<i32>,
-}
-
-const EXPLICIT_ORDER: i32 = 3;
-
-#[derive(Clone, PartialEq, prost::Message)]
-struct DebugAnnotation {
-    #[prost(uint64, optional, tag = "3")]
-    uint_value: Option<u64>,
-    #[prost(string, optional, tag = "6")]
-    string_value: Option<String>,
-    #[prost(string, optional, tag = "10")]
-    name: Option<String>,
-}
+const EXPLICIT_ORDER: u64 = 3;
 
 #[derive(Debug)]
 pub struct PerfettoWriter<W> {
@@ -121,8 +68,8 @@ impl<W: Write> PerfettoWriter<W> {
         let before = self.deadlines_missed.replace(missed).unwrap_or(first);
         if missed > before {
             let count = number("count", missed - before);
-            let annotations = vec![count, number("up to tick", tick)];
-            self.instant(MISSES, at_ns, "missed", annotations)?;
+            let annotations = [count, number("up to tick", tick)];
+            self.instant(MISSES, at_ns, "missed", &annotations)?;
         }
         self.epochs
             .entry(message.content.parameter_epoch)
@@ -145,32 +92,28 @@ impl<W: Write> PerfettoWriter<W> {
         let is_fresh = stage
             .checked_sub(1)
             .is_none_or(|input| envelope.input_tick[input] == envelope.tick);
-        let name = if is_fresh {
-            C::SENDER.name().to_owned()
-        } else {
-            format!("{} (stale input)", C::SENDER)
+        let name = match is_fresh {
+            true => C::SENDER.name().to_owned(),
+            false => format!("{} (stale input)", C::SENDER),
         };
         self.slices += 1;
-        let begin = TrackEvent {
-            r#type: Some(SLICE_BEGIN),
-            track_uuid: Some(track),
-            name: Some(name),
-            debug_annotations: vec![number("tick", envelope.tick)],
-        };
-        self.event(stamps.receive_ns, begin)?;
-        let end = TrackEvent {
-            r#type: Some(SLICE_END),
-            track_uuid: Some(track),
-            ..TrackEvent::default()
-        };
-        self.event(stamps.send_ns.max(stamps.receive_ns), end)
+        let tick = number("tick", envelope.tick);
+        let begin = [
+            (4, Nested(&tick)),
+            (9, Number(SLICE_BEGIN)),
+            (11, Number(track)),
+            (23, Text(&name)),
+        ];
+        self.event(stamps.receive_ns, &begin)?;
+        let end = [(9, Number(SLICE_END)), (11, Number(track))];
+        self.event(stamps.send_ns.max(stamps.receive_ns), &end)
     }
 
     /// Takes a swap: an instant at the first state that was flown with it, which may be in the log before or behind it.
-    pub fn swap(&mut self, message: &Message<SwapRecord>) -> io::Result<()> {
+    pub fn swap(&mut self, swap: &Message<SwapRecord>) -> io::Result<()> {
         // A swap that another one follows at once is in no state by itself.
-        let Some((_, at_ns)) = self.epochs.range(message.content.parameter_epoch..).next() else {
-            self.waiting.push(*message);
+        let Some((_, at_ns)) = self.epochs.range(swap.content.parameter_epoch..).next() else {
+            self.waiting.push(*swap);
             return Ok(());
         };
         let at_ns = *at_ns;
@@ -180,15 +123,12 @@ impl<W: Write> PerfettoWriter<W> {
                 1 => String::new(),
                 ticks => format!(" over {ticks} ticks"),
             };
-            DebugAnnotation {
-                name: Some(change.parameter.name().to_owned()),
-                string_value: Some(format!("{old} -> {new}{over}")),
-                ..DebugAnnotation::default()
-            }
+            let text = format!("{old} -> {new}{over}");
+            message(&[(6, Text(&text)), (10, Text(change.parameter.name()))])
         };
-        let mut changes: Vec<_> = message.content.changes().map(change).collect();
-        changes.push(number("tick", message.envelope.tick));
-        self.instant(SWAPS, at_ns, "swap", changes)
+        let mut changes: Vec<_> = swap.content.changes().map(change).collect();
+        changes.push(number("tick", swap.envelope.tick));
+        self.instant(SWAPS, at_ns, "swap", &changes)
     }
 
     /// Ends the trace. Swaps that no state was flown with are not in it: they were never in force.
@@ -201,54 +141,42 @@ impl<W: Write> PerfettoWriter<W> {
         track: u64,
         at_ns: u64,
         name: &str,
-        debug_annotations: Vec<DebugAnnotation>,
+        annotations: &[Vec<u8>],
     ) -> io::Result<()> {
         self.instants += 1;
-        let event = TrackEvent {
-            r#type: Some(INSTANT),
-            track_uuid: Some(track),
-            name: Some(name.to_owned()),
-            debug_annotations,
-        };
-        self.event(at_ns, event)
+        let annotations = annotations.iter().map(|it| (4, Nested(it)));
+        let event = [(9, Number(INSTANT)), (11, Number(track)), (23, Text(name))];
+        self.event(at_ns, &annotations.chain(event).collect::<Vec<_>>())
     }
 
-    fn event(&mut self, at_ns: u64, event: TrackEvent) -> io::Result<()> {
-        self.packet(TracePacket {
-            timestamp: Some(at_ns),
-            track_event: Some(event),
-            ..TracePacket::default()
-        })
+    fn event(&mut self, at_ns: u64, event: &[(u32, Value<'_>)]) -> io::Result<()> {
+        let event = message(event);
+        self.packet(&[
+            (8, Number(at_ns)),
+            (10, Number(SEQUENCE)),
+            (11, Nested(&event)),
+        ])
     }
 
     fn track(&mut self, uuid: u64, name: &str, parent: Option<u64>) -> io::Result<()> {
-        let descriptor = TrackDescriptor {
-            uuid: Some(uuid),
-            name: Some(name.to_owned()),
-            parent_uuid: parent,
-            child_ordering: parent.is_none().then_some(EXPLICIT_ORDER),
-            sibling_order_rank: parent.and(i32::try_from(uuid).ok()),
-        };
-        self.packet(TracePacket {
-            track_descriptor: Some(descriptor),
-            ..TracePacket::default()
-        })
+        let mut track = vec![(1, Number(uuid)), (2, Text(name))];
+        match parent {
+            Some(parent) => track.extend([(5, Number(parent)), (12, Number(uuid))]),
+            None => track.push((11, Number(EXPLICIT_ORDER))),
+        }
+        let track = message(&track);
+        self.packet(&[(10, Number(SEQUENCE)), (60, Nested(&track))])
     }
 
     /// A trace is its packets, one after the other.
-    fn packet(&mut self, mut packet: TracePacket) -> io::Result<()> {
-        packet.trusted_packet_sequence_id = Some(SEQUENCE);
-        let packet = vec![packet];
-        self.out.write_all(&Trace { packet }.encode_to_vec())
+    fn packet(&mut self, packet: &[(u32, Value<'_>)]) -> io::Result<()> {
+        let packet = message(packet);
+        self.out.write_all(&message(&[(1, Nested(&packet))]))
     }
 }
 
-fn number(name: &str, value: u64) -> DebugAnnotation {
-    DebugAnnotation {
-        name: Some(name.to_owned()),
-        uint_value: Some(value),
-        ..DebugAnnotation::default()
-    }
+fn number(name: &str, value: u64) -> Vec<u8> {
+    message(&[(3, Number(value)), (10, Text(name))])
 }
 
 #[cfg(test)]

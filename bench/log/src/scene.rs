@@ -11,6 +11,8 @@ use prost_types::{
     DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp,
 };
 
+use crate::protobuf::Value::{Message, Text};
+use crate::protobuf::{doubles, message};
 use crate::schema::plain;
 
 pub const WORLD: &str = "world";
@@ -33,60 +35,6 @@ const EVERY_NS: u64 = 40_000_000;
 /// Ticks between two places of the scene, with ticks of `sample_time_ns` [ns].
 pub fn every_ticks(sample_time_ns: u64) -> u64 {
     (EVERY_NS / sample_time_ns.max(1)).max(1)
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-struct Vector3 {
-    #[prost(double, tag = "1")]
-    x: f64,
-    #[prost(double, tag = "2")]
-    y: f64,
-    #[prost(double, tag = "3")]
-    z: f64,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-struct Quaternion {
-    #[prost(double, tag = "1")]
-    x: f64,
-    #[prost(double, tag = "2")]
-    y: f64,
-    #[prost(double, tag = "3")]
-    z: f64,
-    #[prost(double, tag = "4")]
-    w: f64,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-struct Pose {
-    #[prost(message, optional, tag = "1")]
-    position: Option<Vector3>,
-    #[prost(message, optional, tag = "2")]
-    orientation: Option<Quaternion>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-struct PoseInFrame {
-    #[prost(message, optional, tag = "1")]
-    timestamp: Option<Timestamp>,
-    #[prost(string, tag = "2")]
-    frame_id: String,
-    #[prost(message, optional, tag = "3")]
-    pose: Option<Pose>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-struct FrameTransform {
-    #[prost(message, optional, tag = "1")]
-    timestamp: Option<Timestamp>,
-    #[prost(string, tag = "2")]
-    parent_frame_id: String,
-    #[prost(string, tag = "3")]
-    child_frame_id: String,
-    #[prost(message, optional, tag = "4")]
-    translation: Option<Vector3>,
-    #[prost(message, optional, tag = "5")]
-    rotation: Option<Quaternion>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,90 +81,47 @@ impl Placed {
     }
 
     pub fn messages(&self) -> [(usize, Vec<u8>); 2] {
-        let timestamp = Some(Timestamp {
+        let timestamp = Timestamp {
             seconds: (self.at_ns / NS_PER_S).cast_signed(),
             nanos: (self.at_ns % NS_PER_S) as i32,
-        });
-        let [x, y, z] = self.position_w_m;
-        let position = Some(Vector3 { x, y, z });
-        let [x, y, z, w] = quaternion_wb(&self.attitude_rad.into());
-        let orientation = Some(Quaternion { x, y, z, w });
-        let pose = PoseInFrame {
-            timestamp,
-            frame_id: WORLD.into(),
-            pose: Some(Pose {
-                position,
-                orientation,
-            }),
         };
-        let transform = FrameTransform {
-            timestamp,
-            parent_frame_id: WORLD.into(),
-            child_frame_id: self.frame.into(),
-            translation: position,
-            rotation: orientation,
-        };
-        [
-            (self.pose, pose.encode_to_vec()),
-            (2, transform.encode_to_vec()),
-        ]
+        let time = timestamp.encode_to_vec();
+        let position = doubles(&self.position_w_m);
+        let orientation = doubles(&quaternion_wb(&self.attitude_rad.into()));
+        let (position, orientation) = (Message(&position), Message(&orientation));
+        let pose = message(&[(1, position), (2, orientation)]);
+        let pose = [(1, Message(&time)), (2, Text(WORLD)), (3, Message(&pose))];
+        let transform = [
+            (1, Message(&time)),
+            (2, Text(WORLD)),
+            (3, Text(self.frame)),
+            (4, position),
+            (5, orientation),
+        ];
+        [(self.pose, message(&pose)), (2, message(&transform))]
     }
 }
 
-/// A message: its name, and its fields with their types, numbered from 1.
-type MessageSchema = (&'static str, &'static [(&'static str, Type, &'static str)]);
+/// A message: its name, and its fields in the order of their numbers, each `name:type`.
+type MessageSchema = (&'static str, &'static str);
 
-const TIMESTAMP: &str = ".google.protobuf.Timestamp";
-const VECTOR: &str = ".foxglove.Vector3";
-const QUATERNION: &str = ".foxglove.Quaternion";
-
-const TIME: [MessageSchema; 1] = [(
-    "Timestamp",
-    &[("seconds", Type::Int64, ""), ("nanos", Type::Int32, "")],
-)];
+const TIME: [MessageSchema; 1] = [("Timestamp", "seconds:int64 nanos:int32")];
 
 const SCENE: [MessageSchema; 5] = [
-    (
-        "Vector3",
-        &[
-            ("x", Type::Double, ""),
-            ("y", Type::Double, ""),
-            ("z", Type::Double, ""),
-        ],
-    ),
-    (
-        "Quaternion",
-        &[
-            ("x", Type::Double, ""),
-            ("y", Type::Double, ""),
-            ("z", Type::Double, ""),
-            ("w", Type::Double, ""),
-        ],
-    ),
+    ("Vector3", "x:double y:double z:double"),
+    ("Quaternion", "x:double y:double z:double w:double"),
     (
         "Pose",
-        &[
-            ("position", Type::Message, VECTOR),
-            ("orientation", Type::Message, QUATERNION),
-        ],
+        "position:.foxglove.Vector3 orientation:.foxglove.Quaternion",
     ),
     (
         "PoseInFrame",
-        &[
-            ("timestamp", Type::Message, TIMESTAMP),
-            ("frame_id", Type::String, ""),
-            ("pose", Type::Message, ".foxglove.Pose"),
-        ],
+        "timestamp:.google.protobuf.Timestamp frame_id:string pose:.foxglove.Pose",
     ),
     (
         "FrameTransform",
-        &[
-            ("timestamp", Type::Message, TIMESTAMP),
-            ("parent_frame_id", Type::String, ""),
-            ("child_frame_id", Type::String, ""),
-            ("translation", Type::Message, VECTOR),
-            ("rotation", Type::Message, QUATERNION),
-        ],
+        "timestamp:.google.protobuf.Timestamp parent_frame_id:string child_frame_id:string \
+         translation:.foxglove.Vector3 rotation:.foxglove.Quaternion",
     ),
 ];
 
@@ -226,20 +131,14 @@ pub fn descriptor_set() -> Vec<u8> {
     let time = file(TIME_FILE, "google.protobuf", &TIME);
     let mut scene = file("foxglove/scene.proto", "foxglove", &SCENE);
     scene.dependency = vec![TIME_FILE.into()];
-    FileDescriptorSet {
-        file: vec![time, scene],
-    }
-    .encode_to_vec()
+    let file = vec![time, scene];
+    FileDescriptorSet { file }.encode_to_vec()
 }
 
 fn file(name: &str, package: &str, messages: &[MessageSchema]) -> FileDescriptorProto {
-    let field = |(number, (name, kind, of)): (u32, &(&str, Type, &str))| FieldDescriptorProto {
-        type_name: (!of.is_empty()).then(|| (*of).into()),
-        ..plain(name, number, None, *kind)
-    };
     let message = |(name, fields): &MessageSchema| DescriptorProto {
         name: Some((*name).into()),
-        field: (1..).zip(*fields).map(field).collect(),
+        field: (1..).zip(fields.split(' ')).map(field).collect(),
         ..DescriptorProto::default()
     };
     FileDescriptorProto {
@@ -248,5 +147,20 @@ fn file(name: &str, package: &str, messages: &[MessageSchema]) -> FileDescriptor
         message_type: messages.iter().map(message).collect(),
         syntax: Some("proto3".into()),
         ..FileDescriptorProto::default()
+    }
+}
+
+fn field((number, field): (u32, &str)) -> FieldDescriptorProto {
+    let (name, kind) = field.split_once(':').unwrap_or((field, ""));
+    let (kind, message) = match kind {
+        "double" => (Type::Double, None),
+        "int32" => (Type::Int32, None),
+        "int64" => (Type::Int64, None),
+        "string" => (Type::String, None),
+        message => (Type::Message, Some(message.to_owned())),
+    };
+    FieldDescriptorProto {
+        type_name: message,
+        ..plain(name, number, None, kind)
     }
 }
