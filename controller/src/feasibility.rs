@@ -77,14 +77,9 @@ pub fn excesses(
         .min(LONGEST_S)
         .min(course.end_s().unwrap_or(f64::INFINITY));
     let mut found: Vec<Excess> = Vec::new();
-    let mut take = |demanded, t_s: f64, value: f64, allowed: f64, is_below: bool| {
-        let over = |value: f64| {
-            if is_below {
-                allowed - value
-            } else {
-                value - allowed
-            }
-        };
+    let mut look = |t_s: f64, demanded: Demanded, value: f64, allowed: f64| {
+        let sign = if demanded.is_below() { -1.0 } else { 1.0 };
+        let over = |value: f64| sign * (value - allowed);
         // What is not a number cannot be flown, either.
         if over(value) <= 0.0 {
             return;
@@ -106,70 +101,67 @@ pub fn excesses(
     };
     let begin = course.reference(0.0);
     let away_m = (Vector3::from(begin.position_w_m) - Vector3::from(start.position_w_m)).norm();
-    take(
-        Demanded::Jump,
-        0.0,
-        away_m.max((begin.yaw_rad - start.yaw_rad).abs()),
-        JUMP,
-        false,
-    );
+    let jump = away_m.max((begin.yaw_rad - start.yaw_rad).abs());
+    look(0.0, Demanded::Jump, jump, JUMP);
     let looks = (end_s / STEP_S).floor() as u64;
     for i in 0..=looks {
         let t_s = i as f64 * STEP_S;
-        let asked = Asked::of(&course.reference(t_s), &rig.airframe);
-        // Without gravity, a limit in its multiples is none.
-        let of_law = limits.map(|(_, limits)| {
-            let [most_g, least_g] = [limits.acceleration_z_max_g, limits.acceleration_z_min_g];
-            [
-                (Demanded::Climb, asked.climb_g, most_g, false),
-                (Demanded::Descent, asked.climb_g, least_g, true),
-                (
-                    Demanded::Tilt,
-                    Some(asked.tilt_rad),
-                    limits.tilt_max_rad,
-                    false,
-                ),
-            ]
-        });
-        let (fastest, slowest) = (Some(asked.fastest_rad_s), Some(asked.slowest_rad_s));
-        let of_rotors = [
-            (Demanded::RotorAbove, fastest, rig.rotor.max_rad_s, false),
-            (Demanded::RotorBelow, slowest, rig.rotor.min_rad_s, true),
-        ];
-        for (demanded, value, allowed, is_below) in of_law.into_iter().flatten().chain(of_rotors) {
-            if let Some(value) = value {
-                take(demanded, t_s, value, allowed, is_below);
+        let demand = Demand::of(&course.reference(t_s), &rig.airframe);
+        if let Some((_, limits)) = limits {
+            // Without gravity, a limit in its multiples is none.
+            if let Some(climb_g) = demand.climb_g {
+                look(t_s, Demanded::Climb, climb_g, limits.acceleration_z_max_g);
+                look(t_s, Demanded::Descent, climb_g, limits.acceleration_z_min_g);
             }
+            look(t_s, Demanded::Tilt, demand.tilt_rad, limits.tilt_max_rad);
         }
+        look(
+            t_s,
+            Demanded::RotorAbove,
+            demand.fastest_rad_s,
+            rig.rotor.max_rad_s,
+        );
+        look(
+            t_s,
+            Demanded::RotorBelow,
+            demand.slowest_rad_s,
+            rig.rotor.min_rad_s,
+        );
     }
     found
 }
 
+impl Demanded {
+    /// Whether its limit is the lowest value allowed.
+    const fn is_below(self) -> bool {
+        matches!(self, Self::Descent | Self::RotorBelow)
+    }
+}
+
 /// What a reference asks for at an instant.
-struct Asked {
+struct Demand {
     climb_g: Option<f64>,
     tilt_rad: f64,
     fastest_rad_s: f64,
     slowest_rad_s: f64,
 }
 
-impl Asked {
+impl Demand {
     fn of(reference: &Reference, model: &Airframe) -> Self {
-        let &Reference {
-            yaw_rad,
-            yaw_rate_rad_s,
-            yaw_acceleration_rad_s2,
-            ..
-        } = reference;
+        let (psi, dpsi, ddpsi) = (
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+            reference.yaw_acceleration_rad_s2,
+        );
         let [a, da, dda] = along_reference(reference, model.g(), model.k_t() / model.m());
-        let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
+        let yaw = Yaw::new(psi, dpsi, ddpsi);
         let (phi, theta) = tilt(&a, &yaw);
         let rates = tilt_rates(&a, &da, &dda, &yaw);
         let (xi, dxi) = (
-            Vector3::new(rates.dphi, rates.dtheta, yaw_rate_rad_s),
-            Vector3::new(rates.ddphi, rates.ddtheta, yaw_acceleration_rad_s2),
+            Vector3::new(rates.dphi, rates.dtheta, dpsi),
+            Vector3::new(rates.ddphi, rates.ddtheta, ddpsi),
         );
-        let attitude = RollPitch::of(&Vector3::new(phi, theta, yaw_rad));
+        let attitude = RollPitch::of(&Vector3::new(phi, theta, psi));
         let nu2 = attitude.body_rate(&xi);
         let dnu2 = attitude.body_rate_dot(&xi, &xi) + attitude.body_rate(&dxi);
         let inertia = Inertia::new(Vector3::from(model.i_m()));

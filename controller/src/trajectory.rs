@@ -14,6 +14,7 @@ pub use spline::{Point, Spline, SplineError};
 
 use control_api::guard::Route;
 use messages::content::Reference;
+use messages::layout::wire_enum;
 use messages::math::sin_cos;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -24,20 +25,22 @@ pub(crate) const ORDERS: usize = 5;
 /// Length of the ramp s(t) [s].
 const RAMP_S: f64 = 5.0;
 
-/// A reference trajectory of position and yaw.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Trajectory {
-    /// Climb to 1 m and stay.
-    Hover,
-    /// Jump to (1, -1, 1) m and 0.5 rad of yaw at once.
-    Step,
-    /// Circle of 1 m radius, climbing 0.1 m/s.
-    Helix,
-    /// Slow figure of 2 m by 1 m with changing height and yaw.
-    Lissajous,
-    /// Quicker figure that excites all three estimates.
-    Fast,
+wire_enum! {
+    /// A reference trajectory of position and yaw; its name is what the user types.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Trajectory {
+        /// Climb to 1 m and stay.
+        Hover = 0 => "hover",
+        /// Jump to (1, -1, 1) m and 0.5 rad of yaw at once.
+        Step = 1 => "step",
+        /// Circle of 1 m radius, climbing 0.1 m/s.
+        Helix = 2 => "helix",
+        /// Slow figure of 2 m by 1 m with changing height and yaw.
+        Lissajous = 3 => "lissajous",
+        /// Quicker figure that excites all three estimates.
+        Fast = 4 => "fast",
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -54,21 +57,7 @@ struct Axis {
 }
 
 impl Trajectory {
-    /// All of them, in the order of [`Self::NAMES`].
-    pub const ALL: [Self; 5] = [
-        Self::Hover,
-        Self::Step,
-        Self::Helix,
-        Self::Lissajous,
-        Self::Fast,
-    ];
-
-    /// Their names, as typed by the user.
     pub const NAMES: [&str; 5] = ["hover", "step", "helix", "lissajous", "fast"];
-
-    pub const fn name(self) -> &'static str {
-        Self::NAMES[self as usize]
-    }
 
     /// The reference at time `t_s` since the start of the flight [s]; at rest at the origin before it.
     pub fn reference(self, t_s: f64) -> Reference {

@@ -3,6 +3,8 @@
 //! What is in force in a tick acts `command_delay_s` later. The deadline verdicts know nothing of it: a
 //! bus or a speed controller that is slow misses no deadline. Nominally there is none.
 
+use std::collections::VecDeque;
+
 use messages::content::ROTORS;
 use messages::parameters::{Airframe, Parameter};
 
@@ -13,9 +15,8 @@ const LONGEST_S: f64 = 0.01;
 #[derive(Clone, Debug)]
 pub struct CommandDelay {
     period_s: f64,
-    /// Rotor speeds [rad/s], a set per tick, in a ring; before the flight all were those of hover.
-    on_their_way: Vec<[f64; ROTORS]>,
-    newest: usize,
+    /// Rotor speeds [rad/s], a set per tick, the newest last; before the flight all were those of hover.
+    on_their_way: VecDeque<[f64; ROTORS]>,
     ticks: usize,
 }
 
@@ -25,8 +26,7 @@ impl CommandDelay {
         let longest = (LONGEST_S / period_s).round() as usize;
         let mut delay = Self {
             period_s,
-            on_their_way: vec![hover; longest + 1],
-            newest: 0,
+            on_their_way: vec![hover; longest + 1].into(),
             ticks: 0,
         };
         delay.tune(airframe);
@@ -41,21 +41,12 @@ impl CommandDelay {
 
     /// Takes the speeds that are in force in the next tick [rad/s]. Call it for every tick.
     pub fn take(&mut self, speed: [f64; ROTORS]) {
-        self.newest = if self.newest + 1 < self.on_their_way.len() {
-            self.newest + 1
-        } else {
-            0
-        };
-        self.on_their_way[self.newest] = speed;
+        self.on_their_way.pop_front();
+        self.on_their_way.push_back(speed);
     }
 
     /// The speeds that the motors are given in the tick of the newest [rad/s].
     pub fn acting(&self) -> [f64; ROTORS] {
-        let back = if self.ticks <= self.newest {
-            0
-        } else {
-            self.on_their_way.len()
-        };
-        self.on_their_way[self.newest + back - self.ticks]
+        self.on_their_way[self.on_their_way.len() - 1 - self.ticks]
     }
 }

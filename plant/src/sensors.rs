@@ -8,6 +8,8 @@
 //! is shown. Its errors are drawn for the tick at which it was taken. Nominally there is a fix in every tick, exact and
 //! at once.
 
+use std::collections::VecDeque;
+
 use messages::parameters::{Airframe, Parameter};
 use nalgebra::Vector3;
 
@@ -122,9 +124,8 @@ impl Fix {
 #[derive(Clone, Debug)]
 struct Positioning {
     period_s: f64,
-    /// The last second, a fix per tick, in a ring; before the flight the body stood where it begins.
-    on_their_way: Vec<Fix>,
-    newest: usize,
+    /// The last second, a fix per tick, the newest last; before the flight the body stood where it begins.
+    on_their_way: VecDeque<Fix>,
     arrived: Fix,
     /// Age of a fix when it arrives, and how often there is one, in ticks.
     age: usize,
@@ -136,11 +137,9 @@ impl Positioning {
     fn new(period_s: f64, airframe: &Airframe, body: &RigidBody) -> Self {
         let start = Fix::of(0, body);
         let ticks = (LONGEST_S / period_s).round() as usize;
-        let on_their_way = vec![start; ticks + 1];
         let mut receiver = Self {
             period_s,
-            on_their_way,
-            newest: 0,
+            on_their_way: vec![start; ticks + 1].into(),
             arrived: start,
             age: 0,
             every: 1,
@@ -164,26 +163,14 @@ impl Positioning {
 
     /// Takes the fix of the tick that the body has come to.
     fn take(&mut self, tick: u64, body: &RigidBody) {
-        self.newest = if self.newest + 1 < self.on_their_way.len() {
-            self.newest + 1
-        } else {
-            0
-        };
-        self.on_their_way[self.newest] = Fix::of(tick, body);
+        self.on_their_way.pop_front();
+        self.on_their_way.push_back(Fix::of(tick, body));
     }
 
     /// Settles which fix is shown at the tick of the newest.
     fn settle(&mut self) {
-        let &mut Self {
-            newest, age, every, ..
-        } = self;
-        let back = if age <= newest {
-            0
-        } else {
-            self.on_their_way.len()
-        };
-        let due = self.on_their_way[newest + back - age];
-        if every == 1 || due.tick.is_multiple_of(every) {
+        let due = self.on_their_way[self.on_their_way.len() - 1 - self.age];
+        if due.tick.is_multiple_of(self.every) {
             self.arrived = due;
         }
     }

@@ -1,10 +1,11 @@
-//! One flight written by hand in plain numbers: the minimum cost of a tick.
+//! One flight written by hand for one airframe: the minimum cost of a tick.
 //!
 //! It flies the Lissajous figure with the gains `flight`, the nominal airframe and no swap, at 1 kHz. Plant, outer
 //! loop, inner adaptive loop and mixer are written as one would write them in C for one airframe and nothing else.
-//! Constants are known to the compiler, and what does not change within a tick is computed once. There is no vector
-//! type, setting, message, mode or check, and of the sensors only what the loops look at. The theorem's monitor has no
-//! counterpart here; [`laws::Laws`] flies the rig's own laws without it.
+//! Constants are known to the compiler, and what does not change within a tick is computed once. There is no setting,
+//! message, mode or check, and of the sensors only what the loops look at. Frames, quaternions, the trajectory and the
+//! factors of a 3x3 matrix are the rig's functions. The theorem's monitor has no counterpart here; [`laws::Laws`] flies
+//! the rig's own laws without it.
 //!
 //! The equations are those of docs/paper.md; the symbols are those of docs/conventions.md. Over a flight it follows the
 //! rig's laws to 1e-9 (tested in [`timing`]), not bit by bit, because it orders its operations differently.
@@ -16,6 +17,7 @@ pub mod timing;
 
 use airframe::Body;
 use control::{Inner, mixer, outer};
+use nalgebra::Vector4;
 
 /// T [s].
 const T: f64 = 0.001;
@@ -41,8 +43,8 @@ pub struct ScalarFlight {
     tick: u64,
     body: Body,
     /// Rotor speeds of the tick before, of this tick, and of the next [rad/s].
-    speed_last: [f64; 4],
-    speed: [f64; 4],
+    speed_last: Vector4<f64>,
+    speed: Vector4<f64>,
     inner: Inner,
 }
 
@@ -66,8 +68,8 @@ impl ScalarFlight {
         Self {
             tick: 0,
             body: Body::default(),
-            speed_last: [hover; 4],
-            speed: [hover; 4],
+            speed_last: Vector4::repeat(hover),
+            speed: Vector4::repeat(hover),
             inner: Inner::default(),
         }
     }
@@ -83,10 +85,10 @@ impl ScalarFlight {
         self.speed = command;
         self.tick += 1;
         ScalarSample {
-            body: [body.x, body.v, body.eta, body.nu],
-            wrench: [order.u, tau[0], tau[1], tau[2]],
+            body: [body.x, body.v, body.eta, body.nu].map(Into::into),
+            wrench: [order.u, tau.x, tau.y, tau.z],
             estimate: self.inner.estimate(),
-            speed: command,
+            speed: command.into(),
         }
     }
 }

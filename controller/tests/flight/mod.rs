@@ -2,19 +2,17 @@
 
 use control_api::GuardedMixer;
 use control_api::description::{Settings, Value};
-use control_api::law::{Desired, InnerLaw, Law, OuterLaw, Rig, WrenchSetpoint};
+use control_api::law::{InnerLaw, Law, OuterLaw, Rig, WrenchSetpoint};
 use controller::Trajectory;
-use messages::content::{Measured, Reference, Stamped, Wrench};
+use messages::content::{Stamped, Wrench};
 use messages::parameters::Parameter;
 use messages::telemetry::Telemetry;
 use mixer::Priority;
 use nalgebra::Vector3;
 use plant::{Plant, PlantSettings, Swap};
 
-/// What an inner law is asked in a tick, and what it answers.
-pub type Inner = Box<dyn FnMut(u64, &Measured, &Desired, &Reference) -> WrenchSetpoint>;
-/// The same of an outer law, which also shows something of itself.
-pub type Outer = Box<dyn FnMut(u64, &Measured, &Reference, &mut Telemetry) -> Desired>;
+pub type Inner = Box<dyn InnerLaw>;
+pub type Outer = Box<dyn OuterLaw>;
 
 /// What is flown, and what goes wrong in it.
 #[derive(Clone, Debug)]
@@ -88,28 +86,16 @@ impl Track {
     }
 }
 
-/// A law with its own defaults, as the flight asks it.
-pub fn inner<L: Law + InnerLaw>(values: Vec<(&'static str, Value)>) -> Inner {
-    let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
-    let mut telemetry = Telemetry::default();
-    Box::new(move |tick, measured, wanted, reference| {
-        let dated = Stamped::new(tick, *measured);
-        law.tick(
-            tick,
-            &dated,
-            &Stamped::new(tick, *wanted),
-            reference,
-            &mut telemetry,
-        )
-    })
+fn law<L: Law>(values: Vec<(&'static str, Value)>) -> L {
+    L::new(&rig(), &Settings::new(values)).expect("the settings go together")
 }
 
-/// An outer law with settings other than its defaults.
+pub fn inner<L: Law + InnerLaw>(values: Vec<(&'static str, Value)>) -> Inner {
+    Box::new(law::<L>(values))
+}
+
 pub fn outer<L: Law + OuterLaw>(values: Vec<(&'static str, Value)>) -> Outer {
-    let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
-    Box::new(move |tick, measured, reference, telemetry| {
-        law.tick(tick, measured, reference, telemetry)
-    })
+    Box::new(law::<L>(values))
 }
 
 /// Flies a course to its end, or until the vehicle is lost: then every error is infinite.
@@ -127,12 +113,10 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         ..PlantSettings::default()
     });
     for &(tick, parameter, value) in &course.faults {
-        plant
-            .schedule(Swap::new(tick, &[(parameter, value)]).expect("in range"))
-            .expect("there is room");
+        let swap = Swap::new(tick, &[(parameter, value)]).unwrap();
+        plant.schedule(swap).unwrap();
     }
-    let law = Priority::new(&rig(), &Settings::default()).expect("it has no settings");
-    let mut mixer = GuardedMixer::new(law.into(), &rig());
+    let mut mixer = GuardedMixer::new(law::<Priority>(vec![]).into(), &rig());
     let mut track = Track::default();
     let mut before = plant.measured().rotor_speed_command_rad_s;
     let ticks = (course.seconds / period_s).round() as u64;
@@ -144,11 +128,13 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
             .skip_every
             .is_none_or(|every| tick % every != every - 1)
         {
-            let wanted = outer(tick, &measured, &reference, &mut telemetry);
+            let wanted = outer.tick(tick, &measured, &reference, &mut telemetry);
+            let (measured, wanted) = (Stamped::new(tick, measured), Stamped::new(tick, wanted));
+            let mut unseen = Telemetry::default();
             let WrenchSetpoint {
                 thrust_n,
                 torque_b_nm,
-            } = inner(tick, &measured, &wanted, &reference);
+            } = inner.tick(tick, &measured, &wanted, &reference, &mut unseen);
             let wrench = Wrench {
                 thrust_n,
                 torque_b_nm,

@@ -10,43 +10,6 @@ use ironbird_law::abi::IRONBIRD_ROTORS as ROTORS;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[repr(usize)]
-#[allow(missing_docs, reason = "the table SPECS documents each one")]
-pub enum Parameter {
-    Mass,
-    Gravity,
-    TranslationalDrag,
-    RotationalDrag,
-    ArmLength,
-    ThrustCoefficient,
-    DragFactor,
-    RotorInertia,
-    InertiaX,
-    InertiaY,
-    InertiaZ,
-    DisturbanceGain,
-    RotorEfficiency1,
-    RotorEfficiency2,
-    RotorEfficiency3,
-    RotorEfficiency4,
-    MotorTimeConstant,
-    CommandDelay,
-    PositionNoise,
-    VelocityNoise,
-    PositionDelay,
-    PositionRate,
-    AccelerometerNoise,
-    AccelerometerBias,
-    GyroBias,
-    GyroDrift,
-    GyroNoiseDensity,
-    GyroNoise,
-}
-
-pub const PARAMETERS: usize = 28;
-
 /// The parameters that the inner loop estimates, in the order of theta: I_R, k_r, delta.
 pub const ESTIMATED: [Parameter; 3] = [
     Parameter::RotorInertia,
@@ -89,9 +52,22 @@ impl Spec {
     }
 }
 
-macro_rules! spec {
-    ($parameter:ident, $name:literal, $unit:literal, $min:literal ..= $max:literal, $nominal:literal, $equation:literal, $meaning:literal) => {
-        Spec {
+/// Makes the parameters and their table of its rows: parameter, name, unit, range, nominal value, equation, meaning.
+macro_rules! parameters {
+    ($($parameter:ident, $name:literal, $unit:literal, $min:literal ..= $max:literal, $nominal:literal, $equation:literal, $meaning:literal;)+) => {
+        /// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[repr(usize)]
+        #[allow(missing_docs, reason = "the table SPECS documents each one")]
+        pub enum Parameter {
+            $($parameter),+
+        }
+
+        pub const PARAMETERS: usize = [$($name),+].len();
+
+        /// The table: nominal values are the paper's Table I; the thrust coefficient, missing there, is that of
+        /// Bouabdallah's OS4 (see docs/paper.md).
+        pub const SPECS: [Spec; PARAMETERS] = [$(Spec {
             parameter: Parameter::$parameter,
             name: $name,
             unit: $unit,
@@ -100,43 +76,40 @@ macro_rules! spec {
             nominal: $nominal,
             equation: $equation,
             meaning: $meaning,
-        }
+        }),+];
     };
 }
 
-/// The table: nominal values are the paper's Table I; the thrust coefficient, missing there, is that of
-/// Bouabdallah's OS4 (see docs/paper.md).
-#[rustfmt::skip]
-pub const SPECS: [Spec; PARAMETERS] = [
-    spec!(Mass, "mass_kg", "kg", 0.05..=5.0, 0.52, "(1)", "mass"),
-    spec!(Gravity, "gravity_m_s2", "m/s^2", 0.0..=30.0, 9.8, "(1)", "gravity along -z of the world"),
-    spec!(TranslationalDrag, "translational_drag_kg_s", "kg/s", 0.0..=10.0, 0.95, "(1)", "linear drag of translation, k_t"),
-    spec!(RotationalDrag, "rotational_drag_nm_s", "N m s", 0.0..=1.0, 0.105, "(3)", "linear drag of rotation, k_r"),
-    spec!(ArmLength, "arm_length_m", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l"),
-    spec!(ThrustCoefficient, "thrust_coefficient_n_s2", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k"),
-    spec!(DragFactor, "drag_factor_nm_s2", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d"),
-    spec!(RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "gyroscopic rotor inertia, I_R; its sign is the spin sense"),
-    spec!(InertiaX, "inertia_x_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x"),
-    spec!(InertiaY, "inertia_y_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y"),
-    spec!(InertiaZ, "inertia_z_kg_m2", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z"),
-    spec!(DisturbanceGain, "disturbance_gain_rad_s2", "rad/s^2", -2.0..=2.0, 0.2, "(3)", "gain of the disturbance h(t), delta"),
-    spec!(RotorEfficiency1, "rotor_efficiency_1", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 1 gives"),
-    spec!(RotorEfficiency2, "rotor_efficiency_2", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 2 gives"),
-    spec!(RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives"),
-    spec!(RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives"),
-    spec!(MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none"),
-    spec!(CommandDelay, "command_delay_s", "s", 0.0..=0.01, 0.0, "beyond", "delay from a command in force to the motors, in whole ticks"),
-    spec!(PositionNoise, "position_noise_m", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis"),
-    spec!(VelocityNoise, "velocity_noise_m_s", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis"),
-    spec!(PositionDelay, "position_delay_s", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives"),
-    spec!(PositionRate, "position_rate_hz", "Hz", 0.0..=1000.0, 0.0, "beyond", "fixes of position and velocity a second; 0 is one a tick"),
-    spec!(AccelerometerNoise, "accel_noise_m_s2_rthz", "m/s^2/rtHz", 0.0..=1.0, 0.0, "beyond", "white noise of the specific force, as a density"),
-    spec!(AccelerometerBias, "accel_bias_m_s2", "m/s^2", -5.0..=5.0, 0.0, "beyond", "bias of the specific force, on each axis"),
-    spec!(GyroBias, "gyro_bias_rad_s", "rad/s", -1.0..=1.0, 0.0, "beyond", "bias of the measured rates, on each axis"),
-    spec!(GyroDrift, "gyro_drift_rad_s2_rthz", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density"),
-    spec!(GyroNoiseDensity, "gyro_noise_rad_s_rthz", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density"),
-    spec!(GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T"),
-];
+parameters! {
+    Mass, "mass_kg", "kg", 0.05..=5.0, 0.52, "(1)", "mass";
+    Gravity, "gravity_m_s2", "m/s^2", 0.0..=30.0, 9.8, "(1)", "gravity along -z of the world";
+    TranslationalDrag, "translational_drag_kg_s", "kg/s", 0.0..=10.0, 0.95, "(1)", "linear drag of translation, k_t";
+    RotationalDrag, "rotational_drag_nm_s", "N m s", 0.0..=1.0, 0.105, "(3)", "linear drag of rotation, k_r";
+    ArmLength, "arm_length_m", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l";
+    ThrustCoefficient, "thrust_coefficient_n_s2", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k";
+    DragFactor, "drag_factor_nm_s2", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d";
+    RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "gyroscopic rotor inertia, I_R; its sign is the spin sense";
+    InertiaX, "inertia_x_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x";
+    InertiaY, "inertia_y_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y";
+    InertiaZ, "inertia_z_kg_m2", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z";
+    DisturbanceGain, "disturbance_gain_rad_s2", "rad/s^2", -2.0..=2.0, 0.2, "(3)", "gain of the disturbance h(t), delta";
+    RotorEfficiency1, "rotor_efficiency_1", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 1 gives";
+    RotorEfficiency2, "rotor_efficiency_2", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 2 gives";
+    RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives";
+    RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives";
+    MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none";
+    CommandDelay, "command_delay_s", "s", 0.0..=0.01, 0.0, "beyond", "delay from a command in force to the motors, in whole ticks";
+    PositionNoise, "position_noise_m", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis";
+    VelocityNoise, "velocity_noise_m_s", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis";
+    PositionDelay, "position_delay_s", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives";
+    PositionRate, "position_rate_hz", "Hz", 0.0..=1000.0, 0.0, "beyond", "fixes of position and velocity a second; 0 is one a tick";
+    AccelerometerNoise, "accel_noise_m_s2_rthz", "m/s^2/rtHz", 0.0..=1.0, 0.0, "beyond", "white noise of the specific force, as a density";
+    AccelerometerBias, "accel_bias_m_s2", "m/s^2", -5.0..=5.0, 0.0, "beyond", "bias of the specific force, on each axis";
+    GyroBias, "gyro_bias_rad_s", "rad/s", -1.0..=1.0, 0.0, "beyond", "bias of the measured rates, on each axis";
+    GyroDrift, "gyro_drift_rad_s2_rthz", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density";
+    GyroNoiseDensity, "gyro_noise_rad_s_rthz", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density";
+    GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T";
+}
 
 impl Parameter {
     #[inline]
@@ -374,6 +347,7 @@ impl Airframe {
     pub fn check(&self, parameter: Parameter, value: f64) -> Result<f64, ParameterError> {
         self.range(parameter).check(parameter, value)
     }
+
     /// Speed of each rotor in hover, sqrt(m g / 4 k) [rad/s].
     #[inline]
     pub fn hover_speed_rad_s(&self) -> f64 {

@@ -29,7 +29,7 @@ const LEGEND: &str = "\
 * *loop*: from sampling the state to publishing the rotor command, compared with a raw futex ring of four processes that compute as long. The ring has warm-up runs only in the lines *the ring rehearses too*.\n\
 * *misses*: missed deadlines, compared with ticks in which cyclictest woke too late for the median loop or not at all.\n\
 * *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw futex ring of four processes under SCHED_OTHER.\n\
-* *laws*: one tick of the four stages, compared with the same equations hand-written in scalars, with constants that the compiler can fold.\n\
+* *laws*: one tick of the four stages, compared with the same equations hand-written for one airframe, with constants that the compiler can fold.\n\
 * *replay --verify*: a tick read from a log, flown again and compared bit for bit, against a tick of `simulate` of the same flight; whole processes.\n\
 ";
 
