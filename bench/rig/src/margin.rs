@@ -18,14 +18,15 @@ use report::margin::{Margins, SCHEMA};
 use report::render::margin::document;
 
 use crate::build;
-use crate::cli::{DiffFormat, MarginArgs};
+use crate::cli::MarginArgs;
 use crate::combinations;
-use crate::output::{print, print_json, say};
+use crate::output::say;
 use crate::parallel::{all_on_processors, processors, stop_flag};
 use crate::progress::Progress;
+use crate::report_command::publish;
 use crate::settings::Settings;
 use crate::settings::law_settings::known;
-use errors::{Failure, OK, check_writable, write_text};
+use errors::{Failure, OK, check_writable};
 use flights::Flights;
 use limits::{GivenLimits, Judged, Phases};
 use measure::Task;
@@ -49,20 +50,14 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     }
     let jobs = args.jobs.unwrap_or_else(processors);
     let margins = measure(jobs, &settings, &phases, &task, &stop)?;
-    if let Some(path) = &args.page {
-        write_text(path, &document(&margins).html())?;
-        say(&format!("written: {}\n", path.display()));
-    }
     match no_table {
         None => table::write(&out, &margins)?
             .iter()
             .for_each(|line| say(line)),
         Some(why) => say(&format!("no table stored for flight reports: {why}\n")),
     }
-    match args.format {
-        DiffFormat::Text => print(&document(&margins).text())?,
-        DiffFormat::Json => print_json(&margins)?,
-    }
+    let page = args.page.as_deref();
+    publish(&document(&margins), &margins, args.format, page)?;
     Ok(OK)
 }
 

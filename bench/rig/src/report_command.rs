@@ -7,16 +7,18 @@ use std::path::{Path, PathBuf};
 use crate::browser::open_page;
 use crate::cli::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::margin::table::look_again;
-use crate::output::{print, print_json};
+use crate::output::{print, print_json, say};
 use crate::record::hlog;
 use crate::run_directory::{find, log_files};
 use crate::wall_time::utc;
-use errors::{Failure, InFile as _, OK, check_writable, read_text};
+use errors::{Failure, InFile as _, OK, check_writable, read_text, write_text};
 use report::diff::{Flown, compare};
 use report::gates::break_off;
+use report::render::document::Document;
 use report::render::{brief, diff, flight, junit};
 use report::schema::Report;
 use report::status::FlightStatus;
+use serde::Serialize;
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     if let Some(ReportCommand::Diff(args)) = &args.command {
@@ -50,6 +52,23 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         (Format::Html, _) => print(&flight::page(&report))?,
     }
     Ok(OK)
+}
+
+/// Prints a document, or the values in it as JSON, and writes it as a page, too.
+pub fn publish(
+    document: &Document,
+    values: &impl Serialize,
+    format: DiffFormat,
+    page: Option<&Path>,
+) -> Result<(), Failure> {
+    if let Some(path) = page {
+        write_text(path, &document.html())?;
+        say(&format!("written: {}\n", path.display()));
+    }
+    match format {
+        DiffFormat::Text => print(&document.text()),
+        DiffFormat::Json => print_json(values),
+    }
 }
 
 /// A summary of a flight, with the paths of the page and the log.
