@@ -1,7 +1,7 @@
 //! Makes the results of rows, a column at a time.
 
 use crate::bins::{BINS_MAX, Bins, explained, success};
-use crate::campaign::{Campaign, Factor, Variant};
+use crate::campaign::{Campaign, Factor};
 use crate::chunk::{Identity, Rows};
 use crate::distribution::Distribution as Drawn;
 use crate::gates::METRICS;
@@ -18,13 +18,14 @@ use std::cmp::Ordering;
 const WORST: usize = 10;
 const MAPPED: usize = 3;
 const MAP_BINS: usize = 6;
-/// The metric that flights are ranked by, and that effects are told on besides success.
+/// The metric by which flights are ranked, and on which effects are given besides success.
 const ERROR: &str = "position_error_max_m";
 
 struct CampaignRows<'a> {
     campaign: &'a Campaign,
     rows: &'a Rows,
     success: Vec<bool>,
+    lost: Vec<bool>,
     error_m: Vec<f64>,
 }
 
@@ -38,55 +39,65 @@ pub fn of(
         campaign,
         rows,
         success: success.map(|it| it == Some(true)).collect(),
+        lost: rows.filled("lost")?,
         error_m: rows.numbers(ERROR)?,
     };
-    let flights = (all.success.len() / campaign.arms.len()) as u64;
-    let lost = rows.filled("lost")?;
-    let mut arms = all.arms(&lost)?;
+    let mut arms: Vec<_> = (0..all.arm_count()).map(|arm| all.arm(arm)).collect();
+    for gate in campaign.gates.names() {
+        let flags = rows.flags(&format!("{HOLDS}{gate}"))?;
+        for (arm, results) in arms.iter_mut().enumerate() {
+            let known: Vec<bool> = all.of_arm(&flags, arm).flatten().collect();
+            results
+                .gates
+                .extend((!known.is_empty()).then(|| GateResults {
+                    name: gate.clone(),
+                    held: count(known.iter().copied()),
+                    asked: known.len() as u64,
+                }));
+        }
+    }
     let mut pairs = all.pairs();
     for metric in METRICS {
         let values = rows.numbers(metric.name)?;
-        let name = metric.name;
         for (arm, results) in arms.iter_mut().enumerate() {
-            let is = distribution(all.of_arm(&values, arm));
             results.metrics.push(Of {
-                name: name.into(),
-                is,
+                name: metric.name.into(),
+                is: distribution(all.of_arm(&values, arm)),
             });
         }
-        for (pair, (first, second)) in pairs.iter_mut().zip(all.couples()) {
-            let differences = (0..flights as usize).map(|flight| {
-                let [one, other] = [first, second].map(|arm| flight * all.arm_count() + arm);
-                if lost[one] || lost[other] {
-                    f64::NAN
-                } else {
-                    values[one] - values[other]
-                }
+        for ([first, second], pair) in &mut pairs {
+            let of = |arm: &usize| all.of_arm(&values, *arm).zip(all.of_arm(&all.lost, *arm));
+            let both = of(first).zip(of(second));
+            let differences = both.map(|((one, one_lost), (other, other_lost))| {
+                let is_lost = one_lost || other_lost;
+                if is_lost { f64::NAN } else { one - other }
             });
-            let difference = mean_interval(differences);
-            pair.metrics.extend(difference.map(|is| Of {
-                name: name.into(),
+            pair.metrics.extend(mean_interval(differences).map(|is| Of {
+                name: metric.name.into(),
                 is,
             }));
         }
     }
     let factors = all.factors()?;
-    let maps = all.maps(&factors)?;
     Ok(CampaignResults {
         schema: SCHEMA,
         name: identity.name.clone(),
         campaign: identity.campaign.clone(),
         build: identity.build.clone(),
-        flights,
+        flights: (all.success.len() / campaign.arms.len()) as u64,
         planned: campaign.flights,
         intervals: "Wilson",
         arms,
-        pairs,
+        pairs: pairs.into_iter().map(|(_, pair)| pair).collect(),
+        maps: all.maps(&factors)?,
         factors,
-        maps,
-        worst: all.worst(&lost)?,
+        worst: all.worst()?,
         audit: (),
     })
+}
+
+fn count(flags: impl Iterator<Item = bool>) -> u64 {
+    flags.filter(|flag| *flag).count() as u64
 }
 
 impl CampaignRows<'_> {
@@ -98,67 +109,43 @@ impl CampaignRows<'_> {
         values.iter().skip(arm).step_by(self.arm_count()).copied()
     }
 
-    fn couples(&self) -> impl Iterator<Item = (usize, usize)> {
-        let arms = self.arm_count();
-        (0..arms).flat_map(move |first| (first + 1..arms).map(move |second| (first, second)))
-    }
-
-    fn arms(&self, lost: &[bool]) -> Result<Vec<VariantResults>, Failure> {
-        let mut gates: Vec<Vec<GateResults>> = vec![Vec::new(); self.arm_count()];
-        for gate in self.campaign.gates.names() {
-            let flags = self.rows.flags(&format!("{HOLDS}{gate}"))?;
-            for (arm, gates) in gates.iter_mut().enumerate() {
-                let asked: Vec<bool> = self.of_arm(&flags, arm).flatten().collect();
-                gates.extend((!asked.is_empty()).then(|| GateResults {
-                    name: gate.clone(),
-                    held: asked.iter().filter(|held| **held).count() as u64,
-                    asked: asked.len() as u64,
-                }));
-            }
+    /// The results of an arm, without those by gate and by metric.
+    fn arm(&self, arm: usize) -> VariantResults {
+        let flights = self.of_arm(&self.success, arm).count() as u64;
+        let successes = count(self.of_arm(&self.success, arm));
+        VariantResults {
+            name: self.campaign.arms[arm].name.clone(),
+            flights,
+            successes,
+            interval: wilson(successes, flights),
+            lost: count(self.of_arm(&self.lost, arm)),
+            gates: Vec::new(),
+            metrics: Vec::new(),
         }
-        let arms = self.campaign.arms.iter().zip(gates).enumerate();
-        let results = |(arm, (variant, gates)): (usize, (&Variant, Vec<GateResults>))| {
-            let count = |flags| self.of_arm(flags, arm).filter(|flag| *flag).count() as u64;
-            let flights = self.of_arm(&self.success, arm).count() as u64;
-            let successes = count(&self.success);
-            VariantResults {
-                name: variant.name.clone(),
-                flights,
-                successes,
-                interval: wilson(successes, flights),
-                lost: count(lost),
-                gates,
-                metrics: Vec::new(),
-            }
-        };
-        Ok(arms.map(results).collect())
     }
 
-    fn pairs(&self) -> Vec<Pair> {
-        let pair = |(first, second): (usize, usize)| {
+    /// Each pair of arms, without its metrics.
+    fn pairs(&self) -> Vec<([usize; 2], Pair)> {
+        let arms = self.arm_count();
+        let pair = |[first, second]: [usize; 2]| {
             let [ones, others] = [first, second].map(|arm| self.of_arm(&self.success, arm));
-            let (mut discordant, mut flights) = (
-                Discordant {
-                    first: 0,
-                    second: 0,
-                },
-                0,
-            );
-            for (one, other) in ones.zip(others) {
-                flights += 1;
-                discordant.first += u64::from(one && !other);
-                discordant.second += u64::from(other && !one);
-            }
-            Pair {
+            let both: Vec<(bool, bool)> = ones.zip(others).collect();
+            let discordant = Discordant {
+                first: count(both.iter().map(|(one, other)| *one && !other)),
+                second: count(both.iter().map(|(one, other)| *other && !one)),
+            };
+            let pair = Pair {
                 first: self.campaign.arms[first].name.clone(),
                 second: self.campaign.arms[second].name.clone(),
                 discordant,
                 p_value: discordant.p_value(),
-                difference: discordant.difference(flights),
+                difference: discordant.difference(both.len() as u64),
                 metrics: Vec::new(),
-            }
+            };
+            ([first, second], pair)
         };
-        self.couples().map(pair).collect()
+        let couples = (0..arms).flat_map(|first| (first + 1..arms).map(move |it| [first, it]));
+        couples.map(pair).collect()
     }
 
     /// A factor's bins, which are the same for all arms; none where all flights drew alike.
@@ -256,14 +243,11 @@ impl CampaignRows<'_> {
     }
 
     /// Lost flights first, then those that failed, and the largest errors first among them.
-    fn worst(&self, lost: &[bool]) -> Result<Vec<Worst>, Failure> {
-        let rank = |place: usize| (!lost[place], self.success[place]);
-        let error_m = |place: usize| self.error_m[place];
+    fn worst(&self) -> Result<Vec<Worst>, Failure> {
+        let rank = |place: usize| (!self.lost[place], self.success[place]);
         let by_rank = |a: &usize, b: &usize| {
-            let ranks = rank(*a).cmp(&rank(*b));
-            ranks
-                .then(error_m(*b).total_cmp(&error_m(*a)))
-                .then(a.cmp(b))
+            let errors = self.error_m[*b].total_cmp(&self.error_m[*a]);
+            rank(*a).cmp(&rank(*b)).then(errors).then(a.cmp(b))
         };
         let mut places: Vec<usize> = (0..self.success.len()).collect();
         if places.len() > WORST {

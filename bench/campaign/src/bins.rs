@@ -14,14 +14,13 @@ pub struct Bins {
 }
 
 impl Bins {
-    /// Of numbers: bins of as many flights each, `most` at the most, where equal numbers are never told apart.
+    /// Of numbers: bins of as many flights each, `most` at the most, where equal numbers are always in one bin.
     pub fn of_numbers(values: &[f64], most: usize) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
-        let mut distinct = sorted.clone();
-        distinct.dedup();
+        let mut cuts = sorted.clone();
+        cuts.dedup();
         let count = (values.len() / BIN_FLIGHTS).clamp(2, most.max(2));
-        let mut cuts = distinct;
         if cuts.len() > most {
             let cut = |bin| sorted[bin * sorted.len() / count];
             cuts = (0..count).map(cut).collect();
@@ -79,25 +78,21 @@ pub struct Bin {
 }
 
 pub fn success(bins: &Bins, success: &[bool]) -> Vec<Bin> {
-    let mut all: Vec<Bin> = (0..bins.names.len())
-        .map(|bin| Bin {
-            name: bins.names[bin].clone(),
-            range: bins.ranges.get(bin).copied(),
-            flights: 0,
-            successes: 0,
-            interval: wilson(0, 0),
-        })
-        .collect();
+    let mut counts = vec![[0; 2]; bins.names.len()];
     for (bin, success) in bins.of.iter().zip(success) {
-        if let Some(bin) = all.get_mut(*bin as usize) {
-            bin.flights += 1;
-            bin.successes += u64::from(*success);
+        if let Some([flights, successes]) = counts.get_mut(*bin as usize) {
+            *flights += 1;
+            *successes += u64::from(*success);
         }
     }
-    for bin in &mut all {
-        bin.interval = wilson(bin.successes, bin.flights);
-    }
-    all
+    let bin = |(i, [flights, successes]): (usize, [u64; 2])| Bin {
+        name: bins.names[i].clone(),
+        range: bins.ranges.get(i).copied(),
+        flights,
+        successes,
+        interval: wilson(successes, flights),
+    };
+    counts.into_iter().enumerate().map(bin).collect()
 }
 
 /// Share of the variance of some values that the bins account for, less what they would by chance (omega squared);
@@ -152,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_matters_is_told_from_what_does_not() {
+    fn a_factor_without_effect_explains_nothing() {
         let mut rng = Rng::with_seed(7);
         let drawn: Vec<[f64; 2]> = (0..2000).map(|_| [rng.f64(), rng.f64()]).collect();
         let outcome = || drawn.iter().map(|it| f64::from(u8::from(it[0] < 0.3)));

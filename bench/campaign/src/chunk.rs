@@ -82,11 +82,12 @@ pub fn write_whole<E: std::fmt::Display>(
         .and_then(|()| file.sync_all().in_file("write", &aside))
         .and_then(|()| fs::rename(&aside, path).in_file("write", path))
         .inspect_err(|_| {
-            // What is left of it is nobody's.
+            // An incomplete file is of no use.
             let _ = fs::remove_file(&aside);
         })
 }
 
+/// Bytes that a file of these rows takes.
 pub fn length(campaign: &Campaign, identity: &Identity, rows: &[Row]) -> Result<usize, Failure> {
     encoded(identity, None, &Table::new(campaign, rows)).map(|bytes| bytes.len())
 }
@@ -100,7 +101,7 @@ fn encoded(
         .map_err(|e| Failure::failed(format!("rows of flights: {e}")))
 }
 
-/// What a file says of itself: whose rows it has, and of a chunk which ones and their hash.
+/// Metadata of a file: the campaign and build of its rows, and of a chunk its flights and their hash.
 fn metadata(
     identity: &Identity,
     chunk: Option<(u64, Range<u64>)>,
@@ -122,10 +123,8 @@ fn metadata(
 
 pub fn state(directory: &Path, campaign: &Campaign, identity: &Identity, chunk: u64) -> State {
     let path = path_of(directory, chunk);
-    if !path.exists() {
-        return State::Missing;
-    }
     match check(&path, campaign, identity, chunk) {
+        _ if !path.exists() => State::Missing,
         Ok(()) => State::Whole,
         Err(why) => State::Refused(why),
     }
@@ -142,43 +141,40 @@ fn check(path: &Path, campaign: &Campaign, identity: &Identity, chunk: u64) -> R
     }
     let reader = SerializedFileReader::new(file).map_err(|e| broken(&e))?;
     let metadata = metadata_of(reader.metadata());
-    let said = |key: &str| {
+    let value = |key: &str| {
         let pair = metadata.iter().find(|(known, _)| known == key);
         pair.map_or("", |(_, value)| value.as_str())
     };
-    let [schema, name, fingerprint, build, flown] =
-        ["schema", "name", "campaign", "build", "flights"].map(said);
-    if schema != SCHEMA {
-        return Err(format!(
-            "it is foreign: its form is `{schema}`, and not {SCHEMA}"
-        ));
-    }
-    if fingerprint != identity.campaign {
-        return Err(format!(
-            "it is foreign: of the campaign {name} with the fingerprint {fingerprint}"
-        ));
-    }
-    if build != identity.build {
-        return Err(format!("another build flew it: {build}"));
-    }
+    let (schema, name, fingerprint) = (value("schema"), value("name"), value("campaign"));
+    let (build, flown) = (value("build"), value("flights"));
     let flights = campaign.flights_of(chunk);
-    if flown != format!("{flights:?}") {
-        return Err(format!("it has the flights {flown}, and not {flights:?}"));
-    }
-    if has_own_hash.is_none() {
-        return Err("it is broken: it has no hash of itself".into());
+    let why = if schema != SCHEMA {
+        format!("it is foreign: its form is `{schema}`, and not {SCHEMA}")
+    } else if fingerprint != identity.campaign {
+        format!("it is foreign: of the campaign {name} with the fingerprint {fingerprint}")
+    } else if build != identity.build {
+        format!("another build flew it: {build}")
+    } else if flown != format!("{flights:?}") {
+        format!("it has the flights {flown}, and not {flights:?}")
+    } else if has_own_hash.is_none() {
+        "it is broken: it has no hash of itself".into()
+    } else {
+        String::new()
+    };
+    if !why.is_empty() {
+        return Err(why);
     }
     let rows = read_table(&reader, Table::new(campaign, &[])).map_err(|e| broken(&e))?;
     let numbers = flights.flat_map(|flight| vec![flight.cast_signed(); campaign.arms.len()]);
     let expected = numbers.map(|flight| Some(Cell::Integer(flight)));
     let is_expected = rows.columns[0].cells.iter().cloned().eq(expected);
-    if !is_expected || said("rows_sha256") != rows.rows_sha256() {
+    if !is_expected || value("rows_sha256") != rows.rows_sha256() {
         return Err("it is broken: its rows are not those that were written".into());
     }
     Ok(())
 }
 
-/// What lies in a directory of files of rows and is none of the campaign's: rows of chunks beyond its end, and rests.
+/// Files of a directory that are none of the campaign's: rows of chunks beyond its end, and incomplete ones.
 pub fn others(directory: &Path, campaign: &Campaign) -> Result<Vec<String>, Failure> {
     let mut others = Vec::new();
     for entry in fs::read_dir(directory).in_file("list", directory)? {
@@ -301,8 +297,8 @@ impl Rows {
         let mut rows = 0;
         write_whole(to, |file| {
             let refused = |e: parquet::errors::ParquetError| Failure::failed(e.to_string());
-            let says = metadata(identity, None, None);
-            let mut writer = writer(file, &table, &says, None).map_err(refused)?;
+            let metadata = metadata(identity, None, None);
+            let mut writer = writer(file, &table, &metadata, None).map_err(refused)?;
             for (i, path) in self.files.iter().enumerate() {
                 table.append(read(path, campaign)?);
                 if table.rows() >= GROUP || i + 1 == self.files.len() {

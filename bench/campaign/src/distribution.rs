@@ -213,23 +213,16 @@ mod tests {
 
     #[test]
     fn grids_are_flown_cell_by_cell_and_choices_evenly() {
-        let values: Vec<Value> = ["a", "b", "c"].map(Value::from).into();
-        let stream = Stream::new(7, "x");
+        let values: Vec<Value> = [0, 1, 2].map(|it| Value::Float(f64::from(it))).into();
+        let (grid, choice) = (values.clone(), Distribution::Choice(values));
         let grid = Distribution::Grid {
-            values: values.clone(),
+            values: grid,
             stride: 2,
         };
-        let drawn: Vec<Value> = (0..8).map(|flight| grid.draw(stream, flight)).collect();
-        assert_eq!(
-            drawn,
-            ["a", "a", "b", "b", "c", "c", "a", "a"].map(Value::from)
-        );
-        let choice = Distribution::Choice(values.clone());
-        for value in &values {
-            let taken = (0..3000)
-                .filter(|flight| choice.draw(stream, *flight) == *value)
-                .count();
-            assert!((900..1100).contains(&taken), "{value}: {taken}");
+        assert_eq!(draws(&grid, 8), [0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0, 0.0]);
+        let draws = draws(&choice, 3000);
+        for (value, share) in [(0.5, 1.0 / 3.0), (1.5, 2.0 / 3.0)] {
+            assert!((below(&draws, value) - share).abs() < 0.03, "{value}");
         }
     }
 

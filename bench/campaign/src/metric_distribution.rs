@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// Shares that are told of every distribution, as far as it has so many values.
+/// Shares whose quantiles are given, as far as there are enough values.
 const SHARES: [f64; 7] = [0.01, 0.1, 0.5, 0.9, 0.99, 0.999, 0.9999];
 
 /// A share of the values with the smallest value that so many do not exceed.

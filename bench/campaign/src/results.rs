@@ -1,4 +1,4 @@
-//! What a campaign has shown.
+//! The results of a campaign.
 
 use crate::bins::Bin;
 use crate::metric_distribution::Distribution;
@@ -23,7 +23,7 @@ pub struct CampaignResults {
     pub factors: Vec<FactorResults>,
     pub maps: Vec<Map>,
     pub worst: Vec<Worst>,
-    /// Nothing: of reports from before it was given up, flights that were flown again.
+    /// Always null: older versions listed flights here that were flown again.
     pub audit: (),
 }
 

@@ -1,4 +1,4 @@
-//! What a campaign has shown, as a document.
+//! The results of a campaign as a document.
 
 use crate::bins::{Bin, short};
 use crate::gates::{METRICS, Metric};

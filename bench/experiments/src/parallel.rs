@@ -8,6 +8,14 @@ use std::time::Duration;
 
 use errors::{Failure, INTERRUPTED};
 
+/// Fails as interrupted once the flag is set.
+pub fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    match stop.load(Ordering::Relaxed) {
+        true => Err(Failure::new(INTERRUPTED, "interrupted")),
+        false => Ok(()),
+    }
+}
+
 #[must_use]
 pub fn processors() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
@@ -64,9 +72,7 @@ pub fn all_on_processors<T: Sync, R: Send>(
 ) -> Result<Vec<R>, Failure> {
     let has_failed = AtomicBool::new(false);
     let work = |item: &T| {
-        if has_failed.load(Ordering::Relaxed) {
-            return Err(Failure::new(INTERRUPTED, "interrupted"));
-        }
+        check_stop(&has_failed)?;
         work(item).inspect_err(|_| has_failed.store(true, Ordering::Relaxed))
     };
     let mut results = on_processors(items, workers, work, look);

@@ -171,7 +171,7 @@ fn serve(
     stop: &AtomicBool,
 ) -> Result<Option<EndReason>, Failure> {
     while !stop.load(Ordering::Relaxed) {
-        observation.drain(|seen| channels.pass_on(seen))?;
+        observation.drain(|entry| channels.pass_on(entry))?;
         if let Some(values) = mirror.update(observation.active_parameters()) {
             server.publish_parameter_values(values);
         }

@@ -36,27 +36,24 @@ pub fn injected(
     when: When,
     lasts: Option<Duration>,
 ) -> Result<String, Failure> {
-    let wanted: Vec<Desired> = changes.iter().filter_map(Change::wanted).collect();
-    if wanted.is_empty() {
+    let desired: Vec<Desired> = changes.iter().filter_map(Change::wanted).collect();
+    if desired.is_empty() {
         return inject_faults(instance, changes, when, lasts);
     }
-    if wanted.len() < changes.len() {
-        return Err(Failure::usage(
-            "parameters and faults of the loop are not injected by one command",
-        )
-        .help("give two commands, both with --at-tick N for the same tick"));
+    if desired.len() < changes.len() {
+        let what = "parameters and faults of the loop are not injected by one command";
+        let help = "give two commands, both with --at-tick N for the same tick";
+        return Err(Failure::usage(what).help(help));
     }
     if lasts.is_some() {
-        return Err(
-            Failure::usage("--for: a parameter holds until it is changed again")
-                .help("inject the change back, as in mass_kg=nominal"),
-        );
+        let what = "--for: a parameter holds until it is changed again";
+        return Err(Failure::usage(what).help("inject the change back, as in mass_kg=nominal"));
     }
-    Ok(ask(instance, &wanted, when)?.to_string())
+    Ok(ask(instance, &desired, when)?.to_string())
 }
 
-/// What a user typed into a line: `state.drop=0.1,inner.late=1ms for 1s`.
-pub fn words_of(text: &str) -> Result<(Vec<Change>, Option<Duration>), String> {
+/// The faults in a line: `state.drop=0.1,inner.late=1ms for 1s`.
+pub fn parse_line(text: &str) -> Result<(Vec<Change>, Option<Duration>), String> {
     let (what, time) = match text.split_once(" for ") {
         Some((what, time)) => (what, Some(time.trim())),
         None => (text, None),
@@ -85,24 +82,24 @@ struct Instant {
 impl When {
     fn of(self, run: &Run) -> Result<Instant, Failure> {
         let present = if run.tick == NO_TICK { 0 } else { run.tick };
-        let (at_tick, in_ticks, wanted) = match self {
+        let (at_tick, in_ticks, tick) = match self {
             Self::AtTick(tick) => (tick, 0, tick),
             Self::In(after) => {
                 let ticks = ticks(after, run.sample_time_ns);
                 (NO_TICK, ticks, present.saturating_add(ticks))
             }
         };
-        if wanted > run.last_tick {
+        if tick > run.last_tick {
             let last_tick = run.last_tick;
             return Err(Failure::usage(format!(
-                "tick {wanted} never comes: the flight ends at tick {last_tick}"
+                "tick {tick} never comes: the flight ends at tick {last_tick}"
             ))
             .help(format!("name one from {present} to {last_tick}")));
         }
         Ok(Instant {
             at_tick,
             in_ticks,
-            wait_ticks: wanted.saturating_sub(present),
+            wait_ticks: tick.saturating_sub(present),
         })
     }
 }
@@ -156,13 +153,13 @@ impl fmt::Display for Applied {
 }
 
 /// Requests a parameter change from the plant of an instance, and waits for its answer.
-pub fn ask(instance: &Instance, wanted: &[Desired], when: When) -> Result<Applied, Failure> {
+pub fn ask(instance: &Instance, desired: &[Desired], when: When) -> Result<Applied, Failure> {
     let wrong = |error: &dyn fmt::Display| {
         Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
     };
-    check_once(wanted).map_err(|e| wrong(&e))?;
+    check_once(desired).map_err(|e| wrong(&e))?;
     if flight(instance).is_ok_and(|flight| flight.is_none()) {
-        check_widest_ranges(wanted).map_err(|e| {
+        check_widest_ranges(desired).map_err(|e| {
             wrong(&format!(
                 "{e} for the airframe `{PAPER}`, and no other flies"
             ))
@@ -171,7 +168,7 @@ pub fn ask(instance: &Instance, wanted: &[Desired], when: When) -> Result<Applie
     let (wire, run) = flying(instance)?;
     let airframe = airframe(&wire)?;
     let period_s = run.sample_time_ns as f64 / 1e9;
-    let targets = targets_of(wanted, &airframe, period_s).map_err(|e| wrong(&e))?;
+    let targets = targets_of(desired, &airframe, period_s).map_err(|e| wrong(&e))?;
     plant::Swap::to(0, &targets).map_err(|e| wrong(&e))?;
     let instant = when.of(&run)?;
     let mut order = SwapOrder {
@@ -207,10 +204,10 @@ pub fn ask(instance: &Instance, wanted: &[Desired], when: When) -> Result<Applie
 }
 
 /// Refuses values that no airframe of any size can have: that need not wait for one that flies.
-fn check_widest_ranges(wanted: &[Desired]) -> Result<(), ParameterError> {
+fn check_widest_ranges(desired: &[Desired]) -> Result<(), ParameterError> {
     for Desired {
         parameter, value, ..
-    } in wanted
+    } in desired
     {
         if let RequestedValue::Number(value) = *value
             && parameter.widest().check(*parameter, value).is_err()
@@ -270,25 +267,16 @@ fn inject_faults(
     when: When,
     lasts: Option<Duration>,
 ) -> Result<String, Failure> {
-    if let Some(once) = changes
-        .iter()
-        .find(|change| lasts.is_some() && !change.lasts())
-    {
-        return Err(
-            Failure::usage(format!("--for: {once} happens once, at an instant"))
-                .help("leave it out"),
-        );
+    let mut once = changes.iter().filter(|change| !change.lasts());
+    if let (Some(once), Some(_)) = (once.next(), lasts) {
+        let what = format!("--for: {once} happens once, at an instant");
+        return Err(Failure::usage(what).help("leave it out"));
     }
     let (wire, run) = flying(instance)?;
+    let (in_lockstep, has_supervisor) = (run.period_ns == LOCKSTEP, run.launcher_pid != 0);
     for change in changes {
         for (kind, ends) in change.kinds() {
-            let in_lockstep = run.period_ns == LOCKSTEP;
-            check_possible(
-                &kind,
-                &change.to_string(),
-                in_lockstep,
-                run.launcher_pid != 0,
-            )?;
+            check_possible(&kind, &change.to_string(), in_lockstep, has_supervisor)?;
             if !ends {
                 check_priority(&kind)?;
             }
@@ -348,10 +336,10 @@ fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Res
         ENDED => "the run ended before it".into(),
         verdict => {
             let reason = FaultRefusal::from_wire(verdict).ok_or_else(|| other_version(verdict))?;
-            let which = usize::try_from(answer.which)
-                .ok()
-                .and_then(|i| faults.get(i));
-            match which.filter(|_| reason != FaultRefusal::NoRoom) {
+            match faults
+                .get(answer.which as usize)
+                .filter(|_| reason != FaultRefusal::NoRoom)
+            {
                 Some(fault) => refused(reason, fault, period_s).to_string(),
                 None => format!(
                     "it has no room for more: a flight takes {MOST_LIVE} faults by `inject`, counted by input, of \
@@ -370,11 +358,10 @@ pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
     }
     let name = instance.name();
     if instance.is_alive() {
-        return Err(
-            Failure::failed(format!("instance `{name}` has not taken off, or has landed")).help(
-                "a flight begins when plant, outer, inner and mixer are ready; each says for whom it waits",
-            ),
-        );
+        let what = format!("instance `{name}` has not taken off, or has landed");
+        return Err(Failure::failed(what).help(
+            "a flight begins when plant, outer, inner and mixer are ready; each says for whom it waits",
+        ));
     }
     let others = Instance::flying();
     let others: Vec<&str> = others.iter().map(Instance::name).collect();

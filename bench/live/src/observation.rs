@@ -5,14 +5,13 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use flight_log::entry::LogEntry;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Receiver, Wire};
 use messages::blackboards::{
     ActiveParameters, EndReason, IN_FORCE, RUN, Run, RunPhase, SETTINGS, SettingsText, Status,
 };
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use messages::header::Message;
 use messages::inspection::Expected;
 use messages::monitor::Monitor;
 use messages::role::Role;
@@ -25,16 +24,6 @@ pub use recorder::ports::DRAIN_EVERY;
 
 /// How long after the end of a flight the recorder may still pass messages on.
 const LAST_MESSAGES: Duration = Duration::from_millis(200);
-
-#[derive(Clone, Copy, Debug)]
-pub enum ObservedMessage<'a> {
-    State(&'a Message<State>),
-    Setpoint(&'a Message<Setpoint>),
-    Wrench(&'a Message<Wrench>),
-    RotorSpeeds(&'a Message<RotorSpeeds>),
-    Swap(&'a Message<SwapRecord>),
-    Theorem(&'a Message<Monitor>),
-}
 
 #[allow(
     missing_debug_implementations,
@@ -135,17 +124,17 @@ impl Observation {
     }
 
     /// Passes every message since the last call to `each`, topic by topic in the order of the data flow.
-    pub fn drain(&mut self, mut each: impl FnMut(ObservedMessage<'_>)) -> Result<(), Error> {
-        use ObservedMessage::{RotorSpeeds, Setpoint, State, Swap, Theorem, Wrench};
+    pub fn drain(&mut self, mut each: impl FnMut(&LogEntry)) -> Result<(), Error> {
+        use LogEntry::{RotorSpeeds, Setpoint, State, Swap, Theorem, Wrench};
         let (ports, run) = (&mut self.ports, &self.run);
         let horizon = horizon(run.get().pace(), || run.get());
-        ports.states.drain(horizon, |it| each(State(it)))?;
-        ports.setpoints.drain(horizon, |it| each(Setpoint(it)))?;
-        ports.wrenches.drain(horizon, |it| each(Wrench(it)))?;
+        ports.states.drain(horizon, |it| each(&State(*it)))?;
+        ports.setpoints.drain(horizon, |it| each(&Setpoint(*it)))?;
+        ports.wrenches.drain(horizon, |it| each(&Wrench(*it)))?;
         let speeds = &mut ports.rotor_speeds;
-        speeds.drain(horizon, |it| each(RotorSpeeds(it)))?;
-        ports.swaps.drain(horizon, |it| each(Swap(it)))?;
-        self.theorem.drain(horizon, |it| each(Theorem(it)))
+        speeds.drain(horizon, |it| each(&RotorSpeeds(*it)))?;
+        ports.swaps.drain(horizon, |it| each(&Swap(*it)))?;
+        self.theorem.drain(horizon, |it| each(&Theorem(*it)))
     }
 }
 
@@ -154,6 +143,8 @@ mod tests {
     use super::*;
     use ipc::clock::now_ns;
     use messages::blackboards::LOCKSTEP;
+    use messages::content::State;
+    use messages::header::Message;
 
     /// Ticks of the states that an observer receives if the recorder passes on states of `ticks` in a flight at tick 50.
     fn received(period_ns: u64, ticks: &[u64]) -> Vec<u64> {
@@ -184,11 +175,9 @@ mod tests {
                 (header.seq, header.tick) = (seq, *tick);
                 relay.pass_on(&message).unwrap();
             }
-            let take = |message: ObservedMessage<'_>| match message {
-                ObservedMessage::State(message) => received.push(message.envelope.tick),
-                other => panic!("{other:?}"),
-            };
-            observation.drain(take).unwrap();
+            observation
+                .drain(|entry| received.push(entry.envelope().tick))
+                .unwrap();
         }
         instance.remove_leftovers().unwrap();
         received

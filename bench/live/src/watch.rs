@@ -76,7 +76,7 @@ impl Feed {
         let (Some(observation), Some(flight)) = (&mut self.joined, &mut model.flight) else {
             return Ok(());
         };
-        observation.drain(|seen| flight.take(seen))?;
+        observation.drain(|entry| flight.take(entry))?;
         flight.run = observation.run();
         if !is_due {
             return Ok(());

@@ -13,16 +13,19 @@ use serde::Deserialize;
 use toml::Value;
 
 use crate::build;
-use crate::cli::{CompareArgs, DiffFormat};
 use analysis::json::print_json;
 use config::{Overrides, Settings};
 use errors::output::{print, say};
-use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
 use experiments::combinations;
 use experiments::parallel::{on_processors, processors};
 use sim::invalid_outputs::InvalidOutputs;
 use sim::simulate;
 use sim::simulator::Simulator;
+use crate::cli::CompareArgs;
+use crate::output::{print, say};
+use crate::parallel::{all_on_processors, processors};
+use crate::report_command::publish;
+use errors::{Failure, OK, USAGE, check_writable, read_text};
 
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;
@@ -54,23 +57,17 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     let plan = Plan::new(args, &combinations, &overrides)?;
     let mut warnings: Vec<String> = Vec::new();
     for settings in &plan.settings {
-        warnings.extend(settings.warnings()?);
-    }
-    for (i, warning) in warnings.iter().enumerate() {
-        // Once if it is the same for several laws.
-        if !warnings[..i].contains(warning) {
-            say(&format!("warning: {warning}\n"));
+        for warning in settings.warnings()? {
+            // Once if it is the same for several laws.
+            if !warnings.contains(&warning) {
+                say(&format!("warning: {warning}\n"));
+                warnings.push(warning);
+            }
         }
     }
     let comparison = fly_all(&[plan])?.remove(0);
-    if let Some(path) = &args.page {
-        write_text(path, &document(&comparison).html())?;
-        say(&format!("written: {}\n", path.display()));
-    }
-    match args.format {
-        DiffFormat::Text => print(&document(&comparison).text())?,
-        DiffFormat::Json => print_json(&comparison)?,
-    }
+    let page = args.page.as_deref();
+    publish(&document(&comparison), &comparison, args.format, page)?;
     Ok(OK)
 }
 
@@ -140,17 +137,14 @@ fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
         .flat_map(|plan| plan.settings.iter().map(|it| (&plan.flight, it)))
         .collect();
     let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings);
-    let mut outcomes = on_processors(&flights, processors(), fly, |_| ()).into_iter();
-    let compared = |plan: &Plan| {
-        let outcomes = outcomes.by_ref().take(plan.settings.len());
-        Ok(Comparison {
-            schema: SCHEMA,
-            build: build::here(),
-            flight: plan.flight.clone(),
-            outcomes: outcomes.collect::<Result<_, _>>()?,
-        })
+    let mut outcomes = all_on_processors(&flights, processors(), fly, |_| ())?.into_iter();
+    let compared = |plan: &Plan| Comparison {
+        schema: SCHEMA,
+        build: build::here(),
+        flight: plan.flight.clone(),
+        outcomes: outcomes.by_ref().take(plan.settings.len()).collect(),
     };
-    plans.iter().map(compared).collect()
+    Ok(plans.iter().map(compared).collect())
 }
 
 fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {

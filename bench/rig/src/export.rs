@@ -134,9 +134,15 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
 }
 
 fn create_directory(directory: &Path) -> Result<(), Failure> {
+    create_for("export", directory, "--to")
+}
+
+/// Creates the directory that a flag names, for files that a command is about to write.
+pub(crate) fn create_for(purpose: &str, directory: &Path, flag: &str) -> Result<(), Failure> {
     fs::create_dir_all(directory).map_err(|e| {
-        Failure::usage(format!("cannot export into {}: {e}", directory.display()))
-            .help("name a writable directory: --to DIR")
+        let directory = directory.display();
+        Failure::usage(format!("cannot {purpose} into {directory}: {e}"))
+            .help(format!("name a writable directory: {flag} DIR"))
     })
 }
 

@@ -21,6 +21,7 @@ use process::rt::{fifo_refusal, take_stand};
 use process::signals::end_with_launcher;
 
 use crate::cli::{FloorArgs, HopArgs, Set};
+use crate::export::create_for;
 use crate::floor::benchmark_page::{MeasuredSet, Page, set_name};
 use crate::floor::comparison_sets::{MeasuringEffort, Stress};
 use crate::floor::flight_runner::FlightRunner;
@@ -36,10 +37,7 @@ const STAGES: i32 = 3;
 
 pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     if let Some(directory) = &args.write {
-        std::fs::create_dir_all(directory).map_err(|e| {
-            Failure::usage(format!("cannot write into {}: {e}", directory.display()))
-                .help("name a writable directory: --write DIR")
-        })?;
+        create_for("write", directory, "--write")?;
     }
     let host = host::cpu_times::host();
     let mut page = match &args.write {

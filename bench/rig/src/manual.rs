@@ -7,6 +7,7 @@ use clap_mangen::Man;
 
 use crate::cli::{Cli, CompletionsArgs, ManArgs};
 use errors::output::print;
+use crate::export::create_for;
 use errors::{Failure, InFile as _, OK};
 
 const NAME: &str = "ironbird";
@@ -32,11 +33,7 @@ pub fn man(args: &ManArgs) -> Result<u8, Failure> {
         print(&page(find(&cli, &args.command)?)?)?;
         return Ok(OK);
     };
-    fs::create_dir_all(directory).map_err(|e| {
-        let directory = directory.display();
-        Failure::usage(format!("cannot write manual pages into {directory}: {e}"))
-            .help("name a writable directory: --to DIR")
-    })?;
+    create_for("write manual pages", directory, "--to")?;
     for command in all(&cli) {
         let path = directory.join(format!("{}.1", page_name(command)));
         fs::write(&path, page(command)?).in_file("write", &path)?;

@@ -8,7 +8,6 @@ use std::path::PathBuf;
 use analysis::json::print_json;
 use config::Settings;
 use errors::output::{print, say};
-use errors::{Failure, OK, check_writable, write_text};
 use experiments::combinations;
 use experiments::margin::limits::{GivenLimits, Phases};
 use experiments::margin::measure::Task;
@@ -17,6 +16,10 @@ use experiments::margin::{measure_all, table};
 use experiments::parallel::processors;
 use process::signals::stop_flag;
 use render::margin::document;
+use crate::cli::MarginArgs;
+use crate::output::say;
+use crate::report_command::publish;
+use errors::{Failure, OK, check_writable};
 
 use crate::cli::{DiffFormat, MarginArgs};
 
@@ -35,20 +38,14 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     }
     let jobs = args.jobs.unwrap_or_else(processors);
     let margins = measure_all(jobs, &settings, &phases, &task, &stop)?;
-    if let Some(path) = &args.page {
-        write_text(path, &document(&margins).html())?;
-        say(&format!("written: {}\n", path.display()));
-    }
     match no_table {
         None => table::write(&out, &margins)?
             .iter()
             .for_each(|line| say(line)),
         Some(why) => say(&format!("no table stored for flight reports: {why}\n")),
     }
-    match args.format {
-        DiffFormat::Text => print(&document(&margins).text())?,
-        DiffFormat::Json => print_json(&margins)?,
-    }
+    let page = args.page.as_deref();
+    publish(&document(&margins), &margins, args.format, page)?;
     Ok(OK)
 }
 

@@ -21,6 +21,36 @@ const RESERVED: &str = "\
     enum extern false fn for gen if impl in ironbird_law let loop macro match mod move mut \
     priv proc_macro pub ref return self static std struct super test trait true";
 
+/// Files of the folder: the tag of the laws that have it, its path, and its template. Files that start with `#!` are
+/// executable.
+const FILES: [(&str, &str, &str); 17] = [
+    ("all", "README.md", include_str!("new_law/README.md")),
+    (
+        "all",
+        "settings.toml",
+        include_str!("new_law/settings.toml"),
+    ),
+    ("all", "test", include_str!("new_law/test")),
+    ("c", "law.c", include_str!("new_law/law.c.in")),
+    ("c", "build", include_str!("new_law/build_c")),
+    ("c", ".gitignore", "law.so\nruns\n"),
+    ("c", "ironbird_law.h", HEADER),
+    ("rust", "src/lib.rs", include_str!("new_law/law.rs.in")),
+    ("rust", "Cargo.toml", include_str!("new_law/Cargo.toml.in")),
+    ("rust", "build", include_str!("new_law/build_rust")),
+    ("rust", ".gitignore", "law.so\ntarget\nruns\n"),
+    (
+        "rust",
+        "ironbird_law/Cargo.toml",
+        include_str!("new_law/ironbird_law.toml"),
+    ),
+    ("rust", "ironbird_law/src/lib.rs", CRATE[0]),
+    ("rust", "ironbird_law/src/abi.rs", CRATE[1]),
+    ("rust", "ironbird_law/src/border.rs", CRATE[2]),
+    ("python", "law.py", include_str!("new_law/law.py.in")),
+    ("python", ".gitignore", "__pycache__\nruns\n"),
+];
+
 /// The interface in C, and the crate `ironbird_law`.
 const HEADER: &str = include_str!("../../../shared/ironbird_law/include/ironbird_law.h");
 const CRATE: [&str; 3] = [
@@ -58,7 +88,7 @@ pub struct NewLawArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LawRole {
-    /// Position: thrust and attitude wanted.
+    /// Position: desired thrust and attitude.
     Outer,
     /// Attitude and rates: thrust and torque.
     Inner,
@@ -150,55 +180,31 @@ impl LawRole {
     }
 }
 
-/// The files of the folder: paths and texts. Those that start with `#!` are executable.
+/// The files of the folder: paths and texts.
 fn files(args: &NewLawArgs) -> Result<Vec<(&'static str, String)>, Failure> {
     let role = args.role.role().name();
     let (language, source) = match args.lang {
         Language::Rust => ("rust", "src/lib.rs"),
         Language::C => ("c", "law.c"),
-        Language::Python => ("python", "law.py"),
-    };
-    let fill = |template: &str| {
-        let text = selected(template, &[role, language, "all"]);
-        let text = text.replace("ROLE", role).replace("FILE", source);
-        text.replace("my_law", &args.name)
-    };
-    let mut files = vec![
-        ("README.md", fill(include_str!("new_law/README.md"))),
-        ("settings.toml", fill(include_str!("new_law/settings.toml"))),
-        ("test", fill(include_str!("new_law/test"))),
-    ];
-    match args.lang {
-        Language::C => files.extend([
-            (source, fill(include_str!("new_law/law.c.in"))),
-            ("build", fill(include_str!("new_law/build_c"))),
-            (".gitignore", "law.so\nruns\n".into()),
-            ("ironbird_law.h", HEADER.into()),
-        ]),
-        Language::Rust => files.extend([
-            (source, fill(include_str!("new_law/law.rs.in"))),
-            ("Cargo.toml", fill(include_str!("new_law/Cargo.toml.in"))),
-            ("build", fill(include_str!("new_law/build_rust"))),
-            (".gitignore", "law.so\ntarget\nruns\n".into()),
-            (
-                "ironbird_law/Cargo.toml",
-                include_str!("new_law/ironbird_law.toml").into(),
-            ),
-            ("ironbird_law/src/lib.rs", CRATE[0].into()),
-            ("ironbird_law/src/abi.rs", CRATE[1].into()),
-            ("ironbird_law/src/border.rs", CRATE[2].into()),
-        ]),
         Language::Python if args.role == LawRole::Mixer => {
             let what = "there is no mixer in Python: outer and inner laws can be in Python";
             let help = "--lang c or --lang rust, or --role outer or inner";
             return Err(Failure::usage(what).help(help));
         }
-        Language::Python => files.extend([
-            (source, fill(include_str!("new_law/law.py.in"))),
-            (".gitignore", "__pycache__\nruns\n".into()),
-        ]),
-    }
-    Ok(files)
+        Language::Python => ("python", "law.py"),
+    };
+    let tags = [role, language, "all"];
+    let fill = |(_, path, template): &(&str, &'static str, &str)| {
+        // The interface is copied as it is.
+        if path.starts_with("ironbird_law") {
+            return (*path, (*template).to_owned());
+        }
+        let text = selected(template, &tags);
+        let text = text.replace("ROLE", role).replace("FILE", source);
+        (*path, text.replace("my_law", &args.name))
+    };
+    let files = FILES.iter().filter(|(tag, ..)| tags.contains(tag));
+    Ok(files.map(fill).collect())
 }
 
 /// The lines of a template that have one of some tags: those after a line `@outer`, `@inner mixer`, `@rust` or `@all` have

@@ -12,12 +12,15 @@ use analysis::json::print_json;
 use analysis::schema::Report;
 use analysis::status::FlightStatus;
 use errors::output::print;
-use errors::{Failure, InFile as _, OK, check_writable, read_text};
 use experiments::margin::table::look_again;
 use flight_log::wall_time::utc;
 use recorder::hlog;
 use recorder::run_directory::{find, log_files};
 use render::{brief, diff, flight, junit};
+use crate::output::{print, print_json, say};
+use errors::{Failure, InFile as _, OK, check_writable, read_text, write_text};
+use report::render::document::Document;
+use serde::Serialize;
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     if let Some(ReportCommand::Diff(args)) = &args.command {
@@ -51,6 +54,23 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         (Format::Html, _) => print(&flight::page(&report))?,
     }
     Ok(OK)
+}
+
+/// Prints a document, or the values in it as JSON, and writes it as a page, too.
+pub fn publish(
+    document: &Document,
+    values: &impl Serialize,
+    format: DiffFormat,
+    page: Option<&Path>,
+) -> Result<(), Failure> {
+    if let Some(path) = page {
+        write_text(path, &document.html())?;
+        say(&format!("written: {}\n", path.display()));
+    }
+    match format {
+        DiffFormat::Text => print(&document.text()),
+        DiffFormat::Json => print_json(values),
+    }
 }
 
 /// A summary of a flight, with the paths of the page and the log.

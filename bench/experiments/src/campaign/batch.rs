@@ -7,15 +7,15 @@ use ::campaign::metrics::Metrics;
 use ::campaign::table::Row;
 use analysis::tracking::Tracking;
 use controller::ScaledTrajectory;
-use errors::{Failure, INTERRUPTED};
+use errors::Failure;
 use plant::{LANES, PlantBatch};
 
 use crate::campaign::flight_settings::Plan;
-use crate::parallel::all_on_processors;
 use config::Settings;
 use sim::recorded_timing::Timing;
 use sim::simulate::{Judge, follow};
 use sim::simulator::Simulator;
+use crate::parallel::{all_on_processors, check_stop};
 
 /// A flight of a campaign, and the place of the arm that flies it.
 pub type Flight = (u64, usize);
@@ -74,22 +74,15 @@ fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>,
     Ok(flights.iter().zip(flown).map(row).collect())
 }
 
-fn go_on(stop: &AtomicBool) -> Result<(), Failure> {
-    match stop.load(Ordering::Relaxed) {
-        true => Err(Failure::new(INTERRUPTED, "interrupted")),
-        false => Ok(()),
-    }
-}
-
 fn fly_alone(flown: &mut Flown<'_>, gates: &Gates, stop: &AtomicBool) -> Result<(), Failure> {
     if let Some((timing, settings)) = flown.timing.take() {
         return follow(timing, &mut flown.rig, &settings, &mut flown.judge, |rig| {
             flown.observed.take(rig, gates);
-            go_on(stop)
+            check_stop(stop)
         });
     }
     while flown.judge.goes_on(&flown.rig) {
-        go_on(stop)?;
+        check_stop(stop)?;
         flown.rig.tick();
         flown.take(gates)?;
     }
@@ -105,7 +98,7 @@ fn fly_batch(
     let route = route(flown);
     let mut plants = PlantBatch::default();
     loop {
-        go_on(stop)?;
+        check_stop(stop)?;
         for it in flown.iter_mut() {
             it.is_flying = it.judge.goes_on(&it.rig);
         }

@@ -1,7 +1,7 @@
 //! Flights with a fault that begins at a phase. The part before the fault is flown once and copied, if the laws allow it.
 
 use std::cell::Cell;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use analysis::tracking::Tracking;
 use campaign::gates::Outcome;
@@ -10,9 +10,10 @@ use faults::LONGEST_DELAY;
 use messages::parameters::Airframe;
 
 use config::Settings;
-use errors::{Failure, INTERRUPTED};
 use sim::simulate;
 use sim::simulator::Simulator;
+use crate::parallel::check_stop;
+use errors::Failure;
 
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
 const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
@@ -46,19 +47,12 @@ impl<'a> Flights<'a> {
         // Skip this flight if its laws cannot be copied.
         if base.branch(settings)?.is_some() {
             while base.next_tick() + LEAD_TICKS < from {
-                flights.heed()?;
+                check_stop(stop)?;
                 base.tick();
             }
             flights.base = Some(base);
         }
         Ok(flights)
-    }
-
-    fn heed(&self) -> Result<(), Failure> {
-        match self.stop.load(Ordering::Relaxed) {
-            true => Err(Failure::new(INTERRUPTED, "interrupted")),
-            false => Ok(()),
-        }
     }
 
     /// Flies with faults up to `last_tick`. Metrics cover the ticks since the fault began; recovery below `bound_m` is
@@ -92,7 +86,7 @@ impl<'a> Flights<'a> {
             bound_m,
         );
         let flown = simulate::fly(&mut rig, &settings, |rig| {
-            self.heed()?;
+            check_stop(self.stop)?;
             let (tick, state) = (rig.flown_tick(), rig.state());
             if tick >= self.from {
                 metrics.take(tick, state, rig.setpoint(), rig.rotor_speeds());

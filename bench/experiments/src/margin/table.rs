@@ -194,22 +194,6 @@ mod tests {
     }
 
     #[test]
-    fn the_report_of_another_build_names_the_build_that_measured() {
-        let out = tempfile::tempdir().unwrap();
-        check(out.path()).unwrap();
-        write(out.path(), &margins(32, 2000, "old")).unwrap();
-        let run = out.path().join("run");
-        let same = section("ab", &run, &build("old"));
-        assert_eq!((same.unknown, same.measured_by), (None, None));
-        let other = section("ab", &run, &build("new")).measured_by;
-        assert!(
-            other.as_ref().is_some_and(|build| build.starts_with("old")),
-            "{other:?}"
-        );
-        assert!(section("cd", &run, &build("old")).unknown.is_some());
-    }
-
-    #[test]
     fn a_fingerprint_depends_on_what_matters_and_on_nothing_else() {
         let of = |set: &[(&'static str, Value)]| {
             fingerprint(&Settings::resolve(None, &set.to_vec()).unwrap()).unwrap()

@@ -12,11 +12,11 @@ use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
 use messages::topic::Topic;
 
-use crate::observation::ObservedMessage;
 use analysis::laws::FlownLaws;
 use analysis::theorem::no_theorem;
 use errors::Failure;
 use flight_log::codec::{Logged, encode};
+use flight_log::entry::{LogEntry, with_message};
 use flight_log::scene::{self, Placed};
 use flight_log::telemetry::TelemetryTopic;
 use flight_log::{schema, units};
@@ -53,12 +53,12 @@ impl Channels {
         ];
         let mut telemetry = BTreeMap::new();
         for role in LAW_ROLES {
-            let Some(shown) = TelemetryTopic::new(role, laws.signals.of(role)) else {
+            let Some(topic) = TelemetryTopic::new(role, laws.signals.of(role)) else {
                 continue;
             };
-            let (name, set) = (shown.schema_name(), shown.descriptor_set());
-            let channel = make.channel(shown.topic(), &name, set, shown.metadata())?;
-            telemetry.insert(role, (channel, shown));
+            let (name, set) = (topic.schema_name(), topic.descriptor_set());
+            let channel = make.channel(topic.topic(), &name, set, topic.metadata())?;
+            telemetry.insert(role, (channel, topic));
         }
         let set = scene::descriptor_set();
         let place = |(topic, name)| make.channel(topic, name, set.clone(), BTreeMap::new());
@@ -77,20 +77,12 @@ impl Channels {
     }
 
     /// Sends a message to the clients that have subscribed to its channel.
-    pub(super) fn pass_on(&mut self, seen: ObservedMessage<'_>) {
-        match seen {
-            ObservedMessage::State(message) => {
-                self.send(message);
-                self.place(message, Placed::airframe);
-            }
-            ObservedMessage::Setpoint(message) => {
-                self.send(message);
-                self.place(message, Placed::reference);
-            }
-            ObservedMessage::Wrench(message) => self.send(message),
-            ObservedMessage::RotorSpeeds(message) => self.send(message),
-            ObservedMessage::Swap(message) => self.send(message),
-            ObservedMessage::Theorem(message) => self.send(message),
+    pub(super) fn pass_on(&mut self, entry: &LogEntry) {
+        with_message!(entry, message => self.send(message));
+        match entry {
+            LogEntry::State(message) => self.place(message, Placed::airframe),
+            LogEntry::Setpoint(message) => self.place(message, Placed::reference),
+            _ => {}
         }
     }
 
@@ -106,10 +98,10 @@ impl Channels {
             channel.log_with_meta(bytes, time);
         }
         let telemetry = self.telemetry.get(&C::SENDER);
-        if let Some(((channel, shown), signals)) = telemetry.zip(message.content.telemetry())
+        if let Some(((channel, topic), signals)) = telemetry.zip(message.content.telemetry())
             && channel.has_sinks()
         {
-            shown.encode(message.envelope.tick, signals, bytes);
+            topic.encode(message.envelope.tick, signals, bytes);
             channel.log_with_meta(bytes, time);
         }
     }

@@ -12,7 +12,7 @@ use ipc::instance::Instance;
 use messages::blackboards::ActiveParameters;
 use messages::parameters::{self, SPECS};
 
-use crate::inject::{When, ask, injected, words_of};
+use crate::inject::{When, ask, injected, parse_line};
 use errors::Failure;
 use faults::grammar::{Desired, RequestedValue};
 
@@ -52,9 +52,9 @@ impl ParameterMirror {
     }
 }
 
-fn values(active: &ActiveParameters, is_wanted: impl Fn(&str) -> bool) -> Vec<Parameter> {
+fn values(active: &ActiveParameters, is_named: impl Fn(&str) -> bool) -> Vec<Parameter> {
     let all = SPECS.iter().zip(active.value);
-    all.filter(|(spec, _)| is_wanted(spec.name))
+    all.filter(|(spec, _)| is_named(spec.name))
         .map(|(spec, value)| Parameter::float64(spec.name, value))
         .collect()
 }
@@ -65,7 +65,7 @@ fn inject_text(instance: &Instance, requested: &Parameter) -> Result<String, Fai
         let what = format!("{INJECT} takes a text, as state.drop=0.1 for 1s");
         return Err(Failure::usage(what));
     };
-    let (changes, lasts) = words_of(text).map_err(Failure::usage)?;
+    let (changes, lasts) = parse_line(text).map_err(Failure::usage)?;
     injected(instance, &changes, NOW, lasts)
 }
 
@@ -104,9 +104,9 @@ impl ParameterHandler for ParameterMirror {
             }
         }
         // No names stand for all names.
-        let is_wanted = |name: &str| names.is_empty() || names.iter().any(|it| it == name);
-        let mut known = values(&self.active(), is_wanted);
-        if self.allows_swaps && is_wanted(INJECT) {
+        let is_named = |name: &str| names.is_empty() || names.iter().any(|it| it == name);
+        let mut known = values(&self.active(), is_named);
+        if self.allows_swaps && is_named(INJECT) {
             known.push(Parameter::string(INJECT, ""));
         }
         responder.respond(known);

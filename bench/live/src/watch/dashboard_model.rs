@@ -12,8 +12,6 @@ use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Role, STAGES};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use crate::inject::words_of;
-use crate::observation::ObservedMessage;
 use analysis::flight_statistics::{FlightStatistics, is_last_word};
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
@@ -27,8 +25,10 @@ use config::PointsFile;
 use config::airframe::airframe_of;
 use config::law_settings;
 use config::trajectory::{built_in, is_file};
+use crate::inject::parse_line;
 use errors::Failure;
 use faults::grammar::{Change, Desired};
+use flight_log::entry::LogEntry;
 use host::cpu_times::CpuTimes;
 use host::sampler::Watch;
 
@@ -231,7 +231,7 @@ impl Model {
             return Action::None;
         }
         let read = if self.parameters.is_fault {
-            words_of(&typed)
+            parse_line(&typed)
         } else {
             self.value(&typed).map(|change| (vec![change], None))
         };
@@ -375,9 +375,9 @@ impl WatchedFlight {
         self.settings.get(key).map_or("", String::as_str)
     }
 
-    pub fn take(&mut self, seen: ObservedMessage<'_>) {
-        match seen {
-            ObservedMessage::State(message) => {
+    pub fn take(&mut self, entry: &LogEntry) {
+        match entry {
+            LogEntry::State(message) => {
                 self.statistics.state(message);
                 self.state = Some(message.content);
                 let tick = message.envelope.tick;
@@ -385,26 +385,26 @@ impl WatchedFlight {
                 self.position_error
                     .take(self.run.flight_time_s(tick), error_m);
             }
-            ObservedMessage::Setpoint(message) => {
+            LogEntry::Setpoint(message) => {
                 self.statistics.setpoint(message);
                 self.setpoint = Some(message.content);
             }
-            ObservedMessage::Wrench(message) => {
+            LogEntry::Wrench(message) => {
                 self.statistics.wrench(message);
                 self.wrench = Some(message.content);
             }
-            ObservedMessage::RotorSpeeds(message) => {
+            LogEntry::RotorSpeeds(message) => {
                 self.statistics.rotor_speeds(message);
                 if !is_last_word(message) {
                     self.rotor_speeds = Some(message.content);
                 }
             }
-            ObservedMessage::Swap(message) => {
+            LogEntry::Swap(message) => {
                 self.statistics.swap(message);
                 let (tick, period_s) = (message.envelope.tick, self.run.flight_time_s(1));
                 self.newest_swap = Some(AppliedSwap::new(tick, period_s, &message.content));
             }
-            ObservedMessage::Theorem(message) => {
+            LogEntry::Theorem(message) => {
                 self.statistics.theorem(message);
                 self.monitor = Some(message.content);
                 let time_s = self.run.flight_time_s(message.envelope.tick);

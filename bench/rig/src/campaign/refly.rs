@@ -1,4 +1,4 @@
-//! `ironbird campaign fly`: one flight of a campaign again, with all it leaves.
+//! `ironbird campaign fly`: repeats one flight of a campaign, with its log and report.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,6 +18,9 @@ use recorder::run_directory::find_log;
 use replay::fly_again;
 use sim::recorded_timing::Timing;
 use sim::simulate::{OutputFiles, report};
+
+/// Columns of a row, by name.
+type Row = BTreeMap<String, String>;
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.
 pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
@@ -49,17 +52,19 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     }
     let row = row(&plan, &args.directory, args.flight, arm)?;
     if is_of_ticks_alone {
-        return simulated(&plan, args, arm, &settings, timing, row.as_ref());
+        return simulated(&plan, args, arm, &settings, timing, &row);
     }
     let held = tempfile::tempdir()
         .map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
     let file = held.path().join("settings.toml");
     fs::write(&file, settings.commented()?).in_file("write", &file)?;
-    let code = cli::fly::fly(&asked(file, args.instance.clone()))?;
+    let code = cli::fly::fly(&fly_args(file, args.instance.clone()))?;
     if ![OK, GATE].contains(&code) {
         return Ok(code);
     }
-    compare(Path::new(&settings.recorder.out), row.as_ref())
+    let log = find_log(Path::new("latest"), Some(settings.recorder.out.as_ref()))?;
+    let flown = fly_again(&log, 0, false, &Moved::new())?;
+    compare(&flown.summary.outputs.to_string(), &row)
 }
 
 fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
@@ -82,7 +87,7 @@ fn simulated(
     arm: usize,
     settings: &Settings,
     timing: Option<&Timing>,
-    row: Option<&Flown>,
+    row: &Row,
 ) -> Result<u8, Failure> {
     let (campaign, arm) = (&plan.campaign.name, &plan.campaign.arms[arm].name);
     let name = format!("{campaign}-{}-{arm}", args.flight);
@@ -98,10 +103,10 @@ fn simulated(
     let (flown, _) = report(settings, timing, &outputs)?;
     let place = directory.display();
     print(&format!("{place}: settings.toml, states.csv, flight.svg\n"))?;
-    against(&flown.outputs.to_string(), row)
+    compare(&flown.outputs.to_string(), row)
 }
 
-fn asked(settings: PathBuf, instance: Option<String>) -> FlyArgs {
+fn fly_args(settings: PathBuf, instance: Option<String>) -> FlyArgs {
     let rt = RtArgs {
         instance: instance.unwrap_or_else(|| "default".into()),
         ..RtArgs::default()
@@ -125,45 +130,24 @@ fn asked(settings: PathBuf, instance: Option<String>) -> FlyArgs {
     }
 }
 
-struct Flown {
-    outputs: String,
-    is_success: bool,
-}
-
-fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<Flown>, Failure> {
+/// The row of a flight; none if its chunk is not whole.
+fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Row, Failure> {
     let chunk = flight / plan.campaign.chunk;
     if chunk::state(directory, &plan.campaign, &plan.identity, chunk) != State::Whole {
-        return Ok(None);
+        return Ok(Row::new());
     }
     let row = Rows::new(directory, [chunk]).row(&plan.campaign, flight, arm)?;
-    let row: BTreeMap<String, String> = row.into_iter().flatten().collect();
-    let is_success = row.get("success").is_some_and(|success| success == "true");
-    Ok(row.get("outputs").map(|outputs| Flown {
-        outputs: outputs.clone(),
-        is_success,
-    }))
+    Ok(row.into_iter().flatten().collect())
 }
 
-fn compare(out: &Path, row: Option<&Flown>) -> Result<u8, Failure> {
-    let log = find_log(Path::new("latest"), Some(out))?;
-    let flown = fly_again(&log, 0, false, &Moved::new())?;
-    against(&flown.summary.outputs.to_string(), row)
-}
-
-fn against(outputs: &str, row: Option<&Flown>) -> Result<u8, Failure> {
-    let (comparison, code) = match row {
+/// Compares the outputs of a flight with those of its row.
+fn compare(outputs: &str, row: &Row) -> Result<u8, Failure> {
+    let (comparison, code) = match row.get("outputs") {
         None => ("; the campaign has no row of this flight".into(), OK),
-        Some(row) if row.outputs != outputs => (
-            format!(", but the campaign's row has {}", row.outputs),
-            GATE,
-        ),
-        Some(row) => {
-            let success = if row.is_success {
-                "a success"
-            } else {
-                "no success"
-            };
-            let row = format!(", as in the campaign's row, which is {success}");
+        Some(row) if row != outputs => (format!(", but the campaign's row has {row}"), GATE),
+        Some(_) => {
+            let no = if row["success"] == "true" { "a" } else { "no" };
+            let row = format!(", as in the campaign's row, which is {no} success");
             (row + " by the campaign's gates", OK)
         }
     };

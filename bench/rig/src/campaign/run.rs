@@ -1,4 +1,5 @@
-//! `ironbird campaign run` and `check`: flies the missing chunks of a campaign, or a few flights to see what all take.
+//! `ironbird campaign run` and `check`: flies the missing chunks of a campaign, or a few flights to estimate the time of
+//! all.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -43,14 +44,16 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     if build::here().dirty {
         say(&format!("warning: {DIRTY}\n"));
     }
-    let flying = Flying {
-        plan: &plan,
-        out: &out,
-        jobs: args.jobs.unwrap_or_else(processors),
-        stop: &stop,
-    };
-    let ended = flying.fly(chunks)?;
-    print(&ended.words(&plan, &out))?;
+    let mut ended = Ended::default();
+    fly(
+        &plan,
+        &out,
+        args.jobs.unwrap_or_else(processors),
+        &stop,
+        chunks,
+        &mut ended,
+    )?;
+    print(&ended.text(&plan, &out))?;
     Ok(if ended.interrupted { INTERRUPTED } else { OK })
 }
 
@@ -81,13 +84,6 @@ fn task() -> Option<u64> {
     TASKS.into_iter().find_map(number)
 }
 
-struct Flying<'a> {
-    plan: &'a Plan,
-    out: &'a Path,
-    jobs: usize,
-    stop: &'a AtomicBool,
-}
-
 #[derive(Debug, Default)]
 struct Ended {
     flown: u64,
@@ -97,55 +93,59 @@ struct Ended {
     interrupted: bool,
 }
 
-impl Flying<'_> {
-    fn fly(&self, chunks: Range<u64>) -> Result<Ended, Failure> {
-        let campaign = &self.plan.campaign;
-        let arms = campaign.arms.len() as u64;
-        let rows_of = |chunk: u64| campaign.flights_of(chunk).count() as u64 * arms;
-        let mut ended = Ended::default();
-        let mut progress = Progress::new(chunks.clone().map(rows_of).sum(), "flight");
-        for chunk in chunks {
-            let state = chunk::state(self.out, campaign, &self.plan.identity, chunk);
-            if state == State::Whole {
-                ended.kept += rows_of(chunk);
-                progress.skip(rows_of(chunk));
-            } else {
-                if let State::Refused(why) = state {
-                    progress.clear();
-                    let path = chunk::path_of(self.out, chunk);
-                    say(&format!("{}: {why}; flying it again\n", path.display()));
-                }
-                match self.chunk(chunk, |done| progress.look(ended.flown + done)) {
-                    Err(failure) if failure.code == INTERRUPTED => ended.interrupted = true,
-                    Err(failure) => return Err(failure),
-                    Ok(()) => ended.flown += rows_of(chunk),
-                }
-            }
-            if ended.interrupted || self.stop.load(Ordering::Relaxed) {
-                ended.interrupted = true;
-                break;
-            }
-            ended.chunks += 1;
-        }
-        progress.clear();
-        ended.rate = progress.rate(ended.flown);
-        Ok(ended)
-    }
-
-    fn chunk(&self, chunk: u64, look: impl FnMut(u64)) -> Result<(), Failure> {
-        let campaign = &self.plan.campaign;
+/// Flies the chunks that are not whole.
+fn fly(
+    plan: &Plan,
+    out: &Path,
+    jobs: usize,
+    stop: &AtomicBool,
+    chunks: Range<u64>,
+    ended: &mut Ended,
+) -> Result<(), Failure> {
+    let (campaign, identity) = (&plan.campaign, &plan.identity);
+    let flights_of = |chunk: u64| -> Vec<batch::Flight> {
         let arms = 0..campaign.arms.len();
-        let flights: Vec<batch::Flight> = campaign
-            .flights_of(chunk)
+        let flights = campaign.flights_of(chunk);
+        flights
             .flat_map(|flight| arms.clone().map(move |arm| (flight, arm)))
-            .collect();
-        let rows = batch::rows(self.plan, &flights, self.jobs, self.stop, look)?;
-        chunk::write(self.out, campaign, &self.plan.identity, chunk, &rows)
+            .collect()
+    };
+    let rows_of = |chunk: u64| flights_of(chunk).len() as u64;
+    let mut progress = Progress::new(chunks.clone().map(rows_of).sum(), "flight");
+    for chunk in chunks {
+        let state = chunk::state(out, campaign, identity, chunk);
+        if let State::Refused(why) = &state {
+            progress.clear();
+            let path = chunk::path_of(out, chunk);
+            say(&format!("{}: {why}; flying it again\n", path.display()));
+        }
+        if state == State::Whole {
+            ended.kept += rows_of(chunk);
+            progress.skip(rows_of(chunk));
+        } else {
+            let look = |done| progress.look(ended.flown + done);
+            match batch::rows(plan, &flights_of(chunk), jobs, stop, look) {
+                Err(failure) if failure.code == INTERRUPTED => ended.interrupted = true,
+                Err(failure) => return Err(failure),
+                Ok(rows) => {
+                    chunk::write(out, campaign, identity, chunk, &rows)?;
+                    ended.flown += rows_of(chunk);
+                }
+            }
+        }
+        ended.interrupted |= stop.load(Ordering::Relaxed);
+        if ended.interrupted {
+            break;
+        }
+        ended.chunks += 1;
     }
+    progress.clear();
+    ended.rate = progress.rate(ended.flown);
+    Ok(())
 }
 
 impl Ended {
-    fn words(&self, plan: &Plan, out: &Path) -> String {
+    fn text(&self, plan: &Plan, out: &Path) -> String {
         let status = match self.interrupted {
             true => "INTERRUPTED",
             false => "COMPLETE",
@@ -158,15 +158,14 @@ impl Ended {
             ..
         } = self;
         let (all, campaign) = (plan.campaign.chunks(), &plan.identity.campaign);
+        let out = out.display();
         let result = format!(
-            "RESULT status={status} flown={flown} kept={kept} chunks={chunks}/{all} campaign={campaign} out={}\n",
-            out.display()
+            "RESULT status={status} flown={flown} kept={kept} chunks={chunks}/{all} campaign={campaign} out={out}\n"
         );
+        let already = format!("{kept} were already recorded");
         match flown {
             0 => result,
-            _ => format!(
-                "{flown} flights, {rate:.1} flights/s; {kept} were already recorded\n{result}"
-            ),
+            _ => format!("{flown} flights, {rate:.1} flights/s; {already}\n{result}"),
         }
     }
 }

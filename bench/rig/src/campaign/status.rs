@@ -7,11 +7,13 @@ use std::path::Path;
 use campaign::aggregate;
 use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
-use errors::{Failure, GATE, OK, check_writable, write_text};
+use errors::{Failure, GATE, OK, check_writable};
 
-use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{Plan, plan_of};
+use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs};
+use crate::output::{print, say};
+use crate::report_command::publish;
 
 const MERGED: &str = "merged.parquet";
 
@@ -116,22 +118,6 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     let rows = Rows::new(&args.directory, whole);
     let results = aggregate::of(&plan.campaign, &plan.identity, &rows)?;
     let document = document(&results, &place.to_string());
-    if let Some(path) = &args.page {
-        write_text(path, &document.html())?;
-    }
-    match args.format {
-        DiffFormat::Text => print(&document.text())?,
-        DiffFormat::Json => print_json(&results)?,
-    }
+    publish(&document, &results, args.format, args.page.as_deref())?;
     Ok(OK)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn chunks_that_follow_each_other_are_one_range() {
-        assert_eq!(ranges(&[0, 1, 2, 3, 7, 9, 10]), "0-3, 7, 9-10");
-    }
 }

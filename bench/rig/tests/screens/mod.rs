@@ -7,6 +7,7 @@ use live::observation::ObservedMessage;
 use live::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
 use live::watch::line;
 use live::watch::screen::{SMALLEST, draw};
+use flight_log::entry::LogEntry;
 use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status};
 use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
 use messages::content::{SwapRecord, Truth, Wrench};
@@ -72,7 +73,7 @@ fn take_state(flight: &mut WatchedFlight, tick: u64, position_w_m: [f64; 3]) {
         },
         ..State::default()
     };
-    flight.take(ObservedMessage::State(&message(tick, state)));
+    flight.take(&LogEntry::State(message(tick, state)));
 }
 
 fn take_wrench(flight: &mut WatchedFlight, tick: u64, telemetry: Telemetry) {
@@ -81,7 +82,7 @@ fn take_wrench(flight: &mut WatchedFlight, tick: u64, telemetry: Telemetry) {
         telemetry,
         ..Wrench::default()
     };
-    flight.take(ObservedMessage::Wrench(&message(tick, wrench)));
+    flight.take(&LogEntry::Wrench(message(tick, wrench)));
 }
 
 fn take_tick(flight: &mut WatchedFlight, tick: u64) {
@@ -94,7 +95,7 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
         attitude_rad: [0.1, 0.0, 1.0],
         ..Setpoint::default()
     };
-    flight.take(ObservedMessage::Setpoint(&message(tick, setpoint)));
+    flight.take(&LogEntry::Setpoint(message(tick, setpoint)));
     let mut telemetry = Telemetry::default();
     telemetry.value[3..6].copy_from_slice(&[3.3e-5, 0.1, 0.2]);
     take_wrench(flight, tick, telemetry);
@@ -103,7 +104,7 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
         thrust_n: 5.0,
         ..RotorSpeeds::default()
     };
-    flight.take(ObservedMessage::RotorSpeeds(&message(tick, speeds)));
+    flight.take(&LogEntry::RotorSpeeds(message(tick, speeds)));
     let mut monitor = Monitor {
         ticks_checked: 100,
         is_live: 1,
@@ -113,7 +114,7 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
         ..Monitor::default()
     };
     monitor.violations[Cause::GyroNoise as usize] = 12;
-    flight.take(ObservedMessage::Theorem(&message(tick, monitor)));
+    flight.take(&LogEntry::Theorem(message(tick, monitor)));
 }
 
 /// A dashboard that has seen ticks of a flight. Its reference is (1, -1, 1) m from tick 0 on.
@@ -441,7 +442,7 @@ fn earlier_swaps_do_not_count_as_lost_and_the_latest_is_shown() {
         (swap.old[0], swap.new[0], swap.steps[0]) = (0.52, 0.676, 2000);
         let mut swap = message(tick, swap);
         swap.envelope.seq = seq;
-        flight(&mut model).take(ObservedMessage::Swap(&swap));
+        flight(&mut model).take(&LogEntry::Swap(swap));
     }
     assert_eq!(flight(&mut model).lost(), 0);
     press(&mut model, "4");

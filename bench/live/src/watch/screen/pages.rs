@@ -627,21 +627,3 @@ fn laws_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     }
     region.put(lines);
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bins_and_axis_agree() {
-        let mut histogram = Histogram::<u64>::new_with_bounds(1, 10_000_000_000, 3).unwrap();
-        for ns in [2_000, 2_001, 20_000, 900_000] {
-            histogram.record(ns).unwrap();
-        }
-        let scale = Scale::of(&histogram, 30);
-        let counts = scale.counts(&histogram);
-        assert_eq!(scale.axis(), "|1 us     |10 us    |100 us");
-        assert_eq!([3, 13, 29].map(|bin| counts[bin]), [2, 1, 1]);
-        assert_eq!(counts.iter().sum::<u64>(), 4);
-    }
-}
