@@ -125,16 +125,11 @@ impl Observation {
 
     /// Passes every message since the last call to `each`, topic by topic in the order of the data flow.
     pub fn drain(&mut self, mut each: impl FnMut(&LogEntry)) -> Result<(), Error> {
-        use LogEntry::{RotorSpeeds, Setpoint, State, Swap, Theorem, Wrench};
-        let (ports, run) = (&mut self.ports, &self.run);
+        let run = &self.run;
         let horizon = horizon(run.get().pace(), || run.get());
-        ports.states.drain(horizon, |it| each(&State(*it)))?;
-        ports.setpoints.drain(horizon, |it| each(&Setpoint(*it)))?;
-        ports.wrenches.drain(horizon, |it| each(&Wrench(*it)))?;
-        let speeds = &mut ports.rotor_speeds;
-        speeds.drain(horizon, |it| each(&RotorSpeeds(*it)))?;
-        ports.swaps.drain(horizon, |it| each(&Swap(*it)))?;
-        self.theorem.drain(horizon, |it| each(&Theorem(*it)))
+        self.ports.drain(horizon, &mut each)?;
+        self.theorem
+            .drain(horizon, |it| each(&LogEntry::Theorem(*it)))
     }
 }
 

@@ -13,19 +13,16 @@ use serde::Deserialize;
 use toml::Value;
 
 use crate::build;
-use analysis::json::print_json;
+use crate::cli::CompareArgs;
+use crate::report_command::publish;
 use config::{Overrides, Settings};
 use errors::output::{print, say};
+use errors::{Failure, OK, USAGE, check_writable, read_text};
 use experiments::combinations;
-use experiments::parallel::{on_processors, processors};
+use experiments::parallel::{all_on_processors, processors};
 use sim::invalid_outputs::InvalidOutputs;
 use sim::simulate;
 use sim::simulator::Simulator;
-use crate::cli::CompareArgs;
-use crate::output::{print, say};
-use crate::parallel::{all_on_processors, processors};
-use crate::report_command::publish;
-use errors::{Failure, OK, USAGE, check_writable, read_text};
 
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;

@@ -6,8 +6,8 @@ use clap::{Command, CommandFactory as _};
 use clap_mangen::Man;
 
 use crate::cli::{Cli, CompletionsArgs, ManArgs};
-use errors::output::print;
 use crate::export::create_for;
+use errors::output::print;
 use errors::{Failure, InFile as _, OK};
 
 const NAME: &str = "ironbird";

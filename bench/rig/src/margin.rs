@@ -5,9 +5,11 @@
 
 use std::path::PathBuf;
 
-use analysis::json::print_json;
+use crate::cli::MarginArgs;
+use crate::report_command::publish;
 use config::Settings;
-use errors::output::{print, say};
+use errors::output::say;
+use errors::{Failure, OK, check_writable};
 use experiments::combinations;
 use experiments::margin::limits::{GivenLimits, Phases};
 use experiments::margin::measure::Task;
@@ -16,12 +18,6 @@ use experiments::margin::{measure_all, table};
 use experiments::parallel::processors;
 use process::signals::stop_flag;
 use render::margin::document;
-use crate::cli::MarginArgs;
-use crate::output::say;
-use crate::report_command::publish;
-use errors::{Failure, OK, check_writable};
-
-use crate::cli::{DiffFormat, MarginArgs};
 
 pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let stop = stop_flag()?;

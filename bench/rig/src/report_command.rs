@@ -11,15 +11,14 @@ use analysis::gates::break_off;
 use analysis::json::print_json;
 use analysis::schema::Report;
 use analysis::status::FlightStatus;
-use errors::output::print;
+use errors::output::{print, say};
+use errors::{Failure, InFile as _, OK, check_writable, read_text, write_text};
 use experiments::margin::table::look_again;
 use flight_log::wall_time::utc;
 use recorder::hlog;
 use recorder::run_directory::{find, log_files};
+use render::document::Document;
 use render::{brief, diff, flight, junit};
-use crate::output::{print, print_json, say};
-use errors::{Failure, InFile as _, OK, check_writable, read_text, write_text};
-use report::render::document::Document;
 use serde::Serialize;
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {

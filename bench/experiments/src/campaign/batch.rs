@@ -11,11 +11,11 @@ use errors::Failure;
 use plant::{LANES, PlantBatch};
 
 use crate::campaign::flight_settings::Plan;
+use crate::parallel::{all_on_processors, check_stop};
 use config::Settings;
 use sim::recorded_timing::Timing;
 use sim::simulate::{Judge, follow};
 use sim::simulator::Simulator;
-use crate::parallel::{all_on_processors, check_stop};
 
 /// A flight of a campaign, and the place of the arm that flies it.
 pub type Flight = (u64, usize);

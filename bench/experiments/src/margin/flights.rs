@@ -9,11 +9,11 @@ use campaign::metrics::Metrics;
 use faults::LONGEST_DELAY;
 use messages::parameters::Airframe;
 
+use crate::parallel::check_stop;
 use config::Settings;
+use errors::Failure;
 use sim::simulate;
 use sim::simulator::Simulator;
-use crate::parallel::check_stop;
-use errors::Failure;
 
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
 const LEAD_TICKS: u64 = LONGEST_DELAY + 4;

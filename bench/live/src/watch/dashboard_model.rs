@@ -12,6 +12,7 @@ use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Role, STAGES};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
+use crate::inject::parse_line;
 use analysis::flight_statistics::{FlightStatistics, is_last_word};
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
@@ -25,7 +26,6 @@ use config::PointsFile;
 use config::airframe::airframe_of;
 use config::law_settings;
 use config::trajectory::{built_in, is_file};
-use crate::inject::parse_line;
 use errors::Failure;
 use faults::grammar::{Change, Desired};
 use flight_log::entry::LogEntry;

@@ -1,6 +1,5 @@
 //! `ironbird campaign status`, `merge` and `report`: which rows are there; all in one file; what they show.
 
-use analysis::json::print_json;
 use analysis::phrase::count;
 use std::path::Path;
 
@@ -9,11 +8,10 @@ use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
 use errors::{Failure, GATE, OK, check_writable};
 
+use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs};
+use crate::report_command::publish;
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{Plan, plan_of};
-use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs};
-use crate::output::{print, say};
-use crate::report_command::publish;
 
 const MERGED: &str = "merged.parquet";
 

@@ -3,11 +3,10 @@
 use std::time::Duration;
 
 use errors::Failure;
-use live::observation::ObservedMessage;
+use flight_log::entry::LogEntry;
 use live::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
 use live::watch::line;
 use live::watch::screen::{SMALLEST, draw};
-use flight_log::entry::LogEntry;
 use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status};
 use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
 use messages::content::{SwapRecord, Truth, Wrench};
