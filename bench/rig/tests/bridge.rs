@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs;
 use std::io::{Read as _, Write as _};
-use std::net::{Shutdown, TcpListener, TcpStream};
+use std::net::{Shutdown, TcpStream};
 use std::os::linux::fs::MetadataExt as _;
 use std::time::Duration;
 use tungstenite::client::IntoClientRequest as _;
@@ -238,14 +238,15 @@ fn land(rig: &Rig, flight: Running, bridge: Running) {
 
 #[test]
 fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
-    let (rig, flight, bridge, port) = flown("topics", "", "");
+    let laws = "--outer estimating --inner geometric";
+    let (rig, flight, bridge, port) = flown("topics", laws, "");
+    let why = "the inner law `geometric` has no theorem";
+    let line = format!("topic theorem stays empty, not applicable: {why}\n");
+    bridge.await_output(&line);
     let mut client = Client::connect(port);
     assert_eq!(client.server["name"], format!("ironbird {}", rig.instance));
     let capabilities = client.server["capabilities"].as_array().unwrap();
-    assert!(
-        capabilities.contains(&"parameters".into()),
-        "{capabilities:?}"
-    );
+    assert!(capabilities.contains(&"parameters".into()));
     for topic in TOPICS {
         let channel = &client.channels[topic];
         let encodings = [&channel["encoding"], &channel["schemaEncoding"]];
@@ -253,27 +254,24 @@ fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
         let set = client.descriptors(topic);
         let mut types = set.file[0].message_type.iter();
         let name = channel["schemaName"].as_str().unwrap();
-        assert!(
-            types.any(|it| format!("ironbird.{}", it.name()) == name),
-            "{name}"
-        );
+        assert!(types.any(|it| format!("ironbird.{}", it.name()) == name));
     }
-    for (topic, schema) in [
-        ("pose/actual", "foxglove.PoseInFrame"),
-        ("transforms", "foxglove.FrameTransform"),
+    for (topic, path, expected) in [
+        ("pose/actual", "/schemaName", "foxglove.PoseInFrame"),
+        ("transforms", "/schemaName", "foxglove.FrameTransform"),
+        ("outer_telemetry", "/schemaName", "ironbird.OuterTelemetry"),
+        ("theorem", "/metadata/not_applicable", why),
     ] {
-        assert_eq!(client.channels[topic]["schemaName"], schema);
+        let found = client.channels[topic].pointer(path).unwrap();
+        assert_eq!(found, expected, "{topic}");
     }
-    let topics = [
-        "state",
-        "setpoint",
-        "wrench",
-        "rotor_speeds",
-        "pose/actual",
-        "transforms",
-    ];
-    client.subscribe(&topics);
-    let mut seen = [const { Vec::new() }; 6];
+    let outer = ["tick", "thrust_scale", "mass_kg", "drag_1_s"];
+    assert_eq!(client.fields("outer_telemetry"), outer);
+    let inner = ["tick", "position_error_m", "attitude_error"];
+    assert_eq!(client.fields("inner_telemetry")[..3], inner);
+    let topics = "state setpoint wrench rotor_speeds pose/actual transforms outer_telemetry";
+    client.subscribe(&topics.split(' ').collect::<Vec<_>>());
+    let mut seen = [const { Vec::new() }; 7];
     while seen.iter().any(|ticks: &Vec<u64>| ticks.len() < 3) {
         let (id, time_ns, bytes) = client.data();
         seen[id as usize - 1].push(match id {
@@ -281,45 +279,12 @@ fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
             2 => decode::<Setpoint>(&bytes).unwrap().envelope.tick,
             3 => decode::<Wrench>(&bytes).unwrap().envelope.tick,
             4 => decode::<RotorSpeeds>(&bytes).unwrap().envelope.tick,
+            // A tag and eight bytes for each of four fields.
+            7 => u64::from_le_bytes(bytes[1..9].try_into().unwrap()),
             _ => time_ns,
         });
     }
     assert!(seen.iter().all(|ticks| ticks.is_sorted()), "{seen:?}");
-    land(&rig, flight, bridge);
-}
-
-#[test]
-fn signals_of_laws_have_their_names_and_an_empty_topic_says_why() {
-    let laws = "--outer estimating --inner geometric";
-    let (rig, flight, bridge, port) = flown("laws", laws, "");
-    let why = "the inner law `geometric` has no theorem";
-    bridge.await_output(&format!(
-        "topic theorem stays empty, not applicable: {why}\n"
-    ));
-    let mut client = Client::connect(port);
-    assert_eq!(
-        client.channels["theorem"]["metadata"]["not_applicable"],
-        why
-    );
-    assert_eq!(
-        client.channels["outer_telemetry"]["schemaName"],
-        "ironbird.OuterTelemetry"
-    );
-    let outer = ["tick", "thrust_scale", "mass_kg", "drag_1_s"];
-    assert_eq!(client.fields("outer_telemetry"), outer);
-    let inner = ["tick", "position_error_m", "attitude_error"];
-    assert_eq!(client.fields("inner_telemetry")[..3], inner);
-    client.subscribe(&["outer_telemetry"]);
-    let (_, _, bytes) = client.data();
-    // A tag and eight bytes for each; the law's estimate is the mass of the airframe.
-    let fields = bytes.chunks(9).map(|field| field[1..].try_into().unwrap());
-    let fields: Vec<[u8; 8]> = fields.collect();
-    let mass_kg = f64::from_le_bytes(fields[2]);
-    assert!(
-        fields.len() == 4 && u64::from_le_bytes(fields[0]) < 600_000,
-        "{fields:?}"
-    );
-    assert!((mass_kg - 0.52).abs() < 0.05, "{mass_kg}");
     land(&rig, flight, bridge);
 }
 
@@ -365,6 +330,7 @@ fn parameters_are_read_and_changed_and_every_client_is_notified() {
         answer.starts_with("\"setpoint.drop=0.1 from tick "),
         "{answer}"
     );
+    let unknown = BTreeMap::new;
     for (name, value, why, active) in [
         (
             "mass_kg",
@@ -382,13 +348,13 @@ fn parameters_are_read_and_changed_and_every_client_is_notified() {
             "mas_kg",
             json!(0.6),
             "unknown parameter `mas_kg`; did you mean `mass_kg`?",
-            BTreeMap::new(),
+            unknown(),
         ),
         (
             "inject",
             json!("setpoint.dorp=1"),
             "did you mean `setpoint.drop`?",
-            BTreeMap::new(),
+            unknown(),
         ),
     ] {
         assert_eq!(client.refused(name, &value, why), active);
@@ -443,16 +409,6 @@ fn pages_of_other_origins_are_refused() {
         assert_eq!(status(Some(origin)), 403, "{origin}");
         bridge.await_words(&format!("refused a page of {origin}; "));
     }
-    for wrong in [
-        "*",
-        "studio.example",
-        "https://studio.example/",
-        "https://*.example",
-    ] {
-        rig.refused(&format!("bridge foxglove --allow-origin {wrong}"))
-            .complains(&format!("invalid value '{wrong}'"))
-            .complains("as in https://studio.example:8080");
-    }
     land(&rig, flight, bridge);
 }
 
@@ -478,34 +434,6 @@ fn ctrl_c_ends_the_bridge_and_the_end_of_the_flight_is_sent_to_every_client() {
             "{texts}"
         );
     }
-}
-
-#[test]
-fn addresses_that_cannot_be_served_are_named() {
-    let rig = Rig::with_features("address");
-    rig.run("bridge", "foxglove")
-        .expect(1)
-        .complains("no flight is running as instance")
-        .complains("ironbird fly");
-    rig.assert_nothing_started();
-    let flight = rig.take_off("--rt off --duration 600s");
-    let other = TcpListener::bind(("127.0.0.1", 0)).unwrap();
-    let port = other.local_addr().unwrap().port();
-    rig.run("bridge", format!("foxglove --port {port}"))
-        .expect(5)
-        .complains(&format!(
-            "cannot serve on 127.0.0.1:{port}: the port is in use"
-        ))
-        .complains("--port 0");
-    // A network that is reserved for documentation.
-    rig.refused("bridge foxglove --host 192.0.2.1")
-        .complains("cannot serve on 192.0.2.1:8765")
-        .complains("--host is a name or an address of this machine");
-    rig.refused("bridge foxglove --port 70000")
-        .complains("70000");
-    flight.signal(Signal::INT);
-    flight.end().expect(130);
-    rig.assert_nothing_left();
 }
 
 /// Addresses on which a process listens for TCP, as the kernel writes them: hexadecimal, of IPv4 the last byte first.
@@ -551,27 +479,25 @@ fn it_listens_on_this_machine_alone_and_survives_what_is_no_request() {
         );
     }
     let endless = [b"GET / HTTP/1.1\r\n".to_vec(), b"X: y\r\n".repeat(50_000)].concat();
-    let headers = b"GET / HTTP/1.1\r\nUpgrade: websocket\r\nContent-Length: -1\r\n\r\n";
-    let frame =
-        b"POST / HTTP/9.9\r\nHost: \xff\xfe\r\n\r\n\x81\xff\xff\xff\xff\xff\xff\xff\xff\xff";
-    for (i, (bytes, ends)) in [
-        (&b""[..], true),
+    // Garbage, wrong heads, frames without a handshake; with false, the client stays and waits.
+    let requests: [(&[u8], bool); 7] = [
+        (b"", true),
         (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03", true),
         (b"\0\0\0\0\r\n\r\n", true),
-        (headers, true),
-        (b"GET /\r\n\r\n", true),
-        (frame, true),
+        (
+            b"GET / HTTP/1.1\r\nUpgrade: websocket\r\nContent-Length: -1\r\n\r\n",
+            true,
+        ),
+        (
+            b"POST / HTTP/9.9\r\nHost: \xff\xfe\r\n\r\n\x81\xff\xff\xff\xff\xff\xff",
+            true,
+        ),
         (&endless, false),
-        // The head never ends.
         (b"GET / HTTP/1.1\r\n", false),
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        assert!(
-            !answer(port, bytes, ends).starts_with("HTTP/1.1 101"),
-            "request {i}"
-        );
+    ];
+    for (bytes, ends) in requests {
+        let answer = answer(port, bytes, ends);
+        assert!(!answer.starts_with("HTTP/1.1 101"), "{answer}");
     }
     let page = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://rebound.example\r\n\r\n";
     let refusal = answer(port, page, false);

@@ -29,17 +29,6 @@ pub fn cascade(rig: &Rig) -> String {
     library(rig, "libcascade.so", "examples/law_c/cascade.c", &[])
 }
 
-/// The same law in another file with other content.
-pub fn other_cascade(rig: &Rig) -> String {
-    library(rig, "other.so", "examples/law_c/cascade.c", &["-O1"])
-}
-
-/// A mixer without copies.
-pub fn mixer(rig: &Rig, name: &str, flags: &[&str]) -> String {
-    let flags = [&["-DROLE=IRONBIRD_MIXER"], flags].concat();
-    library(rig, name, "bench/rig/tests/laws_c/others.c", &flags)
-}
-
 /// Settings of a flight with the law `misbehaving` or `hostile` of `laws_c`, which does harm from a tick on. Nothing ends
 /// the flight early, however busy the machine is.
 pub fn harmful(rig: &Rig, law: &str, harm: &str, from_tick: u64) -> String {

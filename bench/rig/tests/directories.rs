@@ -2,7 +2,7 @@
 
 use crate::endings::kill_all;
 use crate::rig::unprivileged::unprivileged;
-use crate::rig::{Rig, not_tested, wait_until};
+use crate::rig::{Rig, not_tested};
 use messages::role::Role;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
@@ -91,47 +91,6 @@ fn clean_takes_what_is_ours_from_a_root_that_is_a_home_directory_and_nothing_els
 }
 
 #[test]
-#[ignore = "long: part of the gate"]
-fn what_is_not_ours_is_left_as_it_was_by_a_flight_and_by_clean() {
-    let rig = Rig::new("guest");
-    fs::create_dir(rig.root()).unwrap();
-    furnish(&rig.root());
-    let had = everything_below(&rig.root());
-    for (name, words) in [
-        ("work", "is no directory of ironbird: in it lies `thesis`"),
-        ("notes", "it is no directory"),
-    ] {
-        for command in ["fly", "plant", "record"] {
-            let args = format!("{command} --instance {name} --rt off");
-            rig.refused(&args).complains(words);
-            assert_eq!(everything_below(&rig.root()), had, "{args}");
-        }
-    }
-    assert_eq!(rig.run_directories(), [""; 0]);
-    // What is put into the instance's directory during a flight stays, and `clean` names it.
-    let flight = rig.take_off(rig.slowly(20, "100ms"));
-    let directory = rig.known().directory();
-    furnish(&directory);
-    flight.end().expect(0);
-    let left = everything_below(&directory);
-    assert_eq!(left[&directory.join("work/thesis")], b"mine");
-    rig.assert_nothing_left();
-    let mut named = rig.ok("clean");
-    for name in ["bus", "go", "link", "notes", "src", "work"] {
-        let path = directory.join(name);
-        named = named.says(&format!(
-            "kept {}: not created by ironbird\n",
-            path.display()
-        ));
-    }
-    // It is still the instance's.
-    rig.run("fly", rig.slowly(5, "100ms")).expect(0);
-    assert_eq!(everything_below(&directory), left);
-    fs::remove_dir_all(&directory).unwrap();
-    assert_eq!(everything_below(&rig.root()), had);
-}
-
-#[test]
 fn without_a_root_path_the_session_has_it_if_it_is_this_users_or_else_tmp() {
     let rig = Rig::new("default");
     let user = rustix::process::geteuid().as_raw();
@@ -192,39 +151,4 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
         assert!(!ended.stderr.contains("start one"), "{ended}");
     }
     drop(lock);
-}
-
-#[test]
-fn latest_stays_where_it_was_until_a_flight_has_a_report() {
-    let rig = Rig::new("latest");
-    let latest = || fs::read_link(rig.out().join("latest")).unwrap();
-    rig.ok("fly --pace lockstep --duration 100ms");
-    let flown = latest();
-    assert_eq!(rig.run_directories(), [flown.to_str().unwrap()]);
-    // Without a plant to fly with, it waits; its empty directory is removed.
-    let recorder = rig.start("record", "--rt off");
-    recorder.await_words("waiting for");
-    assert_eq!((latest(), rig.run_directories().len()), (flown.clone(), 2));
-    recorder.signal(Signal::TERM);
-    recorder.end().expect(130);
-    assert_eq!((latest(), rig.run_directories().len()), (flown.clone(), 1));
-    let flight = rig.take_off("--rt off --duration 600s");
-    wait_until("the first report", || (latest() != flown).then_some(()));
-    assert!(rig.out().join("latest/report.json").exists());
-    flight.interrupt().expect(130);
-
-    // A directory of this name stays, and the report says so.
-    let link = rig.out().join("latest");
-    fs::remove_file(&link).unwrap();
-    fs::create_dir(&link).unwrap();
-    let others = fs::read_dir(rig.out()).unwrap().count();
-    let words = "latest is incomplete: cannot point to the flight with ";
-    rig.ok("fly --pace lockstep --duration 100ms")
-        .tells(&format!(
-            "INCOMPLETE RECORD: {words}{}: Is a direct",
-            link.display()
-        ));
-    assert!(fs::symlink_metadata(&link).unwrap().is_dir());
-    // No draft of the link is left.
-    assert_eq!(fs::read_dir(rig.out()).unwrap().count(), others + 1);
 }

@@ -5,7 +5,6 @@ use crate::rig::{Rig, not_tested, table};
 use analysis::finding::{Finding, Level, RealtimeClass};
 use host::doctor::{Examination, SCHEMA, examine};
 use host::{Answers, Machine};
-use ipc::instance::Instance;
 use std::fs;
 use tempfile::TempDir;
 
@@ -172,23 +171,6 @@ fn this_machine_gets_a_verdict_that_follows_from_what_is_shown() {
     let granted = findings.any(|it| it.subject == "scheduling" && it.level == Level::Ok);
     assert_eq!(granted, measured.scheduling.starts_with("SCHED_FIFO"));
     assert_eq!(granted, measured.refused.is_empty());
-}
-
-#[test]
-fn leftovers_of_a_killed_flight_are_found_and_gone_after_a_clean_up() {
-    let rig = Rig::new("left");
-    let killed = Instance::under(&rig.root(), "killed").unwrap();
-    killed.prepare().unwrap();
-    fs::create_dir(rig.root().join("mine")).unwrap();
-    rig.run("doctor", "--seconds 0.05")
-        .says("ironbird clean")
-        .says("VERDICT ")
-        .says("Measured for 0.05 s each")
-        .says(killed.directory().to_str().unwrap());
-    rig.ok("clean");
-    // A directory that is not ours is no leftover.
-    let ended = rig.run("doctor", "--seconds 0.05");
-    assert!(!ended.stdout.contains("ironbird clean"), "{ended}");
 }
 
 #[test]

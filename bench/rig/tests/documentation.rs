@@ -63,10 +63,13 @@ fn quoted(text: &str) -> Vec<&str> {
     text.split('`').skip(1).step_by(2).collect()
 }
 
-/// Whether a source, of Rust or Python, has a test function of this name.
+/// Whether a source, of Rust or Python, has a test function of this name, or a page of transcripts has the scenario.
 fn has_test(source: &str, name: &str) -> bool {
-    if name.starts_with("test_") {
-        return source.contains(&format!("\ndef {name}("));
+    if [format!("\ndef {name}("), format!("\n## {name}\n")]
+        .iter()
+        .any(|it| source.contains(it))
+    {
+        return true;
     }
     let Some(at) = source.find(&format!("fn {name}()")) else {
         return false;

@@ -4,7 +4,6 @@ use crate::campaign::chunks;
 use crate::python::{python_with, repository};
 use crate::rig::{self, Rig, Running, lacks_tool, wait_until};
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread::sleep;
@@ -225,73 +224,6 @@ fn hyperqueue_loses_a_shard_and_then_all_and_the_rows_are_the_same() {
         .end()
         .expect(0)
         .says("shards: 48 flights, each by 2 arms");
-    assert_same(&rig, &out);
-}
-
-#[test]
-fn an_engine_that_ignores_sigterm_does_not_keep_an_interrupted_submission_from_ending() {
-    let rig = Rig::new("stubborn");
-    let sbatch = rig.path("sbatch");
-    let script = "#!/bin/sh\ntrap '' TERM\necho $$ >engine.pid\nexec sleep 600\n";
-    fs::write(&sbatch, script).unwrap();
-    fs::set_permissions(&sbatch, fs::Permissions::from_mode(0o755)).unwrap();
-    let path = format!("{}:{}", rig.file(""), std::env::var("PATH").unwrap());
-    let environment = [("PATH", path)];
-    let submitted = submit(&rig, CAMPAIGN, "slurm", &rig.file("rows"), &environment);
-    let pid = wait_until("the engine", || {
-        let pid = fs::read_to_string(rig.path("engine.pid")).ok()?;
-        pid.trim().parse().ok().and_then(Pid::from_raw)
-    });
-    submitted.signal(Signal::TERM);
-    submitted.end().expect(130).complains("interrupted");
-    let lives = rustix::process::test_kill_process(pid).is_ok();
-    assert!(!lives, "the engine's command was killed");
-}
-
-#[test]
-fn a_directory_with_a_line_break_in_its_name_is_refused_before_a_script_is_written() {
-    let rig = Rig::new("line-break");
-    let out = rig.file("rows\ntouch planted #");
-    let file = rig.settings(CAMPAIGN);
-    rig.run(
-        "campaign",
-        ["submit", &file, "--on", "slurm", "--dry-run", "--out", &out],
-    )
-    .expect(2)
-    .complains("the path contains a line break");
-}
-
-#[test]
-fn a_shard_that_flies_twice_at_once_leaves_the_same_rows() {
-    let rig = Rig::new("twice");
-    let (file, out) = (rig.settings(CAMPAIGN), rig.file("rows"));
-    let line = format!("run {file} --out {out} --shard 1/1 --jobs 1");
-    for running in [(); 2].map(|()| rig.start("campaign", &line)) {
-        running.end().expect(0).says("RESULT status=COMPLETE");
-    }
-    assert_same(&rig, &out);
-}
-
-#[test]
-fn a_full_disk_is_told_and_leaves_nothing_that_is_not_whole() {
-    let rig = Rig::new("full");
-    let (file, out) = (rig.settings(CAMPAIGN), rig.file("rows"));
-    rig.ok(&format!("campaign run {file} --out {out} --shard 1/12"));
-    // No file may be longer than what the campaign's own description takes: a file of rows does not fit.
-    let limited = r#"ulimit -f 2; trap '' XFSZ; exec "$0" "$@""#;
-    let by = ["bash", "-c", limited];
-    let line = format!("run {file} --out {out} --jobs 1");
-    let full = rig
-        .launch(rig.command_by(&by, "campaign", line))
-        .end()
-        .expect(1);
-    full.complains("cannot write ").complains("chunk-0000001.");
-    assert_eq!(chunks(&out).len(), 1);
-    let left = fs::read_dir(&out).unwrap();
-    let left: Vec<_> = left.map(|entry| entry.unwrap().file_name()).collect();
-    let is_partial = |name: &std::ffi::OsString| name.to_str().unwrap().contains("aside");
-    assert!(!left.iter().any(is_partial), "{left:?}");
-    rig.ok(&format!("campaign run {file} --out {out}"));
     assert_same(&rig, &out);
 }
 

@@ -5,12 +5,11 @@
 //! is left out, and says so.
 
 use analysis::schema::Report;
-use rustix::process::Signal;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::process::Command;
 
-use crate::rig::{Rig, lacks_tool, send, wait_until};
+use crate::rig::{Rig, lacks_tool};
 
 /// The number of a comment such as `#[StartTime: 12.345 (seconds since epoch)]`.
 fn header(log: &str, name: &str) -> f64 {
@@ -111,30 +110,5 @@ fn another_implementation_reads_the_numbers_of_the_report() {
         for it in &read.intervals {
             assert!(it.start_ms >= start_s * 1e3 - 1.0 && it.end_ms > it.start_ms);
         }
-    }
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_killed_recorder_leaves_whole_lines_up_to_its_last_second() {
-    let rig = Rig::new("killed-hlog");
-    let flight = rig.take_off(rig.slowly(5, "1h"));
-    let report = rig.out().join("latest/report.json");
-    wait_until("three seconds", || {
-        let elapsed_s = Report::read(&report).ok()?.ticks.elapsed_s;
-        (elapsed_s > 3.5).then_some(())
-    });
-    send(flight.roles()["record"], Signal::KILL);
-    flight.end().expect(1);
-    let log = rig.flown("latency.hlog");
-    assert!(log.ends_with('\n'), "its last line is cut");
-    let lines: Vec<&str> = log.lines().filter(|it| !it.starts_with('#')).collect();
-    assert!(
-        lines.iter().any(|it| it.starts_with("Tag=loop,2")),
-        "{lines:?}"
-    );
-    if let Some(reading) = read_elsewhere(&rig) {
-        let count: usize = reading.tags.values().map(|tag| tag.intervals.len()).sum();
-        assert_eq!(count, lines.len());
     }
 }

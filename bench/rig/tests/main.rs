@@ -1,7 +1,6 @@
 //! Tests of the executable `ironbird`: each file has one subject, and all are one program, which is linked once.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod airframes;
 #[cfg(feature = "foxglove")]
 mod bridge;
 mod build_identity;
@@ -17,39 +16,30 @@ mod engines;
 mod fault_injection;
 mod fault_matrix;
 mod flight_log;
-mod flight_summary;
 mod flights;
 mod floor;
-mod gates;
 mod golden;
 mod latency_log;
-mod law_files;
 mod law_misbehaves;
 mod law_trial;
 mod laws;
-mod manual;
 mod margin;
 mod message_faults;
 mod miss_analysis_flights;
 mod new_law;
 mod other_user;
-mod outages;
 mod paper_facts;
-mod parameter_changes;
 mod python;
-mod real_time;
 mod recorded;
 mod reference_flights;
 mod reference_laws;
 mod refusals;
 mod replay;
-mod report_diff;
 mod report_page;
 mod restarts;
 mod rig;
-mod runs;
 mod screens;
 mod theorem;
+mod transcripts;
 mod untrusted_files;
-mod usage;
 mod watch;

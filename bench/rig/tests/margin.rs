@@ -5,11 +5,8 @@ use crate::rig::{Ended, Rig};
 use controller::Gains;
 use controller::rate_law::sampled_gain;
 use controller::rate_loop::loop_gain_limit;
-use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
-use std::thread::sleep;
-use std::time::Duration;
 
 /// The entry of a list of the first law, by the value of a key.
 fn entry<'a>(margins: &'a Value, list: &str, key: &str, value: &str) -> &'a Value {
@@ -129,103 +126,6 @@ fn dead_time_is_tolerated_up_to_the_rule_of_the_paper() {
             );
         }
     }
-}
-
-#[test]
-fn a_report_contains_the_margin_once_it_has_been_measured() {
-    let rig = Rig::new("line");
-    let slow = rig.settings("[flight]\nslowdown = 4\ntrajectory = \"hover\"\n");
-    let fly = |options: &str| rig.ok(&format!("fly --config {slow} {options}"));
-    let (unknown, known) = ("Margin not known", "this loop tolerates");
-    fly("--duration 1s").tells("Margin not known: run ironbird margin --config ");
-    let margin = rig.report()["margin"].clone();
-    let fingerprint = margin["fingerprint"].as_str().unwrap();
-    let command = margin["unknown"].as_str().unwrap();
-    let command = command.strip_prefix("ironbird ").unwrap();
-    let measured = rig.ok(&format!("{command} --phases 1 --longest 60ms"));
-    let measured = measured.complains(&format!("{fingerprint}.json"));
-    let text = measured.stdout;
-    for words in [
-        "trajectory hover, gains flight, airframe paper, seed 1\n1 phase over 10.000 s from 10.000 s on",
-        "Longest outage survived [ticks of 1 ms]",
-        "Longest steady lag",
-        "Longest steady delay",
-        "Largest share of random losses",
-        "Weakest (m, k)",
-        "pd + adaptive",
-        "machine",
-        "plant.rotor_speeds",
-    ] {
-        assert!(text.contains(words), "no `{words}` in\n{text}");
-    }
-    let report = rig.ok("report latest").tells(known);
-    assert!(!report.stdout.contains("not known"), "{report}");
-    // Another flight knows at once, and its length and pace do not matter.
-    fly("--duration 1200ms").tells(known);
-    let after = &rig.report()["margin"];
-    assert_eq!(after["fingerprint"], fingerprint);
-    assert!(
-        after["bears"]["machine"]["ticks"].as_u64() > Some(0),
-        "{after}"
-    );
-    let file = |name: &str| fs::read_to_string(rig.out().join("latest").join(name)).unwrap();
-    let page = file("report.html");
-    assert!(page.contains("Margin: ") && page.contains(known));
-    assert!(file("report.txt").contains("\nMargin    "));
-    // A margin is of one airframe.
-    fly("--duration 1s --fault mass_kg=0.5@500ms")
-        .tells(known)
-        .tells("; of the airframe before 1 swap in");
-    // Other laws are another loop; in lockstep there are no outages.
-    fly("--duration 1s --inner indi").tells(unknown);
-    let lockstep = rig.ok("fly --pace lockstep --trajectory hover --duration 1s");
-    assert!(!lockstep.stdout.contains("Margin"), "{lockstep}");
-    let table = rig.out().join(format!("margins/{fingerprint}.json"));
-    fs::write(table, "{").unwrap();
-    fly("--duration 1s").tells(unknown);
-    rig.ok("runs --json");
-}
-
-#[test]
-fn margins_are_drawn_with_a_line_for_each_law() {
-    let rig = Rig::new("drawn");
-    let page = rig.file("margins.html");
-    let config = rig.settings("[flight]\ntrajectory = \"hover\"\nfaults = [\"mass_kg=0.6@8s\"]\n");
-    let laws = "--inner pid --inner indi --phases 2 --only setpoint --longest 50ms";
-    rig.ok(&format!("margin --config {config} {laws} --page {page}"))
-        .complains("warning: the faults of the settings file are ignored")
-        .complains("no table stored for flight reports: --only measures a part\n")
-        .complains("written: ");
-    assert!(!rig.out().exists(), "no table");
-    let page = fs::read_to_string(page).unwrap();
-    for words in [
-        "pd + pid",
-        "pd + indi",
-        "begin of the outage [s]",
-        "lag [ticks]",
-        "messages lost [%]",
-        "10.000 s on",
-    ] {
-        assert!(page.contains(words), "{words}");
-    }
-    // Outage, lag and loss of one input.
-    for class in ["law-1", "law-2"] {
-        let lines = page.matches(&format!("class=\"line {class}\"")).count();
-        assert_eq!(lines, 3, "{class}");
-    }
-    assert!(!page.contains("://"), "the page loads nothing");
-}
-
-#[test]
-fn an_interruption_leaves_no_table() {
-    let rig = Rig::new("interrupted");
-    let mut running = rig.start("margin", "--phases 1000");
-    sleep(Duration::from_secs(1));
-    assert!(running.is_running());
-    running.signal(Signal::INT);
-    running.end().expect(130).complains("interrupted");
-    let mut tables = fs::read_dir(rig.out().join("margins")).unwrap();
-    assert!(tables.next().is_none());
 }
 
 #[test]

@@ -29,34 +29,6 @@ fn build(folder: &str) {
 }
 
 #[test]
-fn a_new_law_flies_with_its_settings_file_and_passes_its_trial() {
-    let rig = Rig::new("new_c");
-    for role in ["outer", "inner", "mixer"] {
-        let Some(folder) = new_law(&rig, role) else {
-            return;
-        };
-        let settings = format!("{folder}/settings.toml");
-        let text = fs::read_to_string(&settings).unwrap();
-        // The defaults in its code are those of its settings file.
-        let description = rig.ok(&format!("laws {folder}")).stdout;
-        let (description, _) = description.split_once("\nTelemetry\n").unwrap();
-        for line in description.lines().filter(|line| line.contains(" = ")) {
-            let (default, _) = line.trim().split_once(" [").unwrap();
-            assert!(
-                text.contains(&format!("{default} #")),
-                "no {default} in\n{text}"
-            );
-        }
-        let outputs = |options: &str| {
-            let simulated = rig.ok(&format!("simulate {options} --duration 5s"));
-            simulated.result()["outputs"].clone()
-        };
-        let by_flag = outputs(&format!("--{role} {folder}"));
-        assert_eq!(by_flag, outputs(&format!("--config {settings}")), "{role}");
-    }
-}
-
-#[test]
 fn harmful_changes_of_a_law_are_found_by_its_test_and_by_the_trial() {
     let rig = Rig::with_features("trial");
     let Some(folder) = new_law(&rig, "inner") else {
@@ -122,17 +94,4 @@ fn harmful_changes_of_a_law_are_found_by_its_test_and_by_the_trial() {
         assert!(text.contains(words), "{worse}: {text}");
         assert_eq!(ended.code.unwrap_or(134), code, "{worse}: {text}");
     }
-}
-
-#[test]
-fn an_existing_folder_is_kept() {
-    let rig = Rig::new("new_no");
-    let law = rig.path("mine").join("law.c");
-    fs::create_dir(rig.path("mine")).unwrap();
-    fs::write(&law, "mine").unwrap();
-    let home = rig.file(".");
-    rig.refused(&format!("new law mine --lang c --role inner --to {home}"))
-        .complains("mine cannot be made: File exists")
-        .complains("another name");
-    assert_eq!(fs::read_to_string(law).unwrap(), "mine");
 }

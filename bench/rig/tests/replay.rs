@@ -1,8 +1,8 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
 use crate::recorded::{self, Dice, Published, TickFaults, fly, rewrite, settings, write};
-use crate::rig::{Rig, lacks_tool, send, stop_for};
 use config::law_settings::Moved;
+use crate::rig::{Rig, lacks_tool, send};
 use errors::Failure;
 use flight_log::entry::LogEntry;
 use flight_log::facts::record;
@@ -16,8 +16,6 @@ use replay::{LOOKAHEAD, ReplayResult, fly_again};
 use rustix::process::Signal as ProcessSignal;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::thread::sleep;
-use std::time::Duration;
 use tempfile::TempDir;
 
 const SHORT: &str = "[flight]\nduration_s = 0.1\n";
@@ -219,54 +217,73 @@ fn flip(value: &mut f64) {
     *value = f64::from_bits(value.to_bits() ^ 1);
 }
 
-/// Changes the lowest bit of a value: of tick 90, or of the swap of tick 60.
-fn change(entry: &mut LogEntry, field: &str) {
-    match (field, entry.envelope().tick, entry) {
-        ("state.measured.position_w_m[1]", 90, LogEntry::State(it)) => {
+/// A stage, a tick, a field, and a change of it in a message of that tick.
+type Change = (&'static str, u64, &'static str, fn(&mut LogEntry));
+
+const CHANGES: [Change; 8] = [
+    ("plant", 90, "state.measured.position_w_m[1]", |entry| {
+        if let LogEntry::State(it) = entry {
             flip(&mut it.content.measured.position_w_m[1]);
         }
-        ("setpoint.thrust_n", 90, LogEntry::Setpoint(it)) => flip(&mut it.content.thrust_n),
-        ("wrench.torque_b_nm[2]", 90, LogEntry::Wrench(it)) => {
+    }),
+    ("outer", 90, "setpoint.thrust_n", |entry| {
+        if let LogEntry::Setpoint(it) = entry {
+            flip(&mut it.content.thrust_n);
+        }
+    }),
+    ("inner", 90, "wrench.torque_b_nm[2]", |entry| {
+        if let LogEntry::Wrench(it) = entry {
             flip(&mut it.content.torque_b_nm[2]);
         }
-        ("inner_telemetry.rotational_drag_nm_s", 90, LogEntry::Wrench(it)) => {
-            flip(&mut it.content.telemetry.value[4]);
+    }),
+    (
+        "inner",
+        90,
+        "inner_telemetry.rotational_drag_nm_s",
+        |entry| {
+            if let LogEntry::Wrench(it) = entry {
+                flip(&mut it.content.telemetry.value[4]);
+            }
+        },
+    ),
+    ("mixer", 90, "rotor_speeds.saturated", |entry| {
+        if let LogEntry::RotorSpeeds(it) = entry {
+            it.content.saturated ^= 1;
         }
-        ("mixer_telemetry.yaw_share", 90, LogEntry::RotorSpeeds(it)) => {
+    }),
+    ("mixer", 90, "mixer_telemetry.yaw_share", |entry| {
+        if let LogEntry::RotorSpeeds(it) = entry {
             flip(&mut it.content.telemetry.value[1]);
         }
-        ("rotor_speeds.saturated", 90, LogEntry::RotorSpeeds(it)) => it.content.saturated ^= 1,
-        ("theorem.v_th", 90, LogEntry::Theorem(it)) => flip(&mut it.content.v_th),
-        ("swaps.old[0]", 60, LogEntry::Swap(it)) => flip(&mut it.content.old[0]),
-        _ => {}
-    }
-}
+    }),
+    ("record", 90, "theorem.v_th", |entry| {
+        if let LogEntry::Theorem(it) = entry {
+            flip(&mut it.content.v_th);
+        }
+    }),
+    ("plant", 60, "swaps.old[0]", |entry| {
+        if let LogEntry::Swap(it) = entry {
+            flip(&mut it.content.old[0]);
+        }
+    }),
+];
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
     let flight = noisy();
     let changed = flight.path("changed.mcap");
-    for (stage, tick, field) in [
-        ("plant", 90, "state.measured.position_w_m[1]"),
-        ("outer", 90, "setpoint.thrust_n"),
-        ("inner", 90, "wrench.torque_b_nm[2]"),
-        ("inner", 90, "inner_telemetry.rotational_drag_nm_s"),
-        ("mixer", 90, "rotor_speeds.saturated"),
-        ("mixer", 90, "mixer_telemetry.yaw_share"),
-        ("record", 90, "theorem.v_th"),
-        ("plant", 60, "swaps.old[0]"),
-    ] {
+    for (stage, tick, field, change) in CHANGES {
         rewrite(&flight.log, &changed, NOISY, &[], |entry| {
-            change(entry, field);
+            if entry.envelope().tick == tick {
+                change(entry);
+            }
             true
         });
         let found = verify(&changed).unwrap().comparison.first.expect(field);
         let name = format!("{}.{}", found.topic, found.field);
-        assert_eq!(
-            (found.stage.name(), found.tick, &*name),
-            (stage, tick, field)
-        );
+        let place = (found.stage.name(), found.tick, &*name);
+        assert_eq!(place, (stage, tick, field));
         assert_ne!(found.recorded, found.replayed);
     }
     // A swap to another value changes the flight from its tick on.
@@ -310,7 +327,9 @@ fn what_is_wrong_with_a_log_comes_before_what_differs_in_it() {
     let changed = flight.path("changed.mcap");
     let rewritten = |gap_at: Option<u64>| {
         rewrite(&flight.log, &changed, NOISY, &[], |entry| {
-            change(entry, "setpoint.thrust_n");
+            if entry.envelope().tick == 90 {
+                (CHANGES[1].3)(entry);
+            }
             !matches!(entry, LogEntry::Wrench(it) if Some(it.envelope.tick) == gap_at)
         });
     };
@@ -462,106 +481,6 @@ fn a_truncated_log_is_read_to_its_last_whole_chunk_and_never_identical() {
         }
     }
     assert!(most > 50 && most <= flight.published.states.len(), "{most}");
-}
-
-/// Ticks of 10 ms, rotors that saturate, noise, and swaps.
-const TROUBLED: &str = "[flight]\nslowdown = 10\ntrajectory = \"fast\"\nduration_s = 0.8\n\
-    faults = [\"gyro_noise_rad_s=0.02@tick40\", \"rotor_efficiency_3=0.9@tick790\"]\n[rotor]\nmax_rad_s = 220.0\n";
-
-#[track_caller]
-fn verifies(rig: &Rig) {
-    let ticks = rig.report()["ticks"]["run"].clone();
-    rig.ok("replay --verify")
-        .complains(" s replayed in ")
-        .complains(" times real time)")
-        .says(&format!("replay: {ticks} ticks, "))
-        .says(" values, identical; outputs ");
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_plant_that_stood_still_between_its_two_looks_at_the_commands_is_replayed() {
-    let rig = Rig::new("twice");
-    // Half of a tick lies between the two.
-    let flight = rig.take_off("--trajectory hover --duration 5s --lead 500");
-    let plant = flight.roles()["plant"];
-    for i in 0..10 {
-        // Longer than commands can wait; at other instants of a tick each time.
-        stop_for(plant, Duration::from_millis(90));
-        sleep(Duration::from_micros(180_000 + 300 * i));
-    }
-    flight.end();
-    assert!(rig.report()["ticks"]["skipped"].as_u64().unwrap() > 500);
-    verifies(&rig);
-}
-
-#[test]
-fn a_rehearsed_flight_is_identical_and_says_how_often_it_was_rehearsed() {
-    let rig = Rig::new("rehearsed");
-    let settings = rig.settings(TROUBLED);
-    let fly = |lead: &str| {
-        rig.run("fly", format!("--rt off --config {settings} --lead {lead}"));
-        let report = rig.report();
-        move |key: &str| report["lead"][key].as_f64().unwrap()
-    };
-    let number = fly("4000");
-    for key in ["lead_us", "least_us", "median_us", "most_us"] {
-        assert_eq!(number(key), 4000.0, "a lead that is set stays: {key}");
-    }
-    for key in ["rehearsals", "rehearsal_us", "processor_percent"] {
-        assert!(number(key) > 0.0, "{key}");
-    }
-    let ticks = rig.report()["ticks"]["run"].as_f64().unwrap();
-    assert!(ticks >= number("rehearsals"), "{ticks}");
-    verifies(&rig);
-    rig.ok("report --section processes")
-        .says("Lead 4000 us before the tick (before take-off: timer p90 ")
-        .says("; rehearsed ")
-        .says("; waiting took ");
-    let none = fly("0");
-    assert_eq!((none("lead_us"), none("rehearsals")), (0.0, 0.0));
-    verifies(&rig);
-    rig.ok("report --section processes")
-        .says("Lead none: the plant's timer is set to the beginning");
-}
-
-#[test]
-fn rehearsals_before_take_off_do_not_count_as_rehearsed_ticks() {
-    let rig = Rig::new("few-ticks");
-    // 200 ms before it, and 9 ticks of 10 ms.
-    let settings = rig.settings("[flight]\nslowdown = 10\nduration_s = 0.008\n");
-    rig.run("fly", format!("--rt off --config {settings} --lead 4000"));
-    let report = rig.report();
-    let ticks = report["ticks"]["run"].as_u64().unwrap();
-    let rehearsals = report["lead"]["rehearsals"].as_u64().unwrap();
-    assert!(
-        ticks <= 9 && rehearsals < ticks,
-        "{rehearsals} in {ticks} ticks"
-    );
-    let lasted_us = report["lead"]["rehearsal_us"].as_f64().unwrap();
-    assert!(lasted_us > 0.0, "there were some: {report}");
-}
-
-/// A flight that calls every function of `messages::math`.
-const EVERY_FUNCTION: &str = "--trajectory fast --duration 2s --fault motor_time_constant_s=0.02,gyro_noise_rad_s=0.01,command_delay_s=0.002@200ms --fault rotational_drag_nm_s=0.525@1s";
-
-#[test]
-fn a_flight_its_simulation_and_its_replay_put_out_the_same_bits() {
-    let rig = Rig::new("bits");
-    let outputs = |more: &str| {
-        let simulated = rig.ok(&format!("simulate {EVERY_FUNCTION} {more}"));
-        simulated.result()["outputs"].clone()
-    };
-    let simulated = outputs("");
-    assert_eq!(simulated.len(), 16, "{simulated}");
-    rig.ok(&format!("fly --pace lockstep {EVERY_FUNCTION}"));
-    verifies(&rig);
-    let words = format!("identical; outputs {simulated}\n");
-    rig.ok("replay --verify").says(&words);
-    rig.ok("replay")
-        .says(&format!("outputs    {simulated}\n"))
-        .says("agrees with the record");
-    assert_ne!(outputs("--fault mass_kg=0.5200001@1s"), simulated);
 }
 
 /// Load that ends with the test, also when it panics.

@@ -2,14 +2,13 @@
 //!
 //! The browser is Chromium, named by `IRONBIRD_CHROMIUM` or found; without it, the tests that need it are skipped.
 
-use std::fs::{self, Permissions};
-use std::os::unix::fs::PermissionsExt as _;
+use std::fs::{self};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::rig::{Rig, lacks_tool, wait_until};
 use analysis::schema::Report;
 use render::flight;
+use crate::rig::{Rig, lacks_tool};
 use serde_json::Value;
 
 /// Plots of every flight, of one in lockstep, and of one in real time with late commands.
@@ -226,70 +225,4 @@ fn the_page_has_all_plots_comes_from_report_json_alone_and_is_small() {
             assert!(length < most, "{file} has {length} bytes");
         }
     }
-}
-
-#[test]
-fn a_browser_is_opened_or_the_error_says_why_not() {
-    let rig = Rig::new("open");
-    let (opened, tools) = (rig.path("opened"), rig.path("tools"));
-    fs::create_dir(&tools).unwrap();
-    let program = |name: &str, text: &str| {
-        let path = tools.join(name);
-        fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
-        fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
-        path
-    };
-    let file = opened.display();
-    let note = format!("echo \"$1\" > {file}.draft; /bin/mv {file}.draft {file}");
-    let (browser, none) = (program("browser", &note), Path::new(""));
-    let run = |command: &str, browser: &Path| {
-        let (command, args) = command.split_once(' ').unwrap();
-        let mut process = rig.command(command, args);
-        process.env("BROWSER", browser).env("PATH", &tools);
-        rig.launch(process).end()
-    };
-    let opened_page = || {
-        let page = wait_until("the page to be opened", || fs::read_to_string(&opened).ok());
-        fs::remove_file(&opened).unwrap();
-        page
-    };
-    let fly = "fly --pace lockstep --duration 0.1s --open";
-    let flown = run(fly, &browser).expect(0).says("RESULT status=PASS");
-    let latest = rig.out().join("latest").canonicalize().unwrap();
-    let page = latest.join("report.html").display().to_string();
-    let gave = format!("gave {page} to ");
-    flown.complains(&gave);
-    assert_eq!(opened_page(), format!("{page}\n"));
-    run("report --open", &browser).expect(0).complains(&gave);
-    assert_eq!(opened_page(), format!("{page}\n"));
-
-    let missing = tools.join("missing");
-    let cannot = format!("cannot open {page} ");
-    run("report --open", &missing)
-        .expect(1)
-        .complains(&format!("{cannot}with BROWSER={}", missing.display()))
-        .complains("BROWSER must name a program that takes a file");
-    run("report --open", none)
-        .expect(1)
-        .complains("in a browser: neither xdg-open nor gio nor kde-open is installed")
-        .complains("set BROWSER to a browser");
-    program("xdg-open", "exit 3");
-    let refused = run("report --open", none).expect(1);
-    refused.complains(&format!("{cannot}in a browser: "));
-    // A flight that has passed has passed, whether or not its page was opened.
-    run(fly, none)
-        .expect(1)
-        .says("RESULT status=PASS")
-        .complains("set BROWSER to a browser");
-    program("xdg-open", &note);
-    run("report --open", none).expect(0);
-    opened_page();
-    run("report --open --format html", none)
-        .expect(2)
-        .complains("'--open' cannot be used with '--format");
-    fs::remove_file(rig.out().join("latest/report.html")).unwrap();
-    run("report --open", none)
-        .expect(2)
-        .complains("holds no page yet")
-        .complains("--format html > report.html");
 }

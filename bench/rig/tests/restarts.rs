@@ -163,49 +163,6 @@ fn a_plant_that_is_killed_and_restarted_leaves_no_role_behind_and_its_successor_
 }
 
 #[test]
-#[ignore = "long: part of the gate"]
-fn a_flight_in_lockstep_cannot_be_joined_late_and_says_so() {
-    let rig = Rig::new("late");
-    let args = "--pace lockstep --duration 10h";
-    let (plant, mut others) = (rig.start("plant", args), others(&rig, args));
-    rig.await_flight();
-    let inner = others.remove("inner").unwrap();
-    inner.signal(Signal::KILL);
-    inner.end();
-    let late = "in lockstep has begun without this inner process, and cannot be joined late";
-    rig.run("inner", args).expect(1).complains(late);
-    plant.end().expect(1).complains("a stage hangs or has died");
-    others.into_values().for_each(|other| drop(other.end()));
-}
-
-#[test]
-fn a_role_that_ends_as_the_run_opens_is_missed_by_name() {
-    let rig = Rig::new("missed");
-    let args = rig.slowly(20, "10s");
-    let plant = rig.start("plant", &args);
-    let mut others: BTreeMap<_, _> = ["outer", "inner", "record"]
-        .map(|role| (role, rig.start(role, &args)))
-        .into();
-    plant.await_words("waiting for mixer (each");
-    // Ready, and stopped before the run can open: it never arms.
-    let inner = others.remove("inner").unwrap();
-    inner.signal(Signal::STOP);
-    others.insert("mixer", rig.start("mixer", &args));
-    plant.await_words("waiting for inner to arm");
-    inner.signal(Signal::KILL);
-    inner.end();
-    let said = plant.stderr().len();
-    wait_until("the plant to say which role is missing", || {
-        let since = &plant.stderr()[said..];
-        since.contains("waiting for inner (each").then_some(())
-    });
-    others.insert("inner", rig.start("inner", &args));
-    rig.await_flight();
-    land(plant, others);
-    rig.assert_nothing_left();
-}
-
-#[test]
 fn a_standby_takes_the_place_of_a_killed_stage_and_another_one_waits() {
     let rig = Rig::new("takes");
     // The standby loads and creates the law of a file, and flies it.

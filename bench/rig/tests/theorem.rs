@@ -1,7 +1,6 @@
 //! The theorem on flights: where it holds, what explains a rise of V_th, and which wrong laws are caught.
 
 use crate::reference_laws::Flight;
-use crate::rig::Rig;
 use analysis::theorem::{Theorem, TheoremStatistics};
 use controller::adaptation::{Adaptation, Learnt, Samples};
 use controller::{TheoremMonitor, Trajectory};
@@ -326,41 +325,4 @@ fn wrong_laws_are_caught_in_calm_air_and_in_noise() {
             }
         }
     }
-}
-
-#[test]
-fn the_processes_see_what_the_simulation_sees_and_the_gate_is_passed_on() {
-    let rig = Rig::new("theorem");
-    let options = "--gate theorem --duration 3s --fault arm_length_m=0.25@1s \
-                   --fault disturbance_gain_rad_s2=-1@tick1500";
-    let flown = rig.ok(&format!("fly --pace lockstep {options}"));
-    let flown = flown.says("\nGates     PASS: 1 of 1 gates held\n");
-    assert_eq!(flown.result()["gates"], "1/1", "{flown}");
-    let section = |stdout: &str| {
-        let lines = stdout
-            .lines()
-            .skip_while(|line| !line.starts_with("Theorem"));
-        let lines = lines.take_while(|line| !line.is_empty() && !line.starts_with("RESULT"));
-        lines.map(str::to_owned).collect::<Vec<_>>()
-    };
-    let simulated = section(&rig.ok(&format!("simulate {options}")).stdout);
-    assert!(simulated.len() > 8, "{simulated:?}");
-    let flown = rig.ok("report --section theorem").stdout;
-    assert_eq!(section(&flown), simulated);
-    let report = rig.report();
-    let theorem = &report["theorem"];
-    assert_eq!(
-        (&theorem["holds"], &theorem["live_swaps"]),
-        (&true.into(), &1.into())
-    );
-    assert!(theorem["violations"]["broken_model"].as_u64().unwrap() > 0);
-    let gates = report["verdict"]["gates"].as_array().unwrap();
-    let gate = gates.iter().find(|gate| gate["name"] == "theorem").unwrap();
-    assert_eq!(gate["held"], true);
-    assert_eq!(gate["value"], "0 unexplained, estimates live");
-    let ungated = rig.settings("[recorder]\ngate_theorem = false\n");
-    rig.ok(&format!("simulate --duration 1s --config {ungated}"))
-        .says("Theorem   holds");
-    rig.refused("simulate --gate luck")
-        .complains("[possible values: theorem]");
 }

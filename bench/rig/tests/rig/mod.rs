@@ -220,7 +220,8 @@ impl Rig {
             }
         };
         const WITHOUT_INSTANCE: &str = "campaign clean simulate compare margin report export \
-                                        replay floor runs laws new faults doctor";
+                                        replay floor runs laws new faults doctor \
+                                        completions man ring-hop";
         const WITH_OUTPUT: &str = "fly record report export replay runs margin";
         let is_in = |list: &str| list.split(' ').any(|it| it == command);
         if !is_in(WITHOUT_INSTANCE) {
@@ -495,21 +496,6 @@ pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command>
     let script = format!("{mount} && exec \"$0\" \"$@\"");
     command.args(["-m", "sh", "-c", &script, program]);
     Some(command)
-}
-
-/// The place of a stage in a flight, taken by this process as its command takes it.
-pub fn take_station(role: Role, instance: &str, settings: &Settings) -> RoleSession {
-    let orders = StartConfig {
-        instance: Instance::new(instance).unwrap(),
-        rt: settings.realtime().unwrap(),
-        settings: settings.shared_text().unwrap(),
-        law_options: String::new(),
-        resume_estimates: false,
-        launcher: None,
-        begun_ns: 0,
-        ready: None,
-    };
-    RoleSession::take(role, orders).unwrap()
 }
 
 /// All that a log holds, from its first file on.

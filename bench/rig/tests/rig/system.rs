@@ -12,7 +12,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT};
 use signal_hook::flag::register_conditional_default;
 
 /// Ends a test that hangs; no verdict on latency.
-pub(super) const PATIENCE: Duration = Duration::from_secs(60);
+pub(super) const PATIENCE: Duration = Duration::from_secs(180);
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// Waits for something that must come.

@@ -4,23 +4,12 @@ use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, chown};
 use std::process::Command;
 
-use super::{Args, Ended, Rig, copy_executable, not_tested};
+use super::{Args, Rig, copy_executable, not_tested};
 
 const NOBODY: u32 = 65534;
 
-/// A flight of a user without privileges; none where there is no way to become one.
-pub fn fly_unprivileged(rig: &Rig, args: impl Args) -> Option<Ended> {
-    let command = unprivileged(rig, "fly", args)?;
-    if rustix::process::geteuid().is_root() {
-        for directory in [rig.root(), rig.out()] {
-            fs::create_dir_all(&directory).unwrap();
-            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
-        }
-    }
-    Some(rig.launch(command).end())
-}
-
-/// `ironbird COMMAND` of a user without privileges; none where there is no way to become one.
+/// `ironbird COMMAND` of a user without privileges, who owns new directories of the rig; none where there is no way to
+/// become one.
 pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command> {
     if !rustix::process::geteuid().is_root() {
         return Some(rig.command(command, args));
@@ -37,6 +26,12 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command
     if !executable.exists() {
         copy_executable(&executable);
         fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    for directory in [rig.root(), rig.out()] {
+        if command == "fly" && !directory.exists() {
+            fs::create_dir(&directory).unwrap();
+            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
+        }
     }
     let mut process = Command::new("setpriv");
     process

@@ -1,0 +1,372 @@
+//! Transcripts: what commands and flights answer, as the pages in `transcripts/` show it.
+//!
+//! README.md of this directory describes the steps. `IRONBIRD_SCENARIOS=clean,export` chooses scenarios by the beginning of their titles.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::process::Command;
+use std::time::Duration;
+
+use crate::c_laws::{library, root};
+use crate::rig::unprivileged::unprivileged;
+use crate::rig::{
+    Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, not_tested, send, stop_for,
+    wait_until,
+};
+use process::rt::fifo_refusal;
+use rustix::process::Signal;
+use serde_json::Value;
+
+struct Scenario<'a> {
+    title: &'a str,
+    text: &'a str,
+}
+
+/// Plays the scenarios of a page, those whose title ends with `(long)` or the others.
+fn play(page: &str, long: bool) {
+    let path = format!("{}/tests/transcripts/{page}.md", env!("CARGO_MANIFEST_DIR"));
+    let page = std::fs::read_to_string(path).unwrap();
+    let chosen = std::env::var("IRONBIRD_SCENARIOS").unwrap_or_default();
+    let scenarios = page.split("\n## ").skip(1).map(|text| {
+        let (title, text) = text.split_once('\n').unwrap();
+        Scenario { title, text }
+    });
+    let is_chosen = |it: &Scenario| {
+        let begins = |begin| it.title.starts_with(begin);
+        it.title.ends_with("(long)") == long && chosen.split(',').any(begins)
+    };
+    in_parallel(scenarios.filter(is_chosen), |it| it.play());
+}
+
+macro_rules! pages {
+    ($($page:ident)*) => {
+        $(#[test]
+        fn $page() {
+            play(stringify!($page), false);
+        })*
+
+        #[test]
+        #[ignore = "long: part of the gate"]
+        fn long() {
+            $(play(stringify!($page), true);)*
+        }
+    };
+}
+
+pages! { airframes campaigns directories export flights gates laws law_files machines processes reports runs studies watch }
+
+/// A scenario while it is played.
+struct Stage {
+    rig: Rig,
+    values: BTreeMap<String, String>,
+    /// Processes in the background, by their command.
+    running: BTreeMap<String, Running>,
+    /// The last process that has ended.
+    ended: Option<Ended>,
+    /// Its exit code has not been looked at.
+    is_open: bool,
+    /// This user may not do what a step needs.
+    is_refused: bool,
+}
+
+impl Scenario<'_> {
+    fn play(&self) {
+        let features = [
+            ("foxglove", cfg!(feature = "foxglove")),
+            ("instrumented", cfg!(feature = "instrumented")),
+        ];
+        let needs = |name: &str| self.title.contains(&format!("({name})"));
+        if needs("fifo") && fifo_refusal(80).is_some() {
+            return not_tested(&format!("{}: SCHED_FIFO is refused", self.title));
+        }
+        if needs("mounts") && in_own_mounts("mount -t tmpfs tmpfs /mnt", "true", "sh").is_none() {
+            return;
+        }
+        let rig = match features.into_iter().find(|(name, _)| needs(name)) {
+            Some((_, true)) => Rig::with_features("page"),
+            Some((name, false)) => return lacks_feature(self.title, name),
+            None => Rig::new("page"),
+        };
+        for fence in self.text.split("\n```").skip(1).step_by(2) {
+            let (head, text) = fence.split_once('\n').unwrap();
+            let (_, name) = head.split_once(' ').unwrap();
+            std::fs::write(rig.path(name), format!("{text}\n")).unwrap();
+        }
+        let executable = match needs("foxglove") || needs("instrumented") {
+            true => crate::rig::BUILT_WITH_TESTS,
+            false => crate::rig::IRONBIRD,
+        };
+        let values = [
+            ("dir", rig.file("")),
+            ("out", rig.out().display().to_string()),
+            ("latest", rig.out().join("latest").display().to_string()),
+            ("instance", rig.instance.clone()),
+            ("repository", root().display().to_string()),
+            ("ironbird", executable.to_owned()),
+        ];
+        let values = values.map(|(name, value)| (name.to_owned(), value));
+        let mut stage = Stage {
+            values: values.into(),
+            rig,
+            running: BTreeMap::new(),
+            ended: None,
+            is_open: false,
+            is_refused: false,
+        };
+        let steps = self.text.lines().filter_map(|it| it.strip_prefix("    "));
+        for step in steps.chain(["close"]) {
+            if stage.is_refused {
+                return;
+            }
+            let played = catch_unwind(AssertUnwindSafe(|| stage.step(step)));
+            if let Err(panic) = played {
+                // The harness shows what a test that fails has printed.
+                println!("FAILED: {}: {step}", self.title);
+                resume_unwind(panic);
+            }
+        }
+    }
+}
+
+impl Stage {
+    fn step(&mut self, step: &str) {
+        let mut step = step.to_owned();
+        for (name, value) in &self.values {
+            step = step.replace(&format!("{{{name}}}"), value);
+        }
+        let (verb, rest) = step.split_once(' ').unwrap_or((&step, ""));
+        let rest = rest.trim_end();
+        let (name, last) = rest.split_once(' ').unwrap_or((rest, ""));
+        match verb {
+            "$" => {
+                self.close();
+                let process = self.start(rest);
+                self.end(process);
+            }
+            "&" => {
+                self.close();
+                let process = self.start(rest);
+                let command = rest.split(' ').find(|word| !word.contains('='));
+                self.running.insert(command.unwrap().to_owned(), process);
+            }
+            "nobody" => {
+                self.close();
+                match unprivileged(&self.rig, name, last) {
+                    Some(command) => self.end(self.rig.launch(command)),
+                    None => self.is_refused = true,
+                }
+            }
+            "sh" => {
+                self.close();
+                let process = self.shell(rest);
+                self.end(process);
+            }
+            "bg" => {
+                self.close();
+                let process = self.shell(last);
+                self.running.insert(name.to_owned(), process);
+            }
+            "?" => {
+                let ended = self.ended();
+                let codes = rest.split(' ').map(|code| code.parse().ok());
+                assert!(codes.into_iter().any(|code| code == ended.code), "{ended}");
+                self.is_open = false;
+            }
+            ">" => drop(
+                self.ended
+                    .take()
+                    .map(|it| self.ended = Some(it.tells(rest))),
+            ),
+            "!" => drop(
+                self.ended
+                    .take()
+                    .map(|it| self.ended = Some(it.complains(rest))),
+            ),
+            "not>" => assert!(!self.ended().stdout.contains(rest), "{}", self.ended()),
+            "not!" => assert!(!self.ended().stderr.contains(rest), "{}", self.ended()),
+            "result" => {
+                let (key, value) = rest.split_once(" = ").unwrap();
+                assert_eq!(self.ended().result()[key], value, "{}", self.ended());
+            }
+            "report" => compare(&self.rig.report(), rest),
+            "json" => compare(&self.ended().json(), rest),
+            "has" | "lacks" => {
+                let (file, words) = rest.split_once(": ").unwrap();
+                let text = std::fs::read(self.rig.path(&file.replace("latest/", "out/latest/")));
+                let text = String::from_utf8_lossy(&text.unwrap()).into_owned();
+                assert_eq!(
+                    text.contains(words),
+                    verb == "has",
+                    "{words} in {file}:\n{text}"
+                );
+            }
+            "let" => {
+                let value = match last.trim_start_matches("= ").split_once(' ') {
+                    Some(("result", key)) => self.ended().result()[key].clone(),
+                    Some(("report", path)) => text(at(&self.rig.report(), path)),
+                    Some(("json", path)) => text(at(&self.ended().json(), path)),
+                    _ if last == "= run" => self.rig.run_directories().pop().unwrap(),
+                    _ if last == "= stdout" => self.ended().stdout.trim().to_owned(),
+                    other => panic!("no value {other:?}"),
+                };
+                self.values.insert(name.to_owned(), value);
+            }
+            "law" => drop(library(
+                &self.rig,
+                name,
+                last.split(' ').next().unwrap(),
+                &last.split(' ').skip(1).collect::<Vec<_>>(),
+            )),
+            "brief" => assert_brief(&self.rig, self.ended()),
+            "replays" => self.rig.assert_replayed(),
+            "flies" => self.rig.await_flight(),
+            "tick" => drop(self.rig.await_tick(rest.parse().unwrap())),
+            "reported" => self.rig.await_report(),
+            "await" => {
+                let process = &self.running[name];
+                wait_until(last, || {
+                    let said = [process.stdout(), process.stderr()];
+                    said.iter().any(|it| it.contains(last)).then_some(())
+                });
+            }
+            "stop" => {
+                let time = Duration::from_millis(last.parse().unwrap());
+                stop_for(self.rig.processes_of(name)[0], time);
+            }
+            "signal" => {
+                let signal = match last {
+                    "INT" => Signal::INT,
+                    "TERM" => Signal::TERM,
+                    "HUP" => Signal::HUP,
+                    "QUIT" => Signal::QUIT,
+                    "STOP" => Signal::STOP,
+                    "USR1" => Signal::USR1,
+                    _ => Signal::KILL,
+                };
+                let pid = match self.running.get(name) {
+                    Some(process) => process.pid(),
+                    None => self.rig.processes_of(name)[0],
+                };
+                send(pid, signal);
+            }
+            "end" => {
+                self.close();
+                let process = self.running.remove(name).unwrap();
+                self.end(process);
+            }
+            "present" => {
+                let look = || self.rig.processes_of(rest).first().copied();
+                wait_until(&format!("a process of {rest}"), look);
+            }
+            "gone" => wait_until(&format!("the end of {rest}"), || {
+                self.rig.processes_of(rest).is_empty().then_some(())
+            }),
+            "close" => {
+                self.close();
+                assert!(
+                    self.running.is_empty(),
+                    "a process in the background has no `end`"
+                );
+                self.rig.assert_nothing_left();
+            }
+            "nothing" => self.rig.assert_nothing_started(),
+            other => panic!("no step {other}"),
+        }
+    }
+
+    /// A command line, with variables of its environment before it.
+    fn start(&self, line: &str) -> Running {
+        let is_variable = |word: &&str| word.contains('=') && !word.starts_with('-');
+        let variables: Vec<&str> = line.split(' ').take_while(is_variable).collect();
+        let mut words = line.split(' ').skip(variables.len());
+        let command = words.next().unwrap();
+        let mut process = self.rig.command(command, words.collect::<Vec<_>>());
+        process.envs(variables.iter().filter_map(|it| it.split_once('=')));
+        self.rig.launch(process)
+    }
+
+    fn shell(&self, script: &str) -> Running {
+        let mut shell = Command::new("sh");
+        shell
+            .args(["-ec", script])
+            .env("IRONBIRD_ROOT", self.rig.root());
+        self.rig.launch(shell)
+    }
+
+    fn end(&mut self, process: Running) {
+        self.ended = Some(process.end());
+        self.is_open = true;
+    }
+
+    fn ended(&self) -> &Ended {
+        self.ended.as_ref().expect("a command before this step")
+    }
+
+    /// A command whose exit code no step names must have succeeded.
+    fn close(&mut self) {
+        if std::mem::take(&mut self.is_open) {
+            assert_eq!(self.ended().code, Some(0), "{}", self.ended());
+        }
+    }
+}
+
+/// Demands the form of what a flight ends with, and of what `ironbird report` says of it.
+pub(crate) fn assert_brief(rig: &Rig, ended: &Ended) {
+    let lines: Vec<&str> = ended.stdout.lines().collect();
+    let (result, text) = lines.split_last().unwrap();
+    assert!(result.starts_with("RESULT status="), "{ended}");
+    let is_brief = |text: &[&str]| text.iter().all(|line| line.chars().count() <= 80);
+    assert!(lines.len() <= 30 && is_brief(text), "{ended}");
+    let count = |begin: &str| text.iter().filter(|it| it.starts_with(begin)).count();
+    for head in ["Gates ", "Flown ", "Latencies [us] ", "More "] {
+        assert_eq!(count(head), 1, "`{head}` in {ended}");
+    }
+    for head in ["Flight", "Timing", "Theorem"] {
+        let verdict = ended.result()[&head.to_lowercase()].replace('-', " ");
+        let line = format!("{head:<9} {}: ", verdict.to_uppercase());
+        assert_eq!(
+            (count(&line), count(&format!("{head} "))),
+            (1, 1),
+            "{ended}"
+        );
+    }
+    assert_eq!(rig.ok("report").stdout, text.join("\n") + "\n");
+}
+
+/// The value at a path: keys, numbers of elements, and `key=value` for the element that has this value.
+fn at<'a>(value: &'a Value, path: &str) -> &'a Value {
+    path.split('/').fold(value, |value, part| {
+        let found = match (value, part.split_once('=')) {
+            (Value::Array(all), Some((key, name))) => all.iter().find(|it| text(&it[key]) == name),
+            (Value::Array(all), None) => all.get(part.parse::<usize>().unwrap()),
+            _ => value.get(part),
+        };
+        found.unwrap_or(&Value::Null)
+    })
+}
+
+fn text(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// `PATH = VALUE`, or `!=`, `>`, `<`.
+fn compare(whole: &Value, line: &str) {
+    let operators = [" = ", " != ", " > ", " < "];
+    let operator = operators
+        .into_iter()
+        .find(|it| line.contains(it))
+        .expect(line);
+    let (path, expected) = line.split_once(operator).unwrap();
+    let found = at(whole, path);
+    let number = |text: &str| text.parse::<f64>().unwrap_or(f64::NAN);
+    let (a, b) = (number(&text(found)), number(expected));
+    let holds = match operator {
+        " = " => text(found) == expected,
+        " != " => text(found) != expected,
+        " > " => a > b,
+        _ => a < b,
+    };
+    assert!(holds, "{line}: it is {found} in\n{whole}");
+}
