@@ -1,9 +1,9 @@
 //! Faults that are injected into a running flight, or planned: into messages, stages, processes and the processor.
 
 use crate::c_laws::misbehaving;
+use crate::rig::{Rig, send, wait_until};
 use analysis::schema::Report;
 use faults::MOST;
-use crate::rig::{Rig, send, wait_until};
 use flight_log::fault_record::injected;
 use rustix::process::Signal;
 use serde_json::Value;

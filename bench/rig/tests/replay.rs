@@ -1,8 +1,8 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
 use crate::recorded::{self, Dice, Published, TickFaults, fly, rewrite, settings, write};
-use config::law_settings::Moved;
 use crate::rig::{Rig, lacks_tool, send};
+use config::law_settings::Moved;
 use errors::Failure;
 use flight_log::entry::LogEntry;
 use flight_log::facts::record;

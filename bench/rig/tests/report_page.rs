@@ -6,9 +6,9 @@ use std::fs::{self};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::rig::{Rig, lacks_tool};
 use analysis::schema::Report;
 use render::flight;
-use crate::rig::{Rig, lacks_tool};
 use serde_json::Value;
 
 /// Plots of every flight, of one in lockstep, and of one in real time with late commands.
