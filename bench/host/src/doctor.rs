@@ -37,98 +37,42 @@ pub struct Examination {
 /// Makes the finding of a check from what was found.
 type Found<'a> = &'a dyn Fn(&str) -> Finding;
 
-/// Subject, why it matters, and the check.
-type Check = (&'static str, &'static str, fn(&Machine, Found) -> Finding);
+type Check = fn(&Machine, Found) -> Finding;
 
-const CHECKS: [Check; 17] = [
-    (
-        "kernel",
-        "only PREEMPT_RT can preempt interrupt handlers and spinning locks; others hold a wake-up off until they end",
-        preemption,
-    ),
-    (
-        "throttling",
-        "a SCHED_FIFO thread that uses more of its period is stopped; the loops sleep most of the time",
-        throttling,
-    ),
-    (
-        "scheduling",
-        "without SCHED_FIFO every other process on the machine may run before the loops",
-        scheduling,
-    ),
-    (
-        "rt cgroup",
-        "a kernel with RT_GROUP_SCHED refuses SCHED_FIFO in a cpu cgroup without a budget, even to root",
-        cgroup,
-    ),
-    (
-        "processors",
-        "the loops share one processor, and everything else of the rig takes the others",
-        processors,
-    ),
-    (
-        "isolation",
-        "on an isolated processor the scheduler puts nothing else, so nobody shares its caches and its time",
-        isolation,
-    ),
-    (
-        "SMT",
-        "a sibling thread shares the core's units and caches: whatever runs on it slows the loops",
-        siblings,
-    ),
-    (
-        "governor",
-        "a governor that saves energy lowers the frequency while the loops sleep, and raises it when it is late",
-        governor,
-    ),
-    (
-        "deep sleep",
-        "a processor in deep sleep takes up to some 100 us to wake; a process that holds this file keeps it out",
-        deep_sleep,
-    ),
-    (
-        "hypervisor",
-        "a hypervisor takes processors away and says so later, as steal, or not at all",
-        hypervisor,
-    ),
-    (
-        "clock",
-        "every stamp reads it: some sources take a system call or an access to a slow device each time",
-        clock,
-    ),
-    (
-        "timers",
-        "without high-resolution timers a wake-up comes with the scheduler's tick, 1 to 10 ms late",
-        timers,
-    ),
-    (
-        "timer slack",
-        "timers of SCHED_OTHER fire late by it, so that several fire together; SCHED_FIFO has none",
-        timer_slack,
-    ),
-    (
-        "memory lock",
-        "a page that the kernel has taken back is a page fault in the middle of a tick",
-        memory_lock,
-    ),
-    (
-        "shared memory",
-        "messages lie there; where it is full, the first touch of a page kills the process",
-        shared_memory,
-    ),
-    (
-        "leftovers",
-        "what killed processes left takes up shared memory until the next flight of the same name",
-        leftovers,
-    ),
-    ("steal since boot", STEAL_WHY, steal_since_boot),
+const CHECKS: [(&str, Check); 17] = [
+    ("kernel", preemption),
+    ("throttling", throttling),
+    ("scheduling", scheduling),
+    ("rt cgroup", cgroup),
+    ("processors", processors),
+    ("isolation", isolation),
+    ("SMT", siblings),
+    ("governor", governor),
+    ("deep sleep", deep_sleep),
+    ("hypervisor", hypervisor),
+    ("clock", clock),
+    ("timers", timers),
+    ("timer slack", timer_slack),
+    ("memory lock", memory_lock),
+    ("shared memory", shared_memory),
+    ("leftovers", leftovers),
+    ("steal since boot", steal_since_boot),
 ];
 
+/// Why each check matters: a line per subject.
+const REASONS: &str = include_str!("doctor/reasons.txt");
+
+fn reason(subject: &str) -> &'static str {
+    let of = |line: &'static str| line.strip_prefix(subject)?.strip_prefix(": ");
+    REASONS.lines().find_map(of).unwrap_or_default()
+}
+
 pub fn findings(machine: &Machine) -> Vec<Finding> {
-    CHECKS
-        .iter()
-        .map(|(subject, why, check)| check(machine, &|found| Finding::ok(subject, found, why)))
-        .collect()
+    let checked = CHECKS.iter().map(|(subject, check)| {
+        let why = reason(subject);
+        check(machine, &|found| Finding::ok(subject, found, why))
+    });
+    checked.collect()
 }
 
 pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examination {
@@ -261,18 +205,13 @@ fn cgroup(machine: &Machine, found: Found) -> Finding {
 
 fn processors(machine: &Machine, found: Found) -> Finding {
     let (count, cpu) = (machine.allowed_cpus().len(), machine.loops_cpu());
-    let finding = match count {
-        1 => found("this process may use a single processor"),
-        n => found(&format!(
-            "this process may use {n} processors; the loops take number {cpu}"
-        )),
-    };
     if count > 1 {
-        return finding;
+        return found(&format!(
+            "this process may use {count} processors; the loops take number {cpu}"
+        ));
     }
-    finding.could_be_better(
-        "allow it another one: taskset -cp 0-1 $$, or more processors for the container",
-    )
+    let fix = "allow it another one: taskset -cp 0-1 $$, or more processors for the container";
+    found("this process may use a single processor").could_be_better(fix)
 }
 
 fn isolation(machine: &Machine, found: Found) -> Finding {
@@ -333,8 +272,8 @@ fn deep_sleep(machine: &Machine, found: Found) -> Finding {
             found("there is no /dev/cpu_dma_latency")
         }
         Some(errno) => {
-            let reason = io::Error::from_raw_os_error(errno);
-            found(&format!("/dev/cpu_dma_latency is refused: {reason}"))
+            let why = io::Error::from_raw_os_error(errno);
+            found(&format!("/dev/cpu_dma_latency is refused: {why}"))
                 .could_be_better(DEEP_SLEEP_RULE)
         }
     }
@@ -380,13 +319,11 @@ fn timers(machine: &Machine, found: Found) -> Finding {
 }
 
 fn timer_slack(machine: &Machine, found: Found) -> Finding {
-    match machine.number("/proc/self/timerslack_ns") {
-        Some(ns) => found(&format!(
-            "{} us by default; the loops ask for 1 ns",
-            ns / 1000
-        )),
-        None => found("unknown; the loops ask for 1 ns"),
-    }
+    let slack_ns = machine.number("/proc/self/timerslack_ns");
+    let slack = slack_ns.map_or("unknown".into(), |ns| {
+        format!("{} us by default", ns / 1000)
+    });
+    found(&format!("{slack}; the loops ask for 1 ns"))
 }
 
 /// What the role with most memory locks [bytes]: address space, which is what the limit counts.
@@ -428,42 +365,32 @@ fn shared_memory(machine: &Machine, found: Found) -> Finding {
 }
 
 fn leftovers(machine: &Machine, found: Found) -> Finding {
-    let more = |others: usize| match others {
-        0 => String::new(),
-        others => format!(" and {others} more"),
+    let leftovers = &machine.answers.leftovers;
+    let Some(first) = leftovers.first() else {
+        return found("none");
     };
-    match machine.answers.leftovers.as_slice() {
-        [] => found("none"),
-        [first, others @ ..] => found(&format!("{}{}", first.display(), more(others.len())))
-            .could_be_better("ironbird clean"),
-    }
+    let more = match leftovers.len() {
+        1 => String::new(),
+        all => format!(" and {} more", all - 1),
+    };
+    found(&format!("{}{more}", first.display())).could_be_better("ironbird clean")
 }
 
 /// Share of the time from which on figures say more about the host than about anything here [%].
 const STEAL_MAX_PERCENT: f64 = 1.0;
 
-const STEAL_WHY: &str =
-    "time that the host gave to other virtual machines, while a loop here wanted to run";
-
 fn steal_since_boot(machine: &Machine, found: Found) -> Finding {
-    stolen(
-        &CpuTimes::default().steal_until(&CpuTimes::of(machine, None)),
-        found,
-    )
+    let steal = CpuTimes::default().steal_until(&CpuTimes::of(machine, None));
+    stolen(&steal, found)
 }
 
 fn stolen(steal: &Steal, found: Found) -> Finding {
-    let Steal {
-        percent, stolen_ms, ..
-    } = steal;
-    let finding = found(&format!(
-        "{percent:.2} % of all processors' time ({stolen_ms} ms)"
-    ));
-    if *percent > STEAL_MAX_PERCENT {
-        finding.softens("ask whoever runs the host for processors of your own, or fly elsewhere")
-    } else {
-        finding
+    let (percent, ms) = (steal.percent, steal.stolen_ms);
+    let finding = found(&format!("{percent:.2} % of all processors' time ({ms} ms)"));
+    if percent <= STEAL_MAX_PERCENT {
+        return finding;
     }
+    finding.softens("ask whoever runs the host for processors of your own, or fly elsewhere")
 }
 
 pub fn render(examination: &Examination) -> String {
@@ -474,19 +401,12 @@ pub fn render(examination: &Examination) -> String {
 }
 
 fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
-    for Finding {
-        subject,
-        level,
-        found,
-        why,
-        fix,
-        ..
-    } in &examination.findings
-    {
-        writeln!(out, "{:<8} {subject:<17} {found}", level.word())?;
-        if *level != Level::Ok {
-            writeln!(out, "{:>13}  {why}", "why")?;
-            if let Some(fix) = fix {
+    for finding in &examination.findings {
+        let (level, subject) = (finding.level, &finding.subject);
+        writeln!(out, "{:<8} {subject:<17} {}", level.word(), finding.found)?;
+        if level != Level::Ok {
+            writeln!(out, "{:>13}  {}", "why", finding.why)?;
+            if let Some(fix) = &finding.fix {
                 writeln!(out, "{:>13}  {fix}", "fix")?;
             }
         }

@@ -107,36 +107,31 @@ mod tests {
             rustc: "1.95.0".into(),
             target: "x86_64-unknown-linux-gnu".into(),
         };
-        assert_eq!(
-            build.to_string(),
-            "0.1.0 (7fa27a4 dirty, release, rustc 1.95.0)"
-        );
-        assert_eq!(build.token(), "7fa27a4-dirty-release");
         let clean = Build {
             dirty: false,
             ..build.clone()
         };
-        assert_eq!(clean.to_string(), "0.1.0 (7fa27a4, release, rustc 1.95.0)");
-        assert_eq!(clean.token(), "7fa27a4-release");
         let debug = Build {
             profile: "debug".into(),
             ..clean.clone()
         };
+        for (build, text, token) in [
+            (&build, "7fa27a4 dirty, release", "7fa27a4-dirty-release"),
+            (&clean, "7fa27a4, release", "7fa27a4-release"),
+        ] {
+            let text = format!("0.1.0 ({text}, rustc 1.95.0)");
+            assert_eq!((build.to_string(), &*build.token()), (text, token));
+        }
         let unknown = Build::default();
-        assert_eq!(
-            unknown.of_version("0.1.0").to_string(),
-            "0.1.0 (build unknown)"
-        );
+        let known = unknown.of_version("0.1.0").to_string();
+        assert_eq!(known, "0.1.0 (build unknown)");
         assert_eq!(build.of_version("7.0.0"), build);
+        let changed = "the same commit, with changes that may differ";
         for (a, b, words) in [
             (&clean, &clean, "the same"),
             (&clean, &debug, "different"),
             (&clean, &build, "different"),
-            (
-                &build,
-                &build,
-                "the same commit, with changes that may differ",
-            ),
+            (&build, &build, changed),
             (&unknown, &clean, "different"),
             (&unknown, &unknown, "of one version, from an unknown commit"),
         ] {

@@ -92,6 +92,10 @@ impl LogFile {
         }
         let shown = LAW_ROLES.map(|role| TelemetryTopic::new(role, facts.signals.of(role)));
         let mut channels = BTreeMap::new();
+        let mut add = |topic, schema: &str, set: &[u8], metadata| {
+            let schema = writer.add_schema(schema, "protobuf", set)?;
+            writer.add_channel(schema, topic, "protobuf", &metadata)
+        };
         for topic in FORMATS {
             let mut metadata = (topic.describe)();
             let shown = place(topic.sender).and_then(|place| shown[place].as_ref());
@@ -99,25 +103,19 @@ impl LogFile {
             let why_not = facts.no_theorem.as_deref();
             let why_not = why_not.filter(|_| topic.name == Monitor::NAME);
             metadata.extend(why_not.map(units::not_applicable));
-            let set = (topic.descriptor_set)();
-            let schema = writer.add_schema(&(topic.schema_name)(), "protobuf", &set)?;
-            let channel = writer.add_channel(schema, topic.name, "protobuf", &metadata)?;
-            channels.insert(topic.name, channel);
+            let (schema, set) = ((topic.schema_name)(), (topic.descriptor_set)());
+            channels.insert(topic.name, add(topic.name, &schema, &set, metadata)?);
         }
         let mut telemetry = [const { None }; LAW_ROLES.len()];
         for (telemetry, shown) in telemetry.iter_mut().zip(shown) {
             let Some(shown) = shown else { continue };
-            let set = shown.descriptor_set();
-            let schema = writer.add_schema(&shown.schema_name(), "protobuf", &set)?;
-            let metadata = shown.metadata();
-            let channel = writer.add_channel(schema, shown.topic(), "protobuf", &metadata)?;
+            let (schema, set) = (shown.schema_name(), shown.descriptor_set());
+            let channel = add(shown.topic(), &schema, &set, shown.metadata())?;
             *telemetry = Some((channel, shown));
         }
         let set = scene::descriptor_set();
         for (topic, schema) in scene::CHANNELS {
-            let schema = writer.add_schema(schema, "protobuf", &set)?;
-            let channel = writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?;
-            channels.insert(topic, channel);
+            channels.insert(topic, add(topic, schema, &set, BTreeMap::new())?);
         }
         let mut file = Self {
             writer,
@@ -169,17 +167,12 @@ impl LogFile {
         self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
         let part = header.channel_id;
         self.add(part, header, bytes);
-        if let Some(telemetry) = message.content.telemetry()
-            && let Some((channel_id, shown)) =
-                place(C::SENDER).and_then(|place| self.telemetry[place].as_ref())
-        {
+        let topic = place(C::SENDER).and_then(|place| self.telemetry[place].as_ref());
+        if let (Some(telemetry), Some((channel_id, topic))) = (message.content.telemetry(), topic) {
             let mut bytes = Vec::new();
-            shown.encode(envelope.tick, telemetry, &mut bytes);
-            let channel_id = *channel_id;
-            let header = MessageHeader {
-                channel_id,
-                ..header
-            };
+            topic.encode(envelope.tick, telemetry, &mut bytes);
+            let mut header = header;
+            header.channel_id = *channel_id;
             self.add(part, header, bytes);
         }
     }
@@ -361,18 +354,6 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
 
-    struct FullDisk;
-
-    impl Disk for FullDisk {
-        fn file(&self) -> io::Result<&File> {
-            unreachable!("there is no room")
-        }
-
-        fn free(&self) -> Option<u64> {
-            Some(0)
-        }
-    }
-
     fn facts(plan: LogPlan) -> Facts {
         let run = [("version", env!("CARGO_PKG_VERSION"))];
         Facts {
@@ -390,51 +371,24 @@ mod tests {
         LogFile::begin(spool, &facts(LogPlan::WHOLE), 0, 0).unwrap()
     }
 
-    #[test]
-    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
-        let mut file = file(FullDisk);
-        file.take(&LogEntry::State(Message::default()));
-        while file.refused().is_none() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let fate = file.fate();
-        assert_eq!(
-            (fate.bytes, fate.written, fate.dropped),
-            (0, [0; 6], [1, 0, 0, 0, 0, 0])
-        );
-    }
-
-    /// States that do not get smaller by being compressed.
-    #[derive(Default)]
-    struct Noise {
-        tick: u64,
-        word: u64,
-    }
-
-    impl Noise {
-        /// As many as make a chunk.
-        fn chunk(&mut self) -> Vec<Message<State>> {
-            let mut bytes = Vec::new();
-            let mut length = 0;
-            let mut states = Vec::new();
-            while length < CHUNK_BYTES {
-                let mut state = Message::<State>::default();
-                (state.envelope.tick, self.tick) = (self.tick, self.tick + 1);
-                let measured = &mut state.content.measured;
-                let velocity_w_m_s = &mut measured.velocity_w_m_s;
-                for value in measured.position_w_m.iter_mut().chain(velocity_w_m_s) {
-                    self.word = self
-                        .word
-                        .wrapping_mul(6_364_136_223_846_793_005)
-                        .wrapping_add(1);
-                    *value = f64::from_bits(self.word >> 2);
-                }
-                encode(&state, &mut bytes);
-                length += bytes.len();
-                states.push(state);
+    /// States from `tick` on that make a chunk, and do not get smaller by being compressed.
+    fn noise(tick: u64) -> Vec<Message<State>> {
+        let mut bytes = Vec::new();
+        encode(&Message::<State>::default(), &mut bytes);
+        let count = CHUNK_BYTES.div_ceil(bytes.len()) as u64;
+        let mut word = tick;
+        let state = |tick| {
+            let mut state = Message::<State>::default();
+            state.envelope.tick = tick;
+            let measured = &mut state.content.measured;
+            let velocity_w_m_s = &mut measured.velocity_w_m_s;
+            for value in measured.position_w_m.iter_mut().chain(velocity_w_m_s) {
+                word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                *value = f64::from_bits(word >> 2);
             }
-            states
-        }
+            state
+        };
+        (tick..tick + count).map(state).collect()
     }
 
     /// A disk that stands still until it is let go.
@@ -465,10 +419,9 @@ mod tests {
         };
         let mut log = FlightLog::create(&path, &facts(plan)).unwrap();
         log.file = file(disk);
-        let mut noise = Noise::default();
         let mut taken = 0;
         let mut fly = |log: &mut FlightLog| {
-            for state in noise.chunk() {
+            for state in noise(taken) {
                 log.take(LogEntry::State(state));
                 taken += 1;
             }
@@ -492,15 +445,9 @@ mod tests {
             }
         };
         let fate = log.finish(BTreeMap::new()).unwrap();
-        assert!(
-            fate.removed[0] > 0 && fate.dropped[0] > 0 && dropped > 0,
-            "{fate:?}"
-        );
-        assert_eq!(
-            fate.written[0] + fate.dropped[0] + fate.removed[0],
-            taken,
-            "{fate:?}"
-        );
+        assert!(fate.removed[0] > 0 && fate.dropped[0] > 0 && dropped > 0);
+        let sum = fate.written[0] + fate.dropped[0] + fate.removed[0];
+        assert_eq!(sum, taken, "{fate:?}");
     }
 
     #[test]
@@ -509,15 +456,15 @@ mod tests {
         let goes_on = Arc::new(AtomicBool::new(false));
         let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
         let mut file = file(disk);
-        let mut noise = Noise::default();
+        let mut tick = 0;
         let mut chunk = |file: &mut LogFile| {
-            let begin = noise.tick;
-            noise
-                .chunk()
-                .into_iter()
-                .for_each(|state| file.take(&LogEntry::State(state)));
-            assert!(file.keep(noise.tick).unwrap());
-            begin..noise.tick
+            let (begin, states) = (tick, noise(tick));
+            tick += states.len() as u64;
+            for state in states {
+                file.take(&LogEntry::State(state));
+            }
+            assert!(file.keep(tick).unwrap());
+            begin..tick
         };
         let mut kept = Vec::new();
         while !file.spool.is_overfull() {
@@ -532,26 +479,20 @@ mod tests {
         file.close(BTreeMap::new()).unwrap();
         file.wait();
         let fate = file.fate();
-        assert_eq!(
-            (fate.written[0], fate.dropped[0]),
-            (kept.len() as u64, dropped.count() as u64)
-        );
+        let expected = (kept.len() as u64, dropped.count() as u64);
+        assert_eq!((fate.written[0], fate.dropped[0]), expected);
         assert!(file.refused().unwrap().contains("the disk is too slow"));
         assert_eq!(fate.bytes, path.metadata().unwrap().len());
         let mut reader = crate::reader::LogReader::open(&path).unwrap();
-        let read: Vec<u64> = std::iter::from_fn(|| reader.next_entry().unwrap().copied())
-            .map(|entry| match entry {
-                LogEntry::State(state) => state.envelope.tick,
-                _ => unreachable!("only states were written"),
-            })
-            .collect();
+        let mut read = Vec::new();
+        while let Some(entry) = reader.next_entry().unwrap() {
+            read.push(entry.envelope().tick);
+        }
         assert_eq!((read, reader.end()), (kept, crate::reader::End::Complete));
         // The index says the same.
         let bytes = std::fs::read(&path).unwrap();
-        let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-        assert_eq!(
-            summary.stats.unwrap().channel_message_counts[&file.channels[<State as Topic>::NAME]],
-            fate.written[0]
-        );
+        let statistics = mcap::Summary::read(&bytes).unwrap().unwrap().stats.unwrap();
+        let channel = file.channels[<State as Topic>::NAME];
+        assert_eq!(statistics.channel_message_counts[&channel], fate.written[0]);
     }
 }

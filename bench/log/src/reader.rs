@@ -163,10 +163,8 @@ impl LogReader {
             self.end = Some(End::Complete);
             return Err(self.damaged("its checksums are missing"));
         }
-        let Ok(next) = self
-            .fact(facts::LANDING, facts::CONTINUED_IN)
-            .map(str::to_owned)
-        else {
+        let next = self.fact(facts::LANDING, facts::CONTINUED_IN);
+        let Ok(next) = next.map(str::to_owned) else {
             self.end = Some(End::Complete);
             return Ok(());
         };
@@ -187,9 +185,7 @@ impl LogReader {
         self.end = None;
         (self.path, self.file, self.parser) = (path, file, parser());
         self.schemas.clear();
-        self.assembly.channels.clear();
-        self.assembly.beside.clear();
-        self.assembly.telemetry_channels.clear();
+        self.assembly.forget_channels();
         (self.has_data_end, self.has_footer) = (false, false);
         Ok(())
     }
@@ -411,7 +407,13 @@ impl Assembly {
         }
     }
 
-    /// Takes a channel; false where its schema is not the one that is read here.
+    fn forget_channels(&mut self) {
+        self.channels.clear();
+        self.beside.clear();
+        self.telemetry_channels.clear();
+    }
+
+    /// Takes a channel; false if its schema is not the one that is read here.
     fn take_channel(&mut self, channel: &Channel, schema: Option<&[u8]>) -> bool {
         let name = channel.topic.as_str();
         if let Some(place) = TELEMETRY_TOPICS.iter().position(|topic| *topic == name) {
@@ -550,46 +552,30 @@ mod tests {
     }
 
     #[test]
-    fn a_message_is_whole_with_what_its_law_shows() {
-        let mut file = file();
-        for tick in [7, 8] {
-            let [wrench_bytes, shown] = bytes(tick);
-            assert_eq!(file.take(WRENCH, &wrench_bytes), Ok(false));
-            assert_eq!(file.take(SHOWN, &shown), Ok(true));
-            assert_eq!(file.newest, LogEntry::Wrench(wrench(tick)));
-        }
-        assert_eq!(file.check_whole(), Ok(()));
-    }
-
-    #[test]
-    fn what_a_law_shows_is_missed_and_never_put_into_another_message() {
-        let (mut file, [seventh, shown], [eighth, _]) = (file(), bytes(7), bytes(8));
-        let no_stage =
-            "a message of topic `inner_telemetry` does not stand behind that of its stage";
-        assert_eq!(file.take(SHOWN, &shown), Err(no_stage.into()));
-        file.take(WRENCH, &seventh).unwrap();
+    fn telemetry_belongs_to_the_message_before_it_and_no_other() {
+        let (mut file, [seventh, shown], [eighth, next]) = (file(), bytes(7), bytes(8));
+        let misplaced = Err(
+            "a message of topic `inner_telemetry` does not stand behind that of its stage".into(),
+        );
         let lacks = "the message of topic `wrench` of tick 7 lacks that of topic `inner_telemetry`";
-        assert_eq!(
-            file.check_whole(),
-            Err(lacks.into()),
-            "at the end of the file"
-        );
-        assert_eq!(file.take(WRENCH, &eighth), Err(lacks.into()));
-        file.take(SHOWN, &shown).unwrap();
-        assert_eq!(
-            file.take(SHOWN, &shown),
-            Err(no_stage.into()),
-            "a second one"
-        );
-        file.take(WRENCH, &eighth).unwrap();
         let other = "a message of topic `inner_telemetry` does not follow its schema, or is of another tick";
+        assert_eq!(file.take(SHOWN, &shown), misplaced);
+        assert_eq!(file.take(WRENCH, &seventh), Ok(false));
+        // At the end of the file, and before another message.
+        assert_eq!(file.check_whole(), Err(lacks.into()));
+        assert_eq!(file.take(WRENCH, &eighth), Err(lacks.into()));
+        assert_eq!(file.take(SHOWN, &shown), Ok(true));
+        assert_eq!(file.newest, LogEntry::Wrench(wrench(7)));
+        assert_eq!(file.take(SHOWN, &shown), misplaced, "a second one");
+        assert_eq!(file.take(WRENCH, &eighth), Ok(false));
+        assert_eq!(file.take(SHOWN, &next), Ok(true));
+        assert_eq!(file.newest, LogEntry::Wrench(wrench(8)));
+        assert_eq!(file.check_whole(), Ok(()));
+        file.take(WRENCH, &eighth).unwrap();
         assert_eq!(file.take(SHOWN, &shown), Err(other.into()));
-    }
-
-    #[test]
-    fn a_topic_with_another_schema_is_refused() {
         let shown = channel(SHOWN, "inner_telemetry", BTreeMap::new());
-        assert!(!Assembly::new().take_channel(&shown, Some(&schema::descriptor_set::<Wrench>())));
-        assert!(!Assembly::new().take_channel(&shown, None));
+        for schema in [None, Some(&schema::descriptor_set::<Wrench>()[..])] {
+            assert!(!Assembly::new().take_channel(&shown, schema));
+        }
     }
 }

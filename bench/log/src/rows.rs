@@ -72,6 +72,14 @@ pub fn json<C: Logged>(message: &Message<C>) -> String {
     object.text
 }
 
+/// JSON has no numbers that are not finite; no message that passed inspection holds one.
+pub(crate) fn json_number(value: f64) -> String {
+    match value.is_finite() {
+        true => format!("{value:?}"),
+        false => "null".into(),
+    }
+}
+
 #[derive(Default)]
 struct Row {
     line: String,
@@ -123,10 +131,7 @@ impl Object {
             self.text.push(',');
         }
         let _ = write!(self.text, "\"{}\":", field.name);
-        let (open, close) = match field.length {
-            Some(_) => ("[", "]"),
-            None => ("", ""),
-        };
+        let (open, close) = field.length.map_or(("", ""), |_| ("[", "]"));
         self.text.push_str(open);
         for (i, value) in values.iter().enumerate() {
             if i > 0 {
@@ -147,12 +152,7 @@ impl Visitor for Object {
 
     fn numbers(&mut self, field: &'static Field, values: &[f64]) {
         self.field(field, values, |object, value| {
-            // JSON knows no other numbers, and no message that passed inspection holds one.
-            let _ = if value.is_finite() {
-                write!(object.text, "{value:?}")
-            } else {
-                write!(object.text, "null")
-            };
+            let _ = write!(object.text, "{}", json_number(*value));
         });
     }
 
@@ -184,23 +184,22 @@ mod tests {
         let (columns, row) = (columns::<Wrench>(), csv(&message()));
         let values: Vec<&str> = row.split(',').collect();
         assert_eq!(columns.len(), values.len());
-        let of = |name: &str| values[columns.iter().position(|column| column == name).unwrap()];
-        assert_eq!(
-            of("thrust_n").parse::<f64>().unwrap().to_bits(),
-            (0.1f64 + 0.2).to_bits()
-        );
-        assert_eq!(
-            (of("torque_b_nm[0]"), of("torque_b_nm[1]"), of("mode")),
-            ("1e-300", "-0.0", "2")
-        );
-        assert_eq!(
-            (of("envelope.tick"), of("envelope.stamps[3].send_ns")),
-            ("7", "9")
-        );
-        assert_eq!(of("envelope.input_tick[0]"), NO_TICK.to_string());
-        let words_of = words(&message().content);
-        assert_eq!(words_of.len(), named(&message().content).len());
-        assert_eq!(words_of[2], (-0.0f64).to_bits());
+        let none = NO_TICK.to_string();
+        for (name, value) in [
+            ("thrust_n", "0.30000000000000004"),
+            ("torque_b_nm[0]", "1e-300"),
+            ("torque_b_nm[1]", "-0.0"),
+            ("mode", "2"),
+            ("envelope.tick", "7"),
+            ("envelope.stamps[3].send_ns", "9"),
+            ("envelope.input_tick[0]", &none),
+        ] {
+            let place = columns.iter().position(|column| column == name);
+            assert_eq!(values[place.unwrap()], value, "{name}");
+        }
+        let words = words(&message().content);
+        assert_eq!(words.len(), named(&message().content).len());
+        assert_eq!(words[2], (-0.0f64).to_bits());
     }
 
     #[test]

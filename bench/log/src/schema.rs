@@ -127,33 +127,21 @@ mod tests {
     #[test]
     fn a_schema_is_one_file_that_names_every_field_and_knows_every_struct() {
         let set = FileDescriptorSet::decode(descriptor_set::<State>().as_slice()).unwrap();
-        let [file] = set.file.as_slice() else {
+        let [file] = &set.file[..] else {
             panic!("{set:?}")
         };
-        let names: Vec<&str> = file
-            .message_type
-            .iter()
-            .map(DescriptorProto::name)
-            .collect();
-        assert_eq!(names, ["Envelope", "Measured", "Stamps", "State", "Truth"]);
-        let (measured, state) = (&file.message_type[1], &file.message_type[3]);
-        let fields: Vec<&str> = state.field.iter().map(FieldDescriptorProto::name).collect();
-        let expected: Vec<&str> = State::FIELDS.iter().map(|field| field.name).collect();
-        assert_eq!((fields[0], &fields[1..]), ("envelope", expected.as_slice()));
-        assert_eq!(state.field[0].type_name(), ".ironbird.Envelope");
-        let tick = state
-            .field
-            .iter()
-            .find(|field| field.name() == "command_tick")
-            .unwrap();
-        assert_eq!(
-            (tick.r#type(), tick.label()),
-            (Type::Fixed64, Label::Optional)
-        );
-        assert_eq!(state.field[1].type_name(), ".ironbird.Measured");
-        assert_eq!(
-            (measured.field[0].r#type(), measured.field[0].label()),
-            (Type::Double, Label::Repeated)
-        );
+        let names = file.message_type.iter().map(DescriptorProto::name);
+        assert!(names.eq(["Envelope", "Measured", "Stamps", "State", "Truth"]));
+        let (measured, state) = (&file.message_type[1].field, &file.message_type[3].field);
+        let fields = state.iter().map(FieldDescriptorProto::name);
+        let expected = State::FIELDS.iter().map(|field| field.name);
+        assert!(fields.eq(std::iter::once("envelope").chain(expected)));
+        assert_eq!(state[0].type_name(), ".ironbird.Envelope");
+        assert_eq!(state[1].type_name(), ".ironbird.Measured");
+        let mut fields = state.iter();
+        let tick = fields.find(|field| field.name() == "command_tick").unwrap();
+        let kind = |field: &FieldDescriptorProto| (field.r#type(), field.label());
+        assert_eq!(kind(tick), (Type::Fixed64, Label::Optional));
+        assert_eq!(kind(&measured[0]), (Type::Double, Label::Repeated));
     }
 }

@@ -15,6 +15,7 @@ use prost_types::field_descriptor_proto::Type;
 use prost_types::{DescriptorProto, FileDescriptorSet};
 
 use crate::codec::{put_word, take_word};
+use crate::rows::json_number;
 use crate::schema::{PACKAGE, file, plain};
 
 /// The topics, by role in the order of [`LAW_ROLES`].
@@ -160,13 +161,7 @@ impl TelemetryTopic {
     pub fn json(&self, tick: u64, telemetry: &Telemetry) -> String {
         let mut object = format!("{{\"{TICK}\":{tick}");
         for ((name, _), value) in self.signals.iter().zip(telemetry.value) {
-            // JSON knows no other numbers.
-            let value = if value.is_finite() {
-                format!("{value:?}")
-            } else {
-                "null".into()
-            };
-            let _ = write!(object, ",\"{name}\":{value}");
+            let _ = write!(object, ",\"{name}\":{}", json_number(value));
         }
         object + "}"
     }
@@ -179,18 +174,9 @@ const RATIO: &str = "1";
 mod tests {
     use super::*;
 
-    const fn signal(name: &'static str, unit: &'static str) -> Signal {
-        Signal { name, unit }
-    }
-
-    const SIGNALS: [Signal; 3] = [
-        signal("mass_kg", "kg"),
-        signal("limited", ""),
-        signal("drag_1_s", "1/s"),
-    ];
-
-    fn shown() -> TelemetryTopic {
-        TelemetryTopic::new(Role::Outer, &SIGNALS).unwrap()
+    fn signals() -> [Signal; 3] {
+        let signals = [("mass_kg", "kg"), ("limited", ""), ("drag_1_s", "1/s")];
+        signals.map(|(name, unit)| Signal { name, unit })
     }
 
     fn telemetry() -> Telemetry {
@@ -200,52 +186,40 @@ mod tests {
     }
 
     #[test]
-    fn every_bit_comes_back_and_bytes_of_another_tick_or_length_are_none() {
-        for signals in [&SIGNALS[..], &[signal("x", ""); TELEMETRY]] {
+    fn every_bit_comes_back_and_bytes_of_another_tick_or_length_are_refused() {
+        let (name, unit) = ("x", "");
+        for signals in [&signals()[..], &[Signal { name, unit }; TELEMETRY]] {
             let topic = TelemetryTopic::new(Role::Mixer, signals).unwrap();
             let (mut bytes, mut read) = (Vec::new(), Telemetry::default());
             topic.encode(7, &telemetry(), &mut bytes);
             assert!(topic.decode_into(&bytes, 7, &mut read));
-            assert_eq!(
-                read.value.map(f64::to_bits),
-                telemetry().value.map(f64::to_bits)
-            );
+            let bits = read.value.map(f64::to_bits);
+            assert_eq!(bits, telemetry().value.map(f64::to_bits));
             assert!(!topic.decode_into(&bytes, 8, &mut read), "another tick");
-            assert!(
-                !topic.decode_into(&bytes[..bytes.len() - 1], 7, &mut read),
-                "a byte is missing"
-            );
+            let shorter = &bytes[..bytes.len() - 1];
+            assert!(!topic.decode_into(shorter, 7, &mut read));
             bytes.push(0);
-            assert!(!topic.decode_into(&bytes, 7, &mut read), "a byte too many");
+            assert!(!topic.decode_into(&bytes, 7, &mut read));
         }
     }
 
     #[test]
-    fn a_log_tells_names_and_units_and_another_schema_is_refused() {
-        let ours = shown();
-        let (schema, metadata) = (ours.descriptor_set(), ours.metadata());
+    fn a_log_has_names_and_units_and_another_schema_is_refused() {
+        let topic = TelemetryTopic::new(Role::Outer, &signals()).unwrap();
+        let (schema, metadata) = (topic.descriptor_set(), topic.metadata());
         let of = |role, schema: &[u8]| TelemetryTopic::described(role, schema, &metadata);
-        assert_eq!(of(Role::Outer, &schema), Some(ours.clone()));
+        assert_eq!(of(Role::Outer, &schema).as_ref(), Some(&topic));
         assert_eq!(metadata["unit.limited"], "1");
         assert_eq!(of(Role::Inner, &schema), None);
         assert_eq!(of(Role::Outer, &[1, 2, 3]), None);
-    }
 
-    #[test]
-    fn rows_and_objects_have_the_signals_names() {
-        let (topic, telemetry) = (shown(), telemetry());
         assert_eq!(topic.columns(), ["tick", "mass_kg", "limited", "drag_1_s"]);
-        assert_eq!(topic.csv(7, &telemetry), "7,0.30000000000000004,-0.0,NaN");
-        let object = topic.json(7, &telemetry);
-        assert_eq!(
-            object,
-            r#"{"tick":7,"mass_kg":0.30000000000000004,"limited":-0.0,"drag_1_s":null}"#
-        );
-    }
+        let row = topic.csv(7, &telemetry());
+        assert_eq!(row, "7,0.30000000000000004,-0.0,NaN");
+        let object = r#"{"tick":7,"mass_kg":0.30000000000000004,"limited":-0.0,"drag_1_s":null}"#;
+        assert_eq!(topic.json(7, &telemetry()), object);
 
-    #[test]
-    fn a_law_without_signals_has_no_topic() {
         assert_eq!(TelemetryTopic::new(Role::Inner, &[]), None);
-        assert_eq!(TelemetryTopic::new(Role::Plant, &SIGNALS), None);
+        assert_eq!(TelemetryTopic::new(Role::Plant, &signals()), None);
     }
 }

@@ -1,11 +1,8 @@
 //! Blackboards: writing never waits, reading never disturbs, a dead writer is replaced.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::{Duration, Instant};
-
 use ipc::error::Error;
 use ipc::{Blackboard, BlackboardReader, Wire};
-use messages::blackboards::{ActiveParameters, SettingsText};
+use messages::blackboards::ActiveParameters;
 
 use crate::{Site, assert_incompatible};
 
@@ -56,46 +53,6 @@ fn a_board_has_one_writer() {
     }
     board.put(at(3));
     assert_eq!(reader(&there).unwrap().get(), at(3));
-}
-
-#[test]
-fn a_reader_never_sees_a_value_half_written() {
-    let site = Site::new();
-    let wire = site.wire();
-    let board = wire.blackboard::<SettingsText>("settings").unwrap();
-    let text = |letter: char| SettingsText::new(&letter.to_string().repeat(8192)).unwrap();
-    let texts = [text('a'), text('b')];
-    // The handles stay on their threads; one writes until the other has seen the value change often enough.
-    let enough = 200;
-    let (changes, over) = (AtomicU64::new(0), AtomicBool::new(false));
-    let until = Instant::now() + Duration::from_secs(60);
-    std::thread::scope(|scope| {
-        let (changes, over, site, texts) = (&changes, &over, &site, &texts);
-        scope.spawn(move || {
-            let wire = site.wire();
-            let reader = wire.blackboard_reader("settings").unwrap().unwrap();
-            let mut last = SettingsText::default();
-            while !over.load(Ordering::Relaxed) {
-                let seen: SettingsText = reader.get();
-                let is_whole = seen == SettingsText::default() || texts.contains(&seen);
-                if !is_whole {
-                    // A panic here would leave the writer to write for ever.
-                    over.store(true, Ordering::Relaxed);
-                }
-                assert!(is_whole, "a mixture: {}", seen.text());
-                changes.fetch_add(u64::from(seen != last), Ordering::Relaxed);
-                last = seen;
-            }
-        });
-        let mut written = 0;
-        let is_enough = || changes.load(Ordering::Relaxed) >= enough;
-        while !is_enough() && !over.load(Ordering::Relaxed) && Instant::now() < until {
-            board.put(texts[written % 2]);
-            written += 1;
-        }
-        over.store(true, Ordering::Relaxed);
-    });
-    assert!(changes.into_inner() >= enough);
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

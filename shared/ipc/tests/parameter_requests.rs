@@ -115,36 +115,6 @@ fn without_a_reply_the_client_names_the_plant_and_may_ask_again() {
 }
 
 #[test]
-fn a_late_reply_is_not_taken_for_that_of_the_next_request() {
-    let site = Site::new();
-    let wire = site.wire();
-    let server = wire.server::<SwapOrder>().unwrap();
-    thread::scope(|scope| {
-        let (give_up, has_given_up) = std::sync::mpsc::channel();
-        let asked = scope.spawn({
-            let site = &site;
-            move || {
-                let client = site.wire().client::<SwapOrder>().unwrap();
-                assert_absent(client.request(order(0.6), SHORT));
-                give_up.send(()).unwrap();
-                client.request(order(0.7), LONG).unwrap()
-            }
-        });
-        has_given_up.recv().unwrap();
-        let second = loop {
-            let call = next(&server);
-            if call.order() == order(0.7) {
-                break call;
-            }
-            // Its client has given up.
-            call.reply(answer(6));
-        };
-        second.reply(answer(7));
-        assert_eq!(asked.join().unwrap(), answer(7));
-    });
-}
-
-#[test]
 fn a_client_that_takes_the_place_of_one_that_left_gets_its_own_reply() {
     let site = Site::new();
     let wire = site.wire();

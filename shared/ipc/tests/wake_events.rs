@@ -123,28 +123,17 @@ fn the_page_goes_with_the_last_process_that_has_it() {
     assert!(page.exists());
     drop(first);
     assert!(page.exists(), "one still has it");
-    let third = site.wire();
-    notify(&third, Role::Outer);
-    assert!(wait(&event, LONG), "a later process has the same page");
-    drop((second, third));
-    assert!(!page.exists());
-    notifier.notify().unwrap();
-    assert!(wait(&event, 0), "what is mapped stays");
-}
-
-#[test]
-fn processes_that_come_and_go_at_once_share_one_page() {
-    let site = Site::new();
-    let stays = site.wire();
-    let event = stays.wake_event(Role::Inner).unwrap();
+    // Later processes, which come and go at once, have the same page.
     thread::scope(|scope| {
         for _ in 0..4 {
-            scope.spawn(|| (0..50).for_each(|_| notify(&site.wire(), Role::Inner)));
+            scope.spawn(|| (0..50).for_each(|_| notify(&site.wire(), Role::Outer)));
         }
     });
     assert!(wait(&event, 0));
-    drop((event, stays));
-    assert!(!page_of(&site).exists());
+    drop(second);
+    assert!(!page.exists());
+    notifier.notify().unwrap();
+    assert!(wait(&event, 0), "what is mapped stays");
 }
 
 fn page_of(site: &Site) -> PathBuf {

@@ -16,9 +16,7 @@ use ironbird_law::abi::{
     IRONBIRD_NEVER, IronbirdInnerInput, IronbirdMixerInput, IronbirdOuterInput,
     IronbirdRotorSpeeds, IronbirdValue,
 };
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::{ROTORS, Stamped};
+use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::telemetry::Telemetry;
 
 use crate::Library;
@@ -44,8 +42,20 @@ impl Drop for Instance {
     }
 }
 
+macro_rules! constructors {
+    ($($role:ident: $law:ident),+) => {
+        $(pub fn $role(
+            &'static self,
+            rig: &Rig,
+            settings: &Settings,
+        ) -> Result<Made<dyn $law>, Refused> {
+            self.make(rig, settings, |law| law)
+        })+
+    };
+}
+
 impl Library {
-    /// The law and its role in words, with its file.
+    /// The law and its role, with its file.
     pub const fn words(&self) -> &'static str {
         self.words
     }
@@ -54,29 +64,7 @@ impl Library {
         self.table.copy_into.is_some()
     }
 
-    pub fn outer(
-        &'static self,
-        rig: &Rig,
-        settings: &Settings,
-    ) -> Result<Made<dyn OuterLaw>, Refused> {
-        self.make(rig, settings, |law| law)
-    }
-
-    pub fn inner(
-        &'static self,
-        rig: &Rig,
-        settings: &Settings,
-    ) -> Result<Made<dyn InnerLaw>, Refused> {
-        self.make(rig, settings, |law| law)
-    }
-
-    pub fn mixer(
-        &'static self,
-        rig: &Rig,
-        settings: &Settings,
-    ) -> Result<Made<dyn MixerLaw>, Refused> {
-        self.make(rig, settings, |law| law)
-    }
+    constructors!(outer: OuterLaw, inner: InnerLaw, mixer: MixerLaw);
 
     /// The law before tick 0, and its twin for warm-up runs.
     fn make<L: ?Sized>(
@@ -106,17 +94,10 @@ impl Library {
         let (rig, values) = (ironbird_law::Rig::from(rig), self.values(settings));
         let law = Call::new(self.words, "as it was made").wait(|| {
             let create = self.table.create?;
+            let (context, values) = (self.table.context, values.as_ptr());
             // SAFETY: rig, values (one per setting) and buffer live for the time of the call; the table is as it was
             // checked.
-            Some(unsafe {
-                create(
-                    self.table.context,
-                    &raw const rig,
-                    values.as_ptr(),
-                    text,
-                    size,
-                )
-            })
+            Some(unsafe { create(context, &raw const rig, values, text, size) })
         });
         match law {
             Some(law) if !law.is_null() => Ok(Instance { library: self, law }),
@@ -191,11 +172,10 @@ impl OuterLaw for Instance {
             limited: 0,
         };
         self.call(tick, telemetry, |law, telemetry| {
-            let Some(tick_outer) = self.library.table.tick_outer else {
-                return;
-            };
-            // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
-            unsafe { tick_outer(law, &raw const input, &raw mut wanted, telemetry) };
+            if let Some(tick) = self.library.table.tick_outer {
+                // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
+                unsafe { tick(law, &raw const input, &raw mut wanted, telemetry) };
+            }
         });
         wanted.limited = u64::from(wanted.limited != 0);
         wanted
@@ -224,11 +204,10 @@ impl InnerLaw for Instance {
             torque_b_nm: [f64::NAN; 3],
         };
         self.call(tick, telemetry, |law, telemetry| {
-            let Some(tick_inner) = self.library.table.tick_inner else {
-                return;
-            };
-            // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
-            unsafe { tick_inner(law, &raw const input, &raw mut demand, telemetry) };
+            if let Some(tick) = self.library.table.tick_inner {
+                // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
+                unsafe { tick(law, &raw const input, &raw mut demand, telemetry) };
+            }
         });
         demand
     }
@@ -250,11 +229,10 @@ impl MixerLaw for Instance {
             saturated: 0,
         };
         self.call(tick, telemetry, |law, telemetry| {
-            let Some(tick_mixer) = self.library.table.tick_mixer else {
-                return;
-            };
-            // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
-            unsafe { tick_mixer(law, &raw const input, &raw mut speeds, telemetry) };
+            if let Some(tick) = self.library.table.tick_mixer {
+                // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
+                unsafe { tick(law, &raw const input, &raw mut speeds, telemetry) };
+            }
         });
         (speeds.speed_rad_s, speeds.saturated != 0)
     }

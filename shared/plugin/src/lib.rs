@@ -85,11 +85,8 @@ fn in_folder(named: &Path) -> Result<PathBuf, Failure> {
             true => format!("build it first: {}", build.display()),
             false => "name a folder that `ironbird new law` has made, or the law's file".to_owned(),
         };
-        unusable(
-            named,
-            &format!("the folder has no {}", IN_FOLDER.join(" and no ")),
-        )
-        .help(remedy)
+        let what = format!("the folder has no {}", IN_FOLDER.join(" and no "));
+        unusable(named, &what).help(remedy)
     })
 }
 
@@ -129,12 +126,9 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
         return Err(unusable(named, &what).help(remedy));
     }
     let bytes = read(opened).map_err(unread)?;
-    let sha256 = Sha256::digest(&bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
-    let is_library = !loader::is_for_python(&file);
-    if is_library {
+    let digest = Sha256::digest(&bytes);
+    let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    if !loader::is_for_python(&file) {
         object::check(&bytes).map_err(|(what, remedy)| unusable(named, &what).help(remedy))?;
     }
     drop(bytes);
@@ -150,13 +144,8 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
         unusable(named, &what)
             .help("the author of the law corrects that; docs/laws.md says what the rig reads")
     })?;
-    let words: &'static str = format!(
-        "{} law `{}` ({})",
-        description.role,
-        description.name,
-        file.display()
-    )
-    .leak();
+    let (role, name) = (description.role, description.name);
+    let words = format!("{role} law `{name}` ({})", file.display()).leak();
     if let Some(create) = table.create {
         crash::remember(create as *const () as usize, words);
     }
@@ -207,30 +196,23 @@ fn read(file: File) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > MOST_BYTES {
-        return Err(io::Error::other(format!(
-            "it is longer than {} MiB",
-            MOST_BYTES >> 20
-        )));
+        let mib = MOST_BYTES >> 20;
+        return Err(io::Error::other(format!("it is longer than {mib} MiB")));
     }
     Ok(bytes)
 }
 
 fn content_of(file: &Path) -> io::Result<Content> {
     let facts = fs::metadata(file)?;
-    Ok((
-        facts.dev(),
-        facts.ino(),
-        facts.len(),
-        [facts.mtime(), facts.mtime_nsec()],
-    ))
+    let changed = [facts.mtime(), facts.mtime_nsec()];
+    Ok((facts.dev(), facts.ino(), facts.len(), changed))
 }
 
 fn changed(file: &Path, when: &str) -> Failure {
-    unusable(
-        file,
-        &format!("the file has changed {when}: what flies would not be what its SHA-256 says"),
-    )
-    .help("start again when it is built: a process loads the file of a law once")
+    let what =
+        format!("the file has changed {when}: what flies would not be what its SHA-256 says");
+    unusable(file, &what)
+        .help("start again when it is built: a process loads the file of a law once")
 }
 
 fn unread(file: &Path, why: &io::Error) -> Failure {

@@ -51,23 +51,20 @@ fn of_library(file: &Path, named: &Path, law: &'static str) -> Result<*const Iro
         unusable(named, &why)
             .help("`ldd FILE` shows the libraries that it needs; link what is missing: cc ... -lm")
     })?;
+    type Law = unsafe extern "C" fn() -> *const IronbirdLaw;
     // SAFETY: the header declares the function so; a library that exports another one of the name breaks that promise.
-    let exported =
-        unsafe { library.get::<unsafe extern "C" fn() -> *const IronbirdLaw>(b"ironbird_law\0") };
-    let Ok(exported) = exported else {
+    let Some(law_of) = (unsafe { exported::<Law>(library, b"ironbird_law\0") }) else {
         return Err(unusable(named, "it exports no function `ironbird_law`")
             .help("define it as ironbird_law.h declares it; in C++ include the header, which makes it extern \"C\""));
     };
-    let exported = *exported;
-    std::mem::forget(library);
-    if segment_of(exported as usize).is_empty() {
+    if segment_of(law_of as usize).is_empty() {
         return Err(
             unusable(named, "its `ironbird_law` is data, and not a function")
                 .help("define it as ironbird_law.h declares it: a function that returns the table"),
         );
     }
     // SAFETY: as above.
-    Ok(Call::new(law, "as it was asked for its law").wait(|| unsafe { exported() }))
+    Ok(Call::new(law, "as it was asked for its law").wait(|| unsafe { law_of() }))
 }
 
 fn of_script(file: &Path, named: &Path, law: &'static str) -> Result<*const IronbirdLaw, Failure> {
@@ -77,14 +74,11 @@ fn of_script(file: &Path, named: &Path, law: &'static str) -> Result<*const Iron
     let library = loaded(&adapter, of_adapter.clone().leak()).map_err(|why| useless(&why))?;
     type Open = unsafe extern "C" fn(*const c_char, *mut c_char, u64) -> *const IronbirdLaw;
     // SAFETY: the header declares the function so; a library that exports another one of the name breaks that promise.
-    let open = unsafe { library.get::<Open>(b"ironbird_law_open\0") };
-    let Ok(open) = open else {
+    let Some(open) = (unsafe { exported::<Open>(library, b"ironbird_law_open\0") }) else {
         return Err(useless(
             "it makes no laws of files: it exports no function `ironbird_law_open`",
         ));
     };
-    let open = *open;
-    std::mem::forget(library);
     let Ok(path) = CString::new(file.as_os_str().as_bytes()) else {
         return Err(unusable(named, "its path has a NUL byte"));
     };
@@ -108,45 +102,39 @@ fn loaded(file: &Path, law: &'static str) -> Result<Library, String> {
     library.map_err(|e| format!("it cannot be loaded: {}", innermost(&e)))
 }
 
+/// A symbol of a library, which is never unloaded.
+///
+/// # Safety
+/// `T` is the symbol's type.
+unsafe fn exported<T: Copy>(library: Library, name: &[u8]) -> Option<T> {
+    // SAFETY: promised by the caller.
+    let symbol = unsafe { library.get::<T>(name) }.ok().map(|it| *it);
+    std::mem::forget(library);
+    symbol
+}
+
 fn innermost(error: &dyn std::error::Error) -> String {
     error.source().map_or_else(|| error.to_string(), innermost)
 }
 
 fn adapter(script: &Path) -> Result<PathBuf, Failure> {
     if let Some(named) = env::var_os(PYTHON_ADAPTER).map(PathBuf::from) {
-        let missing = || {
-            format!(
-                "{PYTHON_ADAPTER} names {}, and there is no such file",
-                named.display()
-            )
-        };
-        return if named.is_file() {
-            Ok(named)
-        } else {
-            Err(Failure::usage(missing()).help(ANOTHER_ADAPTER))
-        };
+        if named.is_file() {
+            return Ok(named);
+        }
+        let file = named.display();
+        let what = format!("{PYTHON_ADAPTER} names {file}, and there is no such file");
+        return Err(Failure::usage(what).help(ANOTHER_ADAPTER));
     }
     let places = adapter_places();
-    places
-        .iter()
-        .find(|place| place.is_file())
-        .cloned()
-        .ok_or_else(|| {
-            let looked: Vec<String> = places
-                .iter()
-                .map(|place| place.display().to_string())
-                .collect();
-            unusable(
-                script,
-                &format!(
-                    "a law in Python needs {ADAPTER_FILE}, which is not at {}",
-                    looked.join(" or ")
-                ),
-            )
-            .help(format!(
-                "build it: {BUILD_ADAPTER}; or name it with {PYTHON_ADAPTER}"
-            ))
-        })
+    if let Some(adapter) = places.iter().find(|place| place.is_file()) {
+        return Ok(adapter.clone());
+    }
+    let places: Vec<_> = places.iter().map(|it| it.display().to_string()).collect();
+    let places = places.join(" or ");
+    let what = format!("a law in Python needs {ADAPTER_FILE}, which is not at {places}");
+    let remedy = format!("build it: {BUILD_ADAPTER}; or name it with {PYTHON_ADAPTER}");
+    Err(unusable(script, &what).help(remedy))
 }
 
 /// Where the adapter is looked for when the environment names none.

@@ -25,27 +25,21 @@ pub(crate) type Described = (&'static IronbirdLaw, &'static Description);
 
 pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> {
     let table = checked(table)?;
-    let role = match table.role {
-        IRONBIRD_OUTER => Role::Outer,
-        IRONBIRD_INNER => Role::Inner,
-        IRONBIRD_MIXER => Role::Mixer,
+    let (role, tick) = match table.role {
+        IRONBIRD_OUTER => (Role::Outer, ("tick_outer", table.tick_outer.is_some())),
+        IRONBIRD_INNER => (Role::Inner, ("tick_inner", table.tick_inner.is_some())),
+        IRONBIRD_MIXER => (Role::Mixer, ("tick_mixer", table.tick_mixer.is_some())),
         other => {
             return Err(format!(
                 "its role is {other}: expected IRONBIRD_OUTER, IRONBIRD_INNER or IRONBIRD_MIXER"
             ));
         }
     };
-    let tick = match role {
-        Role::Outer => (table.tick_outer.is_some(), "tick_outer"),
-        Role::Inner => (table.tick_inner.is_some(), "tick_inner"),
-        _ => (table.tick_mixer.is_some(), "tick_mixer"),
-    };
-    let create = (table.create.is_some(), "create");
-    let destroy = (table.destroy.is_some(), "destroy");
-    for (is_there, name) in [create, destroy, tick] {
-        if !is_there {
-            return Err(format!("its function `{name}` is NULL"));
-        }
+    let create = ("create", table.create.is_some());
+    let destroy = ("destroy", table.destroy.is_some());
+    let mut functions = [create, destroy, tick].into_iter();
+    if let Some((name, _)) = functions.find(|(_, is_there)| !is_there) {
+        return Err(format!("its function `{name}` is NULL"));
     }
     let (first, count) = (table.settings, table.settings_count);
     let settings = each(first, count, IRONBIRD_MOST_SETTINGS, "setting", setting)?;
@@ -155,22 +149,11 @@ fn setting(it: &IronbirdSetting) -> Result<Setting, String> {
 }
 
 fn kind(it: &IronbirdSetting) -> Result<SettingKind, String> {
-    let IronbirdSetting {
-        kind,
-        default_number,
-        min,
-        max,
-        words,
-        words_count,
-        ..
-    } = *it;
+    let (kind, default, min, max) = (it.kind, it.default_number, it.min, it.max);
     if kind == IRONBIRD_WORD {
-        let words = array(words, words_count, IRONBIRD_MOST_WORDS, "words")?;
-        let words = words
-            .iter()
-            .map(|it| word(*it))
-            .collect::<Result<Vec<_>, _>>()?
-            .leak();
+        let words = array(it.words, it.words_count, IRONBIRD_MOST_WORDS, "words")?;
+        let words = words.iter().map(|it| word(*it));
+        let words = words.collect::<Result<Vec<_>, _>>()?.leak();
         unlike(words.iter().copied(), &[], "word")?;
         if words.is_empty() {
             return Err("it has no words".into());
@@ -183,16 +166,11 @@ fn kind(it: &IronbirdSetting) -> Result<SettingKind, String> {
         ));
     }
     match kind {
-        IRONBIRD_NUMBER => Ok(SettingKind::Number {
-            default: default_number[0],
-            min,
-            max,
-        }),
-        IRONBIRD_THREE => Ok(SettingKind::Three {
-            default: default_number,
-            min,
-            max,
-        }),
+        IRONBIRD_NUMBER => {
+            let default = default[0];
+            Ok(SettingKind::Number { default, min, max })
+        }
+        IRONBIRD_THREE => Ok(SettingKind::Three { default, min, max }),
         other => Err(format!(
             "its kind is {other}: expected IRONBIRD_NUMBER, IRONBIRD_THREE or IRONBIRD_WORD"
         )),
@@ -201,12 +179,8 @@ fn kind(it: &IronbirdSetting) -> Result<SettingKind, String> {
 
 fn preset(it: &IronbirdPreset, settings: &'static [Setting]) -> Result<Preset, String> {
     let name = snake_case(it.name, "name")?;
-    let values = array(
-        it.values,
-        settings.len() as u64,
-        IRONBIRD_MOST_SETTINGS,
-        "values",
-    )?;
+    let count = settings.len() as u64;
+    let values = array(it.values, count, IRONBIRD_MOST_SETTINGS, "values")?;
     let value = |(setting, it): (&'static Setting, &IronbirdValue)| {
         let value = setting.from_abi(it);
         match setting.allows(&value) {
@@ -218,12 +192,8 @@ fn preset(it: &IronbirdPreset, settings: &'static [Setting]) -> Result<Preset, S
             )),
         }
     };
-    let values: &[_] = settings
-        .iter()
-        .zip(values)
-        .map(value)
-        .collect::<Result<Vec<_>, _>>()?
-        .leak();
+    let values = settings.iter().zip(values).map(value);
+    let values = values.collect::<Result<Vec<_>, _>>()?.leak();
     Ok(Preset { name, values })
 }
 
@@ -278,12 +248,11 @@ fn word(at: *const c_char) -> Result<&'static str, String> {
         .chars()
         .all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c));
     if is_word {
-        Ok(word)
-    } else {
-        Err(format!(
-            "its word is `{word}`: expected letters, digits, `_`, `-` and `.`"
-        ))
+        return Ok(word);
     }
+    Err(format!(
+        "its word is `{word}`: expected letters, digits, `_`, `-` and `.`"
+    ))
 }
 
 fn said(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
@@ -300,23 +269,18 @@ fn text(at: *const c_char, most: u64, field: &str) -> Result<&'static str, Strin
     if at.is_null() {
         return Ok("");
     }
-    let mut bytes = Vec::new();
-    for i in 0..=most as usize {
-        // SAFETY: the library says that a NUL ends the text, and none was met so far.
-        match unsafe { at.add(i).cast::<u8>().read() } {
-            0 => break,
-            byte => bytes.push(byte),
-        }
-    }
-    if bytes.len() as u64 > most {
+    // SAFETY: the library says that a NUL ends the text; no byte behind it is read.
+    let length = unsafe { libc::strnlen(at, most as usize + 1) };
+    if length as u64 > most {
         return Err(format!("its {field} is longer than {most} bytes"));
     }
-    let text = String::from_utf8(bytes)
-        .map_err(|e| format!("its {field} is not UTF-8: {}", e.utf8_error()))?;
+    // SAFETY: so many bytes were read.
+    let bytes = unsafe { slice::from_raw_parts(at.cast::<u8>(), length) };
+    let text = std::str::from_utf8(bytes).map_err(|e| format!("its {field} is not UTF-8: {e}"))?;
     match text.chars().find(|c| c.is_control()) {
         Some(c) => Err(format!(
             "its {field} has the character {c:?}: expected one line of text"
         )),
-        None => Ok(text.leak()),
+        None => Ok(text.to_owned().leak()),
     }
 }

@@ -1,9 +1,9 @@
-//! A spare: the process of a stage that waits beside it, with everything done that needs no place in the flight.
+//! A hot standby: a process that waits beside a stage, with everything prepared that needs no role in the flight.
 //!
 //! It has its settings, its law, a node of the middleware, and its memory locked and touched. It holds no lock of a role,
-//! no port that sends or receives, and writes on no board. It keeps off the loops' processor, and waits in a system call.
-//! Its launcher's byte on standard input has it go on and take the place of a stage that has died. The end of standard
-//! input, which is also the launcher's, ends it.
+//! no port that sends or receives, and writes on no board. It does not run on the loops' processor, and waits in a system
+//! call. A byte on standard input from its launcher lets it replace a stage that has died. The end of standard input,
+//! which is also the launcher's, ends it.
 
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -26,30 +26,23 @@ use messages::blackboards::{RUN, SETTINGS, Status};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::role::Role;
 
-/// What a spare is called while it waits, as `ps -o comm` and `top` show it.
+/// Name of a standby's process, as `ps -o comm` and `top` show it.
 pub const NAME: &CStr = c"ironbird spare";
 const NAME_OF_A_STAGE: &CStr = c"ironbird";
 
 impl Ready {
-    /// Everything that can be opened before the place is free. Services take longer to open than ports.
+    /// Opens everything that can be opened before the role is free. Services take longer to open than ports.
     fn open(role: Role, orders: &StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let mut wire = Wire::open(&orders.instance)?;
-        match role {
-            Role::Outer => {
-                wire.hold_topic::<State>()?;
-                wire.hold_topic::<Setpoint>()?;
-            }
-            Role::Inner => {
-                wire.hold_topic::<State>()?;
-                wire.hold_topic::<Setpoint>()?;
-                wire.hold_topic::<Wrench>()?;
-            }
-            Role::Mixer => {
-                wire.hold_topic::<Wrench>()?;
-                wire.hold_topic::<RotorSpeeds>()?;
-            }
-            // They have none.
-            Role::Plant | Role::Record => {}
+        if matches!(role, Role::Outer | Role::Inner) {
+            wire.hold_topic::<State>()?;
+            wire.hold_topic::<Setpoint>()?;
+        }
+        if matches!(role, Role::Inner | Role::Mixer) {
+            wire.hold_topic::<Wrench>()?;
+        }
+        if role == Role::Mixer {
+            wire.hold_topic::<RotorSpeeds>()?;
         }
         wire.hold_board::<LiveBlackboard>(LIVE)?;
         wire.hold_board::<Status>(&status_board(role))?;
@@ -69,8 +62,8 @@ impl Ready {
     }
 }
 
-/// Does what can be done ahead, and waits; the orders with which it is to go on, or nothing where it is not needed, or a
-/// signal has asked for its end.
+/// Prepares everything and waits; returns the configuration to start with, or nothing if the standby is not needed or a
+/// signal has ended it.
 pub fn stand_by(role: Role, mut orders: StartConfig) -> Result<Option<StartConfig>, Error> {
     // The launcher's death comes as a signal too, which must not end it before it has given up what it holds.
     let stop = Arc::new(AtomicBool::new(false));
@@ -82,16 +75,16 @@ pub fn stand_by(role: Role, mut orders: StartConfig) -> Result<Option<StartConfi
     orders.ready = Some(Ready::open(role, &orders, Arc::clone(&stop))?);
     let named = |name| set_name(name).map_err(|e| Error::system("cannot name the process", e));
     named(NAME)?;
-    let is_told = is_told(&stop)
-        .map_err(|e| Error::system("cannot read whether the spare is to go on", e))?;
+    let is_activated =
+        is_activated(&stop).map_err(|e| Error::system("cannot read standard input", e))?;
     orders.begun_ns = now_ns();
     named(NAME_OF_A_STAGE)?;
-    // Who is asked to end while it is told to go on is told so again as it takes its place.
-    Ok(Some(orders).filter(|_| is_told))
+    // A signal that comes meanwhile is handled when the role starts.
+    Ok(Some(orders).filter(|_| is_activated))
 }
 
 /// Waits for a byte, for the end of what can come, or for a signal.
-fn is_told(stop: &AtomicBool) -> Result<bool, Errno> {
+fn is_activated(stop: &AtomicBool) -> Result<bool, Errno> {
     let mut byte = [0_u8];
     while !stop.load(Ordering::Relaxed) {
         match poll(&mut [PollFd::new(&stdin(), PollFlags::IN)], None) {

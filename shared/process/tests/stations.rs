@@ -147,22 +147,22 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
     for is_stopped in [false, true] {
         let (site, dropped) = (Site::new(), Mutex::new(None));
         let (instance, dropped) = (&site.instance, &dropped);
-        let is_over = || dropped.lock().unwrap().is_some();
+        let wait = || {
+            while dropped.lock().unwrap().is_none() {
+                sleep(Duration::from_millis(1));
+            }
+        };
         scope(|scope| {
             for role in [Role::Outer, Role::Mixer, Role::Record] {
                 scope.spawn(move || {
                     let mut session = take(instance, role, RealtimeMode::Off);
                     let stop = session.stop_flag();
                     scope.spawn(move || {
-                        while !is_over() {
-                            sleep(Duration::from_millis(1));
-                        }
+                        wait();
                         stop.store(true, Ordering::Relaxed);
                     });
                     let _joined = session.join(|_, _, _| Ok(()));
-                    while !is_over() {
-                        sleep(Duration::from_millis(1));
-                    }
+                    wait();
                 });
             }
             scope.spawn(move || {
@@ -179,9 +179,7 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
             let mut session = take(instance, Role::Plant, RealtimeMode::Off);
             let stop = session.stop_flag();
             scope.spawn(move || {
-                while !is_over() {
-                    sleep(Duration::from_millis(1));
-                }
+                wait();
                 stop.store(true, Ordering::Relaxed);
             });
             if let Ok(mut opened) = session.open_run(PLAN, |_, _| Ok(())) {
@@ -191,9 +189,7 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
                 opened.run.phase = RunPhase::Closed as u64;
                 opened.board.put(opened.run);
                 // The board is there until everybody has seen it.
-                while !is_over() {
-                    sleep(Duration::from_millis(1));
-                }
+                wait();
             }
         });
         assert_eq!(dropped.lock().unwrap().take(), Some((0, true)));

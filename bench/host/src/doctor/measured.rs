@@ -11,7 +11,7 @@ use hdrhistogram::Histogram;
 use messages::role::STAGES;
 use serde::{Deserialize, Serialize};
 
-use super::{STEAL_WHY, stolen};
+use super::{reason, stolen};
 use crate::floor::MachineFloor;
 use crate::floor::ring::Work;
 use crate::floor::timer::Schedule;
@@ -101,7 +101,7 @@ impl MeasuredMachine {
             self.timer.finding("timer, measured", "ticks later", timer),
             self.ring.finding("ring, measured", "laps longer", ring),
             stolen(&self.steal, &|found| {
-                Finding::ok("steal, measured", found, STEAL_WHY)
+                Finding::ok("steal, measured", found, reason("steal since boot"))
             }),
         ]
     }
@@ -120,21 +120,10 @@ impl MeasuredMachine {
             "  [us]         count       p50       p90       p99       max   > {} us",
             LATE_NS / 1000
         )?;
-        for (
-            name,
-            Measurement {
-                statistics, late, ..
-            },
-        ) in [("timer", &self.timer), ("ring", &self.ring)]
-        {
-            let Statistics {
-                count,
-                p50_us,
-                p90_us,
-                p99_us,
-                max_us,
-                ..
-            } = statistics;
+        for (name, measurement) in [("timer", &self.timer), ("ring", &self.ring)] {
+            let (it, late) = (&measurement.statistics, measurement.late);
+            let [p50_us, p90_us, p99_us, max_us] = [it.p50_us, it.p90_us, it.p99_us, it.max_us];
+            let count = it.count;
             writeln!(
                 out,
                 "  {name:<8} {count:>9} {p50_us:>9.1} {p90_us:>9.1} {p99_us:>9.1} {max_us:>9.1} {late:>10}"
@@ -154,34 +143,30 @@ mod tests {
     use analysis::series::histogram;
 
     #[test]
-    fn late_ticks_soften_and_many_block() {
-        let of = |late| {
+    fn late_ticks_soften_and_many_block_and_so_does_a_host_that_takes_more_than_one_percent() {
+        use RealtimeClass::{Hard, NotRealTime, Soft};
+        for (late, level, allows) in [
+            (0, Level::Ok, Hard),
+            (1, Level::Warning, Soft),
+            (10, Level::Warning, Soft),
+            (11, Level::Blocks, NotRealTime),
+        ] {
             let mut lateness = histogram().unwrap();
             lateness.record_n(20_000, 1_000 - late).unwrap();
             lateness.record_n(LATE_NS * 2, late).unwrap();
             let measurement = Measurement::of("timer", &lateness, 0);
             assert_eq!(measurement.late, late);
             let finding = measurement.finding("timer", "later", "");
-            (finding.level, finding.allows, finding.fix.is_some())
-        };
-        assert_eq!(of(0), (Level::Ok, RealtimeClass::Hard, false));
-        assert_eq!(of(1), (Level::Warning, RealtimeClass::Soft, true));
-        assert_eq!(of(10), (Level::Warning, RealtimeClass::Soft, true));
-        assert_eq!(of(11), (Level::Blocks, RealtimeClass::NotRealTime, true));
-    }
-
-    #[test]
-    fn a_host_that_takes_more_than_one_percent_softens() {
-        let of = |percent| {
+            assert_eq!((finding.level, finding.allows), (level, allows));
+            assert_eq!(finding.fix.is_some(), late > 0);
+        }
+        for (percent, allows) in [(1.0, Hard), (1.2, Soft)] {
             let steal = Steal {
                 percent,
                 ..Steal::default()
             };
-            stolen(&steal, &|found| Finding::ok("steal", found, "")).allows
-        };
-        assert_eq!(
-            [of(1.0), of(1.2)],
-            [RealtimeClass::Hard, RealtimeClass::Soft]
-        );
+            let finding = stolen(&steal, &|found| Finding::ok("steal", found, ""));
+            assert_eq!(finding.allows, allows);
+        }
     }
 }

@@ -19,24 +19,26 @@ pub(super) fn finding(machine: &Machine) -> Finding {
         Finding::ok("other programs", found, why)
     };
     let cpu = machine.loops_cpu();
-    let mut pids: Vec<u32> = fs::read_dir(machine.root.join("proc"))
+    let processes = fs::read_dir(machine.root.join("proc"))
         .into_iter()
-        .flatten()
+        .flatten();
+    let mut pids: Vec<u32> = processes
         .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok())
         .filter(|pid| *pid != std::process::id())
         .collect();
     pids.sort_unstable();
-    let competitors: Vec<Competitor> = pids
+    let competitors = pids
         .into_iter()
-        .filter_map(|pid| competitor(machine, cpu, pid))
-        .collect();
+        .filter_map(|it| competitor(machine, cpu, it));
+    let competitors: Vec<Competitor> = competitors.collect();
     if competitors.is_empty() {
         return ok(format!("no other program runs on CPU {cpu}"));
     }
-    let names = competitors.iter().take(NAMED).map(|it| it.name.clone());
-    let more = competitors.len().saturating_sub(NAMED);
-    let more = (more > 0).then(|| format!("{more} more"));
-    let names: Vec<String> = names.chain(more).collect();
+    let mut names: Vec<_> = competitors.iter().map(|it| it.name.clone()).collect();
+    if let Some(more) = names.len().checked_sub(NAMED).filter(|more| *more > 0) {
+        names.truncate(NAMED);
+        names.push(format!("{more} more"));
+    }
     let finding = ok(format!("on CPU {cpu}: {}", names.join(", ")));
     let fix =
         "end them or move them: taskset -cp CPUS PID; or choose another CPU for the loops: --cpu N";
@@ -110,11 +112,11 @@ mod tests {
         );
         add(root.path(), 13, "ironbird", ("S", 3, 1));
         let realtime = finding(&machine);
-        assert!(
-            realtime.found.ends_with(", ironbird (13, real-time)"),
-            "{realtime:?}"
+        let expected = "on CPU 3: a (busy) one (12), ironbird (13, real-time)";
+        assert_eq!(
+            (&*realtime.found, realtime.allows),
+            (expected, RealtimeClass::Soft)
         );
-        assert_eq!(realtime.allows, RealtimeClass::Soft);
         // A kernel thread.
         fs::write(root.path().join("proc/13/cmdline"), "").unwrap();
         assert_eq!(finding(&machine).allows, RealtimeClass::Hard);

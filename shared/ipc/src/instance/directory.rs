@@ -67,10 +67,9 @@ impl Directory {
         if stat.st_uid != 0 {
             check_owner(&stat, &self.path)?;
         }
-        if stat.st_mode & STICKY == 0 {
-            check_mode(&stat, &self.path)
-        } else {
-            Ok(())
+        match stat.st_mode & STICKY {
+            0 => check_mode(&stat, &self.path),
+            _ => Ok(()),
         }
     }
 
@@ -115,18 +114,28 @@ impl Directory {
 
     /// Takes from others what they may do with a file of ours; one that is still being made has nothing for them.
     pub(super) fn close_to_others(&self, name: &Path) -> Result<(), Error> {
-        let path = self.path.join(name);
-        let what = || format!("cannot close {} to others", path.display());
-        let failed = |e: Errno| Error::system(what(), e);
-        let is_open =
-            |stat: &Stat| stat.st_uid == geteuid().as_raw() && stat.st_mode & OTHERS_MAY != 0;
-        let flags = OFlags::RDONLY | SAFELY;
-        match openat(&self.descriptor, name, flags, Mode::empty()) {
-            Ok(file) if is_open(&fstat(&file).map_err(failed)?) => {
-                rustix::fs::fchmod(&file, PRIVATE_FILE).map_err(failed)
+        let close = || {
+            let file = openat(
+                &self.descriptor,
+                name,
+                OFlags::RDONLY | SAFELY,
+                Mode::empty(),
+            )?;
+            let stat = fstat(&file)?;
+            if stat.st_uid == geteuid().as_raw() && stat.st_mode & OTHERS_MAY != 0 {
+                rustix::fs::fchmod(&file, PRIVATE_FILE)?;
             }
-            Ok(_) | Err(Errno::NOENT | Errno::ACCESS) => Ok(()),
-            Err(e) => Err(failed(e)),
+            Ok(())
+        };
+        match close() {
+            Ok(()) | Err(Errno::NOENT | Errno::ACCESS) => Ok(()),
+            Err(e) => {
+                let path = self.path.join(name);
+                Err(Error::system(
+                    format!("cannot close {} to others", path.display()),
+                    e,
+                ))
+            }
         }
     }
 
@@ -172,10 +181,13 @@ impl Directory {
     pub(super) fn remove(&self, name: &Path, flags: AtFlags) -> Result<(), Error> {
         match rustix::fs::unlinkat(&self.descriptor, name, flags) {
             Ok(()) | Err(Errno::NOENT) => Ok(()),
-            Err(e) => Err(Error::system(
-                format!("cannot remove {}", self.path.join(name).display()),
-                e,
-            )),
+            Err(e) => {
+                let path = self.path.join(name);
+                Err(Error::system(
+                    format!("cannot remove {}", path.display()),
+                    e,
+                ))
+            }
         }
     }
 
@@ -235,10 +247,8 @@ fn check_mode(stat: &Stat, path: &Path) -> Result<(), Error> {
         return Ok(());
     }
     let mode = stat.st_mode & 0o7777;
-    Err(not_ours(
-        path,
-        format!("others may write it: its mode is {mode:04o}"),
-    ))
+    let why = format!("others may write it: its mode is {mode:04o}");
+    Err(not_ours(path, why))
 }
 
 pub(super) fn not_ours(path: impl Into<PathBuf>, why: impl Into<String>) -> Error {

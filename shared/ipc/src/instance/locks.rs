@@ -310,37 +310,3 @@ fn open_for_reading(path: &Path) -> io::Result<File> {
         .custom_flags(safely.bits().cast_signed())
         .open(path)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_lock_that_the_system_cannot_take_is_not_held_by_another() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("plant.lock");
-        File::create(&path).unwrap();
-        // A descriptor without a file behind it, which no lock can be taken on.
-        let bare = File::options()
-            .read(true)
-            .custom_flags(OFlags::PATH.bits().cast_signed())
-            .open(&path)
-            .unwrap();
-        for refused in [
-            try_lock(&bare, &path).map(drop),
-            lock_soon(&bare, FlockOperation::NonBlockingLockShared, &path),
-        ] {
-            let error = refused.unwrap_err();
-            assert!(
-                error
-                    .to_string()
-                    .contains(&format!("cannot lock {}", path.display())),
-                "{error}"
-            );
-        }
-        // Where it cannot be told, nobody's role is taken for free.
-        let held = lock_if_free(&bare, FlockOperation::NonBlockingLockShared, &path)
-            .map(|is_free| !is_free);
-        assert!(is_or_may_be(held));
-    }
-}

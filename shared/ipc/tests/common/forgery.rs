@@ -11,6 +11,7 @@ use messages::content::NO_TICK;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Reason};
 use messages::layout::{Field, Visit, VisitorMut};
+use messages::noise::uniform;
 use messages::topic::Topic;
 
 pub const EXPECTED: Expected = Expected {
@@ -41,14 +42,9 @@ pub const KINDS: [(&str, Reason); 12] = [
 pub struct Draw(pub u64);
 
 impl Draw {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb)
-    }
-
     fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
+        self.0 += 1;
+        (uniform(1, self.0, 0) * bound as f64) as u64
     }
 }
 
@@ -118,8 +114,8 @@ pub fn bad<C: Topic>(kind: &str, tick: u64, draw: &mut Draw) -> Message<C> {
     };
     match kind {
         "other_layout" => envelope.layout ^= 1 << draw.below(64),
-        "other_run" => envelope.run_id = draw.next() | 8,
-        "other_settings" => envelope.settings = draw.next() | 16,
+        "other_run" => envelope.run_id = draw.below(u64::MAX) | 8,
+        "other_settings" => envelope.settings = draw.below(u64::MAX) | 16,
         "repeated" => (envelope.seq, envelope.tick) = (tick, tick),
         "old_sequence" => envelope.seq = draw.below(tick + 1),
         "replaced_sender" => envelope.epoch = draw.below(EPOCH),

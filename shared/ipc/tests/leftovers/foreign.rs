@@ -11,7 +11,7 @@ use ipc::instance::{Instance, SHARED_MEMORY};
 use messages::role::Role;
 
 use crate::common::Site;
-use crate::{hold_everything, hold_everything_and_be_killed, segments};
+use crate::{hold_everything_and_be_killed, segments};
 
 const NOBODY: u32 = 65534;
 
@@ -78,61 +78,6 @@ fn a_directory_that_somebody_else_has_made_is_neither_used_nor_removed() {
     empty.prepare().unwrap();
     assert_eq!(empty.remove_leftovers().unwrap(), [home.join("empty")]);
     assert_eq!(everything_below(&home), had);
-}
-
-#[test]
-fn what_is_foreign_in_an_instances_directory_stays_and_is_named() {
-    let site = Site::new();
-    let instance = &site.instance;
-    hold_everything_and_be_killed(instance);
-    let directory = instance.directory();
-    let ours = everything_below(&directory);
-    let node = ours
-        .iter()
-        .find(|path| path.is_dir() && path.parent() == Some(&directory.join("nodes")))
-        .unwrap();
-    let mut foreign = BTreeSet::new();
-    for place in [
-        &directory,
-        &directory.join("services"),
-        &directory.join("nodes"),
-        node,
-    ] {
-        furnish(place);
-        foreign.extend(["src", "notes", "link", "dangling", "bus"].map(|name| place.join(name)));
-        // Under names that we give to files.
-        for name in [
-            "inner.lock".to_owned(),
-            format!("{}x.service", instance.prefix()),
-        ] {
-            symlink("/nowhere", place.join(&name)).unwrap();
-            foreign.insert(place.join(name));
-        }
-    }
-    let kept = &everything_below(&directory) - &ours;
-
-    let announced = instance.leftovers();
-    assert_eq!(BTreeSet::from_iter(instance.foreign()), foreign);
-    let removed = instance.remove_leftovers().unwrap();
-    assert_eq!(announced, removed);
-    assert!(removed.iter().all(|path| !path.exists()), "{removed:?}");
-    assert_eq!(segments(instance), BTreeSet::new());
-    let places = [
-        directory.join("services"),
-        directory.join("nodes"),
-        node.clone(),
-        directory.join(".ironbird"),
-    ];
-    let left = everything_below(&directory);
-    assert_eq!(left, &kept | &BTreeSet::from(places));
-    // It is still ours: an instance flies in it, and it goes with the last thing that is foreign.
-    drop(hold_everything(instance));
-    for path in &foreign {
-        let _ = fs::remove_file(path).or_else(|_| fs::remove_dir_all(path));
-    }
-    assert_eq!(instance.foreign(), Vec::<PathBuf>::new());
-    assert!(instance.remove_leftovers().unwrap().contains(&directory));
-    assert!(!directory.exists());
 }
 
 #[test]

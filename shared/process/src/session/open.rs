@@ -85,8 +85,11 @@ impl RoleSession {
     ) -> Result<Opened, Error> {
         let board = self.wire.blackboard::<Run>(RUN)?;
         let settings = self.wire.blackboard::<SettingsText>(SETTINGS)?;
+        let length = self.orders.settings.len();
         let text = SettingsText::new(&self.orders.settings).ok_or_else(|| Error::TooMuch {
-            what: too_long(&self.orders.settings),
+            what: format!(
+                "the settings are {length} bytes long, and their board holds {SETTINGS_MAX}: fly with fewer faults"
+            ),
         })?;
         settings.put(text);
         let mut run = self.own_run(plan);
@@ -132,18 +135,13 @@ impl RoleSession {
     }
 
     fn own_run(&self, plan: FlightPlan) -> Run {
-        let FlightPlan {
-            last_tick,
-            sample_time_ns,
-            wall_period_ns: period_ns,
-        } = plan;
         Run {
             plant_pid: self.status.pid,
             launcher_pid: self.orders.launcher.map_or(0, u64::from),
             settings: self.status.settings,
-            period_ns,
-            sample_time_ns,
-            last_tick,
+            period_ns: plan.wall_period_ns,
+            sample_time_ns: plan.sample_time_ns,
+            last_tick: plan.last_tick,
             ..Run::default()
         }
     }
@@ -204,32 +202,17 @@ impl RoleSession {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            let late: Vec<_> = crew
-                .iter()
-                .filter(is_late)
-                .map(|(role, _)| role.name())
-                .collect();
-            if now_ns() + ARMED_BEFORE_NS >= t0_ns {
-                // All armed, but too late to be sure of tick 0: nobody is to blame but the instant.
-                return Ok(if late.is_empty() {
-                    vec!["all roles"]
-                } else {
-                    late
-                });
-            }
-            if late.is_empty() {
-                return Ok(late);
+            let late = crew.iter().filter(is_late).map(|(role, _)| role.name());
+            let late: Vec<_> = late.collect();
+            match (now_ns() + ARMED_BEFORE_NS >= t0_ns, late.is_empty()) {
+                // All have armed, but too late to be sure of tick 0.
+                (true, true) => return Ok(vec!["all roles"]),
+                (true, false) | (false, true) => return Ok(late),
+                (false, false) => {}
             }
             sleep(LOOK_EVERY);
         }
     }
-}
-
-fn too_long(settings: &str) -> String {
-    let length = settings.len();
-    format!(
-        "the settings are {length} bytes long, and their board holds {SETTINGS_MAX}: fly with fewer faults"
-    )
 }
 
 /// The other roles with their boards, in the order of [`ROLES`].

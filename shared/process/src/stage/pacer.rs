@@ -171,66 +171,40 @@ mod tests {
         Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick)
     }
 
+    fn work(tick: u64, receive_ns: u64) -> Option<WakeReason> {
+        Some(WakeReason::Work { tick, receive_ns })
+    }
+
     #[test]
     fn a_stage_works_its_input_or_its_deadline_once_and_skips_ticks_that_are_over() {
-        #[derive(Debug, PartialEq)]
-        enum Does {
-            Wait,
-            Work(u64),
-            Silence(u64),
-        }
-        use Does::{Silence, Wait, Work};
-        // First tick, then: when it looks, newest input, what it does. Last: the next tick, and ticks skipped.
-        for (first, looks, expected) in [
-            // The input of the past tick is not worked again.
-            (
-                0,
-                vec![
-                    (at(0, 0) - 500, NO_TICK, Wait),
-                    (at(0, 30), 0, Work(0)),
-                    (at(0, 40), 0, Wait),
-                    (at(1, 30), 1, Work(1)),
-                ],
-                (2, 0),
-            ),
-            // Nor is one that comes after the deadline.
-            (
-                5,
-                vec![
-                    (at(5, 799), 4, Wait),
-                    (at(5, 800), 4, Silence(5)),
-                    (at(5, 900), 5, Wait),
-                    (at(6, 10), 6, Work(6)),
-                ],
-                (7, 0),
-            ),
-            // After a pause of the machine, tick 9 may still get its input.
-            (
-                5,
-                vec![(at(9, 100), 4, Wait), (at(9, 200), 9, Work(9))],
-                (10, 4),
-            ),
-            // An input that comes just before its tick begins is worked once.
-            (
-                5,
-                vec![(at(5, 999), 6, Work(6)), (at(6, 10), 6, Wait)],
-                (7, 1),
-            ),
-        ] {
-            let mut pacer = pacer(first);
-            for (now, newest, expected) in looks {
-                let does = match pacer.decide(now, newest) {
-                    None => Wait,
-                    Some(WakeReason::Work { tick, receive_ns }) if receive_ns == now => Work(tick),
-                    Some(WakeReason::Silence { tick, .. }) => Silence(tick),
-                    Some(other) => panic!("{other:?}"),
-                };
-                assert_eq!(does, expected, "at {now}");
-            }
-            assert_eq!((pacer.next_tick, pacer.skipped), expected);
-        }
-        assert_eq!(pacer(5).look_up(at(4, 900)), at(5, 690));
-        assert_eq!(pacer(5).look_up(at(5, 690)), at(5, 800));
+        let mut next = pacer(0);
+        assert_eq!(next.decide(at(0, 0) - 500, NO_TICK), None);
+        assert_eq!(next.decide(at(0, 30), 0), work(0, at(0, 30)));
+        assert_eq!(next.decide(at(0, 40), 0), None, "of the past tick");
+        assert_eq!(next.decide(at(1, 30), 1), work(1, at(1, 30)));
+        assert_eq!(next.skipped, 0);
+
+        let mut silent = pacer(5);
+        assert_eq!(silent.look_up(at(4, 900)), at(5, 690));
+        assert_eq!(silent.look_up(at(5, 690)), at(5, 800));
+        assert_eq!(silent.decide(at(5, 799), 4), None);
+        let (tick, receive_ns) = (5, at(5, 800));
+        let silence = Some(WakeReason::Silence { tick, receive_ns });
+        assert_eq!(silent.decide(receive_ns, 4), silence);
+        assert_eq!(silent.decide(at(5, 900), 5), None, "too late");
+        assert_eq!(silent.decide(at(6, 10), 6), work(6, at(6, 10)));
+
+        // After a pause of the machine, tick 9 may still get its input.
+        let mut paused = pacer(5);
+        assert_eq!(paused.decide(at(9, 100), 4), None);
+        assert_eq!((paused.next_tick, paused.skipped), (9, 4));
+        assert_eq!(paused.decide(at(9, 200), 9), work(9, at(9, 200)));
+
+        // An input that comes just before its tick begins is worked once.
+        let mut early = pacer(5);
+        assert_eq!(early.decide(at(5, 999), 6), work(6, at(5, 999)));
+        assert_eq!((early.next_tick, early.skipped), (7, 1));
+        assert_eq!(early.decide(at(6, 10), 6), None);
     }
 
     #[test]
