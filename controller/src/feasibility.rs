@@ -148,20 +148,15 @@ struct Demand {
 
 impl Demand {
     fn of(reference: &Reference, model: &Airframe) -> Self {
-        let (psi, dpsi, ddpsi) = (
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-            reference.yaw_acceleration_rad_s2,
-        );
         let [a, da, dda] = along_reference(reference, model.g(), model.k_t() / model.m());
-        let yaw = Yaw::new(psi, dpsi, ddpsi);
+        let yaw = Yaw::of(reference);
         let (phi, theta) = tilt(&a, &yaw);
         let rates = tilt_rates(&a, &da, &dda, &yaw);
         let (xi, dxi) = (
-            Vector3::new(rates.dphi, rates.dtheta, dpsi),
-            Vector3::new(rates.ddphi, rates.ddtheta, ddpsi),
+            Vector3::new(rates.dphi, rates.dtheta, yaw.dpsi),
+            Vector3::new(rates.ddphi, rates.ddtheta, yaw.ddpsi),
         );
-        let attitude = RollPitch::of(&Vector3::new(phi, theta, psi));
+        let attitude = RollPitch::of(&Vector3::new(phi, theta, reference.yaw_rad));
         let nu2 = attitude.body_rate(&xi);
         let dnu2 = attitude.body_rate_dot(&xi, &xi) + attitude.body_rate(&dxi);
         let inertia = Inertia::new(Vector3::from(model.i_m()));

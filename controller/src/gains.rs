@@ -3,7 +3,9 @@
 //! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
 //! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
 
-use control_api::description::{Preset, SettingKind, Settings, Value, number, settings, three};
+use control_api::description::{
+    Preset, Setting, SettingKind, Settings, Value, number, settings, three,
+};
 use control_api::law::Rig;
 use messages::parameters::Airframe;
 
@@ -172,22 +174,18 @@ impl Gains {
 /// Settings that do for the airframe of `rig` what these do for the nominal one: [`Gains::scaled`].
 pub fn suited(settings: &Settings, rig: &Rig) -> Settings {
     let gains = Gains::of(settings).scaled(&Airframe::nominal(), &rig.airframe);
+    let number = |setting: Setting, value| (setting.name, Value::Number(value));
+    let three = |setting: Setting, value| (setting.name, Value::Three(value));
     Settings::new(vec![
-        (ATTITUDE_1_S.name, Value::Three(gains.attitude_1_s)),
-        (
-            COMMAND_FILTER_RAD_S.name,
-            Value::Three(gains.command_filter_rad_s),
-        ),
-        (ALPHA_1_S.name, Value::Number(gains.alpha_1_s)),
-        (PREDICTOR_TICKS.name, Value::Number(gains.predictor_ticks)),
+        three(ATTITUDE_1_S, gains.attitude_1_s),
+        three(COMMAND_FILTER_RAD_S, gains.command_filter_rad_s),
+        number(ALPHA_1_S, gains.alpha_1_s),
+        number(PREDICTOR_TICKS, gains.predictor_ticks),
         (ADAPTATION.name, Value::Word(settings.word(&ADAPTATION))),
-        (ADAPTATION_GAIN.name, Value::Three(gains.adaptation)),
-        (
-            REGRESSOR_FILTER_RAD_S.name,
-            Value::Number(gains.regressor_filter_rad_s),
-        ),
-        (ESTIMATE_MIN.name, Value::Three(gains.estimate_min)),
-        (ESTIMATE_MAX.name, Value::Three(gains.estimate_max)),
+        three(ADAPTATION_GAIN, gains.adaptation),
+        number(REGRESSOR_FILTER_RAD_S, gains.regressor_filter_rad_s),
+        three(ESTIMATE_MIN, gains.estimate_min),
+        three(ESTIMATE_MAX, gains.estimate_max),
     ])
 }
 

@@ -1,6 +1,6 @@
 //! Tests of the grammar of faults, of what is refused, and of what faults are in ticks.
 
-use crate::code::{FAULTS, FaultSpec, ValueType};
+use crate::code::{FAULTS, FaultKind, FaultSpec, ValueType};
 use crate::live::LiveFault;
 use crate::swap::Target;
 use crate::{Kind, MOST, Place, Port, Span};
@@ -100,7 +100,10 @@ fn messages_and_stages_are_read_with_their_ticks() {
     let second = Span::new(8000, 9000);
     let messages = planned.loops.messages.iter();
     let messages: Vec<_> = messages
-        .map(|(_, fault)| (fault.port, fault.kind, fault.span))
+        .map(|(_, fault)| match fault.kind {
+            FaultKind::Messages { port, kind } => (port, kind, fault.span),
+            other => panic!("{other:?}"),
+        })
         .collect();
     assert_eq!(
         messages,

@@ -17,7 +17,7 @@ pub struct ActiveFaults {
 
 impl ActiveFaults {
     pub(super) fn planned(role: Role, planned: LoopFaults) -> Self {
-        let is_late = !planned.late.of(role).is_empty();
+        let is_late = !planned.late.of_role(role).is_empty();
         Self {
             role,
             planned,
@@ -61,7 +61,7 @@ impl ActiveFaults {
     #[cold]
     fn take(&mut self, live: &LiveBlackboard) {
         self.now = self.planned.with(live);
-        self.is_late = !self.now.late.of(self.role).is_empty();
+        self.is_late = !self.now.late.of_role(self.role).is_empty();
         self.version += 1;
     }
 }
