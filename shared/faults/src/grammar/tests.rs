@@ -75,17 +75,6 @@ fn a_share_is_of_what_the_airframe_was_built_with() {
 }
 
 #[test]
-fn a_fault_prints_as_it_is_typed() {
-    for text in [
-        "mass_kg=0.6~1m30s@tick8000",
-        "mass_kg=+30.5%,gyro_noise_rad_s=0.01@1m1s500ms",
-        "mass_kg=nominal@3s",
-    ] {
-        assert_eq!(text.parse::<Fault>().unwrap().to_string(), text);
-    }
-}
-
-#[test]
 fn messages_and_stages_are_read_with_their_ticks() {
     let place = |field, axis| Place { field, axis };
     let planned = planned(&[
