@@ -116,9 +116,8 @@ pub struct Regression {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
-    l10: f64,
-    l20: f64,
-    l21: f64,
+    /// L: 10, 20, 21.
+    l: [f64; 3],
     per_d: Vector3<f64>,
 }
 
@@ -140,21 +139,14 @@ impl Weight {
         let d2 = 1.0 + x2.dot(&g2) - l20 * w20 - l21 * w21;
         let is_positive = d0 > 0.0 && d1 > 0.0 && d2 > 0.0;
         is_positive.then(|| Self {
-            l10,
-            l20,
-            l21,
+            l: [l10, l20, l21],
             per_d: Vector3::new(per_d0, per_d1, 1.0 / d2),
         })
     }
 
     #[inline]
     pub fn solve(&self, r: &Vector3<f64>) -> Vector3<f64> {
-        let &Self {
-            l10,
-            l20,
-            l21,
-            per_d,
-        } = self;
+        let ([l10, l20, l21], per_d) = (self.l, self.per_d);
         let f1 = r.y - l10 * r.x;
         let f2 = r.z - l20 * r.x - l21 * f1;
         let z2 = f2 * per_d.z;
@@ -165,30 +157,14 @@ impl Weight {
     /// S^T W^-1 S = (L^-1 S)^T D^-1 (L^-1 S).
     #[inline]
     pub fn sandwiched(&self, s: &Matrix3<f64>) -> Matrix3<f64> {
-        let &Self {
-            l10,
-            l20,
-            l21,
-            per_d,
-        } = self;
+        let ([l10, l20, l21], per_d) = (self.l, self.per_d);
         let row = |i: usize| Vector3::new(s[(i, 0)], s[(i, 1)], s[(i, 2)]);
         let f0 = row(0);
         let f1 = row(1) - l10 * f0;
         let f2 = row(2) - l20 * f0 - l21 * f1;
         let [d0, d1, d2] = [f0 * per_d.x, f1 * per_d.y, f2 * per_d.z];
         let element = |i: usize, j: usize| f0[i] * d0[j] + f1[i] * d1[j] + f2[i] * d2[j];
-        let (e01, e02, e12) = (element(0, 1), element(0, 2), element(1, 2));
-        Matrix3::new(
-            element(0, 0),
-            e01,
-            e02,
-            e01,
-            element(1, 1),
-            e12,
-            e02,
-            e12,
-            element(2, 2),
-        )
+        Matrix3::from_fn(|i, j| element(i.min(j), i.max(j)))
     }
 }
 
@@ -302,23 +278,13 @@ impl Adaptation {
 
     /// Phib and y: regressor of the last tick, and the acceleration [rad/s^2] that known terms do not explain.
     fn sample(&self, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
-        let &LastTick {
-            nu2_start,
-            nu2_end,
-            h_start,
-            h_end,
-            om_m,
-            ref tau_m,
-        } = last;
+        let (start, end, inertia) = (last.nu2_start, last.nu2_end, &self.inertia);
+        let h = 0.5 * (last.h_start + last.h_end);
         // Phi is linear in rates and h: the mean of its two values is its value at the means.
-        let phi = self.inertia.regressor(
-            &(0.5 * (nu2_start + nu2_end)),
-            om_m,
-            &(0.5 * (h_start + h_end)),
-        );
-        let f = 0.5 * (self.inertia.coupling(&nu2_start) + self.inertia.coupling(&nu2_end));
-        let dnu2 = (nu2_end - nu2_start) / self.period_s;
-        (phi, dnu2 - f - self.inertia.acceleration(tau_m))
+        let phi = inertia.regressor(&(0.5 * (start + end)), last.om_m, &h);
+        let f = 0.5 * (inertia.coupling(&start) + inertia.coupling(&end));
+        let dnu2 = (end - start) / self.period_s;
+        (phi, dnu2 - f - inertia.acceleration(&last.tau_m))
     }
 
     fn clip(&self, theta: &Vector3<f64>) -> Vector3<f64> {

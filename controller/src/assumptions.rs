@@ -85,14 +85,9 @@ impl Assumptions {
             self.see(Cause::StaleInput, tick);
             return Moved::Not;
         }
-        let &State {
-            ref truth,
-            parameter_epoch,
-            ticks_skipped,
-            deadline_miss_run,
-            command_saturated,
-            ..
-        } = &state.content;
+        let state = &state.content;
+        let (truth, parameter_epoch) = (&state.truth, state.parameter_epoch);
+        let ticks_skipped = state.ticks_skipped;
         let theta = truth.theta();
         let known = self.newest.replace(Known {
             theta,
@@ -119,8 +114,8 @@ impl Assumptions {
                 Cause::MotorLag,
                 truth.get(Parameter::MotorTimeConstant) > 0.0,
             ),
-            (Cause::Saturation, command_saturated == 1),
-            (Cause::StaleInput, skipped || deadline_miss_run > 0),
+            (Cause::Saturation, state.command_saturated == 1),
+            (Cause::StaleInput, skipped || state.deadline_miss_run > 0),
             (Cause::Delay, true),
         ] {
             if holds {

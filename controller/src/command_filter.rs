@@ -47,11 +47,7 @@ impl CommandFilter {
     /// The filter after a time under a constant input.
     pub fn advance(&self, win: &Vector3<f64>, over: &Passage) -> Self {
         let Self { w_f, ec, e1 } = self;
-        let &Passage {
-            dt_s,
-            ref w_f_dt,
-            ref decay,
-        } = over;
+        let (dt_s, w_f_dt, decay) = (over.dt_s, &over.w_f_dt, &over.decay);
         let target = win.component_div(&w_f.component_mul(w_f));
         let y0 = ec - target;
         let keep_ec = y0 + w_f_dt.component_mul(&y0) + dt_s * e1;

@@ -148,20 +148,15 @@ struct Demand {
 
 impl Demand {
     fn of(reference: &Reference, model: &Airframe) -> Self {
-        let (psi, dpsi, ddpsi) = (
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-            reference.yaw_acceleration_rad_s2,
-        );
         let [a, da, dda] = along_reference(reference, model.g(), model.k_t() / model.m());
-        let yaw = Yaw::new(psi, dpsi, ddpsi);
+        let yaw = Yaw::of(reference);
         let (phi, theta) = tilt(&a, &yaw);
         let rates = tilt_rates(&a, &da, &dda, &yaw);
         let (xi, dxi) = (
-            Vector3::new(rates.dphi, rates.dtheta, dpsi),
-            Vector3::new(rates.ddphi, rates.ddtheta, ddpsi),
+            Vector3::new(rates.dphi, rates.dtheta, yaw.dpsi),
+            Vector3::new(rates.ddphi, rates.ddtheta, yaw.ddpsi),
         );
-        let attitude = RollPitch::of(&Vector3::new(phi, theta, psi));
+        let attitude = RollPitch::of(&Vector3::new(phi, theta, reference.yaw_rad));
         let nu2 = attitude.body_rate(&xi);
         let dnu2 = attitude.body_rate_dot(&xi, &xi) + attitude.body_rate(&dxi);
         let inertia = Inertia::new(Vector3::from(model.i_m()));
@@ -229,9 +224,8 @@ mod tests {
     use control_api::law::Law as _;
 
     fn found(course: impl Into<ScaledTrajectory>) -> Vec<Excess> {
-        let limits =
-            Limits::of(&Pd::DESCRIPTION, &Settings::default()).map(|limits| (Role::Outer, limits));
-        assert!(limits.is_some());
+        let limits = Limits::of(&Pd::DESCRIPTION, &Settings::default()).unwrap();
+        let limits = Some((Role::Outer, limits));
         excesses(
             &course.into(),
             &Rig::default(),
@@ -241,52 +235,45 @@ mod tests {
         )
     }
 
+    fn first(found: &[Excess], demanded: Demanded) -> Option<&Excess> {
+        found.iter().find(|excess| excess.demanded == demanded)
+    }
+
     #[test]
     fn the_built_in_trajectories_are_feasible_but_for_the_step() {
         for trajectory in Trajectory::ALL {
-            let found = found(trajectory);
-            if trajectory == Trajectory::Step {
-                assert_eq!(found.len(), 1);
-                assert_eq!(found[0].demanded, Demanded::Jump);
-                assert!(
-                    (found[0].worst - 3_f64.sqrt()).abs() < 1e-12,
-                    "{}",
-                    found[0]
-                );
-            } else {
-                assert_eq!(found, [], "{trajectory}");
+            match found(trajectory).as_slice() {
+                [jump] if trajectory == Trajectory::Step => {
+                    assert_eq!(jump.demanded, Demanded::Jump);
+                    assert!((jump.worst - 3_f64.sqrt()).abs() < 1e-12, "{jump}");
+                }
+                found => assert_eq!(found, [], "{trajectory}"),
             }
         }
     }
 
     #[test]
     fn a_course_jumps_from_where_the_flight_begins() {
-        let jumps = |trajectory, position_w_m, yaw_rad| {
+        let jump = |trajectory, position_w_m, yaw_rad| {
             let start = Start {
                 position_w_m,
                 yaw_rad,
             };
             let course = ScaledTrajectory::of(trajectory);
             let found = excesses(&course, &Rig::default(), None, &start, 1.0);
-            let mut jumps = found.iter().filter(|it| it.demanded == Demanded::Jump);
-            jumps.next().map(|excess| excess.worst)
+            first(&found, Demanded::Jump).map(|excess| excess.worst)
         };
         let begin = ScaledTrajectory::of(Trajectory::Step).reference(0.0);
-        assert_eq!(
-            jumps(Trajectory::Step, begin.position_w_m, begin.yaw_rad),
-            None
-        );
-        assert_eq!(jumps(Trajectory::Hover, [0.0, 0.0, 3.0], 0.0), Some(3.0));
-        assert_eq!(jumps(Trajectory::Hover, [0.0; 3], -0.5), Some(0.5));
+        let (position, yaw) = (begin.position_w_m, begin.yaw_rad);
+        assert_eq!(jump(Trajectory::Step, position, yaw), None);
+        assert_eq!(jump(Trajectory::Hover, [0.0, 0.0, 3.0], 0.0), Some(3.0));
+        assert_eq!(jump(Trajectory::Hover, [0.0; 3], -0.5), Some(0.5));
     }
 
     #[test]
     fn what_is_too_quick_is_named_with_its_instant() {
         let hurried = found(ScaledTrajectory::of(Trajectory::Fast).stretched(1.0, 0.5));
-        let tilt = hurried
-            .iter()
-            .find(|excess| excess.demanded == Demanded::Tilt)
-            .unwrap();
+        let tilt = first(&hurried, Demanded::Tilt).unwrap();
         assert!(
             tilt.first_s < tilt.worst_s && tilt.worst > tilt.allowed,
             "{tilt}"
@@ -296,9 +283,7 @@ mod tests {
             "{tilt}"
         );
         assert!(
-            hurried
-                .iter()
-                .any(|excess| excess.demanded == Demanded::RotorAbove),
+            first(&hurried, Demanded::RotorAbove).is_some(),
             "{hurried:?}"
         );
     }
@@ -315,11 +300,8 @@ mod tests {
             &Start::default(),
             60.0,
         );
-        let last = found
-            .iter()
-            .find(|excess| excess.demanded == Demanded::RotorAbove)
-            .unwrap();
-        assert_eq!((last.first_s, last.allowed), (0.0, 0.99 * hover));
-        assert!(last.worst >= hover && last.worst < 1.2 * hover);
+        let above = first(&found, Demanded::RotorAbove).unwrap();
+        assert_eq!((above.first_s, above.allowed), (0.0, 0.99 * hover));
+        assert!(above.worst >= hover && above.worst < 1.2 * hover);
     }
 }

@@ -21,6 +21,15 @@ pub struct Yaw {
 }
 
 impl Yaw {
+    /// That of a reference.
+    pub fn of(reference: &Reference) -> Self {
+        Self::new(
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+            reference.yaw_acceleration_rad_s2,
+        )
+    }
+
     /// At psi_d [rad], with its derivatives dpsi_d [rad/s] and ddpsi_d [rad/s^2].
     pub fn new(psi: f64, dpsi: f64, ddpsi: f64) -> Self {
         let (sin, cos) = sin_cos(psi);
@@ -104,15 +113,21 @@ pub fn thrust_acceleration(
     wanted + g * Vector3::z() + drag * velocity
 }
 
-/// Thrust acceleration of an airframe that flies the reference exactly, with two derivatives.
-pub fn along_reference(reference: &Reference, g: f64, drag: f64) -> [Vector3<f64>; 3] {
-    let [v, dv, ddv, dddv] = [
+/// Position of a reference with its four derivatives, world frame [m, m/s, m/s^2, m/s^3, m/s^4].
+pub fn motion(reference: &Reference) -> [Vector3<f64>; 5] {
+    [
+        reference.position_w_m,
         reference.velocity_w_m_s,
         reference.acceleration_w_m_s2,
         reference.jerk_w_m_s3,
         reference.snap_w_m_s4,
     ]
-    .map(Vector3::from);
+    .map(Vector3::from)
+}
+
+/// Thrust acceleration of an airframe that flies the reference exactly, with two derivatives.
+pub fn along_reference(reference: &Reference, g: f64, drag: f64) -> [Vector3<f64>; 3] {
+    let [_, v, dv, ddv, dddv] = motion(reference);
     let a = thrust_acceleration(&dv, &v, g, drag);
     [a, ddv + drag * dv, dddv + drag * ddv]
 }
@@ -125,13 +140,7 @@ pub fn desired(
     g: f64,
     drag: f64,
 ) -> Desired {
-    let &Reference {
-        yaw_rad,
-        yaw_rate_rad_s,
-        yaw_acceleration_rad_s2,
-        ..
-    } = reference;
-    let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
+    let yaw = Yaw::of(reference);
     let (phi_d, theta_d) = tilt(a, &yaw);
     let ahead = if limited {
         TiltRates::default()
@@ -141,9 +150,9 @@ pub fn desired(
     };
     Desired {
         thrust_n,
-        attitude_rad: [phi_d, theta_d, yaw_rad],
-        attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, yaw_rate_rad_s],
-        attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, yaw_acceleration_rad_s2],
+        attitude_rad: [phi_d, theta_d, reference.yaw_rad],
+        attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, yaw.dpsi],
+        attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, yaw.ddpsi],
         limited: u64::from(limited),
     }
 }

@@ -43,9 +43,7 @@ impl Limits {
 /// Half of what they can give beyond hover is left for the torque; the paper's airframe, whose rotors carry three times
 /// its weight, keeps 2 g.
 pub fn suited(settings: &Settings, z_min: &Setting, z_max: &Setting, rig: &Rig) -> Settings {
-    let Rig {
-        airframe, rotor, ..
-    } = rig;
+    let (airframe, rotor) = (&rig.airframe, &rig.rotor);
     let most_g = 4.0 * rotor.f_max(airframe.k()) / (airframe.m() * airframe.g());
     let with_room_g = 1.0 + 0.5 * (most_g - 1.0);
     let given_g = settings.number(z_max);
@@ -69,15 +67,10 @@ pub struct AccelerationLimits {
 impl AccelerationLimits {
     /// Those of a law, where gravity is `g` [m/s^2].
     pub fn new(limits: &Limits, g: f64) -> Self {
-        let Limits {
-            acceleration_z_min_g,
-            acceleration_z_max_g,
-            tilt_max_rad,
-        } = *limits;
         Self {
-            z_min: acceleration_z_min_g * g,
-            z_max: acceleration_z_max_g * g,
-            tilt_max: tan(tilt_max_rad),
+            z_min: limits.acceleration_z_min_g * g,
+            z_max: limits.acceleration_z_max_g * g,
+            tilt_max: tan(limits.tilt_max_rad),
         }
     }
 
@@ -88,12 +81,9 @@ impl AccelerationLimits {
         let z = a.z.clamp(self.z_min, self.z_max);
         let horizontal = a.xy().norm();
         let allowed = z * self.tilt_max;
-        let scale = if horizontal > allowed {
-            allowed / horizontal
-        } else {
-            1.0
-        };
-        let limited = z != a.z || horizontal > allowed;
+        let is_tilted = horizontal > allowed;
+        let scale = if is_tilted { allowed / horizontal } else { 1.0 };
+        let limited = z != a.z || is_tilted;
         (Vector3::new(scale * a.x, scale * a.y, z), limited)
     }
 }

@@ -92,9 +92,7 @@ pub struct RateWeight {
 impl RateWeight {
     /// Before the first step; T [s] and T/alpha [s^2] are those of the adaptation.
     pub fn new(adaptation: &Adaptation) -> Self {
-        let Adaptation {
-            period_s, step_s2, ..
-        } = *adaptation;
+        let (period_s, step_s2) = (adaptation.period_s, adaptation.step_s2);
         let alpha_t = period_s * period_s / step_s2;
         Self {
             a: exp(-alpha_t),

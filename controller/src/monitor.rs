@@ -140,10 +140,8 @@ impl TheoremMonitor {
     ) {
         let theta = Vector3::from(state.truth.theta());
         let estimate = Vector3::from(adaptive::estimate(&wrench.telemetry));
-        let (error, e) = (
-            estimate - theta,
-            Vector3::from(adaptive::rate_error(&wrench.telemetry)),
-        );
+        let error = estimate - theta;
+        let e = Vector3::from(adaptive::rate_error(&wrench.telemetry));
         let was = self.before;
         self.before = Before {
             estimate,
@@ -204,10 +202,7 @@ impl TheoremMonitor {
     /// Error of the trapezoidal rule over a tick [rad/s^2]: T^2/12 of the third derivative of the rates. Under a held
     /// torque that is, by (8), the slope squared times their acceleration, the curvature of f, and that of h(t).
     fn trapezoid(&self, last: &LastTick, theta: &Vector3<f64>) -> f64 {
-        let Adaptation {
-            inertia, period_s, ..
-        } = &self.adaptation;
-        let i_m = inertia.i_m();
+        let (i_m, period_s) = (self.adaptation.inertia.i_m(), self.adaptation.period_s);
         let curvature = 2.0 * (i_m.max() - i_m.min()) / i_m.min();
         let slope = (theta.y.abs() + (theta.x * last.om_m).abs()) / i_m.min()
             + curvature * last.nu2_end.norm();

@@ -126,12 +126,7 @@ fn it_is_the_exact_solution() {
                 let close = |is: f64| {
                     (is - exact).abs() < 1e-9 * (100.0_f64.powi(order as i32) + exact.abs())
                 };
-                assert!(
-                    close(axes[1][order]),
-                    "{} {order}: {:?} {exact}",
-                    sample[0],
-                    axes[1]
-                );
+                assert!(close(axes[1][order]), "{sample} {order}: {:?}", axes[1]);
                 assert!(close(-axes[3][order]), "the axes are alike");
                 assert_eq!(axes[0][order], 0.0);
             }
@@ -146,10 +141,8 @@ fn what_is_no_curve_is_refused_by_its_point() {
         value: [x, 0.0, 0.0, 0.0],
     };
     assert_eq!(Spline::through(&[]), Err(SplineError::TooFew));
-    assert_eq!(
-        Spline::through(&[point(0.0, 1.0)]),
-        Err(SplineError::TooFew)
-    );
+    let single = Spline::through(&[point(0.0, 1.0)]);
+    assert_eq!(single, Err(SplineError::TooFew));
     for (second, third) in [
         ((1.0, 0.0), (1.0, 1.0)),
         ((1.0, 0.0), (0.5, 1.0)),
@@ -179,10 +172,8 @@ fn a_course_as_it_is_has_the_bits_of_its_trajectory() {
     for trajectory in Trajectory::ALL {
         for i in 0..2000 {
             let t_s = f64::from(i) * 0.01;
-            assert_eq!(
-                ScaledTrajectory::of(trajectory).reference(t_s),
-                trajectory.reference(t_s)
-            );
+            let scaled = ScaledTrajectory::of(trajectory).reference(t_s);
+            assert_eq!(scaled, trajectory.reference(t_s));
         }
     }
 }

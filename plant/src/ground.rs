@@ -51,19 +51,19 @@ struct Corner {
     impulse_w: Vector3<f64>,
 }
 
-struct Struck<'a> {
+struct ContactBody<'a> {
     body: &'a mut RigidBody,
     rot_wb: Matrix3<f64>,
     per_mass: f64,
     per_inertia: Vector3<f64>,
 }
 
-impl Struck<'_> {
+impl ContactBody<'_> {
     fn velocity_w(&self, arm_b: &Vector3<f64>) -> Vector3<f64> {
         self.body.v + self.rot_wb * self.body.nu2.cross(arm_b)
     }
 
-    fn strike(&mut self, arm_b: &Vector3<f64>, impulse_w: &Vector3<f64>) {
+    fn push(&mut self, arm_b: &Vector3<f64>, impulse_w: &Vector3<f64>) {
         let turn = arm_b.cross(&self.rot_wb.tr_mul(impulse_w));
         self.body.v += impulse_w * self.per_mass;
         self.body.nu2 += turn.component_mul(&self.per_inertia);
@@ -126,7 +126,7 @@ impl Ground {
         let rot_wb = body.attitude.rot_wb();
         let (height_m, free) = (body.eta1.z - self.z_m, *body);
         let per_inertia = Vector3::from(airframe.i_m()).map(f64::recip);
-        let mut struck = Struck {
+        let mut contact_body = ContactBody {
             body,
             rot_wb,
             per_mass: 1.0 / airframe.m(),
@@ -136,14 +136,16 @@ impl Ground {
             .corners(airframe)
             .into_iter()
             .filter(|arm_b| height_m + (rot_wb * arm_b).z <= 0.0)
-            .map(|arm_b| struck.corner(arm_b))
+            .map(|arm_b| contact_body.corner(arm_b))
             .collect();
         for corner in &touching {
-            contact.speed_m_s = contact.speed_m_s.max(-struck.velocity_w(&corner.arm_b).z);
+            contact.speed_m_s = contact
+                .speed_m_s
+                .max(-contact_body.velocity_w(&corner.arm_b).z);
         }
         for _ in 0..SWEEPS {
             for corner in &mut touching {
-                self.settle(corner, &mut struck);
+                self.settle(corner, &mut contact_body);
             }
         }
         for corner in &touching {
@@ -161,32 +163,25 @@ impl Ground {
 
     /// Whether a contact was none of a landing.
     pub fn crash(&self, tick: u64, contact: &Contact) -> Option<Crash> {
-        let Contact {
-            speed_m_s,
-            tilt_rad,
-            ..
-        } = *contact;
-        let &Self {
-            crash_speed_m_s,
-            crash_tilt_rad,
-            ..
-        } = self;
-        (speed_m_s > crash_speed_m_s || tilt_rad > crash_tilt_rad).then_some(Crash {
+        let (speed_m_s, tilt_rad) = (contact.speed_m_s, contact.tilt_rad);
+        let (speed_max_m_s, tilt_max_rad) = (self.crash_speed_m_s, self.crash_tilt_rad);
+        (speed_m_s > speed_max_m_s || tilt_rad > tilt_max_rad).then_some(Crash {
             tick,
             speed_m_s,
             tilt_rad,
-            speed_max_m_s: crash_speed_m_s,
-            tilt_max_rad: crash_tilt_rad,
+            speed_max_m_s,
+            tilt_max_rad,
         })
     }
 
     /// One step of the sweep: the corner stops sinking, then sliding, as far as it may be pushed for that.
-    fn settle(&self, corner: &mut Corner, struck: &mut Struck<'_>) {
+    fn settle(&self, corner: &mut Corner, contact_body: &mut ContactBody<'_>) {
         let mut wanted = corner.impulse_w;
-        wanted.z = (wanted.z - struck.velocity_w(&corner.arm_b).z / corner.per_impulse.z).max(0.0);
-        struck.strike(&corner.arm_b, &(wanted - corner.impulse_w));
+        wanted.z =
+            (wanted.z - contact_body.velocity_w(&corner.arm_b).z / corner.per_impulse.z).max(0.0);
+        contact_body.push(&corner.arm_b, &(wanted - corner.impulse_w));
         corner.impulse_w = wanted;
-        let sliding = struck.velocity_w(&corner.arm_b);
+        let sliding = contact_body.velocity_w(&corner.arm_b);
         wanted.x -= sliding.x / corner.per_impulse.x;
         wanted.y -= sliding.y / corner.per_impulse.y;
         let (across, allowed) = (
@@ -197,7 +192,7 @@ impl Ground {
             wanted.x *= allowed / across;
             wanted.y *= allowed / across;
         }
-        struck.strike(&corner.arm_b, &(wanted - corner.impulse_w));
+        contact_body.push(&corner.arm_b, &(wanted - corner.impulse_w));
         corner.impulse_w = wanted;
     }
 

@@ -40,31 +40,20 @@ mod tests {
             // Standard errors of these means: 0.0032, 0.0045, 0.0032, and 0.031 of the fourth moment.
             for axis in 0..3 {
                 let moment = |power| mean(&|i| samples[i][axis].powi(power));
-                assert!(
-                    moment(1).abs() < 0.016,
-                    "seed {seed}, axis {axis}: mean {}",
-                    moment(1)
-                );
-                assert!(
-                    (moment(2) - 1.0).abs() < 0.022,
-                    "seed {seed}, axis {axis}: variance {}",
-                    moment(2)
-                );
-                assert!(
-                    (moment(4) - 3.0).abs() < 0.16,
-                    "seed {seed}, axis {axis}: fourth moment {}",
-                    moment(4)
-                );
                 let next_tick = mean(&|i| samples[i][axis] * samples[i + 1][axis]);
-                assert!(
-                    next_tick.abs() < 0.016,
-                    "seed {seed}, axis {axis}: correlated in time {next_tick}"
-                );
                 let next_axis = mean(&|i| samples[i][axis] * samples[i][(axis + 1) % 3]);
-                assert!(
-                    next_axis.abs() < 0.016,
-                    "seed {seed}, axis {axis}: correlated with the next {next_axis}"
-                );
+                for (what, value, bound) in [
+                    ("mean", moment(1), 0.016),
+                    ("variance less 1", moment(2) - 1.0, 0.022),
+                    ("fourth moment less 3", moment(4) - 3.0, 0.16),
+                    ("correlation in time", next_tick, 0.016),
+                    ("correlation with the next axis", next_axis, 0.016),
+                ] {
+                    assert!(
+                        value.abs() < bound,
+                        "seed {seed}, axis {axis}: {what} {value}"
+                    );
+                }
             }
         }
     }

@@ -264,15 +264,8 @@ impl Plant {
 
     /// The body at the next tick, kept above the ground.
     fn flown(&mut self, spin: &Spin) -> RigidBody {
-        let Self {
-            airframe,
-            dynamics,
-            body,
-            tick,
-            period_s,
-            ..
-        } = self;
-        let (tick, period_s) = (*tick, *period_s);
+        let (tick, period_s) = (self.tick, self.period_s);
+        let (airframe, dynamics, body) = (&self.airframe, &self.dynamics, &self.body);
         let Some(ground) = self.ground else {
             return integrate_with(body, dynamics, spin, tick, period_s, SUBSTEPS, |_, _| {});
         };
@@ -332,13 +325,8 @@ impl Plant {
 
     /// Writes every number of the state as it would be published now.
     fn show(&self, state: &mut State) {
-        let Self {
-            airframe,
-            body,
-            sensors,
-            command_hold,
-            ..
-        } = self;
+        let (airframe, body) = (&self.airframe, &self.body);
+        let (sensors, command_hold) = (&self.sensors, &self.command_hold);
         let (fix, fix_velocity) = sensors.fix(airframe);
         let force =
             self.dynamics

@@ -204,17 +204,17 @@ impl<'a> PlantProcess<'a> {
                 self.report(&state, &mut opened.run);
                 return Ok(EndReason::Completed);
             }
-            let worked = self.tick(tick, waking, pace)?;
+            let (state, envelope) = self.tick(tick, waking, pace)?;
             opened.run.tick = tick;
             opened.run.ticks_run = self.ticks_run;
-            self.report(&worked.state, &mut opened.run);
+            self.report(&state, &mut opened.run);
             opened.board.put(opened.run);
             station.status.ticks_run = self.ticks_run;
-            station.status.ticks_skipped = worked.state.ticks_skipped;
+            station.status.ticks_skipped = state.ticks_skipped;
             station.status.rejections = self.commands.rejections().and(&self.plant.rejections());
             station.publish_status();
-            if let Err(departure) = worked.envelope {
-                return Ok(match departure {
+            if let Err(violation) = envelope {
+                return Ok(match violation {
                     EnvelopeViolation::NotFinite { .. } => EndReason::NonFinite,
                     EnvelopeViolation::Crash(_) => EndReason::Crash,
                     EnvelopeViolation::Tilt { .. } => EndReason::Attitude,
@@ -239,7 +239,12 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// One tick: take the command and the swaps, publish the state, integrate to the next tick.
-    fn tick(&mut self, tick: u64, waking: Waking, pace: Pace) -> Result<PlantTick, Error> {
+    fn tick(
+        &mut self,
+        tick: u64,
+        waking: Waking,
+        pace: Pace,
+    ) -> Result<(State, Result<(), EnvelopeViolation>), Error> {
         self.take_command(tick, pace)?;
         while let Some(request) = self.requests.dequeue() {
             self.accept(&request, tick);
@@ -254,7 +259,7 @@ impl<'a> PlantProcess<'a> {
         }
         self.hand_over_applied();
         self.plant.finish();
-        Ok(PlantTick { state, envelope })
+        Ok((state, envelope))
     }
 
     /// Has all stages rehearse their next tick, and returns when they have, or at once where they run elsewhere.
@@ -455,9 +460,4 @@ fn wait_until(instant_ns: u64) -> u64 {
             return now;
         }
     }
-}
-
-struct PlantTick {
-    state: State,
-    envelope: Result<(), EnvelopeViolation>,
 }

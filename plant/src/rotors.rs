@@ -82,12 +82,7 @@ impl Spin {
 
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
     pub fn means(&self, period_s: f64) -> SpinMeans {
-        let Self {
-            command: w_c,
-            start,
-            time_constant_s: tau,
-            ..
-        } = *self;
+        let (w_c, start, tau) = (self.command, self.start, self.time_constant_s);
         if tau == 0.0 {
             return SpinMeans::steady(&w_c);
         }

@@ -47,13 +47,8 @@ fn a_single_rotor_rolls_pitches_and_yaws_the_way_it_sits() {
         w[rotor] = 200.0;
         let Effort { u, tau, om } = effort(&airframe, &w);
         assert!(u > 0.0);
-        assert_eq!(
-            tau.map(f64::signum),
-            Vector3::from(*signs),
-            "rotor {}",
-            rotor + 1
-        );
-        assert_eq!(om.signum(), signs[2], "rotor {}", rotor + 1);
+        assert_eq!(tau.map(f64::signum), Vector3::from(*signs), "{rotor}");
+        assert_eq!(om.signum(), signs[2], "{rotor}");
     }
 }
 
@@ -63,12 +58,8 @@ fn a_weak_rotor_loses_thrust_and_drag_torque_alike() {
     let w = Vector4::new(0.0, 0.0, 200.0, 0.0);
     let (whole, half) = (effort(&Airframe::nominal(), &w), effort(&weak, &w));
     assert_eq!(
-        half,
-        Effort {
-            u: whole.u / 2.0,
-            tau: whole.tau / 2.0,
-            om: whole.om
-        }
+        (half.u, half.tau, half.om),
+        (whole.u / 2.0, whole.tau / 2.0, whole.om)
     );
 }
 
@@ -135,14 +126,11 @@ fn an_airframe_that_is_swapped_before_the_flight_flies_as_one_built_so() {
     });
     swapped.schedule(Swap::new(0, &changes).unwrap()).unwrap();
     for tick in 0..200 {
-        assert_eq!(
-            swapped.begin(tick),
-            State {
-                parameter_epoch: 1,
-                ..built.begin(tick)
-            },
-            "tick {tick}"
-        );
+        let expected = State {
+            parameter_epoch: 1,
+            ..built.begin(tick)
+        };
+        assert_eq!(swapped.begin(tick), expected, "tick {tick}");
         assert_eq!(swapped.measured(), built.measured(), "tick {tick}");
     }
 }

@@ -263,7 +263,7 @@ mod tests {
             kind: Kind::Freeze,
             span: Span::new(2, 5),
         };
-        faults.push(freeze).unwrap();
+        faults.take(&freeze.into()).unwrap();
         let mut input_with_faults = RecordedInput::new(&faults, Port::MixerWrench);
         for tick in 0..7 {
             let content = Wrench {

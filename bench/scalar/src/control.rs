@@ -2,6 +2,7 @@
 
 use controller::Trajectory;
 use controller::adaptation::Weight;
+use controller::flatness::motion;
 use messages::frames::{RollPitch, wrap};
 use messages::math::{atan2, exp, exp_m1, sin, sin_cos};
 use nalgebra::{Matrix3, Vector3, Vector4};
@@ -47,14 +48,7 @@ pub struct AttitudeSetpoint {
 /// Thrust and attitude that bring the body to the trajectory.
 pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
     let reference = Trajectory::Lissajous.reference(t);
-    let [p, v, dv, ddv, dddv] = [
-        reference.position_w_m,
-        reference.velocity_w_m_s,
-        reference.acceleration_w_m_s2,
-        reference.jerk_w_m_s3,
-        reference.snap_w_m_s4,
-    ]
-    .map(Vector3::from);
+    let [p, v, dv, ddv, dddv] = motion(&reference);
     let gravity = Vector3::new(0.0, 0.0, G);
     let free = dv + K_D * (v - b.v) + K_P * (p - b.x) + DRAG * b.v + gravity;
     let z = free.z.clamp(A_MIN, A_MAX);

@@ -51,11 +51,7 @@ pub fn check(
 
 /// Refuses limits of the acceleration whose lower end is not below the upper one.
 pub fn check_limits(limits: &Limits) -> Result<(), Refused> {
-    let Limits {
-        acceleration_z_min_g: low,
-        acceleration_z_max_g: high,
-        ..
-    } = *limits;
+    let (low, high) = (limits.acceleration_z_min_g, limits.acceleration_z_max_g);
     if low < high {
         return Ok(());
     }

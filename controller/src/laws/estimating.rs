@@ -124,16 +124,12 @@ impl Law for Estimating {
 impl Estimating {
     /// Learns from the tick that ended at velocity `v` [m/s]; `last` stood at its start.
     fn learn(&mut self, last: &Sample, v: &Vector3<f64>, speed_squared: &[f64; 4]) {
-        let Rig {
-            period_s: t,
-            airframe,
-            ..
-        } = &self.rig;
+        let (t, airframe) = (self.rig.period_s, &self.rig.airframe);
         let u_m = airframe.k() * speed_squared.iter().sum::<f64>();
         let p1 = last.z_b * (u_m / airframe.m());
         let p2 = -last.v;
         let known = self.lam * p1 + self.sig * p2 - airframe.g() * Vector3::z();
-        let z = v - last.v - *t * known;
+        let z = v - last.v - t * known;
         let d = 1.0 + t * (self.g_l * p1.norm_squared() + self.g_s * p2.norm_squared());
         self.lam = (self.lam + self.g_l * p1.dot(&z) / d).clamp(THRUST_SCALE.0, THRUST_SCALE.1);
         self.sig = (self.sig + self.g_s * p2.dot(&z) / d).clamp(DRAG.0, DRAG.1);
@@ -148,19 +144,14 @@ impl OuterLaw for Estimating {
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> Desired {
-        let Rig {
-            airframe, rotor, ..
-        } = self.rig;
+        let (airframe, rotor) = (self.rig.airframe, self.rig.rotor);
         let p = Vector3::from(measured.position_w_m);
         let v = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);
         let z_b = z_b(&eta2);
         // The rotors' means cover one tick: after a gap nothing is known of the ticks in it.
-        if let Some(last) = self
-            .last
-            .replace(Sample { tick, v, z_b })
-            .filter(|last| last.tick + 1 == tick)
-        {
+        let last = self.last.replace(Sample { tick, v, z_b });
+        if let Some(last) = last.filter(|last| last.tick + 1 == tick) {
             self.learn(&last, &v, &measured.rotor_speed_squared_mean_rad2_s2);
         }
 

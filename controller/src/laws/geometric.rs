@@ -35,6 +35,7 @@ use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::{Matrix3, Vector3};
 
+use crate::flatness::motion;
 use crate::laws::cascade;
 use crate::limits::{self, AccelerationLimits, Limits};
 
@@ -148,13 +149,8 @@ impl Moving {
 }
 
 fn heading(reference: &Reference) -> Moving {
-    let Reference {
-        yaw_rad,
-        yaw_rate_rad_s: dpsi,
-        yaw_acceleration_rad_s2: ddpsi,
-        ..
-    } = *reference;
-    let (sin, cos) = sin_cos(yaw_rad);
+    let (dpsi, ddpsi) = (reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2);
+    let (sin, cos) = sin_cos(reference.yaw_rad);
     let (along, across) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
     Moving([along, dpsi * across, ddpsi * across - dpsi * dpsi * along])
 }
@@ -196,18 +192,8 @@ impl Geometric {
     ) -> (f64, Moving, bool) {
         let (m, g) = (self.rig.airframe.m(), self.rig.airframe.g());
         let drag = self.rig.airframe.k_t() / m;
-        let (x, v) = (
-            Vector3::from(state.position_w_m),
-            Vector3::from(state.velocity_w_m_s),
-        );
-        let [x_d, v_d, dv_d, ddv_d, dddv_d] = [
-            reference.position_w_m,
-            reference.velocity_w_m_s,
-            reference.acceleration_w_m_s2,
-            reference.jerk_w_m_s3,
-            reference.snap_w_m_s4,
-        ]
-        .map(Vector3::from);
+        let [x, v] = [state.position_w_m, state.velocity_w_m_s].map(Vector3::from);
+        let [x_d, v_d, dv_d, ddv_d, dddv_d] = motion(reference);
         let (e3, r3) = (Vector3::z(), r.column(2).into_owned());
 
         let (e_x, e_v) = (x - x_d, v - v_d);
@@ -223,7 +209,8 @@ impl Geometric {
         let e_a = dv - dv_d;
         let da = -self.k_x * e_v - self.k_v * e_a + ddv_d + drag * dv;
         let dr3 = r * Vector3::from(state.rate_b_rad_s).cross(&e3);
-        let df = if f == wanted {
+        let is_free = f == wanted;
+        let df = if is_free {
             m * (da.dot(&r3) + a.dot(&dr3))
         } else {
             0.0
@@ -236,11 +223,8 @@ impl Geometric {
 
     /// f [N], moved towards m g as far as roll and pitch of `tau` [N m] need.
     fn give_way(&self, f: f64, tau: &Vector3<f64>) -> f64 {
-        let room = 4.0
-            * self
-                .allocation
-                .thrusts(0.0, &Vector3::new(tau.x, tau.y, 0.0))
-                .amax();
+        let roll_pitch = Vector3::new(tau.x, tau.y, 0.0);
+        let room = 4.0 * self.allocation.thrusts(0.0, &roll_pitch).amax();
         let low = (self.f_min + room).min(self.weight_n);
         let high = (self.f_max - room).max(self.weight_n);
         f.max(low).min(high)
@@ -265,15 +249,12 @@ impl InnerLaw for Geometric {
         let omega = Vector3::from(state.rate_b_rad_s);
         let j = Vector3::from(self.rig.airframe.i_m());
         let (f, a, limited) = self.thrust(state, reference, &r);
-        let DesiredFrame {
-            r: r_d,
-            omega: omega_d,
-            d_omega: d_omega_d,
-        } = desired(&a, &heading(reference));
+        let frame = desired(&a, &heading(reference));
+        let r_d = frame.r;
 
         let e_r = 0.5 * vee(&(r_d.tr_mul(&r) - r.tr_mul(&r_d)));
-        let turned = r.tr_mul(&r_d) * omega_d;
-        let d_turned = r.tr_mul(&r_d) * d_omega_d - omega.cross(&turned);
+        let turned = r.tr_mul(&r_d) * frame.omega;
+        let d_turned = r.tr_mul(&r_d) * frame.d_omega - omega.cross(&turned);
         let e_omega = omega - turned;
         let tau = j.component_mul(
             &(d_turned - self.k_r.component_mul(&e_r) - self.k_omega.component_mul(&e_omega)),

@@ -146,17 +146,13 @@ impl InnerLaw for Indi {
         let nu2 = Vector3::from(state.rate_b_rad_s);
         self.take(tick, &nu2, &state.rotor_speed_squared_mean_rad2_s2);
 
-        let DesiredAttitude {
-            attitude: q_d,
-            nu2: nu2_d,
-            dnu2: dnu2_d,
-        } = DesiredAttitude::of(&wanted.content);
+        let desired = DesiredAttitude::of(&wanted.content);
         let q_e = Attitude::of_wxyz(state.attitude_quaternion)
             .inverse()
-            .times(&q_d)
+            .times(&desired.attitude)
             .short_way();
-        let nu2_r = 2.0 * self.k_eta.component_mul(&q_e.vector()) + q_e.to_world(&nu2_d);
-        let nu = self.k_nu2.component_mul(&(nu2_r - nu2)) + q_e.to_world(&dnu2_d);
+        let nu2_r = 2.0 * self.k_eta.component_mul(&q_e.vector()) + q_e.to_world(&desired.nu2);
+        let nu = self.k_nu2.component_mul(&(nu2_r - nu2)) + q_e.to_world(&desired.dnu2);
         let (tau_f, dnu2_f) = (self.torque.output(), self.acceleration.output());
         let tau = tau_f + self.i_m.component_mul(&(nu - dnu2_f));
 

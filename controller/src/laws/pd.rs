@@ -109,24 +109,19 @@ impl OuterLaw for Pd {
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> Desired {
-        let Self {
-            k_p,
-            k_d,
-            limits,
-            model,
-            rotor,
-        } = self;
+        let model = &self.model;
         let position = Vector3::from(measured.position_w_m);
         let velocity = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);
 
         let wanted = Vector3::from(reference.acceleration_w_m_s2)
-            + *k_d * (Vector3::from(reference.velocity_w_m_s) - velocity)
-            + *k_p * (Vector3::from(reference.position_w_m) - position);
+            + self.k_d * (Vector3::from(reference.velocity_w_m_s) - velocity)
+            + self.k_p * (Vector3::from(reference.position_w_m) - position);
         telemetry.value[..3].copy_from_slice(wanted.as_slice());
         let (g, drag) = (model.g(), model.k_t() / model.m());
-        let (a, limited) = limits.limit(&thrust_acceleration(&wanted, &velocity, g, drag));
-        let thrust_n = rotor.limit(thrust(&a, &eta2, model), model.k());
+        let free = thrust_acceleration(&wanted, &velocity, g, drag);
+        let (a, limited) = self.limits.limit(&free);
+        let thrust_n = self.rotor.limit(thrust(&a, &eta2, model), model.k());
         desired(thrust_n, (&a, limited), reference, g, drag)
     }
 }

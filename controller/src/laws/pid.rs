@@ -156,26 +156,18 @@ impl Pid {
 
     /// Whether a rotor would have to leave its range for thrust `u` [N] and torque `tau` [N m].
     fn saturates(&self, u: f64, tau: &Vector3<f64>) -> bool {
-        let Rig {
-            airframe, rotor, ..
-        } = &self.rig;
-        let range = rotor.f_min(airframe.k())..=rotor.f_max(airframe.k());
-        !self
-            .allocation
-            .thrusts(u, tau)
-            .iter()
-            .all(|f| range.contains(f))
+        let (k, rotor) = (self.rig.airframe.k(), &self.rig.rotor);
+        let range = rotor.f_min(k)..=rotor.f_max(k);
+        let thrusts = self.allocation.thrusts(u, tau);
+        !thrusts.iter().all(|f| range.contains(f))
     }
 
     /// The integrator after a tick with rate error `e` [rad/s] that asked for `tau` [N m].
     fn integrated(&self, e: &Vector3<f64>, tau: &Vector3<f64>, saturated: bool) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| {
             let (e, limit) = (e[axis], self.integral_max[axis]);
-            let taken = if saturated && e * tau[axis] > 0.0 {
-                0.0
-            } else {
-                e
-            };
+            let asks_for_more = saturated && e * tau[axis] > 0.0;
+            let taken = if asks_for_more { 0.0 } else { e };
             let factor = (1.0 - (e / INTEGRATOR_ERROR_MAX) * (e / INTEGRATOR_ERROR_MAX)).max(0.0);
             (self.integral[axis] + self.rig.period_s * self.i[axis] * factor * taken)
                 .clamp(-limit, limit)
@@ -200,11 +192,8 @@ impl InnerLaw for Pid {
         let nu2 = Vector3::from(state.rate_b_rad_s);
         self.take(tick, &nu2);
 
-        let DesiredAttitude {
-            attitude: q_d,
-            nu2: nu2_d,
-            ..
-        } = DesiredAttitude::of(&wanted.content);
+        let desired = DesiredAttitude::of(&wanted.content);
+        let q_d = desired.attitude;
         let q = Attitude::of_wxyz(state.attitude_quaternion);
         let q_e = q
             .inverse()
@@ -214,7 +203,7 @@ impl InnerLaw for Pid {
         let gain = self
             .attitude
             .component_div(&Vector3::new(1.0, 1.0, self.yaw_weight));
-        let ahead = q.inverse().times(&q_d).to_world(&nu2_d);
+        let ahead = q.inverse().times(&q_d).to_world(&desired.nu2);
         let nu2_r = (2.0 * gain.component_mul(&q_e.vector()) + ahead)
             .sup(&-self.rate_max)
             .inf(&self.rate_max);

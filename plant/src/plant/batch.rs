@@ -109,28 +109,13 @@ impl PlantBatch {
                 .put(lane, [plant.eta2.x, plant.eta2.y, plant.eta2.z, 0.0]);
             let instants = if lags { INSTANTS } else { 1 };
             for (half_steps, forcing) in self.forcing.iter_mut().take(instants).enumerate() {
-                forcing.put(
-                    lane,
-                    plant
-                        .dynamics
-                        .forcing(&spin.effort(half_steps as f64 * half_s))
-                        .numbers(),
-                );
+                let effort = spin.effort(half_steps as f64 * half_s);
+                forcing.put(lane, plant.dynamics.forcing(&effort).numbers());
             }
         }
-        let Self {
-            body,
-            eta2,
-            dynamics,
-            forcing,
-        } = self;
-        integrate(
-            body,
-            dynamics,
-            if lags { forcing } else { &forcing[..1] },
-            &h,
-            half_s,
-        );
+        let (body, eta2) = (&mut self.body, &mut self.eta2);
+        let forcing = &self.forcing[..if lags { INSTANTS } else { 1 }];
+        integrate(body, &self.dynamics, forcing, &h, half_s);
         follow(body, eta2);
         for (lane, (plant, spin)) in group.iter_mut().zip(&spins).enumerate() {
             let body = RigidBody::of_numbers(body.of(lane));

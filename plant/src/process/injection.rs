@@ -43,7 +43,7 @@ impl Injection {
 
     pub fn plan(&mut self, faults: &LoopFaults, acts: &Acts) {
         (self.faults, self.acts) = (*faults, *acts);
-        self.is_late = !faults.late.of(Role::Plant).is_empty();
+        self.is_late = !faults.late.of_role(Role::Plant).is_empty();
     }
 
     pub const fn messages(&self) -> &MessageFaults {

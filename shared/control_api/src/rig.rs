@@ -38,15 +38,9 @@ impl Rig {
 
     /// Refuses a period or rotors with which no law can fly.
     pub fn check(&self) -> Result<(), Refused> {
-        let Self {
-            period_s,
-            airframe,
-            rotor: RotorLimits {
-                min_rad_s,
-                max_rad_s,
-            },
-        } = *self;
-        Self::check_period(period_s)?;
+        Self::check_period(self.period_s)?;
+        let airframe = &self.airframe;
+        let (min_rad_s, max_rad_s) = (self.rotor.min_rad_s, self.rotor.max_rad_s);
         for (key, value) in [
             ("rotor.min_rad_s", min_rad_s),
             ("rotor.max_rad_s", max_rad_s),
@@ -98,12 +92,7 @@ impl From<&Rig> for ironbird_law::Rig {
                 rotor_inertia_kg_m2: of(Parameter::RotorInertia),
                 inertia_kg_m2: rig.airframe.i_m(),
                 disturbance_gain_rad_s2: of(Parameter::DisturbanceGain),
-                rotor_efficiency: [
-                    of(Parameter::RotorEfficiency1),
-                    of(Parameter::RotorEfficiency2),
-                    of(Parameter::RotorEfficiency3),
-                    of(Parameter::RotorEfficiency4),
-                ],
+                rotor_efficiency: rig.airframe.rotor_efficiency(),
                 motor_time_constant_s: of(Parameter::MotorTimeConstant),
             },
             rotor_min_rad_s: rig.rotor.min_rad_s,

@@ -15,8 +15,8 @@ pub enum FaultKind {
     },
     Late {
         role: Role,
-        least_ns: u64,
-        most_ns: u64,
+        /// The least and the most [ns]; each time between is as likely.
+        range_ns: [u64; 2],
     },
     /// The process of a stage is stopped, and goes on.
     Stop {
@@ -47,9 +47,10 @@ impl FaultKind {
     pub fn is_possible(&self) -> bool {
         match *self {
             Self::Messages { kind, .. } => kind.is_possible(),
-            Self::Late {
-                least_ns, most_ns, ..
-            } => 1 <= least_ns && least_ns <= most_ns && most_ns <= LONGEST_NS,
+            Self::Late { range_ns, .. } => {
+                let [least, most] = range_ns;
+                1 <= least && least <= most && most <= LONGEST_NS
+            }
             Self::Stop { for_ns, .. } => (1..=LONGEST_NS).contains(&for_ns),
             // A flight ends with its plant.
             Self::Kill { role } => role != Role::Plant,
@@ -264,11 +265,7 @@ impl FaultCode {
         let kind = fault.kind;
         let (place, target, [first, second]) = match kind {
             FaultKind::Messages { port, kind } => (port as u64, kind.place(), kind.numbers()),
-            FaultKind::Late {
-                role,
-                least_ns,
-                most_ns,
-            } => (role as u64, None, [least_ns, most_ns]),
+            FaultKind::Late { role, range_ns } => (role as u64, None, range_ns),
             FaultKind::Stop { role, for_ns } => (role as u64, None, [for_ns, 0]),
             FaultKind::Kill { role } => (role as u64, None, [0, 0]),
             FaultKind::Hog { priority } => (0, None, [priority, 0]),
@@ -290,41 +287,29 @@ impl FaultCode {
 
     /// The fault; nothing where the numbers are none that a fault may have.
     pub fn fault(&self) -> Option<LiveFault> {
-        let Self {
-            what,
-            place,
-            first,
-            second,
-            ends,
-            from,
-            to,
-            ..
-        } = *self;
-        let at = usize::try_from(place).ok()?;
+        let (first, second, ends) = (self.first, self.second, self.ends);
+        let at = usize::try_from(self.place).ok()?;
         let number = f64::from_bits(first);
         let role = || STAGES.get(at).copied();
         let port = || PORTS.get(at).copied();
-        let struck = || self.struck(port()?);
+        let place = || self.target(port()?);
         let of = |kind| port().map(|port| FaultKind::Messages { port, kind });
-        let (lost, least_ns, for_ns, most_ns) = (first, first, first, second);
-        let kind = match FaultId::from_wire(what)? {
+        let lost = first;
+        let stop = |role, for_ns| FaultKind::Stop { role, for_ns };
+        let kind = match FaultId::from_wire(self.what)? {
             FaultId::Drop => of(Kind::Drop(number))?,
             FaultId::DropEach => of(Kind::DropEach { lost, of: second })?,
             FaultId::Delay => of(Kind::Delay(first))?,
             FaultId::Lag => of(Kind::Lag(first))?,
             FaultId::Freeze => of(Kind::Freeze)?,
-            FaultId::Noise => of(Kind::Noise(struck()?, number))?,
-            FaultId::Bias => of(Kind::Bias(struck()?, number))?,
-            FaultId::Nan => of(Kind::Nan(struck()?))?,
+            FaultId::Noise => of(Kind::Noise(place()?, number))?,
+            FaultId::Bias => of(Kind::Bias(place()?, number))?,
+            FaultId::Nan => of(Kind::Nan(place()?))?,
             FaultId::Late => FaultKind::Late {
                 role: role()?,
-                least_ns,
-                most_ns,
+                range_ns: [first, second],
             },
-            FaultId::Stop => FaultKind::Stop {
-                role: role()?,
-                for_ns,
-            },
+            FaultId::Stop => stop(role()?, first),
             FaultId::Kill => FaultKind::Kill { role: role()? },
             FaultId::Hog => FaultKind::Hog { priority: first },
             FaultId::Load => FaultKind::Load { share: number },
@@ -333,12 +318,12 @@ impl FaultCode {
         is_fault.then_some(LiveFault {
             kind,
             ends: ends == 1,
-            span: Span { from, to },
+            span: Span::new(self.from, self.to),
         })
     }
 
     /// The number of a port's content that is meant.
-    fn struck(&self, port: Port) -> Option<Place> {
+    fn target(&self, port: Port) -> Option<Place> {
         let field = usize::try_from(self.field).ok()?;
         let axes = port.fields().get(field)?.axes.len();
         let axis = usize::try_from(self.axis)
@@ -380,14 +365,10 @@ mod tests {
             let kinds = kinds.into_iter().filter(has);
             kinds.map(move |kind| FaultKind::Messages { port, kind })
         });
-        let (least_ns, most_ns, for_ns) = (1, 9, 5);
+        let (range_ns, for_ns) = ([1, 9], 5);
         let stages = STAGES.into_iter().flat_map(|role| {
             [
-                FaultKind::Late {
-                    role,
-                    least_ns,
-                    most_ns,
-                },
+                FaultKind::Late { role, range_ns },
                 FaultKind::Stop { role, for_ns },
                 FaultKind::Kill { role },
             ]

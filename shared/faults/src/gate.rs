@@ -82,8 +82,7 @@ impl<C: Faulty> Gate<C> {
     /// nothing where it was made as one that changes.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: Option<C>) {
         self.faults.clear();
-        self.faults
-            .extend(faults.of(port).map(|(number, fault)| (number, *fault)));
+        self.faults.extend(faults.of(port));
         let any = |is: fn(Kind) -> bool| self.faults.iter().any(|(_, fault)| is(fault.kind));
         (self.lags, self.freezes) = (
             any(|kind| matches!(kind, Kind::Lag(_))),
@@ -241,10 +240,8 @@ impl<C: Faulty> FaultyInput<C> {
 
     /// The newest message that has come by a tick. One that was overtaken on its way is never used.
     pub fn settle(&mut self, tick: u64) -> &Message<C> {
-        let Self {
-            waiting, newest, ..
-        } = self;
-        waiting.retain(|(due, message)| {
+        let newest = &mut self.newest;
+        self.waiting.retain(|(due, message)| {
             let is_due = *due <= tick;
             if is_due
                 && (newest.envelope.tick == NO_TICK || newest.envelope.tick < message.envelope.tick)

@@ -19,7 +19,7 @@ use std::fmt;
 
 use messages::fault_id::FaultId;
 
-use code::FaultSpec;
+use code::{FaultKind, FaultSpec, LiveFault};
 use fields::{Faulty as _, Field};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 pub use messages::fault_id::FaultRefusal;
@@ -234,42 +234,28 @@ pub struct MessageFault {
     pub span: Span,
 }
 
-impl Spanned for MessageFault {
-    fn span(&self) -> Span {
-        self.span
-    }
-
-    fn span_mut(&mut self) -> &mut Span {
-        &mut self.span
-    }
-
-    fn contradicts(&self, other: &Self) -> bool {
-        self.port == other.port && self.kind.is_like(other.kind) && self.span.meets(other.span)
+impl From<MessageFault> for LiveFault {
+    fn from(MessageFault { port, kind, span }: MessageFault) -> Self {
+        Self {
+            kind: FaultKind::Messages { port, kind },
+            ends: false,
+            span,
+        }
     }
 }
 
-/// Faults of one sort in a flight, and the seed of what is random in them.
+/// Faults of one sort in a flight, of messages or of late stages, and the seed of what is random in them.
 ///
 /// The place of a fault is its number: what it draws depends on seed, number and tick alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FaultList<F> {
+pub struct FaultList {
     pub seed: u64,
-    faults: [Option<F>; MOST],
+    faults: [Option<LiveFault>; MOST],
 }
 
-pub type MessageFaults = FaultList<MessageFault>;
+pub type MessageFaults = FaultList;
 
-/// A fault that acts in a span of ticks.
-pub trait Spanned: Copy {
-    fn span(&self) -> Span;
-
-    fn span_mut(&mut self) -> &mut Span;
-
-    /// Whether both would have a say in the same message or stage, and contradict each other.
-    fn contradicts(&self, other: &Self) -> bool;
-}
-
-impl<F: Spanned> FaultList<F> {
+impl FaultList {
     pub const fn none(seed: u64) -> Self {
         Self {
             seed,
@@ -277,60 +263,56 @@ impl<F: Spanned> FaultList<F> {
         }
     }
 
-    pub fn push(&mut self, fault: F) -> Result<(), FaultRefusal> {
-        if self.iter().any(|(_, other)| other.contradicts(&fault)) {
+    /// Adds a fault, or ends those like it from its first tick on; the numbers of an end mean nothing.
+    pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
+        let LiveFault { kind, ends, span } = *fault;
+        let mut like = self.faults.iter_mut().flatten();
+        if ends {
+            let mut ended = like
+                .filter(|other| other.kind.is_like(&kind) && other.span.to > span.from)
+                .peekable();
+            ended.peek().ok_or(FaultRefusal::NothingToEnd)?;
+            ended.for_each(|other| other.span = other.span.cut(span.from));
+            return Ok(());
+        }
+        if like.any(|other| other.kind.is_like(&kind) && other.span.meets(span)) {
             return Err(FaultRefusal::Contradiction);
         }
-        let mut places = self.faults.iter_mut();
-        *places
-            .find(|place| place.is_none())
-            .ok_or(FaultRefusal::NoRoom)? = Some(fault);
+        let place = self.faults.iter_mut().find(|place| place.is_none());
+        *place.ok_or(FaultRefusal::NoRoom)? = Some(*fault);
         Ok(())
     }
 
-    /// Ends those that are meant, from a tick on.
-    pub(crate) fn end_where(
-        &mut self,
-        tick: u64,
-        is_meant: impl Fn(&F) -> bool,
-    ) -> Result<(), FaultRefusal> {
-        let faults = self.faults.iter_mut().flatten();
-        let mut meant = faults
-            .filter(|fault| is_meant(fault) && fault.span().to > tick)
-            .peekable();
-        meant.peek().ok_or(FaultRefusal::NothingToEnd)?;
-        meant.for_each(|fault| *fault.span_mut() = fault.span().cut(tick));
-        Ok(())
-    }
-
-    /// Those that are meant, under their numbers.
-    pub(crate) fn only(&self, is_meant: impl Fn(&F) -> bool) -> Self {
+    /// The faults of a stage, under their numbers.
+    pub fn of_role(&self, role: Role) -> Self {
+        let is_of = |fault: &LiveFault| fault.kind.role() == Some(role);
         Self {
-            faults: self.faults.map(|fault| fault.filter(&is_meant)),
+            faults: self.faults.map(|fault| fault.filter(is_of)),
             ..*self
         }
     }
 
     /// All of them, each with its number.
-    pub fn iter(&self) -> impl Iterator<Item = (u64, &F)> {
+    pub fn iter(&self) -> impl Iterator<Item = (u64, &LiveFault)> {
         (0..)
             .zip(&self.faults)
             .filter_map(|(number, fault)| Some((number, fault.as_ref()?)))
     }
 
+    /// The faults of the messages at an input, each with its number.
+    pub fn of(&self, input: Port) -> impl Iterator<Item = (u64, MessageFault)> {
+        self.iter()
+            .filter_map(move |(number, fault)| match fault.kind {
+                FaultKind::Messages { port, kind } if port == input => {
+                    let span = fault.span;
+                    Some((number, MessageFault { port, kind, span }))
+                }
+                _ => None,
+            })
+    }
+
     pub fn is_empty(&self) -> bool {
         self.iter().next().is_none()
-    }
-}
-
-impl MessageFaults {
-    /// Ends those that do at an input what `kind` does, from a tick on. Whatever number the kind has is not looked at.
-    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), FaultRefusal> {
-        self.end_where(tick, |fault| fault.port == port && fault.kind.is_like(kind))
-    }
-
-    pub fn of(&self, port: Port) -> impl Iterator<Item = (u64, &MessageFault)> {
-        self.iter().filter(move |(_, fault)| fault.port == port)
     }
 }
 
@@ -344,11 +326,12 @@ impl fmt::Display for Port {
 mod tests {
     use super::*;
 
+    use FaultRefusal::{Contradiction, NoRoom, NothingToEnd};
     use Port::{InnerState, OuterState};
 
-    fn fault(port: Port, kind: Kind, from: u64, to: u64) -> MessageFault {
+    fn fault(port: Port, kind: Kind, from: u64, to: u64) -> LiveFault {
         let span = Span { from, to };
-        MessageFault { port, kind, span }
+        MessageFault { port, kind, span }.into()
     }
 
     const fn place(axis: Option<usize>) -> Place {
@@ -357,26 +340,28 @@ mod tests {
 
     #[test]
     fn faults_contradict_each_other_in_the_same_messages_and_numbers_alone() {
-        let drop = fault(OuterState, Kind::Drop(0.1), 10, 20);
-        let bias = fault(OuterState, Kind::Bias(place(Some(1)), 1.0), 10, 20);
+        let bias = |axis| Kind::Bias(place(axis), 1.0);
+        let noise = Kind::Noise(place(Some(1)), 1.0);
         let pattern = Kind::DropEach { lost: 1, of: 2 };
-        for (fault, port, kind, from, expected) in [
-            (drop, OuterState, pattern, 19, true),
-            (drop, OuterState, Kind::Drop(0.2), 20, false),
-            (drop, InnerState, Kind::Drop(0.2), 10, false),
-            (drop, OuterState, Kind::Delay(3), 10, false),
-            (bias, OuterState, Kind::Bias(place(None), 1.0), 10, true),
-            (bias, OuterState, Kind::Bias(place(Some(2)), 1.0), 10, false),
+        for (first, port, kind, from, expected) in [
+            (Kind::Drop(0.1), OuterState, pattern, 19, Err(Contradiction)),
+            (Kind::Drop(0.1), OuterState, Kind::Drop(0.2), 20, Ok(())),
+            (Kind::Drop(0.1), InnerState, Kind::Drop(0.2), 10, Ok(())),
+            (Kind::Drop(0.1), OuterState, Kind::Delay(3), 10, Ok(())),
             (
-                bias,
+                bias(Some(1)),
                 OuterState,
-                Kind::Noise(place(Some(1)), 1.0),
+                bias(None),
                 10,
-                false,
+                Err(Contradiction),
             ),
+            (bias(Some(1)), OuterState, bias(Some(2)), 10, Ok(())),
+            (bias(Some(1)), OuterState, noise, 10, Ok(())),
         ] {
-            let other = self::fault(port, kind, from, 30);
-            assert_eq!(fault.contradicts(&other), expected, "{other:?}");
+            let mut faults = MessageFaults::none(7);
+            faults.take(&fault(OuterState, first, 10, 20)).unwrap();
+            let taken = faults.take(&fault(port, kind, from, 30));
+            assert_eq!(taken, expected, "{kind:?}");
         }
     }
 
@@ -384,38 +369,26 @@ mod tests {
     fn a_fault_is_ended_by_its_name_whatever_its_number() {
         let mut faults = MessageFaults::none(7);
         let drop = |port| fault(port, Kind::Drop(0.1), 10, Span::FOR_GOOD);
-        faults.push(drop(OuterState)).unwrap();
-        faults.push(drop(InnerState)).unwrap();
+        faults.take(&drop(OuterState)).unwrap();
+        faults.take(&drop(InnerState)).unwrap();
         let pattern = Kind::DropEach { lost: 1, of: 2 };
         for (port, kind, tick, ended) in [
-            (
-                OuterState,
-                Kind::Delay(1),
-                20,
-                Err(FaultRefusal::NothingToEnd),
-            ),
+            (OuterState, Kind::Delay(1), 20, Err(NothingToEnd)),
             (OuterState, Kind::Drop(1.0), 20, Ok(())),
-            (
-                OuterState,
-                Kind::Drop(1.0),
-                20,
-                Err(FaultRefusal::NothingToEnd),
-            ),
+            (OuterState, Kind::Drop(1.0), 20, Err(NothingToEnd)),
             (InnerState, pattern, 5, Ok(())),
         ] {
-            assert_eq!(faults.end(port, kind, tick), ended, "{kind:?}");
+            let end = LiveFault {
+                ends: true,
+                ..fault(port, kind, tick, tick + 1)
+            };
+            assert_eq!(faults.take(&end), ended, "{kind:?}");
         }
         let spans: Vec<Span> = faults.iter().map(|(_, fault)| fault.span).collect();
-        // What was ended before its begin never strikes, and contradicts nothing.
-        assert_eq!(
-            spans,
-            [(10, 20), (10, 10)].map(|(from, to)| Span { from, to })
-        );
-        assert_eq!(faults.push(drop(InnerState)), Ok(()));
-        assert_eq!(
-            faults.push(drop(InnerState)),
-            Err(FaultRefusal::Contradiction)
-        );
+        // A fault that was ended before it began never acts, and contradicts nothing.
+        assert_eq!(spans, [Span::new(10, 20), Span::new(10, 10)]);
+        assert_eq!(faults.take(&drop(InnerState)), Ok(()));
+        assert_eq!(faults.take(&drop(InnerState)), Err(Contradiction));
     }
 
     #[test]
@@ -423,8 +396,8 @@ mod tests {
         let mut faults = MessageFaults::none(7);
         assert!(faults.is_empty());
         let one = |number: u64| fault(Port::MixerWrench, Kind::Freeze, number, number + 1);
-        (0..MOST as u64).for_each(|number| faults.push(one(number)).unwrap());
-        assert_eq!(faults.push(one(MOST as u64)), Err(FaultRefusal::NoRoom));
+        (0..MOST as u64).for_each(|number| faults.take(&one(number)).unwrap());
+        assert_eq!(faults.take(&one(MOST as u64)), Err(NoRoom));
         let numbers = faults.of(Port::MixerWrench).map(|(number, _)| number);
         assert!(numbers.eq(0..MOST as u64));
         assert_eq!(faults.of(OuterState).count(), 0);

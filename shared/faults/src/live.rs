@@ -7,7 +7,7 @@
 
 use crate::code::FaultCode;
 pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
-use crate::{FaultList, FaultRefusal, LONGEST_DELAY, MessageFault, MessageFaults, Span, Spanned};
+use crate::{FaultList, FaultRefusal, LONGEST_DELAY, MessageFaults, Span};
 use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
 use messages::role::Role;
@@ -60,40 +60,23 @@ impl LiveBlackboard {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopFaults {
     pub messages: MessageFaults,
-    pub late: LateStages,
+    pub late: FaultList,
 }
 
 impl LoopFaults {
     pub const fn none(seed: u64) -> Self {
         Self {
             messages: MessageFaults::none(seed),
-            late: LateStages::none(seed),
+            late: FaultList::none(seed),
         }
     }
 
     /// Takes one more, or the end of one. What is no stage's own is taken and does nothing here.
     pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
-        let LiveFault { kind, ends, span } = *fault;
-        match kind {
-            FaultKind::Messages { port, kind } if ends => self.messages.end(port, kind, span.from),
-            FaultKind::Messages { port, kind } => {
-                self.messages.push(MessageFault { port, kind, span })
-            }
-            FaultKind::Late { role, .. } if ends => self.late.end(role, span.from),
-            FaultKind::Late {
-                role,
-                least_ns,
-                most_ns,
-            } => self.late.push(Late {
-                role,
-                least_ns,
-                most_ns,
-                span,
-            }),
-            FaultKind::Stop { .. }
-            | FaultKind::Kill { .. }
-            | FaultKind::Hog { .. }
-            | FaultKind::Load { .. } => Ok(()),
+        match fault.kind {
+            FaultKind::Messages { .. } => self.messages.take(fault),
+            FaultKind::Late { .. } => self.late.take(fault),
+            _ => Ok(()),
         }
     }
 
@@ -115,50 +98,18 @@ pub fn late_share(role: Role, seed: u64, tick: u64) -> f64 {
     uniform(seed, tick, FIRST_STREAM + role as u64)
 }
 
-/// A stage computes longer: by a time between the two, each as likely.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Late {
-    pub role: Role,
-    pub least_ns: u64,
-    pub most_ns: u64,
-    pub span: Span,
-}
-
-impl Spanned for Late {
-    fn span(&self) -> Span {
-        self.span
-    }
-
-    fn span_mut(&mut self) -> &mut Span {
-        &mut self.span
-    }
-
-    fn contradicts(&self, other: &Self) -> bool {
-        self.role == other.role && self.span.meets(other.span)
-    }
-}
-
-pub type LateStages = FaultList<Late>;
-
-impl LateStages {
-    /// Ends those of a stage from a tick on.
-    pub fn end(&mut self, role: Role, tick: u64) -> Result<(), FaultRefusal> {
-        self.end_where(tick, |late| late.role == role)
-    }
-
-    pub fn of(&self, role: Role) -> Self {
-        self.only(|late| late.role == role)
-    }
-
+impl FaultList {
     /// How much longer a stage computes at a tick [ns].
-    pub fn late_ns(&self, role: Role, tick: u64) -> u64 {
-        let late = self
-            .iter()
-            .find(|(_, late)| late.role == role && late.span.holds(tick));
-        late.map_or(0, |(_, late)| {
-            let range_ns = late.most_ns.saturating_sub(late.least_ns) as f64;
-            late.least_ns
-                .saturating_add((range_ns * late_share(role, self.seed, tick)) as u64)
+    pub fn late_ns(&self, stage: Role, tick: u64) -> u64 {
+        let late = self.iter().find_map(|(_, fault)| match fault.kind {
+            FaultKind::Late { role, range_ns } if role == stage && fault.span.holds(tick) => {
+                Some(range_ns)
+            }
+            _ => None,
+        });
+        late.map_or(0, |[least, most]| {
+            let range = most.saturating_sub(least) as f64;
+            least.saturating_add((range * late_share(stage, self.seed, tick)) as u64)
         })
     }
 }
@@ -282,8 +233,7 @@ mod tests {
     fn late(role: Role) -> FaultKind {
         FaultKind::Late {
             role,
-            least_ns: 40_000,
-            most_ns: 400_000,
+            range_ns: [40_000, 400_000],
         }
     }
 
@@ -328,8 +278,11 @@ mod tests {
         assert!(times.iter().any(|ns| *ns < 60_000) && times.iter().any(|ns| *ns > 380_000));
         assert_eq!([9, 1010].map(late_ns), [0, 0]);
         assert_eq!(lates.late_ns(Role::Outer, 100), 0);
-        assert_eq!(lates.of(Role::Inner).late_ns(Role::Inner, 77), times[67]);
-        assert!(lates.of(Role::Outer).is_empty() && !lates.is_empty());
+        assert_eq!(
+            lates.of_role(Role::Inner).late_ns(Role::Inner, 77),
+            times[67]
+        );
+        assert!(lates.of_role(Role::Outer).is_empty() && !lates.is_empty());
 
         for (fault, expected) in [
             (fault(late(Role::Inner), 500, 600), CONTRADICTION),

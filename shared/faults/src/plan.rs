@@ -147,14 +147,10 @@ impl Planned {
             Span::new(span.from, span.from.saturating_add(ticks))
         };
         let (role, kind, span) = match *kind {
-            FaultKind::Late {
-                role,
-                least_ns,
-                most_ns,
-            } => {
+            FaultKind::Late { role, range_ns } => {
                 let kind = StageTicks::Late {
-                    least: periods(least_ns),
-                    most: periods(most_ns),
+                    least: periods(range_ns[0]),
+                    most: periods(range_ns[1]),
                 };
                 let is_once = span.to == Span::FOR_GOOD;
                 (role, kind, if is_once { span.once() } else { span })

@@ -178,13 +178,11 @@ struct Ramp {
 impl Ramp {
     /// Value of its parameter at a tick, from its first one on. The last step gives the target exactly.
     fn value(&self, tick: u64) -> f64 {
-        let Change {
-            old, new, steps, ..
-        } = self.change;
+        let (old, new) = (self.change.old, self.change.new);
         if self.is_over(tick) {
             return new;
         }
-        let share = (tick - self.tick + 1) as f64 / steps as f64;
+        let share = (tick - self.tick + 1) as f64 / self.change.steps as f64;
         // Rounding must not take it beyond either end, where a range may end too.
         (old + (new - old) * share).clamp(old.min(new), old.max(new))
     }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use faults::gate::FaultyInput;
-use faults::live::NOTICE_TICKS;
+use faults::live::{LiveFault, NOTICE_TICKS};
 use faults::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port, Span};
 use messages::content::{NO_TICK, Wrench};
 use messages::header::Message;
@@ -21,7 +21,7 @@ fn table(seed: u64, faults: &[(Kind, u64, u64)]) -> MessageFaults {
     for &(kind, from, to) in faults {
         let (port, span) = (PORT, Span { from, to });
         // What contradicts an earlier one is left out.
-        let _ = table.push(MessageFault { port, kind, span });
+        let _ = table.take(&MessageFault { port, kind, span }.into());
     }
     table
 }
@@ -212,14 +212,14 @@ proptest! {
     fn when_an_input_is_told_of_its_faults_does_not_matter(faults in faults()) {
         let first = faults.iter().map(|(_, fault)| fault.span.from).min().unwrap_or(0);
         let late = NOTICE_TICKS + 40;
-        let moved = |fault: &MessageFault| {
+        let moved = |fault: &LiveFault| {
             let Span { from, to } = fault.span;
             let span = Span { from: from - first + late, to: to.saturating_add(late) };
-            MessageFault { span, ..*fault }
+            LiveFault { span, ..*fault }
         };
         let (mut known, mut told) = (MessageFaults::none(7), FaultyInput::changing(&MessageFaults::none(7), PORT));
         for (_, fault) in faults.iter() {
-            let _ = known.push(moved(fault));
+            let _ = known.take(&moved(fault));
         }
         let always = had(&known, 400);
         let mut newest = Message::default();

@@ -11,12 +11,7 @@ use crate::math::sin_cos;
 
 /// Roll and pitch by their sines and cosines, from which every matrix of an attitude is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RollPitch {
-    s_phi: f64,
-    c_phi: f64,
-    s_th: f64,
-    c_th: f64,
-}
+pub struct RollPitch([f64; 4]);
 
 impl RollPitch {
     /// Those of the Euler angles `eta2` [rad].
@@ -24,19 +19,14 @@ impl RollPitch {
     pub fn of(eta2: &Vector3<f64>) -> Self {
         let (s_phi, c_phi) = sin_cos(eta2.x);
         let (s_th, c_th) = sin_cos(eta2.y);
-        Self {
-            s_phi,
-            c_phi,
-            s_th,
-            c_th,
-        }
+        Self([s_phi, c_phi, s_th, c_th])
     }
 
     /// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`, at yaw `psi` [rad].
     #[rustfmt::skip]
     #[inline]
     pub fn rot_wb(&self, psi: f64) -> Matrix3<f64> {
-        let Self { s_phi, c_phi, s_th, c_th } = *self;
+        let [s_phi, c_phi, s_th, c_th] = self.0;
         let (s_psi, c_psi) = sin_cos(psi);
         Matrix3::new(
             c_psi * c_th, c_psi * s_th * s_phi - s_psi * c_phi, c_psi * s_th * c_phi + s_psi * s_phi,
@@ -53,12 +43,7 @@ impl RollPitch {
     /// ```
     #[inline]
     pub fn euler_rate(&self, nu2: &Vector3<f64>) -> Vector3<f64> {
-        let Self {
-            s_phi,
-            c_phi,
-            s_th,
-            c_th,
-        } = *self;
+        let [s_phi, c_phi, s_th, c_th] = self.0;
         let d_psi = (s_phi * nu2.y + c_phi * nu2.z) / c_th;
         Vector3::new(nu2.x + s_th * d_psi, c_phi * nu2.y - s_phi * nu2.z, d_psi)
     }
@@ -70,12 +55,7 @@ impl RollPitch {
     /// ```
     #[inline]
     pub fn body_rate(&self, xi: &Vector3<f64>) -> Vector3<f64> {
-        let Self {
-            s_phi,
-            c_phi,
-            s_th,
-            c_th,
-        } = *self;
+        let [s_phi, c_phi, s_th, c_th] = self.0;
         let across = c_th * xi.z;
         Vector3::new(
             xi.x - s_th * xi.z,
@@ -92,12 +72,7 @@ impl RollPitch {
     /// ```
     #[inline]
     pub fn body_rate_dot(&self, d_eta2: &Vector3<f64>, xi: &Vector3<f64>) -> Vector3<f64> {
-        let Self {
-            s_phi,
-            c_phi,
-            s_th,
-            c_th,
-        } = *self;
+        let [s_phi, c_phi, s_th, c_th] = self.0;
         let (across, d_across) = (c_th * xi.z, -s_th * d_eta2.y * xi.z);
         let (d_phi, d_th) = (d_eta2.x, d_eta2.y);
         Vector3::new(

@@ -301,14 +301,8 @@ impl Airframe {
 
     /// Efficiency of each rotor, 0 to 1.
     #[inline]
-    pub const fn rotor_efficiency(&self) -> [f64; ROTORS] {
-        let [first, second, third, fourth] = ROTOR_EFFICIENCY;
-        [
-            self.get(first),
-            self.get(second),
-            self.get(third),
-            self.get(fourth),
-        ]
+    pub fn rotor_efficiency(&self) -> [f64; ROTORS] {
+        ROTOR_EFFICIENCY.map(|parameter| self.get(parameter))
     }
 
     /// Whether the measured rates differ from the true ones.

@@ -286,20 +286,14 @@ impl LoopChange {
 
     /// Its name, without its value.
     fn what(&self) -> String {
-        let FaultCode {
-            what,
-            place,
-            field,
-            axis,
-            ..
-        } = self.code();
-        let Some(spec) = FaultSpec::of(what) else {
+        let of = self.code();
+        let Some(spec) = FaultSpec::of(of.what) else {
             return String::new();
         };
         let target = TARGETS.iter().find(|target| {
             let code = target.code;
             (target.scope, target.every_input) == (spec.scope, self.every_input)
-                && (code.place, code.field, code.axis) == (place, field, axis)
+                && (code.place, code.field, code.axis) == (of.place, of.field, of.axis)
         });
         target.map_or_else(String::new, |target| {
             format!("{}.{}", target.name, spec.name)
@@ -330,14 +324,10 @@ impl fmt::Display for LoopChange {
         if self.ends {
             return write!(f, "={OFF}");
         }
-        let FaultCode {
-            what,
-            first,
-            second,
-            ..
-        } = self.code();
+        let code = self.code();
+        let (first, second) = (code.first, code.second);
         let time = |ns| typed(Duration::from_nanos(ns));
-        match FaultSpec::of(what).map_or(ValueType::None, |spec| spec.value) {
+        match FaultSpec::of(code.what).map_or(ValueType::None, |spec| spec.value) {
             ValueType::None => Ok(()),
             ValueType::Share | ValueType::Number => write!(f, "={:?}", f64::from_bits(first)),
             ValueType::Pattern => write!(f, "={first}/{second}"),
