@@ -102,7 +102,7 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
         )
     });
     let means = results.pairs.iter().flat_map(|pair| {
-        // What is the same in every flight says nothing.
+        // What is the same in every flight is left out.
         let differs = |it: &MeanInterval| it.interval.low != 0.0 || it.interval.high != 0.0;
         let metrics = pair.metrics.iter();
         let metrics = metrics.filter(move |metric| differs(&metric.is));
@@ -262,7 +262,7 @@ fn heat(map: &Map) -> Block {
 }
 
 fn distributions(results: &CampaignResults) -> Section {
-    // What is the same in every flight says nothing.
+    // What is the same in every flight is left out.
     let varies = |i: &usize| {
         let mut metrics = results.arms.iter().map(|arm| &arm.metrics[*i].is);
         metrics.any(|it| it.min < it.max)

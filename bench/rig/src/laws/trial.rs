@@ -21,7 +21,7 @@ use crate::output::say;
 pub const INPUTS: u64 = 100_000;
 /// Inputs with a warm-up before each.
 const REHEARSED: u64 = 10_000;
-/// A law is made anew after this many inputs, so that the consequences of an odd start are seen too.
+/// A law is created anew after this many inputs, so that the consequences of an odd start are found too.
 const INPUTS_PER_LIFE: u64 = 1000;
 /// Timed ticks with warm caches; as many before them warm the caches.
 pub const HOT: usize = 10_000;
