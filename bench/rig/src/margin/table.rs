@@ -1,8 +1,10 @@
 //! The table of margins that flight reports use, stored by a fingerprint of everything that margins depend on.
 
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use campaign::chunk::write_whole;
 use flight_log::build::Build;
 use messages::grid::Pace;
 use report::json;
@@ -77,9 +79,7 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
             ..margins.clone()
         };
         let text = json::to_string(&table).in_file("write", &path)?;
-        let draft = path.with_extension(format!("draft.{}", std::process::id()));
-        fs::write(&draft, text + "\n").in_file("write", &draft)?;
-        fs::rename(&draft, &path).in_file("write", &path)?;
+        write_whole(&path, |file| writeln!(file, "{text}"))?;
         lines.push(format!("written, for reports of flights: {place}\n"));
     }
     Ok(lines)

@@ -3,7 +3,7 @@
 use controller::laws::adaptive;
 use errors::errno_text;
 use hdrhistogram::Histogram;
-use messages::blackboards::{RolePhase, Status};
+use messages::blackboards::Status;
 use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{SPECS, Spec};
@@ -330,10 +330,7 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     }
     region.put(lines);
     region.put(causes(monitor, region.area.height >= 8, width));
-    let converged = match theorem.converged {
-        true => "held",
-        false => "did not hold so far",
-    };
+    let converged = ["did not hold so far", "held"][usize::from(theorem.converged)];
     region.put(vec![Line::from(format!(
         "excitation {:.1e} e-folds in 10 s, least {:.1e}; (18) {converged}",
         theorem.excitation, theorem.excitation_least
@@ -524,7 +521,9 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     let mut lines = vec![
         row("", &|role, _| role.to_string()).style(HEADING),
         row("process", &|_, status| status.pid.to_string()),
-        row("phase", &|_, status| phase(status).into()),
+        row("phase", &|_, status| {
+            format!("{:?}", status.phase()).to_lowercase()
+        }),
         row("scheduling", &|_, status| role_section(status).scheduling),
     ];
     for step in RealtimeStep::ALL {
@@ -566,16 +565,6 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         Some(Line::styled(format!("{why}: {remedy}"), FAINT))
     };
     region.put_wrapped(RealtimeStep::ALL.into_iter().filter_map(refusal).collect());
-}
-
-fn phase(status: &Status) -> &'static str {
-    match status.phase() {
-        RolePhase::Starting => "starting",
-        RolePhase::Ready => "ready",
-        RolePhase::Armed => "armed",
-        RolePhase::Flying => "flying",
-        RolePhase::Landed => "landed",
-    }
 }
 
 /// The signals that each law publishes.
