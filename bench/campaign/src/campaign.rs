@@ -24,14 +24,14 @@ pub struct Campaign {
     pub chunk: u64,
     /// Sections of the settings that all flights begin with.
     pub base: Table,
-    /// The recorded flight whose timing flights have, unless their arm or their draw says another; on time without.
+    /// The recorded flight whose timing flights have, unless their arm or their draw names another; on time without.
     pub timing: Option<String>,
     /// What is drawn for each flight, in the order of the columns.
     pub factors: Vec<Factor>,
     pub faults: Vec<Fault>,
     pub arms: Vec<Variant>,
     pub gates: Gates,
-    /// What an engine is asked for; rows do not depend on it.
+    /// Request to an engine; rows do not depend on it.
     pub submission: Submission,
     pub lines: Lines,
 }

@@ -28,7 +28,7 @@ const PROCESSORS_MAX: i64 = 4096;
 const ONLY_ARM: &str = "base";
 /// Sections that are the campaign's own; all others are the settings'.
 const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "submit"];
-/// The seed of the sensors' noise, which flights draw unless the file says otherwise.
+/// The seed of the sensors' noise, which flights draw unless the file sets it.
 const NOISE_SEED: &str = "flight.seed";
 const TIMING: &str = "timing";
 const RECORDED: &str = "a recorded flight, its directory or its log";

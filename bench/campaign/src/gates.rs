@@ -47,7 +47,7 @@ pub const METRICS: [Metric; 9] = [
     metric(
         "saturated_percent",
         "%",
-        "ticks in which the mixer could not give what was asked",
+        "ticks in which the mixer could not give what was requested",
     ),
     metric(
         "power",

@@ -1,4 +1,4 @@
-//! Campaigns: many flights of one file, their table, and what it says.
+//! Campaigns: many flights of one file, their table, and its statistics.
 //!
 //! ```text
 //! file --> campaign (factors: distribution <- generator, spread; arms; gates) --> draws of a flight, and its settings

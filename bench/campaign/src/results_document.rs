@@ -14,18 +14,9 @@ const DRAWN: usize = 12;
 
 /// The document; `directory` is named in the command that flies the worst flights again.
 pub fn document(results: &CampaignResults, directory: &str) -> Document {
-    let CampaignResults {
-        name,
-        flights,
-        planned,
-        build,
-        campaign,
-        ..
-    } = results;
-    let part = match flights == planned {
-        true => String::new(),
-        false => format!(" of {planned}"),
-    };
+    let (name, flights, planned) = (&results.name, results.flights, results.planned);
+    let part = (flights != planned).then(|| format!(" of {planned}"));
+    let part = part.unwrap_or_default();
     let arms = count(results.arms.len() as u64, "arm");
     let sections = [
         Some(successes(results)),
@@ -38,10 +29,10 @@ pub fn document(results: &CampaignResults, directory: &str) -> Document {
     Document {
         title: format!("{name}: a campaign of {flights} flights"),
         heading: name.clone(),
-        build: build.clone(),
+        build: results.build.clone(),
         lead: vec![
             Block::Paragraph(format!("{name}: {flights} flights{part}, each by {arms}")),
-            Block::Note(format!("Fingerprint {campaign}")),
+            Block::Note(format!("Fingerprint {}", results.campaign)),
         ],
         sections: sections.into_iter().flatten().collect(),
         ..Document::default()
@@ -57,11 +48,8 @@ fn keys(results: &CampaignResults) -> Vec<(&'static str, String)> {
 fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     let nearest = percent.min(100.0 - percent);
-    let digits = if nearest == 0.0 {
-        0
-    } else {
-        (1 - nearest.log10().floor() as i32).clamp(1, 5) as usize
-    };
+    let digits = (1 - nearest.log10().floor() as i32).clamp(1, 5) as usize;
+    let digits = if nearest == 0.0 { 0 } else { digits };
     format!("{percent:.digits$} %")
 }
 
@@ -102,7 +90,7 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
         )
     });
     let means = results.pairs.iter().flat_map(|pair| {
-        // What is the same in every flight says nothing.
+        // What is the same in every flight is left out.
         let differs = |it: &MeanInterval| it.interval.low != 0.0 || it.interval.high != 0.0;
         let metrics = pair.metrics.iter();
         let metrics = metrics.filter(move |metric| differs(&metric.is));
@@ -137,10 +125,9 @@ fn factors(results: &CampaignResults) -> Option<Section> {
     let arms = || results.arms.iter();
     let rows = results.factors.iter().flat_map(|factor| {
         arms().zip(&factor.arms).map(|(arm, effect)| {
-            let flown = effect.bins.iter().filter(|bin| bin.flights > 0);
-            let least = flown.clone().min_by(|a, b| rate(a).total_cmp(&rate(b)));
-            let most = flown.max_by(|a, b| rate(a).total_cmp(&rate(b)));
-            let ends = least.zip(most);
+            let flown = || effect.bins.iter().filter(|bin| bin.flights > 0);
+            let by_rate = |a: &&Bin, b: &&Bin| rate(a).total_cmp(&rate(b));
+            let ends = flown().min_by(by_rate).zip(flown().max_by(by_rate));
             let ends = ends.filter(|(least, most)| rate(least) < rate(most));
             let at = |bin: &Bin| format!("{:.0} % at {}", 100.0 * rate(bin), bin.name);
             let spread = ends.map(|(least, most)| format!("{}, {}", at(least), at(most)));
@@ -262,7 +249,7 @@ fn heat(map: &Map) -> Block {
 }
 
 fn distributions(results: &CampaignResults) -> Section {
-    // What is the same in every flight says nothing.
+    // What is the same in every flight is left out.
     let varies = |i: &usize| {
         let mut metrics = results.arms.iter().map(|arm| &arm.metrics[*i].is);
         metrics.any(|it| it.min < it.max)
@@ -300,10 +287,9 @@ fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Fig
     let values = || curves().flatten().map(|point| point.value);
     let smallest = values().fold(f64::INFINITY, f64::min);
     let largest = values().fold(0.0, f64::max);
-    let y = if smallest > 0.0 && largest / smallest > 20.0 {
-        Scale::log(values())
-    } else {
-        Scale::linear(values(), 1e-9)
+    let y = match smallest > 0.0 && largest / smallest > 20.0 {
+        true => Scale::log(values()),
+        false => Scale::linear(values(), 1e-9),
     };
     let shares = curves().filter_map(|curve| Some(curve.last()?.share));
     let x = Scale::tail(shares.fold(0.0, f64::max));

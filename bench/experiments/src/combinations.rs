@@ -17,25 +17,19 @@ pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Ov
         (Role::Mixer, "mixer.law", mixer),
         (Role::Inner, "inner.law", inner),
     ] {
-        if let Some((_, twice)) = names
-            .iter()
-            .enumerate()
-            .find(|(i, name)| names[..*i].contains(name))
-        {
-            return Err(
-                Failure::usage(format!("the {role} law `{twice}` is named twice")).help(format!(
-                    "name each law once; `ironbird laws` lists those that --{role} can name"
-                )),
-            );
+        let mut numbered = names.iter().enumerate();
+        if let Some((_, twice)) = numbered.find(|(i, name)| names[..*i].contains(name)) {
+            let what = format!("the {role} law `{twice}` is named twice");
+            let help = "name each law once; `ironbird laws` lists those that";
+            return Err(Failure::usage(what).help(format!("{help} --{role} can name")));
         }
         if !names.is_empty() {
             let with = |set: &Overrides, name: &String| {
                 [set.clone(), vec![(key, Value::from(name.clone()))]].concat()
             };
-            all = all
-                .iter()
-                .flat_map(|set| names.iter().map(move |name| with(set, name)))
-                .collect();
+            let sets = all.iter();
+            let sets = sets.flat_map(|set| names.iter().map(move |name| with(set, name)));
+            all = sets.collect();
         }
     }
     match all.len() {

@@ -322,7 +322,7 @@ fn inject_faults(
     if instant.at_tick < answer.from {
         let tick = instant.at_tick;
         text += &format!(
-            "tick {tick} was past, or too near: all stages are told {NOTICE_TICKS} ticks before\n"
+            "tick {tick} was past, or too near: all stages are notified {NOTICE_TICKS} ticks before\n"
         );
     }
     Ok(text)
@@ -332,7 +332,7 @@ fn inject_faults(
 fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Result<(), Failure> {
     let why = match answer.verdict {
         STRIKES => return Ok(()),
-        MALFORMED => "what was asked for is no fault".into(),
+        MALFORMED => "the request contains no fault".into(),
         ENDED => "the run ended before it".into(),
         verdict => {
             let reason = FaultRefusal::from_wire(verdict).ok_or_else(|| other_version(verdict))?;

@@ -37,7 +37,7 @@ pub struct Observation {
     statuses: RoleStatuses,
     /// Settings shared by all roles of the run, by key.
     pub settings: BTreeMap<String, String>,
-    /// When the flight was seen to have ended.
+    /// When the end of the flight was noticed.
     ended: Option<Instant>,
     wire: Wire,
 }

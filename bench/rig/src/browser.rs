@@ -23,14 +23,14 @@ pub fn open_page(directory: &Path) -> Result<(), Failure> {
     }
     // A browser that already runs has another working directory.
     let page = page.canonicalize().in_file("open", &page)?;
-    let shown = page.display();
+    let path = page.display();
     let browser = env::var("BROWSER").unwrap_or_default();
     if !browser.is_empty() {
         open::with_detached(&page, &browser).map_err(|e| {
-            Failure::failed(format!("cannot open {shown} with BROWSER={browser}: {e}"))
+            Failure::failed(format!("cannot open {path} with BROWSER={browser}: {e}"))
                 .help("BROWSER must name a program that takes a file")
         })?;
-        say(&format!("gave {shown} to {browser}\n"));
+        say(&format!("gave {path} to {browser}\n"));
         return Ok(());
     }
     open::that_detached_with_timeout(&page, OPEN_TIMEOUT).map_err(|e| {
@@ -39,11 +39,11 @@ pub fn open_page(directory: &Path) -> Result<(), Failure> {
             ErrorKind::Other => "the system's file opener found no browser".into(),
             _ => e.to_string(),
         };
-        Failure::failed(format!("cannot open {shown} in a browser: {why}")).help(
+        Failure::failed(format!("cannot open {path} in a browser: {why}")).help(
             "set BROWSER to a browser; without a screen, copy the page to another machine: it is a single file and needs no \
              network",
         )
     })?;
-    say(&format!("opened {shown}\n"));
+    say(&format!("opened {path}\n"));
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! `ironbird campaign`: many flights of one file, in this process's threads, and what they show.
+//! `ironbird campaign`: many flights of one file, in this process's threads, and their results.
 //!
 //! The file, its draws and its tables are the crate `campaign`. Here is what flies: each flight is that of `ironbird
 //! simulate` with the same settings, bit for bit.
@@ -12,7 +12,7 @@ use errors::Failure;
 
 use crate::cli::CampaignCommand;
 
-/// Does what a command says.
+/// Runs a command.
 pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
     match command {
         CampaignCommand::Run(args) => run::run(args),

@@ -3,6 +3,7 @@
 //! Each flight equals `ironbird simulate` with the same options bit for bit. Flights are independent and spread over the
 //! CPUs.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use analysis::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
@@ -87,10 +88,11 @@ impl Plan {
         let last_tick = first.last_tick();
         if last_tick >= TICKS_MAX {
             let ticks = last_tick + 1;
-            return Err(Failure::usage(format!(
-                "a flight of {ticks} ticks is too long to be compared: allowed are {TICKS_MAX}"
-            ))
-            .help("fly a shorter one (--duration)"));
+            let most = format!("too long to be compared: allowed are {TICKS_MAX}");
+            return Err(
+                Failure::usage(format!("a flight of {ticks} ticks is {most}"))
+                    .help("fly a shorter one (--duration)"),
+            );
         }
         let flight = Flight {
             trajectory: first.trajectory_name().into(),
@@ -195,15 +197,13 @@ fn read_rows(path: &Path) -> Result<Vec<Row>, Failure> {
         Ok(Rows { row }) => row,
         Err(e) => return refused(e.to_string().trim_end().replace('\n', " ")),
     };
-    let number = rows.len();
-    for (i, row) in rows.iter().enumerate() {
-        if rows[..i].iter().any(|other| other.name == row.name) {
-            return refused(format!("two rows have the name `{}`", row.name));
-        }
+    let mut names = BTreeSet::new();
+    if let Some(twice) = rows.iter().find(|row| !names.insert(&row.name)) {
+        return refused(format!("two rows have the name `{}`", twice.name));
     }
-    match number {
+    match rows.len() {
         0 => refused("it has no row".into()),
         1..=ROWS_MAX => Ok(rows),
-        _ => refused(format!("it has {number} rows: allowed are {ROWS_MAX}")),
+        number => refused(format!("it has {number} rows: allowed are {ROWS_MAX}")),
     }
 }

@@ -30,6 +30,7 @@ use errors::{Failure, InFile as _, OK, read_text};
 use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;
 use host::floor::ring::{END, Link, Work};
+use report::host::Host;
 
 /// SCHED_FIFO priority of the plant in flights of this command; each stage has one more.
 const PRIORITY: i32 = 80;
@@ -41,7 +42,7 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     }
     let host = host::cpu_times::host();
     let mut page = match &args.write {
-        Some(directory) => existing_page(&directory.join(NUMBERS), &host)?,
+        Some(directory) => existing_page(&directory.join(NUMBERS), host)?,
         None => Page::new(host),
     };
     let flights = FlightRunner::new()?;
@@ -111,26 +112,22 @@ fn measure(
 
 const NUMBERS: &str = "benchmarks.json";
 
-fn existing_page(numbers: &Path, host: &analysis::host::Host) -> Result<Page, Failure> {
+fn existing_page(numbers: &Path, host: Host) -> Result<Page, Failure> {
     if !numbers.exists() {
-        return Ok(Page::new(host.clone()));
+        return Ok(Page::new(host));
     }
-    let text = read_text("read", numbers)?;
+    let (text, place) = (read_text("read", numbers)?, numbers.display());
     let page: Page = serde_json::from_str(&text).map_err(|e| {
-        Failure::usage(format!(
-            "{} contains no figures of this version: {e}",
-            numbers.display()
-        ))
-        .help("remove it, or name another directory: --write DIR")
+        Failure::usage(format!("{place} contains no figures of this version: {e}"))
+            .help("remove it, or name another directory: --write DIR")
     })?;
-    if page.host == *host {
+    if page.host == host {
         return Ok(page);
     }
     say(&format!(
-        "{} is from another machine; its figures are discarded\n",
-        numbers.display()
+        "{place} is from another machine; its figures are discarded\n"
     ));
-    Ok(Page::new(host.clone()))
+    Ok(Page::new(host))
 }
 
 fn write(directory: &Path, page: &Page) -> Result<(), Failure> {

@@ -14,10 +14,10 @@ const NAME: &str = "ironbird";
 
 pub fn completions(args: &CompletionsArgs) -> Result<u8, Failure> {
     let cli = Cli::command();
-    let shown = cli.get_subcommands().filter(|it| !it.is_hide_set());
+    let visible = cli.get_subcommands().filter(|it| !it.is_hide_set());
     let mut cli = Command::new(NAME)
         .version(env!("CARGO_PKG_VERSION"))
-        .subcommands(shown.cloned());
+        .subcommands(visible.cloned());
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut cli, NAME, &mut script);
     print(&text(script)?)?;
@@ -43,18 +43,18 @@ pub fn man(args: &ManArgs) -> Result<u8, Failure> {
 
 /// A command and all its subcommands, except hidden ones.
 fn all(command: &Command) -> Vec<&Command> {
-    let is_shown = |it: &&Command| !it.is_hide_set() && it.get_name() != "help";
-    let shown = command.get_subcommands().filter(is_shown);
+    let is_visible = |it: &&Command| !it.is_hide_set() && it.get_name() != "help";
+    let visible = command.get_subcommands().filter(is_visible);
     std::iter::once(command)
-        .chain(shown.flat_map(all))
+        .chain(visible.flat_map(all))
         .collect()
 }
 
 fn find<'a>(cli: &'a Command, words: &[String]) -> Result<&'a Command, Failure> {
     let name = [&[NAME.to_owned()], words].concat().join("-");
     let commands = all(cli);
-    let found = commands.iter().find(|command| page_name(command) == name);
-    found.copied().ok_or_else(|| {
+    let named = commands.iter().find(|command| page_name(command) == name);
+    named.copied().ok_or_else(|| {
         let short = |it: &&Command| page_name(it)[NAME.len() + 1..].replace('-', " ");
         let known: Vec<String> = commands[1..].iter().map(short).collect();
         Failure::usage(format!("ironbird has no command `{}`", words.join(" ")))

@@ -135,9 +135,9 @@ pub fn new(NewCommand::Law(args): &NewCommand) -> Result<u8, Failure> {
         }
         Language::Rust | Language::C => "    ./build\n",
     };
-    let shown = folder.display();
+    let folder = folder.display();
     print(&format!(
-        "{shown}: a new law. Next:\n    cd {shown}\n{build}    ironbird simulate --{role} .\n"
+        "{folder}: a new law. Next:\n    cd {folder}\n{build}    ironbird simulate --{role} .\n"
     ))?;
     Ok(OK)
 }
@@ -164,8 +164,9 @@ fn check(name: &str) -> Result<(), Failure> {
         .flat_map(known);
     if built_in.any(|law| law.name == name) {
         let what = format!("a law named `{name}` comes with the rig");
-        return Err(Failure::usage(what)
-            .help("choose another name, as in my_law: both can then be flown beside each other"));
+        return Err(
+            Failure::usage(what).help("choose another name, as in my_law: both can then be flown")
+        );
     }
     Ok(())
 }

@@ -26,11 +26,11 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         return diff(args);
     }
     check_writable("--junit", args.junit.as_deref())?;
-    let found = find(&args.run, args.out.as_deref())?;
+    let directory = find(&args.run, args.out.as_deref())?;
     // Print the real name: `latest` will point to another flight later.
-    let directory = match fs::read_link(&found) {
-        Ok(name) => found.with_file_name(name),
-        Err(_) => found,
+    let directory = match fs::read_link(&directory) {
+        Ok(name) => directory.with_file_name(name),
+        Err(_) => directory,
     };
     let mut report = read(&directory)?;
     if report.run.in_flight && !hlog::lives(&directory) {
@@ -109,11 +109,11 @@ pub fn read(directory: &Path) -> Result<Report, Failure> {
 /// Compares two flights, or two groups of flights.
 fn diff(args: &DiffArgs) -> Result<u8, Failure> {
     let (a, b) = groups(args)?;
-    let found = |runs: &[PathBuf]| -> Result<Vec<PathBuf>, Failure> {
+    let directories = |runs: &[PathBuf]| -> Result<Vec<PathBuf>, Failure> {
         let runs = runs.iter().map(|run| find(run, args.out.as_deref()));
         runs.collect()
     };
-    let (a, b) = (found(a)?, found(b)?);
+    let (a, b) = (directories(a)?, directories(b)?);
     let mut seen = BTreeSet::new();
     let mut all = a.iter().chain(&b);
     // A flight may be named twice by different paths.

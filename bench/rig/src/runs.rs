@@ -157,14 +157,7 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
     if runs.is_empty() {
         return format!("{} holds no flight\n", out.display());
     }
-    let columns = [
-        "flight",
-        "length",
-        "late",
-        "size",
-        "status",
-        "flight, timing",
-    ];
+    let columns = "flight;length;late;size;status;flight, timing".split(';');
     let table = Table::new(columns, runs.iter().map(RecordedRun::row)).list();
     let note = |is_needed: bool, text: &'static str| if is_needed { text } else { "" };
     format!(
@@ -261,11 +254,9 @@ fn reason_to_keep(run: &RecordedRun) -> Option<String> {
         return Some("its processes are running".into());
     }
     let exported = run.directory.join(export::DIRECTORY);
-    match fs::read_dir(&exported) {
-        Err(e) if e.kind() != ErrorKind::NotFound => {
-            return Some(format!("cannot list {}: {e}", exported.display()));
-        }
-        _ => {}
+    let listed = fs::read_dir(&exported);
+    if let Some(e) = listed.err().filter(|e| e.kind() != ErrorKind::NotFound) {
+        return Some(format!("cannot list {}: {e}", exported.display()));
     }
     let of_flight = |name: &str, is_directory: bool| match is_directory {
         true => name == export::DIRECTORY,
@@ -295,10 +286,9 @@ fn remove(directory: &Path, dry_run: bool) -> Result<(), Failure> {
         return Ok(());
     }
     let exported = directory.join(export::DIRECTORY);
-    for path in entries(&exported, export::is_ours) {
-        ensure_removed(&path, fs::remove_file(&path))?;
-    }
-    for path in entries(directory, |name| is_ours(name) && name != FACTS) {
+    let mut files = entries(&exported, export::is_ours);
+    files.extend(entries(directory, |name| is_ours(name) && name != FACTS));
+    for path in files {
         ensure_removed(&path, fs::remove_file(&path))?;
     }
     ensure_removed(&exported, fs::remove_dir(&exported))?;
@@ -324,7 +314,7 @@ mod tests {
 
     #[test]
     fn lengths_and_sizes_have_at_most_six_characters() {
-        for (seconds, shown) in [
+        for (seconds, text) in [
             (0.2, "0.2s"),
             (99.94, "99.9s"),
             (100.0, "1.7m"),
@@ -333,9 +323,9 @@ mod tests {
             (359_999.0, "100.0h"),
             (2_592_000.0, "30.0d"),
         ] {
-            assert_eq!(length(seconds), shown);
+            assert_eq!(length(seconds), text);
         }
-        for (bytes, shown) in [
+        for (bytes, text) in [
             (0, "0.0kB"),
             (99_949, "99.9kB"),
             (99_950, "100kB"),
@@ -344,7 +334,7 @@ mod tests {
             (19_300_000, "19.3MB"),
             (55_000_000_000, "55.0GB"),
         ] {
-            assert_eq!(size(bytes), shown);
+            assert_eq!(size(bytes), text);
         }
     }
 }

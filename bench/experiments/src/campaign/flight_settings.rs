@@ -22,7 +22,7 @@ use sim::recorded_timing::Timing;
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub campaign: Campaign,
-    /// The file; relative names of laws are beside it.
+    /// The file; relative names of laws start from its directory.
     pub file: PathBuf,
     pub text: String,
     pub identity: Identity,
@@ -48,7 +48,7 @@ impl Plan {
             campaign: String::new(),
             build: flown_by(),
         };
-        let timings = Timings::read(&campaign, &file).map_err(|failure| failure.append(&place))?;
+        let timings = read_timings(&campaign, &file).map_err(|failure| failure.append(&place))?;
         let mut plan = Self {
             campaign,
             file,
@@ -77,7 +77,7 @@ impl Plan {
     pub fn recorded(&self, flight: u64, arm: usize) -> Option<PathBuf> {
         let draws = self.campaign.draws(flight);
         let name = self.campaign.timing(&self.campaign.arms[arm], &draws)?;
-        Some(beside(&self.file, name))
+        Some(relative_to(&self.file, name))
     }
 
     fn checked(
@@ -86,7 +86,8 @@ impl Plan {
         draws: &[Value],
         settings: &Settings,
     ) -> Result<Option<&Timing>, Failure> {
-        let Some(timing) = self.timings.of(self.campaign.timing(arm, draws)) else {
+        let name = self.campaign.timing(arm, draws);
+        let Some(timing) = name.and_then(|name| self.timings.get(name)) else {
             return Ok(None);
         };
         let (key, _) = self.campaign.timings(arm);
@@ -128,8 +129,11 @@ impl Plan {
                 let mut signals = signals.of(gate.role).iter();
                 !signals.any(|signal| signal.name == gate.signal)
             });
-            let (_, recorded) = self.campaign.timings(arm);
-            shared.push(settings.shared_text()? + &self.timings.sums_of(&recorded));
+            let mut text = settings.shared_text()?;
+            for name in self.campaign.timings(arm).1 {
+                text += &format!("\ntiming {}", self.timings[&name].sum());
+            }
+            shared.push(text);
         }
         let Some(gate) = unknown.first() else {
             return Ok(shared);
@@ -171,51 +175,38 @@ fn flown_by() -> String {
 }
 
 /// The recorded flights whose timing a campaign applies, by their names in its file.
-#[derive(Clone, Debug, Default)]
-pub struct Timings(BTreeMap<String, Timing>);
+pub type Timings = BTreeMap<String, Timing>;
 
-impl Timings {
-    pub fn read(campaign: &Campaign, file: &Path) -> Result<Self, Failure> {
-        let mut timings = BTreeMap::new();
-        for arm in &campaign.arms {
-            let (key, names) = campaign.timings(arm);
-            for name in names {
-                if timings.contains_key(&name) {
-                    continue;
-                }
-                let run = beside(file, &name);
-                let timing = find_log(&run, run.parent()).and_then(|log| Timing::read(&log));
-                let timing = timing.map_err(|failure| {
-                    let line = campaign.lines.of_key(&key);
-                    let place = format!(": line {line}: timing = {name:?}");
-                    failure.or_code(USAGE).append(&place)
-                })?;
-                timings.insert(name, timing);
+fn read_timings(campaign: &Campaign, file: &Path) -> Result<Timings, Failure> {
+    let mut timings = Timings::new();
+    for arm in &campaign.arms {
+        let (key, names) = campaign.timings(arm);
+        for name in names {
+            if timings.contains_key(&name) {
+                continue;
             }
+            let run = relative_to(file, &name);
+            let timing = find_log(&run, run.parent()).and_then(|log| Timing::read(&log));
+            let timing = timing.map_err(|failure| {
+                let line = campaign.lines.of_key(&key);
+                let place = format!(": line {line}: timing = {name:?}");
+                failure.or_code(USAGE).append(&place)
+            })?;
+            timings.insert(name, timing);
         }
-        Ok(Self(timings))
     }
-
-    pub fn of(&self, name: Option<&str>) -> Option<&Timing> {
-        self.0.get(name?)
-    }
-
-    pub fn sums(&self) -> BTreeMap<String, String> {
-        let timings = self.0.iter();
-        timings
-            .map(|(name, timing)| (name.clone(), timing.sum()))
-            .collect()
-    }
-
-    pub fn sums_of(&self, names: &[String]) -> String {
-        let timings = names.iter().filter_map(|name| self.0.get(name));
-        timings
-            .map(|timing| format!("\ntiming {}", timing.sum()))
-            .collect()
-    }
+    Ok(timings)
 }
 
-fn beside(file: &Path, name: &str) -> PathBuf {
+/// The checksum of each recorded flight, by its name.
+fn sums(timings: &Timings) -> BTreeMap<String, String> {
+    let timings = timings.iter();
+    timings
+        .map(|(name, timing)| (name.clone(), timing.sum()))
+        .collect()
+}
+
+fn relative_to(file: &Path, name: &str) -> PathBuf {
     file.parent().unwrap_or_else(|| Path::new("")).join(name)
 }
 
@@ -226,7 +217,7 @@ const FACTS: &str = "campaign.json";
 #[serde(deny_unknown_fields)]
 struct Facts {
     schema: String,
-    /// Where the file was: relative names in it are beside it.
+    /// Where the file was: relative names in it start from its directory.
     file: PathBuf,
     campaign: String,
     build: String,
@@ -247,7 +238,7 @@ impl Facts {
 
     /// Whether a recorded flight has changed since; `what` the directory has of it.
     fn check_recordings(&self, plan: &Plan, what: &str) -> Result<(), Failure> {
-        let now = plan.timings.sums();
+        let now = sums(&plan.timings);
         let is_other =
             |(name, sum): &(&String, &String)| now.get(*name).is_some_and(|it| it != *sum);
         let changed = self.timings.iter().filter(is_other);
@@ -283,7 +274,7 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         file: plan.file.clone(),
         campaign: plan.identity.campaign.clone(),
         build: plan.identity.build.clone(),
-        timings: plan.timings.sums(),
+        timings: sums(&plan.timings),
     };
     let now = serde_json::to_string_pretty(&now).map_err(|e| Failure::failed(e.to_string()))?;
     for (path, text) in [(&file, &plan.text), (&facts, &(now + "\n"))] {

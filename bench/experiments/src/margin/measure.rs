@@ -94,8 +94,8 @@ impl<'a> Task<'a> {
                 survived,
             };
             let exceptions = phases.iter().zip(phases_s).flat_map(|(phase, phase_s)| {
-                let found = phase.outages[i].1.iter();
-                found.map(move |found| exception(*phase_s, *found))
+                let exceptions = phase.outages[i].1.iter();
+                exceptions.map(move |it| exception(*phase_s, *it))
             });
             OutageMargin {
                 of: target.name(),
@@ -217,10 +217,10 @@ impl Phase<'_> {
                 .fly(&fault, end, last_tick, gates.recovered_below_m)?;
             Ok(gates.is_success(&outcome))
         };
-        let found = largest(task.longest, survives)?;
+        let longest = largest(task.longest, survives)?;
         match is_checked {
-            true => checked(found, task.longest, survives),
-            false => Ok((found, Vec::new())),
+            true => checked(longest, task.longest, survives),
+            false => Ok((longest, Vec::new())),
         }
     }
 

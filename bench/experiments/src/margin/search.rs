@@ -34,25 +34,25 @@ fn between(
 /// Checks numbers below and above the result of the bisection, up to `most`. Returns the largest number up to which every
 /// tried one was survived, and the numbers that contradict monotonicity with their results.
 pub fn checked(
-    found: u64,
+    longest: u64,
     most: u64,
     mut survives: impl FnMut(u64) -> Result<bool, Failure>,
 ) -> Result<(u64, Vec<(u64, bool)>), Failure> {
     let mut exceptions = Vec::new();
-    for beyond in [found + found / 4 + 2, 2 * found + 3] {
-        if found < most && beyond <= most && survives(beyond)? {
+    for beyond in [longest + longest / 4 + 2, 2 * longest + 3] {
+        if longest < most && beyond <= most && survives(beyond)? {
             exceptions.push((beyond, true));
         }
     }
     let mut low = 0;
-    for tried in (1..4).map(|quarters| found * quarters / 4) {
+    for tried in (1..4).map(|quarters| longest * quarters / 4) {
         if low < tried && !survives(tried)? {
             exceptions.push((tried, false));
             return Ok((between(low, tried, survives)?, exceptions));
         }
         low = tried;
     }
-    Ok((found, exceptions))
+    Ok((longest, exceptions))
 }
 
 /// Tries ascending steps until `misses` in a row fail; returns how many succeeded before the first failure.
@@ -95,11 +95,11 @@ mod tests {
             (5, 0),
         ] {
             let mut flights = 0;
-            let found = largest(most, |it| {
+            let longest = largest(most, |it| {
                 flights += 1;
                 Ok(it <= limit)
             });
-            assert_eq!(found.unwrap(), limit.min(most));
+            assert_eq!(longest.unwrap(), limit.min(most));
             assert!(flights <= 12.min(most), "{limit}: {flights}");
         }
     }
@@ -113,7 +113,7 @@ mod tests {
             "none" => false,
             _ => it <= 100,
         };
-        for (name, found, most, result) in [
+        for (name, longest, most, result) in [
             ("monotonic", 100, 2000, (100, vec![])),
             ("island", 100, 2000, (100, vec![(203, true)])),
             ("hole", 100, 2000, (29, vec![(50, false)])),
@@ -124,7 +124,7 @@ mod tests {
                 assert!(it <= most);
                 Ok(survives(name, it))
             };
-            assert_eq!(checked(found, most, tried).unwrap(), result, "{name}");
+            assert_eq!(checked(longest, most, tried).unwrap(), result, "{name}");
         }
     }
 

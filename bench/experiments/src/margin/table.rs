@@ -1,12 +1,14 @@
 //! The table of margins that flight reports use, stored by a fingerprint of everything that margins depend on.
 
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use analysis::json;
 use analysis::margin::{Margins, SCHEMA};
 use analysis::phrase::count;
 use analysis::schema::{MarginSection, Report};
+use campaign::chunk::write_whole;
 use flight_log::build::Build;
 use messages::grid::Pace;
 
@@ -46,14 +48,13 @@ fn path(out: &Path, fingerprint: &str) -> PathBuf {
 /// Refuses a directory without write permission before any flight.
 pub fn check(out: &Path) -> Result<(), Failure> {
     let directory = out.join(DIRECTORY);
-    let made = fs::create_dir_all(&directory);
-    let made = made.and_then(|()| tempfile::tempfile_in(&directory).map(drop));
-    made.map_err(|e| {
+    let created = fs::create_dir_all(&directory);
+    let created = created.and_then(|()| tempfile::tempfile_in(&directory).map(drop));
+    created.map_err(|e| {
         let directory = directory.display();
-        Failure::usage(format!(
-            "cannot write tables of margins into {directory}: {e}"
-        ))
-        .help("name a directory that you can write, that of the flights: --out DIR")
+        let what = format!("cannot write tables of margins into {directory}: {e}");
+        let help = "name a directory that you can write, that of the flights: --out DIR";
+        Failure::usage(what).help(help)
     })
 }
 
@@ -63,13 +64,13 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
     let mut lines = Vec::new();
     for law in &margins.laws {
         let path = path(out, &law.fingerprint);
-        let shown = path.display();
+        let place = path.display();
         let known = read(out, &law.fingerprint);
         if let Some(known) = known.filter(|known| is_larger(known, margins)) {
+            let phases = count(known.phases_s.len() as u64, "phase");
+            let longest = count(known.longest_ticks, "tick");
             lines.push(format!(
-                "kept, for reports of flights: {shown}, which is of {} and outages up to {}\n",
-                count(known.phases_s.len() as u64, "phase"),
-                count(known.longest_ticks, "tick")
+                "kept, for reports of flights: {place}, which is of {phases} and outages up to {longest}\n"
             ));
             continue;
         }
@@ -78,10 +79,8 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
             ..margins.clone()
         };
         let text = json::to_string(&table).in_file("write", &path)?;
-        let draft = path.with_extension(format!("draft.{}", std::process::id()));
-        fs::write(&draft, text + "\n").in_file("write", &draft)?;
-        fs::rename(&draft, &path).in_file("write", &path)?;
-        lines.push(format!("written, for reports of flights: {shown}\n"));
+        write_whole(&path, |file| writeln!(file, "{text}"))?;
+        lines.push(format!("written, for reports of flights: {place}\n"));
     }
     Ok(lines)
 }

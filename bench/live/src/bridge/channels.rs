@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use foxglove::{Context, PartialMetadata, RawChannel, Schema};
 use messages::blackboards::Run;
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
 use messages::role::Role;
@@ -16,10 +15,10 @@ use analysis::laws::FlownLaws;
 use analysis::theorem::no_theorem;
 use errors::Failure;
 use flight_log::codec::{Logged, encode};
-use flight_log::entry::{LogEntry, with_message};
+use flight_log::entry::{FORMATS, LogEntry, with_message};
 use flight_log::scene::{self, Placed};
 use flight_log::telemetry::TelemetryTopic;
-use flight_log::{schema, units};
+use flight_log::units;
 
 #[allow(missing_debug_implementations, reason = "the channels have none")]
 pub(super) struct Channels {
@@ -40,30 +39,31 @@ impl Channels {
         run: &Run,
         laws: &FlownLaws,
     ) -> Result<Self, Failure> {
-        let make = Maker(context);
         let why_not = laws.without_theorem.map(no_theorem);
         let why_not = why_not.as_deref().map(units::not_applicable);
-        let topics = [
-            make.topic::<State>(None)?,
-            make.topic::<Setpoint>(None)?,
-            make.topic::<Wrench>(None)?,
-            make.topic::<RotorSpeeds>(None)?,
-            make.topic::<SwapRecord>(None)?,
-            make.topic::<Monitor>(why_not)?,
-        ];
+        let mut topics = BTreeMap::new();
+        for format in FORMATS {
+            let mut metadata = (format.describe)();
+            let is_theorem = format.name == <Monitor as Topic>::NAME;
+            metadata.extend(why_not.clone().filter(|_| is_theorem));
+            let schema = (format.schema_name)();
+            let schema = (&*schema, (format.descriptor_set)());
+            let channel = channel(context, format.name, schema, metadata)?;
+            topics.insert(format.name, channel);
+        }
         let mut telemetry = BTreeMap::new();
         for role in LAW_ROLES {
             let Some(topic) = TelemetryTopic::new(role, laws.signals.of(role)) else {
                 continue;
             };
-            let (name, set) = (topic.schema_name(), topic.descriptor_set());
-            let channel = make.channel(topic.topic(), &name, set, topic.metadata())?;
+            let schema = (&*topic.schema_name(), topic.descriptor_set());
+            let channel = channel(context, topic.topic(), schema, topic.metadata())?;
             telemetry.insert(role, (channel, topic));
         }
         let set = scene::descriptor_set();
-        let place = |(topic, name)| make.channel(topic, name, set.clone(), BTreeMap::new());
+        let place = |(topic, name)| channel(context, topic, (name, set.clone()), BTreeMap::new());
         Ok(Self {
-            topics: topics.into(),
+            topics,
             telemetry,
             scene: scene::CHANNELS
                 .into_iter()
@@ -130,34 +130,15 @@ impl Channels {
     }
 }
 
-struct Maker<'a>(&'a Arc<Context>);
-
-impl Maker<'_> {
-    fn channel(
-        &self,
-        topic: &str,
-        schema: &str,
-        descriptor_set: Vec<u8>,
-        metadata: BTreeMap<String, String>,
-    ) -> Result<Arc<RawChannel>, Failure> {
-        let builder = self.0.channel_builder(topic).message_encoding("protobuf");
-        let builder = builder.schema(Schema::new(schema, "protobuf", descriptor_set));
-        let channel = builder.metadata(metadata).build_raw();
-        channel.map_err(|e| Failure::failed(format!("cannot make a Foxglove channel: {e}")))
-    }
-
-    /// A topic, with the reason why it does not apply to this flight.
-    fn topic<C: Logged>(
-        &self,
-        why_not: Option<(String, String)>,
-    ) -> Result<(&'static str, Arc<RawChannel>), Failure> {
-        let topic = <C as Topic>::NAME;
-        let mut metadata = units::describe::<C>();
-        metadata.extend(why_not);
-        let set = schema::descriptor_set::<C>();
-        Ok((
-            topic,
-            self.channel(topic, &schema::name::<C>(), set, metadata)?,
-        ))
-    }
+/// Creates a channel for messages of a schema.
+fn channel(
+    context: &Arc<Context>,
+    topic: &str,
+    (schema, descriptor_set): (&str, Vec<u8>),
+    metadata: BTreeMap<String, String>,
+) -> Result<Arc<RawChannel>, Failure> {
+    let builder = context.channel_builder(topic).message_encoding("protobuf");
+    let builder = builder.schema(Schema::new(schema, "protobuf", descriptor_set));
+    let channel = builder.metadata(metadata).build_raw();
+    channel.map_err(|e| Failure::failed(format!("cannot make a Foxglove channel: {e}")))
 }

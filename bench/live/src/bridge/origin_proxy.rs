@@ -132,9 +132,9 @@ fn serve(
     server.write_all(&head)?;
     let last_ns = Arc::new(AtomicU64::new(now_ns()));
     let (mut from_client, mut to_server) = (client.try_clone()?, server.try_clone()?);
-    let last_ns_too = Arc::clone(&last_ns);
-    thread::Builder::new()
-        .spawn(move || forward(&mut from_client, &mut to_server, &last_ns_too, idle))?;
+    let last_too = Arc::clone(&last_ns);
+    let upwards = move || forward(&mut from_client, &mut to_server, &last_too, idle);
+    thread::Builder::new().spawn(upwards)?;
     forward(&mut server, &mut client, &last_ns, idle);
     Ok(())
 }
@@ -212,15 +212,11 @@ fn check_origins(head: &[u8], origins: &[String]) -> Result<(), String> {
 /// Whether an origin is the app's, or a page of this machine.
 fn is_known(origin: &str) -> bool {
     let is_port = |text: &str| text.parse::<u16>().is_ok();
-    let is_local = |scheme: &str| {
-        let host_and_port = origin.strip_prefix(scheme).unwrap_or_default();
-        ["localhost", "127.0.0.1", "[::1]"].iter().any(|host| {
-            host_and_port
-                .strip_prefix(host)
-                .is_some_and(|rest| rest.is_empty() || rest.strip_prefix(':').is_some_and(is_port))
-        })
-    };
-    origin == APP || is_local("http://") || is_local("https://")
+    let is_end = |end: &str| end.is_empty() || end.strip_prefix(':').is_some_and(is_port);
+    let secure = origin.strip_prefix("https://");
+    let address = secure.or_else(|| origin.strip_prefix("http://"));
+    let ends = ["localhost", "127.0.0.1", "[::1]"].map(|host| address?.strip_prefix(host));
+    origin == APP || ends.into_iter().flatten().any(is_end)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use messages::blackboards::{ActiveParameters, EndReason, Run, Status};
-use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Role, STAGES};
@@ -90,7 +90,7 @@ impl ParameterPage {
     }
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Model {
     pub instance: String,
     /// Whether `fly` started the dashboard: then leaving it does not end the flight.
@@ -112,11 +112,7 @@ impl Model {
             instance: instance.into(),
             launched,
             colours,
-            tab: Tab::default(),
-            help: false,
-            series: 0,
-            parameters: ParameterPage::default(),
-            flight: None,
+            ..Self::default()
         }
     }
 
@@ -258,7 +254,7 @@ impl Model {
     }
 }
 
-/// A flight as the dashboard has seen it.
+/// A flight since the dashboard joined it.
 #[derive(Debug)]
 pub struct WatchedFlight {
     /// The run as its plant publishes it.
@@ -431,10 +427,8 @@ impl WatchedFlight {
         // Counted by the plant, from the start of the flight.
         let mut ticks = statistics.ticks(run);
         ticks.skipped = run.ticks_skipped;
-        let begun = match self.tick() {
-            NO_TICK => 0,
-            tick => tick + 1,
-        };
+        // None yet for NO_TICK, the largest number.
+        let begun = self.tick().wrapping_add(1);
         ticks.run = begun.saturating_sub(run.ticks_skipped);
         let limit = |key: &str| self.setting(key).parse::<f64>().ok();
         let limits = limit("flight.tracking_error_max_m").zip(limit("flight.ground_z_m"));
@@ -518,13 +512,9 @@ impl Trace {
     #[must_use]
     pub fn newest(&self, most: usize) -> Vec<f64> {
         let present = self.present.map(|(_, largest)| largest);
-        let newest_first = present
-            .into_iter()
-            .chain(self.points.iter().rev().copied())
-            .take(most);
-        let mut points: Vec<f64> = newest_first.collect();
-        points.reverse();
-        points
+        let points = self.points.iter().copied().chain(present);
+        let surplus = (self.points.len() + present.iter().len()).saturating_sub(most);
+        points.skip(surplus).collect()
     }
 }
 

@@ -15,7 +15,7 @@ mod pages;
 use messages::blackboards::EndReason;
 use messages::content::NO_TICK;
 use ratatui::Frame;
-use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::layout::{Constraint, Layout, Margin, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Sparkline, Wrap};
@@ -57,13 +57,8 @@ pub fn draw(model: &Model, frame: &mut Frame<'_>) {
     frame.render_widget(verdict_line(model, area.width), verdicts);
     frame.render_widget(tab_line(model.tab, area.width), tabs);
     frame.render_widget(key_line(model, area.width), keys);
-    let [_, page, _] = Layout::horizontal([
-        Constraint::Length(1),
-        Constraint::Min(1),
-        Constraint::Length(1),
-    ])
-    .areas(page);
-    let mut region = Region { frame, area: page };
+    let area = page.inner(Margin::new(1, 0));
+    let mut region = Region { frame, area };
     match &model.flight {
         None => waiting(&model.instance, &mut region),
         Some(flight) => pages::draw(model, flight, &mut region),
@@ -158,10 +153,10 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
         let (run, tick) = (&flight.run, flight.tick());
         match flight.ending {
             None => add("flying".into(), GOOD),
-            Some(ending) => add(
-                format!("landed: {}", ending.name()),
-                good_or_bad(ending == EndReason::Completed),
-            ),
+            Some(ending) => {
+                let style = good_or_bad(ending == EndReason::Completed);
+                add(format!("landed: {}", ending.name()), style);
+            }
         }
         if tick != NO_TICK {
             let [now_s, last_s] = [tick, run.last_tick].map(|tick| run.flight_time_s(tick));
@@ -170,10 +165,8 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
         if model.is_flying() && !flight.recorder_lives {
             add("no recorder: no news".into(), BAD);
         }
-        for (name, count) in [
-            ("missed", run.deadlines_missed),
-            ("skipped", run.ticks_skipped),
-        ] {
+        let (missed, skipped) = (run.deadlines_missed, run.ticks_skipped);
+        for (name, count) in [("missed", missed), ("skipped", skipped)] {
             let style = if count == 0 { PLAIN } else { BAD };
             add(format!("{name} {count}"), style);
         }
@@ -241,10 +234,7 @@ fn tab_line<'a>(open: Tab, width: u16) -> Line<'a> {
 }
 
 fn key_line<'a>(model: &Model, width: u16) -> Line<'a> {
-    let leave = match model.is_flying() {
-        true => "leave, it flies on",
-        false => "leave",
-    };
+    let leave = ["leave", "leave, it flies on"][usize::from(model.is_flying())];
     let on_page: &[_] = match model.tab {
         _ if model.parameters.typed.is_some() => &[("Enter", "inject"), ("Esc", "leave it")],
         Tab::Plant => &[("Up/Down", "select"), ("Enter", "edit"), ("f", "fault")],
@@ -278,10 +268,7 @@ fn waiting(instance: &str, region: &mut Region<'_, '_>) {
 }
 
 fn help_window(launched: bool, frame: &mut Frame<'_>) {
-    let ctrl_c = match launched {
-        true => "end the flight",
-        false => "leave",
-    };
+    let ctrl_c = ["leave", "end the flight"][usize::from(launched)];
     let text = format!(
         " 1 .. 6      pages\n Tab, S-Tab  next page, previous page\n Up, Down    rows\n Enter       edit and inject (Plant)\n \
          f           inject a fault (Plant)\n r           restart statistics\n q, Esc      leave; it flies on\n \

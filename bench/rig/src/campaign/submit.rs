@@ -167,7 +167,7 @@ impl Submitted<'_> {
         if job().trim().is_empty() {
             return Err(
                 Failure::failed(format!("{engine} took no job: it ended with {ended}"))
-                    .help("it has said why; `--dry-run` prints the script and the command"),
+                    .help("see its message above; `--dry-run` prints the script and the command"),
             );
         }
         // A task that failed makes the whole array fail; the files say which.

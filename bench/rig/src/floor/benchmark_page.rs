@@ -52,11 +52,8 @@ impl Page {
 
     /// Replaces an earlier measurement of the same set, unless the new one was left out.
     pub fn take(&mut self, measured: MeasuredSet) {
-        let is_known = self
-            .sets
-            .iter()
-            .any(|known| known.set == measured.set && known.left_out.is_none());
-        if measured.left_out.is_some() && is_known {
+        let mut known = self.sets.iter().filter(|known| known.set == measured.set);
+        if measured.left_out.is_some() && known.any(|known| known.left_out.is_none()) {
             return;
         }
         self.sets.retain(|known| known.set != measured.set);
@@ -65,30 +62,16 @@ impl Page {
     }
 
     pub fn markdown(&self) -> String {
-        let Host {
-            kernel,
-            preemption,
-            cpu,
-            cpus,
-            ..
-        } = &self.host;
-        let under = self.host.below();
+        let (host, under) = (&self.host, self.host.below());
+        let (kernel, preemption, cpu, cpus) =
+            (&host.kernel, &host.preemption, &host.cpu, host.cpus);
         let mut page = format!(
             "# Benchmarks\n\nWritten by `ironbird floor`; raw numbers in [benchmarks.json](benchmarks.json).\n\n\
              Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).\n\n"
         );
         let comparisons = || self.sets.iter().flat_map(|set| &set.comparisons);
         if comparisons().next().is_some() {
-            let columns = [
-                "figure",
-                "ours",
-                "floor",
-                "ratio",
-                "95 % interval",
-                "goal",
-                "pairs",
-                "verdict",
-            ];
+            let columns = "figure;ours;floor;ratio;95 % interval;goal;pairs;verdict".split(';');
             page += &Table::new(columns, comparisons().map(compared)).markdown();
             page += CONDITIONS;
             page += LEGEND;
@@ -98,12 +81,8 @@ impl Page {
                 None => it.started.clone(),
                 Some(reason) => format!("not measured: {reason}"),
             };
-            row([
-                &set_name(it.set),
-                &when,
-                &it.version,
-                &format!("`{}`", it.command),
-            ])
+            let command = format!("`{}`", it.command);
+            row([&set_name(it.set), &when, &it.version, &command])
         });
         let sets = Table::new(["set", "when", "version", "command"], sets);
         page + "\n## Measured\n\n" + &sets.markdown()

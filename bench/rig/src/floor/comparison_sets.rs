@@ -54,18 +54,11 @@ impl Stress {
 
     pub fn start(runner: &FlightRunner) -> Result<Self, Failure> {
         let mut command = Command::new("stress-ng");
-        command
-            .args(STRESS)
-            .arg("--temp-path")
-            .arg(runner.directory());
-        let child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn();
-        let mut load = child
-            .map(Self)
-            .map_err(|e| Failure::failed(format!("cannot start stress-ng: {e}")))?;
+        command.args(STRESS).arg("--temp-path");
+        command.arg(runner.directory()).stdin(Stdio::null());
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        let failed = |e| Failure::failed(format!("cannot start stress-ng: {e}"));
+        let mut load = Self(child.map_err(failed)?);
         sleep(STRESS_BEGINS);
         load.check()?;
         Ok(load)
@@ -129,13 +122,12 @@ pub fn flights(
     };
     let with_ring = load.is_none();
     for pair in 0..effort.pairs {
-        let ((), floors, steal_percent) = in_turns(pair, Some(loops_cpu() as u64), fly, || {
-            floors(
-                runner,
-                effort,
-                newest.borrow().as_ref().filter(|_| with_ring),
-            )
-        })?;
+        let floors = || {
+            let newest = newest.borrow();
+            floors(runner, effort, newest.as_ref().filter(|_| with_ring))
+        };
+        let cpu = Some(loops_cpu() as u64);
+        let ((), floors, steal_percent) = in_turns(pair, cpu, fly, floors)?;
         if let Some(load) = &mut load {
             load.check()?;
         }
@@ -153,17 +145,15 @@ pub fn flights(
         }
         // A wake-up later than this leaves the loop no time for its tick.
         let threshold_ns = PERIOD_NS - (series(report, "loop")?.p50_us * 1e3) as u64;
-        let late = floors[0]
-            .as_ref()
-            .map_or_else(Events::default, |bare| Events {
-                count: bare.len() - bare.count_between(0, threshold_ns),
-                exposure: bare.len(),
-            });
+        let late = floors[0].as_ref().map(|bare| Events {
+            count: bare.len() - bare.count_between(0, threshold_ns),
+            exposure: bare.len(),
+        });
         let missed = Events {
             count: report.deadlines.missed,
             exposure: report.ticks.run + report.ticks.skipped,
         };
-        misses.take_events(missed, late, steal_percent);
+        misses.take_events(missed, late.unwrap_or_default(), steal_percent);
     }
     let mut all = Vec::from(all);
     all.push(misses);
@@ -277,8 +267,8 @@ pub fn lockstep(
 pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     let mut tick = FloorComparison::ratio("laws, one tick", "us", 1.1);
     let before = CpuTimes::read(None);
-    let pairs =
-        timing::pairs(effort.pairs, TIMED_TICKS).map_err(|e| Failure::failed(e.to_string()))?;
+    let pairs = timing::pairs(effort.pairs, TIMED_TICKS);
+    let pairs = pairs.map_err(|e| Failure::failed(e.to_string()))?;
     let steal_percent = before.steal_until(&CpuTimes::read(None)).percent;
     for pair in pairs {
         tick.take(pair.laws_s * 1e6, pair.scalar_s * 1e6, steal_percent);
@@ -335,8 +325,6 @@ fn run_to_end(command: &mut Command) -> Result<(), Failure> {
         return Ok(());
     }
     let what = command.get_args().next().unwrap_or_default().display();
-    Err(Failure::failed(command_end(
-        &format!("`ironbird {what}`"),
-        &output,
-    )))
+    let what = format!("`ironbird {what}`");
+    Err(Failure::failed(command_end(&what, &output)))
 }

@@ -44,21 +44,13 @@ impl FlightRunner {
 
     /// The command of a flight with these flags, and its future run directory.
     pub fn command(&self, flags: &[&str]) -> (Command, PathBuf) {
-        let out = self.directory.path().join(format!(
-            "flight{}",
-            self.launched.fetch_add(1, Ordering::Relaxed)
-        ));
+        let number = self.launched.fetch_add(1, Ordering::Relaxed);
+        let out = self.directory.path().join(format!("flight{number}"));
         let mut command = Command::new(&self.executable);
-        command
-            .arg("fly")
-            .args(flags)
-            .args(["--instance", &self.instance])
-            .arg("--out")
-            .arg(&out);
-        command
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped());
+        command.arg("fly").args(flags);
+        command.args(["--instance", &self.instance]);
+        command.arg("--out").arg(&out).stdin(Stdio::null());
+        command.stdout(Stdio::null()).stderr(Stdio::piped());
         (command, out.join("latest"))
     }
 
@@ -69,8 +61,8 @@ impl FlightRunner {
             .map_err(|e| Failure::failed(format!("cannot launch a flight: {e}")))?;
         // A failed acceptance criterion does not invalidate the measurement.
         let ended = command_end("a flight", &output);
-        if !matches!(output.status.code(), Some(code) if [OK, GATE].map(i32::from).contains(&code))
-        {
+        let flown = [OK, GATE].map(|code| Some(i32::from(code)));
+        if !flown.contains(&output.status.code()) {
             return Err(Failure::failed(ended));
         }
         let report =
@@ -104,8 +96,8 @@ fn complete(report: Report, requested_ticks: u64) -> Result<Report, Failure> {
 }
 
 pub fn series<'a>(report: &'a Report, name: &str) -> Result<&'a Statistics, Failure> {
-    let found = report.series.iter().find(|series| series.name == name);
-    found.ok_or_else(|| Failure::failed(format!("the flight's report has no series `{name}`")))
+    let named = report.series.iter().find(|series| series.name == name);
+    named.ok_or_else(|| Failure::failed(format!("the flight's report has no series `{name}`")))
 }
 
 #[cfg(test)]

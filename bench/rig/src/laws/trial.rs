@@ -21,7 +21,7 @@ use errors::output::say;
 pub const INPUTS: u64 = 100_000;
 /// Inputs with a warm-up before each.
 const REHEARSED: u64 = 10_000;
-/// A law is made anew after this many inputs, so that the consequences of an odd start are seen too.
+/// A law is created anew after this many inputs, so that the consequences of an odd start are found too.
 const INPUTS_PER_LIFE: u64 = 1000;
 /// Timed ticks with warm caches; as many before them warm the caches.
 pub const HOT: usize = 10_000;
@@ -125,21 +125,15 @@ impl Candidate {
 
 fn tick_outer(law: &mut dyn OuterLaw, input: &Input) -> Answer {
     let mut telemetry = Telemetry::default();
-    let desired = law.tick(
-        input.tick,
-        &input.measured.content,
-        &input.reference,
-        &mut telemetry,
-    );
+    let (tick, measured) = (input.tick, &input.measured.content);
+    let desired = law.tick(tick, measured, &input.reference, &mut telemetry);
     let vectors = [
         desired.attitude_rad,
         desired.attitude_rate_rad_s,
         desired.attitude_acceleration_rad_s2,
     ];
-    let numbers = [desired.thrust_n]
-        .into_iter()
-        .chain(vectors.into_iter().flatten());
-    answer(numbers, &telemetry)
+    let numbers = [desired.thrust_n].into_iter();
+    answer(numbers.chain(vectors.into_iter().flatten()), &telemetry)
 }
 
 fn tick_inner(law: &mut dyn InnerLaw, input: &Input) -> Answer {
@@ -163,10 +157,8 @@ fn tick_mixer(law: &mut dyn MixerLaw, input: &Input) -> Answer {
 
 fn answer(numbers: impl IntoIterator<Item = f64>, telemetry: &Telemetry) -> Answer {
     let mut answer = [0.0; ANSWER + TELEMETRY];
-    answer
-        .iter_mut()
-        .zip(numbers)
-        .for_each(|(place, number)| *place = number);
+    let places = answer.iter_mut().zip(numbers);
+    places.for_each(|(place, number)| *place = number);
     answer[ANSWER..].copy_from_slice(&telemetry.value);
     answer
 }
@@ -329,17 +321,16 @@ impl Input {
             thrust_n,
             ..Desired::default()
         };
+        let tick = 0;
+        let (content, reference) = (measured, Reference::default());
+        let measured = Stamped { tick, content };
+        let content = desired;
+        let desired = Stamped { tick, content };
         Self {
-            tick: 0,
-            measured: Stamped {
-                tick: 0,
-                content: measured,
-            },
-            desired: Stamped {
-                tick: 0,
-                content: desired,
-            },
-            reference: Reference::default(),
+            tick,
+            measured,
+            desired,
+            reference,
             wrench: WrenchSetpoint {
                 thrust_n,
                 torque_b_nm: [0.0; 3],
@@ -389,11 +380,9 @@ fn angles(rng: &mut fastrand::Rng) -> [f64; 3] {
 
 fn measured(rng: &mut fastrand::Rng, rig: &Rig) -> Measured {
     let attitude_rad = angles(rng);
-    let speed = |rng: &mut fastrand::Rng| {
-        std::array::from_fn(|_| {
-            rig.rotor.min_rad_s + (rig.rotor.max_rad_s - rig.rotor.min_rad_s) * rng.f64()
-        })
-    };
+    let (least, most) = (rig.rotor.min_rad_s, rig.rotor.max_rad_s);
+    let speed =
+        |rng: &mut fastrand::Rng| std::array::from_fn(|_| least + (most - least) * rng.f64());
     let mean: [f64; 4] = speed(rng);
     Measured {
         position_w_m: numbers(rng, 1e3),

@@ -274,7 +274,7 @@ fn each_page_is_its_snapshot() {
 fn the_error_continues_without_setpoints() {
     let mut model = model();
     take_state(flight(&mut model), 1100, [1.0, -1.0, 9.0]);
-    shows(&model, "error     8.0000 m");
+    shows(&model, "|error| [m]     8.0000");
     shows(&model, "max 8.0000");
 }
 
@@ -375,7 +375,7 @@ fn a_reset_restarts_statistics_and_keeps_the_number_of_lost_messages() {
     shows(&model, "loop                       -");
     assert!(screen(&model, (100, 24)).contains("lost 50 messages"));
     press(&mut model, "3");
-    shows(&model, "theorem holds: 100 steps");
+    shows(&model, "theorem holds: 0 unexplained of 100 steps");
     take_tick(flight(&mut model), 2000);
     assert_eq!(flight(&mut model).lost(), 50);
 }

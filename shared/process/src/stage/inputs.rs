@@ -32,7 +32,7 @@ impl ActiveFaults {
             planned,
             now: planned,
             version: 0,
-            is_late: !planned.late.of(role).is_empty(),
+            is_late: !planned.late.of_role(role).is_empty(),
             live: None,
         }
     }
@@ -70,7 +70,7 @@ impl ActiveFaults {
     #[cold]
     fn take(&mut self, live: &LiveBlackboard) {
         self.now = self.planned.with(live);
-        self.is_late = !self.now.late.of(self.role).is_empty();
+        self.is_late = !self.now.late.of_role(self.role).is_empty();
         self.version += 1;
     }
 }

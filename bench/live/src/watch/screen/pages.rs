@@ -8,7 +8,7 @@ use analysis::theorem::no_theorem;
 use controller::laws::adaptive;
 use errors::errno_text;
 use hdrhistogram::Histogram;
-use messages::blackboards::{RolePhase, Status};
+use messages::blackboards::Status;
 use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{SPECS, Spec};
@@ -42,7 +42,7 @@ fn flight_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     const NUMBERS: u16 = 50;
     const HORIZON: (u16, u16) = (26, 12);
     let page = region.area;
-    region.put(flight_numbers(flight));
+    region.put(flight_numbers(flight, page.width));
     let (width, height) = HORIZON;
     if page.width >= NUMBERS + width && page.height >= height {
         let area = Rect {
@@ -64,7 +64,7 @@ fn flight_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     }
 }
 
-fn flight_numbers<'a>(flight: &WatchedFlight) -> Vec<Line<'a>> {
+fn flight_numbers<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
     let row = |(name, values, digits): (&str, &[f64], usize)| {
         let width = 24 / values.len();
         let cell = |value: &f64| format!("{value:>width$.digits$}");
@@ -79,17 +79,22 @@ fn flight_numbers<'a>(flight: &WatchedFlight) -> Vec<Line<'a>> {
     let setpoint = flight.setpoint.unwrap_or_default();
     let measured = &state.measured;
     let (p, r) = (state.truth.position_w_m, setpoint.reference.position_w_m);
-    let error = [0, 1, 2].map(|i| p[i] - r[i]);
+    let off = [0, 1, 2].map(|i| p[i] - r[i]);
     let degrees = |rad: [f64; 3]| rad.map(f64::to_degrees);
     let thrust_n = flight.rotor_speeds.unwrap_or_default().thrust_n;
     let total = flight.statistics.flight();
     let (now_m, rms_m) = (total.position_error_final_m, total.position_error_rms_m);
     let max_m = total.position_error_max_m;
+    let error = [
+        format!("{:<14}{now_m:>8.4}", "|error| [m]"),
+        format!("  rms {rms_m:.4}"),
+        format!("  max {max_m:.4}"),
+    ];
     vec![
         heading(["x", "y", "z"]),
         row(("position [m]", &p, 3)),
         row(("reference [m]", &r, 3)),
-        row(("error [m]", &error, 3)),
+        row(("error [m]", &off, 3)),
         heading(["roll", "pitch", "yaw"]),
         row(("attitude [deg]", &degrees(measured.attitude_rad), 2)),
         row(("setpoint [deg]", &degrees(setpoint.attitude_rad), 2)),
@@ -97,7 +102,7 @@ fn flight_numbers<'a>(flight: &WatchedFlight) -> Vec<Line<'a>> {
         row(("rotors [rad/s]", &measured.rotor_speed_command_rad_s, 0)),
         Line::from(format!("{:<14}{thrust_n:>8.3}", "thrust [N]")),
         modes(flight),
-        Line::from(format!("now {now_m:.4} rms {rms_m:.4} max {max_m:.4} m")),
+        fitting(error.map(Line::from), width),
     ]
 }
 
@@ -325,10 +330,7 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     }
     region.put(lines);
     region.put(causes(monitor, region.area.height >= 8, width));
-    let converged = match theorem.converged {
-        true => "held",
-        false => "did not hold so far",
-    };
+    let converged = ["did not hold so far", "held"][usize::from(theorem.converged)];
     region.put(vec![Line::from(format!(
         "excitation {:.1e} e-folds in 10 s, least {:.1e}; (18) {converged}",
         theorem.excitation, theorem.excitation_least
@@ -347,19 +349,11 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
 
 fn theorem_verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, width: u16) -> Line<'a> {
     if let Some(tick) = lost_at {
-        let held = if theorem.holds {
-            "held"
-        } else {
-            "DID NOT HOLD"
-        };
+        let held = ["DID NOT HOLD", "held"][usize::from(theorem.holds)];
         let words = format!("theorem {held} up to tick {tick}; unchecked since: no recorder");
         return Line::styled(words, BAD);
     }
-    let holds = if theorem.holds {
-        "holds"
-    } else {
-        "DOES NOT HOLD"
-    };
+    let holds = ["DOES NOT HOLD", "holds"][usize::from(theorem.holds)];
     let holds = Line::styled(format!("theorem {holds}"), good_or_bad(theorem.holds));
     let unexplained = format!(": {} unexplained", theorem.unexplained());
     let steps = format!(" of {} steps", theorem.ticks_checked);
@@ -370,10 +364,7 @@ fn theorem_verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, width: u16) -> L
 fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, width: u16) -> [Line<'a>; 3] {
     let error = flight.statistics.flight().rate_error_final_rad_s;
     let (v, rate, predicted) = ("rad^2/s^2", "rad/s", m.descent_predicted);
-    let fell = format!(
-        "  fell by {:>10.2e} of {predicted:.2e} predicted",
-        m.descent
-    );
+    let fell = format!("  fell by {:>10.2e} of {predicted:.2e}", m.descent);
     let history = |first: &str, [a, b]: [f64; 2], second: &str| {
         let second = format!("  {second} {b:>10.2e}");
         [format!("  {first:<6} {a:>10.2e}"), second]
@@ -530,7 +521,9 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     let mut lines = vec![
         row("", &|role, _| role.to_string()).style(HEADING),
         row("process", &|_, status| status.pid.to_string()),
-        row("phase", &|_, status| phase(status).into()),
+        row("phase", &|_, status| {
+            format!("{:?}", status.phase()).to_lowercase()
+        }),
         row("scheduling", &|_, status| role_section(status).scheduling),
     ];
     for step in RealtimeStep::ALL {
@@ -539,11 +532,11 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         let mut line = Line::from(format!("{title:<COLUMN$}"));
         for (role, status) in &statuses {
             let grant = status.grants.of(step);
-            let value = match (step, role) {
-                (RealtimeStep::Affinity, Role::Record) => format!("not {} ", grant.value),
-                (RealtimeStep::Affinity, _) => format!("{} ", grant.value),
-                _ if grant.value > 0 => format!("{} ", grant.value),
-                _ => String::new(),
+            let is_affinity = step == RealtimeStep::Affinity;
+            let value = match (is_affinity, role) {
+                (true, Role::Record) => format!("not {} ", grant.value),
+                (false, _) if grant.value == 0 => String::new(),
+                _ => format!("{} ", grant.value),
             };
             let (text, style) = match (grant.asked, grant.granted()) {
                 (1, true) => (value + "ok", GOOD),
@@ -565,25 +558,13 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     region.put(lines);
     // Each refusal once, with its remedy.
     let refusal = |step: RealtimeStep| {
-        let mut grants = flight
-            .statuses
-            .values()
-            .map(|status| status.grants.of(step));
+        let statuses = flight.statuses.values();
+        let mut grants = statuses.map(|status| status.grants.of(step));
         let refused = grants.find(|grant| grant.asked == 1 && !grant.granted())?;
         let (why, remedy) = (errno_text(refused.errno), remedy(step, refused.errno));
         Some(Line::styled(format!("{why}: {remedy}"), FAINT))
     };
     region.put_wrapped(RealtimeStep::ALL.into_iter().filter_map(refusal).collect());
-}
-
-fn phase(status: &Status) -> &'static str {
-    match status.phase() {
-        RolePhase::Starting => "starting",
-        RolePhase::Ready => "ready",
-        RolePhase::Armed => "armed",
-        RolePhase::Flying => "flying",
-        RolePhase::Landed => "landed",
-    }
 }
 
 /// The signals that each law publishes.
