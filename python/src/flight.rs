@@ -4,7 +4,7 @@ use std::collections::TryReserveError;
 use std::fs;
 use std::path::Path;
 
-use analysis::swaps::AppliedSwap;
+use analysis::faults::AppliedSwap;
 use control_api::description::Description;
 use flight_log::codec::Logged;
 use ironbird::settings::Settings;

@@ -11,10 +11,10 @@ use crate::output::{print, print_json};
 use crate::record::hlog;
 use crate::run_directory::{find, log_files};
 use crate::wall_time::utc;
-use analysis::diff::{Flown, compare};
+use analysis::diff::{ComparedRun, compare};
 use analysis::gates::break_off;
+use analysis::schema::FlightStatus;
 use analysis::schema::Report;
-use analysis::status::FlightStatus;
 use errors::{Failure, InFile as _, OK, check_writable, read_text};
 use render::{brief, diff, flight, junit};
 
@@ -104,7 +104,7 @@ fn diff(args: &DiffArgs) -> Result<u8, Failure> {
         return Err(Failure::usage(what)
             .help("a flight cannot be compared with itself: name different flights"));
     }
-    let flown = |runs: Vec<PathBuf>| -> Result<Vec<Flown>, Failure> {
+    let flown = |runs: Vec<PathBuf>| -> Result<Vec<ComparedRun>, Failure> {
         runs.iter().map(|run| ended_flight(run)).collect()
     };
     let diff = compare(&flown(a)?, &flown(b)?);
@@ -140,7 +140,7 @@ fn groups(args: &DiffArgs) -> Result<(&[PathBuf], &[PathBuf]), Failure> {
     Err(Failure::usage(what).help(help))
 }
 
-fn ended_flight(directory: &Path) -> Result<Flown, Failure> {
+fn ended_flight(directory: &Path) -> Result<ComparedRun, Failure> {
     let report = read(directory)?;
     if report.distributions.is_empty() {
         return Err(Failure::usage(format!(
@@ -152,7 +152,7 @@ fn ended_flight(directory: &Path) -> Result<Flown, Failure> {
     let path = directory.join("run.json");
     let text = read_text("read", &path)?;
     let facts = serde_json::from_str(&text).in_file("read", &path)?;
-    Ok(Flown {
+    Ok(ComparedRun {
         run: directory.display().to_string(),
         report,
         facts,

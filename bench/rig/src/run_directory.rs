@@ -17,7 +17,7 @@ use toml::Table;
 
 use crate::settings::{LogName, Settings};
 use crate::wall_time::file_stamp;
-use analysis::run_facts::RunFacts;
+use analysis::report_file::RunFacts;
 use errors::{Failure, InFile as _, open_file, read_text};
 use flight_log::FILE;
 use flight_log::reader::LogReader;

@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::settings::Settings;
-use analysis::run_facts::RunFacts;
+use analysis::report_file::RunFacts;
 use analysis::schema::Report;
 use analysis::series::Statistics;
 use errors::{Failure, GATE, InFile as _, OK};

@@ -8,7 +8,7 @@ use crate::recorded_timing::{Source, Timing};
 use crate::settings::Settings;
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
-use analysis::swaps::AppliedSwap;
+use analysis::faults::AppliedSwap;
 use analysis::tracking::{Tracking, TrackingError};
 use errors::Failure;
 

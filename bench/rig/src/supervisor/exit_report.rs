@@ -15,8 +15,8 @@ use crate::supervisor::child_process::{ENDING, LANDING, log_path, title};
 use analysis::gates::break_off;
 use analysis::process_failures;
 use analysis::process_failures::ObservedFailure;
+use analysis::schema::FlightStatus;
 use analysis::schema::Report;
-use analysis::status::FlightStatus;
 use errors::{FAILED, Failure, GATE, INTERRUPTED, harmless};
 
 #[derive(Default)]

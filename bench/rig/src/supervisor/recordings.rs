@@ -10,8 +10,8 @@ use ipc::instance::Instance;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
 use analysis::gates::break_off;
+use analysis::schema::FlightStatus;
 use analysis::schema::Report;
-use analysis::status::FlightStatus;
 use errors::Failure;
 use render::files::write_all;
 
