@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::faults::AppliedSwap;
 use analysis::flight_statistics::is_last_word;
-use analysis::swaps::AppliedSwap;
 use config::Settings;
 use errors::Failure;
 use flight_log::codec::Logged;

@@ -77,7 +77,7 @@ pub struct TimingWindow<'a> {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StageUsage {
+pub struct Usage {
     pub is_stopped: bool,
     pub is_dead: bool,
     pub successor: Option<u64>,
@@ -85,11 +85,7 @@ pub struct StageUsage {
     pub involuntary_switches: u64,
     pub waited_ns: u64,
     pub ran_ns: u64,
-}
-
-/// What is known of the loops' processor in a span; nothing where they do not share one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ProcessorUsage {
+    /// Time stolen from the loops' processor, and time that it was busy; 0 where they do not share one [ns].
     pub stolen_ns: u64,
     pub busy_ns: u64,
 }
@@ -127,8 +123,8 @@ impl TimingWindow<'_> {
             .rfind(|sample| sample.at_ns <= suspect.from_ns)
     }
 
-    /// What the late stage's counters say of the time in which it was late.
-    pub fn usage(&self, suspect: &CandidateCause) -> StageUsage {
+    /// What the counters of the late stage and its processor say of the time in which it was late.
+    pub fn usage(&self, suspect: &CandidateCause) -> Usage {
         let stage = suspect.stage as usize;
         let of = |sample: &CounterSample| sample.stages[stage];
         // Whoever never came back may be seen to have ended long after.
@@ -142,11 +138,11 @@ impl TimingWindow<'_> {
         let mut pids = meanwhile().chain(next).map(|sample| of(sample).pid);
         let before = self.before(suspect).map(of);
         let successor = before.and_then(|before| pids.find(|pid| *pid != before.pid));
-        let mut usage = StageUsage {
+        let mut usage = Usage {
             is_stopped: has_been(Life::Stopped),
             is_dead: successor.is_some() || has_been(Life::Dead),
             successor,
-            ..StageUsage::default()
+            ..Usage::default()
         };
         let Some((first, last)) = self.around(suspect) else {
             return usage;
@@ -159,6 +155,10 @@ impl TimingWindow<'_> {
             usage.involuntary_switches = beyond(|counters| counters.involuntary_switches);
             usage.waited_ns = beyond(|counters| counters.waited_ns);
             usage.ran_ns = beyond(|counters| counters.ran_ns);
+        }
+        if self.share_processor {
+            usage.stolen_ns = last.stolen.saturating_sub(first.stolen) * JIFFY_NS;
+            usage.busy_ns = self.beyond_usual(suspect, |sample| sample.busy) * JIFFY_NS;
         }
         usage
     }
@@ -176,17 +176,6 @@ impl TimingWindow<'_> {
     pub fn thread_of(&self, stage: Role) -> Option<u64> {
         let last = self.samples.last();
         last.map(|sample| sample.stages[stage as usize].pid)
-    }
-
-    /// What is known of the loops' processor while the stage was late.
-    pub fn processor(&self, suspect: &CandidateCause) -> ProcessorUsage {
-        let Some((first, last)) = self.around(suspect).filter(|_| self.share_processor) else {
-            return ProcessorUsage::default();
-        };
-        ProcessorUsage {
-            stolen_ns: last.stolen.saturating_sub(first.stolen) * JIFFY_NS,
-            busy_ns: self.beyond_usual(suspect, |sample| sample.busy) * JIFFY_NS,
-        }
     }
 
     /// By how much a counter grew around a span, beyond what it usually does in that time: by its usual rate between

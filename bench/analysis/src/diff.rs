@@ -6,10 +6,10 @@
 
 use crate::distribution::PERCENTS;
 use crate::host::STEAL_LIMIT_PERCENT;
-use crate::run_facts::RunFacts;
+use crate::report_file::RunFacts;
+use crate::schema::FlightStatus;
 use crate::schema::Report;
 use crate::statistics::{Groups, median, permutation_test};
-use crate::status::FlightStatus;
 use flight_log::build::Build;
 use serde::Serialize;
 use serde_json::Value;
@@ -103,13 +103,13 @@ pub enum Says {
 }
 
 #[derive(Clone, Debug)]
-pub struct Flown {
+pub struct ComparedRun {
     pub run: String,
     pub report: Report,
     pub facts: RunFacts,
 }
 
-impl Flown {
+impl ComparedRun {
     fn side(&self) -> Side {
         let report = &self.report;
         Side {
@@ -187,7 +187,7 @@ fn differences(a: &[BTreeMap<String, Value>], b: &[BTreeMap<String, Value>]) -> 
 }
 
 /// Compares two groups of flights, of at least one flight each.
-pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
+pub fn compare(a: &[ComparedRun], b: &[ComparedRun]) -> Diff {
     let mut figures = paired(a, b);
     let few = a.len().min(b.len());
     let level = match few > FLIGHTS_NEEDED {
@@ -204,7 +204,7 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
              A1 A2 A3 -- B1 B2 B3"
         )
     });
-    let disturbed = a.iter().chain(b).find_map(Flown::disturbed);
+    let disturbed = a.iter().chain(b).find_map(ComparedRun::disturbed);
     let reason = |subject: Subject| {
         let disturbed = disturbed.clone().filter(|_| subject == Subject::Timing);
         too_few.clone().or(disturbed)
@@ -233,7 +233,7 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
         }
     };
     let (timing, tracking) = (conclusion(Subject::Timing), conclusion(Subject::Tracking));
-    let flat = |of: fn(&Flown) -> BTreeMap<String, Value>| {
+    let flat = |of: fn(&ComparedRun) -> BTreeMap<String, Value>| {
         let [a, b] = [a, b].map(|group| group.iter().map(of).collect::<Vec<_>>());
         differences(&a, &b)
     };
@@ -241,17 +241,17 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
         schema: SCHEMA,
         timing,
         tracking,
-        a: a.iter().map(Flown::side).collect(),
-        b: b.iter().map(Flown::side).collect(),
+        a: a.iter().map(ComparedRun::side).collect(),
+        b: b.iter().map(ComparedRun::side).collect(),
         builds: builds(a, b),
-        settings: flat(Flown::settings),
-        machine: flat(Flown::machine),
+        settings: flat(ComparedRun::settings),
+        machine: flat(ComparedRun::machine),
         figures: figures.into_iter().map(|(_, figure)| figure).collect(),
     }
 }
 
 /// How the builds of all flights compare: the worst that is said of any two.
-fn builds(a: &[Flown], b: &[Flown]) -> &'static str {
+fn builds(a: &[ComparedRun], b: &[ComparedRun]) -> &'static str {
     let mut all = a.iter().chain(b).map(|flown| &flown.facts.build);
     let Some(first) = all.next() else {
         return Build::default().compared_with(&Build::default());
@@ -261,21 +261,22 @@ fn builds(a: &[Flown], b: &[Flown]) -> &'static str {
     compared.find(|said| *said != same).unwrap_or(same)
 }
 
-fn paired(a: &[Flown], b: &[Flown]) -> Vec<(Subject, FigureDiff)> {
-    let of = |flown: &Flown| figures(&flown.report);
+fn paired(a: &[ComparedRun], b: &[ComparedRun]) -> Vec<(Subject, FigureDiff)> {
+    let of = |run: &ComparedRun| figures(&run.report);
     let [of_a, of_b] = [a, b].map(|group| group.iter().map(of).collect::<Vec<_>>());
-    let Some(first) = of_a.first() else {
-        return Vec::new();
-    };
     let values = |group: &[Vec<Figure>], name: &str| -> Option<Vec<Option<f64>>> {
-        let of = |all: &Vec<Figure>| Some(all.iter().find(|figure| figure.name == name)?.value);
+        let of = |all: &Vec<Figure>| Some(all.iter().find(|figure| figure.1 == name)?.2);
         group.iter().map(of).collect()
     };
-    let pair = |figure: &Figure| {
-        let (a, b) = (values(&of_a, &figure.name)?, values(&of_b, &figure.name)?);
-        Some((figure.subject, FigureDiff::of(&figure.name, a, b)))
+    let pair = |(subject, name, _): &Figure| {
+        let (a, b) = (values(&of_a, name)?, values(&of_b, name)?);
+        Some((*subject, FigureDiff::of(name, a, b)))
     };
-    first.iter().filter_map(pair).collect()
+    of_a.first()
+        .into_iter()
+        .flatten()
+        .filter_map(pair)
+        .collect()
 }
 
 impl FigureDiff {
@@ -326,53 +327,48 @@ impl FigureDiff {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Subject {
+enum Subject {
     /// How late the loops were: nothing, where they did not fly by the clock or the host stole from them.
     Timing,
     Tracking,
 }
 
-#[derive(Clone, Debug, PartialEq)]
-pub struct Figure {
-    /// Name, with its unit where it is no ratio.
-    pub name: String,
-    pub subject: Subject,
-    /// Nothing where the flight has too few values for it.
-    pub value: Option<f64>,
-}
+/// Subject, name with its unit, and value: none where the flight has too few values for it.
+type Figure = (Subject, String, Option<f64>);
 
 /// The figures of a flight; every flight has the same names in the same order, as long as it has the series.
-pub fn figures(report: &Report) -> Vec<Figure> {
-    let performance = &report.flight;
+fn figures(report: &Report) -> Vec<Figure> {
+    use Subject::{Timing, Tracking};
+    let (flight, missed) = (&report.flight, report.deadlines.missed);
     let ticks = (report.ticks.run + report.ticks.skipped) as f64;
     let per_million = |count: u64| (ticks > 0.0).then(|| count as f64 / ticks * 1e6);
-    let figure = |subject, name: &str, value| Figure {
-        name: name.to_owned(),
-        subject,
-        value,
-    };
-    use Subject::{Timing, Tracking};
-    let [rms, largest] = [
-        performance.position_error_rms_m,
-        performance.position_error_max_m,
-    ];
-    let end = Some(performance.position_error_final_m);
-    let rate = performance.rate_error_final_rad_s;
-    let missed = per_million(report.deadlines.missed);
+    let [rms, largest, end] = [
+        flight.position_error_rms_m,
+        flight.position_error_max_m,
+        flight.position_error_final_m,
+    ]
+    .map(Some);
+    let rate = flight.rate_error_final_rad_s;
     let skipped = per_million(report.ticks.skipped);
-    let mut all = vec![
-        figure(Tracking, "position error, rms [m]", Some(rms)),
-        figure(Tracking, "position error, largest [m]", Some(largest)),
-        figure(Tracking, "position error, at the end [m]", end),
-        figure(Tracking, "rate error, at the end [rad/s]", rate),
-        figure(Timing, "deadlines missed [per million]", missed),
-        figure(Timing, "ticks skipped [per million]", skipped),
+    let figures = [
+        (Tracking, "position error, rms [m]", rms),
+        (Tracking, "position error, largest [m]", largest),
+        (Tracking, "position error, at the end [m]", end),
+        (Tracking, "rate error, at the end [rad/s]", rate),
+        (
+            Timing,
+            "deadlines missed [per million]",
+            per_million(missed),
+        ),
+        (Timing, "ticks skipped [per million]", skipped),
     ];
+    let figures = figures.map(|(subject, name, value)| (subject, name.to_owned(), value));
+    let mut all = Vec::from(figures);
     for distribution in &report.distributions {
         all.extend(PERCENTS.map(|(percent, _)| {
             let name = format!("{} p{percent} [us]", distribution.name);
             let value = distribution.percentile(percent).map(|it| it.value_us);
-            figure(Timing, &name, value)
+            (Timing, name, value)
         }));
     }
     all

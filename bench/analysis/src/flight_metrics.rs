@@ -202,48 +202,35 @@ mod tests {
         compared
     }
 
-    fn close(a: f64, b: f64) -> bool {
-        (a - b).abs() < 1e-9
+    fn assert_close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-9, "{a}, expected {b}");
     }
 
     #[test]
     fn errors_are_the_true_ones_before_the_first_fault_and_from_5_s_after_the_last() {
-        let error_m = |tick| {
-            if tick < 100 {
-                f64::from(tick) / 100.0
-            } else {
-                2.0
-            }
-        };
-        let compared = flown(&(0..=200).map(error_m).collect::<Vec<f64>>());
+        let rising = (0..100).map(|tick| f64::from(tick) / 100.0);
+        let errors_m: Vec<f64> = rising.chain([2.0; 101]).collect();
+        let compared = flown(&errors_m);
         let figures = |faults: &[u64]| compared.figures(&flight(200, faults));
         let both = figures(&[50, 120]);
-        let before = both.error_before.unwrap();
-        assert!(
-            close(before.worst_m, 0.49) && close(before.p99_m, 0.49),
-            "{before:?}"
-        );
-        let after = both.error_after.unwrap();
-        assert!(
-            close(after.rms_m, 2.0) && close(after.worst_m, 2.0),
-            "{after:?}"
-        );
+        let (before, after) = (both.error_before.unwrap(), both.error_after.unwrap());
+        [before.worst_m, before.p99_m]
+            .into_iter()
+            .for_each(|m| assert_close(m, 0.49));
         // 199 of 201 values are not above 2, and the 99th percentile is the 199th.
-        assert!(
-            close(both.error.worst_m, 2.0) && close(both.error.p99_m, 2.0),
-            "{both:?}"
-        );
+        let all = [
+            after.rms_m,
+            after.worst_m,
+            both.error.worst_m,
+            both.error.p99_m,
+        ];
+        all.into_iter().for_each(|m| assert_close(m, 2.0));
         // There is nothing before tick 0, and 5 s after tick 180 the flight was over.
         assert_eq!(figures(&[0]).error_before, None);
         assert_eq!(figures(&[180]).error_after, None);
-        assert_eq!(
-            (figures(&[]).error_before, figures(&[]).error_after),
-            (None, None)
-        );
-    }
-
-    #[test]
-    fn the_99th_percentile_leaves_out_one_in_a_hundred() {
+        let none = figures(&[]);
+        assert_eq!((none.error_before, none.error_after), (None, None));
+        // The 99th percentile leaves out one in a hundred.
         let mut errors = vec![0.25; 200];
         (errors[3], errors[77]) = (9.0, 8.0);
         let figures = error_figures(&errors).unwrap();
@@ -259,21 +246,18 @@ mod tests {
         errors[50..70].fill(0.9);
         errors[75] = 0.6;
         errors[130..].fill(0.7);
-        let recovered = |errors: &[f64]| {
-            flown(errors)
-                .figures(&flight(200, &[50, 100, 130]))
-                .recovery_s
-        };
+        let plan = flight(200, &[50, 100, 130]);
+        let recovered = |errors: &[f64]| flown(errors).figures(&plan).recovery_s;
         // Back once at 70, for good after 75; the second fault does nothing; the third stays.
         let found = recovered(&errors);
-        assert!(close(found[0].unwrap(), 2.6), "{found:?}");
+        assert_close(found[0].unwrap(), 2.6);
         assert_eq!(found[1..], [Some(0.0), None]);
         // Less than a second below the bound is not yet a stay.
         errors[130..].fill(0.1);
         errors[192] = 0.6;
         assert_eq!(recovered(&errors)[2], None);
         errors.swap(192, 190);
-        assert!(close(recovered(&errors)[2].unwrap(), 6.1));
+        assert_close(recovered(&errors)[2].unwrap(), 6.1);
         // Of a flight that ended early, no recovery is known.
         let early = flown(&[0.1; 150]).figures(&flight(200, &[50, 100, 180]));
         assert_eq!(early.recovery_s, [Some(0.0), None, None]);
@@ -282,13 +266,10 @@ mod tests {
     #[test]
     fn effort_is_that_of_the_rotors() {
         let Figures { effort, trace, .. } = flown(&[0.0; 101]).figures(&flight(100, &[]));
-        assert!(close(effort.power, 1.0), "{effort:?}");
+        assert_close(effort.power, 1.0);
         // Two of four rotors change by 3 rad/s in every tick.
-        assert!(close(effort.agitation_rad_s, 4.5_f64.sqrt()), "{effort:?}");
-        assert!(
-            close(effort.saturated_percent, 100.0 * 26.0 / 101.0),
-            "{effort:?}"
-        );
+        assert_close(effort.agitation_rad_s, 4.5_f64.sqrt());
+        assert_close(effort.saturated_percent, 100.0 * 26.0 / 101.0);
         assert_eq!(trace.spans(POWER).count(), 101);
         let nothing = flown(&[]).figures(&flight(100, &[]));
         assert_eq!(nothing.effort.agitation_rad_s, 0.0);

@@ -4,16 +4,17 @@
 //! the plant has judged it. A stage that continues after the plant has ended is not counted.
 
 use crate::deadlines::{DeadlineOutcome, Deadlines, Judged, LateCommands, MissRuns};
+use crate::faults::AppliedSwap;
 use crate::freshness::FreshnessStatistics;
 use crate::laws::{FlownLaws, NotFinite, SignalStatistics};
 use crate::miss_analysis::MissAnalysis;
 use crate::process_failures::FailureStatistics;
+use crate::schema;
 use crate::series::{Series, SeriesSet};
 use crate::theorem::TheoremStatistics;
 use crate::timer_lead::{LeadSection, LeadStatistics};
 use crate::tracer::{Timing, Tracer};
 use crate::tracking::{ControlStatistics, RecentStates, Tracking};
-use crate::{schema, swaps};
 use errors::Failure;
 use flight_log::TOPICS;
 use flight_log::entry::Counts;
@@ -63,7 +64,7 @@ pub struct FlightStatistics {
     laws: FlownLaws,
     pub telemetry: [SignalStatistics; LAW_ROLES.len()],
     pub theorem: TheoremStatistics,
-    pub swaps: Vec<swaps::AppliedSwap>,
+    pub swaps: Vec<AppliedSwap>,
     pub swaps_seen: u64,
     pub tracer: Tracer,
     newest: Option<(u64, u64)>,
@@ -280,7 +281,7 @@ impl FlightStatistics {
         self.swaps_seen += 1;
         if self.swaps.len() < SWAPS_KEPT {
             let (tick, period_s) = (message.envelope.tick, self.tracking.period_s());
-            let swap = swaps::AppliedSwap::new(tick, period_s, &message.content);
+            let swap = AppliedSwap::new(tick, period_s, &message.content);
             self.swaps.push(swap);
         }
     }
@@ -553,30 +554,31 @@ mod tests {
         FlightStatistics::new(Pace::Realtime(GRID), GRID.t0_ns, TRACKING).unwrap()
     }
 
+    fn state_of(tick: u64, seq: u64, sample_ns: u64) -> Message<State> {
+        let envelope = Header {
+            tick,
+            seq,
+            sample_ns,
+            ..Header::new()
+        };
+        let content = State::default();
+        Message { envelope, content }
+    }
+
     #[test]
-    fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
+    fn the_rest_of_the_lead_after_the_timer_is_the_cost_of_waiting() {
         let mut statistics = statistics();
-        let [leads, late] = [[100, 110, 90, 100], [20, 60, 300, 30]];
-        for (tick, (lead_us, late_us)) in (0..).zip(leads.into_iter().zip(late)) {
-            let sample_ns = GRID.begin_of(tick) + if late_us > lead_us { 210_000 } else { 0 };
-            let envelope = Header {
-                tick,
-                seq: tick,
-                sample_ns,
-                lead_ns: lead_us * 1_000,
-                timer_late_ns: late_us * 1_000,
-                ..Header::new()
-            };
-            let content = State::default();
-            statistics.state(&Message { envelope, content });
+        for (tick, lead_us, late_us) in [(0, 100, 20), (1, 110, 60), (2, 90, 300), (3, 100, 30)] {
+            let late_ns = if late_us > lead_us { 210_000 } else { 0 };
+            let mut message = state_of(tick, tick, GRID.begin_of(tick) + late_ns);
+            message.envelope.lead_ns = lead_us * 1_000;
+            message.envelope.timer_late_ns = late_us * 1_000;
+            statistics.state(&message);
         }
         let timer = statistics.series.flight(Series::Timer).unwrap();
-        let beyond = timer.count_between(290_000, 310_000);
-        assert_eq!(
-            (timer.len(), beyond),
-            (4, 1),
-            "also one that came after its tick"
-        );
+        // Also one that came after its tick.
+        let counts = (timer.len(), timer.count_between(290_000, 310_000));
+        assert_eq!(counts, (4, 1));
         let at_take_off = Lead {
             lead_ns: 100_000,
             rehearsal_ns: 40_000,
@@ -597,18 +599,9 @@ mod tests {
         let mut statistics = statistics();
         // Ticks 3 and 4 were skipped.
         for (seq, tick) in (0..).zip([0, 1, 2, 5, 6]) {
-            let sample_ns = GRID.begin_of(tick) + 20_000;
-            let envelope = Header {
-                tick,
-                seq,
-                sample_ns,
-                ..Header::new()
-            };
-            let content = State {
-                ticks_skipped: if tick > 2 { 2 } else { 0 },
-                ..State::default()
-            };
-            statistics.state(&Message { envelope, content });
+            let mut message = state_of(tick, seq, GRID.begin_of(tick) + 20_000);
+            message.content.ticks_skipped = if tick > 2 { 2 } else { 0 };
+            statistics.state(&message);
         }
         let ticks = |phase: blackboards::RunPhase| {
             let run = blackboards::Run {
@@ -619,10 +612,8 @@ mod tests {
             statistics.ticks(&run)
         };
         let flying = ticks(blackboards::RunPhase::Flying);
-        assert_eq!(
-            (flying.run, flying.skipped, flying.elapsed_periods),
-            (5, 2, 7)
-        );
+        let counts = (flying.run, flying.skipped, flying.elapsed_periods);
+        assert_eq!(counts, (5, 2, 7));
         assert!(flying.identity_holds);
         // At the end the plant's own count is held against the messages.
         assert!(!ticks(blackboards::RunPhase::Closed).identity_holds);
@@ -647,31 +638,22 @@ mod tests {
             Message { envelope, content }
         }
         let (is_late, late) = (tick.is_multiple_of(50), tick / 50);
-        let content = State {
-            deadlines_missed: late,
-            deadline_miss_run: u64::from(is_late),
-            ..State::default()
-        };
-        let state = envelope(20);
-        statistics.state(&Message {
-            envelope: state,
-            content,
-        });
+        let mut state = message::<State>(envelope(20));
+        state.content.deadlines_missed = late;
+        state.content.deadline_miss_run = u64::from(is_late);
+        statistics.state(&state);
         statistics.setpoint(&message(envelope(30)));
         statistics.wrench(&message(envelope(40)));
         statistics.rotor_speeds(&message(envelope(if is_late { 1_100 } else { 50 })));
         if is_late {
-            let seq = late;
-            statistics.swap(&message(Header {
-                tick,
-                seq,
-                ..Header::new()
-            }));
+            let mut header = Header::new();
+            (header.tick, header.seq) = (tick, late);
+            statistics.swap(&message(header));
         }
     }
 
     #[test]
-    fn what_is_kept_is_bounded_however_long_a_flight_is() {
+    fn memory_is_bounded_however_long_a_flight_is() {
         let mut statistics = statistics();
         statistics.begin_autopsy(true, true);
         for tick in 0..60_000 {
@@ -679,10 +661,8 @@ mod tests {
             statistics.autopsy.as_mut().unwrap().look();
             assert!(statistics.passages.len() <= 8 && statistics.commands.len() <= 2);
         }
-        assert_eq!(
-            (statistics.swaps.len(), statistics.swaps_seen),
-            (SWAPS_KEPT, 1200)
-        );
+        let swaps = (statistics.swaps.len(), statistics.swaps_seen);
+        assert_eq!(swaps, (SWAPS_KEPT, 1200));
         let late = &statistics.late_commands;
         assert!(late.stretches.len() <= crate::deadlines::KEPT && late.left_out > 0);
         assert!(statistics.miss_runs.lengths().len() <= 2);
@@ -701,10 +681,7 @@ mod tests {
         );
         assert_eq!(statistics.lost(), [0; TOPICS.len()]);
         let late = &statistics.late_commands.stretches;
-        assert!(
-            late.len() >= 20 && late.iter().all(|it| it.late_us == 100.0),
-            "{late:?}"
-        );
+        assert!(late.len() >= 20 && late.iter().all(|it| it.late_us == 100.0));
         let position_m = TRACKING.position_w_m(DAYS_30);
         assert!(position_m.iter().all(|m| m.is_finite() && m.abs() < 10.0));
     }

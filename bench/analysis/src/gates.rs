@@ -3,12 +3,12 @@
 //! Every flight has two gates; the others are requested. A gate that measured nothing does not hold.
 
 use crate::phrase::count;
+use crate::schema::FlightStatus;
+use crate::schema::Speed;
 use crate::schema::{
     AcceptanceResult, Explained, Gate, Report, StabilityVerdict, TimingVerdict, Verdicts,
 };
 use crate::series::Series;
-use crate::speed::Speed;
-use crate::status::FlightStatus;
 use crate::theorem::Theorem;
 use crate::verdicts::{TrackingLimits, stability_verdict};
 use flight_log::writer::Fate;

@@ -228,10 +228,10 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
     if usage.is_stopped {
         return because(StoppedOrDead, "its process was stopped");
     }
-    let (processor, others) = (scene.processor(suspect), scene.others(suspect));
+    let others = scene.others(suspect);
     let others_ran = others.is_some_and(|others| others.ran);
-    if explains(processor.stolen_ns) {
-        let ms = processor.stolen_ns / 1_000_000;
+    if explains(usage.stolen_ns) {
+        let ms = usage.stolen_ns / 1_000_000;
         return (HostStall, format!("the host took {ms} ms"));
     }
     if usage.faults > 0 {
@@ -254,8 +254,8 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
             return (Preempted, format!("{ready}, other stages ran meanwhile"));
         }
         // Where the host stops a virtual machine, whoever was on its processor seems to run.
-        if explains(processor.busy_ns) && !scene.is_virtual {
-            let ms = processor.busy_ns / 1_000_000;
+        if explains(usage.busy_ns) && !scene.is_virtual {
+            let ms = usage.busy_ns / 1_000_000;
             return (Preempted, format!("{ready}, which was busy for {ms} ms"));
         }
         let traced = scene.ran(suspect).map(|_| " that may keep it waiting");
@@ -285,7 +285,7 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
     };
     let none_ran = !others.ran && others.were_due;
     match suspect.delay {
-        _ if none_ran && explains(processor.busy_ns) => {
+        _ if none_ran && explains(usage.busy_ns) => {
             let why = "no stage ran, although others were due, and the processor was busy";
             because(CannotTell, why)
         }

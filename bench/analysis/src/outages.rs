@@ -81,7 +81,7 @@ pub struct TimelineStage {
 
 impl OutageSection {
     /// The same, and each outage with the faults that were on.
-    pub fn struck_by(mut self, faults: &[InjectedFault]) -> Self {
+    pub fn with_faults(mut self, faults: &[InjectedFault]) -> Self {
         for case in &mut self.worst {
             let last = case.tick + case.ticks - 1;
             let on = faults.iter().filter(|fault| fault.strikes(case.tick, last));

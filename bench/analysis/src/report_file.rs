@@ -1,10 +1,26 @@
-//! report.json: written whole, read again, and checked for what no flight can have.
+//! report.json, written whole, read again and checked for what no flight can have; and run.json.
 
+use crate::host::Host;
 use crate::json;
 use crate::schema::{Report, SCHEMA};
 use errors::{Failure, InFile as _, read_text};
+use flight_log::build::Build;
+use serde::{Deserialize, Serialize};
 use serde_json::{Number, Value};
 use std::path::Path;
+
+/// run.json: the settings, build and host of a flight, enough to repeat it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunFacts {
+    pub version: String,
+    /// The executable; unknown in those from before builds were named.
+    #[serde(default)]
+    pub build: Build,
+    pub instance: String,
+    /// The settings that were flown, by section and key.
+    pub settings: Value,
+    pub host: Host,
+}
 
 impl Report {
     pub fn read(path: &Path) -> Result<Self, Failure> {

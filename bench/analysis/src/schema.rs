@@ -2,19 +2,22 @@
 
 use crate::baseline::Baseline;
 use crate::distribution::{Bucket, Distribution};
+use crate::faults::AppliedSwap;
 use crate::faults::InjectedFault;
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
 use crate::outages;
+use crate::phrase::name_of;
 use crate::series::Statistics;
-use crate::status::FlightStatus;
-use crate::swaps::AppliedSwap;
 use crate::theorem::Theorem;
 use crate::timer_lead::LeadSection;
 use crate::traces::Traces;
+use errors::{FAILED, GATE, INTERRUPTED, OK};
 use flight_log::build::Build;
+use messages::blackboards::LOCKSTEP;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-report/2";
@@ -497,4 +500,78 @@ pub struct Verdicts {
     pub flight: Explained<FlightVerdict>,
     pub timing: Explained<TimingVerdict>,
     pub theorem: Explained<StabilityVerdict>,
+}
+
+/// The status of a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum FlightStatus {
+    #[default]
+    Flying,
+    Pass,
+    /// It held its gates as far as it was seen; not all was, or not all was logged.
+    Incomplete,
+    Fail,
+    Interrupted,
+    Aborted,
+}
+
+impl FlightStatus {
+    pub const fn exit_code(self) -> u8 {
+        match self {
+            Self::Flying | Self::Pass | Self::Incomplete => OK,
+            Self::Fail => GATE,
+            Self::Interrupted => INTERRUPTED,
+            Self::Aborted => FAILED,
+        }
+    }
+
+    pub const fn is_over(self) -> bool {
+        matches!(self, Self::Pass | Self::Incomplete | Self::Fail)
+    }
+}
+
+impl fmt::Display for FlightStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&name_of(self))
+    }
+}
+
+/// The pace of a flight: real time, slow motion or lockstep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Speed {
+    Lockstep,
+    Clock,
+    Slowed(u64),
+}
+
+impl Speed {
+    /// Of ticks that are so long on the clock, or [`LOCKSTEP`], of laws with this sample time [ns].
+    pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
+        match period_ns
+            .saturating_add(sample_time_ns / 2)
+            .checked_div(sample_time_ns)
+        {
+            _ if period_ns == LOCKSTEP => Self::Lockstep,
+            None | Some(0 | 1) => Self::Clock,
+            Some(times) => Self::Slowed(times),
+        }
+    }
+
+    /// Why latencies tell nothing of real time, where they do not.
+    pub fn why_not_real_time(self) -> Option<String> {
+        match self {
+            Self::Lockstep => Some("in lockstep there are no deadlines".into()),
+            Self::Clock => None,
+            Self::Slowed(times) => Some(format!("slowed {times} times: latencies of a slow clock")),
+        }
+    }
+}
+
+impl RunSection {
+    pub fn speed(&self) -> Speed {
+        let [period_ns, sample_time_ns] =
+            [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);
+        Speed::of(period_ns, sample_time_ns)
+    }
 }

@@ -313,7 +313,7 @@ impl Stretches<Range> {
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
-    use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+    use messages::content::{RotorSpeeds, Setpoint, Wrench};
     use messages::monitor::Monitor;
 
     use super::*;
@@ -323,16 +323,15 @@ mod tests {
     }
 
     fn joined(tick: u64, x: f64) -> Joined {
-        let mut state = State::default();
-        state.truth.position_w_m = [x, 0.0, 1.0];
-        Joined {
+        let mut joined = Joined {
             tick,
-            state,
             setpoint: Some(Setpoint::default()),
             wrench: Some(Wrench::default()),
             rotor_speeds: Some(RotorSpeeds::default()),
-            monitor: None,
-        }
+            ..Joined::default()
+        };
+        joined.state.truth.position_w_m = [x, 0.0, 1.0];
+        joined
     }
 
     #[test]
@@ -347,10 +346,8 @@ mod tests {
         let peaks: Vec<_> = peaks.collect();
         assert_eq!((peaks.len(), peaks[0].min, peaks[0].max), (1, 0.5, 7.0));
         assert!((peaks[0].tick..peaks[0].tick + flight.every_ticks).contains(&123_456));
-        assert_eq!(
-            (path.tick.len(), path.tick.last()),
-            (PATH_SAMPLES, Some(&last))
-        );
+        let path = (path.tick.len(), path.tick.last());
+        assert_eq!(path, (PATH_SAMPLES, Some(&last)));
     }
 
     #[test]
@@ -366,46 +363,34 @@ mod tests {
     }
 
     #[test]
-    fn a_state_that_nobody_answered_is_followed_all_the_same() {
-        let mut tracer = tracer();
-        tracer.take(&joined(0, 0.5));
-        tracer.take(&Joined {
-            setpoint: None,
-            wrench: None,
-            rotor_speeds: None,
-            ..joined(1, 9.0)
-        });
-        let flight = tracer.traces().flight;
-        let largest = |channel| {
-            flight
-                .spans(channel)
-                .map(|span| span.max)
-                .fold(0.0, f64::max)
-        };
-        assert_eq!(largest(POSITION[0]), 9.0);
-        assert!(largest(DISTANCE) > 9.0, "the climb to 1 m has only begun");
-        assert_eq!(flight.spans(THRUST).count(), 1, "one tick has a wrench");
-    }
-
-    #[test]
-    fn violations_are_counted_where_they_are_through_a_restart() {
+    fn a_state_without_messages_of_the_stages_is_traced_and_violations_are_counted_through_a_restart()
+     {
         let mut tracer = tracer();
         for (tick, count) in [(0, 0), (1, 2), (2, 2), (3, 1)] {
             let mut monitor = Monitor::default();
             monitor.violations[Cause::GyroNoise as usize] = count;
             let monitor = Some(monitor);
-            tracer.take(&Joined {
-                monitor,
-                ..joined(tick, 0.0)
-            });
+            let joined = joined(tick, 0.5);
+            tracer.take(&Joined { monitor, ..joined });
         }
-        let violations = tracer.traces().violations;
-        let counts = violations["gyro_noise"]
-            .iter()
-            .map(|it| (it.tick, it.count));
-        assert!(
-            counts.eq([(1, 2), (3, 1)]) && violations.len() == 1,
-            "{violations:?}"
-        );
+        let mut alone = Joined {
+            tick: 4,
+            ..Joined::default()
+        };
+        alone.state.truth.position_w_m = [9.0, 0.0, 1.0];
+        tracer.take(&alone);
+        let Traces {
+            flight, violations, ..
+        } = tracer.traces();
+        let largest = |channel| {
+            let spans = flight.spans(channel);
+            spans.map(|span| span.max).fold(0.0, f64::max)
+        };
+        assert_eq!(largest(POSITION[0]), 9.0);
+        assert!(largest(DISTANCE) > 9.0, "the climb to 1 m has only begun");
+        assert_eq!(flight.spans(THRUST).count(), 4, "one tick has no wrench");
+        let counts = violations["gyro_noise"].iter();
+        assert!(counts.map(|it| (it.tick, it.count)).eq([(1, 2), (3, 1)]));
+        assert_eq!(violations.len(), 1, "{violations:?}");
     }
 }

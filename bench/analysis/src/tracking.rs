@@ -208,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_reference_of_a_tick_is_that_of_its_set_point() {
+    fn the_reference_of_a_tick_is_that_of_its_set_point_bit_for_bit() {
         let (rig, course) = (Rig::default(), ScaledTrajectory::of(Trajectory::Lissajous));
         let law = Pd::new(&rig, &Settings::default()).unwrap();
         let mut outer = GuardedOuter::new(law.into(), course.route(rig.period_s), &rig);
@@ -218,16 +218,14 @@ mod tests {
             content.measured.position_w_m = [1.0, -2.0, 0.5];
             content.truth.position_w_m = [1.5, -2.0, 0.5];
             let setpoint = outer.tick(tick, &Stamped { tick, content }).unwrap();
-            let reference = setpoint.reference;
-            // Bit for bit.
-            let found = tracking.position_w_m(tick).map(f64::to_bits);
-            assert_eq!(
-                found,
-                reference.position_w_m.map(f64::to_bits),
-                "tick {tick}"
-            );
-            let (found, yaw) = (tracking.yaw_rad(tick), reference.yaw_rad);
-            assert_eq!(found.to_bits(), yaw.to_bits(), "tick {tick}");
+            let Reference {
+                position_w_m,
+                yaw_rad,
+                ..
+            } = setpoint.reference;
+            let bits = |[x, y, z]: [f64; 3], yaw: f64| [x, y, z, yaw].map(f64::to_bits);
+            let found = bits(tracking.position_w_m(tick), tracking.yaw_rad(tick));
+            assert_eq!(found, bits(position_w_m, yaw_rad), "tick {tick}");
             let error_m = setpoint.position_error_m(&content).to_bits();
             assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
             content.measured = Measured::default();
@@ -261,9 +259,9 @@ mod tests {
     fn errors_are_summed_up() {
         let mut error = TrackingError::default();
         assert_eq!((error.states, error.rms_m()), (0, 0.0));
-        [3.0, 4.0, 0.0]
-            .into_iter()
-            .for_each(|error_m| error.take(error_m));
+        for error_m in [3.0, 4.0, 0.0] {
+            error.take(error_m);
+        }
         assert_eq!((error.states, error.max_m, error.last_m), (3, 4.0, 0.0));
         assert!((error.rms_m() - (25.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     }

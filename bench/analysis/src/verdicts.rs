@@ -5,11 +5,11 @@
 
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
 use crate::phrase::count;
+use crate::schema::Speed;
 use crate::schema::{
     ControlPerformance, Explained, FlightVerdict, NotFresh, Report, RunSection, StabilityVerdict,
     Ticks, TimingVerdict, Verdicts,
 };
-use crate::speed::Speed;
 use crate::theorem::Theorem;
 use messages::blackboards::EndReason;
 use serde::{Deserialize, Serialize};

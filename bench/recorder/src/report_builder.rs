@@ -122,7 +122,7 @@ impl<'a> ReportBuilder<'a> {
         };
         let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
         let autopsy = tally.autopsy.as_ref().map(MissAnalysis::section);
-        let mut autopsy = autopsy.unwrap_or_default().struck_by(&faults);
+        let mut autopsy = autopsy.unwrap_or_default().with_faults(&faults);
         if ending.is_none() {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use analysis::laws::FlownLaws;
+use analysis::schema::FlightStatus;
 use analysis::schema::{LogSection, Report};
 use analysis::sections::log_section;
 use analysis::series::SeriesSet;
 use analysis::states::{Joined, StatesWriter};
-use analysis::status::FlightStatus;
 use analysis::tracking::Tracking;
 use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;

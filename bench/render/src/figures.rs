@@ -4,9 +4,9 @@ use crate::document::Figure;
 use crate::plot::{Axis, Chart, Layer, WIDTH, through};
 use crate::scale::Scale;
 use crate::sentences;
+use analysis::faults::AppliedSwap;
 use analysis::faults::InjectedFault;
 use analysis::schema::{LateStretchSection, Report, SignalSection};
-use analysis::swaps::AppliedSwap;
 use analysis::traces::{self, Group, Path, Traces};
 
 /// Names of a vector's components: also their colours.

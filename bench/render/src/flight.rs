@@ -8,13 +8,13 @@ use analysis::baseline::Baseline;
 use analysis::host::{Host, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
+use analysis::schema::FlightStatus;
+use analysis::schema::Speed;
 use analysis::schema::{
     LawSection, LogSection, ProcessFailure, RecoveryPhases, Report, RoleSection, RunSection,
     TimingVerdict, sum,
 };
 use analysis::series::Statistics;
-use analysis::speed::Speed;
-use analysis::status::FlightStatus;
 use analysis::timer_lead::LeadSection;
 use flight_log::FILE;
 use flight_log::facts::{AROUND_MISSES, OFF};

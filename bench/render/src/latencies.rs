@@ -7,8 +7,8 @@ use crate::scale::{Kind, Scale};
 use analysis::distribution::{Bin, Distribution, PERCENTS};
 use analysis::phrase::count;
 use analysis::schema::Report;
+use analysis::schema::Speed;
 use analysis::series::{Series, Statistics};
-use analysis::speed::Speed;
 use messages::role::STAGES;
 
 /// A tick in the order of the data's way.

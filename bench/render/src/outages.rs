@@ -9,7 +9,7 @@ use analysis::outages::{
 };
 use analysis::phrase::count;
 use analysis::schema::Report;
-use analysis::speed::Speed;
+use analysis::schema::Speed;
 use messages::role::STAGES;
 
 pub fn blocks(report: &Report) -> Vec<Block> {

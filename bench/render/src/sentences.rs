@@ -1,13 +1,13 @@
 //! Sentences that several results share: faults, parameter changes, laws, gates, verdicts, lost messages and margins.
 
 use analysis::faults::InjectedFault;
+use analysis::faults::{AppliedSwap, ParameterChange};
+use analysis::schema::FlightStatus;
+use analysis::schema::Speed;
 use analysis::schema::{
     AcceptanceResult, Gate, LawSection, MarginSection, Report, RobustnessMargin, RoleSection,
     Verdicts, sum,
 };
-use analysis::speed::Speed;
-use analysis::status::FlightStatus;
-use analysis::swaps::{AppliedSwap, ParameterChange};
 use flight_log::facts::OFF;
 use messages::role::Role;
 

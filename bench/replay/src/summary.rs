@@ -6,8 +6,8 @@ use messages::header::Message;
 use messages::output_hash::OutputHash;
 
 use crate::log_check::LogCheck;
+use analysis::faults::AppliedSwap;
 use analysis::phrase::count;
-use analysis::swaps::AppliedSwap;
 use analysis::tracking::{Tracking, TrackingError};
 
 const MODES: [(Mode, &str); 5] = [

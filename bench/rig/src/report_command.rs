@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use crate::browser::open_page;
 use crate::cli::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
-use analysis::diff::{Flown, compare};
+use analysis::diff::{ComparedRun, compare};
 use analysis::gates::break_off;
 use analysis::json::print_json;
+use analysis::schema::FlightStatus;
 use analysis::schema::Report;
-use analysis::status::FlightStatus;
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, check_writable, read_text, write_text};
 use experiments::margin::table::look_again;
@@ -124,7 +124,7 @@ fn diff(args: &DiffArgs) -> Result<u8, Failure> {
         return Err(Failure::usage(what)
             .help("a flight cannot be compared with itself: name different flights"));
     }
-    let flown = |runs: Vec<PathBuf>| -> Result<Vec<Flown>, Failure> {
+    let flown = |runs: Vec<PathBuf>| -> Result<Vec<ComparedRun>, Failure> {
         runs.iter().map(|run| ended_flight(run)).collect()
     };
     let diff = compare(&flown(a)?, &flown(b)?);
@@ -160,7 +160,7 @@ fn groups(args: &DiffArgs) -> Result<(&[PathBuf], &[PathBuf]), Failure> {
     Err(Failure::usage(what).help(help))
 }
 
-fn ended_flight(directory: &Path) -> Result<Flown, Failure> {
+fn ended_flight(directory: &Path) -> Result<ComparedRun, Failure> {
     let report = read(directory)?;
     if report.distributions.is_empty() {
         return Err(Failure::usage(format!(
@@ -172,7 +172,7 @@ fn ended_flight(directory: &Path) -> Result<Flown, Failure> {
     let path = directory.join("run.json");
     let text = read_text("read", &path)?;
     let facts = serde_json::from_str(&text).in_file("read", &path)?;
-    Ok(Flown {
+    Ok(ComparedRun {
         run: directory.display().to_string(),
         report,
         facts,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use analysis::phrase::count;
-use analysis::run_facts::RunFacts;
+use analysis::report_file::RunFacts;
 use analysis::schema::{NotFresh, Report};
 use render::document::{Cell, Table, known, row};
 use serde::Serialize;

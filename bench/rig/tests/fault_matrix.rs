@@ -10,7 +10,7 @@ use crate::rig::{
     wait_until,
 };
 use analysis::outages::OutageCase;
-use analysis::status::FlightStatus;
+use analysis::schema::FlightStatus;
 use messages::role::ROLES;
 use rustix::process::Signal;
 use serde_json::json;

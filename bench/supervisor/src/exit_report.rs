@@ -14,8 +14,8 @@ use crate::child_process::{ENDING, LANDING, log_path, title};
 use analysis::gates::break_off;
 use analysis::process_failures;
 use analysis::process_failures::ObservedFailure;
+use analysis::schema::FlightStatus;
 use analysis::schema::Report;
-use analysis::status::FlightStatus;
 use errors::output::say;
 use errors::{FAILED, Failure, GATE, INTERRUPTED, harmless};
 

@@ -8,8 +8,8 @@ use std::path::Path;
 use ipc::instance::Instance;
 
 use analysis::gates::break_off;
+use analysis::schema::FlightStatus;
 use analysis::schema::Report;
-use analysis::status::FlightStatus;
 use config::Settings;
 use errors::Failure;
 use recorder::run_directory::RunDirectory;

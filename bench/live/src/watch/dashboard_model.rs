@@ -13,13 +13,13 @@ use messages::role::{Role, STAGES};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::inject::parse_line;
+use analysis::faults::AppliedSwap;
 use analysis::flight_statistics::{FlightStatistics, is_last_word};
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
+use analysis::schema::Speed;
 use analysis::schema::{Explained, Verdicts};
 use analysis::series::Series;
-use analysis::speed::Speed;
-use analysis::swaps::AppliedSwap;
 use analysis::tracking::Tracking;
 use analysis::verdicts::{TrackingLimits, flight_verdict, stability_verdict, timing_verdict};
 use config::PointsFile;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use analysis::run_facts::RunFacts;
+use analysis::report_file::RunFacts;
 use analysis::schema::Report;
 use analysis::series::Statistics;
 use config::Settings;

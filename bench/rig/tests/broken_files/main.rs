@@ -16,9 +16,9 @@ mod trial;
 use std::fs;
 use std::path::Path;
 
-use analysis::diff::{Flown, compare};
+use analysis::diff::{ComparedRun, compare};
 use analysis::json;
-use analysis::run_facts::RunFacts;
+use analysis::report_file::RunFacts;
 use analysis::schema::Report;
 use config::law_settings::Moved;
 use config::{DEFAULT, Settings};
@@ -185,7 +185,7 @@ fn reports() {
         in_lockstep,
         fly(&format!("--rt off --config {}", rig.slow(2))),
     ];
-    let flown = |report: &Report, facts: &RunFacts| Flown {
+    let flown = |report: &Report, facts: &RunFacts| ComparedRun {
         run: "a".into(),
         report: report.clone(),
         facts: facts.clone(),

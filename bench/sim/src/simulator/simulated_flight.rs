@@ -6,7 +6,7 @@ use plant::EnvelopeViolation;
 use crate::recorded_timing::{Source, Timing};
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
-use analysis::swaps::AppliedSwap;
+use analysis::faults::AppliedSwap;
 use analysis::tracking::{Tracking, TrackingError};
 use config::Settings;
 use errors::Failure;
