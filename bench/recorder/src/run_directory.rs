@@ -15,8 +15,8 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 use toml::Table;
 
-use config::{LogName, Settings};
 use analysis::report_file::RunFacts;
+use config::{LogName, Settings};
 use errors::{Failure, InFile as _, open_file, read_text};
 use flight_log::FILE;
 use flight_log::reader::LogReader;

@@ -25,12 +25,12 @@ use crate::export::create_for;
 use crate::floor::benchmark_page::{MeasuredSet, Page, set_name};
 use crate::floor::comparison_sets::{MeasuringEffort, Stress};
 use crate::floor::flight_runner::FlightRunner;
+use analysis::host::Host;
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, read_text};
 use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;
 use host::floor::ring::{END, Link, Work};
-use report::host::Host;
 
 /// SCHED_FIFO priority of the plant in flights of this command; each stage has one more.
 const PRIORITY: i32 = 80;

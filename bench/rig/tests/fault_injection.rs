@@ -2,8 +2,6 @@
 
 use crate::c_laws::misbehaving;
 use crate::rig::{Rig, send, wait_until};
-use analysis::schema::Report;
-use faults::MOST;
 use flight_log::fault_record::injected;
 use rustix::process::Signal;
 use serde_json::Value;

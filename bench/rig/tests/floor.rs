@@ -5,10 +5,8 @@ use std::time::Duration;
 
 use crate::rig::IRONBIRD;
 use errors::Failure;
-use host::floor::ring::{self, RingFloor, RingSettings, WakeMechanism, Work};
+use host::floor::ring::{self, RingFloor, RingSettings, Work};
 use host::floor::timer::{self, Schedule};
-
-const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 
 fn schedule(duration: Duration) -> Schedule {
     Schedule {
@@ -24,12 +22,10 @@ const FLOWN: Duration = Duration::from_millis(200);
 fn ring(
     processes: usize,
     work: Work,
-    wake: WakeMechanism,
     duration: Duration,
     executable: &str,
 ) -> Result<RingFloor, Failure> {
     let settings = RingSettings {
-        wake,
         schedule: schedule(duration),
         work: vec![work; processes],
         rehearsal: None,
@@ -49,27 +45,18 @@ fn the_timer_accounts_for_every_tick() {
 }
 
 #[test]
-fn a_token_goes_around_once_a_tick_by_either_wake_and_work_is_done_in_every_process() {
+fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
     let work = Work::lasting(50_000);
-    for wake in WAKES {
-        let floor = ring(4, work, wake, FLOWN, IRONBIRD).unwrap();
-        assert_eq!(floor.ticks_run + floor.ticks_skipped, 200, "{wake:?}");
-        assert_eq!(floor.lap.len(), floor.ticks_run, "{wake:?}");
-        assert_eq!(floor.chain.len(), floor.ticks_run, "{wake:?}");
-        assert_eq!(floor.lateness.len(), 200, "{wake:?}");
-        // The chain is a part of the lap, three of its four hops.
-        assert!(floor.chain.max() <= floor.lap.max(), "{wake:?}");
-        assert!(
-            floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5),
-            "{wake:?}"
-        );
-        // Half of what was asked of four processes: a processor may speed up after the calibration.
-        assert!(
-            floor.chain.min() >= 100_000,
-            "{wake:?}: {}",
-            floor.chain.min()
-        );
-    }
+    let floor = ring(4, work, FLOWN, IRONBIRD).unwrap();
+    assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
+    assert_eq!(floor.lap.len(), floor.ticks_run);
+    assert_eq!(floor.chain.len(), floor.ticks_run);
+    assert_eq!(floor.lateness.len(), 200);
+    // The chain is a part of the lap, three of its four hops.
+    assert!(floor.chain.max() <= floor.lap.max());
+    assert!(floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5));
+    // Half of what was asked of four processes: a processor may speed up after the calibration.
+    assert!(floor.chain.min() >= 100_000, "{}", floor.chain.min());
 }
 
 #[test]
@@ -85,13 +72,7 @@ fn what_is_no_ring_is_refused() {
         ),
         (2, soon, IRONBIRD, "no tick of 1000000 ns"),
     ] {
-        let measured = ring(
-            processes,
-            Work::default(),
-            WakeMechanism::Futex,
-            duration,
-            executable,
-        );
+        let measured = ring(processes, Work::default(), duration, executable);
         let error = measured.unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
@@ -101,15 +82,8 @@ fn what_is_no_ring_is_refused() {
 #[ignore = "long: part of the gate"]
 fn a_process_that_dies_ends_the_measurement() {
     // Every process of these rings ends at once, as one that is killed does.
-    let measured = WAKES
-        .map(|wake| std::thread::spawn(move || ring(3, Work::default(), wake, FLOWN, "/bin/true")));
-    for measured in measured {
-        let error = measured.join().unwrap().unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .contains("a process of the ring hangs or has died"),
-            "{error}"
-        );
-    }
+    let measured = ring(3, Work::default(), FLOWN, "/bin/true");
+    let error = measured.unwrap_err().to_string();
+    let expected = "a process of the ring hangs or has died";
+    assert!(error.contains(expected), "{error}");
 }

@@ -4,7 +4,6 @@
 //! Python that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such package, the comparison
 //! is left out, and says so.
 
-use analysis::schema::Report;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::process::Command;
