@@ -147,7 +147,8 @@ impl Scenario<'_> {
             is_open: false,
             is_refused: false,
         };
-        let steps = self.text.lines().filter_map(|it| it.strip_prefix("    "));
+        let outside = self.text.split("\n```").step_by(2);
+        let steps = outside.flat_map(|text| text.lines().filter_map(|it| it.strip_prefix("    ")));
         for step in steps.chain(["close"]) {
             if stage.is_refused {
                 return;
