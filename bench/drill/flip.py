@@ -1,17 +1,18 @@
-"""Flips bits of messages in the shared memory of a flight in the air, right after they were sent.
+"""Flips bits of messages in the shared memory of a running flight, right after they were sent: INSTANCE REPORT SECONDS EVERY_S.
 
-Where the slots are is read off their content: a message begins with its layout and its run. The slots that are in use
-are those whose ticks are the newest; the instant is that in which a slot gets a newer one.
+A message begins with its layout and the number of its run, by which its slots are found. Slots that are in use have the newest
+ticks; a slot that gets a newer one has just been sent.
 """
 
+import json
 import mmap
 import random
 import struct
+import sys
 import time
+from pathlib import Path
 
-from rig import demand, wait_until
-
-# Of an envelope, in words: layout, run_id, settings, epoch, seq, tick, parameter_epoch.
+# Of a header, in words: layout, run_id, settings, epoch, seq, tick, parameter_epoch.
 TICK, PARAMETER_EPOCH = 5, 6
 # Bytes of the smallest message; a flip stays within them.
 MESSAGE = 59 * 8
@@ -24,7 +25,7 @@ class Segment:
     def __init__(self, path, run):
         with open(path, "r+b") as file:
             self.map = mmap.mmap(file.fileno(), 0)
-        self.run, self.slots = run, []
+        self.run = run
         self.look()
 
     def look(self):
@@ -41,56 +42,44 @@ class Segment:
         return [slot for tick, slot in sorted((t for t in ticks if t[0] != NO_TICK), reverse=True)[:count]]
 
 
-def segments(rig, run):
+def segments(instance, run):
     """Those that hold messages of the run: large, and with its number at the second word of a slot."""
     found = []
-    for path in rig.segments():
+    for path in Path("/dev/shm").glob(f"*_{instance}.*"):
         try:
-            segment = Segment(path, run) if path.stat().st_size > 1 << 20 else None
+            if path.stat().st_size > 1 << 20:
+                found.append(Segment(path, run))
         except FileNotFoundError:
             # Of a process that has just ended.
             continue
-        if segment and len(segment.slots) > 1:
-            found.append(segment)
-    return found
+    return [segment for segment in found if len(segment.slots) > 1]
 
 
-def flip(rig, seconds, every_s):
-    """Flips a bit every so often; how many."""
+def flip(instance, run_id, seconds, every_s):
+    """Flips a bit every so often; returns how many."""
     draw = random.Random(1)
-    number = wait_until("the run's number", lambda: run_of(rig))
-    run = struct.pack("<Q", number)
-    found = wait_until("messages in shared memory", lambda: segments(rig, run))
+    found = segments(instance, struct.pack("<Q", run_id))
     until, flips = time.monotonic() + seconds, 0
     while time.monotonic() < until:
         segment = draw.choice(found)
         if flips % 50 == 0:
             for each in found:
                 each.look()
-        hot = segment.newest(24)
-        ticks = [segment.tick(slot) for slot in hot]
-        give_up = time.monotonic() + 0.01
-        struck = None
-        while struck is None and time.monotonic() < give_up:
-            for slot, tick in zip(hot, ticks):
-                now = segment.tick(slot)
-                if now != tick and now != NO_TICK:
-                    struck = slot
-                    break
-        if struck is None:
+        hot = [(slot, segment.tick(slot)) for slot in segment.newest(24)]
+        give_up, sent = time.monotonic() + 0.01, None
+        while sent is None and time.monotonic() < give_up:
+            sent = next((slot for slot, tick in hot if segment.tick(slot) not in (tick, NO_TICK)), None)
+        if sent is None:
             continue
-        # Every other one where it would be carried on by all that follow, were it believed.
-        at = struck + 8 * PARAMETER_EPOCH + draw.randrange(8) if flips % 2 else struck + draw.randrange(MESSAGE)
+        # Every other one where all later messages would carry it on if it were believed.
+        at = sent + 8 * PARAMETER_EPOCH + draw.randrange(8) if flips % 2 else sent + draw.randrange(MESSAGE)
         segment.map[at] ^= 1 << draw.randrange(8)
         flips += 1
         time.sleep(every_s)
-    demand(flips > 0, "no slot in use was found")
     return flips
 
 
-def run_of(rig):
-    """The number of the run in the air, of which a first report is there soon."""
-    try:
-        return rig.report()["run"]["run_id"]
-    except (OSError, ValueError):
-        return None
+if __name__ == "__main__":
+    report = json.loads(Path(sys.argv[2]).read_text())
+    if flip(sys.argv[1], report["run"]["run_id"], float(sys.argv[3]), float(sys.argv[4])) == 0:
+        sys.exit("no slot in use was found")

@@ -1,59 +1,82 @@
-"""The rows of the drill: each fault with its injector, what is expected, and how often it is tried."""
+"""The rows of the drill, read from the pages of the system tests, which play each of them."""
 
-from dataclasses import dataclass, field
-from typing import Callable
+import json
+import os
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
 
-import machine
-import matrix
-import messages
-import processes
+ROOT = Path(__file__).resolve().parents[2]
+TESTS = ROOT / "bench/rig/tests"
 
 
-# What flies in lockstep or is refused before it flies: no busy machine makes it come out otherwise.
-NOT_TIMED = (messages.forged, messages.missing, machine.small_disk, machine.read_only, machine.hostile_middleware,
-             processes.tilted)
-# What a trial is where it is not a flight of its own, and whether such trials share a flight.
-TRIALS = {
-    messages.forged: ("message", False), messages.flipped: ("flipped bit that reached a port", True),
-    messages.flood: ("change", True), messages.killed_clients: ("client", True), messages.observers: ("observer", True),
-    processes.in_a_row: ("failure", True), processes.pause: ("pause", True),
-}
+class Wrong(Exception):
+    """A trial did not come out as expected."""
+
+
+class NotHere(Exception):
+    """A trial needs what this machine, or this user, does not have."""
 
 
 @dataclass(frozen=True)
 class Row:
+    group: str
     name: str
     fault: str
-    # What is called with a rig's maker and the number of trials; yields a trial's figures, or raises Wrong.
-    injector: Callable
     expected: str
     n: int
-    # In the short form; 0 is not at all, except where a page is written.
-    short: int = 1
-    arguments: dict = field(default_factory=dict)
-    # Guards (shared/messages/src/checks.rs) whose absence must turn this row red.
-    guards: tuple = ()
-
-    @property
-    def is_timed(self):
-        """Whether it flies against the clock: one failed flight of it is flown again, and both are counted."""
-        return self.injector not in NOT_TIMED
-
-    @property
-    def trial(self):
-        return TRIALS.get(self.injector, ("flight", False))[0]
-
-    @property
-    def shares_flights(self):
-        return TRIALS.get(self.injector, ("flight", False))[1]
-
-    def injector_name(self):
-        words = ", ".join(f"{value}" for value in self.arguments.values())
-        return f"{self.injector.__module__}.{self.injector.__name__}({words})"
+    # In the short form; 0 is not at all.
+    short: int
+    # What a trial is.
+    trial: str
+    # Checks (shared/messages/src/checks.rs) that must fail this row if they are switched off.
+    guards: tuple
+    # The system test that plays it, and the variable that names the row.
+    test: str
+    variable: str
 
 
-GROUPS = {"Processes": processes.ROWS, "Messages": messages.ROWS, "Machine": machine.ROWS, "Fault matrix": matrix.ROWS}
+def table(page):
+    """The cells of a page's first table."""
+    lines = [line for line in (TESTS / page).read_text().splitlines() if line.startswith("| ")][1:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
 def rows():
-    return [(group, Row(**row)) for group, of in GROUPS.items() for row in of]
+    found = []
+    for name, fault, expected, n, short, trial, guards in table("transcripts/drill.md"):
+        group = "Messages" if name.split(".")[0] in ("forged", "flipped", "missing", "flood") else "Processes and machine"
+        found.append(Row(group, name, fault, expected, int(n), int(short), trial, tuple(guards.split()), "transcripts::drill",
+                         "IRONBIRD_SCENARIOS"))
+    for name, fault, at, _, exit_code, outcome, words in table("fault_matrix.md"):
+        guards = ("heartbeat",) if name == "hang.inner" else ()
+        when = "" if at == "-" else f", {at}"
+        expected = f"{outcome}, code {exit_code}" + (f": `{words}`" if words else "")
+        found.append(Row("Fault matrix", name, fault + when, expected, 20, len(guards), "flight", guards, "fault_matrix::every_row",
+                         "IRONBIRD_ROWS"))
+    return found
+
+
+def tests_of(executable):
+    """The newest build of the system tests, beside the executable or in target/debug."""
+    places = [executable.parent / "deps", executable.parent.parent / "debug/deps", ROOT / "target/debug/deps"]
+    found = [path for place in places for path in place.glob("rig-*") if not path.suffix]
+    if not found:
+        raise NotHere("the system tests are not built: cargo test -p ironbird --test rig --no-run")
+    return max(found, key=lambda path: path.stat().st_mtime)
+
+
+def play(row, n, executable):
+    """Plays a row n times, each time at other instants; yields the figures of each trial."""
+    environment = {**os.environ, "IRONBIRD_EXECUTABLE": str(executable), row.variable: row.name, "IRONBIRD_ROUNDS": str(n)}
+    tests = subprocess.run([tests_of(executable), "--exact", row.test, "--ignored", "--nocapture"], cwd=ROOT / "bench/rig",
+                           env=environment, capture_output=True, text=True, check=False)
+    trials = [line.split(" ", 2) for line in tests.stdout.splitlines() if line.startswith("TRIAL ")]
+    if "NOT TESTED: " in tests.stderr:
+        raise NotHere(tests.stderr.partition("NOT TESTED: ")[2].splitlines()[0])
+    for _, name, figures in trials[:n]:
+        # Of the fault matrix, names that begin alike are played as well.
+        if name == row.name:
+            yield json.loads(figures)
+    if tests.returncode != 0:
+        raise Wrong(tests.stderr.partition("panicked at")[2][:300])

@@ -4,14 +4,15 @@
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
 use crate::c_laws::{library, root};
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
-    Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, not_tested, send, stop_for,
-    wait_until,
+    Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
+    send, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
 use rustix::process::Signal;
@@ -22,20 +23,45 @@ struct Scenario<'a> {
     text: &'a str,
 }
 
-/// Plays the scenarios of a page, those whose title ends with `(long)` or the others.
-fn play(page: &str, long: bool) {
-    let path = format!("{}/tests/transcripts/{page}.md", env!("CARGO_MANIFEST_DIR"));
-    let page = std::fs::read_to_string(path).unwrap();
-    let chosen = std::env::var("IRONBIRD_SCENARIOS").unwrap_or_default();
-    let scenarios = page.split("\n## ").skip(1).map(|text| {
+fn page(name: &str) -> String {
+    let path = format!("{}/tests/transcripts/{name}.md", env!("CARGO_MANIFEST_DIR"));
+    std::fs::read_to_string(path).unwrap()
+}
+
+fn scenarios(page: &str) -> impl Iterator<Item = Scenario<'_>> {
+    page.split("\n## ").skip(1).map(|text| {
         let (title, text) = text.split_once('\n').unwrap();
         Scenario { title, text }
-    });
+    })
+}
+
+/// Plays the scenarios of a page, those whose title ends with `(long)` or the others.
+fn play(page: &str, long: bool) {
+    let page = self::page(page);
+    let chosen = std::env::var("IRONBIRD_SCENARIOS").unwrap_or_default();
     let is_chosen = |it: &Scenario| {
         let begins = |begin| it.title.starts_with(begin);
         it.title.ends_with("(long)") == long && chosen.split(',').any(begins)
     };
-    in_parallel(scenarios.filter(is_chosen), |it| it.play());
+    in_parallel(scenarios(&page).filter(is_chosen), |it| it.play(0));
+}
+
+/// Plays the rows of the drill that `IRONBIRD_SCENARIOS` names, each `IRONBIRD_ROUNDS` times.
+#[test]
+#[ignore = "bench/drill/run plays it"]
+fn drill() {
+    let page = page("drill");
+    let chosen = std::env::var("IRONBIRD_SCENARIOS").unwrap_or_default();
+    let names: Vec<&str> = chosen.split(',').collect();
+    for scenario in scenarios(&page) {
+        let name = scenario.title.split(' ').next().unwrap();
+        if names.contains(&name) {
+            for round in 0..rounds() {
+                scenario.play(round);
+                println!("TRIAL {name} {{}}");
+            }
+        }
+    }
 }
 
 macro_rules! pages {
@@ -70,7 +96,7 @@ struct Stage {
 }
 
 impl Scenario<'_> {
-    fn play(&self) {
+    fn play(&self, round: u64) {
         let features = [
             ("foxglove", cfg!(feature = "foxglove")),
             ("instrumented", cfg!(feature = "instrumented")),
@@ -92,17 +118,25 @@ impl Scenario<'_> {
             let (_, name) = head.split_once(' ').unwrap();
             std::fs::write(rig.path(name), format!("{text}\n")).unwrap();
         }
-        let executable = match needs("foxglove") || needs("instrumented") {
-            true => crate::rig::BUILT_WITH_TESTS,
-            false => crate::rig::IRONBIRD,
-        };
+        let examples = Path::new(rig.executable()).with_file_name("examples");
+        let programs = [
+            ("strace", Path::new("/usr/bin/strace").exists()),
+            ("forge", examples.join("forge").exists()),
+        ];
+        if let Some((program, _)) = programs.iter().find(|it| needs(it.0) && !it.1) {
+            return lacks_tool(&format!("{}: there is no {program}", self.title));
+        }
+        // No two rounds alike, and each the same whenever it is played.
+        let random = (round + 1).wrapping_mul(2_654_435_761) % 1000;
         let values = [
             ("dir", rig.file("")),
             ("out", rig.out().display().to_string()),
             ("latest", rig.out().join("latest").display().to_string()),
             ("instance", rig.instance.clone()),
             ("repository", root().display().to_string()),
-            ("ironbird", executable.to_owned()),
+            ("ironbird", rig.executable().to_owned()),
+            ("round", round.to_string()),
+            ("random", format!("{random:03}")),
         ];
         let values = values.map(|(name, value)| (name.to_owned(), value));
         let mut stage = Stage {
@@ -113,7 +147,8 @@ impl Scenario<'_> {
             is_open: false,
             is_refused: false,
         };
-        let steps = self.text.lines().filter_map(|it| it.strip_prefix("    "));
+        let outside = self.text.split("\n```").step_by(2);
+        let steps = outside.flat_map(|text| text.lines().filter_map(|it| it.strip_prefix("    ")));
         for step in steps.chain(["close"]) {
             if stage.is_refused {
                 return;
@@ -269,6 +304,7 @@ impl Stage {
                 );
                 self.rig.assert_nothing_left();
             }
+            "kill" => self.rig.kill_all(),
             "nothing" => self.rig.assert_nothing_started(),
             other => panic!("no step {other}"),
         }

@@ -388,6 +388,21 @@ impl Rig {
         })
     }
 
+    /// Kills all processes of the instance, and waits for their end.
+    pub fn kill_all(&self) {
+        let ours: Vec<u32> = processes().filter(|pid| self.is_ours(*pid)).collect();
+        for pid in &ours {
+            let _ = Pid::from_raw(pid.cast_signed()).map(|pid| kill_process(pid, Signal::KILL));
+        }
+        wait_until("killed processes to end", || {
+            ours.iter().all(|pid| is_gone(*pid)).then_some(())
+        });
+    }
+
+    pub fn executable(&self) -> &'static str {
+        self.executable
+    }
+
     fn is_ours(&self, pid: u32) -> bool {
         command_line(pid).contains(&self.instance)
     }
@@ -404,10 +419,7 @@ impl Drop for Rig {
     fn drop(&mut self) {
         if std::thread::panicking() {
             // A failed test has killed what it started, but not what that started in turn.
-            for pid in processes().filter(|pid| self.is_ours(*pid)) {
-                let _ = Pid::from_raw(pid.cast_signed()).map(|pid| kill_process(pid, Signal::KILL));
-            }
-            sleep(Duration::from_millis(200));
+            self.kill_all();
             let _ = self
                 .command("clean", "")
                 .stdout(Stdio::null())
