@@ -344,7 +344,6 @@ mod tests {
     use super::*;
     use crate::async_writer::Disk;
     use crate::facts::LogPlan;
-    use crate::writer::FlightLog;
     use messages::content::State;
     use messages::telemetry::Signals;
     use std::fs::File;
@@ -405,49 +404,6 @@ mod tests {
             }
             self.0.write_all_at(bytes, place)
         }
-    }
-
-    #[test]
-    fn what_a_slow_disk_had_no_room_for_is_counted_also_when_its_file_is_removed() {
-        let directory = tempfile::tempdir().unwrap();
-        let goes_on = Arc::new(AtomicBool::new(false));
-        let path = directory.path().join(crate::file_name(0));
-        let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
-        let plan = LogPlan {
-            files: Some(1),
-            ..LogPlan::WHOLE
-        };
-        let mut log = FlightLog::create(&path, &facts(plan)).unwrap();
-        log.file = file(disk);
-        let mut taken = 0;
-        let mut fly = |log: &mut FlightLog| {
-            for state in noise(taken) {
-                log.take(LogEntry::State(state));
-                taken += 1;
-            }
-            log.keep(taken).unwrap();
-            taken
-        };
-        while !log.file.spool.is_overfull() {
-            fly(&mut log);
-        }
-        fly(&mut log);
-        let dropped = log.fate().dropped[0];
-        log.facts.plan.file_bytes = 1 << 20;
-        goes_on.store(true, Ordering::Relaxed);
-        let deadline = std::time::Instant::now() + Duration::from_secs(60);
-        let taken = loop {
-            let taken = fly(&mut log);
-            let fate = log.fate();
-            assert_eq!(fate.written[0] + fate.dropped[0] + fate.removed[0], taken);
-            if fate.removed[0] > 0 || std::time::Instant::now() > deadline {
-                break taken;
-            }
-        };
-        let fate = log.finish(BTreeMap::new()).unwrap();
-        assert!(fate.removed[0] > 0 && fate.dropped[0] > 0 && dropped > 0);
-        let sum = fate.written[0] + fate.dropped[0] + fate.removed[0];
-        assert_eq!(sum, taken, "{fate:?}");
     }
 
     #[test]

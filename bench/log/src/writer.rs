@@ -43,9 +43,9 @@ pub struct Fate {
 /// The log of a flight in the air.
 pub struct FlightLog {
     first_path: PathBuf,
-    pub(crate) facts: Facts,
+    facts: Facts,
     excerpt: Option<EventLog>,
-    pub(crate) file: LogFile,
+    file: LogFile,
     part: u64,
     /// The file before it, until the disk has it.
     closing: Option<LogFile>,

@@ -71,103 +71,77 @@ impl JoinedRun {
     }
 }
 
-enum Joining {
-    Seeking,
-    /// A plant has its board up, and has not announced t_0.
-    Found(BlackboardReader<Run>),
-    /// The ports are armed for the t_0 of this run, which the plant may still move.
-    Armed(BlackboardReader<Run>, Run),
-    Joined(BlackboardReader<Run>, Run),
-}
-
 impl RoleSession {
     /// Joins the plant's run: waits for it, compares settings, arms the ports, waits for t_0.
     ///
-    /// `arm` connects the ports to those of the other roles, which exist by then. It is given the wire, what messages
-    /// carry, and the epoch of this sender.
+    /// `arm` connects the ports to those of the other roles, which exist by then. Its arguments are the wire, the header
+    /// fields to expect, and the epoch of this sender.
     pub fn join(
         &mut self,
         mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
     ) -> Result<Armed, Error> {
         let engaged = self.report_ready()?;
         let mut log = ThrottledLog::new(self.role);
-        let mut joining = Joining::Seeking;
+        let mut plant: Option<BlackboardReader<Run>> = None;
+        // The run whose t_0 the ports are armed for, which the plant may still move.
+        let mut armed: Option<Run> = None;
         loop {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            joining = match joining {
-                Joining::Seeking => self.seek(&mut log)?,
-                Joining::Found(board) => self.follow(board, &mut log, &mut arm)?,
-                Joining::Armed(board, run) => self.await_start(board, run, &mut log),
-                Joining::Joined(board, run) => return Ok(self.take_off(engaged, board, run)),
+            let Some(board) = &plant else {
+                plant = self.find_plant()?;
+                if plant.is_some() {
+                    self.compare_settings()?;
+                } else {
+                    log.waiting_for(|| "the plant (`ironbird plant`)".into());
+                    sleep(10 * LOOK_EVERY);
+                }
+                continue;
             };
-        }
-    }
-
-    fn seek(&mut self, log: &mut ThrottledLog) -> Result<Joining, Error> {
-        if let Some(board) = self.find_plant()? {
-            self.compare_settings()?;
-            return Ok(Joining::Found(board));
-        }
-        log.waiting_for(|| "the plant (`ironbird plant`)".into());
-        sleep(10 * LOOK_EVERY);
-        Ok(Joining::Seeking)
-    }
-
-    fn follow(
-        &mut self,
-        board: BlackboardReader<Run>,
-        log: &mut ThrottledLog,
-        arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
-    ) -> Result<Joining, Error> {
-        let run = board.get();
-        if run.phase() == RunPhase::Closed || run.plant_pid != self.plant_pid || !self.plant_lives()
-        {
-            self.plant_pid = 0;
-            sleep(LOOK_EVERY);
-            return Ok(Joining::Seeking);
-        }
-        match run.phase() {
-            RunPhase::Mustering | RunPhase::Closed => {
+            let run = board.get();
+            if let Some(before) = armed {
+                let is_same = (run.run_id, run.t0_ns) == (before.run_id, before.t0_ns);
+                match run.phase() {
+                    // A short flight may be over before its last role has looked.
+                    RunPhase::Flying | RunPhase::Closed if is_same => {}
+                    // The plant keeps to this t_0 or announces another one: that it has passed means nothing.
+                    RunPhase::Opening if is_same && self.plant_lives() => {
+                        log.waiting_for(|| "the plant to open the run".into());
+                        sleep(LOOK_EVERY);
+                        continue;
+                    }
+                    _ => {
+                        self.enter(RolePhase::Ready);
+                        armed = None;
+                        continue;
+                    }
+                }
+            } else if run.plant_pid != self.plant_pid
+                || run.phase() == RunPhase::Closed
+                || !self.plant_lives()
+            {
+                (self.plant_pid, plant) = (0, None);
+                sleep(LOOK_EVERY);
+                continue;
+            } else if run.phase() == RunPhase::Mustering {
                 log.waiting_for(|| "the plant to open the run".into());
                 sleep(LOOK_EVERY);
-                Ok(Joining::Found(board))
+                continue;
+            } else if run.phase() == RunPhase::Flying && run.pace() == Pace::Lockstep {
+                return Err(self.too_late());
+            } else {
+                arm(&self.wire, expected(&run), self.status.epoch)?;
+                settle(self.ahead.as_ref().map(|ahead| &ahead.locked))?;
+                if run.phase() == RunPhase::Opening {
+                    self.status.armed_t0_ns = run.t0_ns;
+                    self.enter(RolePhase::Armed);
+                    armed = Some(run);
+                    continue;
+                }
             }
-            RunPhase::Opening => {
-                self.arm_for(&run, arm)?;
-                self.status.armed_t0_ns = run.t0_ns;
-                self.enter(RolePhase::Armed);
-                Ok(Joining::Armed(board, run))
-            }
-            RunPhase::Flying if run.pace() == Pace::Lockstep => Err(self.too_late()),
-            RunPhase::Flying => {
-                self.arm_for(&run, arm)?;
-                Ok(Joining::Joined(board, run))
-            }
-        }
-    }
-
-    fn await_start(
-        &mut self,
-        board: BlackboardReader<Run>,
-        run: Run,
-        log: &mut ThrottledLog,
-    ) -> Joining {
-        let now = board.get();
-        let is_same = (now.run_id, now.t0_ns) == (run.run_id, run.t0_ns);
-        match now.phase() {
-            // A short flight may be over before its last role has looked.
-            RunPhase::Flying | RunPhase::Closed if is_same => Joining::Joined(board, run),
-            // The plant keeps to this t_0 or announces another one: that it has passed says nothing.
-            RunPhase::Opening if is_same && self.plant_lives() => {
-                log.waiting_for(|| "the plant to open the run".into());
-                sleep(LOOK_EVERY);
-                Joining::Armed(board, run)
-            }
-            _ => {
-                self.enter(RolePhase::Ready);
-                Joining::Found(board)
+            if let Some(board) = plant.take() {
+                return Ok(self.take_off(engaged, board, armed.unwrap_or(run)));
             }
         }
     }
@@ -189,15 +163,6 @@ impl RoleSession {
         }
         self.plant_pid = run.plant_pid;
         Ok(Some(board))
-    }
-
-    fn arm_for(
-        &self,
-        run: &Run,
-        arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
-    ) -> Result<(), Error> {
-        arm(&self.wire, expected(run), self.status.epoch)?;
-        settle(self.ahead.as_ref().map(|ahead| &ahead.locked))
     }
 
     fn take_off(&mut self, engaged: Engaged, board: BlackboardReader<Run>, run: Run) -> Armed {
