@@ -35,7 +35,7 @@ layout!(FaultOrder {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct FaultAnswer {
-    /// 0 where they strike; else a [`NotTaken`], or one of [`MALFORMED`], [`ENDED`].
+    /// 0 where they strike; else a [`FaultRefusal`], or one of [`MALFORMED`], [`ENDED`].
     pub verdict: u64,
     pub from: u64,
     /// First tick that they do not strike any more; `Span::FOR_GOOD` without an end.
