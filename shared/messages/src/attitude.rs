@@ -72,7 +72,10 @@ impl Attitude {
 
     /// The product of two rotations, as `rot_ac = rot_ab * rot_bc`.
     pub fn times(&self, other: &Self) -> Self {
-        let ((w, v), (other_w, other_v)) = ((self.scalar(), self.vector()), (other.scalar(), other.vector()));
+        let ((w, v), (other_w, other_v)) = (
+            (self.scalar(), self.vector()),
+            (other.scalar(), other.vector()),
+        );
         Self::of_parts(
             w * other_w - v.dot(&other_v),
             w * other_v + other_w * v + v.cross(&other_v),

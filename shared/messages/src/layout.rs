@@ -438,6 +438,16 @@ pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
     hash
 }
 
+/// FNV-1a over hashes.
+pub const fn hash_of(hashes: &[u64]) -> u64 {
+    let (mut hash, mut i) = (FNV_OFFSET, 0);
+    while i < hashes.len() {
+        hash = fnv1a(hash, &hashes[i].to_le_bytes());
+        i += 1;
+    }
+    hash
+}
+
 /// Whether the fields follow each other without padding and fill the struct.
 pub const fn is_dense(fields: &[Field], size: usize) -> bool {
     let mut end = 0;
