@@ -42,11 +42,8 @@ impl<T: Layout> Fingerprint for T {}
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::header::Header;
-
     #[test]
-    fn words_in_another_order_change_every_fingerprint() {
+    fn variants_in_another_order_change_the_hash() {
         #[allow(dead_code, reason = "known by its hash alone")]
         mod here {
             crate::layout::wire_enum! {
@@ -66,9 +63,5 @@ mod tests {
             }
         }
         assert_ne!(here::Step::ENUM_HASH, there::Step::ENUM_HASH);
-        assert_eq!(
-            Header::FINGERPRINT,
-            fnv1a(fingerprint(Header::FIELDS), &VOCABULARY.to_le_bytes())
-        );
     }
 }
