@@ -363,10 +363,8 @@ mod tests {
         for trajectory in [Trajectory::Lissajous, Trajectory::Fast, Trajectory::Helix] {
             let course = ScaledTrajectory::of(trajectory).stretched(1.0, 2.0);
             let cycle_s = course.cycle_s().unwrap();
-            assert!(
-                (cycle_s - 2.0 * 62.83185307).abs() < 1e-6,
-                "{trajectory}: {cycle_s}"
-            );
+            let error = cycle_s - 2.0 * 62.83185307;
+            assert!(error.abs() < 1e-6, "{trajectory}: {cycle_s}");
             let off = |after_s: f64| {
                 let [now, later] = [30.0, 30.0 + after_s].map(|t_s| course.reference(t_s));
                 let [dx, dy] = [0, 1].map(|i| (now.position_w_m[i] - later.position_w_m[i]).abs());
@@ -376,10 +374,8 @@ mod tests {
             assert!(off(cycle_s / 2.0) > 1e-3, "{trajectory}");
             assert_eq!(course.begun_s(), 10.0);
         }
-        assert_eq!(
-            [Trajectory::Hover, Trajectory::Step].map(|it| ScaledTrajectory::of(it).cycle_s()),
-            [None; 2]
-        );
+        let at_rest = [Trajectory::Hover, Trajectory::Step].map(Trajectory::cycle_s);
+        assert_eq!(at_rest, [None; 2]);
         assert_eq!(ScaledTrajectory::of(Trajectory::Step).begun_s(), 0.0);
     }
 }

@@ -12,7 +12,7 @@ use messages::parameters::{Airframe, Parameter};
 use messages::telemetry::Telemetry;
 use serde_json::Value as Json;
 
-const TOLERANCE: f64 = 1e-12;
+use crate::reference::{TOLERANCE, cases};
 
 fn number(json: &Json) -> f64 {
     json.as_f64().unwrap_or_default()
@@ -102,11 +102,8 @@ fn each_case<L: Law>(
     ask: impl Fn(&mut L, &Json, &mut Telemetry) -> Vec<f64>,
     expected: impl Fn(&Json) -> Vec<f64>,
 ) {
-    let vectors: Json =
-        serde_json::from_str(include_str!("vectors/laws.json")).expect("the vectors are JSON");
     let name = L::DESCRIPTION.name;
-    let cases = vectors[name].as_array().expect("a list of cases");
-    assert_eq!(cases.len(), 50, "{name}");
+    let cases = cases(include_str!("vectors/laws.json"), name);
     let signals = L::DESCRIPTION.telemetry.len();
     for (number_of_case, case) in cases.iter().enumerate() {
         let mut law: L = law_of(case);
@@ -116,11 +113,8 @@ fn each_case<L: Law>(
             let answer = ask(&mut law, row, &mut telemetry);
             assert_close(&what, &answer, &expected(&row["out"]));
             let shown: [f64; 32] = numbers(&row["out"]["telemetry"]);
-            assert_eq!(
-                row["out"]["telemetry"].as_array().map(Vec::len),
-                Some(signals),
-                "{what}"
-            );
+            let count = row["out"]["telemetry"].as_array().map(Vec::len);
+            assert_eq!(count, Some(signals), "{what}");
             assert_close(&format!("{what}, telemetry"), &telemetry.value, &shown);
         }
     }
@@ -132,21 +126,13 @@ fn inner<L: Law + InnerLaw>() {
             let (tick, measured_tick) = (tick_of(&row["tick"]), tick_of(&row["measured_tick"]));
             let measured = Stamped::new(measured_tick, read(&row["measured"]));
             let wanted = Stamped::new(tick, read(&row["wanted"]));
-            let demand = law.tick(
-                tick,
-                &measured,
-                &wanted,
-                &read(&row["reference"]),
-                telemetry,
-            );
+            let reference = read(&row["reference"]);
+            let demand = law.tick(tick, &measured, &wanted, &reference, telemetry);
             [&[demand.thrust_n], &demand.torque_b_nm[..]].concat()
         },
         |out| {
-            [
-                &[number(&out["thrust_n"])],
-                &numbers::<3>(&out["torque_b_nm"])[..],
-            ]
-            .concat()
+            let torque = numbers::<3>(&out["torque_b_nm"]);
+            [&[number(&out["thrust_n"])], &torque[..]].concat()
         },
     );
 }
@@ -199,21 +185,16 @@ fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
         attitude_quaternion: [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()],
         ..Measured::default()
     };
+    let (reference, mut telemetry) = (Reference::default(), Telemetry::default());
     let (measured, wanted) = (
         Stamped::new(0, measured),
         Stamped::new(0, Desired::default()),
     );
-    let demand = law.tick(
-        0,
-        &measured,
-        &wanted,
-        &Reference::default(),
-        &mut Telemetry::default(),
-    );
+    let demand = law.tick(0, &measured, &wanted, &reference, &mut telemetry);
     let expected = -rig.airframe.i_m()[2] * gain * gain * angle.sin();
+    let torque = demand.torque_b_nm[2];
     assert!(
-        (demand.torque_b_nm[2] - expected).abs() < TOLERANCE,
-        "{} for {expected}",
-        demand.torque_b_nm[2]
+        (torque - expected).abs() < TOLERANCE,
+        "{torque} for {expected}"
     );
 }

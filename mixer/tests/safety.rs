@@ -12,10 +12,8 @@ fn mixer(period_s: f64) -> GuardedMixer {
         period_s,
         ..Rig::default()
     };
-    GuardedMixer::new(
-        Priority::new(&rig, &Settings::default()).unwrap().into(),
-        &rig,
-    )
+    let law = Priority::new(&rig, &Settings::default()).unwrap();
+    GuardedMixer::new(law.into(), &rig)
 }
 
 fn wrench(tick: u64) -> Stamped<Wrench> {
@@ -29,11 +27,8 @@ fn wrench(tick: u64) -> Stamped<Wrench> {
 
 fn assert_idle(speeds: &RotorSpeeds) {
     assert_eq!((speeds.mode, speeds.saturated), (Mode::Idle as u64, 0));
-    assert!(
-        speeds.speed_rad_s.iter().all(|w| (w - 30.0).abs() < 1e-12),
-        "{:?}",
-        speeds.speed_rad_s
-    );
+    let at_least = speeds.speed_rad_s.iter().all(|w| (w - 30.0).abs() < 1e-12);
+    assert!(at_least, "{speeds:?}");
     assert!((speeds.thrust_n - 4.0 * 3.13e-5 * 900.0).abs() < 1e-15);
     assert_eq!(speeds.torque_b_nm, [0.0; 3]);
 }
@@ -48,10 +43,8 @@ fn a_fresh_wrench_is_met() {
     }
     let k = Airframe::nominal().k();
     let thrust: f64 = speeds.speed_rad_s.iter().map(|w| k * w * w).sum();
-    assert!(
-        (thrust - 5.0).abs() < 1e-12,
-        "the speeds give the thrust that the message claims"
-    );
+    // The speeds give the thrust that the message claims.
+    assert!((thrust - 5.0).abs() < 1e-12, "{thrust}");
 }
 
 #[test]
@@ -59,15 +52,11 @@ fn a_wrench_ages_from_held_over_fallback_to_idle() {
     let mut mixer = mixer(0.001);
     let fresh = mixer.tick(100, &wrench(100));
     for age in 1..=3 {
-        let held = mixer.tick(100 + age, &wrench(100));
-        assert_eq!(
-            held,
-            RotorSpeeds {
-                mode: Mode::Held as u64,
-                ..fresh
-            },
-            "age {age}"
-        );
+        let held = RotorSpeeds {
+            mode: Mode::Held as u64,
+            ..fresh
+        };
+        assert_eq!(mixer.tick(100 + age, &wrench(100)), held, "age {age}");
     }
     for age in 4..50 {
         let fallback = mixer.tick(100 + age, &wrench(100));
@@ -78,11 +67,8 @@ fn a_wrench_ages_from_held_over_fallback_to_idle() {
     for age in [50, 51, 1_000_000] {
         assert_idle(&mixer.tick(100 + age, &wrench(100)));
     }
-    assert_eq!(
-        mixer.tick(200, &wrench(200)),
-        fresh,
-        "a fresh wrench ends it"
-    );
+    // A fresh wrench ends it.
+    assert_eq!(mixer.tick(200, &wrench(200)), fresh);
 }
 
 #[test]

@@ -47,12 +47,9 @@ struct Pending {
 pub struct CommandHold {
     pending: Deque<Pending, PENDING_MAX>,
     room: usize,
-    /// Speeds of the newest command; of hover before the first.
-    speed: [f64; ROTORS],
-    /// Whether it could not meet what was asked.
-    is_saturated: bool,
-    /// Tick that it was made for; none before the first.
-    command_tick: Option<u64>,
+    hover: [f64; ROTORS],
+    /// The newest command; none before the first.
+    newest: Option<Pending>,
     /// Tick from which on it has been in force.
     since_tick: u64,
     /// Ticks for which it holds without a newer one.
@@ -72,9 +69,8 @@ impl CommandHold {
         Self {
             pending: Deque::new(),
             room: pending_commands(period_s),
-            speed: hover,
-            is_saturated: false,
-            command_tick: None,
+            hover,
+            newest: None,
             since_tick: 0,
             timeout_ticks: (COMMAND_TIMEOUT_S / period_s).round().max(1.0) as u64,
             idle,
@@ -118,13 +114,8 @@ impl CommandHold {
             .max_by_key(|it| it.tick);
         if let Some(newest) = newest.copied() {
             // A command older than the one in force has lost its race and changes nothing.
-            if self
-                .command_tick
-                .is_none_or(|current| newest.tick > current)
-            {
-                self.speed = newest.speed;
-                self.is_saturated = newest.is_saturated;
-                self.command_tick = Some(newest.tick);
+            if self.newest.is_none_or(|current| newest.tick > current.tick) {
+                self.newest = Some(newest);
                 self.since_tick = tick;
             }
             self.pending.retain(|waiting| waiting.effective_tick > tick);
@@ -134,8 +125,8 @@ impl CommandHold {
     }
 
     fn judge(&mut self, tick: u64) {
-        // Nobody could compute a command for the first tick.
-        if tick == 0 || self.command_tick == Some(tick - 1) {
+        // No stage could compute a command for the first tick.
+        if tick == 0 || self.newest.is_some_and(|newest| newest.tick == tick - 1) {
             self.deadline_miss_run = 0;
         } else {
             self.deadlines_missed += 1;
@@ -145,16 +136,19 @@ impl CommandHold {
 
     /// Rotor speeds in force [rad/s].
     pub fn speed(&self) -> [f64; ROTORS] {
-        if self.is_idle { self.idle } else { self.speed }
+        if self.is_idle {
+            return self.idle;
+        }
+        self.newest.map_or(self.hover, |newest| newest.speed)
     }
 
     /// Whether the command in force could not meet what was asked; of idle rotors nothing is asked.
     pub fn is_saturated(&self) -> bool {
-        !self.is_idle && self.is_saturated
+        !self.is_idle && self.newest.is_some_and(|newest| newest.is_saturated)
     }
 
     /// Tick of the newest command that came into force; [`NO_TICK`] before the first. Idling leaves it as it is.
     pub fn command_tick(&self) -> u64 {
-        self.command_tick.unwrap_or(NO_TICK)
+        self.newest.map_or(NO_TICK, |newest| newest.tick)
     }
 }

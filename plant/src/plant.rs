@@ -57,7 +57,6 @@ pub struct Plant {
     delay: CommandDelay,
     /// Behind the inspection of commands, where they have faults.
     gate: Option<Box<Gate<RotorSpeeds>>>,
-    has_faults: bool,
     commands_taken: u64,
     command_taken_tick: u64,
     swaps: SwapQueue,
@@ -109,7 +108,6 @@ impl Plant {
             command_hold: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
             delay: CommandDelay::new(period_s, &airframe, hover.into()),
             gate: None,
-            has_faults: false,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
             swaps: SwapQueue::default(),
@@ -129,7 +127,7 @@ impl Plant {
     pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
-        match self.gate.as_mut().filter(|_| self.has_faults) {
+        match self.gate.as_mut().filter(|gate| gate.has_faults()) {
             None => self.command_hold.offer(command, effective_tick),
             Some(gate) => {
                 let tick = command.tick;
@@ -145,21 +143,18 @@ impl Plant {
 
     /// Puts faults of the commands that it is handed before it.
     pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
-        self.has_faults = gate.is_some();
         self.gate = gate.map(Box::new);
     }
 
     /// The same of faults that may change in flight.
     pub fn gate_by(&mut self, faults: &MessageFaults) {
         self.gate(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
-        self.has_faults = faults.of(Port::PlantRotorSpeeds).next().is_some();
     }
 
     /// Takes the faults of its commands as they are from now on, without an allocation; `newest` came last.
     pub fn change_faults(&mut self, faults: &MessageFaults, newest: Option<RotorSpeeds>) {
         if let Some(gate) = &mut self.gate {
             gate.change(faults, Port::PlantRotorSpeeds, newest);
-            self.has_faults |= faults.of(Port::PlantRotorSpeeds).next().is_some();
         }
     }
 

@@ -10,7 +10,7 @@ use crate::{airframe, command_of};
 
 const TICKS: u64 = 40;
 
-/// A plant that is drawn, and the rotor speeds that it is told in each tick [rad/s].
+/// A random plant, and the rotor speeds commanded in each tick [rad/s].
 #[derive(Clone, Debug)]
 struct Drawn {
     mass_kg: f64,
@@ -25,42 +25,39 @@ struct Drawn {
     swap_tick: u64,
 }
 
-fn drawn() -> impl Strategy<Value = Drawn> {
-    let angle = prop_oneof![
+fn angle() -> impl Strategy<Value = f64> {
+    prop_oneof![
         4 => -3.2..3.2_f64,
         1 => Just(std::f64::consts::FRAC_PI_2),
         1 => Just(std::f64::consts::PI),
         2 => Just(0.0),
-    ];
-    let body = (
-        [angle.clone(), angle.clone(), angle],
-        [-20.0..20.0_f64, -20.0..20.0_f64, -9.0..9.0_f64],
-        -0.2..2.0_f64,
-    );
-    let lag_s = prop_oneof![Just(0.0), 0.001..0.1_f64];
-    let built = (
-        0.3..0.7_f64,
-        0.004..0.01_f64,
-        lag_s,
-        prop::bool::weighted(0.25),
-    );
-    let told = (
-        [0.0..400.0_f64, 0.0..400.0, 0.0..400.0, 0.0..400.0],
-        0..TICKS,
-    );
-    (built, body, told).prop_map(
-        |(built, (attitude_rad, rate_b_rad_s, height_m), (speed_rad_s, swap_tick))| Drawn {
-            mass_kg: built.0,
-            inertia_x_kg_m2: built.1,
-            lag_s: built.2,
-            has_ground: built.3,
+    ]
+}
+
+prop_compose! {
+    fn drawn()(
+        mass_kg in 0.3..0.7_f64,
+        inertia_x_kg_m2 in 0.004..0.01_f64,
+        lag_s in prop_oneof![Just(0.0), 0.001..0.1_f64],
+        attitude_rad in prop::array::uniform3(angle()),
+        rate_b_rad_s in [-20.0..20.0_f64, -20.0..20.0, -9.0..9.0],
+        has_ground in prop::bool::weighted(0.25),
+        height_m in -0.2..2.0_f64,
+        speed_rad_s in prop::array::uniform4(0.0..400.0_f64),
+        swap_tick in 0..TICKS,
+    ) -> Drawn {
+        Drawn {
+            mass_kg,
+            inertia_x_kg_m2,
+            lag_s,
             attitude_rad,
             rate_b_rad_s,
+            has_ground,
             height_m,
             speed_rad_s,
             swap_tick,
-        },
-    )
+        }
+    }
 }
 
 impl Drawn {
@@ -93,11 +90,7 @@ impl Drawn {
             value: 0.4,
             steps: 5,
         };
-        let swap = Swap {
-            tick: self.swap_tick,
-            targets: std::iter::once(target).collect(),
-            request_id: 0,
-        };
+        let swap = Swap::to(self.swap_tick, &[target]).unwrap();
         plant.schedule(swap).unwrap();
         plant
     }

@@ -56,10 +56,8 @@ fn noise_of_a_density_has_the_same_power_at_every_sample_time() {
         };
         // Variance times T is the density squared; its standard error here is 0.6 %.
         let density = spread(&settings, ticks, rate_error) * f64::sqrt(period_s);
-        assert!(
-            (density / DENSITY - 1.0).abs() < 0.02,
-            "T = {period_s}: {density}"
-        );
+        let error = density / DENSITY - 1.0;
+        assert!(error.abs() < 0.02, "T = {period_s}: {density}");
     }
     let mut noisy = Plant::new(&settings(&[(Parameter::AccelerometerNoise, 0.002)]));
     let mut quiet = Plant::new(&settings(&[]));
@@ -85,10 +83,8 @@ fn bias_is_constant_and_drift_walks_with_the_root_of_time() {
     plant.begin(0);
     assert!((rate_error(&plant) - Vector3::repeat(0.02)).norm() < 1e-15);
     let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
-    assert!(
-        (felt - Vector3::new(-0.1, -0.1, 9.7)).norm() < 1e-12,
-        "{felt}"
-    );
+    let error = felt - Vector3::new(-0.1, -0.1, 9.7);
+    assert!(error.norm() < 1e-12, "{felt}");
 
     const DRIFT: f64 = 1e-3;
     let walked = |seed: u64, ticks: u64, last: u64| {
@@ -135,11 +131,8 @@ fn a_fix_arrives_late_and_is_shown_until_the_next() {
         let state = plant.begin(tick as u64);
         truth.push((state.truth.position_w_m, state.truth.velocity_w_m_s));
         let taken = tick.saturating_sub(100) / 20 * 20;
-        assert_eq!(
-            (state.measured.position_w_m, state.measured.velocity_w_m_s),
-            truth[taken],
-            "tick {tick}"
-        );
+        let shown = (state.measured.position_w_m, state.measured.velocity_w_m_s);
+        assert_eq!(shown, truth[taken], "tick {tick}");
         plant.finish();
     }
 }
@@ -168,10 +161,8 @@ fn fixes_err_as_much_as_they_may_and_a_skipped_tick_shifts_nothing() {
     for tick in 0..300 {
         let shown = every.begin(tick);
         if tick % 13 == 0 {
-            assert_eq!(
-                seldom.begin(tick).measured.position_w_m,
-                shown.measured.position_w_m
-            );
+            let seldom = seldom.begin(tick).measured;
+            assert_eq!(seldom.position_w_m, shown.measured.position_w_m);
         }
     }
 }
@@ -192,10 +183,8 @@ fn in_free_fall_it_feels_nothing_and_a_thrust_along_its_own_z() {
     });
     plant.begin(0);
     let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
-    assert!(
-        (felt - Vector3::z() * 9.8).norm() < 1e-12,
-        "hover thrust, whatever the attitude: {felt}"
-    );
+    // Hover thrust, whatever the attitude.
+    assert!((felt - Vector3::z() * 9.8).norm() < 1e-12, "{felt}");
     for tick in 0..3 {
         fly_at(&mut plant, tick, [0.0; 4]);
     }

@@ -8,12 +8,19 @@ use serde_json::Value;
 
 pub const TOLERANCE: f64 = 1e-12;
 
-/// Runs a check on each case of a group, and insists on 50 of them.
+/// Runs a check on each case of a group.
 pub fn each_case(group: &str, check: impl Fn(&Value)) {
-    let vectors: Value = serde_json::from_str(include_str!("vectors.json")).unwrap();
-    let cases = vectors[group].as_array().expect("a group is a list");
-    cases.iter().for_each(check);
+    cases(include_str!("vectors.json"), group)
+        .iter()
+        .for_each(check);
+}
+
+/// The cases of a group of vectors, which are 50.
+pub fn cases(vectors: &str, group: &str) -> Vec<Value> {
+    let mut vectors: Value = serde_json::from_str(vectors).unwrap();
+    let cases: Vec<Value> = serde_json::from_value(vectors[group].take()).unwrap();
     assert_eq!(cases.len(), 50, "{group}");
+    cases
 }
 
 pub fn number(value: &Value) -> f64 {

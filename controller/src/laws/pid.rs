@@ -135,7 +135,7 @@ fn weighted(q: &Attitude, q_d: &Attitude, weight: f64) -> Attitude {
     };
     let q_t = tilt.times(q);
     let about_z = q_t.inverse().times(q_d).short_way();
-    let (sin, cos) = sin_cos(weight * atan2(about_z.vector().z, about_z.w()));
+    let (sin, cos) = sin_cos(weight * atan2(about_z.vector().z, about_z.scalar()));
     q_t.times(&Attitude::of_parts(cos, sin * Vector3::z()))
 }
 

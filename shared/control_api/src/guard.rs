@@ -57,6 +57,44 @@ impl<L: CopyState + ?Sized, M: Clone> Guarded<L, M> {
     }
 }
 
+/// The ticks of a stage that works with the newest inputs, whatever their ticks.
+macro_rules! ticks {
+    ($guarded:ident, $output:ident, $($input:ident: $content:ident),+) => {
+        impl $guarded {
+            /// Writes the output of a tick into the place of an older one.
+            pub fn tick_into(
+                &mut self,
+                tick: u64,
+                $($input: &Stamped<$content>,)+
+                output: &mut $output,
+            ) {
+                self.memory.tick(&mut *self.made.law, tick, $($input,)+ output);
+            }
+
+            pub fn tick(&mut self, tick: u64, $($input: &Stamped<$content>),+) -> $output {
+                let mut output = $output::default();
+                self.tick_into(tick, $($input,)+ &mut output);
+                output
+            }
+
+            pub fn rehearse(
+                &mut self,
+                tick: u64,
+                $($input: &Stamped<$content>),+
+            ) -> Option<$output> {
+                self.on_copies(|memory, law| {
+                    let mut output = $output::default();
+                    memory.tick(law, tick, $($input,)+ &mut output);
+                    output
+                })
+            }
+        }
+    };
+}
+
+ticks!(GuardedInner, Wrench, state: State, setpoint: Setpoint);
+ticks!(GuardedMixer, RotorSpeeds, wrench: Wrench);
+
 /// m g [N].
 fn hover_thrust_n(rig: &Rig) -> f64 {
     rig.airframe.m() * rig.airframe.g()
@@ -231,42 +269,6 @@ impl GuardedInner {
             stays: None,
         };
         Self { made, memory }
-    }
-
-    /// Writes the wrench of a tick from the newest state and setpoint, whatever their ticks.
-    pub fn tick_into(
-        &mut self,
-        tick: u64,
-        state: &Stamped<State>,
-        setpoint: &Stamped<Setpoint>,
-        wrench: &mut Wrench,
-    ) {
-        self.memory
-            .tick(&mut *self.made.law, tick, state, setpoint, wrench);
-    }
-
-    pub fn tick(
-        &mut self,
-        tick: u64,
-        state: &Stamped<State>,
-        setpoint: &Stamped<Setpoint>,
-    ) -> Wrench {
-        let mut wrench = Wrench::default();
-        self.tick_into(tick, state, setpoint, &mut wrench);
-        wrench
-    }
-
-    pub fn rehearse(
-        &mut self,
-        tick: u64,
-        state: &Stamped<State>,
-        setpoint: &Stamped<Setpoint>,
-    ) -> Option<Wrench> {
-        self.on_copies(|memory, law| {
-            let mut wrench = Wrench::default();
-            memory.tick(law, tick, state, setpoint, &mut wrench);
-            wrench
-        })
     }
 
     /// As [`InnerLaw::estimates`].
@@ -461,25 +463,6 @@ impl GuardedMixer {
             idle_after_ticks,
         };
         Self { made, memory }
-    }
-
-    /// Writes the rotor speeds of a tick from the newest wrench, whatever its tick.
-    pub fn tick_into(&mut self, tick: u64, wrench: &Stamped<Wrench>, speeds: &mut RotorSpeeds) {
-        self.memory.tick(&mut *self.made.law, tick, wrench, speeds);
-    }
-
-    pub fn tick(&mut self, tick: u64, wrench: &Stamped<Wrench>) -> RotorSpeeds {
-        let mut speeds = RotorSpeeds::default();
-        self.tick_into(tick, wrench, &mut speeds);
-        speeds
-    }
-
-    pub fn rehearse(&mut self, tick: u64, wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
-        self.on_copies(|rotors, law| {
-            let mut speeds = RotorSpeeds::default();
-            rotors.tick(law, tick, wrench, &mut speeds);
-            speeds
-        })
     }
 
     /// Every rotor at its smallest speed: the last message of a flight.

@@ -1,7 +1,7 @@
-//! The numbers of messages that faults can strike: fields, the names of their axes, and their units.
+//! The message fields that faults can change, with the names of their axes and their units.
 //!
-//! What a stage reads is among them. What the plant says of itself (its accounts, and the truth) and what a law shows is
-//! not: no law reads that, and faults there would only lie to the report.
+//! These are the fields that a stage reads. The plant's accounts, ground truth and telemetry are not among them: no law
+//! reads them, and a fault there would only falsify the report.
 
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::layout::FieldType;
@@ -16,31 +16,31 @@ pub struct Field {
     pub unit: &'static str,
 }
 
-/// A content with fields that faults can strike.
+/// A content with fields that faults can change.
 pub trait Faulty: Topic {
-    const STRUCK: &'static [Field];
+    const FAULT_FIELDS: &'static [Field];
 
     /// The numbers of a field; nothing where there is no such field.
-    fn lend(&mut self, field: usize) -> &mut [f64];
+    fn field_mut(&mut self, field: usize) -> &mut [f64];
 }
 
 const XYZ: &[&str] = &["x", "y", "z"];
 const ANGLES: &[&str] = &["roll", "pitch", "yaw"];
 const ROTOR: &[&str] = &["1", "2", "3", "4"];
 
-/// Gives a content its fields that faults can strike, each with the names of its numbers and its unit.
+/// Gives a content its fields that faults can change, each with the names of its numbers and its unit.
 macro_rules! faulty {
     ($content:ident $(. $part:ident)? { $($name:ident: $axes:expr, $unit:literal;)+ }) => {
         impl Faulty for $content {
-            const STRUCK: &'static [Field] = &[$(Field {
+            const FAULT_FIELDS: &'static [Field] = &[$(Field {
                 name: stringify!($name),
                 axes: $axes,
                 unit: $unit,
             }),+];
 
-            fn lend(&mut self, field: usize) -> &mut [f64] {
+            fn field_mut(&mut self, field: usize) -> &mut [f64] {
                 let content = &mut (*self)$(.$part)?;
-                match Self::STRUCK.get(field).map(|field| field.name) {
+                match Self::FAULT_FIELDS.get(field).map(|field| field.name) {
                     $(Some(stringify!($name)) => FieldType::items_mut(&mut content.$name),)+
                     _ => &mut [],
                 }
@@ -80,11 +80,11 @@ mod tests {
 
     /// Every field has as many numbers as names.
     fn check<C: Faulty>() {
-        for (place, field) in C::STRUCK.iter().enumerate() {
-            let length = C::default().lend(place).len();
+        for (place, field) in C::FAULT_FIELDS.iter().enumerate() {
+            let length = C::default().field_mut(place).len();
             assert_eq!(length, field.axes.len().max(1), "{}", field.name);
         }
-        assert!(C::default().lend(C::STRUCK.len()).is_empty());
+        assert!(C::default().field_mut(C::FAULT_FIELDS.len()).is_empty());
     }
 
     #[test]

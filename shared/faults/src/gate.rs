@@ -77,6 +77,11 @@ impl<C: Faulty> Gate<C> {
         gate
     }
 
+    /// Whether it has faults, also such as are over or still to come.
+    pub const fn has_faults(&self) -> bool {
+        !self.faults.is_empty()
+    }
+
     /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. `newest` is what
     /// came last, which may not have been shown to it: a freeze may follow it with nothing in between. It allocates
     /// nothing where it was made as one that changes.
@@ -116,7 +121,7 @@ impl<C: Faulty> Gate<C> {
         };
         if let Some(passed) = &mut passed {
             for (number, fault) in active() {
-                strike(fault.kind, seed, tick, *number, passed);
+                apply(fault.kind, seed, tick, *number, passed);
             }
         }
         self.keep(tick, content, is_frozen);
@@ -163,7 +168,7 @@ const ROOM: usize = LONGEST_DELAY as usize + 4;
 
 /// What stands between an inspected message and the stage that it is for.
 ///
-/// Show it every message with [`FaultyInput::arrive`], and ask it with [`FaultyInput::settle`] at every tick that the stage works.
+/// Call [`FaultyInput::arrive`] for every message, and [`FaultyInput::settle`] in every tick in which the stage works.
 #[derive(Clone, Debug)]
 pub struct FaultyInput<C: Faulty> {
     gate: Option<Gate<C>>,
@@ -184,15 +189,15 @@ impl<C: Faulty> FaultyInput<C> {
 
     /// An input that nothing has come to, and whose faults may change in flight.
     pub fn changing(faults: &MessageFaults, port: Port) -> Self {
-        let mut inlet = Self::new(&MessageFaults::none(faults.seed), port);
+        let mut input = Self::new(&MessageFaults::none(faults.seed), port);
         // Memory that was never touched is none yet.
-        inlet
+        input
             .waiting
             .extend((0..ROOM).map(|_| (0, Message::default())));
-        inlet.waiting.clear();
+        input.waiting.clear();
         Self {
             gate: Some(Gate::changing(faults, port)),
-            ..inlet
+            ..input
         }
     }
 
@@ -276,9 +281,9 @@ const fn stream(number: u64, axis: u64) -> u64 {
 }
 
 /// Does to a content's numbers what a fault does.
-fn strike<C: Faulty>(kind: Kind, seed: u64, tick: u64, number: u64, content: &mut C) {
+fn apply<C: Faulty>(kind: Kind, seed: u64, tick: u64, number: u64, content: &mut C) {
     let mut each = |place: Place, change: &dyn Fn(u64, &mut f64)| {
-        let numbers = content.lend(place.field).iter_mut().zip(0_u64..);
+        let numbers = content.field_mut(place.field).iter_mut().zip(0_u64..);
         let meant =
             numbers.filter(|(_, axis)| place.axis.is_none_or(|wanted| wanted as u64 == *axis));
         meant.for_each(|(value, axis)| change(axis, value));

@@ -35,7 +35,7 @@ pub const LONGEST_DELAY: u64 = 60;
 /// Messages of the longest pattern of losses.
 pub const LONGEST_PATTERN: u64 = 1_000_000;
 
-/// An input of a stage: where faults of messages strike.
+/// An input of a stage, where message faults act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Port {
     OuterState,
@@ -64,11 +64,11 @@ impl Port {
     /// The stage that receives, its topic, and the fields of the topic that faults can act on.
     const fn spec(self) -> (Role, &'static str, &'static [Field]) {
         match self {
-            Self::OuterState => (Role::Outer, State::NAME, State::STRUCK),
-            Self::InnerState => (Role::Inner, State::NAME, State::STRUCK),
-            Self::InnerSetpoint => (Role::Inner, Setpoint::NAME, Setpoint::STRUCK),
-            Self::MixerWrench => (Role::Mixer, Wrench::NAME, Wrench::STRUCK),
-            Self::PlantRotorSpeeds => (Role::Plant, RotorSpeeds::NAME, RotorSpeeds::STRUCK),
+            Self::OuterState => (Role::Outer, State::NAME, State::FAULT_FIELDS),
+            Self::InnerState => (Role::Inner, State::NAME, State::FAULT_FIELDS),
+            Self::InnerSetpoint => (Role::Inner, Setpoint::NAME, Setpoint::FAULT_FIELDS),
+            Self::MixerWrench => (Role::Mixer, Wrench::NAME, Wrench::FAULT_FIELDS),
+            Self::PlantRotorSpeeds => (Role::Plant, RotorSpeeds::NAME, RotorSpeeds::FAULT_FIELDS),
         }
     }
 
@@ -90,7 +90,7 @@ impl Port {
 /// A field of a message, or one number of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// Place of the field among those that faults can strike.
+    /// Place of the field among those that faults can change.
     pub field: usize,
     /// Place of the number in it; none is all of them.
     pub axis: Option<usize>,
@@ -166,7 +166,7 @@ impl Kind {
         }
     }
 
-    /// The number that it strikes, where it is not the whole message.
+    /// The number that it changes, if it does not act on the whole message.
     pub const fn place(self) -> Option<Place> {
         match self {
             Self::Noise(place, _) | Self::Bias(place, _) | Self::Nan(place) => Some(place),

@@ -1,9 +1,8 @@
-//! Faults that are injected into a running flight, and when they take effect.
+//! Faults that are injected into a running flight, and the rules of process faults, planned or injected.
 //!
-//! The plant puts them on the board [`LIVE`] before it publishes the state of the tick in which it took them in. A stage
-//! that has heard of that tick has them too. They take hold [`NOTICE_TICKS`] later at the earliest: by then an input
-//! knows as many earlier messages as any fault looks back to, and the same fault is the same flight as if it had been
-//! planned.
+//! The plant puts injected faults on the blackboard [`LIVE`] before it publishes the state of the tick in which it accepted
+//! them, so a stage that has this state has them too. They act [`NOTICE_TICKS`] later at the earliest: by then an input
+//! knows as many earlier messages as any fault looks back to, and the flight is the same as if they had been planned.
 
 use crate::code::FaultCode;
 pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
@@ -18,7 +17,7 @@ pub const LIVE: &str = "faults";
 /// Faults that can be injected into one flight, each counted as often as it has inputs; an end counts as one, too.
 pub const MOST_LIVE: usize = 64;
 
-/// Ticks from the plant's taking in a fault to the first one that it strikes, at the least.
+/// Ticks from the one in which the plant accepts a fault to its first one, at the least.
 pub const NOTICE_TICKS: u64 = LONGEST_DELAY + 4;
 
 layout! {
@@ -56,7 +55,7 @@ impl LiveBlackboard {
     }
 }
 
-/// The faults that stages of a flight strike themselves with: those of their messages, and their lateness.
+/// The faults that stages inject themselves: of their messages, and their lateness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopFaults {
     pub messages: MessageFaults,

@@ -57,7 +57,7 @@ impl Attitude {
         })
     }
 
-    pub fn w(&self) -> f64 {
+    pub fn scalar(&self) -> f64 {
         self.q.x
     }
 
@@ -67,12 +67,15 @@ impl Attitude {
     }
 
     pub fn inverse(&self) -> Self {
-        Self::of_parts(self.w(), -self.vector())
+        Self::of_parts(self.scalar(), -self.vector())
     }
 
     /// The product of two rotations, as `rot_ac = rot_ab * rot_bc`.
     pub fn times(&self, other: &Self) -> Self {
-        let ((w, v), (other_w, other_v)) = ((self.w(), self.vector()), (other.w(), other.vector()));
+        let ((w, v), (other_w, other_v)) = (
+            (self.scalar(), self.vector()),
+            (other.scalar(), other.vector()),
+        );
         Self::of_parts(
             w * other_w - v.dot(&other_v),
             w * other_v + other_w * v + v.cross(&other_v),
@@ -81,7 +84,7 @@ impl Attitude {
 
     /// The same rotation, by the angle of at most pi.
     pub fn short_way(self) -> Self {
-        if self.w() < 0.0 {
+        if self.scalar() < 0.0 {
             Self { q: -self.q }
         } else {
             self

@@ -72,18 +72,13 @@ mod tests {
             for other in 0..one {
                 let mut changed = right.clone();
                 changed.swap(one, other);
-                assert!(
-                    changed == right || check_word(&changed) != check,
-                    "words {one} and {other}"
-                );
+                let is_seen = changed == right || check_word(&changed) != check;
+                assert!(is_seen, "words {one} and {other}");
             }
             assert_ne!(check_word(&right[..one]), check);
         }
         assert_ne!(check_word(&[0; 36]), check_word(&[0; 37]), "zeros count");
-        assert_ne!(
-            check_word(&[0; 100]),
-            0,
-            "memory that was never written is no message"
-        );
+        // Memory that was never written is no message.
+        assert_ne!(check_word(&[0; 100]), 0);
     }
 }

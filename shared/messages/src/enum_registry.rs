@@ -6,7 +6,7 @@
 use crate::blackboards::{EndReason, RolePhase, RunPhase};
 use crate::content::Mode;
 use crate::fault_id::{FaultId, FaultRefusal};
-use crate::layout::{FNV_OFFSET, Layout, fingerprint, fnv1a};
+use crate::layout::{Layout, fingerprint, fnv1a, hash_of};
 use crate::monitor::Cause;
 use crate::parameters::SPECS;
 use crate::realtime::RealtimeStep;
@@ -14,7 +14,7 @@ use crate::rejections::Reason;
 
 /// Hash over what numbers on the wire stand for: a parameter's place in the table, the variants of enums.
 pub const VOCABULARY: u64 = {
-    let enums = [
+    let mut hash = hash_of(&[
         RunPhase::ENUM_HASH,
         RolePhase::ENUM_HASH,
         EndReason::ENUM_HASH,
@@ -24,13 +24,7 @@ pub const VOCABULARY: u64 = {
         RealtimeStep::ENUM_HASH,
         FaultId::ENUM_HASH,
         FaultRefusal::ENUM_HASH,
-    ];
-    let mut hash = FNV_OFFSET;
-    let mut i = 0;
-    while i < enums.len() {
-        hash = fnv1a(hash, &enums[i].to_le_bytes());
-        i += 1;
-    }
+    ]);
     let mut i = 0;
     while i < SPECS.len() {
         hash = fnv1a(hash, SPECS[i].name.as_bytes());
@@ -48,11 +42,8 @@ impl<T: Layout> Fingerprint for T {}
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::header::Header;
-
     #[test]
-    fn words_in_another_order_change_every_fingerprint() {
+    fn variants_in_another_order_change_the_hash() {
         #[allow(dead_code, reason = "known by its hash alone")]
         mod here {
             crate::layout::wire_enum! {
@@ -72,9 +63,5 @@ mod tests {
             }
         }
         assert_ne!(here::Step::ENUM_HASH, there::Step::ENUM_HASH);
-        assert_eq!(
-            Header::FINGERPRINT,
-            fnv1a(fingerprint(Header::FIELDS), &VOCABULARY.to_le_bytes())
-        );
     }
 }

@@ -88,17 +88,8 @@ mod tests {
             period_ns: 1_000,
         };
         assert_eq!(grid.begin_of(3), 8_000);
-        assert_eq!(
-            (grid.tick_at(8_000), grid.tick_at(7_999), grid.tick_at(1)),
-            (3, 2, 0)
-        );
-        assert_eq!(
-            (
-                grid.first_tick_from(8_000),
-                grid.first_tick_from(8_001),
-                grid.first_tick_from(1)
-            ),
-            (3, 4, 0)
-        );
+        assert_eq!([8_000, 7_999, 1].map(|ns| grid.tick_at(ns)), [3, 2, 0]);
+        let first_ticks = [8_000, 8_001, 1].map(|ns| grid.first_tick_from(ns));
+        assert_eq!(first_ticks, [3, 4, 0]);
     }
 }

@@ -7,9 +7,7 @@ use std::mem::offset_of;
 
 use crate::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Truth, Wrench};
 use crate::enum_registry::Fingerprint as _;
-use crate::layout::{
-    Element, FNV_OFFSET, Field, Kind, Layout, Plain, Visit, fnv1a, layout, zeroed,
-};
+use crate::layout::{Element, Field, Kind, Layout, Plain, Visit, hash_of, layout, zeroed};
 use crate::monitor::Monitor;
 use crate::role::{Role, STAGES};
 
@@ -136,23 +134,14 @@ impl<C: Visit> Layout for Message<C> {
 }
 
 /// Fingerprint of all layouts of messages: processes whose fingerprints differ must not talk.
-pub const LAYOUT: u64 = {
-    let parts = [
-        Header::FINGERPRINT,
-        Stamps::FINGERPRINT,
-        State::FINGERPRINT,
-        Truth::FINGERPRINT,
-        Setpoint::FINGERPRINT,
-        Wrench::FINGERPRINT,
-        Monitor::FINGERPRINT,
-        RotorSpeeds::FINGERPRINT,
-        SwapRecord::FINGERPRINT,
-    ];
-    let mut hash = FNV_OFFSET;
-    let mut i = 0;
-    while i < parts.len() {
-        hash = fnv1a(hash, &parts[i].to_le_bytes());
-        i += 1;
-    }
-    hash
-};
+pub const LAYOUT: u64 = hash_of(&[
+    Header::FINGERPRINT,
+    Stamps::FINGERPRINT,
+    State::FINGERPRINT,
+    Truth::FINGERPRINT,
+    Setpoint::FINGERPRINT,
+    Wrench::FINGERPRINT,
+    Monitor::FINGERPRINT,
+    RotorSpeeds::FINGERPRINT,
+    SwapRecord::FINGERPRINT,
+]);

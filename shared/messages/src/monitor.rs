@@ -109,17 +109,3 @@ layout! {
         pub live_swaps: u64,
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::topic::Topic as _;
-
-    #[test]
-    fn every_number_that_is_not_a_count_is_looked_at() {
-        let mut seen = 0;
-        Monitor::default().numbers(|numbers, _| seen += numbers.len());
-        let counts = 1 + 2 * CAUSES + 3 + 4;
-        assert_eq!(seen, size_of::<Monitor>() / 8 - counts);
-    }
-}

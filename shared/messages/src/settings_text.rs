@@ -74,36 +74,24 @@ mod tests {
     fn differing_settings_are_named_with_both_values() {
         let ours = "gains.alpha_1_s = 200.0\nflight.preset = \"flight\"\n";
         let theirs = "gains.alpha_1_s = 40.0\nflight.preset = \"flight\"\n";
-        let found = differences(ours, theirs, Role::Inner);
-        assert_eq!(
-            found,
-            ["`gains.alpha_1_s` is 200.0 for inner and 40.0 for the plant"]
-        );
+        let alpha = "`gains.alpha_1_s` is 200.0 for inner and 40.0 for the plant";
+        assert_eq!(differences(ours, theirs, Role::Inner), [alpha]);
         assert!(differences(ours, ours, Role::Inner).is_empty());
-        assert_eq!(
-            differences("", "a = 1\n", Role::Outer),
-            ["`a` is nothing for outer and 1 for the plant"]
-        );
+        let missing = "`a` is nothing for outer and 1 for the plant";
+        assert_eq!(differences("", "a = 1\n", Role::Outer), [missing]);
     }
 
     #[test]
-    fn of_another_law_its_name_is_told_and_the_option_that_chooses_it() {
+    fn of_another_law_its_name_is_given_and_the_option_that_chooses_it() {
         let ours = "inner.law = \"adaptive\"\ninner.alpha_1_s = 200.0\nouter.law = \"pd\"\nouter.tilt_max_rad = 0.5\n";
         let theirs = "inner.law = \"indi\"\ninner.filter_rad_s = 50.0\nouter.law = \"pd\"\nouter.tilt_max_rad = 0.4\n";
-        assert_eq!(
-            differences(ours, theirs, Role::Mixer),
-            [
-                "`inner.law` is \"adaptive\" for mixer and \"indi\" for the plant",
-                "`outer.tilt_max_rad` is 0.5 for mixer and 0.4 for the plant"
-            ]
-        );
-        assert_eq!(
-            (
-                other_laws(ours, theirs).as_str(),
-                other_laws(ours, ours).as_str()
-            ),
-            ("--inner indi", "")
-        );
+        let expected = [
+            "`inner.law` is \"adaptive\" for mixer and \"indi\" for the plant",
+            "`outer.tilt_max_rad` is 0.5 for mixer and 0.4 for the plant",
+        ];
+        assert_eq!(differences(ours, theirs, Role::Mixer), expected);
+        assert_eq!(other_laws(ours, theirs), "--inner indi");
+        assert_eq!(other_laws(ours, ours), "");
         let theirs = theirs.replace("\"pd\"", "\"estimating\"");
         assert_eq!(other_laws(ours, &theirs), "--outer estimating --inner indi");
     }

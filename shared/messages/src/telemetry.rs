@@ -58,16 +58,11 @@ layout!(Telemetry { value });
 mod tests {
     use super::*;
 
-    const SIGNALS: [Signal; 2] = [
-        Signal {
-            name: "mass_kg",
-            unit: "kg",
-        },
-        Signal {
-            name: "limited",
-            unit: "",
-        },
-    ];
+    const fn ratio(name: &'static str) -> Signal {
+        Signal { name, unit: "" }
+    }
+
+    const SIGNALS: [Signal; 2] = [ratio("mass_kg"), ratio("limited")];
 
     #[test]
     fn what_a_law_does_not_say_is_not_zero_and_what_is_no_signal_is() {
@@ -88,10 +83,8 @@ mod tests {
             inner: &SIGNALS,
             ..Signals::default()
         };
-        assert_eq!(
-            signals.places(Role::Inner, ["limited", "mass_kg"]),
-            Some([1, 0])
-        );
+        let both = signals.places(Role::Inner, ["limited", "mass_kg"]);
+        assert_eq!(both, Some([1, 0]));
         assert_eq!(signals.places(Role::Inner, ["limited", "mass"]), None);
         assert_eq!(signals.places(Role::Outer, ["limited"]), None);
     }

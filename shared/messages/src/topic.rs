@@ -1,7 +1,7 @@
 //! The topics of the loop, and the checks that a content must pass.
 
 use crate::content::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use crate::layout::Visit;
+use crate::layout::{Field, Visit, Visitor};
 use crate::monitor::{CAUSES, Monitor};
 use crate::parameters::{PARAMETERS, Parameter};
 use crate::role::Role;
@@ -108,25 +108,17 @@ impl Topic for State {
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
         let (measured, truth) = (&self.measured, &self.truth);
-        let speed_squared = ROTOR_SPEED_RAD_S * ROTOR_SPEED_RAD_S;
+        let speed = Positive(ROTOR_SPEED_RAD_S);
+        let speed_squared = Positive(ROTOR_SPEED_RAD_S * ROTOR_SPEED_RAD_S);
         look(&measured.position_w_m, Size(POSITION_M));
         look(&measured.velocity_w_m_s, Size(VELOCITY_M_S));
         look(&measured.attitude_rad, Size(ANGLE_RAD));
         look(&measured.attitude_quaternion, Size(QUATERNION));
         look(&measured.rate_b_rad_s, Size(RATE_RAD_S));
         look(&measured.specific_force_b_m_s2, Size(ACCELERATION_M_S2));
-        look(
-            &measured.rotor_speed_mean_rad_s,
-            Positive(ROTOR_SPEED_RAD_S),
-        );
-        look(
-            &measured.rotor_speed_squared_mean_rad2_s2,
-            Positive(speed_squared),
-        );
-        look(
-            &measured.rotor_speed_command_rad_s,
-            Positive(ROTOR_SPEED_RAD_S),
-        );
+        look(&measured.rotor_speed_mean_rad_s, speed);
+        look(&measured.rotor_speed_squared_mean_rad2_s2, speed_squared);
+        look(&measured.rotor_speed_command_rad_s, speed);
         look(&truth.position_w_m, Size(POSITION_M));
         look(&truth.velocity_w_m_s, Size(VELOCITY_M_S));
         look(&truth.rate_b_rad_s, Size(RATE_RAD_S));
@@ -210,15 +202,29 @@ impl Topic for RotorSpeeds {
     shows_telemetry!();
 }
 
+/// All numbers of a struct, of which any finite one is plausible.
+struct AnyNumbers<F>(F);
+
+impl<F: FnMut(&[f64], Bound)> Visitor for AnyNumbers<F> {
+    fn integers(&mut self, _: &'static Field, _: &[u64]) {}
+
+    fn numbers(&mut self, _: &'static Field, values: &[f64]) {
+        (self.0)(values, Any);
+    }
+
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| value.visit(self));
+    }
+}
+
 impl Topic for SwapRecord {
     const NAME: &'static str = "swaps";
     const SENDER: Role = Role::Plant;
     const SUBSCRIBERS: usize = 1;
     const MANY_PER_TICK: bool = true;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
-        look(&self.old, Any);
-        look(&self.new, Any);
+    fn numbers(&self, look: impl FnMut(&[f64], Bound)) {
+        self.visit(&mut AnyNumbers(look));
     }
 
     fn has_known_flags(&self) -> bool {
@@ -234,24 +240,8 @@ impl Topic for Monitor {
     const SENDER: Role = Role::Record;
     const SUBSCRIBERS: usize = 0;
 
-    fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
-        look(&self.rise_max, Any);
-        look(&[self.v_th, self.v_th_start, self.v_th_change], Any);
-        look(&[self.v_th_change_predicted, self.mismatch_rad_s2], Any);
-        look(
-            &[self.descent, self.descent_predicted, self.step_excess_max],
-            Any,
-        );
-        look(
-            &[self.v, self.v_change, self.v_change_bound, self.sigma],
-            Any,
-        );
-        look(&[self.rate_error_rms_rad_s, self.rate_error_max_rad_s], Any);
-        look(&self.estimate_error, Any);
-        look(&self.estimate_error_start, Any);
-        look(&self.estimate_error_bound, Any);
-        look(&[self.excitation, self.excitation_least], Any);
-        look(&self.identifiability, Any);
+    fn numbers(&self, look: impl FnMut(&[f64], Bound)) {
+        self.visit(&mut AnyNumbers(look));
     }
 
     fn has_known_flags(&self) -> bool {

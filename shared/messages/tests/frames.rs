@@ -49,7 +49,7 @@ proptest! {
         prop_assert!((p.rot_wb() - rot_wb(&a)).amax() < 1e-14);
         prop_assert!((p.times(&q).rot_wb() - p.rot_wb() * q.rot_wb()).amax() < 1e-14);
         prop_assert!(p.inverse().times(&p).vector().amax() < 1e-14);
-        prop_assert!(p.short_way().w() >= 0.0 && (p.short_way().rot_wb() - p.rot_wb()).amax() < 1e-15);
+        prop_assert!(p.short_way().scalar() >= 0.0 && (p.short_way().rot_wb() - p.rot_wb()).amax() < 1e-15);
         let (from, to) = (p.z_b_in_w(), q.z_b_in_w());
         if let Some(turn) = Attitude::between(&from, &to) {
             prop_assert!((turn.to_world(&from) - to).amax() < 1e-9);
