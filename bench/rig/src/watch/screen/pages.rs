@@ -180,7 +180,7 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
     let per_million = missed as f64 * 1e6 / (run.ticks_run + run.ticks_skipped).max(1) as f64;
     let late = statistics.late_commands.count;
     let runs = statistics.miss_runs.lengths();
-    let longest = runs.keys().last().copied().unwrap_or(0);
+    let longest = runs.last().map_or(0, |run| run.length_ticks);
     let all_flight = format!("deadlines missed {missed}, {per_million:.1} per million");
     let here = format!("since you watch: {late} late, {longest} in a row");
     region.put(vec![
