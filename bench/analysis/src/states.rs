@@ -168,19 +168,6 @@ impl Joined {
     }
 }
 
-impl From<&TickRecord> for Joined {
-    fn from(record: &TickRecord) -> Self {
-        Self {
-            tick: record.tick,
-            state: record.state,
-            setpoint: record.setpoint,
-            wrench: Some(record.wrench),
-            rotor_speeds: Some(record.rotor_speeds),
-            monitor: record.monitor,
-        }
-    }
-}
-
 #[derive(Debug, Default)]
 pub struct Joiner {
     /// By tick: whether its state is there, and what is.
@@ -285,19 +272,6 @@ const fn there((has_state, joined): &(bool, Joined)) -> [bool; TOPICS] {
         joined.wrench.is_some(),
         joined.rotor_speeds.is_some(),
     ]
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TickRecord {
-    pub tick: u64,
-    pub state: State,
-    /// Set-point computed from it, if the outer loop gave one.
-    pub setpoint: Option<Setpoint>,
-    pub wrench: Wrench,
-    /// Command that is in force from the next tick on.
-    pub rotor_speeds: RotorSpeeds,
-    /// What is said of the theorem, if somebody watches it.
-    pub monitor: Option<Monitor>,
 }
 
 #[cfg(test)]

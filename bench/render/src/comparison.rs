@@ -48,7 +48,7 @@ pub fn document(comparison: &Comparison) -> Document {
         "saturated [%]",
         "outputs",
     ];
-    let effort = |outcome: &Outcome| {
+    let effort = table(comparison, columns, |outcome| {
         let effort = &outcome.figures.effort;
         vec![
             format!("{:.4}", effort.power),
@@ -56,9 +56,8 @@ pub fn document(comparison: &Comparison) -> Document {
             format!("{:.2}", effort.saturated_percent),
             outcome.outputs.clone(),
         ]
-    };
-    let effort = vec![table(comparison, columns, effort)];
-    sections.push(Section::new("effort", "Effort", effort));
+    });
+    sections.push(Section::new("effort", "Effort", vec![effort]));
     sections.extend(endings(comparison));
     Document {
         title: format!("{combinations} combinations of laws, {}", flown(flight)),

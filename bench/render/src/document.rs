@@ -291,6 +291,16 @@ impl Table {
         }
     }
 
+    /// A row per item, with a cell from each column's function.
+    pub fn of<'a, T: 'a>(
+        columns: &[(&str, fn(&T) -> String)],
+        items: impl IntoIterator<Item = &'a T>,
+    ) -> Self {
+        let row = |item: &T| columns.iter().map(|(_, cell)| cell(item).into()).collect();
+        let titles = columns.iter().map(|(title, _)| *title);
+        Self::new(titles, items.into_iter().map(row))
+    }
+
     /// A table whose rows have names; `first` is above these.
     pub fn named(
         first: &str,

@@ -53,23 +53,28 @@ impl<'a> Figures<'a> {
     }
 
     pub fn attitude(&self, i: usize) -> Figure {
-        let name = ANGLES[i];
-        let lines = [
-            ("reference", traces::ATTITUDE_REFERENCE[i], "reference"),
-            (name, traces::ATTITUDE[i], "actual"),
-        ];
-        let title = format!("Attitude: {name}");
-        self.over_time(name, &title, &format!("{name} [rad]"), &lines, 0.01)
+        let channels = [traces::ATTITUDE_REFERENCE[i], traces::ATTITUDE[i]];
+        self.with_reference(ANGLES[i], "Attitude", "rad", channels)
     }
 
     pub fn position(&self, i: usize) -> Figure {
-        let name = AXES[i];
+        let channels = [traces::POSITION_REFERENCE[i], traces::POSITION[i]];
+        self.with_reference(AXES[i], "Position", "m", channels)
+    }
+
+    fn with_reference(
+        &self,
+        name: &'static str,
+        what: &str,
+        unit: &str,
+        [reference, actual]: [&str; 2],
+    ) -> Figure {
         let lines = [
-            ("reference", traces::POSITION_REFERENCE[i], "reference"),
-            (name, traces::POSITION[i], "actual"),
+            ("reference", reference, "reference"),
+            (name, actual, "actual"),
         ];
-        let title = format!("Position: {name}");
-        self.over_time(name, &title, &format!("{name} [m]"), &lines, 0.01)
+        let (title, label) = (format!("{what}: {name}"), format!("{name} [{unit}]"));
+        self.over_time(name, &title, &label, &lines, 0.01)
     }
 
     pub fn distance(&self) -> Figure {

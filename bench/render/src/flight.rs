@@ -11,8 +11,8 @@ use analysis::process_failures::{COST_S, number};
 use analysis::schema::FlightStatus;
 use analysis::schema::Speed;
 use analysis::schema::{
-    LawSection, LogSection, ProcessFailure, RecoveryPhases, Report, RoleSection, RunSection,
-    TimingVerdict, sum,
+    LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases, Report, RoleSection,
+    RunSection, TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -320,23 +320,6 @@ fn deadlines(report: &Report) -> Vec<Block> {
             blocks.push(Block::Terminal(table.text()));
         }
     }
-    if !deadlines.stretches.is_empty() {
-        let columns = ["at", "tick", "length", "largest lateness [us]"];
-        let rows = deadlines.stretches.iter().map(|it| {
-            let (at, length) = (
-                format!("{:.3} s", it.time_s),
-                count(it.length_ticks, "tick"),
-            );
-            row([&at, &it.tick, &length, &us(it.late_us)])
-        });
-        let mut details = vec![table(columns, rows)];
-        if deadlines.stretches_left_out > 0 {
-            let left_out = deadlines.stretches_left_out;
-            let more = format!("and {left_out} late commands in later stretches");
-            details.push(Block::Note(more));
-        }
-        blocks.push(Block::Details("Late commands, one by one".into(), details));
-    }
     blocks
 }
 
@@ -475,30 +458,43 @@ fn floors(report: &Report) -> Vec<Block> {
     ]
 }
 
+/// A process with the name of its role.
+type Process<'a> = (&'static str, &'a RoleSection);
+
 /// The processes of the loop, in the order of the data's way.
-fn stages(report: &Report) -> impl Iterator<Item = (&'static str, &RoleSection)> {
+fn stages_of(report: &Report) -> impl Iterator<Item = Process<'_>> {
     let stages = STAGES.into_iter();
     stages.filter_map(|role| Some((role.name(), report.roles.get(role.name())?)))
 }
 
-fn processes(report: &Report) -> Vec<Block> {
-    let columns = [
-        "Processes",
-        "scheduling",
-        "ticks",
-        "skipped",
-        "stale",
-        "rejected",
-        "alloc/tick",
-        "faults",
-        "with disk",
-        "waits",
-        "preempted",
-        "cpu us/tick",
+fn processes<'a>(report: &'a Report) -> Vec<Block> {
+    let columns: [(&str, fn(&Process<'a>) -> String); 12] = [
+        ("Processes", |(name, _)| (*name).into()),
+        ("scheduling", |(_, it)| it.scheduling.clone()),
+        ("ticks", |(_, it)| it.ticks_run.to_string()),
+        ("skipped", |(_, it)| it.ticks_skipped.to_string()),
+        ("stale", |(_, it)| it.ticks_stale.to_string()),
+        ("rejected", |(_, it)| sum(&it.rejected).to_string()),
+        ("alloc/tick", |(_, it)| {
+            let allocations = it.usage.as_ref().and_then(|usage| usage.allocations);
+            known(allocations.map(|all| per_tick(all, it.ticks_run)))
+        }),
+        ("faults", |it| {
+            used(it, |usage| usage.minor_faults + usage.major_faults)
+        }),
+        ("with disk", |it| used(it, |usage| usage.major_faults)),
+        ("waits", |it| used(it, |usage| usage.voluntary_switches)),
+        ("preempted", |it| {
+            used(it, |usage| usage.involuntary_switches)
+        }),
+        ("cpu us/tick", |(_, it)| {
+            known(it.usage.as_ref().map(|usage| us(usage.cpu_per_tick_us)))
+        }),
     ];
-    let mut blocks = vec![table(columns, stages(report).map(process))];
+    let stages: Vec<Process<'a>> = stages_of(report).collect();
+    let mut blocks = vec![Block::Table(Table::of(&columns, &stages))];
     let recorder = &report.recorder;
-    let stages_rejected = stages(report).map(|(name, role)| (name, &role.rejected));
+    let stages_rejected = stages.iter().map(|(name, role)| (*name, &role.rejected));
     let mut items = Vec::new();
     for (name, reasons) in stages_rejected.chain([("record", &recorder.rejected)]) {
         for (reason, number) in reasons.iter().filter(|(_, number)| **number > 0) {
@@ -519,7 +515,9 @@ fn processes(report: &Report) -> Vec<Block> {
     items.extend(unwritten.map(|(file, reason)| format!("{file} is incomplete: {reason}")));
     blocks.push(Block::Items(items));
     blocks.push(Block::Heading("Real time asked and granted".into()));
-    let granted = stages(report).map(|(name, role)| format!("{name:<9} {}", grants(role)));
+    let granted = stages
+        .iter()
+        .map(|(name, role)| format!("{name:<9} {}", grants(role)));
     blocks.push(Block::Items(granted.collect()));
     // In lockstep the plant has no timer.
     if report.run.speed() != Speed::Lockstep {
@@ -539,32 +537,23 @@ fn processes(report: &Report) -> Vec<Block> {
     blocks
 }
 
-fn process((name, role): (&'static str, &RoleSection)) -> Vec<Cell> {
-    let rejected: u64 = role.rejected.values().sum();
-    let usage = role.usage.as_ref();
-    let per_tick = |all: u64| format!("{:.3}", all as f64 / role.ticks_run.max(1) as f64);
-    row([
-        &name,
-        &role.scheduling,
-        &role.ticks_run,
-        &role.ticks_skipped,
-        &role.ticks_stale,
-        &rejected,
-        &known(usage.and_then(|it| it.allocations).map(per_tick)),
-        &known(usage.map(|it| it.minor_faults + it.major_faults)),
-        &known(usage.map(|it| it.major_faults)),
-        &known(usage.map(|it| it.voluntary_switches)),
-        &known(usage.map(|it| it.involuntary_switches)),
-        &known(usage.map(|it| us(it.cpu_per_tick_us))),
-    ])
+fn used((_, role): &Process<'_>, count: fn(&LoopUsage) -> u64) -> String {
+    known(role.usage.as_ref().map(count))
+}
+
+fn per_tick(all: u64, ticks: u64) -> String {
+    format!("{:.3}", all as f64 / ticks.max(1) as f64)
 }
 
 fn interrupt(counted: &InterruptCount, ticks: u64) -> Vec<Cell> {
     let is_soft = counted.kind == InterruptKind::Soft;
     let soft = if is_soft { "soft " } else { "" };
     let what = format!("{soft}{} {}", counted.name, counted.source);
-    let per_tick = format!("{:.3}", counted.count as f64 / ticks.max(1) as f64);
-    row([&what.trim_end(), &counted.count, &per_tick])
+    row([
+        &what.trim_end(),
+        &counted.count,
+        &per_tick(counted.count, ticks),
+    ])
 }
 
 fn grants(role: &RoleSection) -> String {

@@ -1,10 +1,10 @@
 //! Latency: how each series is distributed, where the time goes, and percentiles.
 
-use crate::document::{Block, Figure, Table, known, row, table, us};
+use crate::document::{Block, Figure, Table, known, us};
 use crate::figures::Figures;
 use crate::plot::{Axis, Chart, Layer};
 use crate::scale::{Kind, Scale};
-use analysis::distribution::{Bin, Distribution, PERCENTS};
+use analysis::distribution::{Bin, Distribution};
 use analysis::phrase::count;
 use analysis::schema::Report;
 use analysis::schema::Speed;
@@ -142,13 +142,16 @@ fn waterfall(report: &Report, title: &str, pick: fn(&Statistics) -> Option<f64>)
     Some(Chart::new(title, x, y, layers))
 }
 
-fn of_group<'a>(report: &'a Report, name: &str) -> Vec<(&'static str, &'a Distribution)> {
+/// A series of a group, with its colour.
+type Member<'a> = (&'static str, &'a Distribution);
+
+fn of_group<'a>(report: &'a Report, name: &str) -> Vec<Member<'a>> {
     let all = report.distributions.iter();
     let all = all.filter(|it| group(&it.name) == name);
     all.map(|it| (class(&it.name), it)).collect()
 }
 
-fn keys(all: &[(&'static str, &Distribution)]) -> Vec<(&'static str, String)> {
+fn keys(all: &[Member<'_>]) -> Vec<(&'static str, String)> {
     let keys = all
         .iter()
         .map(|(class, series)| (*class, series.name.clone()));
@@ -199,18 +202,16 @@ enum Value {
     Late,
 }
 
-fn histogram(
-    report: &Report,
-    title: &str,
-    all: &[(&'static str, &Distribution)],
-    value: Value,
-) -> Chart {
+fn histogram(report: &Report, title: &str, all: &[Member<'_>], value: Value) -> Chart {
     let tick_us = report.run.wall_period_us;
-    // In lockstep ticks have no length.
-    let (value, shift_us) = match value {
-        Value::LessTick if tick_us == 0.0 => (Value::Bare, 0.0),
-        Value::LessTick => (value, tick_us),
-        _ => (value, 0.0),
+    let (shift_us, label, zero) = match value {
+        // In lockstep ticks have no length.
+        Value::LessTick if tick_us > 0.0 => {
+            let zero = format!("a tick: {tick_us} us");
+            (tick_us, "difference from a tick [us]", Some(zero))
+        }
+        Value::Late => (0.0, "late by [us]", Some("the deadline".into())),
+        _ => (0.0, "latency [us]", None),
     };
     let bins = |series: &Distribution| -> Vec<(f64, f64, f64)> {
         let is_early = value == Value::Late && series.name == SLACK;
@@ -230,21 +231,9 @@ fn histogram(
     let each = || all_bins.iter().flat_map(|(_, bins)| bins);
     let most = each().map(|bin| bin.2).fold(1.0, f64::max);
     let edges = each().flat_map(|bin| [bin.0, bin.1]);
-    let (x, label, zero) = match value {
-        Value::Bare => (Scale::log(edges), "latency [us]", None),
-        Value::LessTick => {
-            let tick = format!("a tick: {tick_us} us");
-            (
-                around_zero(edges),
-                "difference from a tick [us]",
-                Some(tick),
-            )
-        }
-        Value::Late => (
-            around_zero(edges),
-            "late by [us]",
-            Some("the deadline".into()),
-        ),
+    let x = match zero {
+        None => Scale::log(edges),
+        Some(_) => around_zero(edges),
     };
     let steps = all_bins.into_iter();
     let steps = steps.map(|(class, bins)| Layer::Steps(class, bins));
@@ -289,44 +278,18 @@ fn miss_runs(report: &Report) -> Figure {
 
 /// The percentiles of all series, with what the number of values says of each.
 fn percentiles(report: &Report) -> Vec<Block> {
-    let columns = [
-        "Latencies [us]",
-        "count",
-        "min",
-        "p50",
-        "p90",
-        "p99",
-        "p99.9",
-        "p99.99",
-        "max",
+    let columns: [(&str, fn(&Statistics) -> String); 9] = [
+        ("Latencies [us]", |it| it.name.clone()),
+        ("count", |it| it.count.to_string()),
+        ("min", |it| us(it.min_us)),
+        ("p50", |it| us(it.p50_us)),
+        ("p90", |it| us(it.p90_us)),
+        ("p99", |it| us(it.p99_us)),
+        ("p99.9", |it| known(it.p999_us.map(us))),
+        ("p99.99", |it| known(it.p9999_us.map(us))),
+        ("max", |it| us(it.max_us)),
     ];
-    let rows = report.series.iter().map(|it| {
-        let rare = |value: Option<f64>| known(value.map(us));
-        let [min, p50, p90] = [it.min_us, it.p50_us, it.p90_us].map(us);
-        let [p99, max] = [it.p99_us, it.max_us].map(us);
-        let [p999, p9999] = [it.p999_us, it.p9999_us].map(rare);
-        let (name, count) = (&it.name, &it.count);
-        row([name, count, &min, &p50, &p90, &p99, &p999, &p9999, &max])
-    });
+    let table = Block::Table(Table::of(&columns, &report.series));
     let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
-    let mut blocks = vec![table(columns, rows), Block::Items(vec![few.into()])];
-    if !report.distributions.is_empty() {
-        let columns = PERCENTS.map(|(percent, _)| format!("p{percent}"));
-        let rows = report.distributions.iter().map(|series| {
-            let interval = |(percent, _)| {
-                let of = series.percentile(percent);
-                known(of.map(|of| format!("{:.1} to {:.1}", of.low_us, of.high_us)))
-            };
-            (series.name.clone(), PERCENTS.map(interval).into())
-        });
-        let note = "With 95 % the percentile [us] that endless sampling would give lies in its interval, if ticks do \
-                    not depend on each other. They do: the true interval is wider.";
-        let details = vec![
-            Block::Table(Table::named("series", columns, rows)),
-            Block::Note(note.into()),
-        ];
-        let summary = "What the number of values says of each percentile";
-        blocks.push(Block::Details(summary.into(), details));
-    }
-    blocks
+    vec![table, Block::Items(vec![few.into()])]
 }

@@ -146,3 +146,27 @@ fn explained(cause: &str) -> &'static str {
         _ => "no cause is known",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_is_claimed_of_an_estimate_than_the_theorem_proves() {
+        let estimate = |error| Watched {
+            error,
+            error_bound: 0.5,
+            ..Watched::default()
+        };
+        let mut theorem = Theorem::default();
+        assert_eq!(
+            bound(&theorem, &estimate(-0.5)),
+            "by the theorem at most 5.00e-1"
+        );
+        let beyond = bound(&theorem, &estimate(0.6));
+        assert!(beyond.ends_with("beside the trapezoidal rule"), "{beyond}");
+        theorem.broken = vec!["broken_model".into()];
+        let none = bound(&theorem, &estimate(0.1));
+        assert_eq!(none, "no bound under broken_model");
+    }
+}

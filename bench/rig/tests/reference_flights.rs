@@ -3,7 +3,7 @@
 
 use crate::python::repository;
 use crate::reference_laws;
-use analysis::states::TickRecord;
+use analysis::states::Joined;
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
 use messages::parameters::{Airframe, Parameter};
@@ -15,7 +15,7 @@ const LAST_TICK: u64 = 20_000;
 const TICKS_PER_ROW: u64 = 50;
 
 /// Columns, their tolerance, and where a record has them.
-type Group = (&'static str, f64, fn(&TickRecord) -> Vec<f64>);
+type Group = (&'static str, f64, fn(&Joined) -> Vec<f64>);
 
 /// Seconds, metres, radians, newtons, newton metres.
 const GROUPS: [Group; 8] = [
@@ -27,16 +27,17 @@ const GROUPS: [Group; 8] = [
     }),
     ("p q r", 1e-9, |it| it.state.measured.rate_b_rad_s.to_vec()),
     ("IR_hat kr_hat delta_hat", 1e-9, |it| {
-        adaptive::estimate(&it.wrench.telemetry).to_vec()
+        adaptive::estimate(&it.wrench.unwrap().telemetry).to_vec()
     }),
     ("w1 w2 w3 w4", 1e-6, |it| {
-        it.rotor_speeds.speed_rad_s.to_vec()
+        it.rotor_speeds.unwrap().speed_rad_s.to_vec()
     }),
     ("u tau_p tau_q tau_r", 1e-8, |it| {
-        [&[it.wrench.thrust_n], &it.wrench.torque_b_nm[..]].concat()
+        let wrench = it.wrench.unwrap();
+        [&[wrench.thrust_n], &wrench.torque_b_nm[..]].concat()
     }),
     ("e_p e_q e_r", 1e-9, |it| {
-        adaptive::rate_error(&it.wrench.telemetry).to_vec()
+        adaptive::rate_error(&it.wrench.unwrap().telemetry).to_vec()
     }),
     ("xd yd zd psid", 1e-9, |it| {
         let reference = it.setpoint.unwrap().reference;
@@ -83,7 +84,7 @@ fn compare(trajectory: Trajectory, preset: &str, swap: Option<Swap>, file: &str)
         if tick % TICKS_PER_ROW != 0 {
             continue;
         }
-        let record = flight.record();
+        let record = flight.joined();
         let expected = rows.next().expect("a row for every 50 ticks").unwrap();
         let values: Vec<f64> = GROUPS
             .iter()

@@ -13,7 +13,7 @@ pub mod timed;
 use std::collections::VecDeque;
 use std::mem::replace;
 
-use analysis::states::{Joined, TickRecord};
+use analysis::states::Joined;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
 use errors::Failure;
@@ -300,17 +300,6 @@ impl Simulator {
 
     pub const fn monitor(&self) -> Option<&Monitor> {
         self.monitor.as_ref()
-    }
-
-    pub fn record(&self) -> TickRecord {
-        TickRecord {
-            tick: self.state.tick,
-            state: *self.state(),
-            setpoint: self.setpoint().copied(),
-            wrench: *self.wrench(),
-            rotor_speeds: *self.rotor_speeds(),
-            monitor: self.monitor,
-        }
     }
 
     /// Whether the last state is inside the model's envelope.
