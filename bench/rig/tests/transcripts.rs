@@ -81,6 +81,9 @@ macro_rules! pages {
 
 pages! { airframes campaigns directories export flights gates laws law_files machines processes reports runs studies watch }
 
+/// Settings of a flight that nothing ends early, however busy the machine is.
+const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
+
 /// A scenario while it is played.
 struct Stage {
     rig: Rig,
@@ -113,6 +116,7 @@ impl Scenario<'_> {
             Some((name, false)) => return lacks_feature(self.title, name),
             None => Rig::new("page"),
         };
+        std::fs::write(rig.path("sky.toml"), SKY).unwrap();
         for fence in self.text.split("\n```").skip(1).step_by(2) {
             let (head, text) = fence.split_once('\n').unwrap();
             let (_, name) = head.split_once(' ').unwrap();

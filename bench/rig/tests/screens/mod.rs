@@ -236,15 +236,7 @@ fn each_page_is_its_snapshot() {
         ("flight", model(), "1", NORMAL),
         ("latency", model(), "2", NORMAL),
         ("latency_last", model(), "2<End>", NORMAL),
-        (
-            "latency_small",
-            model(),
-            "2<End><Home><Down><Up><Up>",
-            SMALLEST,
-        ),
         ("theorem", model(), "3", NORMAL),
-        ("theorem_small", model(), "3", SMALLEST),
-        ("theorem_large", model(), "3", (120, 40)),
         ("theorem_without_recorder", unwatched, "3", NORMAL),
         (
             "theorem_not_applicable",
@@ -259,7 +251,6 @@ fn each_page_is_its_snapshot() {
         ("fault_refused", model(), "4fstate.dorp=1<Enter>", NORMAL),
         ("real_time", model(), "5", NORMAL),
         ("laws", laws(), "6", NORMAL),
-        ("laws_small", laws(), "6", SMALLEST),
         ("laws_unset", unset, "6", NORMAL),
         ("help", model(), "?", NORMAL),
         ("landed", landed, "4<Enter>", NORMAL),
