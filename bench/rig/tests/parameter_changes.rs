@@ -34,7 +34,11 @@ fn a_change_for_the_tick_after_the_last_is_refused_and_changes_nothing() {
         let wire = Wire::open(&rig.known()).unwrap();
         let board = wire.blackboard_reader::<Run>(RUN).unwrap().unwrap();
         let order = mass(board.get().last_tick + 1, 0.6);
-        let answer = wire.client::<SwapOrder>().unwrap().request(order, LONG).unwrap();
+        let answer = wire
+            .client::<SwapOrder>()
+            .unwrap()
+            .request(order, LONG)
+            .unwrap();
         let outcome = SwapOutcome::from_wire(answer.verdict);
         assert_eq!(outcome, Some(SwapOutcome::Ended));
         let run = board.get();

@@ -25,7 +25,11 @@ fn a_tick_allocates_only_the_loan_and_faults_no_page() {
     for client in 0..20 {
         let wire = Wire::open(&rig.known()).unwrap();
         let order = mass(NO_TICK, 0.5 + f64::from(client) / 100.0);
-        let answer = wire.client::<SwapOrder>().unwrap().request(order, LONG).unwrap();
+        let answer = wire
+            .client::<SwapOrder>()
+            .unwrap()
+            .request(order, LONG)
+            .unwrap();
         assert_eq!(answer.verdict, SwapOutcome::Applied as u64);
     }
     rig.ok("inject rotational_drag_nm_s=0.3~100ms rotor_efficiency_2=0.9 gyro_noise_rad_s=0.01");
