@@ -59,7 +59,7 @@ impl Machine {
         Self::under(Path::new("/"), answers)
     }
 
-    /// This machine as far as files tell: nothing is asked.
+    /// This machine as far as files describe it, without system calls.
     pub fn files() -> Self {
         Self::under(Path::new("/"), Answers::default())
     }
@@ -145,10 +145,10 @@ impl Machine {
             .and_then(|text| text.split_once('(')?.1.split_once(')'))
             .map(|(name, _)| name);
         let command_line = self.read("/proc/cmdline").unwrap_or_default();
-        let asked = command_line
+        let requested = command_line
             .split_whitespace()
             .find_map(|word| word.strip_prefix("preempt="));
-        marked.or(asked).map(str::to_owned)
+        marked.or(requested).map(str::to_owned)
     }
 
     pub fn clock_source(&self) -> String {

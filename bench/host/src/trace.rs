@@ -1,7 +1,7 @@
 //! What ran on a processor: the kernel's own trace of context switches and interrupts, in a ring of our own.
 //!
 //! Reading consumes what is in the ring and does not wait; the ring goes on meanwhile. Where more came than fits, the
-//! kernel says so, and nobody is taken to have run across the gap.
+//! kernel says so, and no thread is assumed to have run across the gap.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -234,7 +234,7 @@ impl Reader {
     }
 
     /// Finds who runs where the switch to it was not traced: some kernels trace none from the idle thread, which ends
-    /// with the interrupt that was seen in it last. After another thread nobody knows since when.
+    /// with the interrupt that was seen in it last. After another thread its beginning is not known.
     fn find(&mut self, pid: u64, at_ns: u64, slices: &mut Vec<Slice>) {
         self.thread = match self.thread {
             Some((known, _)) if known == pid => return,

@@ -1,7 +1,7 @@
 //! Buffers writes to a disk that may be full or slow.
 //!
 //! A piece is written whole, waits, or is dropped. A separate thread writes the pieces and has them synced every
-//! `SYNC_EVERY`, so a disk that blocks holds nobody up.
+//! `SYNC_EVERY`, so a disk that blocks delays no other thread.
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping
@@ -131,13 +131,13 @@ impl AsyncWriter {
     pub fn settle_or_drop(&self) {
         if self.is_overfull() {
             self.state().piece.clear();
-            self.say_dropped();
+            self.note_dropped();
         } else {
             self.settle();
         }
     }
 
-    pub fn say_dropped(&self) {
+    pub fn note_dropped(&self) {
         let (mut state, mib) = (self.state(), MOST_WAITING_BYTES >> 20);
         state.refuse(format!("the disk is too slow: {mib} MiB waited for it"));
         state.has_gap = true;
@@ -282,7 +282,7 @@ impl Queue {
                 state = self.wait(state);
                 continue;
             };
-            // After the last job nobody says that it is done.
+            // No job follows the last one.
             state.busy = !matches!(job, DiskJob::End);
             return job;
         }
@@ -326,7 +326,7 @@ fn write(disk: &impl Disk, piece: &[u8], place: u64, left_free: u64) -> Result<(
         ));
     }
     disk.write_at(piece, place).map_err(|e| {
-        // Whoever reads the file meanwhile finds whole pieces; where this fails, too, the next try writes over it.
+        // A reader finds whole pieces meanwhile; if this fails too, the next try overwrites it.
         let _ = disk.cut(place);
         e.to_string()
     })

@@ -81,7 +81,7 @@ impl LogFile {
                 Pace::Lockstep => LOCKSTEP_LEVEL,
                 Pace::Realtime(_) => LEVEL,
             })
-            // Chunks go to the spool whole, compressed by this thread; they end when they are told to.
+            // Chunks go to the spool whole, compressed by this thread; they end when they are flushed.
             .compression_threads(0)
             .disable_seeking(true)
             .chunk_size(None);
@@ -241,7 +241,7 @@ impl LogFile {
         self.chunk_bytes = 0;
         if self.spool.is_overfull() {
             self.dropped = less(self.taken, self.ended);
-            self.spool.say_dropped();
+            self.spool.note_dropped();
         } else {
             self.ending.extend(chunk.into_values());
         }
@@ -306,14 +306,14 @@ impl LogFile {
     }
 
     /// Writes a fact that was not known at the beginning.
-    pub fn tell(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
+    pub fn add_metadata(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
         let name = name.into();
         self.writer.write_metadata(&Metadata { name, metadata })
     }
 
     /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
     pub fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
-        self.tell(LANDING, last_facts)?;
+        self.add_metadata(LANDING, last_facts)?;
         self.end_chunk()?;
         self.writer.finish()?;
         self.chunks.push_back((self.spool.written(), self.ended));

@@ -96,11 +96,11 @@ impl FlightLog {
             self.closed.push_back(closed.fate());
             self.refused = self.refused.take().or_else(|| closed.refused());
         }
-        // Between two chunks: nothing is half compressed. Whoever kills this process leaves it in the file.
+        // Between two chunks: nothing is half compressed. If this process is killed, the file has it.
         if is_handed_over {
-            self.tell_file()?;
+            self.write_injected()?;
         }
-        // While the disk has not taken the file before, it is not asked to take another one.
+        // While the disk has not taken the file before, no other one is begun.
         if is_handed_over
             && self.file.length() >= self.facts.plan.file_bytes
             && self.closing.is_none()
@@ -181,18 +181,18 @@ impl FlightLog {
         self.injected = injected;
     }
 
-    fn tell_file(&mut self) -> Result<(), Failure> {
+    fn write_injected(&mut self) -> Result<(), Failure> {
         if self.has_injected {
             return Ok(());
         }
         self.has_injected = true;
         let injected = self.injected.clone();
-        self.file.tell(INJECTED, injected).map_err(broken)
+        self.file.add_metadata(INJECTED, injected).map_err(broken)
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.
     pub fn finish(mut self, mut last_facts: Record) -> Result<Fate, Failure> {
-        self.tell_file()?;
+        self.write_injected()?;
         let Self { excerpt, file, .. } = &mut self;
         if let Some(excerpt) = excerpt {
             excerpt.finish(|entry| file.take(entry));

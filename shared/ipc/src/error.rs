@@ -30,7 +30,7 @@ pub enum Error {
         length: usize,
         max: usize,
     },
-    /// Something in the way belongs to somebody else, or can be written by others.
+    /// A file or directory belongs to another user, or can be written by others.
     #[error("{} is not used: {why}", path.display())]
     NotOurs { path: PathBuf, why: String },
     /// The instance's directory is there, holds something, and is none of ours.
@@ -100,7 +100,7 @@ pub enum Error {
         /// What has happened, and what to start again.
         what: String,
     },
-    /// There is no room for as much as was asked for.
+    /// There is no room for what was requested.
     #[error("{what}")]
     TooMuch {
         /// What there is too much of, and how much is allowed.

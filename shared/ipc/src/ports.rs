@@ -225,7 +225,7 @@ impl<C: Topic> Receiver<C> {
 
     /// Takes everything that has come and calls `each` on what passes inspection.
     ///
-    /// `horizon` is asked for the latest tick that can have begun when a message is there.
+    /// `horizon` gives the latest tick that can have begun when a message has arrived.
     pub fn drain(
         &mut self,
         horizon: impl Horizon,

@@ -86,7 +86,7 @@ pub struct WakePage {
 impl WakePage {
     pub const BYTES: usize = size_of::<[WakeWord; EVENTS]>();
 
-    /// Maps a memory file of at least [`Self::BYTES`], which nobody may shrink, and touches it.
+    /// Maps a memory file of at least [`Self::BYTES`], which no process may shrink, and touches it.
     pub fn map(file: BorrowedFd<'_>) -> io::Result<Self> {
         if fstat(file)?.st_size.unsigned_abs() < Self::BYTES as u64 {
             return Err(io::Error::new(

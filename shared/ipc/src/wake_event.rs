@@ -208,7 +208,7 @@ impl WakeFile {
             let file = memory.file_or_new(&name)?;
             // Held exclusively for the instant in which the last one leaves.
             lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
-            // Somebody may have left as the last one before it was locked.
+            // The last process may have left before it was locked.
             if !is_at(&file, &path) {
                 continue;
             }
@@ -245,7 +245,7 @@ impl WakeFile {
 impl Drop for WakeFile {
     fn drop(&mut self) {
         if flock(&self.file, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            // Gone already where somebody removed the leftovers.
+            // It may have been removed as a leftover.
             let _ = fs::remove_file(&self.path);
         }
     }

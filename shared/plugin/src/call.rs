@@ -24,7 +24,7 @@ const NO_TICK: u64 = u64::MAX;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Call {
     pub(crate) law: &'static str,
-    /// What it was asked to do, up to where a tick follows.
+    /// What the call does; a tick may follow.
     pub(crate) doing: &'static str,
     tick: u64,
 }
@@ -77,7 +77,7 @@ impl Call {
             let watch = thread::Builder::new()
                 .name("law".into())
                 .stack_size(64 << 10);
-            // Where the system makes no thread, nobody watches.
+            // Without a thread, the call is not watched.
             let _ = watch.spawn_scoped(scope, move || self.watch(&comes_back));
             let (made, _) = self.make(act);
             drop(back);

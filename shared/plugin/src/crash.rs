@@ -188,14 +188,14 @@ pub fn exit(code: i32) -> ! {
     end_now(if is_law { 1 } else { code })
 }
 
-/// Ends the process as a return from `main` would, but without what libraries have asked to be run then: none is ever
+/// Ends the process as a return from `main` would, but without the exit handlers of libraries: none is ever
 /// unloaded, and what a law does after its flight must not change what is known of it. Says first what its laws did
 /// that no law should.
 pub fn leave(code: u8) -> ExitCode {
     if !names_laws() {
         return ExitCode::from(code);
     }
-    // There is no other place to say that nobody reads it.
+    // If standard output is closed, there is no other place to report it.
     let _ = io::Write::flush(&mut io::stdout());
     for warning in crate::warnings() {
         let _ = writeln!(Stderr, "warning: {warning}");
@@ -285,14 +285,14 @@ unsafe extern "C" fn look(object: *mut libc::dl_phdr_info, _: usize, found: *mut
 /// Where a thread was as a signal came; 0 where that is not known.
 #[cfg(target_arch = "x86_64")]
 fn interrupted_at(context: *const c_void) -> usize {
-    // SAFETY: the system hands such a context to a handler that has asked for it.
+    // SAFETY: the system hands such a context to a handler with SA_SIGINFO.
     let context = unsafe { &*context.cast::<libc::ucontext_t>() };
     context.uc_mcontext.gregs[libc::REG_RIP as usize] as usize
 }
 
 #[cfg(target_arch = "aarch64")]
 fn interrupted_at(context: *const c_void) -> usize {
-    // SAFETY: the system hands such a context to a handler that has asked for it.
+    // SAFETY: the system hands such a context to a handler with SA_SIGINFO.
     let context = unsafe { &*context.cast::<libc::ucontext_t>() };
     context.uc_mcontext.pc as usize
 }

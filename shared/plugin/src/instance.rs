@@ -36,7 +36,7 @@ impl Drop for Instance {
     fn drop(&mut self) {
         let Library { table, words, .. } = self.library;
         if let Some(destroy) = table.destroy.filter(|_| !self.law.is_null()) {
-            // SAFETY: `create` gave it, and nobody uses it any more.
+            // SAFETY: `create` gave it, and it is not used any more.
             Call::new(words, "as it was freed").wait(|| unsafe { destroy(self.law) });
         }
     }

@@ -54,8 +54,8 @@ pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> 
     let description = Description {
         name: snake_case(table.name, "name")?,
         role,
-        version: said(table.version, IRONBIRD_NAME_BYTES, "version")?,
-        summary: said(table.summary, IRONBIRD_TEXT_BYTES, "summary")?,
+        version: required_text(table.version, IRONBIRD_NAME_BYTES, "version")?,
+        summary: required_text(table.summary, IRONBIRD_TEXT_BYTES, "summary")?,
         source: text(table.source, IRONBIRD_TEXT_BYTES, "source")?,
         settings,
         presets,
@@ -135,7 +135,7 @@ fn setting(it: &IronbirdSetting) -> Result<Setting, String> {
     let setting = Setting {
         name,
         unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit").map_err(named)?,
-        meaning: said(it.meaning, IRONBIRD_TEXT_BYTES, "meaning").map_err(named)?,
+        meaning: required_text(it.meaning, IRONBIRD_TEXT_BYTES, "meaning").map_err(named)?,
         kind: kind(it).map_err(named)?,
     };
     let default = setting.default();
@@ -229,7 +229,7 @@ fn unlike(
 
 /// A name as users type it.
 fn snake_case(at: *const c_char, field: &str) -> Result<&'static str, String> {
-    let name = said(at, IRONBIRD_NAME_BYTES, field)?;
+    let name = required_text(at, IRONBIRD_NAME_BYTES, field)?;
     let is_name = name.starts_with(|c: char| c.is_ascii_lowercase())
         && name
             .chars()
@@ -243,7 +243,7 @@ fn snake_case(at: *const c_char, field: &str) -> Result<&'static str, String> {
 }
 
 fn word(at: *const c_char) -> Result<&'static str, String> {
-    let word = said(at, IRONBIRD_NAME_BYTES, "word")?;
+    let word = required_text(at, IRONBIRD_NAME_BYTES, "word")?;
     let is_word = word
         .chars()
         .all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c));
@@ -255,7 +255,7 @@ fn word(at: *const c_char) -> Result<&'static str, String> {
     ))
 }
 
-fn said(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
+fn required_text(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
     let text = text(at, most, field)?;
     if text.is_empty() {
         Err(format!("its {field} is missing"))

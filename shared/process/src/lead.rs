@@ -110,7 +110,7 @@ const GROWS_BY: u64 = 16;
 /// The value that one sample in so many exceeds, of those that came last.
 ///
 /// A sample beyond it lets it grow by a sixteenth, and any other one lets it shrink by so much less that the two are in
-/// balance at the asked share. So a value twice as large is reached after a dozen samples beyond the present one, and a
+/// balance at that share. So a value twice as large is reached after a dozen samples beyond the present one, and a
 /// stall is one step, however long it was. Below some microseconds it no longer shrinks, because it counts in
 /// nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn it_settles_so_that_the_asked_share_lies_below_wherever_it_began() {
+    fn it_settles_so_that_its_share_lies_beyond_wherever_it_began() {
         // Even, with a long tail, and of two kinds.
         let series: [fn(f64) -> f64; 3] = [
             |x| 100_000.0 * x,

@@ -96,7 +96,7 @@ pub struct RoleSession {
     plant_pid: u64,
     /// The role's status; published by [`RoleSession::publish_status`].
     pub status: Status,
-    // Last: everything else is released before somebody else may take the place.
+    // Last: everything else is released before another process may take the role.
     _lock: Lock,
 }
 
@@ -127,7 +127,7 @@ impl RoleSession {
     fn start(role: Role, mut orders: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let made_ns = now_ns();
         end_with_launcher(orders.launcher)?;
-        // Where somebody has the place, that is the error.
+        // If another process has the role, that is the error.
         if orders.ready.is_none() && !orders.instance.is_occupied(role) {
             orders.instance.check_shared_memory(Wire::needed_bytes())?;
         }
@@ -191,7 +191,7 @@ impl RoleSession {
         self.board.put(self.status);
     }
 
-    /// Publishes the status; asks the plant for an end when a signal has asked for one.
+    /// Publishes the status; requests the end of the run after a signal.
     pub fn pass_on_stop(&mut self) {
         if self.stop_requested() && self.status.wants_end == EndReason::None as u64 {
             self.status.wants_end = EndReason::Interrupted as u64;

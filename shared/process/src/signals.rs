@@ -27,7 +27,7 @@ use ipc::sys::mask_signals;
 
 /// The signals that ask for the end.
 ///
-/// SIGHUP and SIGQUIT are not among them where they are ignored: whoever starts a process with `nohup`, or in the
+/// SIGHUP and SIGQUIT are not among them if they are ignored: a user who starts a process with `nohup`, or in the
 /// background of a script, wants it to survive the terminal and its keys.
 pub fn stop_signals() -> Vec<i32> {
     let respected = [SIGHUP, SIGQUIT]
@@ -46,7 +46,7 @@ pub fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-/// Whether a signal ends the process at once when the end has been asked for already.
+/// Whether a signal ends the process at once after the end was requested.
 pub const fn ends_at_once(signal: i32) -> bool {
     matches!(signal, SIGINT | SIGQUIT)
 }
@@ -79,7 +79,7 @@ pub fn forget_inherited() -> Result<(), Error> {
 
 /// Asks the kernel for SIGTERM when the launcher, who must be the parent, dies.
 ///
-/// It comes once for each thread of the launcher; whoever asks for it must take all of them for one.
+/// It comes once for each thread of the launcher; the process must take all of them for one.
 pub fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
     let Some(launcher) = launcher else {
         return Ok(());
@@ -94,7 +94,7 @@ pub fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
     }
 }
 
-/// Whether nobody launched this process, or the one who did has died: then nobody tidies up after it.
+/// Whether this process has no launcher, or its launcher has died: then no process cleans up after it.
 pub fn is_on_its_own(launcher: Option<u32>) -> bool {
     launcher.is_none_or(|launcher| !is_parent(launcher))
 }

@@ -1,7 +1,7 @@
 //! Opens directories and files of an instance safely.
 //!
 //! They are opened without following links, and checked before they are used. Names under /tmp and in /dev/shm can be
-//! guessed, so somebody else may have put something there first. What is not this user's, or can be written by others,
+//! guessed, so another user may have put something there first. What is not this user's, or can be written by others,
 //! is refused.
 
 use std::ffi::OsString;

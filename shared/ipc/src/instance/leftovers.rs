@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::AtFlags;
 
 use super::directory::{Directory, EntryKind, not_ours};
-use super::locks::{Door, IN_USE, LAUNCHER, is_marked, lock_name, try_lock};
+use super::locks::{Door, IN_USE, LAUNCHER, is_marked, is_ours, lock_name, try_lock};
 use super::root::root;
 use super::{Instance, MARK, SHARED_MEMORY, shared_memory};
 use crate::error::Error;
@@ -62,10 +62,9 @@ fn place_below(place: Place, name: &str) -> Option<Place> {
 impl Instance {
     /// Every instance under the root path whose plant runs now.
     pub fn flying() -> Vec<Self> {
-        Self::known()
-            .into_iter()
-            .filter(|instance| instance.is_occupied(Role::Plant))
-            .collect()
+        let mut instances = Self::known();
+        instances.retain(|instance| instance.is_occupied(Role::Plant));
+        instances
     }
 
     /// Every instance that has a directory of ours under the root path, or shared memory, in order of name.
@@ -77,35 +76,27 @@ impl Instance {
             let names = names.unwrap_or_default().into_iter();
             names.filter_map(|name| name.into_string().ok())
         };
-        let is_ours = |name: &String| {
-            open(&root.join(name))
-                .is_some_and(|directory| directory.check_private().is_ok() && is_marked(&directory))
-        };
+        let is_ours = |name: &String| open(&root.join(name)).is_some_and(|it| is_ours(&it));
         let beginning = Self::prefix_of_root(&root);
         let of_segment = |name: String| {
             let (name, _) = name.strip_prefix(&beginning)?.split_once('.')?;
             Some(name.to_owned())
         };
-        let directories = list(open(&root)).filter(is_ours);
-        let segments = list(shared_memory().ok().flatten()).filter_map(of_segment);
-        let mut names: Vec<String> = directories.chain(segments).collect();
-        names.sort();
-        names.dedup();
-        names
-            .iter()
-            .filter_map(|name| Self::under(&root, name).ok())
-            .collect()
+        let mut names: BTreeSet<String> = list(open(&root)).filter(is_ours).collect();
+        names.extend(list(shared_memory().ok().flatten()).filter_map(of_segment));
+        let instances = names.iter().map(|name| Self::under(&root, name));
+        instances.filter_map(Result::ok).collect()
     }
 
     /// What is left of the instance when no process lives that uses it: its segments in shared memory, then its
     /// directory, or what of it is ours.
     pub fn leftovers(&self) -> Vec<PathBuf> {
         match self.door_of_ours() {
-            Ok(Some(door)) if !self.is_used(&door) => self
-                .contents(&door)
-                .map(|all| self.paths(&all))
-                .unwrap_or_default(),
-            // Whoever removed the directory left the segments.
+            Ok(Some(door)) if !self.is_used(&door) => {
+                let contents = self.contents(&door);
+                contents.map_or_else(|_| Vec::new(), |all| self.paths(&all))
+            }
+            // The directory was removed by hand, and the segments are left.
             Ok(None) if self.has_no_directory() => self.paths_of_segments(),
             _ => Vec::new(),
         }
@@ -117,10 +108,8 @@ impl Instance {
             return Vec::new();
         };
         let foreign = self.contents(&door).unwrap_or_default().foreign;
-        foreign
-            .iter()
-            .map(|path| self.directory().join(path))
-            .collect()
+        let path = |path| self.directory().join(path);
+        foreign.iter().map(path).collect()
     }
 
     /// Why nothing is removed of an instance that has segments in shared memory: its directory is not to be used.
@@ -144,14 +133,14 @@ impl Instance {
     pub fn remove_leftovers(&self) -> Result<Vec<PathBuf>, Error> {
         let mut removed = Vec::new();
         if self.has_no_directory() {
-            // Whoever removed it left the segments.
+            // It was removed by hand, and the segments are left.
             removed = self.paths_of_segments();
             if removed.is_empty() {
                 return Ok(removed);
             }
             self.prepare()?;
         }
-        // Nobody comes meanwhile.
+        // No process enters meanwhile.
         let Some(door) = self.door_of_ours()? else {
             return Ok(Vec::new());
         };
@@ -214,7 +203,7 @@ impl Instance {
 
     /// Removes the files of services that no living node has a share in: their maker died before it was done.
     ///
-    /// A node has a share from before it makes a service, so that `living` nodes are asked for after the services were
+    /// A node has a share from before it makes a service, so `living` is called after the services were
     /// listed. A file that another process removes and makes anew meanwhile is another file.
     pub(crate) fn remove_orphans(
         &self,
@@ -277,7 +266,7 @@ impl Instance {
         self.in_shared_memory(|kind| matches!(kind, EntryKind::File { .. }))
     }
 
-    /// Refuses shared memory in which somebody else uses the instance's prefix.
+    /// Refuses shared memory in which another user has the instance's prefix.
     pub(crate) fn check_segments(&self) -> Result<(), Error> {
         let foreign =
             self.in_shared_memory(|kind| matches!(kind, EntryKind::Directory | EntryKind::Foreign));

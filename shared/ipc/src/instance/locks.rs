@@ -52,7 +52,7 @@ impl Lock {
     }
 }
 
-/// The directory of an instance, in which nobody else takes a lock or removes anything while this lives.
+/// The directory of an instance, in which no other process takes a lock or removes anything while this lives.
 #[derive(Debug)]
 pub(super) struct Door {
     pub(super) directory: Directory,
@@ -75,7 +75,7 @@ impl Instance {
     fn lock_as(&self, role: &str) -> Result<Lock, Error> {
         let path = self.lock_path(role);
         let root_path = |source| Error::path(&path, source);
-        // As long as the door is ours, nobody takes the file away.
+        // While this process holds the directory, the file stays.
         let door = self.door()?;
         let mut file = door.directory.file_or_new(&lock_name(role))?;
         if !try_lock(&file, &path)? {
@@ -111,12 +111,12 @@ impl Instance {
         if lock_if_free(&file, FlockOperation::NonBlockingLockExclusive, &path)? {
             self.remove_memory(&door)?;
         }
-        // Whoever holds it exclusively has the door.
+        // Only a process that holds the directory has it exclusively.
         lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
         Lock::keep(file, &path)
     }
 
-    /// Whether a process plays the role now; where that cannot be seen for want of files, somebody does.
+    /// Whether a process plays the role now; if that cannot be read for lack of file descriptors, one does.
     pub fn is_occupied(&self, role: Role) -> bool {
         is_or_may_be(self.look_for(role))
     }
@@ -141,7 +141,7 @@ impl Instance {
         match open_for_reading(&path) {
             Ok(file) => lock_if_free(&file, FlockOperation::NonBlockingLockShared, &path)
                 .map(|is_free| !is_free),
-            // Nobody ever was there.
+            // The role was never locked.
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(source) => Err(Error::path(path, source)),
         }
@@ -166,8 +166,7 @@ impl Instance {
     pub(super) fn door_of_ours(&self) -> Result<Option<Door>, Error> {
         loop {
             match Directory::open(&self.directory()) {
-                Ok(Some(directory))
-                    if directory.check_private().is_ok() && is_marked(&directory) => {}
+                Ok(Some(directory)) if is_ours(&directory) => {}
                 Ok(_) | Err(_) => return Ok(None),
             }
             if let Some(door) = self.wait_at_door()? {
@@ -206,7 +205,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Marks the directory as one of ours, unless somebody else's things lie in it.
+    /// Marks the directory as one of ours, unless it has other content.
     fn claim(&self, door: &Door) -> Result<(), Error> {
         if is_marked(&door.directory) {
             return Ok(());
@@ -238,6 +237,11 @@ fn is_or_may_be(held: Result<bool, Error>) -> bool {
     })
 }
 
+/// Whether ironbird made a directory, and others may not write it.
+pub(super) fn is_ours(directory: &Directory) -> bool {
+    directory.check_private().is_ok() && is_marked(directory)
+}
+
 pub(super) fn is_marked(directory: &Directory) -> bool {
     directory.file(MARK).is_ok_and(|mark| mark.is_some())
 }
@@ -265,7 +269,7 @@ pub(crate) fn lock_soon(
     Ok(())
 }
 
-/// Takes the lock, through the instants in which somebody only looks whether it is held; says whether it was free.
+/// Takes the lock, through the instants in which another process checks whether it is held; returns whether it was free.
 pub(super) fn try_lock(file: &File, path: &Path) -> Result<bool, Error> {
     for attempt in 0..LOCK_TRIES {
         if attempt > 0 {
@@ -278,9 +282,9 @@ pub(super) fn try_lock(file: &File, path: &Path) -> Result<bool, Error> {
     Ok(false)
 }
 
-/// Takes a lock that nobody holds; says whether it was free.
+/// Takes a lock if it is free; returns whether it was.
 ///
-/// Only one answer of the system means that somebody holds it. Without memory for locks, say, everybody would.
+/// Only one answer of the system means that the lock is held. Other errors, such as no memory for locks, do not.
 fn lock_if_free(file: impl AsFd, operation: FlockOperation, path: &Path) -> Result<bool, Error> {
     loop {
         match flock(&file, operation) {

@@ -50,7 +50,7 @@ macro_rules! count_and_forward {
     };
 }
 
-/// Counts every call to malloc and its kin in this executable, whoever makes it: Rust, or a library that it loads. It is
+/// Counts every call to malloc and its kin in this executable, from Rust or from a library that it loads. It is
 /// written once, in an executable that proves that a tick does not allocate.
 ///
 /// The functions are found before those of the C library, and forward to it. With another C library than glibc nothing is

@@ -13,7 +13,7 @@ use ipc::error::Error;
 /// Touches everything mapped since the set-up: the last act before a loop is armed.
 ///
 /// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
-/// that cannot be asked (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
+/// without this call (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
 /// reported `RealtimeStep::Prefault` as refused. What a standby has `locked` is there.
 pub fn settle(locked: Option<&BTreeSet<String>>) -> Result<(), Error> {
     settle_by(locked, sys::populate)?;
@@ -119,7 +119,7 @@ fn touch(mapping: &str) -> Option<sys::Touch> {
     if mapping.starts_with("rw") {
         (!mapping.ends_with("[stack]")).then_some(sys::Touch::Write)
     } else {
-        // The pages of the kernel, as of [vvar], are always there and cannot be asked for.
+        // The pages of the kernel, as of [vvar], are always there and cannot be populated.
         (mapping.starts_with('r') && !kernels).then_some(sys::Touch::Read)
     }
 }

@@ -72,7 +72,7 @@ pub struct Engaged {
 impl Drop for Engaged {
     fn drop(&mut self) {
         if self.loop_thread != 0 {
-            // Nobody is refused SCHED_OTHER for a thread of his own.
+            // A process may always put its own threads under SCHED_OTHER.
             let _ = sys::set_other(self.loop_thread);
             let _ = sys::LOOP_THREAD.compare_exchange(
                 self.loop_thread,
@@ -84,10 +84,10 @@ impl Drop for Engaged {
     }
 }
 
-/// What of the set-up a process has done before it had ports, while it waited as a spare.
+/// The part of the set-up that a standby does before it has ports.
 #[derive(Debug)]
 pub struct Ahead {
-    /// Once told to go on, it waits for nobody but real-time threads.
+    /// Once activated, it waits for real-time threads only.
     _raised: Raised,
     grants: Grants,
     cpu: usize,
@@ -96,9 +96,9 @@ pub struct Ahead {
 }
 
 impl Ahead {
-    /// Locks and touches the memory, and keeps off the loops' processor: whoever waits costs the loops nothing.
+    /// Locks and touches the memory, and leaves the loops' processor: a standby costs the loops nothing.
     ///
-    /// What is refused is told with the rest of the set-up. Nothing where there is none.
+    /// Refusals are reported with the rest of the set-up. Nothing without a set-up.
     pub fn prepare(role: Role, settings: &RealtimeSettings) -> Option<Self> {
         if settings.mode == RealtimeMode::Off {
             return None;
@@ -173,7 +173,7 @@ impl Engaged {
         grants.note(RealtimeStep::TimerSlack, 1, errno(slack));
         let priority = settings.priority + role.priority_step();
         if ahead.is_some() {
-            // On its way to the loops' processor it waits for nobody there. Refused or not, it is noted below.
+            // So that it does not wait when it moves to the loops' processor. The result is noted below.
             let _ = sys::set_fifo(priority);
         }
         let (cpus, cpu) = cpus_for(role, ahead.map(|ahead| ahead.cpu).or(settings.cpu));

@@ -19,7 +19,7 @@ pub(super) fn set_lowest_fifo() -> io::Result<()> {
     set_scheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, 1)
 }
 
-/// Puts a thread of this process, or with 0 the calling one, back under SCHED_OTHER, which nobody is refused.
+/// Puts a thread of this process, or with 0 the calling one, back under SCHED_OTHER, which is always permitted.
 pub(super) fn set_other(thread: i32) -> io::Result<()> {
     set_scheduler(thread, libc::SCHED_OTHER, 0)
 }
@@ -30,7 +30,7 @@ fn set_scheduler(thread: i32, policy: i32, priority: i32) -> io::Result<()> {
     };
     // SAFETY: the call takes a number alone.
     let now = unsafe { libc::sched_getscheduler(thread) };
-    // Nobody without CAP_SYS_NICE may clear this flag: a call that leaves it out would be refused.
+    // Without CAP_SYS_NICE a process may not clear this flag: a call that leaves it out would be refused.
     let kept = if now < 0 {
         0
     } else {

@@ -51,7 +51,7 @@ impl Raised {
 impl Drop for Raised {
     fn drop(&mut self) {
         if self.is_raised {
-            // Nobody is refused SCHED_OTHER for a thread of his own.
+            // A process may always put its own threads under SCHED_OTHER.
             let _ = sys::set_other(0);
         }
     }

@@ -125,7 +125,7 @@ mod tests {
             || Err(Error::Interrupted),
         );
         let fixed = fixed.unwrap();
-        // One that is set is kept, and nobody rehearses.
+        // A lead that is set is kept, and no stage rehearses.
         assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0));
         // The report says what it stands beside.
         assert!(fixed.timer_p90_ns > 0);

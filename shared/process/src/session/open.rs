@@ -113,7 +113,7 @@ impl RoleSession {
             if late.is_empty() {
                 break crew;
             }
-            // Whoever has died meanwhile is missed by the next muster.
+            // A role that has died meanwhile is found missing by the next muster.
             log.waiting_for(|| format!("{} to arm for t_0", late.join(", ")));
         };
         run.phase = RunPhase::Flying as u64;
