@@ -13,38 +13,9 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-use crate::{axes, vector};
+use crate::vector;
 
 proptest! {
-    #[test]
-    fn each_derivative_of_a_trajectory_is_that_of_the_one_before(
-        trajectory in select(&Trajectory::ALL), t in 0.001..20.0,
-    ) {
-        // The fifth derivative of the ramp jumps at its end.
-        let from_ramp_end: f64 = t - 5.0;
-        prop_assume!(from_ramp_end.abs() > 2e-4);
-        let h = 1e-4;
-        let [before, at, after] = [t - h, t, t + h].map(|t| axes(&trajectory.reference(t)));
-        for axis in 0..4 {
-            for order in 1..at[axis].len() {
-                let slope = (after[axis][order - 1] - before[axis][order - 1]) / (2.0 * h);
-                prop_assert!((slope - at[axis][order]).abs() < 1e-6, "axis {axis}, order {order}");
-            }
-        }
-    }
-
-    #[test]
-    fn two_half_steps_of_the_command_filter_equal_one(
-        ec in vector(1.0), e1 in vector(5.0), win in vector(400.0), dt in 1e-4..0.2,
-    ) {
-        let filter = CommandFilter { w_f: Vector3::new(20.0, 20.0, 3.0), ec, e1 };
-        let (whole, half) = (Passage::new(&filter.w_f, dt), Passage::new(&filter.w_f, dt / 2.0));
-        let once = filter.advance(&win, &whole);
-        let twice = filter.advance(&win, &half).advance(&win, &half);
-        prop_assert!((once.ec - twice.ec).amax() < 1e-12);
-        prop_assert!((once.e1 - twice.e1).amax() < 1e-11);
-    }
-
     #[test]
     fn the_command_filter_obeys_its_differential_equation(
         ec in vector(1.0), e1 in vector(5.0), win in vector(400.0),

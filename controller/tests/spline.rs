@@ -72,23 +72,6 @@ proptest! {
     }
 
     #[test]
-    fn each_derivative_is_that_of_the_one_before(points in any_points(), share in 0.01..0.99_f64) {
-        let spline = Spline::through(&points).unwrap();
-        let (from_s, to_s) = (points[0].t_s, points[1].t_s);
-        let size = sizes(&spline, from_s, to_s);
-        let h_s = 1e-5 * (to_s - from_s);
-        let t_s = from_s + share * (to_s - from_s);
-        let (low, mid, high) = (spline.axes(t_s - h_s), spline.axes(t_s), spline.axes(t_s + h_s));
-        for axis in 0..4 {
-            for order in 0..4 {
-                let slope = (high[axis][order] - low[axis][order]) / (2.0 * h_s);
-                let allowed = 1e-5 * (size[order + 1] + size[order] / (to_s - from_s));
-                prop_assert!((slope - mid[axis][order + 1]).abs() < allowed, "order {order}");
-            }
-        }
-    }
-
-    #[test]
     fn a_stretched_course_is_larger_and_slower(
         index in 0..5_usize, t_s in 0.0..20.0_f64, size in 0.1..3.0_f64, period in 0.3..3.0_f64,
     ) {

@@ -39,14 +39,12 @@ impl Inspector {
         message: &Message<C>,
         newest_tick: u64,
     ) -> Result<(), Reason> {
-        let envelope = &message.envelope;
+        let Message { envelope, content } = message;
         let first = self.tick == NO_TICK;
         let is_replaced = envelope.epoch < self.epoch
             || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq);
         let is_of_other_tick = envelope.tick > newest_tick
             || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK));
-        let is_finite = message.content.finite();
-        let is_plausible = is_finite && message.content.plausible();
         let Expected { run_id, settings } = self.expected;
         let failed = [
             (envelope.layout != LAYOUT, Check::Layout, Reason::Layout),
@@ -58,8 +56,12 @@ impl Inspector {
             ),
             (is_replaced, Check::Sequence, Reason::Sequence),
             (is_of_other_tick, Check::Tick, Reason::Tick),
-            (!is_finite, Check::NonFinite, Reason::NonFinite),
-            (!is_plausible, Check::Implausible, Reason::Implausible),
+            (!content.finite(), Check::NonFinite, Reason::NonFinite),
+            (
+                !content.plausible(),
+                Check::Implausible,
+                Reason::Implausible,
+            ),
         ];
         let failed = failed
             .iter()

@@ -101,27 +101,6 @@ mod tests {
     }
 
     #[test]
-    fn words_side_by_side_are_those_one_by_one() {
-        let all: Vec<u64> = (0..400_u64)
-            .map(|i| i.wrapping_mul(0x0123_4567_89ab_cdef).rotate_left(17))
-            .collect();
-        for length in 0..all.len() {
-            let (mut together, mut single) =
-                (Outputs { sum: 3, place: 5 }, Outputs { sum: 3, place: 5 });
-            together.take(&all[..length]);
-            for word in &all[..length] {
-                single.place = single.place.wrapping_add(0x9e37_79b9_7f4a_7c15);
-                let placed = word ^ single.place;
-                let product = (placed ^ (placed >> 32)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-                single.sum = single
-                    .sum
-                    .wrapping_add((product ^ (product >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-            }
-            assert_eq!(together, single, "{length} words");
-        }
-    }
-
-    #[test]
     fn two_words_in_which_the_same_bit_changes_are_another_hash() {
         let of = |changed: &[usize], bit: u32| {
             let mut words = [0_u64; 64];

@@ -31,13 +31,6 @@ pub fn w(eta2: &Vector3<f64>) -> Matrix3<f64> {
 
 proptest! {
     #[test]
-    fn the_rotation_is_orthonormal_and_right_handed(eta2 in attitude()) {
-        let rot = rot_wb(&eta2);
-        prop_assert!((rot * rot.transpose() - Matrix3::identity()).amax() < 1e-15);
-        prop_assert!((rot.determinant() - 1.0).abs() < 1e-15);
-    }
-
-    #[test]
     fn the_quaternion_is_the_same_rotation(eta2 in attitude()) {
         let quaternion = UnitQuaternion::new_unchecked(Quaternion::from(quaternion_wb(&eta2)));
         prop_assert!((quaternion.to_rotation_matrix().matrix() - rot_wb(&eta2)).amax() < 1e-14);
@@ -56,12 +49,6 @@ proptest! {
             prop_assert!((turn.to_world(&from.cross(&to)) - from.cross(&to)).amax() < 1e-9);
         }
         prop_assert_eq!(Attitude::between(&from, &-from), None);
-    }
-
-    #[test]
-    fn w_is_the_inverse_of_j2(eta2 in attitude()) {
-        let product = j2(&eta2) * w(&eta2);
-        prop_assert!((product - Matrix3::identity()).amax() < 1e-13);
     }
 
     #[test]
