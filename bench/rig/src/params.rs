@@ -61,14 +61,10 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
         ])
     });
     let name = instance.name();
-    let note = match active {
-        Some(ActiveParameters {
-            tick,
-            parameter_epoch,
-            ..
-        }) => format!(
-            "in force at instance `{name}` since tick {tick}, parameter epoch {parameter_epoch}\n"
-        ),
+    let note = match active.map(|active| (active.tick, active.parameter_epoch)) {
+        Some((tick, epoch)) => {
+            format!("in force at instance `{name}` since tick {tick}, parameter epoch {epoch}\n")
+        }
         None => format!("no flight is running as instance `{name}`: no values in force\n"),
     };
     print(&(Table::new(columns, cells).list() + &note))?;
@@ -78,10 +74,9 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
 /// An end of a range. That of an airframe of another size is a quotient with many digits, and is shortened.
 pub(crate) fn bound(value: f64) -> String {
     let text = number(value);
-    if text.len() > 8 {
-        format!("{value:.2e}")
-    } else {
-        text
+    match text.len() > 8 {
+        true => format!("{value:.2e}"),
+        false => text,
     }
 }
 
