@@ -54,10 +54,8 @@ pub fn clean(CleanArgs { dry_run, .. }: CleanArgs) -> Result<u8, Failure> {
     }
     if text.is_empty() {
         let root = root_path();
-        text = format!(
-            "nothing to remove under {} and in /dev/shm\n",
-            root.display()
-        );
+        let root = root.display();
+        text = format!("nothing to remove under {root} and in /dev/shm\n");
     }
     print(&text)?;
     Ok(OK)

@@ -1,4 +1,4 @@
-//! `ironbird doctor`: examines this machine and prints what was found.
+//! `ironbird doctor`: examines this machine and prints the findings.
 
 use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
@@ -27,17 +27,14 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     cpu.map_or(Ok(()), |cpu| check_cpu(&format!("--cpu {cpu}"), cpu))?;
     let machine = Machine::here(priority + Role::Mixer.priority_step(), cpu);
     if !SECONDS.contains(&args.seconds) {
-        let (least, most) = (SECONDS.start(), SECONDS.end());
-        return Err(Failure::usage(format!(
-            "--seconds {}: allowed are {least} to {most} s",
-            short(args.seconds)
-        ))
-        .help("for example: --seconds 5"));
+        let (least, most, given) = (SECONDS.start(), SECONDS.end(), short(args.seconds));
+        let what = format!("--seconds {given}: allowed are {least} to {most} s");
+        return Err(Failure::usage(what).help("for example: --seconds 5"));
     }
     if std::io::stderr().is_terminal() {
+        let seconds = args.seconds;
         say(&format!(
-            "measuring a timer and a ring of processes, {} s each\n",
-            args.seconds
+            "measuring a timer and a ring of processes, {seconds} s each\n"
         ));
     }
     let schedule = Schedule {
@@ -60,9 +57,8 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
 
 /// A number as text, in scientific notation where digits alone would fill lines.
 fn short(number: f64) -> String {
-    if number.abs() < 1e9 {
-        number.to_string()
-    } else {
-        format!("{number:e}")
+    match number.abs() < 1e9 {
+        true => number.to_string(),
+        false => format!("{number:e}"),
     }
 }

@@ -17,7 +17,7 @@ use flight_log::codec::Logged;
 use flight_log::entry::{FORMATS, LogEntry, with_message};
 use flight_log::perfetto;
 use flight_log::perfetto::PerfettoWriter;
-use flight_log::reader::{End, Kept, LogReader};
+use flight_log::reader::{End, LogReader};
 use flight_log::{rows, topics};
 use recorder::run_directory::find_log;
 
@@ -69,23 +69,18 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
 }
 
 fn print_missing(reader: &LogReader) -> Result<(), Failure> {
-    let Ok(Kept {
-        around_ticks,
-        files_before,
-    }) = reader.kept()
-    else {
+    let Ok(kept) = reader.kept() else {
         return Ok(());
     };
     let warn = |what: String| say(&format!("{} {what}\n", reader.path().display()));
-    if let Some(ticks) = around_ticks {
+    if let Some(ticks) = kept.around_ticks {
         warn(format!(
             "contains excerpts: {ticks} ticks before and after missed deadlines, parameter changes, take-off and landing"
         ));
     }
-    if files_before > 0 {
-        warn(format!(
-            "is not the first file of the log; earlier files missing: {files_before}"
-        ));
+    if kept.files_before > 0 {
+        let missing = format!("earlier files missing: {}", kept.files_before);
+        warn(format!("is not the first file of the log; {missing}"));
     }
     if reader.end() == End::Truncated {
         warn("is truncated; everything up to that point was exported".into());
@@ -122,11 +117,9 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         .in_file("write", &path)?;
     };
     writer.finish().in_file("write", &path)?;
+    let (slices, instants, path) = (writer.slices, writer.instants, path.display());
     print(&format!(
-        "{:>8} slices, {} instants  {}\n",
-        writer.slices,
-        writer.instants,
-        path.display()
+        "{slices:>8} slices, {instants} instants  {path}\n"
     ))?;
     read?;
     print_missing(reader)?;

@@ -50,11 +50,9 @@ pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
 fn list(all: &[&Description]) -> String {
     let mut text = format!("{:<6} {:<12} what it is\n", "role", "law");
     for law in all {
-        let (role, name, summary) = (law.role.to_string(), law.name, law.summary);
-        text += &format!(
-            "{role:<6} {name:<12} {summary}\n{:<19} {}\n",
-            "", law.source
-        );
+        let (role, name, source) = (law.role.to_string(), law.name, law.source);
+        text += &format!("{role:<6} {name:<12} {}\n", law.summary);
+        text += &format!("{:<19} {source}\n", "");
     }
     text + "fly one with --outer, --inner or --mixer NAME; `ironbird laws NAME` explains its settings\n"
 }
@@ -102,11 +100,8 @@ fn toml_text(value: &Value) -> String {
 }
 
 fn of_file(library: &Library) -> String {
-    let (role, file, sha256) = (
-        library.description.role,
-        library.file.display(),
-        &library.sha256,
-    );
+    let (role, sha256) = (library.description.role, &library.sha256);
+    let file = library.file.display();
     let time = match library.not_real_time {
         true => "not real-time: it promises nothing about its time",
         false => "real-time",
@@ -131,11 +126,10 @@ fn try_library(library: &'static Library) -> Result<u8, Failure> {
         _ => library.inner(&rig, &settings).map(Candidate::Inner),
     };
     let watchdog = Watchdog::start(law.name)?;
-    let findings = trial::trial(&rig, make, || watchdog.feed()).map_err(|Refused(why)| {
-        Failure::usage(format!(
-            "the law `{}` refuses its own defaults: {why}",
-            law.name
-        ))
+    let findings = trial::trial(&rig, make, || watchdog.feed());
+    let findings = findings.map_err(|Refused(why)| {
+        let name = law.name;
+        Failure::usage(format!("the law `{name}` refuses its own defaults: {why}"))
     })?;
     let changed = library.modes_put_back();
     let modes = match &changed {

@@ -63,14 +63,10 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
         ])
     });
     let name = instance.name();
-    let note = match active {
-        Some(ActiveParameters {
-            tick,
-            parameter_epoch,
-            ..
-        }) => format!(
-            "in force at instance `{name}` since tick {tick}, parameter epoch {parameter_epoch}\n"
-        ),
+    let note = match active.map(|active| (active.tick, active.parameter_epoch)) {
+        Some((tick, epoch)) => {
+            format!("in force at instance `{name}` since tick {tick}, parameter epoch {epoch}\n")
+        }
         None => format!("no flight is running as instance `{name}`: no values in force\n"),
     };
     print(&(Table::new(columns, cells).list() + &note))?;

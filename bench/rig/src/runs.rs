@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, UNIX_EPOCH};
 
 use analysis::phrase::count;
 use analysis::report_file::RunFacts;
@@ -126,8 +126,7 @@ impl RecordedRun {
 
     fn age(&self) -> Duration {
         let started = UNIX_EPOCH + Duration::from_secs(self.started_unix_s);
-        let age = SystemTime::now().duration_since(started);
-        age.unwrap_or_default()
+        started.elapsed().unwrap_or_default()
     }
 
     fn row(&self) -> Vec<Cell> {
@@ -231,11 +230,8 @@ fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure> {
             (flights, bytes) = (flights + 1, bytes + run.bytes);
         }
     }
-    text += &format!(
-        "{}, {} {be_removed}\n",
-        count(flights, "flight"),
-        size(bytes)
-    );
+    let (flights, size) = (count(flights, "flight"), size(bytes));
+    text += &format!("{flights}, {size} {be_removed}\n");
     print(&text)?;
     if failed == 0 {
         return Ok(OK);
@@ -272,10 +268,8 @@ fn foreign(directory: &Path, is_ours: impl Fn(&str, bool) -> bool) -> Option<Pat
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     let is_foreign = |entry: &fs::DirEntry| {
         let is_directory = entry.file_type().is_ok_and(|it| it.is_dir());
-        let name = entry.file_name();
-        !name
-            .to_str()
-            .is_some_and(|name| is_ours(name, is_directory))
+        let name = entry.file_name().into_string();
+        !name.is_ok_and(|name| is_ours(&name, is_directory))
     };
     entries.filter(is_foreign).map(|entry| entry.path()).min()
 }
