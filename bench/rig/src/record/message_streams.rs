@@ -116,7 +116,7 @@ impl MessageStreams {
         while let Some((wrench, state)) = self.pairs.paired() {
             self.monitor_wrench(&wrench, state.as_ref(), files);
         }
-        while let Some(joined) = self.joiner.settled() {
+        while let Some(joined) = self.joiner.next_complete() {
             self.write_state(&joined, files);
         }
         Ok(())
@@ -167,7 +167,7 @@ impl MessageStreams {
                 files.log(LogEntry::Theorem(*message));
                 self.tally.theorem(message);
             }
-            None if self.monitor.applies() => self.tally.theorem.unwatched(),
+            None if self.monitor.applies() => self.tally.theorem.count_unwatched(),
             None => {}
         }
         let result = result.map(|message| message.content);
