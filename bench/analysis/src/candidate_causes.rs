@@ -164,7 +164,7 @@ impl TimingWindow<'_> {
     }
 
     /// Who had the loops' processor while the stage was late, the longest first; nothing where no trace covers it.
-    pub fn ran(&self, suspect: &CandidateCause) -> Option<Vec<(&Runner, u64)>> {
+    pub fn runner_times(&self, suspect: &CandidateCause) -> Option<Vec<(&Runner, u64)>> {
         let times = runners(self.slices, suspect.from_ns, suspect.to_ns);
         let times = times.filter(|_| self.share_processor)?;
         let mut times: Vec<(&Runner, u64)> = times.into_iter().collect();

@@ -45,7 +45,7 @@ impl Deadlines {
     }
 
     /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`.
-    pub fn published(&mut self, tick: u64, send_ns: u64) -> impl Iterator<Item = Judged> + use<> {
+    pub fn judge(&mut self, tick: u64, send_ns: u64) -> impl Iterator<Item = Judged> + use<> {
         let (grid, first_owed) = (self.grid, self.owed_tick.unwrap_or(tick));
         self.owed_tick = Some(first_owed.max(tick + 1));
         (first_owed..=tick).map(move |owed| {
@@ -57,7 +57,7 @@ impl Deadlines {
     }
 
     /// Owes nothing from before a tick: commands were published, and nobody has seen them.
-    pub fn unseen_before(&mut self, tick: u64) {
+    pub fn skip_before(&mut self, tick: u64) {
         self.owed_tick = self.owed_tick.max(Some(tick));
     }
 
@@ -140,7 +140,7 @@ impl MissRuns {
 
     /// Takes the counters of a state before which others were published that nobody has seen: what was missed meanwhile
     /// is part of no run.
-    pub fn unseen(&mut self, missed: u64, run: u64) {
+    pub fn skip(&mut self, missed: u64, run: u64) {
         (self.missed, self.run) = (missed, run);
     }
 
@@ -178,13 +178,13 @@ mod tests {
             |mut deadlines: Deadlines, sent: &[(u64, u64)], expected: &[DeadlineOutcome]| {
                 let mut all = Vec::new();
                 for (tick, send_ns) in sent {
-                    all.extend(deadlines.published(*tick, *send_ns).map(|(_, it)| it));
+                    all.extend(deadlines.judge(*tick, *send_ns).map(|(_, it)| it));
                 }
                 assert_eq!(all, expected, "{sent:?}");
             };
         let (new, joining) = (Deadlines::new(GRID), Deadlines::joining(GRID));
         let mut unseen = new.clone();
-        unseen.unseen_before(3);
+        unseen.skip_before(3);
         let in_time = [Slack(970), Slack(600)];
         check(new.clone(), &[(0, 30), (1, 1_400)], &in_time);
         check(new.clone(), &[(0, 1_001)], &[Late(1)]);
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn an_outage_that_ends_the_flight_is_late_until_its_end() {
         let mut deadlines = Deadlines::new(GRID);
-        assert_eq!(deadlines.published(0, 30).count(), 1);
+        assert_eq!(deadlines.judge(0, 30).count(), 1);
         let all: Vec<_> = deadlines.finish(3, 4_100).collect();
         assert_eq!(all, [(1, Late(2_100)), (2, Late(1_100)), (3, Late(100))]);
         assert_eq!(deadlines.finish(3, 4_100).count(), 0, "judged twice");
@@ -253,7 +253,7 @@ mod tests {
         ];
         check(MissRuns::default(), &whole, &[(1, 1), (2, 1), (3, 2)]);
         let mut unseen = MissRuns::default();
-        unseen.unseen(14, 0);
+        unseen.skip(14, 0);
         check(unseen, &[(16, 2)], &[(2, 1)]);
         let joining = MissRuns::joining(70, 2);
         check(joining, &[(71, 3), (71, 0), (72, 1)], &[(1, 1), (3, 1)]);

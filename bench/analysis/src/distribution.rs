@@ -36,30 +36,8 @@ pub struct Distribution {
 /// Bins of a histogram per decade of the distance from its middle.
 const BINS_PER_DECADE: f64 = 24.0;
 
-/// A bin of a histogram; in JSON `[from_us, below_us, count]`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "(f64, f64, u64)", into = "(f64, f64, u64)")]
-pub struct Bin {
-    pub from_us: f64,
-    pub below_us: f64,
-    pub count: u64,
-}
-
-impl From<(f64, f64, u64)> for Bin {
-    fn from((from_us, below_us, count): (f64, f64, u64)) -> Self {
-        Self {
-            from_us,
-            below_us,
-            count,
-        }
-    }
-}
-
-impl From<Bin> for (f64, f64, u64) {
-    fn from(bin: Bin) -> Self {
-        (bin.from_us, bin.below_us, bin.count)
-    }
-}
+/// A bin of a histogram: from [us], below [us], how many values.
+pub type Bin = (f64, f64, u64);
 
 /// A percentile with its interval ([`crate::statistics::CONFIDENCE`]), which supposes that values are independent of
 /// each other and nothing about their distribution.
@@ -187,11 +165,7 @@ impl Bins {
             let number = self.number(value.value_iterated_to());
             *counts.entry(number).or_default() += value.count_at_value();
         }
-        let bin = |(number, count)| Bin {
-            from_us: self.begin_us(number),
-            below_us: self.begin_us(number + 1),
-            count,
-        };
+        let bin = |(number, count)| (self.begin_us(number), self.begin_us(number + 1), count);
         counts.into_iter().map(bin).collect()
     }
 }
@@ -252,17 +226,17 @@ mod tests {
         for (about_ns, every_ns) in [(0, 1), (1_000_000, 700)] {
             let values = (1..=20_000_u64).map(|i| i * every_ns);
             let bins = Distribution::of("period", &histogram(values), about_ns).bins;
-            assert_eq!(bins.iter().map(|bin| bin.count).sum::<u64>(), 20_000);
-            assert!(bins.iter().all(|bin| bin.from_us < bin.below_us));
+            assert_eq!(bins.iter().map(|bin| bin.2).sum::<u64>(), 20_000);
+            assert!(bins.iter().all(|bin| bin.0 < bin.1));
             // None of these is empty.
-            assert!(bins.is_sorted_by(|a, b| a.below_us == b.from_us));
+            assert!(bins.is_sorted_by(|a, b| a.1 == b.0));
         }
         let period_ns = [985_000, 999_500, 1_000_500, 1_015_000, 101_000_000];
         let bins = Distribution::of("period", &histogram(period_ns.into_iter()), 1_000_000).bins;
-        assert!(bins.len() == 5 && bins.iter().all(|bin| bin.count == 1));
-        let width = |i: usize| bins[i].below_us - bins[i].from_us;
+        assert!(bins.len() == 5 && bins.iter().all(|bin| bin.2 == 1));
+        let width = |i: usize| bins[i].1 - bins[i].0;
         let is_finest = width(1) < 1.1 && width(3) < 4.0 && width(4) > 5_000.0;
-        assert!(is_finest && bins[1].below_us == 1_000.0, "{bins:?}");
+        assert!(is_finest && bins[1].1 == 1_000.0, "{bins:?}");
         let widest = histogram([1, HIGHEST_NS].into_iter());
         for about_ns in [0, 1_000_000, 10_000_000] {
             let bins = Bins::about(&widest, about_ns);

@@ -104,29 +104,3 @@ impl Diagnosis {
         Self { verdict, reasons }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::phrase::name_of;
-
-    #[test]
-    fn the_verdict_is_the_worst_that_any_finding_leaves_open_with_its_reasons() {
-        let fine = Finding::ok("a", "x", "");
-        let better = Finding::ok("b", "x", "").could_be_better("f");
-        let soft = Finding::ok("c", "y", "").softens("f");
-        let blocks = Finding::ok("d", "z", "").blocks("f");
-        for (findings, words, reasons) in [
-            (vec![&fine, &better], "hard", ""),
-            (vec![&fine, &soft, &better], "soft", "c: y"),
-            (vec![&soft, &blocks], "not real-time here", "d: z"),
-        ] {
-            let findings: Vec<Finding> = findings.into_iter().cloned().collect();
-            let Diagnosis {
-                verdict,
-                reasons: found,
-            } = Diagnosis::of(&findings);
-            assert_eq!((&*name_of(&verdict), &*found.join("; ")), (words, reasons));
-        }
-    }
-}

@@ -144,10 +144,10 @@ impl FlightStatistics {
         })
     }
 
-    pub fn flown_by(&mut self, laws: FlownLaws) {
+    pub fn set_laws(&mut self, laws: FlownLaws) {
         self.laws = laws;
         self.telemetry = LAW_ROLES.map(|role| SignalStatistics::new(laws.signals.of(role)));
-        self.tracer.flown_by(laws);
+        self.tracer.set_laws(laws);
         if let Some(law) = laws.without_theorem {
             self.theorem.does_not_apply(law);
         }
@@ -194,7 +194,7 @@ impl FlightStatistics {
         self.timer(message.envelope.lead_ns, message.envelope.timer_late_ns);
         if unseen {
             self.miss_runs
-                .unseen(state.deadlines_missed, state.deadline_miss_run);
+                .skip(state.deadlines_missed, state.deadline_miss_run);
         }
         self.miss_runs
             .update(state.deadlines_missed, state.deadline_miss_run);
@@ -221,7 +221,7 @@ impl FlightStatistics {
         let content = &message.content;
         self.loop_message(1, message, content.mode, &content.telemetry, None);
         self.freshness.stage(1, message.envelope.tick, content.mode);
-        self.flight.shown(&self.laws, content);
+        self.flight.wrench(&self.laws, content);
     }
 
     /// Counts a message of outer (0), inner (1) or mixer stage (2); returns whether messages of it are missing before.
@@ -469,9 +469,9 @@ impl FlightStatistics {
             return;
         };
         if command.follows_loss {
-            deadlines.unseen_before(command.tick);
+            deadlines.skip_before(command.tick);
         }
-        let judged = deadlines.published(command.tick, command.sent_ns);
+        let judged = deadlines.judge(command.tick, command.sent_ns);
         self.enter(judged);
     }
 

@@ -188,12 +188,12 @@ fn per_million(report: &Report, what: &str, count: u64) -> Measured {
     on_the_clock(report, format!("{what} per million"), || {
         match report.ticks.run + report.ticks.skipped {
             0 => Err("no tick was flown".into()),
-            all => Ok(worded(count as f64 * 1e6 / all as f64, 1)),
+            all => Ok(number_words(count as f64 * 1e6 / all as f64, 1)),
         }
     })
 }
 
-fn worded(number: f64, digits: usize) -> (f64, String) {
+fn number_words(number: f64, digits: usize) -> (f64, String) {
     (number, format!("{number:.digits$}"))
 }
 
@@ -217,7 +217,7 @@ fn p999(report: &Report, series: Series) -> Measured {
     on_the_clock(report, format!("{name} p99.9 [us]"), || {
         let statistics = report.series(&name).ok_or("it has no values")?;
         let few = || format!("too few values for p99.9: {}", statistics.count);
-        Ok(worded(statistics.p999_us.ok_or_else(few)?, 1))
+        Ok(number_words(statistics.p999_us.ok_or_else(few)?, 1))
     })
 }
 
@@ -226,7 +226,7 @@ fn tracking(report: &Report) -> Measured {
         name: "position error in the last 5 s [m]".into(),
         value: match report.flight.states {
             0 => Err("no state was seen".into()),
-            _ => Ok(worded(report.flight.recent_error_max_m, 4)),
+            _ => Ok(number_words(report.flight.recent_error_max_m, 4)),
         },
     }
 }
@@ -251,10 +251,10 @@ impl Gate {
             limit: "0 unexplained, estimates live".into(),
             value: match word {
                 StabilityVerdict::NotApplicable => nothing(why),
-                _ if unwatched == 0 => theorem.found(),
+                _ if unwatched == 0 => theorem.summary(),
                 _ => format!(
                     "{}, {} not watched",
-                    theorem.found(),
+                    theorem.summary(),
                     count(unwatched, "tick")
                 ),
             },

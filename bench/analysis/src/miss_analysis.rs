@@ -132,13 +132,13 @@ impl MissAnalysis {
         self.samples.push_back(sample);
     }
 
-    pub fn ran(&mut self, slices: Vec<Slice>) {
+    pub fn slices(&mut self, slices: Vec<Slice>) {
         self.slices.extend(slices);
     }
 
     /// Takes which stages ended without landing, seen at an instant after the last sample: such an end ends the run,
     /// most often before the next sample would have shown it.
-    pub fn fallen(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
+    pub fn ended_stages(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
         let mut sample = self.samples.back().copied().unwrap_or_default();
         sample.at_ns = at_ns;
         for (counters, has_fallen) in sample.stages.iter_mut().zip(stages) {

@@ -115,7 +115,7 @@ pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
         0 | 1 => String::new(),
         _ => format!(" in the longest of {times} delays"),
     };
-    let ran = scene.ran(&suspect).unwrap_or_default().into_iter();
+    let ran = scene.runner_times(&suspect).unwrap_or_default().into_iter();
     let ran = ran.take(RUNNERS).map(|(runner, ns)| RunnerTime {
         who: runner.words(),
         us: ns as f64 / 1e3,
@@ -258,7 +258,9 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
             let ms = usage.busy_ns / 1_000_000;
             return (Preempted, format!("{ready}, which was busy for {ms} ms"));
         }
-        let traced = scene.ran(suspect).map(|_| " that may keep it waiting");
+        let traced = scene
+            .runner_times(suspect)
+            .map(|_| " that may keep it waiting");
         let seen = traced.unwrap_or_default();
         return (
             ReadyNotRun,
@@ -318,7 +320,7 @@ fn urgent_ns(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> u64 {
         Runner::Interrupt { .. } => true,
         Runner::Idle => false,
     };
-    let ran = scene.ran(suspect).unwrap_or_default().into_iter();
+    let ran = scene.runner_times(suspect).unwrap_or_default().into_iter();
     ran.filter(|(runner, _)| is_urgent(runner))
         .map(|(_, ns)| ns)
         .sum()

@@ -1,4 +1,4 @@
-//! Numbers with a noun, the names of values, and sentences wrapped for a terminal.
+//! Numbers with a noun, the names of values, and sentences wrap for a terminal.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -8,7 +8,7 @@ pub const WIDTH: usize = 80;
 /// Every line of a sentence after the first begins with this.
 pub const INDENT: &str = "          ";
 
-pub fn wrapped(sentence: &str) -> Vec<String> {
+pub fn wrap(sentence: &str) -> Vec<String> {
     let options = Options::new(WIDTH)
         .subsequent_indent(INDENT)
         .word_splitter(WordSplitter::NoHyphenation);

@@ -10,7 +10,7 @@ use messages::inspection::{Reason, Rejections};
 use messages::realtime::RealtimeStep;
 use std::collections::BTreeMap;
 
-pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
+pub fn rejections(rejections: &Rejections) -> BTreeMap<String, u64> {
     let counted = Reason::ALL
         .iter()
         .map(|reason| (reason.name(), rejections.of(*reason)));
@@ -40,7 +40,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
         ticks_run: status.ticks_run,
         ticks_skipped: status.ticks_skipped,
         ticks_stale: status.ticks_stale,
-        rejected: rejected(&status.rejections),
+        rejected: rejections(&status.rejections),
         landed,
         usage: landed.then(|| schema::LoopUsage {
             allocations: usage.counted_allocations(),

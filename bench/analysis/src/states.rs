@@ -42,7 +42,7 @@ impl StatesWriter {
     }
 
     /// As [`Self::create`], and no row waits for the disk; what is no file is written as it comes.
-    pub fn spooled(
+    pub fn create_buffered(
         path: &Path,
         tracking: Tracking,
         laws: FlownLaws,
@@ -227,7 +227,7 @@ impl Joiner {
 
     /// The next state for whose tick nothing more can come, in the order of the ticks; to be asked when all topics are
     /// drained, states first: what was sent before the newest of them is there then.
-    pub fn settled(&mut self) -> Option<Joined> {
+    pub fn next_complete(&mut self) -> Option<Joined> {
         let newest = self.newest.into_iter().max().flatten()?;
         let newest_state = self.newest[0].unwrap_or(0);
         while let Some((tick, parts)) = self.waiting.first_key_value() {
@@ -245,7 +245,7 @@ impl Joiner {
         None
     }
 
-    /// As [`Self::settled`], when nothing more comes at all.
+    /// As [`Self::next_complete`], when nothing more comes at all.
     pub fn rest(&mut self) -> Option<Joined> {
         while !self.waiting.is_empty() {
             if let Some(joined) = self.next() {
@@ -363,8 +363,8 @@ mod tests {
         }
     }
 
-    fn settled(joiner: &mut Joiner) -> Vec<u64> {
-        std::iter::from_fn(|| joiner.settled())
+    fn complete(joiner: &mut Joiner) -> Vec<u64> {
+        std::iter::from_fn(|| joiner.next_complete())
             .map(|joined| joined.tick)
             .collect()
     }
@@ -375,13 +375,13 @@ mod tests {
         for (tick, topics) in [(7, "spwr"), (8, "sp"), (9, "s")] {
             take(&mut joiner, tick, topics);
         }
-        assert_eq!(settled(&mut joiner), [7], "something may still come");
+        assert_eq!(complete(&mut joiner), [7], "something may still come");
         take(&mut joiner, 10, "spwr");
-        assert_eq!(settled(&mut joiner), [8, 9, 10], "every topic has gone on");
+        assert_eq!(complete(&mut joiner), [8, 9, 10], "every topic has gone on");
         assert_eq!(joiner.incomplete, 2);
         take(&mut joiner, 9, "w");
         assert_eq!(
-            (settled(&mut joiner), joiner.incomplete),
+            (complete(&mut joiner), joiner.incomplete),
             (vec![], 2),
             "too late"
         );
@@ -391,7 +391,7 @@ mod tests {
     fn a_stage_that_is_silent_is_not_waited_for_for_ever() {
         let mut joiner = Joiner::default();
         (0..=STAGE_PATIENCE_TICKS + 2).for_each(|tick| take(&mut joiner, tick, "sp"));
-        assert_eq!(settled(&mut joiner), [0, 1]);
+        assert_eq!(complete(&mut joiner), [0, 1]);
         let rest = std::iter::from_fn(|| joiner.rest()).count() as u64;
         assert_eq!(rest, STAGE_PATIENCE_TICKS + 1);
         assert_eq!(joiner.incomplete, STAGE_PATIENCE_TICKS + 3);
@@ -403,13 +403,13 @@ mod tests {
         take(&mut joiner, 0, "spwr");
         // A recorder that stood still between the states and the others.
         (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "pwr"));
-        assert_eq!(settled(&mut joiner), [0]);
+        assert_eq!(complete(&mut joiner), [0]);
         (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "s"));
-        assert_eq!(settled(&mut joiner).len() as u64, PATIENCE_TICKS - 1);
+        assert_eq!(complete(&mut joiner).len() as u64, PATIENCE_TICKS - 1);
         assert_eq!(joiner.incomplete, 0);
         // A plant that is silent for good.
         (PATIENCE_TICKS..3 * PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "w"));
-        assert!(settled(&mut joiner).is_empty());
+        assert!(complete(&mut joiner).is_empty());
         assert!(joiner.waiting.len() as u64 <= PATIENCE_TICKS + 1);
     }
 
@@ -418,6 +418,6 @@ mod tests {
         let mut joiner = Joiner::default();
         take(&mut joiner, 3, "wr");
         take(&mut joiner, 4, "spwr");
-        assert_eq!((settled(&mut joiner), joiner.incomplete), (vec![4], 1));
+        assert_eq!((complete(&mut joiner), joiner.incomplete), (vec![4], 1));
     }
 }

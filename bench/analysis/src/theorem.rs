@@ -91,7 +91,7 @@ impl Theorem {
         }
     }
 
-    pub fn found(&self) -> String {
+    pub fn summary(&self) -> String {
         let live = match self.is_live {
             true => "live",
             false => "do not move as predicted",
@@ -190,7 +190,7 @@ impl Default for TheoremStatistics {
 }
 
 impl TheoremStatistics {
-    pub fn flown_by(&mut self, airframe: &Airframe) {
+    pub fn set_airframe(&mut self, airframe: &Airframe) {
         self.built = ESTIMATED.map(|parameter| airframe.as_built().get(parameter).abs());
     }
 
@@ -208,7 +208,7 @@ impl TheoremStatistics {
     }
 
     /// Counts a wrench that nothing is said of.
-    pub fn unwatched(&mut self) {
+    pub fn count_unwatched(&mut self) {
         self.unwatched += 1;
     }
 
@@ -408,7 +408,7 @@ mod tests {
         ] {
             let theorem = theorem(monitor);
             assert_eq!(theorem.verdict(), "DOES NOT HOLD");
-            assert!(theorem.found().contains(found), "{theorem:?}");
+            assert!(theorem.summary().contains(found), "{theorem:?}");
         }
     }
 
@@ -463,8 +463,8 @@ mod tests {
     #[test]
     fn ticks_that_were_not_watched_are_counted() {
         let mut statistics = TheoremStatistics::default();
-        statistics.unwatched();
-        statistics.unwatched();
+        statistics.count_unwatched();
+        statistics.count_unwatched();
         assert_eq!(statistics.section().ticks_unwatched, 2);
         statistics.take(1, &monitor(0, 1));
         let counts = "10 steps checked, 2 not watched after a lost message, V rose in none";

@@ -56,7 +56,7 @@ impl Tracer {
         }
     }
 
-    pub const fn flown_by(&mut self, laws: FlownLaws) {
+    pub const fn set_laws(&mut self, laws: FlownLaws) {
         self.laws = laws;
     }
 
@@ -109,8 +109,16 @@ impl Tracer {
             timing: self.timing.group(&TIMING),
             path: Path {
                 tick: self.path.iter().map(|(tick, ..)| *tick).collect(),
-                position_w_m: self.path.iter().map(|(_, at, _)| at.map(rounded)).collect(),
-                reference_w_m: self.path.iter().map(|(.., at)| at.map(rounded)).collect(),
+                position_w_m: self
+                    .path
+                    .iter()
+                    .map(|(_, at, _)| at.map(round_digits))
+                    .collect(),
+                reference_w_m: self
+                    .path
+                    .iter()
+                    .map(|(.., at)| at.map(round_digits))
+                    .collect(),
             },
             telemetry: self.by_role(),
             violations: self.by_cause(),
@@ -203,7 +211,7 @@ fn follow<const N: usize>(
 }
 
 /// Five significant digits: more than a plot shows.
-fn rounded(value: f64) -> f64 {
+fn round_digits(value: f64) -> f64 {
     format!("{value:.4e}").parse().unwrap_or(value)
 }
 
@@ -294,7 +302,7 @@ impl Stretches<Range> {
         let trace = |channel: usize, pick: fn(&Range) -> f64| -> Vec<Option<f64>> {
             let values = self.stretches.values().map(|ranges| pick(&ranges[channel]));
             values
-                .map(|value| value.is_finite().then(|| rounded(value)))
+                .map(|value| value.is_finite().then(|| round_digits(value)))
                 .collect()
         };
         let channel = |(i, name): (usize, &&str)| {

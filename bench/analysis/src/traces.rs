@@ -93,17 +93,6 @@ pub struct Span {
     pub max: f64,
 }
 
-impl Traces {
-    /// Whether the inner law estimates what the traces have the truth of.
-    pub fn has_estimates(&self) -> bool {
-        self.flight.has(ESTIMATE[0])
-    }
-
-    pub fn has_rate_error(&self) -> bool {
-        self.flight.has(RATE_ERROR[0])
-    }
-}
-
 impl Group {
     pub fn has(&self, channel: &str) -> bool {
         self.spans(channel).next().is_some()

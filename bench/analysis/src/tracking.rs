@@ -166,7 +166,7 @@ pub(super) struct ControlStatistics {
 }
 
 impl ControlStatistics {
-    pub(super) fn shown(&mut self, laws: &FlownLaws, wrench: &Wrench) {
+    pub(super) fn wrench(&mut self, laws: &FlownLaws, wrench: &Wrench) {
         self.estimate = laws.estimates().map(|places| places.of(wrench));
         let e = laws.rate_error().map(|places| places.of(wrench));
         let e = e.map(|e| e.iter().map(|e| e * e).sum::<f64>().sqrt());

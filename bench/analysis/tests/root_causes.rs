@@ -571,7 +571,7 @@ fn a_stage_that_ends_the_flight_by_its_death_is_named() {
     evidence.samples.truncate(4);
     for is_dead in [true, false] {
         let (mut analysis, _) = evidence.analysed();
-        analysis.fallen([false, false, false, is_dead], GRID.begin_of(MISSED + 4));
+        analysis.ended_stages([false, false, false, is_dead], GRID.begin_of(MISSED + 4));
         analysis.finish(1, MISSED + 1);
         let section = analysis.section();
         let [cause] = &section.classes[..] else {

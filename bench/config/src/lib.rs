@@ -304,7 +304,7 @@ impl Settings {
 
     pub fn flown(&self) -> String {
         let airframe = flight::airframe(self.airframe_name(), &self.flight.airframe_sha256);
-        flight::flown(self.trajectory_name(), &self.flight.preset, &airframe)
+        flight::conditions(self.trajectory_name(), &self.flight.preset, &airframe)
     }
 
     /// When the flight counts as tracked.

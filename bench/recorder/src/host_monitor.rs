@@ -81,7 +81,7 @@ impl HostMonitor {
     ) -> Result<(), Failure> {
         let traced = self.read_trace(tally);
         if let Some(autopsy) = &mut tally.autopsy {
-            autopsy.fallen(fallen(&roles.loops()), now_ns());
+            autopsy.ended_stages(fallen(&roles.loops()), now_ns());
             autopsy.finish(missed, ticks);
         }
         traced
@@ -90,7 +90,7 @@ impl HostMonitor {
     fn read_trace(&mut self, tally: &mut FlightStatistics) -> Result<(), Failure> {
         let slices = self.trace.take()?;
         if let Some(autopsy) = &mut tally.autopsy {
-            autopsy.ran(slices);
+            autopsy.slices(slices);
         }
         Ok(())
     }

@@ -109,7 +109,7 @@ impl MessageStreams {
         while let Some((wrench, state)) = self.pairs.paired() {
             self.monitor_wrench(&wrench, state.as_ref(), files);
         }
-        while let Some(joined) = self.joiner.settled() {
+        while let Some(joined) = self.joiner.next_complete() {
             self.write_state(&joined, files);
         }
         Ok(())
@@ -161,7 +161,7 @@ impl MessageStreams {
                 files.log(entry);
                 self.tally.theorem(message);
             }
-            None if self.monitor.applies() => self.tally.theorem.unwatched(),
+            None if self.monitor.applies() => self.tally.theorem.count_unwatched(),
             None => {}
         }
         let result = result.map(|message| message.content);

@@ -71,8 +71,8 @@ pub fn run(
     let laws = settings.flown_laws()?;
     let host = HostMonitor::start(&machine, &roles, settings.recorder.trace, instance)?;
     let mut tally = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
-    tally.theorem.flown_by(&settings.airframe()?);
-    tally.flown_by(laws);
+    tally.theorem.set_airframe(&settings.airframe()?);
+    tally.set_laws(laws);
     tally.begin_autopsy(host.is_virtual(), host.has_cpu());
     let metadata = metadata(
         &armed.run.get(),

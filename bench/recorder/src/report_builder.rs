@@ -10,7 +10,7 @@ use analysis::laws::{NotFinite, SignalStatistics};
 use analysis::miss_analysis::MissAnalysis;
 use analysis::outages::WORST_SHOWN;
 use analysis::schema::{self, LawSection, MarginSection, Report, Verdicts};
-use analysis::sections::rejected;
+use analysis::sections::rejections;
 use analysis::series::Series;
 use errors::Failure;
 use faults::live::LiveFault;
@@ -148,7 +148,7 @@ impl<'a> ReportBuilder<'a> {
             lead: tally.lead(&run.lead, roles.rehearsals()),
             recorder: schema::RecorderSection {
                 lost,
-                rejected: rejected(&streams.rejections()),
+                rejected: rejections(&streams.rejections()),
                 incomplete_ticks: streams.incomplete_ticks(),
                 cpu_percent: 100.0 * self.meter.read().cpu_ns as f64 / elapsed_ns as f64,
                 log: files.log_section(),

@@ -3,7 +3,7 @@
 use crate::document::{Table, known, row, us};
 use crate::{flight, outages as outage_section, sentences as shared};
 use analysis::outages::CauseCount;
-use analysis::phrase::{INDENT, WIDTH, count, wrapped};
+use analysis::phrase::{INDENT, WIDTH, count, wrap};
 use analysis::process_failures;
 use analysis::schema::Speed;
 use analysis::schema::{FlightVerdict, Report};
@@ -86,14 +86,14 @@ fn sentences(report: &Report) -> Vec<String> {
     all.extend(margin.clone().filter(|_| is_known));
     all.push(format!("Tracking  {}", flight::position_error(report)));
     all.extend(floors(report));
-    all.extend(refused(report));
+    all.extend(refusals(report));
     all.extend(margin.filter(|_| !is_known));
     all
 }
 
 fn lines(sentence: &str) -> Vec<String> {
     const CUT: &str = " ...";
-    let mut lines = wrapped(sentence);
+    let mut lines = wrap(sentence);
     if lines.len() > LINES {
         lines.truncate(LINES);
         let last = &mut lines[LINES - 1];
@@ -121,7 +121,7 @@ fn latencies(report: &Report) -> Vec<String> {
 fn foot(left: &Left) -> Vec<String> {
     let files = [("Page", &left.page), ("Log", &left.log)];
     let path = |(what, path): (&str, &Option<String>)| {
-        Some(format!("{what:<9} {}", shortened(path.as_ref()?)))
+        Some(format!("{what:<9} {}", shorten(path.as_ref()?)))
     };
     let more = "More      ironbird report --full, or a part of it: --section NAME";
     files
@@ -132,7 +132,7 @@ fn foot(left: &Left) -> Vec<String> {
 }
 
 /// A path without its middle, where the line has no room for it: the line of the result has the whole directory.
-fn shortened(path: &str) -> String {
+fn shorten(path: &str) -> String {
     const ROOM: usize = WIDTH - INDENT.len();
     const HEAD: usize = 20;
     let length = path.chars().count();
@@ -196,16 +196,16 @@ fn outages(report: &Report) -> Option<String> {
 /// How many times its floor each latency is that has one.
 fn floors(report: &Report) -> Option<String> {
     let beside = report.beside.as_ref()?;
-    let times = |it: flight::Compared<'_>| {
+    let times = |it: flight::BaselineRatio<'_>| {
         let times = it.times.map(|it| known(it.map(|it| format!("{it:.2}"))));
         format!("{} is {} times a {}", it.series, times.join(", "), it.floor)
     };
-    let all: Vec<String> = flight::compared(beside, report).map(times).collect();
+    let all: Vec<String> = flight::baseline_ratios(beside, report).map(times).collect();
     Some(format!("Floors    at p50, p99, p99.9: {}", all.join("; ")))
 }
 
 /// What the system refused, once for all processes that it refused it to, and what can be flown without it.
-fn refused(report: &Report) -> Vec<String> {
+fn refusals(report: &Report) -> Vec<String> {
     let mut by_step = BTreeMap::<(&str, &str), Vec<&str>>::new();
     for (name, role) in &report.roles {
         for step in &role.realtime {

@@ -16,7 +16,7 @@ pub fn document(comparison: &Comparison) -> Document {
     let flight = &comparison.flight;
     let combinations = comparison.outcomes.len();
     let fault = |fault: &Fault| format!("{:>8.3} s  {}", fault.time_s, fault.what);
-    let mut lead = vec![Block::Paragraph(flown(flight))];
+    let mut lead = vec![Block::Paragraph(conditions(flight))];
     if !flight.faults.is_empty() {
         lead.push(Block::Items(flight.faults.iter().map(fault).collect()));
     }
@@ -60,7 +60,10 @@ pub fn document(comparison: &Comparison) -> Document {
     sections.push(Section::new("effort", "Effort", vec![effort]));
     sections.extend(endings(comparison));
     Document {
-        title: format!("{combinations} combinations of laws, {}", flown(flight)),
+        title: format!(
+            "{combinations} combinations of laws, {}",
+            conditions(flight)
+        ),
         heading: format!("{combinations} combinations of laws, one flight"),
         build: comparison.build.to_string(),
         lead,
@@ -70,10 +73,10 @@ pub fn document(comparison: &Comparison) -> Document {
     }
 }
 
-fn flown(flight: &Flight) -> String {
+fn conditions(flight: &Flight) -> String {
     let length_s = flight.time_s(flight.last_tick);
     let (airframe, seed) = (&flight.airframe, flight.seed);
-    let flown = crate::flight::flown(&flight.trajectory, &flight.preset, airframe);
+    let flown = crate::flight::conditions(&flight.trajectory, &flight.preset, airframe);
     format!("{flown}, {length_s} s, seed {seed}")
 }
 

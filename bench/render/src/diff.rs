@@ -1,8 +1,8 @@
 //! A comparison of two groups of flights as text: what differs first, and at most 80 columns.
 
-use crate::document::{Block, Section, known, row, table};
+use crate::document::{self, Block, known, row, table};
 use analysis::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
-use analysis::phrase::{count, wrapped};
+use analysis::phrase::{count, wrap};
 use serde_json::Value;
 
 pub fn render(diff: &Diff) -> String {
@@ -32,7 +32,7 @@ pub fn render(diff: &Diff) -> String {
         let few = format!("{few} {have} too few values in some flight");
         blocks.push(Block::Items(vec![few]));
     }
-    Section::new("diff", "", blocks).text()
+    document::text(&blocks)
 }
 
 fn conclusion(subject: &str, conclusion: &Conclusion) -> String {
@@ -53,7 +53,7 @@ fn conclusion(subject: &str, conclusion: &Conclusion) -> String {
             )
         }
     };
-    wrapped(&sentence).join("\n")
+    wrap(&sentence).join("\n")
 }
 
 fn figures(title: &str, figures: &[&FigureDiff]) -> Block {

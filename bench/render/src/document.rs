@@ -99,6 +99,9 @@ impl Cell {
     }
 }
 
+/// The title of a column, and the cell of a row in it.
+pub type Column<T> = (&'static str, fn(&T) -> String);
+
 pub fn row<const N: usize>(cells: [&dyn Display; N]) -> Vec<Cell> {
     cells.map(Cell::from).into()
 }
@@ -122,7 +125,7 @@ pub fn us(value: f64) -> String {
 impl Document {
     pub fn text(&self) -> String {
         let sections = self.sections.iter().filter_map(|section| {
-            let text = section.text();
+            let text = text(&section.blocks);
             let is_for_pages = text.is_empty() && !section.blocks.is_empty();
             (!is_for_pages).then(|| format!("\n{}\n{text}", section.title))
         });
@@ -178,10 +181,6 @@ impl Section {
     pub fn new(id: &'static str, title: impl Into<String>, blocks: Vec<Block>) -> Self {
         let title = title.into();
         Self { id, title, blocks }
-    }
-
-    pub fn text(&self) -> String {
-        text(&self.blocks)
     }
 }
 
@@ -292,10 +291,7 @@ impl Table {
     }
 
     /// A row per item, with a cell from each column's function.
-    pub fn of<'a, T: 'a>(
-        columns: &[(&str, fn(&T) -> String)],
-        items: impl IntoIterator<Item = &'a T>,
-    ) -> Self {
+    pub fn of<'a, T: 'a>(columns: &[Column<T>], items: impl IntoIterator<Item = &'a T>) -> Self {
         let row = |item: &T| columns.iter().map(|(_, cell)| cell(item).into()).collect();
         let titles = columns.iter().map(|(title, _)| *title);
         Self::new(titles, items.into_iter().map(row))

@@ -52,6 +52,11 @@ impl<'a> Figures<'a> {
         })
     }
 
+    /// Whether the inner law estimates parameters.
+    pub fn has_estimates(&self) -> bool {
+        self.traces.flight.has(traces::ESTIMATE[0])
+    }
+
     pub fn attitude(&self, i: usize) -> Figure {
         let channels = [traces::ATTITUDE_REFERENCE[i], traces::ATTITUDE[i]];
         self.with_reference(ANGLES[i], "Attitude", "rad", channels)
@@ -92,7 +97,7 @@ impl<'a> Figures<'a> {
         let lines = three(AXES, traces::POSITION_ERROR);
         let title = "Tracking error: position";
         figures.push(self.over_time("position-error", title, "position error [m]", &lines, 1e-4));
-        if self.traces.has_rate_error() {
+        if self.traces.flight.has(traces::RATE_ERROR[0]) {
             let lines = three(ANGLES, traces::RATE_ERROR);
             let title = "Tracking error: body rates";
             figures.push(self.over_time("rate-error", title, "rate error e [rad/s]", &lines, 1e-4));
@@ -105,7 +110,7 @@ impl<'a> Figures<'a> {
         let rotor = |i: usize| (ROTORS[i], traces::ROTORS[i], &ROTORS[i]["rotor-".len()..]);
         let lines: [Line<'_>; 4] = std::array::from_fn(rotor);
         figures.push(self.over_time("rotors", "Rotor speeds", "rotor speed [rad/s]", &lines, 1.0));
-        if self.traces.has_estimates() {
+        if self.has_estimates() {
             figures.extend((0..3).map(|i| self.estimate(i)));
             figures.extend((0..3).map(|i| self.estimate_error(i)));
         }
@@ -152,7 +157,7 @@ impl<'a> Figures<'a> {
             };
             let lines = [(role, name.as_str(), "")];
             let id = format!("{role}-{name}");
-            let mut figure = self.drawn(group, &id, &title, unit, &lines, Along::Linear(0.0));
+            let mut figure = self.figure_of(group, &id, &title, unit, &lines, Along::Linear(0.0));
             figure.chart.title = format!("{name} over time");
             figure.chart.height = LOW;
             figure
@@ -165,7 +170,7 @@ impl<'a> Figures<'a> {
         let group = &self.traces.flight;
         let both = |name: &str, title: &str, label: &str, channels: [&str; 2], along| {
             let lines = [("v", channels[0], "V"), ("v_th", channels[1], "V_th")];
-            self.drawn(group, name, title, label, &lines, along)
+            self.figure_of(group, name, title, label, &lines, along)
         };
         let (v, change) = ("V, V_th [rad^2/s^2]", "change in a tick [rad^2/s^2]");
         let (title, changes) = ("Their change in a tick", traces::LYAPUNOV_CHANGE);
@@ -180,7 +185,7 @@ impl<'a> Figures<'a> {
             let high = points.clone().map(|point| point.1).fold(1.0, f64::max) * 1.1;
             let named = cause.replace('_', " ");
             let (scale, layer) = (Scale::time(0.0, high), Layer::stems("violation", points));
-            let chart = self.marked(&format!("violations: {named}"), scale, vec![layer]);
+            let chart = self.chart_over_time(&format!("violations: {named}"), scale, vec![layer]);
             let title = format!("Violations under {named}");
             figures.push(Figure::new(
                 format!("violations-{cause}"),
@@ -196,7 +201,7 @@ impl<'a> Figures<'a> {
     pub fn latencies(&self, tick_us: Option<f64>) -> Vec<Figure> {
         let latency = |name: &str, title: &str, line: Line<'_>| {
             let (label, along) = ("latency [us]", Along::Log(tick_us));
-            self.drawn(&self.traces.timing, name, title, label, &[line], along)
+            self.figure_of(&self.traces.timing, name, title, label, &[line], along)
         };
         let title = "Loop: from the state to the rotor command";
         let mut figures = vec![latency("loop", title, ("loop", traces::LOOP, ""))];
@@ -211,7 +216,8 @@ impl<'a> Figures<'a> {
         if !self.late.is_empty() {
             let points = self.late.iter().map(|it| (it.time_s, it.late_us));
             let scale = Scale::log(points.clone().map(|point| point.1));
-            let chart = self.marked("late by [us]", scale, vec![Layer::stems("late", points)]);
+            let chart =
+                self.chart_over_time("late by [us]", scale, vec![Layer::stems("late", points)]);
             let title = "Late commands: lateness";
             figures.push(Figure::new("late", title, Vec::new(), chart));
         }
@@ -262,10 +268,10 @@ impl<'a> Figures<'a> {
         least: f64,
     ) -> Figure {
         let group = &self.traces.flight;
-        self.drawn(group, name, title, label, lines, Along::Linear(least))
+        self.figure_of(group, name, title, label, lines, Along::Linear(least))
     }
 
-    fn drawn(
+    fn figure_of(
         &self,
         group: &Group,
         name: &str,
@@ -287,7 +293,7 @@ impl<'a> Figures<'a> {
         let layers = lines
             .iter()
             .map(|(class, channel, _)| Layer::Line(class, through(group.spans(channel), ends_s)));
-        let chart = self.marked(label, scale, layers.collect());
+        let chart = self.chart_over_time(label, scale, layers.collect());
         let keys = lines.iter().filter(|(.., word)| !word.is_empty());
         let keys = keys.map(|(class, _, word)| (*class, (*word).to_owned()));
         let mut keys: Vec<(&'static str, String)> = keys.collect();
@@ -297,7 +303,7 @@ impl<'a> Figures<'a> {
     }
 
     /// A chart over the whole flight, with its swaps, faults and missed deadlines below what it shows.
-    fn marked(&self, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
+    fn chart_over_time(&self, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
         let groups = [&self.traces.flight, &self.traces.timing].into_iter();
         let ends_s = groups.filter_map(|group| {
             let last = group.tick.last()?;

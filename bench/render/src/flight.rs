@@ -1,6 +1,8 @@
 //! The report of a flight, section by section.
 
-use crate::document::{self, Block, Cell, Document, Figure, Section, Table, known, row, table, us};
+use crate::document::{
+    self, Block, Cell, Column, Document, Figure, Section, Table, known, row, table, us,
+};
 use crate::figures::Figures;
 use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
@@ -75,7 +77,7 @@ pub fn page(report: &Report) -> String {
     let failed = verdict.status != FlightStatus::Pass && !run.in_flight;
     let document = Document {
         title: title(run),
-        heading: run_flown(run),
+        heading: run_conditions(run),
         verdict: Some((sentences::acceptance(verdict), failed)),
         build,
         lead,
@@ -90,7 +92,7 @@ pub fn page(report: &Report) -> String {
 }
 
 /// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
-pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
+pub fn conditions(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
     let flown = format!("trajectory {trajectory}, gains {preset}");
     match airframe {
         "" => flown,
@@ -107,13 +109,13 @@ pub fn airframe(name: &str, sha256: &str) -> String {
 }
 
 /// What a run flew; reports from before airframes were named have none.
-fn run_flown(run: &RunSection) -> String {
+fn run_conditions(run: &RunSection) -> String {
     let airframe = airframe(&run.airframe, &run.airframe_sha256);
-    flown(&run.trajectory, &run.preset, &airframe)
+    conditions(&run.trajectory, &run.preset, &airframe)
 }
 
 pub fn title(run: &RunSection) -> String {
-    format!("{}, {}", run_flown(run), run.started)
+    format!("{}, {}", run_conditions(run), run.started)
 }
 
 pub fn result_line(report: &Report, directory: &str) -> String {
@@ -262,7 +264,7 @@ pub fn pace(report: &Report) -> String {
         }
         speed => (speed.why_not_real_time()).map_or_else(String::new, |why| format!(", {why}")),
     };
-    format!("{}, T = {:.0} us{pace}", run_flown(run), run.period_us)
+    format!("{}, T = {:.0} us{pace}", run_conditions(run), run.period_us)
 }
 
 /// Which laws flew, in words; nothing in reports from before they could be chosen.
@@ -399,7 +401,7 @@ fn recovery_line(phases: &RecoveryPhases) -> String {
 
 /// A series of the flight beside its floor, at p50, p99 and p99.9.
 #[derive(Clone, Copy, Debug)]
-pub struct Compared<'a> {
+pub struct BaselineRatio<'a> {
     pub series: &'a str,
     pub floor: &'a str,
     ours_us: [Option<f64>; 3],
@@ -408,15 +410,15 @@ pub struct Compared<'a> {
 }
 
 /// Every floor that was measured, with the series of the flight that it is of.
-pub fn compared<'a>(
+pub fn baseline_ratios<'a>(
     beside: &'a Baseline,
     report: &'a Report,
-) -> impl Iterator<Item = Compared<'a>> {
+) -> impl Iterator<Item = BaselineRatio<'a>> {
     let percentiles = |it: &Statistics| [Some(it.p50_us), Some(it.p99_us), it.p999_us];
     beside.floors.iter().filter_map(move |floor| {
         let both = [report.series(&floor.series)?, &floor.statistics];
         let [ours_us, floor_us] = both.map(percentiles);
-        Some(Compared {
+        Some(BaselineRatio {
             series: &floor.series,
             floor: &floor.what,
             ours_us,
@@ -432,14 +434,14 @@ fn floors(report: &Report) -> Vec<Block> {
         return vec![Block::Fact("Floors", how.into())];
     };
     let title = format!(
-        "Compared with the machine's baseline, {} s each right after the flight ({}, stolen by the host {:.2} %)",
+        "BaselineRatio with the machine's baseline, {} s each right after the flight ({}, stolen by the host {:.2} %)",
         beside.seconds, beside.scheduling, beside.steal.percent
     );
     let line = |name: &str, values: [Option<f64>; 3], digits: usize| {
         let cells = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
         (name.to_owned(), cells.into())
     };
-    let rows = compared(beside, report).flat_map(|it| {
+    let rows = baseline_ratios(beside, report).flat_map(|it| {
         let (ours, floor) = (
             line(it.series, it.ours_us, 1),
             line(it.floor, it.floor_us, 1),
@@ -468,7 +470,7 @@ fn stages_of(report: &Report) -> impl Iterator<Item = Process<'_>> {
 }
 
 fn processes<'a>(report: &'a Report) -> Vec<Block> {
-    let columns: [(&str, fn(&Process<'a>) -> String); 12] = [
+    let columns: [Column<Process<'a>>; 12] = [
         ("Processes", |(name, _)| (*name).into()),
         ("scheduling", |(_, it)| it.scheduling.clone()),
         ("ticks", |(_, it)| it.ticks_run.to_string()),
@@ -480,12 +482,16 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
             known(allocations.map(|all| per_tick(all, it.ticks_run)))
         }),
         ("faults", |it| {
-            used(it, |usage| usage.minor_faults + usage.major_faults)
+            usage_count(it, |usage| usage.minor_faults + usage.major_faults)
         }),
-        ("with disk", |it| used(it, |usage| usage.major_faults)),
-        ("waits", |it| used(it, |usage| usage.voluntary_switches)),
+        ("with disk", |it| {
+            usage_count(it, |usage| usage.major_faults)
+        }),
+        ("waits", |it| {
+            usage_count(it, |usage| usage.voluntary_switches)
+        }),
         ("preempted", |it| {
-            used(it, |usage| usage.involuntary_switches)
+            usage_count(it, |usage| usage.involuntary_switches)
         }),
         ("cpu us/tick", |(_, it)| {
             known(it.usage.as_ref().map(|usage| us(usage.cpu_per_tick_us)))
@@ -537,7 +543,7 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
     blocks
 }
 
-fn used((_, role): &Process<'_>, count: fn(&LoopUsage) -> u64) -> String {
+fn usage_count((_, role): &Process<'_>, count: fn(&LoopUsage) -> u64) -> String {
     known(role.usage.as_ref().map(count))
 }
 

@@ -88,10 +88,10 @@ fn document(
         (PreEscaped("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"))
         testsuites name="ironbird" tests=(tests) skipped="0" failures=(failures) errors=(errors) {
             testsuite name=(printable(suite)) tests=(tests) skipped="0" failures=(failures) errors=(errors) time=[time] {
-                (listed(properties))
+                (property_list(properties))
                 @for Case { name, properties, failure, error } in cases {
                     testcase name=(printable(name)) classname=(CLASS) {
-                        (listed(properties))
+                        (property_list(properties))
                         @if let Some(why) = failure { failure message=(printable(why)) {} }
                         @if let Some(why) = error { error message=(printable(why)) {} }
                     }
@@ -102,7 +102,7 @@ fn document(
     xml.into_string() + "\n"
 }
 
-fn listed(all: &Properties) -> Markup {
+fn property_list(all: &Properties) -> Markup {
     html! {
         @if !all.is_empty() {
             properties {

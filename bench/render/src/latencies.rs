@@ -1,6 +1,6 @@
 //! Latency: how each series is distributed, where the time goes, and percentiles.
 
-use crate::document::{Block, Figure, Table, known, us};
+use crate::document::{Block, Column, Figure, Table, known, us};
 use crate::figures::Figures;
 use crate::plot::{Axis, Chart, Layer};
 use crate::scale::{Kind, Scale};
@@ -215,11 +215,11 @@ fn histogram(report: &Report, title: &str, all: &[Member<'_>], value: Value) -> 
     };
     let bins = |series: &Distribution| -> Vec<(f64, f64, f64)> {
         let is_early = value == Value::Late && series.name == SLACK;
-        let bin = |bin: &Bin| {
-            let (from, below) = (bin.from_us - shift_us, bin.below_us - shift_us);
+        let bin = |(from_us, below_us, count): &Bin| {
+            let (from, below) = (from_us - shift_us, below_us - shift_us);
             match is_early {
-                true => (-below, -from, bin.count as f64),
-                false => (from, below, bin.count as f64),
+                true => (-below, -from, *count as f64),
+                false => (from, below, *count as f64),
             }
         };
         let mut bins: Vec<_> = series.bins.iter().map(bin).collect();
@@ -278,7 +278,7 @@ fn miss_runs(report: &Report) -> Figure {
 
 /// The percentiles of all series, with what the number of values says of each.
 fn percentiles(report: &Report) -> Vec<Block> {
-    let columns: [(&str, fn(&Statistics) -> String); 9] = [
+    let columns: [Column<Statistics>; 9] = [
         ("Latencies [us]", |it| it.name.clone()),
         ("count", |it| it.count.to_string()),
         ("min", |it| us(it.min_us)),

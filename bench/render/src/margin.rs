@@ -15,7 +15,7 @@ const ERROR_MIN_M: f64 = 1e-4;
 
 pub fn document(margins: &Margins) -> Document {
     let survived = format!("survived: {}", criteria(margins));
-    let lead = [flown(margins), phases(margins), survived];
+    let lead = [conditions(margins), phases(margins), survived];
     let sections = [
         unfaulted(margins),
         outages(margins),
@@ -25,7 +25,7 @@ pub fn document(margins: &Margins) -> Document {
         exceptions(margins),
     ];
     Document {
-        title: format!("margins, {}", flown(margins)),
+        title: format!("margins, {}", conditions(margins)),
         heading: "Robustness of the loop".into(),
         build: margins.build.to_string(),
         lead: lead.map(Block::Paragraph).into(),
@@ -35,7 +35,7 @@ pub fn document(margins: &Margins) -> Document {
     }
 }
 
-fn flown(margins: &Margins) -> String {
+fn conditions(margins: &Margins) -> String {
     let (trajectory, preset) = (&margins.trajectory, &margins.preset);
     let (airframe, seed) = (&margins.airframe, margins.seed);
     format!("trajectory {trajectory}, gains {preset}, airframe {airframe}, seed {seed}")

@@ -38,7 +38,7 @@ pub fn blocks(report: &Report) -> Vec<Block> {
     ]));
     let tick_us = report.run.wall_period_us;
     let figure = |(i, case): (usize, &OutageCase)| {
-        let title = named(case.class.words(), case.stage.as_deref());
+        let title = with_stage(case.class.words(), case.stage.as_deref());
         let chart = chart(case, tick_us, &title);
         Figure {
             note: line(case),
@@ -80,18 +80,18 @@ pub fn text(outages: &OutageSection) -> String {
     document::text(&list(outages))
 }
 
-fn named(class: &str, stage: Option<&str>) -> String {
+fn with_stage(class: &str, stage: Option<&str>) -> String {
     stage.map_or_else(|| class.to_owned(), |stage| format!("{class}, {stage}"))
 }
 
 pub fn cause(count: &CauseCount) -> String {
-    named(count.class.words(), count.stage.as_deref())
+    with_stage(count.class.words(), count.stage.as_deref())
 }
 
 pub fn line(case: &OutageCase) -> String {
     let (tick, time_s, missed) = (case.tick, case.time_s, case.missed);
     let (ticks, evidence) = (count(case.ticks, "tick"), &case.evidence);
-    let cause = named(case.class.words(), case.stage.as_deref());
+    let cause = with_stage(case.class.words(), case.stage.as_deref());
     // Where no stage is known to be late, there is no delay.
     let delay = Some(case.delay_us).filter(|us| *us > 0.0);
     let delay = delay

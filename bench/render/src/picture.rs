@@ -14,7 +14,7 @@ const TITLE: f64 = 18.0;
 const HEADING: f64 = 62.0;
 
 pub fn render(figures: &Figures<'_>, title: &str) -> String {
-    let has_estimates = figures.traces.has_estimates();
+    let has_estimates = figures.has_estimates();
     let mut below = [HEADING; 2];
     let mut place = |column: usize, title: String, chart: Chart| {
         let place = (GAP + (WIDTH + GAP) * column as f64, below[column]);

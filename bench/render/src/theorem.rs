@@ -126,14 +126,14 @@ fn causes(theorem: &Theorem) -> Table {
         let rise = rise.map(|it| format!("{:.1e} ({:.1e} of the start)", it.absolute, it.relative));
         let (violations, above) = (of(&theorem.violations), of(&theorem.v_above_bound));
         let mut cells = row([&cause, &violations, &known(rise), &above]);
-        cells.push(Cell::from(explained(cause)));
+        cells.push(Cell::from(explanation(cause)));
         cells
     });
     let columns = ["rises by cause", "steps", "largest", "V above bound", ""];
     Table::new(columns, rows)
 }
 
-fn explained(cause: &str) -> &'static str {
+fn explanation(cause: &str) -> &'static str {
     match cause {
         "live_swap" => "samples from before a live swap had not faded",
         "out_of_bounds" => "a true value lies outside the bounds of its estimate",

@@ -229,7 +229,7 @@ impl Row {
         assert!(
             causes.worst.iter().any(is_named),
             "{}",
-            render::outages::text(&causes)
+            render::outages::text(causes)
         );
         assert!(
             rig.flown("report.html")

@@ -47,7 +47,7 @@ pub fn report(
     let mut observations = Observations::new(settings)?;
     let start = Instant::now();
     let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
-    tracer.iter_mut().for_each(|tracer| tracer.flown_by(laws));
+    tracer.iter_mut().for_each(|tracer| tracer.set_laws(laws));
     let look = |rig: &Simulator| -> Result<(), Failure> {
         if let Some(states) = &mut states {
             states.write(&rig.joined())?;
@@ -150,7 +150,7 @@ struct Observations {
 impl Observations {
     fn new(settings: &Settings) -> Result<Self, Failure> {
         let mut theorem = TheoremStatistics::default();
-        theorem.flown_by(&settings.airframe()?);
+        theorem.set_airframe(&settings.airframe()?);
         let law_without = settings.law_without_theorem()?;
         if let Some(law) = law_without {
             theorem.does_not_apply(law);

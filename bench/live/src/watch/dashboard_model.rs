@@ -297,7 +297,7 @@ impl WatchedFlight {
         let airframe = airframe_of(&settings)?;
         let laws = law_settings::shared(&settings)?;
         let mut statistics = Self::statistics(run, tracking, laws)?;
-        statistics.theorem.flown_by(&airframe);
+        statistics.theorem.set_airframe(&airframe);
         Ok(Self {
             airframe,
             laws,
@@ -329,7 +329,7 @@ impl WatchedFlight {
         laws: FlownLaws,
     ) -> Result<FlightStatistics, Failure> {
         let mut statistics = FlightStatistics::joining(run.pace(), run.t0_ns, tracking)?;
-        statistics.flown_by(laws);
+        statistics.set_laws(laws);
         Ok(statistics)
     }
 
