@@ -7,8 +7,7 @@
 use crate::distribution::PERCENTS;
 use crate::host::STEAL_LIMIT_PERCENT;
 use crate::report_file::RunFacts;
-use crate::schema::FlightStatus;
-use crate::schema::Report;
+use crate::schema::{FlightStatus, Report};
 use crate::statistics::{Groups, median, permutation_test};
 use flight_log::build::Build;
 use serde::Serialize;
@@ -376,7 +375,6 @@ fn figures(report: &Report) -> Vec<Figure> {
 
 #[cfg(test)]
 mod tests {
-    use std::slice::from_ref;
 
     use super::*;
 
@@ -406,40 +404,5 @@ mod tests {
             figure.judge(Some(probability), 0.1);
             assert_eq!(figure.says, says, "{a:?} {b:?} {probability}");
         }
-    }
-
-    #[test]
-    fn a_figure_that_a_flight_lacks_is_not_judged_and_one_of_0_has_no_ratio() {
-        let a = vec![Some(1.0), None, Some(1.0)];
-        let lacking = FigureDiff::of("loop p99.9 [us]", a, vec![Some(1.0); 3]);
-        assert_eq!(lacking.says, Says::TooFewValues);
-        assert_eq!((lacking.median_a, lacking.median_b), (None, Some(1.0)));
-        assert_eq!(figure(&[0.0], &[3.0]).ratio, None);
-        assert_eq!(figure(&[2.0], &[3.0]).ratio, Some(1.5));
-    }
-
-    #[test]
-    fn differences_name_keys_that_are_not_the_same_in_all_flights() {
-        let flat = |text: &str| {
-            let mut flat = BTreeMap::new();
-            flatten("", &serde_json::from_str(text).unwrap(), &mut flat);
-            flat
-        };
-        let one = flat(r#"{"a": {"b": 1, "c": [1]}}"#);
-        let other = flat(r#"{"a": {"b": 1, "c": [2]}, "d": "x"}"#);
-        let found = differences(&[one.clone(), one.clone()], from_ref(&other));
-        assert!(found.iter().map(|it| &it.key).eq(["a.c", "d"]), "{found:?}");
-        assert_eq!(
-            (&found[1].a, &found[1].b),
-            (&vec![Value::Null], &vec!["x".into()])
-        );
-        // Also within a group, each value once.
-        for group in [
-            vec![one.clone(), other.clone()],
-            vec![one.clone(), other, one.clone()],
-        ] {
-            assert_eq!(differences(&group, from_ref(&one))[0].a.len(), 2);
-        }
-        assert_eq!(differences(from_ref(&one), from_ref(&one)), []);
     }
 }

@@ -62,22 +62,3 @@ impl Formatter for Rows {
         self.objects.end_object_value(writer)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use serde_json::json;
-
-    #[test]
-    fn objects_are_indented_and_arrays_are_rows() {
-        let value = json!({"a": [1, 2.5, null], "b": {"c": [], "d": [{"e": "\"x\""}, {}]}});
-        let text = super::to_string(&value).unwrap();
-        assert_eq!(
-            text,
-            "{\n  \"a\": [1, 2.5, null],\n  \"b\": {\n    \"c\": [],\n    \"d\": [{\n      \"e\": \"\\\"x\\\"\"\n    }, {}]\n  }\n}"
-        );
-        assert_eq!(
-            serde_json::from_str::<serde_json::Value>(&text).unwrap(),
-            value
-        );
-    }
-}

@@ -471,10 +471,4 @@ mod tests {
         assert_eq!(longest(&[(100, 199), (200, 249)], inner), [0, 0, 150, 0, 0]);
         assert_eq!(longest(&[(100, 199), (201, 250)], inner), [0, 0, 100, 0, 0]);
     }
-
-    #[test]
-    fn a_stage_that_works_meanwhile_begins_a_new_row_and_the_machine_is_all_of_them() {
-        let now_and_then = |tick: u64| [true, !tick.is_multiple_of(10), true, true];
-        assert_eq!(longest(&[(1, 29)], now_and_then), [29, 9, 29, 29, 9]);
-    }
 }

@@ -65,35 +65,3 @@ pub fn runners(slices: &[Slice], from_ns: u64, to_ns: u64) -> Option<BTreeMap<&R
     let covered_ns: u64 = threads.map(|(_, ns)| ns).sum();
     (covered_ns * 2 >= to_ns.saturating_sub(from_ns) && covered_ns > 0).then_some(times)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn slice(from_ns: u64, to_ns: u64, pid: u64) -> Slice {
-        let runner = if pid == 0 {
-            Runner::Idle
-        } else {
-            Runner::Thread {
-                pid,
-                priority: 120,
-                name: "t".into(),
-            }
-        };
-        Slice {
-            from_ns,
-            to_ns,
-            runner,
-        }
-    }
-
-    #[test]
-    fn a_span_counts_what_lies_in_it_and_a_trace_that_misses_most_of_it_says_nothing() {
-        let slices = [slice(0, 100, 1), slice(100, 150, 0), slice(150, 400, 2)];
-        let times = runners(&slices, 50, 200).unwrap();
-        assert_eq!(times.into_values().collect::<Vec<_>>(), [50, 50, 50]);
-        assert_eq!(runners(&slices, 300, 600), None);
-        assert!(runners(&slices, 300, 500).is_some());
-        assert_eq!(runners(&[], 0, 10), None);
-    }
-}

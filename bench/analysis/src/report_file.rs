@@ -111,29 +111,3 @@ fn walk(value: &mut Value, place: String, wrong: &mut Vec<String>) {
         wrong.push(what);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use serde_json::json;
-
-    use super::*;
-
-    #[test]
-    fn numbers_that_no_flight_has_do_not_make_a_report_unreadable() {
-        let mut report = json!({
-            "lead": {"rehearsals": u64::MAX, "timer": 7},
-            "roles": [{"text": "a\u{1b}b"}],
-        });
-        let wrong = repair(&mut report).join("; ");
-        assert_eq!(
-            report,
-            json!({"lead": {"rehearsals": 0, "timer": 7}, "roles": [{"text": ""}]})
-        );
-        assert!(repair(&mut report).is_empty(), "{report}");
-        assert!(
-            wrong.contains("lead.rehearsals = 18446744073709551615")
-                && wrong.contains("roles[0].text"),
-            "{wrong}"
-        );
-    }
-}

@@ -2,8 +2,7 @@
 
 use crate::baseline::Baseline;
 use crate::distribution::{Bucket, Distribution};
-use crate::faults::AppliedSwap;
-use crate::faults::InjectedFault;
+use crate::faults::{AppliedSwap, InjectedFault};
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
 use crate::outages;

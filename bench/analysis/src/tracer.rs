@@ -359,18 +359,6 @@ mod tests {
     }
 
     #[test]
-    fn stretches_without_a_value_are_left_out() {
-        let mut tracer = tracer();
-        tracer.timing(0, Timing::Wake, 20_000);
-        tracer.timing(5, Timing::Loop, 31_000);
-        let timing = tracer.traces().timing;
-        assert_eq!(timing.tick, [0, 5]);
-        let spans: Vec<_> = timing.spans(LOOP).collect();
-        assert_eq!((spans.len(), spans[0].tick, spans[0].max), (1, 5, 31.0));
-        assert_eq!(timing.spans("nothing of this name").count(), 0);
-    }
-
-    #[test]
     fn a_state_without_messages_of_the_stages_is_traced_and_violations_are_counted_through_a_restart()
      {
         let mut tracer = tracer();

@@ -9,8 +9,7 @@ use crate::laws::FlownLaws;
 use crate::phrase::count;
 use crate::schema::{ControlPerformance, Estimate};
 use controller::{ScaledTrajectory, Trajectory};
-use messages::content::Reference;
-use messages::content::{Setpoint, State, Wrench};
+use messages::content::{Reference, Setpoint, State, Wrench};
 use messages::parameters::ESTIMATED;
 use std::collections::VecDeque;
 use std::fmt;
@@ -253,16 +252,5 @@ mod tests {
         assert_eq!(numbers(&recent), [0.5, RECENT_S, 1.0]);
         recent.take(20_000, 0.0, 1e-4);
         assert_eq!(recent.error_max_m(), 1e-3);
-    }
-
-    #[test]
-    fn errors_are_summed_up() {
-        let mut error = TrackingError::default();
-        assert_eq!((error.states, error.rms_m()), (0, 0.0));
-        for error_m in [3.0, 4.0, 0.0] {
-            error.take(error_m);
-        }
-        assert_eq!((error.states, error.max_m, error.last_m), (3, 4.0, 0.0));
-        assert!((error.rms_m() - (25.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     }
 }

@@ -5,10 +5,9 @@
 
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
 use crate::phrase::count;
-use crate::schema::Speed;
 use crate::schema::{
-    ControlPerformance, Explained, FlightVerdict, NotFresh, Report, RunSection, StabilityVerdict,
-    Ticks, TimingVerdict, Verdicts,
+    ControlPerformance, Explained, FlightVerdict, NotFresh, Report, RunSection, Speed,
+    StabilityVerdict, Ticks, TimingVerdict, Verdicts,
 };
 use crate::theorem::Theorem;
 use messages::blackboards::EndReason;
@@ -246,15 +245,5 @@ mod tests {
             let bad = Verdicts::of(&report, Some(ending), &LIMITS);
             assert_eq!(words(&bad), ["off track", "late", "holds"]);
         }
-    }
-
-    #[test]
-    fn the_timing_begins_with_one_number_and_its_parts() {
-        let mut report = good();
-        not_fresh(&mut report, 24, 6, 94);
-        let verdicts = Verdicts::of(&report, None, &LIMITS);
-        let why = "124 of 20094 ticks without a fresh command on time (6171.0 per million): \
-                   24 missed + 6 stale + 94 skipped";
-        assert_eq!(verdicts.timing.why, why);
     }
 }

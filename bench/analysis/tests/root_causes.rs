@@ -353,30 +353,6 @@ fn each_case_has_its_cause() {
 }
 
 #[test]
-fn a_stage_that_always_takes_longer_than_a_tick_computes_long() {
-    let mut always = good();
-    for tick in 0..TICKS {
-        let inner = timing(tick, 50, 2_450, true);
-        *always.stage(tick, Inner) = inner.filter(|_| tick % 3 == 0);
-        always.mixer_at(tick, 900, 905);
-    }
-    always.is(
-        "always",
-        "ComputedLong",
-        Some(Inner),
-        "inner was at work for",
-    );
-    // Under real-time scheduling the plant, which is less urgent, does not get the processor meanwhile.
-    always.timings.retain(|tick, _| tick % 3 == 0);
-    always.is(
-        "always",
-        "ComputedLong",
-        Some(Inner),
-        "inner was at work for",
-    );
-}
-
-#[test]
 fn a_trace_shows_which_thread_ran_instead() {
     let thread = |pid: u64, priority: u64| Runner::Thread {
         pid,
@@ -413,23 +389,6 @@ fn a_trace_shows_which_thread_ran_instead() {
         let words = "no stage ran, although others were due; meanwhile ran";
         traced(&[(0, 1_820, runner)]).is("other", "ProcessorStalled", None, words);
     }
-}
-
-#[test]
-fn an_outage_of_many_delays_is_due_to_the_stage_with_most_of_them() {
-    let mut slow = good();
-    for tick in MISSED..MISSED + 20 {
-        slow.computes(tick, Inner, 1_100 + 100 * (tick % 2));
-        // The mixer waits until its cut-off and is in time, without the output.
-        slow.mixer_at(tick, 860, 865);
-    }
-    slow.delays(MISSED + 3, Plant, 300);
-    slow.is(
-        "slow",
-        "ComputedLong",
-        Some(Inner),
-        "in the longest of 20 delays",
-    );
 }
 
 #[test]

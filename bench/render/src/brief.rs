@@ -5,8 +5,7 @@ use crate::{flight, outages as outage_section, sentences as shared};
 use analysis::outages::CauseCount;
 use analysis::phrase::{INDENT, WIDTH, count, wrap};
 use analysis::process_failures;
-use analysis::schema::Speed;
-use analysis::schema::{FlightVerdict, Report};
+use analysis::schema::{FlightVerdict, Report, Speed};
 use messages::role::{Role, STAGES};
 use std::collections::BTreeMap;
 

@@ -326,24 +326,3 @@ fn agitation(outcome: &Outcome) -> Answer {
         None => (significant(agitation_rad_s), Some(agitation_rad_s)),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_best_of_a_row_is_bold_and_quiet_rows_are_left_out() {
-        // Figures that print alike are both the best.
-        let answer = |figure: f64| (significant(figure), Some(figure));
-        let answers = [
-            answer(12.3),
-            answer(12.32),
-            answer(20.0),
-            ("lost".into(), None),
-        ];
-        let (name, cells) = table_row("a|b", &answers, None).unwrap();
-        assert_eq!(name, "a\\|b");
-        assert_eq!(cells, ["**12.3**", "**12.3**", "20.0", "lost"]);
-        assert_eq!(table_row("quiet", &answers, Some(20.0)), None);
-    }
-}

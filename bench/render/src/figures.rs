@@ -4,8 +4,7 @@ use crate::document::Figure;
 use crate::plot::{Axis, Chart, Layer, WIDTH, through};
 use crate::scale::Scale;
 use crate::sentences;
-use analysis::faults::AppliedSwap;
-use analysis::faults::InjectedFault;
+use analysis::faults::{AppliedSwap, InjectedFault};
 use analysis::schema::{LateStretchSection, Report, SignalSection};
 use analysis::traces::{self, Group, Path, Traces};
 

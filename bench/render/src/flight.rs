@@ -10,11 +10,9 @@ use analysis::baseline::Baseline;
 use analysis::host::{Host, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
-use analysis::schema::FlightStatus;
-use analysis::schema::Speed;
 use analysis::schema::{
-    LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases, Report, RoleSection,
-    RunSection, TimingVerdict, sum,
+    FlightStatus, LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases, Report,
+    RoleSection, RunSection, Speed, TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -738,73 +736,4 @@ fn gates(report: &Report) -> Vec<Block> {
         Block::Fact("Gates", sentences::acceptance(&report.verdict)),
         table(["gate", "found", "limit", ""], rows),
     ]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_lead_that_changed_in_flight_shows_its_range() {
-        let set = LeadSection {
-            lead_us: 124.0,
-            least_us: 124.0,
-            median_us: 124.0,
-            most_us: 124.0,
-            rehearsal_us: 33.0,
-            timer_p90_us: 27.2,
-            rehearsals: 990,
-            processor_percent: 9.87,
-        };
-        let changed = LeadSection {
-            least_us: 96.4,
-            median_us: 131.0,
-            most_us: 210.0,
-            rehearsal_us: 0.0,
-            rehearsals: 0,
-            ..set.clone()
-        };
-        let waiting = "waiting took 9.9 % of the loops' processor";
-        let set_line = format!(
-            "Lead 124 us before the tick (before take-off: timer p90 27 us, rehearsal p90 33 us); \
-             rehearsed 990 of 1000 ticks; {waiting}"
-        );
-        assert_eq!(lead_line(&set, 1000), set_line);
-        let changed_line = format!(
-            "Lead 124 us before the tick at take-off, 96 to 210 us in flight, 131 us in the median \
-             (before take-off: timer p90 27 us); no rehearsals; {waiting}"
-        );
-        assert_eq!(lead_line(&changed, 1000), changed_line);
-    }
-
-    #[test]
-    fn a_failure_shows_its_cost_and_the_phases_of_the_recovery() {
-        let failure = ProcessFailure {
-            role: "inner".into(),
-            tick: 99,
-            time_s: 0.099,
-            ticks_lost: Some(100),
-            ..ProcessFailure::default()
-        };
-        let line = "inner at tick 99 (0.099 s): cause of the end unknown, not back, 100 ticks lost";
-        assert_eq!(failure_line(&failure), line);
-        for (spare, begin) in [
-            (
-                true,
-                "a spare [ms]: noticed 2.00, cleaned up 0.00, woken 3.00",
-            ),
-            (
-                false,
-                "a new process [ms]: noticed 2.00, cleaned up 0.00, started 3.00",
-            ),
-        ] {
-            let phases = RecoveryPhases {
-                spare,
-                noticed_ms: 2.0,
-                begun_ms: 3.0,
-                ..RecoveryPhases::default()
-            };
-            assert!(recovery_line(&phases).starts_with(begin));
-        }
-    }
 }

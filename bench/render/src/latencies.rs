@@ -6,8 +6,7 @@ use crate::plot::{Axis, Chart, Layer};
 use crate::scale::{Kind, Scale};
 use analysis::distribution::{Bin, Distribution};
 use analysis::phrase::count;
-use analysis::schema::Report;
-use analysis::schema::Speed;
+use analysis::schema::{Report, Speed};
 use analysis::series::{Series, Statistics};
 use messages::role::STAGES;
 

@@ -8,8 +8,7 @@ use analysis::outages::{
     CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick, WORST_SHOWN,
 };
 use analysis::phrase::count;
-use analysis::schema::Report;
-use analysis::schema::Speed;
+use analysis::schema::{Report, Speed};
 use messages::role::STAGES;
 
 pub fn blocks(report: &Report) -> Vec<Block> {

@@ -342,14 +342,6 @@ mod tests {
     }
 
     #[test]
-    fn lines_reach_the_peaks_of_every_stretch() {
-        let span = |(tick, min, max)| Span { tick, min, max };
-        let spans = [(0, 0.0, 1.0), (2, 0.5, 7.0)].map(span);
-        let points = through(spans.into_iter(), |tick| [tick as f64, tick as f64 + 1.0]);
-        assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (2.0, 0.5), (3.0, 7.0)]);
-    }
-
-    #[test]
     fn the_outline_of_bins_goes_down_where_one_is_missing() {
         let bins = [((0.0, 5.0), 1.0), ((1.0, 3.0), 2.0), ((4.0, 6.0), 5.0)];
         let d = outline(bins.into_iter(), 9.0);

@@ -1,12 +1,9 @@
 //! Sentences that several results share: faults, parameter changes, laws, gates, verdicts, lost messages and margins.
 
-use analysis::faults::InjectedFault;
-use analysis::faults::{AppliedSwap, ParameterChange};
-use analysis::schema::FlightStatus;
-use analysis::schema::Speed;
+use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
 use analysis::schema::{
-    AcceptanceResult, Gate, LawSection, MarginSection, Report, RobustnessMargin, RoleSection,
-    Verdicts, sum,
+    AcceptanceResult, FlightStatus, Gate, LawSection, MarginSection, Report, RobustnessMargin,
+    RoleSection, Speed, Verdicts, sum,
 };
 use flight_log::facts::OFF;
 use messages::role::Role;
@@ -300,11 +297,6 @@ mod tests {
         };
         for (section, sentence) in [
             (
-                known.clone(),
-                "no stage had an outage in this flight; this loop tolerates, in ticks: inner 118, outer more than 2000 \
-                 (least of 32 phases)",
-            ),
-            (
                 near("outer", 1, 2000.0),
                 "worst outage in this flight 1 tick (outer); this loop tolerates more than 2000 (least of 32 phases): \
                  margin at least 2000.0",
@@ -313,10 +305,6 @@ mod tests {
                 other,
                 "worst outage in this flight 47 ticks (inner); this loop tolerates 118 (least of 32 phases): margin 2.5; \
                  measured by another build, 7fa27a4-release; not in it: 2 outages, of which messages were lost",
-            ),
-            (
-                MarginSection::unknown("ab".into(), "ironbird margin".into()),
-                "not known: run ironbird margin",
             ),
         ] {
             assert_eq!(margin_of_flight(&section), sentence);
