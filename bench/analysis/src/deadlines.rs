@@ -30,17 +30,10 @@ pub struct Deadlines {
 }
 
 impl Deadlines {
-    pub const fn new(grid: Grid) -> Self {
+    pub fn new(grid: Grid, joins: bool) -> Self {
         Self {
             grid,
-            owed_tick: Some(0),
-        }
-    }
-
-    pub const fn joining(grid: Grid) -> Self {
-        Self {
-            grid,
-            owed_tick: None,
+            owed_tick: (!joins).then_some(0),
         }
     }
 
@@ -119,15 +112,6 @@ pub struct MissRuns {
 }
 
 impl MissRuns {
-    /// From the counters of a flight under way on: what was missed before is part of no run, a run under way is.
-    pub fn joining(missed: u64, run: u64) -> Self {
-        Self {
-            missed,
-            run,
-            lengths: BTreeMap::new(),
-        }
-    }
-
     pub fn update(&mut self, missed: u64, run: u64) {
         let new = missed.saturating_sub(self.missed);
         if run < self.run + new {
@@ -138,8 +122,8 @@ impl MissRuns {
         self.run = run;
     }
 
-    /// Takes the counters of a state before which others were published that nobody has seen: what was missed meanwhile
-    /// is part of no run.
+    /// Takes the counters of a state before which others were published that nobody has seen, or of the first one of a
+    /// flight under way: what was missed before is part of no run, a run under way is.
     pub fn skip(&mut self, missed: u64, run: u64) {
         (self.missed, self.run) = (missed, run);
     }
@@ -182,7 +166,7 @@ mod tests {
                 }
                 assert_eq!(all, expected, "{sent:?}");
             };
-        let (new, joining) = (Deadlines::new(GRID), Deadlines::joining(GRID));
+        let (new, joining) = (Deadlines::new(GRID, false), Deadlines::new(GRID, true));
         let mut unseen = new.clone();
         unseen.skip_before(3);
         let in_time = [Slack(970), Slack(600)];
@@ -198,12 +182,12 @@ mod tests {
 
     #[test]
     fn an_outage_that_ends_the_flight_is_late_until_its_end() {
-        let mut deadlines = Deadlines::new(GRID);
+        let mut deadlines = Deadlines::new(GRID, false);
         assert_eq!(deadlines.judge(0, 30).count(), 1);
         let all: Vec<_> = deadlines.finish(3, 4_100).collect();
         assert_eq!(all, [(1, Late(2_100)), (2, Late(1_100)), (3, Late(100))]);
         assert_eq!(deadlines.finish(3, 4_100).count(), 0, "judged twice");
-        let mut joined = Deadlines::joining(GRID);
+        let mut joined = Deadlines::new(GRID, true);
         assert_eq!(joined.finish(3, 4_100).count(), 0, "it has seen nothing");
     }
 
@@ -252,10 +236,8 @@ mod tests {
             (9, 3),
         ];
         check(MissRuns::default(), &whole, &[(1, 1), (2, 1), (3, 2)]);
-        let mut unseen = MissRuns::default();
-        unseen.skip(14, 0);
-        check(unseen, &[(16, 2)], &[(2, 1)]);
-        let joining = MissRuns::joining(70, 2);
+        let mut joining = MissRuns::default();
+        joining.skip(70, 2);
         check(joining, &[(71, 3), (71, 0), (72, 1)], &[(1, 1), (3, 1)]);
     }
 }

@@ -375,7 +375,6 @@ fn figures(report: &Report) -> Vec<Figure> {
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
 
     fn figure(a: &[f64], b: &[f64]) -> FigureDiff {

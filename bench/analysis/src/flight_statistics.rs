@@ -109,7 +109,7 @@ impl FlightStatistics {
             tracking,
             series: SeriesSet::new()?,
             miss_runs: MissRuns::default(),
-            deadlines: grid.map(Deadlines::new),
+            deadlines: grid.map(|grid| Deadlines::new(grid, false)),
             freshness: FreshnessStatistics::default(),
             autopsy: None,
             deaths: FailureStatistics::new(tracking.period_s()),
@@ -139,7 +139,7 @@ impl FlightStatistics {
         let tally = Self::new(pace, t0_ns, tracking)?;
         Ok(Self {
             joins: true,
-            deadlines: tally.grid.map(Deadlines::joining),
+            deadlines: tally.grid.map(|grid| Deadlines::new(grid, true)),
             ..tally
         })
     }
@@ -155,13 +155,6 @@ impl FlightStatistics {
 
     fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
         self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
-    }
-
-    fn keep_stamps<C: Topic>(&mut self, message: &Message<C>) {
-        self.deaths.message(message);
-        if let Some(autopsy) = &mut self.autopsy {
-            autopsy.stamps(message);
-        }
     }
 
     /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
@@ -184,15 +177,19 @@ impl FlightStatistics {
             autopsy.state(message);
         }
         let state = &message.content;
-        if self.joins && self.states == 0 {
-            self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
+        let joins_now = self.joins && self.states == 0;
+        if joins_now {
             self.freshness.join(state);
         }
         self.states += 1;
         self.freshness.state(message, unseen);
         self.freshness.decide(self.grid, false);
-        self.timer(message.envelope.lead_ns, message.envelope.timer_late_ns);
-        if unseen {
+        if self.grid.is_some() {
+            let (lead_ns, late_ns) = (message.envelope.lead_ns, message.envelope.timer_late_ns);
+            self.series.record(Series::Timer, late_ns);
+            self.leads.take(lead_ns, late_ns);
+        }
+        if unseen || joins_now {
             self.miss_runs
                 .skip(state.deadlines_missed, state.deadline_miss_run);
         }
@@ -234,7 +231,10 @@ impl FlightStatistics {
         loop_ns: Option<u64>,
     ) -> bool {
         let follows_loss = self.follow(stage + 1, message);
-        self.keep_stamps(message);
+        self.deaths.message(message);
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.stamps(message);
+        }
         self.not_finite[stage].take(message.envelope.tick, mode);
         self.telemetry[stage].take(telemetry);
         let (envelope, from) = (&message.envelope, STAGES[stage]);
@@ -391,14 +391,6 @@ impl FlightStatistics {
             if role == Role::Plant {
                 self.tracer.timing(owed, Timing::Wake, late_ns);
             }
-        }
-    }
-
-    /// How far ahead of a tick the plant's timer was to be set, and how late the kernel woke it.
-    fn timer(&mut self, lead_ns: u64, late_ns: u64) {
-        if self.grid.is_some() {
-            self.series.record(Series::Timer, late_ns);
-            self.leads.take(lead_ns, late_ns);
         }
     }
 

@@ -32,53 +32,39 @@ pub struct StatesWriter {
 }
 
 impl StatesWriter {
+    /// Begins a file with its header; with `may_spool`, no row waits for the disk. What is no file is written as it
+    /// comes.
     pub fn create(
         path: &Path,
         tracking: Tracking,
         laws: FlownLaws,
         every_ticks: u64,
-    ) -> Result<Self, Failure> {
-        Self::begin(path, tracking, laws, every_ticks, false).in_file("write the states to", path)
-    }
-
-    /// As [`Self::create`], and no row waits for the disk; what is no file is written as it comes.
-    pub fn create_buffered(
-        path: &Path,
-        tracking: Tracking,
-        laws: FlownLaws,
-        every_ticks: u64,
-    ) -> Result<Self, Failure> {
-        Self::begin(path, tracking, laws, every_ticks, true).in_file("write the states to", path)
-    }
-
-    fn begin(
-        path: &Path,
-        tracking: Tracking,
-        laws: FlownLaws,
-        every_ticks: u64,
         may_spool: bool,
-    ) -> io::Result<Self> {
-        let file = create_file(path)?;
-        let (out, spool): (Box<dyn Write>, _) = if may_spool && file.metadata()?.is_file() {
-            let spool = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
-            (Box::new(spool.clone()), Some(spool))
-        } else {
-            (Box::new(BufWriter::new(file)), None)
+    ) -> Result<Self, Failure> {
+        let begin = || -> io::Result<Self> {
+            let file = create_file(path)?;
+            let (out, spool): (Box<dyn Write>, _) = if may_spool && file.metadata()?.is_file() {
+                let spool = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
+                (Box::new(spool.clone()), Some(spool))
+            } else {
+                (Box::new(BufWriter::new(file)), None)
+            };
+            let mut csv = csv::Writer::from_writer(out);
+            let roles = LAW_ROLES.into_iter().zip(TELEMETRY_TOPICS);
+            let shown = roles.flat_map(|(role, topic)| {
+                let signals = laws.signals.of(role).iter();
+                signals.map(move |signal| format!("{topic}.{}", signal.name))
+            });
+            csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(shown))?;
+            Ok(Self {
+                csv,
+                spool,
+                tracking,
+                laws,
+                every_ticks,
+            })
         };
-        let mut csv = csv::Writer::from_writer(out);
-        let roles = LAW_ROLES.into_iter().zip(TELEMETRY_TOPICS);
-        let shown = roles.flat_map(|(role, topic)| {
-            let signals = laws.signals.of(role).iter();
-            signals.map(move |signal| format!("{topic}.{}", signal.name))
-        });
-        csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(shown))?;
-        Ok(Self {
-            csv,
-            spool,
-            tracking,
-            laws,
-            every_ticks,
-        })
+        begin().in_file("write the states to", path)
     }
 
     pub const fn wants(&self, tick: u64) -> bool {

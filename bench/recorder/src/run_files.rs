@@ -62,7 +62,7 @@ impl<'a> RunFiles<'a> {
         let every = settings.recorder.states_every_ticks;
         let states = std::iter::once(&directory.join(STATES))
             .chain(&files.states)
-            .map(|path| StatesWriter::create_buffered(path, tracking, laws, every))
+            .map(|path| StatesWriter::create(path, tracking, laws, every, true))
             .collect::<Result<_, _>>()?;
         let log = match settings.recorder.log {
             LogName::Off => None,

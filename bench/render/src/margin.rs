@@ -208,38 +208,28 @@ fn over(
     at: impl Fn(f64) -> f64,
 ) -> Block {
     let figure = |(i, input): (usize, &String)| {
-        let lines = margins.laws.iter().zip(LAWS);
-        let lines = lines.map(|(law, class)| (class, points(law, i).unwrap_or_default()));
-        let chart = error_chart(input, label, lines, &at);
+        let mut layers = Vec::new();
+        let (mut values, mut last) = (Vec::new(), 1.0_f64);
+        for (law, class) in margins.laws.iter().zip(LAWS) {
+            let points = points(law, i).unwrap_or_default();
+            let place = |it: &Point| Some((at(it.at), it.error_m?.max(ERROR_MIN_M)));
+            let line: Vec<(f64, f64)> = points.iter().map_while(place).collect();
+            last = points.iter().map(|it| at(it.at)).fold(last, f64::max);
+            values.extend(line.iter().map(|(_, error_m)| *error_m));
+            let failed = points.iter().zip(line.clone());
+            let failed = failed.filter(|(it, _)| it.survived < it.flights);
+            let word = |it: &Point| format!("{} of {} flights survived", it.survived, it.flights);
+            let dots = failed.map(|(it, place)| (place, word(it))).collect();
+            layers.extend([Layer::Line(class, line), Layer::Dots(class, dots)]);
+        }
+        let x = Axis::new(Scale::time(0.0, last), label);
+        let y = Scale::log(values.into_iter());
+        let y = Axis::new(y, "largest error of the last 5 s [m]");
+        let title = format!("largest position error over {label} of {input}");
+        let chart = Chart::new(title, x, y, layers);
         Figure::new(format!("{name}-{i}"), input, keys(margins), chart)
     };
     Block::WideFigures(inputs.iter().enumerate().map(figure).collect())
-}
-
-fn error_chart<'a>(
-    input: &str,
-    label: &str,
-    lines: impl Iterator<Item = (&'static str, &'a [Point])>,
-    at: &impl Fn(f64) -> f64,
-) -> Chart {
-    let mut layers = Vec::new();
-    let (mut values, mut last) = (Vec::new(), 1.0_f64);
-    for (class, points) in lines {
-        let place = |it: &Point| Some((at(it.at), it.error_m?.max(ERROR_MIN_M)));
-        let line: Vec<(f64, f64)> = points.iter().map_while(place).collect();
-        last = points.iter().map(|it| at(it.at)).fold(last, f64::max);
-        values.extend(line.iter().map(|(_, error_m)| *error_m));
-        let failed = points.iter().zip(line.clone());
-        let failed = failed.filter(|(it, _)| it.survived < it.flights);
-        let word = |it: &Point| format!("{} of {} flights survived", it.survived, it.flights);
-        let dots = failed.map(|(it, place)| (place, word(it))).collect();
-        layers.extend([Layer::Line(class, line), Layer::Dots(class, dots)]);
-    }
-    let x = Scale::time(0.0, last);
-    let y = Scale::log(values.into_iter());
-    let y = Axis::new(y, "largest error of the last 5 s [m]");
-    let title = format!("largest position error over {label} of {input}");
-    Chart::new(title, Axis::new(x, label), y, layers)
 }
 
 const DOTS: &str = "A dot is where not every flight survived. A line ends where one left its envelope, or where the \

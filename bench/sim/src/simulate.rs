@@ -41,7 +41,7 @@ pub fn report(
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let laws = settings.flown_laws()?;
     let every = settings.recorder.states_every_ticks;
-    let create = |path| StatesWriter::create(path, tracking, laws, every);
+    let create = |path| StatesWriter::create(path, tracking, laws, every, false);
     let mut states = leaves.states.map(create).transpose()?;
     let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?);
     let mut observations = Observations::new(settings)?;
