@@ -172,12 +172,6 @@ impl TimingWindow<'_> {
         Some(times)
     }
 
-    /// The thread of a stage, as far as it is known.
-    pub fn thread_of(&self, stage: Role) -> Option<u64> {
-        let last = self.samples.last();
-        last.map(|sample| sample.stages[stage as usize].pid)
-    }
-
     /// By how much a counter grew around a span, beyond what it usually does in that time: by its usual rate between
     /// samples outside the span.
     fn beyond_usual(&self, suspect: &CandidateCause, count: impl Fn(&CounterSample) -> u64) -> u64 {
@@ -253,12 +247,6 @@ pub enum Delay {
     Input,
     /// With nothing: the next stage waited for an output that had been sent in time.
     Unused,
-}
-
-impl Delay {
-    pub const fn is_of_input(self) -> bool {
-        matches!(self, Self::Input | Self::Unused)
-    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

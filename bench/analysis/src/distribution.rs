@@ -138,23 +138,21 @@ impl Bins {
     fn about(histogram: &Histogram<u64>, about_ns: u64) -> Self {
         Self {
             about_ns,
-            threshold_ns: 2.0 * histogram.equivalent_range(about_ns) as f64 / Self::step(),
+            threshold_ns: 2.0 * histogram.equivalent_range(about_ns) as f64 / Self::STEP,
         }
     }
 
-    fn step() -> f64 {
-        std::f64::consts::LN_10 / BINS_PER_DECADE
-    }
+    const STEP: f64 = std::f64::consts::LN_10 / BINS_PER_DECADE;
 
     /// Number of the bin of a value; below the middle it is negative.
     fn number(&self, ns: u64) -> i64 {
         let distance_ns = ns as f64 - self.about_ns as f64;
-        let steps = (distance_ns.abs() / self.threshold_ns).ln_1p() / Self::step();
+        let steps = (distance_ns.abs() / self.threshold_ns).ln_1p() / Self::STEP;
         (steps * distance_ns.signum()).floor() as i64
     }
 
     fn begin_us(&self, number: i64) -> f64 {
-        let distance_ns = self.threshold_ns * (Self::step() * number.abs() as f64).exp_m1();
+        let distance_ns = self.threshold_ns * (Self::STEP * number.abs() as f64).exp_m1();
         let begin_ns = self.about_ns as f64 + distance_ns * number.signum() as f64;
         begin_ns.round() / 1e3
     }

@@ -4,8 +4,7 @@ use errors::Failure;
 use errors::output::print;
 use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
-use std::io;
-use std::io::Write;
+use std::io::{self, Write};
 
 /// Writes a value with objects indented and arrays in a row: 600 numbers are one line and not 600.
 pub fn to_string(value: &impl Serialize) -> serde_json::Result<String> {

@@ -22,7 +22,7 @@ use crate::processor_trace::Slice;
 use crate::schema::MACHINE;
 use messages::content::State;
 use messages::grid::Grid;
-use messages::header::{Header, Message};
+use messages::header::Message;
 use messages::role::{Role, STAGES};
 use messages::topic::Topic;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -96,10 +96,11 @@ impl MissAnalysis {
     pub fn stamps<C: Topic>(&mut self, message: &Message<C>) {
         let (role, envelope) = (C::SENDER, &message.envelope);
         let stamps = envelope.stamps_of(role);
+        let input = index(role).checked_sub(1);
         let passage = StageTiming {
             receive_ns: stamps.receive_ns,
             send_ns: stamps.send_ns,
-            is_fresh: is_fresh(role, envelope),
+            is_fresh: input.is_none_or(|input| envelope.input_tick[input] == envelope.tick),
         };
         self.traces.entry(envelope.tick).or_default()[index(role)] = Some(passage);
     }
@@ -379,12 +380,6 @@ impl MissAnalysis {
     }
 }
 
-/// Whether the driving input of a stage was of its tick.
-fn is_fresh(role: Role, envelope: &Header) -> bool {
-    let input = index(role).checked_sub(1);
-    input.is_none_or(|input| envelope.input_tick[input] == envelope.tick)
-}
-
 const ROWS: usize = STAGES.len() + 1;
 
 /// The longest rows so far, of each stage and of all at once.
@@ -449,26 +444,20 @@ pub(super) fn out_in(
 mod tests {
     use super::*;
 
-    fn longest(outages: &[(u64, u64)], out_in: fn(u64) -> [bool; STAGES.len()]) -> Vec<u64> {
-        let mut rows = OutageRuns::default();
-        for (first, last) in outages.iter().copied() {
-            let missed = 0;
-            rows.take(
-                Outage {
+    #[test]
+    fn an_outage_that_was_cut_off_goes_on_and_another_one_does_not() {
+        for (next, longest) in [(200, 150), (201, 100)] {
+            let mut rows = OutageRuns::default();
+            for (first, last) in [(100, 199), (next, next + 49)] {
+                let missed = 0;
+                let outage = Outage {
                     first,
                     last,
                     missed,
-                },
-                out_in,
-            );
+                };
+                rows.take(outage, |_| [false, false, true, false]);
+            }
+            assert_eq!(rows.longest, [0, 0, longest, 0, 0]);
         }
-        rows.longest.into()
-    }
-
-    #[test]
-    fn an_outage_that_was_cut_off_goes_on_and_another_one_does_not() {
-        let inner = |_| [false, false, true, false];
-        assert_eq!(longest(&[(100, 199), (200, 249)], inner), [0, 0, 150, 0, 0]);
-        assert_eq!(longest(&[(100, 199), (201, 250)], inner), [0, 0, 100, 0, 0]);
     }
 }

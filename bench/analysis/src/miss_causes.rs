@@ -65,14 +65,6 @@ impl MissCause {
                 | Self::ReadyNotRun
         )
     }
-
-    /// Whether it is a stage's: others are the machine's, or not known.
-    const fn is_of_a_stage(self) -> bool {
-        !matches!(
-            self,
-            Self::HostStall | Self::ProcessorStalled | Self::CannotTell
-        )
-    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -109,7 +101,12 @@ pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
     };
     let suspect = scene.at_work_instead(&suspect).unwrap_or(suspect);
     let (class, why) = explain(scene, &suspect);
-    let stage = class.is_of_a_stage().then_some(suspect.stage);
+    // Other causes are the machine's, or not known.
+    let is_of_a_stage = !matches!(
+        class,
+        MissCause::HostStall | MissCause::ProcessorStalled | MissCause::CannotTell
+    );
+    let stage = is_of_a_stage.then_some(suspect.stage);
     let span_ns = Some((suspect.from_ns, suspect.to_ns));
     let again = match times {
         0 | 1 => String::new(),
@@ -164,8 +161,9 @@ fn delays(scene: &TimingWindow<'_>) -> Vec<Option<CandidateCause>> {
 }
 
 fn worst_of(suspects: &[CandidateCause]) -> Option<CandidateCause> {
-    let (inputs, own): (Vec<&CandidateCause>, Vec<&CandidateCause>) =
-        suspects.iter().partition(|it| it.delay.is_of_input());
+    let (inputs, own): (Vec<&CandidateCause>, Vec<&CandidateCause>) = suspects
+        .iter()
+        .partition(|it| matches!(it.delay, Delay::Input | Delay::Unused));
     fn most<'a>(all: &[&'a CandidateCause]) -> Option<&'a CandidateCause> {
         all.iter().copied().max_by_key(|it| it.share_ns)
     }
@@ -308,7 +306,8 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
 /// Who is less urgent than a stage that is ready cannot have kept it from the processor: the kernel did not switch, or
 /// a virtual machine stood still with that thread on its processor.
 fn urgent_ns(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> u64 {
-    let own = scene.thread_of(suspect.stage);
+    let last = scene.samples.last();
+    let own = last.map(|sample| sample.stages[suspect.stage as usize].pid);
     let own_priority = scene.slices.iter().find_map(|slice| match slice.runner {
         Runner::Thread { pid, priority, .. } if Some(pid) == own => Some(priority),
         _ => None,

@@ -18,13 +18,6 @@ pub enum Runner {
 }
 
 impl Runner {
-    pub const fn pid(&self) -> u64 {
-        match self {
-            Self::Thread { pid, .. } => *pid,
-            Self::Idle | Self::Interrupt { .. } => 0,
-        }
-    }
-
     pub fn words(&self) -> String {
         match self {
             Self::Idle => "idle".into(),

@@ -408,7 +408,7 @@ pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> 
 /// I_x(a, b), the share of a beta distribution below x; a and b above 0, x from 0 to 1.
 ///
 /// By the continued fraction of DLMF 8.17.22 (Lentz' method), of which some sqrt(a + b) terms count.
-pub fn beta_share(a: f64, b: f64, x: f64) -> f64 {
+fn beta_share(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);
     }

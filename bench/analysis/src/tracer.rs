@@ -104,6 +104,11 @@ impl Tracer {
     }
 
     pub fn traces(&self) -> Traces {
+        let shown = |(stretches, role): (&Stretches<Range>, Role)| {
+            let signals = self.laws.signals.of(role).iter();
+            let names: Vec<_> = signals.map(|signal| signal.name).collect();
+            (!names.is_empty()).then(|| (role.to_string(), stretches.group(&names)))
+        };
         Traces {
             flight: self.flight.group(&self.names),
             timing: self.timing.group(&TIMING),
@@ -120,22 +125,14 @@ impl Tracer {
                     .map(|(.., at)| at.map(round_digits))
                     .collect(),
             },
-            telemetry: self.by_role(),
+            telemetry: self
+                .telemetry
+                .iter()
+                .zip(LAW_ROLES)
+                .filter_map(shown)
+                .collect(),
             violations: self.by_cause(),
         }
-    }
-
-    fn by_role(&self) -> BTreeMap<String, Group> {
-        let of = |(stretches, role): (&Stretches<Range>, Role)| {
-            let signals = self.laws.signals.of(role).iter();
-            let names: Vec<_> = signals.map(|signal| signal.name).collect();
-            (!names.is_empty()).then(|| (role.to_string(), stretches.group(&names)))
-        };
-        self.telemetry
-            .iter()
-            .zip(LAW_ROLES)
-            .filter_map(of)
-            .collect()
     }
 
     fn by_cause(&self) -> BTreeMap<String, Vec<Violations>> {

@@ -92,25 +92,12 @@ impl Evidence {
         &mut self.timings.get_mut(&tick).unwrap()[role as usize]
     }
 
-    /// The mixer works at these times of a tick [us], without what the inner loop has sent.
-    fn mixer_at(&mut self, tick: u64, wake_us: u64, send_us: u64) {
-        *self.stage(tick, Mixer) = timing(tick, wake_us, send_us, false);
-    }
-
     /// A stage wakes later [us], and all stages after it with it.
     fn delays(&mut self, tick: u64, role: Role, us: u64) {
         for stage in &mut self.timings.get_mut(&tick).unwrap()[role as usize..] {
             let timing = stage.as_mut().unwrap();
             timing.receive_ns += us * US;
             timing.send_ns += us * US;
-        }
-    }
-
-    /// A stage computes longer [us], and the stages after it are later.
-    fn computes(&mut self, tick: u64, role: Role, us: u64) {
-        self.stage(tick, role).as_mut().unwrap().send_ns += us * US;
-        if let Some(next) = STAGES.get(role as usize + 1) {
-            self.delays(tick, *next, us);
         }
     }
 
@@ -146,11 +133,20 @@ impl Evidence {
             "gone" => *self.stage(tick(2), role(1)) = None,
             "silent" => self.silence_of(role(1), MISSED..MISSED + number(2)),
             "late" => self.delays(tick(2), role(1), number(3)),
-            "computes" => self.computes(tick(2), role(1), number(3)),
+            "computes" => {
+                // The stages after it are later.
+                self.stage(tick(2), role(1)).as_mut().unwrap().send_ns += number(3) * US;
+                if let Some(next) = STAGES.get(role(1) as usize + 1) {
+                    self.delays(tick(2), *next, number(3));
+                }
+            }
             "sends-later" => {
                 self.stage(tick(2), role(1)).as_mut().unwrap().send_ns += number(3) * US
             }
-            "mixer-at" => self.mixer_at(tick(1), number(2), number(3)),
+            // Without what the inner loop has sent.
+            "mixer-at" => {
+                *self.stage(tick(1), Mixer) = timing(tick(1), number(2), number(3), false)
+            }
             "stolen" => self.sampled(number(1) as usize, |it| it.stolen = number(2)),
             "busy" => self.sampled(number(1) as usize, |it| it.busy = number(2)),
             "lost" => self.sampled(number(1) as usize, |it| it.lost = number(2)),

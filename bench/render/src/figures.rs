@@ -313,7 +313,12 @@ impl<'a> Figures<'a> {
             .swaps
             .iter()
             .map(|swap| (swap.time_s, swap_words(swap)));
-        let faults = self.faults.iter().flat_map(fault_marks);
+        let faults = self.faults.iter().flat_map(|fault| {
+            let InjectedFault { what, time_s, .. } = fault;
+            let begin = (*time_s, format!("fault from {time_s:.3} s: {what}"));
+            let end = |to_s| (to_s, format!("fault until {to_s:.3} s: {what}"));
+            std::iter::once(begin).chain(fault.to_s.map(end))
+        });
         let marks = [
             Layer::verticals("missed", self.misses(end_s)),
             Layer::verticals("swap", swaps.chain(faults)),
@@ -338,10 +343,12 @@ impl<'a> Figures<'a> {
                 _ => shown.push((pixel, stretch)),
             }
         }
-        let marks = shown
-            .into_iter()
-            .map(|(_, stretch)| (stretch.time_s, miss_words(stretch)));
-        marks.collect()
+        let mark = |(_, stretch): (u64, &LateStretchSection)| {
+            let (missed, time_s, late_us) = (stretch.length_ticks, stretch.time_s, stretch.late_us);
+            let word = format!("{missed} missed at {time_s:.3} s, at most {late_us:.0} us late");
+            (time_s, word)
+        };
+        shown.into_iter().map(mark).collect()
     }
 
     fn time_s(&self, tick: u64) -> f64 {
@@ -356,19 +363,6 @@ fn widen(scale: &mut Scale, factor: f64) {
     (scale.low, scale.high) = (middle - half, middle + half);
 }
 
-/// Begin and end of a fault as marks over time [s].
-fn fault_marks(fault: &InjectedFault) -> impl Iterator<Item = (f64, String)> {
-    let InjectedFault { what, time_s, .. } = fault;
-    let begin = (*time_s, format!("fault from {time_s:.3} s: {what}"));
-    let end = |to_s| (to_s, format!("fault until {to_s:.3} s: {what}"));
-    std::iter::once(begin).chain(fault.to_s.map(end))
-}
-
 fn swap_words(swap: &AppliedSwap) -> String {
     format!("swap at {:.3} s: {}", swap.time_s, sentences::swap(swap))
-}
-
-fn miss_words(stretch: &LateStretchSection) -> String {
-    let (missed, time_s, late_us) = (stretch.length_ticks, stretch.time_s, stretch.late_us);
-    format!("{missed} missed at {time_s:.3} s, at most {late_us:.0} us late")
 }
