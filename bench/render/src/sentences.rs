@@ -245,13 +245,12 @@ mod tests {
             InjectedFault::new(what.to_owned(), tick, to_tick, period_s)
         };
         let freeze = |to_tick| fault_of("state.freeze", 500, to_tick, 0.002);
-        let drop = fault_of("state.drop=0.1", 8000, Some(9000), 0.001);
         let stop = fault_of("inner.stop=20ms", 8000, None, 0.001);
         for (it, long, short) in [
             (
-                drop,
-                "state.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)",
-                "state.drop=0.1 8.000 to 9.000 s",
+                freeze(Some(600)),
+                "state.freeze from tick 500 (1.000 s) to tick 600 (1.200 s)",
+                "state.freeze 1.000 to 1.200 s",
             ),
             (
                 stop,
