@@ -138,17 +138,4 @@ mod tests {
         let expected = "latency.hlog is not whole: No space left on device";
         assert!(failure.contains(expected), "{failure}");
     }
-
-    #[test]
-    fn a_finished_log_is_of_whole_lines_and_free_again() {
-        let directory = tempfile::tempdir().unwrap();
-        an_interval(directory.path(), true).unwrap();
-        let text = fs::read_to_string(directory.path().join(LATENCIES)).unwrap();
-        let last = text.lines().last().unwrap();
-        let is_whole = text.ends_with('\n') && last.starts_with("Tag=loop,0.000,1.000,");
-        assert!(is_whole, "{text}");
-        while lives(directory.path()) {
-            std::thread::yield_now();
-        }
-    }
 }

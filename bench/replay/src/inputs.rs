@@ -254,33 +254,4 @@ mod tests {
         }
         assert_eq!(Inputs::new(false).earliest(), None);
     }
-
-    #[test]
-    fn finds_inputs_as_received_and_reports_impossible_ones_as_gaps() {
-        let mut faults = MessageFaults::none(7);
-        let freeze = MessageFault {
-            port: Port::MixerWrench,
-            kind: Kind::Freeze,
-            span: Span::new(2, 5),
-        };
-        faults.take(&freeze.into()).unwrap();
-        let mut input_with_faults = RecordedInput::new(&faults, Port::MixerWrench);
-        for tick in 0..7 {
-            let content = Wrench {
-                thrust_n: tick as f64,
-                ..Wrench::default()
-            };
-            input_with_faults.take(&Message::of_tick(tick, content));
-        }
-        let none = MessageWindow::keeping(1);
-        let mut thrust = |input_tick| {
-            let input = input_with_faults.input(&none, input_tick, 9).ok()?;
-            Some(input.content.thrust_n)
-        };
-        assert_eq!(
-            [NO_TICK, 1, 1, 3, 6].map(&mut thrust),
-            [Some(0.0), Some(1.0), Some(1.0), Some(1.0), Some(6.0)]
-        );
-        assert_eq!(thrust(8), None);
-    }
 }

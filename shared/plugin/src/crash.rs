@@ -301,19 +301,3 @@ fn interrupted_at(context: *const c_void) -> usize {
 const fn interrupted_at(_: *const c_void) -> usize {
     0
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn code_is_known_by_a_function_in_it() {
-        let function = law_at as *const () as usize;
-        assert_eq!(law_at(function), None);
-        remember(function, "law");
-        remember(function, "another");
-        // Data is no code.
-        assert!(segment_of((&raw const CODES).addr()).is_empty());
-        assert_eq!((law_at(function), law_at(0)), (Some("law"), None));
-    }
-}
