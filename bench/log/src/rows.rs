@@ -165,7 +165,7 @@ impl Visitor for Object {
 
 #[cfg(test)]
 mod tests {
-    use messages::content::{NO_TICK, State, Wrench};
+    use messages::content::{NO_TICK, Wrench};
 
     use super::*;
 

@@ -271,8 +271,6 @@ fn read_log(directory: &Path, role: Role) -> String {
 
 #[cfg(test)]
 mod tests {
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
-
     use super::*;
 
     fn exit(role: Role, raw: i32) -> ProcessExit {

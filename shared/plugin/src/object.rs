@@ -75,7 +75,7 @@ pub fn check(file: &[u8]) -> Result<(), Refusal> {
 
 #[cfg(test)]
 mod tests {
-    use std::{env, fs};
+    use std::fs;
 
     use super::*;
 

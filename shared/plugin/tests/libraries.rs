@@ -39,46 +39,6 @@ fn assert_refused<T>(result: Result<T, Failure>, parts: &[&str]) {
 }
 
 #[test]
-fn a_table_is_read_in_full() {
-    let directory = tempfile::tempdir().unwrap();
-    let library = load(&library(&directory, "lib.so", &[])).unwrap();
-    let description = library.description;
-    assert_eq!((description.name, description.version), ("described", "1"));
-    assert_eq!(description.role, Role::Outer);
-    let text = (description.summary, description.source);
-    assert_eq!(text, ("says what it is", ""));
-    let settings = description.settings.iter();
-    let settings: Vec<_> = settings
-        .map(|it| {
-            format!(
-                "{} [{}] {:?} {}",
-                it.name,
-                it.unit,
-                it.default(),
-                it.allowed()
-            )
-        })
-        .collect();
-    assert_eq!(
-        settings,
-        [
-            "gain_1_s [1/s] Number(2.0) 0 to 9 1/s",
-            "axes [] Three([1.0, 2.0, 3.0]) three numbers, each -1 to 9",
-            "mode [] Word(\"slow\") \"slow\" or \"quick\"",
-        ]
-    );
-    let soft = description.preset("soft").unwrap();
-    assert_eq!(soft.three(&description.settings[1]), [4.0, 5.0, 6.0]);
-    assert_eq!(soft.number(&description.settings[0]), 1.0);
-    assert_eq!(soft.word(&description.settings[2]), "quick");
-    let signals = description.telemetry.iter().map(|it| (it.name, it.unit));
-    assert!(signals.eq([("error_m", "m"), ("speed_m_s", "m/s")]));
-    assert!(library.sha256.len() == 64 && !library.not_real_time && !library.is_rehearsed());
-    let again = load(&library.file).unwrap();
-    assert!(std::ptr::eq(again, library), "a file is loaded once");
-}
-
-#[test]
 fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     let directory = tempfile::tempdir().unwrap();
     let library = open(Role::Outer, &library(&directory, "lib.so", &[])).unwrap();
