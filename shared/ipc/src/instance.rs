@@ -166,3 +166,25 @@ fn short(root: PathBuf) -> Result<PathBuf, Error> {
     }
     Ok(root)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_files_cannot_carry_are_refused() {
+        for name in [
+            "",
+            "A",
+            "left rig",
+            "../up",
+            "ä",
+            "x234567890123456789012345678901234",
+        ] {
+            let error = Instance::new(name).unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains(&format!("`{name}`")), "{error}");
+        }
+        assert_eq!(Instance::new("left-rig_2").unwrap().name(), "left-rig_2");
+    }
+}
