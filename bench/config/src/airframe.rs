@@ -345,13 +345,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_papers_file_is_the_table() {
-        let paper = design(PAPER).unwrap();
-        assert_eq!(paper.airframe, Airframe::nominal());
-        assert_eq!(paper.rotor, RotorLimits::default());
-    }
-
-    #[test]
     fn every_built_in_airframe_hovers_on_less_than_its_rotors_give() {
         for (name, _) in BUILT_IN {
             let Design {

@@ -427,32 +427,6 @@ mod tests {
     }
 
     #[test]
-    fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_dropped_and_what_comes_after_it_is_not()
-     {
-        let (mut file, mut spool, allow, done) = gated();
-        let much = vec![b'x'; MOST_WAITING_BYTES as usize + 1];
-        for piece in [&much[..], b" dropped", b" too"] {
-            spool.write_all(piece).unwrap();
-            spool.settle_or_drop();
-        }
-        assert!(spool.is_overfull());
-        assert_eq!(spool.written(), MOST_WAITING_BYTES + 1);
-        let gap = spool.gap().unwrap();
-        assert!(gap.contains("the disk is too slow: 16 MiB waited"), "{gap}");
-        allow.send(()).unwrap();
-        assert_eq!(done.recv(), Ok("write"));
-        while spool.is_overfull() {
-            thread::yield_now();
-        }
-        spool.write_all(b" kept").unwrap();
-        spool.settle_or_drop();
-        allow.send(()).unwrap();
-        assert_eq!(spool.rest(), MOST_WAITING_BYTES + 6);
-        assert_eq!(text(&mut file).trim_start_matches('x'), " kept");
-        assert!(spool.gap().is_some(), "what was dropped stays so");
-    }
-
-    #[test]
     fn a_disk_that_stands_still_at_the_end_is_named_and_the_file_ends_with_a_whole_piece() {
         let (mut file, mut spool, allow, done) = gated();
         spool.write_all(b"whole").unwrap();

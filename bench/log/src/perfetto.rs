@@ -178,35 +178,3 @@ impl<W: Write> PerfettoWriter<W> {
 fn number(name: &str, value: u64) -> Vec<u8> {
     message(&[(3, Number(value)), (10, Text(name))])
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn state(tick: u64, epoch: u64, missed: u64) -> Message<State> {
-        let mut message = Message::<State>::default();
-        message.envelope.tick = tick;
-        message.envelope.stamps[Role::Plant as usize].receive_ns = 1_000 + tick;
-        message.content.parameter_epoch = epoch;
-        message.content.deadlines_missed = missed;
-        message
-    }
-
-    #[test]
-    fn every_swap_that_was_flown_with_is_in_it_and_what_was_missed_before_it_began_is_not() {
-        let mut writer = PerfettoWriter::new(Vec::new()).unwrap();
-        let mut swap = Message::<SwapRecord>::default();
-        // Two in one tick: the first one is in no state by itself; and one that no state follows.
-        for epoch in 1..=3 {
-            swap.content.parameter_epoch = epoch;
-            writer.swap(&swap).unwrap();
-        }
-        writer.state(&state(100, 0, 7)).unwrap();
-        assert_eq!(writer.instants, 0);
-        writer.state(&state(101, 2, 7)).unwrap();
-        assert_eq!(writer.instants, 2);
-        writer.state(&state(102, 2, 9)).unwrap();
-        assert_eq!(writer.instants, 3);
-        writer.finish().unwrap();
-    }
-}

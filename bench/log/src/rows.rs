@@ -165,7 +165,7 @@ impl Visitor for Object {
 
 #[cfg(test)]
 mod tests {
-    use messages::content::{NO_TICK, State, Wrench};
+    use messages::content::{NO_TICK, Wrench};
 
     use super::*;
 
@@ -200,19 +200,5 @@ mod tests {
         let words = words(&message().content);
         assert_eq!(words.len(), named(&message().content).len());
         assert_eq!(words[2], (-0.0f64).to_bits());
-    }
-
-    #[test]
-    fn a_line_of_json_is_nested_as_the_message_is() {
-        let value: serde_json::Value = serde_json::from_str(&json(&message())).unwrap();
-        assert_eq!(value["envelope"]["stamps"][3]["send_ns"], 9);
-        assert_eq!(value["envelope"]["input_tick"][1], NO_TICK);
-        assert_eq!(
-            (&value["torque_b_nm"][2], &value["mode"]),
-            (&5.0.into(), &2.into())
-        );
-        let state = json(&Message::<State>::default());
-        let value: serde_json::Value = serde_json::from_str(&state).unwrap();
-        assert!(value["truth"].is_object(), "{value}");
     }
 }

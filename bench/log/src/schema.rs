@@ -117,31 +117,3 @@ fn reference(
         ..plain(name, number, length, Type::Message)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use messages::content::State;
-
-    use super::*;
-
-    #[test]
-    fn a_schema_is_one_file_that_names_every_field_and_knows_every_struct() {
-        let set = FileDescriptorSet::decode(descriptor_set::<State>().as_slice()).unwrap();
-        let [file] = &set.file[..] else {
-            panic!("{set:?}")
-        };
-        let names = file.message_type.iter().map(DescriptorProto::name);
-        assert!(names.eq(["Envelope", "Measured", "Stamps", "State", "Truth"]));
-        let (measured, state) = (&file.message_type[1].field, &file.message_type[3].field);
-        let fields = state.iter().map(FieldDescriptorProto::name);
-        let expected = State::FIELDS.iter().map(|field| field.name);
-        assert!(fields.eq(std::iter::once("envelope").chain(expected)));
-        assert_eq!(state[0].type_name(), ".ironbird.Envelope");
-        assert_eq!(state[1].type_name(), ".ironbird.Measured");
-        let mut fields = state.iter();
-        let tick = fields.find(|field| field.name() == "command_tick").unwrap();
-        let kind = |field: &FieldDescriptorProto| (field.r#type(), field.label());
-        assert_eq!(kind(tick), (Type::Fixed64, Label::Optional));
-        assert_eq!(kind(&measured[0]), (Type::Double, Label::Repeated));
-    }
-}

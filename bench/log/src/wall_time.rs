@@ -34,9 +34,4 @@ mod tests {
         assert_eq!(utc(instant), "2026-03-01 14:05:09 UTC");
         assert_eq!(file_stamp(instant), "2026-03-01T14-05-09Z");
     }
-
-    #[test]
-    fn a_speed_follows_the_time_it_took() {
-        assert_eq!(speed(60.0, 0.125), "0.125 s (480 times real time)");
-    }
 }

@@ -89,24 +89,6 @@ mod tests {
     }
 
     #[test]
-    fn a_wrench_waits_for_a_state_received_after_it() {
-        let mut pairs = Pairs::default();
-        take(&mut pairs, [0], (0..3).map(|tick| (tick, tick)));
-        assert_eq!(paired(&mut pairs), [(0, Some(0))]);
-        take(&mut pairs, 1..9, []);
-        assert_eq!(paired(&mut pairs), [(1, Some(1)), (2, Some(2))]);
-    }
-
-    #[test]
-    fn a_stale_state_is_used_again_and_a_missing_one_is_none() {
-        let mut pairs = Pairs::default();
-        take(&mut pairs, [], [(0, NO_TICK), (1, 1), (2, 1), (3, 1)]);
-        take(&mut pairs, [0, 1], []);
-        let expected = [(0, Some(NO_TICK)), (1, Some(1)), (2, Some(1)), (3, Some(1))];
-        assert_eq!(paired(&mut pairs), expected);
-    }
-
-    #[test]
     fn a_lost_state_delays_nothing_once_a_later_one_arrives() {
         let mut pairs = Pairs::default();
         take(&mut pairs, [0, 2], (0..4).map(|tick| (tick, tick)));

@@ -18,105 +18,80 @@ pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
 /// Share of a tick after which its stages have normally finished [%].
 const LOOPS_DONE_PERCENT: u64 = 15;
 
-pub struct Ports {
-    pub states: Receiver<State>,
-    pub setpoints: Receiver<Setpoint>,
-    pub wrenches: Receiver<Wrench>,
-    pub rotor_speeds: Receiver<RotorSpeeds>,
-    pub swaps: Receiver<SwapRecord>,
-}
-
-impl Ports {
-    /// The recorder's ports, with queues deep enough for its longest pause.
-    pub fn new(wire: &Wire) -> Result<Self, Error> {
-        Ok(Self {
-            states: wire.receiver(DEEP)?,
-            setpoints: wire.receiver(DEEP)?,
-            wrenches: wire.receiver(DEEP)?,
-            rotor_speeds: wire.receiver(DEEP)?,
-            swaps: wire.receiver(DEEP)?,
-        })
-    }
-
-    /// An observer's ports, to which the recorder passes messages on.
-    pub fn observing(wire: &Wire) -> Result<Self, Error> {
-        Ok(Self {
-            states: wire.observer()?,
-            setpoints: wire.observer()?,
-            wrenches: wire.observer()?,
-            rotor_speeds: wire.observer()?,
-            swaps: wire.observer()?,
-        })
-    }
-
-    pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
-        self.states.arm(expected)?;
-        self.setpoints.arm(expected)?;
-        self.wrenches.arm(expected)?;
-        self.rotor_speeds.arm(expected)?;
-        self.swaps.arm(expected)
-    }
-
-    /// Takes every message that has arrived, topic by topic in the order of the data flow.
-    pub fn drain(
-        &mut self,
-        horizon: impl Horizon + Copy,
-        mut take: impl FnMut(&LogEntry),
-    ) -> Result<(), Error> {
-        self.states
-            .drain(horizon, |it| take(&LogEntry::State(*it)))?;
-        self.setpoints
-            .drain(horizon, |it| take(&LogEntry::Setpoint(*it)))?;
-        self.wrenches
-            .drain(horizon, |it| take(&LogEntry::Wrench(*it)))?;
-        self.rotor_speeds
-            .drain(horizon, |it| take(&LogEntry::RotorSpeeds(*it)))?;
-        self.swaps.drain(horizon, |it| take(&LogEntry::Swap(*it)))
-    }
-
-    /// Messages that did not pass inspection.
-    pub fn rejections(&self) -> Rejections {
-        self.states
-            .rejections()
-            .and(self.setpoints.rejections())
-            .and(self.wrenches.rejections())
-            .and(self.rotor_speeds.rejections())
-            .and(self.swaps.rejections())
-    }
-}
-
-/// Ports through which the recorder passes every topic on to observers, and publishes the monitor's results.
-pub struct Relays {
-    states: Relay<State>,
-    setpoints: Relay<Setpoint>,
-    wrenches: Relay<Wrench>,
-    rotor_speeds: Relay<RotorSpeeds>,
-    swaps: Relay<SwapRecord>,
-    theorem: Relay<Monitor>,
-}
-
-impl Relays {
-    pub fn new(wire: &Wire) -> Result<Self, Error> {
-        Ok(Self {
-            states: wire.relay()?,
-            setpoints: wire.relay()?,
-            wrenches: wire.relay()?,
-            rotor_speeds: wire.relay()?,
-            swaps: wire.relay()?,
-            theorem: wire.relay()?,
-        })
-    }
-
-    pub fn pass_on(&mut self, entry: &LogEntry) -> Result<(), Error> {
-        match entry {
-            LogEntry::State(message) => self.states.pass_on(message),
-            LogEntry::Setpoint(message) => self.setpoints.pass_on(message),
-            LogEntry::Wrench(message) => self.wrenches.pass_on(message),
-            LogEntry::RotorSpeeds(message) => self.rotor_speeds.pass_on(message),
-            LogEntry::Swap(message) => self.swaps.pass_on(message),
-            LogEntry::Theorem(message) => self.theorem.pass_on(message),
+/// Defines the ports of all topics, which are listed in the order of the data flow.
+macro_rules! ports {
+    ($($topic:ident: $entry:ident($content:ty)),+ $(,)?) => {
+        /// A receiver for each topic.
+        pub struct Ports {
+            $($topic: Receiver<$content>,)+
         }
-    }
+
+        impl Ports {
+            /// The recorder's ports, with queues deep enough for its longest pause.
+            pub fn new(wire: &Wire) -> Result<Self, Error> {
+                Ok(Self {
+                    $($topic: wire.receiver(DEEP)?,)+
+                })
+            }
+
+            /// An observer's ports, to which the recorder passes messages on.
+            pub fn observing(wire: &Wire) -> Result<Self, Error> {
+                Ok(Self {
+                    $($topic: wire.observer()?,)+
+                })
+            }
+
+            pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+                $(self.$topic.arm(expected)?;)+
+                Ok(())
+            }
+
+            /// Takes every message that has arrived, topic by topic.
+            pub fn drain(
+                &mut self,
+                horizon: impl Horizon + Copy,
+                mut take: impl FnMut(&LogEntry),
+            ) -> Result<(), Error> {
+                $(self.$topic.drain(horizon, |it| take(&LogEntry::$entry(*it)))?;)+
+                Ok(())
+            }
+
+            /// Messages that did not pass inspection.
+            pub fn rejections(&self) -> Rejections {
+                Rejections::default()$(.and(self.$topic.rejections()))+
+            }
+        }
+
+        /// Ports through which the recorder passes every topic on to observers, and publishes the monitor's results.
+        pub struct Relays {
+            $($topic: Relay<$content>,)+
+            theorem: Relay<Monitor>,
+        }
+
+        impl Relays {
+            pub fn new(wire: &Wire) -> Result<Self, Error> {
+                Ok(Self {
+                    $($topic: wire.relay()?,)+
+                    theorem: wire.relay()?,
+                })
+            }
+
+            pub fn pass_on(&mut self, entry: &LogEntry) -> Result<(), Error> {
+                match entry {
+                    $(LogEntry::$entry(message) => self.$topic.pass_on(message),)+
+                    LogEntry::Theorem(message) => self.theorem.pass_on(message),
+                }
+            }
+        }
+    };
+}
+
+ports! {
+    states: State(State),
+    setpoints: Setpoint(Setpoint),
+    wrenches: Wrench(Wrench),
+    rotor_speeds: RotorSpeeds(RotorSpeeds),
+    swaps: Swap(SwapRecord),
 }
 
 /// The latest tick that a message can belong to: by the clock, as for the stages.

@@ -21,8 +21,7 @@ use errors::output::{print, say};
 use errors::{Failure, OK, USAGE, check_writable, read_text};
 use experiments::combinations;
 use experiments::parallel::{all_on_processors, processors};
-use sim::invalid_outputs::InvalidOutputs;
-use sim::simulate;
+use sim::simulate::{self, InvalidOutputs};
 use sim::simulator::Simulator;
 
 /// Longest flight [ticks]: all position errors are kept in memory.

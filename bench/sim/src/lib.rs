@@ -4,7 +4,6 @@
 //! ([`recorded_timing`]). It does not choose laws or settings (`config`), and does not read logs for replay (`replay`).
 //! Start reading in [`simulator`]; [`simulate`] is the report of `ironbird simulate`.
 
-pub mod invalid_outputs;
 pub mod recorded_timing;
 pub mod simulate;
 pub mod simulator;

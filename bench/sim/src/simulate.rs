@@ -6,11 +6,11 @@ use std::time::Instant;
 use controller::laws::adaptive;
 use messages::parameters::ESTIMATED;
 
-use crate::invalid_outputs::InvalidOutputs;
 use crate::recorded_timing::Timing;
 use crate::simulator::Simulator;
 pub use crate::simulator::simulated_flight::{Judge, follow};
 pub use crate::simulator::simulated_flight::{SimulatedFlight, fly, fly_with};
+use analysis::laws::NotFinite;
 use analysis::phrase::count;
 use analysis::schema::FlightStatus;
 use analysis::schema::Gate;
@@ -19,6 +19,7 @@ use analysis::theorem::TheoremStatistics;
 use analysis::tracer::Tracer;
 use analysis::tracking::Tracking;
 use config::Settings;
+use config::law_settings::Chosen;
 use errors::output::print;
 use errors::{Failure, GATE, OK, write_text};
 use flight_log::wall_time::speed;
@@ -187,5 +188,34 @@ impl Observations {
             text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
         }
         text
+    }
+}
+
+/// Law outputs that could not be used (not finite), by law: outer, inner, mixer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InvalidOutputs([NotFinite; 3]);
+
+impl InvalidOutputs {
+    /// Counts the outputs of the last tick.
+    pub fn take(&mut self, rig: &Simulator) {
+        let modes = [
+            rig.setpoint().map_or(0, |setpoint| setpoint.mode),
+            rig.new_wrench().map_or(0, |wrench| wrench.mode),
+            rig.new_rotor_speeds().map_or(0, |speeds| speeds.mode),
+        ];
+        self.0
+            .iter_mut()
+            .zip(modes)
+            .for_each(|(counted, mode)| counted.take(rig.flown_tick(), mode));
+    }
+
+    /// A sentence for each law with unusable outputs.
+    pub fn sentences(self, settings: &Settings) -> Result<Vec<String>, Failure> {
+        let counted = settings.chosen_laws()?.into_iter().zip(self.0);
+        let sentence = |(law, counted): (Chosen, NotFinite)| {
+            let section = law.section(counted, Vec::new());
+            render::sentences::not_finite(&section, law.description().role.name())
+        };
+        Ok(counted.filter_map(sentence).collect())
     }
 }

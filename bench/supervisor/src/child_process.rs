@@ -242,17 +242,4 @@ mod tests {
         );
         child.wait().unwrap();
     }
-
-    #[test]
-    fn a_signal_reaches_a_watched_child_only() {
-        let (mut child, mut other) = (sleeper(), sleeper());
-        let mut children = ChildWatch::default();
-        children.watch(&child);
-        assert!(children.signal(other.id(), Signal::KILL).is_err());
-        children.signal(child.id(), Signal::KILL).unwrap();
-        child.wait().unwrap();
-        assert!(children.signal(child.id(), Signal::KILL).is_err());
-        assert!(other.try_wait().unwrap().is_none());
-        kill_and_reap(&mut other);
-    }
 }

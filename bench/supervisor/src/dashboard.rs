@@ -13,9 +13,10 @@ use ipc::instance::Instance;
 use ratatui::crossterm::cursor::Show;
 use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::LeaveAlternateScreen;
-use rustix::process::{Pid, Signal, getpgrp, kill_process};
+use rustix::process::getpgrp;
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr};
 
+use crate::child_process::{kill_and_reap, terminate};
 use errors::Failure;
 
 /// How long the dashboard may take to notice the end of the flight and to restore the terminal.
@@ -65,12 +66,9 @@ impl Dashboard {
         if self.has_left() {
             return;
         }
-        // It may have ended by itself meanwhile.
-        let pid = Pid::from_raw(self.child.id().cast_signed());
-        let _ = pid.map(|pid| kill_process(pid, Signal::TERM));
+        terminate(&self.child);
         if !self.has_left() {
-            let _ = self.child.kill();
-            let _ = self.child.wait();
+            kill_and_reap(&mut self.child);
             self.is_open();
         }
     }

@@ -24,22 +24,6 @@ fn reader(wire: &Wire) -> Option<BlackboardReader<ActiveParameters>> {
 }
 
 #[test]
-fn a_reader_that_comes_before_the_writer_finds_nothing_and_after_it_finds_the_value() {
-    let site = Site::new();
-    let (here, there) = (site.wire(), site.wire());
-    assert!(reader(&there).is_none());
-    let board = board(&here);
-    let there_reader = reader(&there).unwrap();
-    assert_eq!(there_reader.get(), ActiveParameters::default());
-    for tick in 1..1000 {
-        board.put(at(tick));
-        assert_eq!(there_reader.get(), at(tick));
-    }
-    let other = there.blackboard_reader::<ActiveParameters>("other");
-    assert!(other.unwrap().is_none());
-}
-
-#[test]
 fn a_board_has_one_writer() {
     let site = Site::new();
     let (here, there) = (site.wire(), site.wire());

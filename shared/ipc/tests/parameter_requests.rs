@@ -6,7 +6,7 @@ use std::time::Duration;
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::sys::Payload;
-use ipc::{Call, Owner, RequestServer, SwapAnswer, SwapOrder, SwapOutcome, Wire};
+use ipc::{Call, RequestServer, SwapAnswer, SwapOrder, SwapOutcome, Wire};
 use messages::content::NO_TICK;
 use messages::parameters::{PARAMETERS, Parameter};
 
@@ -65,30 +65,6 @@ fn assert_absent(result: Result<SwapAnswer, Error>) {
     let words = "the plant did not answer within 20ms";
     assert!(error.to_string().contains(words), "{error}");
     assert_eq!(error.exit_code(), 1);
-}
-
-#[test]
-fn a_request_wakes_the_plant_and_its_reply_comes_back() {
-    let site = Site::new();
-    let wire = site.wire();
-    let server = wire.server::<SwapOrder>().unwrap();
-    let event = wire.wake_event(Owner::Requests).unwrap();
-    assert!(server.next().unwrap().is_none());
-    thread::scope(|scope| {
-        let asked = scope.spawn(|| {
-            let client = site.wire().client::<SwapOrder>().unwrap();
-            let ask = |i| client.request(order(f64::from(i) / 10.0), LONG).unwrap();
-            (0..20).map(ask).collect::<Vec<_>>()
-        });
-        for i in 0..20 {
-            let until = now_ns() + LONG.as_nanos() as u64;
-            assert!(event.wait_until(until).unwrap());
-            let call = next(&server);
-            assert_eq!(call.order(), order(f64::from(i) / 10.0));
-            call.reply(answer(i as u64));
-        }
-        assert!(asked.join().unwrap().into_iter().eq((0..20).map(answer)));
-    });
 }
 
 #[test]

@@ -83,26 +83,3 @@ mod processor {
 
     pub(super) const fn write((): Modes) {}
 }
-
-#[cfg(all(test, any(target_arch = "x86_64", target_arch = "aarch64")))]
-mod tests {
-    use std::hint::black_box;
-
-    use super::*;
-
-    #[test]
-    fn rounding_is_put_back() {
-        #[cfg(target_arch = "x86_64")]
-        const UPWARD: processor::Modes = (0x5f80, 0x0b7f);
-        #[cfg(target_arch = "aarch64")]
-        const UPWARD: processor::Modes = 1 << 22;
-        let third = || black_box(black_box(1.0) / black_box(3.0));
-        let (modes, nearest): (_, f64) = (Modes::now(), third());
-        processor::write(UPWARD);
-        let upward = third();
-        assert!(modes.put_back());
-        assert_eq!(upward.to_bits(), nearest.to_bits() + 1);
-        assert_eq!(third().to_bits(), nearest.to_bits());
-        assert!(!modes.put_back(), "an exception that was met is no mode");
-    }
-}

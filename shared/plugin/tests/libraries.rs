@@ -39,46 +39,6 @@ fn assert_refused<T>(result: Result<T, Failure>, parts: &[&str]) {
 }
 
 #[test]
-fn a_table_is_read_in_full() {
-    let directory = tempfile::tempdir().unwrap();
-    let library = load(&library(&directory, "lib.so", &[])).unwrap();
-    let description = library.description;
-    assert_eq!((description.name, description.version), ("described", "1"));
-    assert_eq!(description.role, Role::Outer);
-    let text = (description.summary, description.source);
-    assert_eq!(text, ("says what it is", ""));
-    let settings = description.settings.iter();
-    let settings: Vec<_> = settings
-        .map(|it| {
-            format!(
-                "{} [{}] {:?} {}",
-                it.name,
-                it.unit,
-                it.default(),
-                it.allowed()
-            )
-        })
-        .collect();
-    assert_eq!(
-        settings,
-        [
-            "gain_1_s [1/s] Number(2.0) 0 to 9 1/s",
-            "axes [] Three([1.0, 2.0, 3.0]) three numbers, each -1 to 9",
-            "mode [] Word(\"slow\") \"slow\" or \"quick\"",
-        ]
-    );
-    let soft = description.preset("soft").unwrap();
-    assert_eq!(soft.three(&description.settings[1]), [4.0, 5.0, 6.0]);
-    assert_eq!(soft.number(&description.settings[0]), 1.0);
-    assert_eq!(soft.word(&description.settings[2]), "quick");
-    let signals = description.telemetry.iter().map(|it| (it.name, it.unit));
-    assert!(signals.eq([("error_m", "m"), ("speed_m_s", "m/s")]));
-    assert!(library.sha256.len() == 64 && !library.not_real_time && !library.is_rehearsed());
-    let again = load(&library.file).unwrap();
-    assert!(std::ptr::eq(again, library), "a file is loaded once");
-}
-
-#[test]
 fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     let directory = tempfile::tempdir().unwrap();
     let library = open(Role::Outer, &library(&directory, "lib.so", &[])).unwrap();
@@ -171,16 +131,4 @@ fn a_file_that_every_user_may_write_is_not_run() {
     let what = "`described` is a law of the role outer, and not of inner";
     let help = format!("help: fly it with --outer {path}");
     assert_refused(open(Role::Inner, &file), &[what, &help]);
-}
-
-#[test]
-fn a_library_that_rounds_otherwise_changes_no_number_of_the_others() {
-    let directory = tempfile::tempdir().unwrap();
-    let third = || std::hint::black_box(1.0_f64) / std::hint::black_box(3.0);
-    let before = third();
-    let library = load(&library(&directory, "lib.so", &["ROUNDS"])).unwrap();
-    assert_eq!(third().to_bits(), before.to_bits());
-    assert!(library.outer(&Rig::default(), &Settings::default()).is_ok());
-    // Nor does one that does so as it is made.
-    assert_eq!(third().to_bits(), before.to_bits());
 }

@@ -1,9 +1,14 @@
 //! The lead in force: how far ahead of its next tick the plant's timer is set.
 //!
-//! The measurement before take-off gives the lead that a flight begins with. In flight an automatic lead follows what
-//! it is for, from tick to tick: a timer that is late, and a rehearsal. No clock is read here.
+//! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by more than that, it wakes
+//! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock
+//! until the tick begins. A measurement before take-off gives the lead that a flight begins with. In flight an automatic
+//! lead follows what it is for, from tick to tick: a timer that is late, and a rehearsal.
 
-use messages::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting};
+use ipc::clock::{now_ns, sleep_until};
+use ipc::error::Error;
+use messages::grid::Grid;
+use messages::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting, RealtimeSettings};
 
 /// At take-off an automatic lead covers so many times the lateness that one timer in ten exceeds.
 ///
@@ -21,10 +26,70 @@ const MARGIN_NS: u64 = 10_000;
 /// Share of the period that an automatic lead takes at most [%].
 const MOST_PERCENT: u64 = 25;
 
+/// The other roles are in their loops so long after the plant has said that it will fly [ns].
+const IN_LOOPS_NS: u64 = 6_000_000;
+/// Longest time between two measurements [ns]: of a slower flight there would be too few.
+const EVERY_NS: u64 = 10_000_000;
+
+/// Chooses the lead at the take-off of a flight that begins at `grid.t0_ns`, and returns before then.
+///
+/// How late timers are on this machine, and how long a rehearsal takes, is measured on the processor of the loops, with
+/// all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
+/// `rehearse` has all stages rehearse, and returns when they have.
+pub(crate) fn choose(
+    settings: &RealtimeSettings,
+    is_fifo: bool,
+    grid: &Grid,
+    mut rehearse: impl FnMut() -> Result<(), Error>,
+) -> Result<Lead, Error> {
+    if settings.lead == LeadSetting::Fixed(0) || (settings.lead == LeadSetting::Auto && !is_fifo) {
+        return Ok(Lead::default());
+    }
+    let every_ns = grid.period_ns.min(EVERY_NS);
+    let longest_ns = match settings.lead {
+        LeadSetting::Fixed(ns) => ns,
+        LeadSetting::Auto => most(grid.period_ns),
+    };
+    let (mut timers, mut rehearsals) = (Vec::new(), Vec::new());
+    let mut next_ns = now_ns() + IN_LOOPS_NS;
+    // The timer of tick 0 is still to be set then.
+    while next_ns + 2 * every_ns + longest_ns < grid.t0_ns {
+        if sleep_until(next_ns) {
+            let woke_ns = now_ns();
+            timers.push(woke_ns - next_ns);
+            if settings.rehearse {
+                rehearse()?;
+                rehearsals.push(now_ns() - woke_ns);
+            }
+        }
+        // One that is over would measure nothing.
+        next_ns += every_ns * (now_ns().saturating_sub(next_ns) / every_ns + 1);
+    }
+    let (timer_p90_ns, rehearsal_ns) = (quantile(&mut timers, 90), quantile(&mut rehearsals, 90));
+    Ok(match settings.lead {
+        LeadSetting::Fixed(lead_ns) => Lead {
+            lead_ns,
+            rehearsal_ns,
+            timer_p90_ns,
+        },
+        LeadSetting::Auto => automatic(timer_p90_ns, rehearsal_ns, grid.period_ns),
+    })
+}
+
+/// The smallest value that `percent` of all do not exceed; 0 of none.
+fn quantile(values: &mut [u64], percent: usize) -> u64 {
+    values.sort_unstable();
+    let rank = (values.len() * percent).div_ceil(100);
+    rank.checked_sub(1)
+        .and_then(|i| values.get(i))
+        .copied()
+        .unwrap_or(0)
+}
+
 /// The lead of a flight that begins with `timer_p90_ns` and `rehearsal_ns`, the 90th percentiles measured before it.
 ///
 /// Without rehearsals where they do not fit; none where nothing was measured.
-pub(crate) fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
+fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
     if timer_p90_ns == 0 {
         return Lead::default();
     }
@@ -40,7 +105,7 @@ pub(crate) fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) ->
 }
 
 /// The longest automatic lead [ns].
-pub(crate) fn most(period_ns: u64) -> u64 {
+fn most(period_ns: u64) -> u64 {
     (period_ns * MOST_PERCENT / 100).min(LONGEST_LEAD_NS)
 }
 

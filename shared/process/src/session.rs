@@ -9,7 +9,6 @@
 //! flying joins the run at the present tick.
 
 mod join;
-mod lead_choice;
 mod open;
 
 use std::sync::Arc;

@@ -406,18 +406,3 @@ impl PlantWatch {
         is_due
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_silent_plant_is_checked_ten_times_a_second_after_a_second() {
-        let mut plant = PlantWatch::new(0);
-        let mut checks = |from_ms: u64, to_ms: u64| {
-            let due = (from_ms..to_ms).filter(|ms| plant.check_is_due(ms * 1_000_000));
-            due.count()
-        };
-        assert_eq!((checks(0, 1001), checks(1001, 3001)), (0, 20));
-    }
-}

@@ -145,21 +145,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_tick_is_woken_for_or_counted_as_skipped_and_has_its_lateness() {
-        let mut timer = PeriodicTimer::new(1_000_000, Duration::from_millis(30)).unwrap();
-        let mut wakes = 0;
-        while timer.next_wake(0, |_| ()).is_some() {
-            wakes += 1;
-            if wakes == 5 {
-                thread::sleep(Duration::from_millis(4));
-            }
-        }
-        assert_eq!((timer.ticks_run(), timer.lateness.len()), (wakes, 30));
-        assert_eq!(wakes + timer.skipped, 30);
-        assert!(timer.skipped >= 3 && timer.lateness.max() >= 3_000_000);
-    }
-
-    #[test]
     fn with_a_lead_it_acts_before_the_tick_and_never_begins_it_early() {
         let mut timer = PeriodicTimer::new(1_000_000, Duration::from_millis(20)).unwrap();
         let (mut acted, mut most_left_ns) = (0, 0);

@@ -318,20 +318,6 @@ mod tests {
     }
 
     #[test]
-    fn real_time_is_given_back_when_the_set_up_is_dropped() {
-        let settings = settings(RealtimeMode::Prefer, 10);
-        let (granted, during, after) = aside(|| {
-            let engaged = Engaged::engage(Role::Outer, &settings, None).unwrap();
-            let granted = engaged.grants.of(RealtimeStep::Scheduler).granted();
-            let during = sys::scheduler().unwrap();
-            drop(engaged);
-            (granted, during, sys::scheduler().unwrap())
-        });
-        assert!(!granted || during == (libc::SCHED_FIFO, 11));
-        assert_eq!(after, (libc::SCHED_OTHER, 0));
-    }
-
-    #[test]
     fn off_requests_nothing_and_each_refusal_has_a_remedy_of_its_own() {
         let settings = settings(RealtimeMode::Off, 80);
         let mut engaged = Engaged::engage(Role::Plant, &settings, None).unwrap();

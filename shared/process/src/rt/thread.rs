@@ -133,17 +133,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_refused_is_reported() {
-        let standing = std::thread::spawn(|| take_stand(100_000, 0)).join();
-        let standing = standing.unwrap();
-        assert_eq!(standing.scheduling(), "SCHED_OTHER");
-        let refused = standing.refused.join("; ");
-        assert!(refused.contains("processor 100000:"), "{refused}");
-        let refusal = fifo_refusal(1_000).and_then(|reason| reason.raw_os_error());
-        assert_eq!(refusal, Some(libc::EINVAL));
-    }
-
-    #[test]
     fn a_raised_thread_returns_to_its_scheduling_even_without_privileges() {
         // In threads of their own, which end with what they have given up. A priority of 0 is SCHED_OTHER.
         for priority in [0, 3] {

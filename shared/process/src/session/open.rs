@@ -8,8 +8,8 @@
 
 use std::thread::sleep;
 
-use super::{LOOK_EVERY, RoleSession, lead_choice, status_board, wall_ns};
-use crate::lead::ActiveLead;
+use super::{LOOK_EVERY, RoleSession, status_board, wall_ns};
+use crate::lead::{self, ActiveLead};
 use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
 use ipc::clock::now_ns;
@@ -68,7 +68,7 @@ impl RoleSession {
             return Ok(ActiveLead::none());
         };
         let settings = &self.orders.rt;
-        opened.run.lead = lead_choice::choose(settings, opened.is_fifo, &grid, rehearse)?;
+        opened.run.lead = lead::choose(settings, opened.is_fifo, &grid, rehearse)?;
         opened.board.put(opened.run);
         Ok(ActiveLead::new(
             &opened.run.lead,
