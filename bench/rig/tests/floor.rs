@@ -34,17 +34,6 @@ fn ring(
 }
 
 #[test]
-fn the_timer_accounts_for_every_tick() {
-    let floor = timer::measure(&schedule(FLOWN)).unwrap();
-    assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
-    assert_eq!(floor.lateness.len(), 200);
-    let standing = &floor.standing;
-    let refused = standing.refused.iter();
-    let is_refused = refused.clone().any(|it| it.starts_with("SCHED_FIFO"));
-    assert_eq!(standing.priority == 0, is_refused, "{standing:?}");
-}
-
-#[test]
 fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
     let work = Work::lasting(50_000);
     let floor = ring(4, work, FLOWN, IRONBIRD).unwrap();

@@ -1,7 +1,7 @@
 //! Another user of the machine beside a flight: he reads, writes, shrinks and removes nothing of it. Real processes.
 
 use std::fs;
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, symlink};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -100,12 +100,4 @@ fn what_another_user_has_put_in_the_way_is_refused_and_stays() {
             .unwrap();
     }
     assert_eq!(rig.run_directories(), [""; 0]);
-    // A link in a place that a flight writes to is replaced, and what it leads to stays.
-    rig.ok("fly --pace lockstep --duration 50ms");
-    let (victim, exported) = (rig.path("victim"), rig.path("exported"));
-    fs::write(&victim, "kept").unwrap();
-    fs::create_dir(&exported).unwrap();
-    symlink(&victim, exported.join("state.csv")).unwrap();
-    rig.ok(&format!("export --to {}", exported.display()));
-    assert_eq!(fs::read_to_string(&victim).unwrap(), "kept");
 }
