@@ -3,7 +3,7 @@
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{Rig, not_tested, table};
 use analysis::finding::{Finding, Level, RealtimeClass};
-use host::doctor::{Examination, SCHEMA, examine};
+use host::doctor::{Examination, examine};
 use host::{Answers, Machine};
 use std::fs;
 use tempfile::TempDir;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::rig::IRONBIRD;
 use errors::Failure;
 use host::floor::ring::{self, RingFloor, RingSettings, Work};
-use host::floor::timer::{self, Schedule};
+use host::floor::timer::Schedule;
 
 fn schedule(duration: Duration) -> Schedule {
     Schedule {

@@ -41,5 +41,4 @@ mod rig;
 mod screens;
 mod theorem;
 mod transcripts;
-mod untrusted_files;
 mod watch;

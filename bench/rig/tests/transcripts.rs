@@ -125,6 +125,7 @@ impl Scenario<'_> {
         let examples = Path::new(rig.executable()).with_file_name("examples");
         let programs = [
             ("strace", Path::new("/usr/bin/strace").exists()),
+            ("stress-ng", Path::new("/usr/bin/stress-ng").exists()),
             ("forge", examples.join("forge").exists()),
         ];
         if let Some((program, _)) = programs.iter().find(|it| needs(it.0) && !it.1) {

@@ -138,9 +138,6 @@ pub fn look_again(report: &mut Report, directory: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::schema::MACHINE;
-    use messages::role::STAGES;
-    use serde_json::json;
     use toml::Value;
 
     #[test]
