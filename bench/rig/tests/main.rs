@@ -27,7 +27,6 @@ mod margin;
 mod message_faults;
 mod miss_analysis_flights;
 mod new_law;
-mod other_user;
 mod paper_facts;
 mod python;
 mod recorded;

@@ -112,6 +112,13 @@ impl Scenario<'_> {
         let mounts = [
             ("mounts", ("mount -t tmpfs tmpfs /mnt", "true")),
             ("tracefs", TRACEFS),
+            (
+                "nobody",
+                (
+                    "true",
+                    "setpriv --reuid=65534 --regid=65534 --clear-groups true",
+                ),
+            ),
         ];
         let mut needed = mounts.into_iter().filter(|(name, _)| needs(name));
         if needed.any(|(_, (mount, probe))| in_own_mounts(mount, probe, "sh").is_none()) {
