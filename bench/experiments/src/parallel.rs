@@ -90,19 +90,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_are_in_the_order_of_the_items_for_any_number_of_workers() {
-        let items: Vec<u64> = (0..100).collect();
-        let squares: Vec<u64> = items.iter().map(|item| item * item).collect();
-        for workers in [1, 3, 200] {
-            let mut looks = Vec::new();
-            let square = |item: &u64| item * item;
-            let results = on_processors(&items, workers, square, |done| looks.push(done));
-            assert_eq!(results, squares);
-            assert!(looks.last() == Some(&100) && looks.is_sorted(), "{looks:?}");
-        }
-    }
-
-    #[test]
     fn a_failure_cancels_other_work_and_comes_before_the_interruptions_that_follow() {
         let items: Vec<u64> = (0..100).collect();
         let (has_failed, begun) = (AtomicBool::new(false), AtomicUsize::new(0));

@@ -21,28 +21,11 @@ pub fn here() -> Build {
         commit: env!("IRONBIRD_COMMIT").into(),
         dirty: env!("IRONBIRD_DIRTY") == "true",
         // Whatever names a build says of one whose guards can be switched off that it is one.
-        profile: told_profile(env!("IRONBIRD_PROFILE"), IS_MUTANT),
+        profile: match IS_MUTANT {
+            true => concat!(env!("IRONBIRD_PROFILE"), "-mutant").into(),
+            false => env!("IRONBIRD_PROFILE").into(),
+        },
         rustc: env!("IRONBIRD_RUSTC").into(),
         target: env!("IRONBIRD_TARGET").into(),
-    }
-}
-
-fn told_profile(profile: &str, is_mutant: bool) -> String {
-    if is_mutant {
-        format!("{profile}-mutant")
-    } else {
-        profile.into()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_mutant_says_that_it_is_one_and_no_other_build_does() {
-        assert_eq!(told_profile("debug", true), "debug-mutant");
-        assert_eq!(told_profile("debug", false), "debug");
-        assert_eq!(here().profile.ends_with("-mutant"), IS_MUTANT);
     }
 }

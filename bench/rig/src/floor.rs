@@ -163,15 +163,3 @@ pub fn ring_hop(args: &HopArgs) -> Result<u8, Failure> {
     }
     Ok(OK)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn hand_written_notes_at_the_end_of_the_page_stay() {
-        let page = "# Benchmarks\n\nfigures\n\n## Options compared\n\n| try | ratio |\n";
-        assert_eq!(notes_of(page), "\n## Options compared\n\n| try | ratio |\n");
-        assert_eq!(notes_of("# Benchmarks\n\nfigures, options compared\n"), "");
-    }
-}

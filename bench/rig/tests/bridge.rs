@@ -364,6 +364,11 @@ fn parameters_are_read_and_changed_and_every_client_is_notified() {
     assert!(status.contains("did you mean `mass_kg`?"), "{status}");
     assert_eq!(by_name(&client.text("parameterValues")), BTreeMap::new());
     land(&rig, flight, bridge);
+    for client in [client, other] {
+        let texts = client.last_texts();
+        let words = "the flight has ended: interrupted";
+        assert!(texts.contains(words), "{texts}");
+    }
 }
 
 #[test]
@@ -410,30 +415,6 @@ fn pages_of_other_origins_are_refused() {
         bridge.await_words(&format!("refused a page of {origin}; "));
     }
     land(&rig, flight, bridge);
-}
-
-#[test]
-fn ctrl_c_ends_the_bridge_and_the_end_of_the_flight_is_sent_to_every_client() {
-    let (rig, flight, bridge, port) = flown("ends", "", "");
-    let mut client = Client::connect(port);
-    client.subscribe(&["state"]);
-    client.data();
-    bridge.signal(Signal::INT);
-    bridge.end().expect(130);
-    client.last_texts();
-    rig.ok("inject mass_kg=0.6");
-    let (bridge, port) = open(&rig, "");
-    let mut clients = [(); 3].map(|()| Client::connect(port));
-    clients[0].subscribe(&["state"]);
-    clients[0].data();
-    land(&rig, flight, bridge);
-    for client in clients {
-        let texts = client.last_texts();
-        assert!(
-            texts.contains("the flight has ended: interrupted"),
-            "{texts}"
-        );
-    }
 }
 
 /// Addresses on which a process listens for TCP, as the kernel writes them: hexadecimal, of IPv4 the last byte first.

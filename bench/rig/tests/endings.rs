@@ -9,6 +9,7 @@ use rustix::process::Signal;
 use std::fs;
 
 const STAGES: [&str; 4] = ["plant", "outer", "inner", "mixer"];
+
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
@@ -33,17 +34,6 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
     }
     assert!(report.ticks.identity_holds, "{:?}", report.ticks);
     rig.assert_nothing_left();
-}
-
-/// Kills a flight with all its processes, none of which can clean up.
-pub(crate) fn kill_all(flight: Running) {
-    let roles = flight.roles();
-    // A stopped process does not act on the end of its supervisor.
-    roles.values().for_each(|pid| send(*pid, Signal::STOP));
-    flight.signal(Signal::KILL);
-    flight.end();
-    roles.values().for_each(|pid| send(*pid, Signal::KILL));
-    await_gone(roles.into_values());
 }
 
 /// Whether SCHED_FIFO is granted here; says so where it is not.

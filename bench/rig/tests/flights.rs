@@ -1,12 +1,11 @@
-//! Whole flights: in processes and in lockstep, at other rates, with pipes in place of files.
+//! Whole flights: in processes and in lockstep, at other rates.
 
-use crate::rig::{Rig, Running, assert_same_rows, wait_until};
+use crate::rig::{Rig, assert_same_rows};
 use controller::Trajectory;
 use controller::gains::PRESET_NAMES;
 use messages::parameters::SPECS;
 use std::fs;
 use std::io::Write as _;
-use std::process::Command;
 
 /// Flies in ever slower motion until no stage was late for any tick, because only then nothing depends on the machine.
 fn without_a_miss(rig: &Rig, fly: impl Fn(u64)) {
@@ -110,50 +109,4 @@ fn flights_at_other_rates_are_the_simulated_ones_in_lockstep_and_pass_on_the_clo
         assert_eq!(report.run.ending, "completed");
         rig.assert_nothing_left();
     }
-}
-
-const SHORT: &str = "--pace lockstep --duration 500ms";
-
-fn make_pipe(rig: &Rig, name: &str) -> String {
-    let pipe = rig.file(name);
-    let made = Command::new("mkfifo").arg(&pipe).status().unwrap();
-    assert!(made.success());
-    pipe
-}
-
-/// A pipe, and its reader, which ends when the first writer closes it.
-fn read_pipe(rig: &Rig, name: &str) -> (String, Running) {
-    let pipe = make_pipe(rig, name);
-    let mut reader = Command::new("cat");
-    reader.arg(&pipe);
-    let reader = rig.launch(reader);
-    // It sleeps until a writer comes, and not before it has the pipe.
-    let stat = || fs::read_to_string(format!("/proc/{}/stat", reader.pid())).unwrap();
-    wait_until("the pipe's reader", || {
-        stat().contains("(cat) S ").then_some(())
-    });
-    (pipe, reader)
-}
-
-#[test]
-fn the_reader_of_a_pipe_gets_what_would_be_in_the_file() {
-    let rig = Rig::new("piped");
-    let read = |reader: Running| reader.end().expect(0).stdout;
-    let (states, states_reader) = read_pipe(&rig, "states");
-    let (junit, junit_reader) = read_pipe(&rig, "junit");
-    rig.ok(&format!("fly {SHORT} --states {states} --junit {junit}"));
-    let flown = rig.flown("states.csv");
-    assert_eq!(read(states_reader), flown);
-    let cases = read(junit_reader);
-    assert!(cases.contains("<testsuite ") && cases.ends_with("</testsuites>\n"));
-    let (junit, junit_reader) = read_pipe(&rig, "again");
-    rig.ok(&format!("report --junit {junit}"));
-    assert_eq!(read(junit_reader), cases);
-    let (states, states_reader) = read_pipe(&rig, "simulated");
-    let (plot, plot_reader) = read_pipe(&rig, "plot.svg");
-    rig.ok(&format!(
-        "simulate --duration 500ms --states {states} --plot {plot}"
-    ));
-    assert_eq!(read(states_reader), flown);
-    assert!(read(plot_reader).ends_with("</svg>"));
 }

@@ -6,9 +6,9 @@
 
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::process::Command;
 
-use crate::rig::{Rig, lacks_tool};
+use crate::python::{python_with, run_python};
+use crate::rig::Rig;
 
 /// The number of a comment such as `#[StartTime: 12.345 (seconds since epoch)]`.
 fn header(log: &str, name: &str) -> f64 {
@@ -41,28 +41,6 @@ struct IntervalReading {
     max_ns: f64,
 }
 
-/// The reading of the other implementation for the newest flight; none where it is missing.
-fn read_elsewhere(rig: &Rig) -> Option<Reading> {
-    let named = std::env::var("IRONBIRD_PYTHON").unwrap_or_default();
-    let python = if named.is_empty() { "python3" } else { &named };
-    let import = Command::new(python)
-        .args(["-c", "import hdrh.log"])
-        .output();
-    if !import.is_ok_and(|output| output.status.success()) {
-        let missing = format!(
-            "{python} has no package hdrhistogram: pip install -r bench/rig/tests/requirements.txt"
-        );
-        assert!(named.is_empty(), "IRONBIRD_PYTHON: {missing}");
-        lacks_tool(&missing);
-        return None;
-    }
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_hlog.py");
-    let log = rig.out().join("latest/latency.hlog");
-    let output = Command::new(python).arg(script).arg(log).output().unwrap();
-    let errors = String::from_utf8_lossy(&output.stderr);
-    Some(serde_json::from_slice(&output.stdout).expect(&errors))
-}
-
 #[test]
 #[ignore = "long: part of the gate"]
 fn another_implementation_reads_the_numbers_of_the_report() {
@@ -81,9 +59,12 @@ fn another_implementation_reads_the_numbers_of_the_report() {
     assert_eq!(header(&log, "BaseTime").to_bits(), start_s.to_bits());
     // Maxima of intervals are in milliseconds.
     assert_eq!(header(&log, "MaxValueDivisor"), 1e6);
-    let Some(reading) = read_elsewhere(&rig) else {
+    let Some(python) = python_with("hdrh.log", "latency.hlog is not read elsewhere") else {
         return;
     };
+    let path = rig.out().join("latest/latency.hlog");
+    let read = run_python(&python, "bench/rig/tests/read_hlog.py", &[&path]);
+    let reading: Reading = serde_json::from_slice(&read).unwrap();
     assert_eq!(reading.start_s.to_bits(), start_s.to_bits());
     assert_eq!(reading.tags.len(), report.series.len());
     for series in &report.series {

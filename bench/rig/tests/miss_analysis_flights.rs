@@ -3,7 +3,7 @@
 //! `miss_analysis.rs` tests each cause on constructed evidence.
 
 use crate::c_laws::misbehaving;
-use crate::rig::{self, Rig, in_own_mounts, not_tested, rounds};
+use crate::rig::{Rig, not_tested, rounds};
 use ipc::clock::now_ns;
 use process::rt::{fifo_refusal, loops_cpu, take_stand};
 use serde_json::Value;
@@ -40,7 +40,7 @@ fn hog(time_ns: u64) {
 }
 
 /// Mounts what the kernel traces with, and makes sure that it may be used.
-const TRACEFS: (&str, &str) = (
+pub(crate) const TRACEFS: (&str, &str) = (
     "mount -t tracefs nodev /sys/kernel/tracing",
     "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$",
 );
@@ -88,52 +88,6 @@ fn loops_that_are_kept_from_their_processor_were_ready_and_a_trace_names_what_ra
             assert!(preempted + ready >= 29, "{ended}");
         }
     }
-}
-
-#[test]
-fn a_trace_that_killed_processes_left_is_found_and_removed() {
-    let rig = Rig::new("untraced");
-    let Some(mut flight) = in_own_mounts(TRACEFS.0, TRACEFS.1, "sh") else {
-        return;
-    };
-    // A shell lets what it starts in the background ignore SIGINT, until the flight hears it.
-    // Killed processes leave one: supervisor and recorder are gone before they could remove it.
-    let script = "for s in 0.01 0.02 0.03 0.05 0.08; do
-\"$1\" fly --trace --rt off --duration 600s --out \"$2\" --instance \"$3\" > /dev/null 2>&1 & fly=$!
-sleep $s; kill -TERM $fly; wait $fly; done
-ls /sys/kernel/tracing/instances; echo STOPPED
-\"$1\" fly --trace --rt off --duration 600s --out \"$2\" --instance \"$3\" & fly=$!
-until grep -qs ticks_run \"$2\"/latest/report.json; do sleep 0.05; done
-kill -KILL $(pgrep -f -- \"--instance $3\") $fly
-sleep 0.2
-echo; echo TRIED; \"$1\" clean --dry-run; echo CLEANED; \"$1\" clean; echo AGAIN; \"$1\" clean; ls /sys/kernel/tracing/instances";
-    flight
-        .args(["-c", script, "sh", rig::IRONBIRD])
-        .args([rig.out().to_str().unwrap(), &rig.instance])
-        .env("IRONBIRD_ROOT", rig.root());
-    let ended = rig.launch(flight).end().expect(0);
-    let (stopped, rest) = ended.stdout.split_once("STOPPED").unwrap();
-    let (tried, rest) = rest.split_once("CLEANED").unwrap();
-    let (cleaned, again) = rest.split_once("AGAIN").unwrap();
-    // Other tests trace, too, under roots of their own.
-    let prefix = rig.known().prefix();
-    let of_root = prefix.split_inclusive('_').take(2).collect::<String>();
-    assert!(
-        !stopped.contains(&of_root),
-        "an orderly end leaves none: {ended}"
-    );
-    assert!(
-        tried.contains(&format!("would remove the kernel's trace {of_root}")),
-        "{ended}"
-    );
-    assert!(
-        cleaned.contains(&format!("\nremoved the kernel's trace {of_root}")),
-        "{ended}"
-    );
-    assert!(
-        again.contains("nothing to remove") && !again.contains(&rig.instance),
-        "{ended}"
-    );
 }
 
 /// Faults of a flight in slow motion: the tick, the class and the stage of the outage.

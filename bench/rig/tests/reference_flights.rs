@@ -1,12 +1,11 @@
-//! Four flights of 20 s against the reference flights of an independent implementation, column by column; and flights of
-//! airframes of other sizes against each other.
+//! Four flights of 20 s against the reference flights of an independent implementation, column by column.
 
 use crate::python::repository;
 use crate::reference_laws;
 use analysis::states::Joined;
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
-use messages::parameters::{Airframe, Parameter};
+use messages::parameters::Parameter;
 use plant::Swap;
 use sim::simulator::Simulator;
 
@@ -114,58 +113,4 @@ fn flights_are_those_of_the_independent_implementation() {
     compare(lissajous, "flight", Some(drag), "flight_lissajous_swap.csv");
     compare(lissajous, "paper", None, "paper_lissajous.csv");
     compare(Trajectory::Step, "flight", None, "flight_step.csv");
-}
-
-#[test]
-fn an_airframe_with_more_inertia_flies_alike_under_its_gains() {
-    use Parameter::{
-        ArmLength, DragFactor, InertiaX, InertiaY, InertiaZ, RotationalDrag, RotorInertia,
-    };
-    let paper = Airframe::nominal();
-    // Its inertia times `scale`, and with it whatever turns it, so that it turns alike under that times the torque.
-    let enlarged = |scale: f64| {
-        let mut values = *paper.values();
-        for parameter in [
-            InertiaX,
-            InertiaY,
-            InertiaZ,
-            RotationalDrag,
-            RotorInertia,
-            ArmLength,
-            DragFactor,
-        ] {
-            values[parameter as usize] *= scale;
-        }
-        Airframe::built_with(values).unwrap()
-    };
-    let flight = |airframe: Airframe| {
-        let law_rig = control_api::Rig {
-            airframe,
-            ..control_api::Rig::default()
-        };
-        let gains = Gains::default().scaled(&paper, &airframe);
-        let (outer, inner, mixer) = reference_laws::stages(&law_rig, Trajectory::Fast, &gains);
-        let plant = plant::PlantSettings {
-            airframe,
-            seed: 1,
-            ..plant::PlantSettings::default()
-        };
-        Simulator::new(&plant, outer, inner, mixer)
-    };
-    for scale in [2.0, 0.25, 3e-3, 40.0] {
-        let mut flights = [flight(paper), flight(enlarged(scale))];
-        for tick in 0..8000 {
-            flights.iter_mut().for_each(Simulator::tick);
-            let [one, other] = [0, 1].map(|i| flights[i].state().measured.position_w_m);
-            let is_close = one.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-6);
-            assert!(is_close, "{scale} times the inertia, tick {tick}");
-            let [one, other] = [0, 1].map(|i| adaptive::estimate(&flights[i].wrench().telemetry));
-            assert!(
-                (one[1] - other[1] / scale).abs() < 1e-5,
-                "{one:?} {other:?}"
-            );
-            assert!((one[2] - other[2]).abs() < 1e-4, "{one:?} {other:?}");
-        }
-        assert!(adaptive::estimate(&flights[0].wrench().telemetry)[1] > 0.01);
-    }
 }

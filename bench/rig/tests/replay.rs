@@ -1,7 +1,6 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
 use crate::recorded::{self, Dice, Published, TickFaults, fly, rewrite, settings, write};
-use crate::rig::{Rig, lacks_tool, send};
 use config::law_settings::Moved;
 use errors::Failure;
 use flight_log::entry::LogEntry;
@@ -13,9 +12,7 @@ use messages::role::{Role, STAGES};
 use messages::telemetry::{Signal, Signals};
 use messages::topic::Topic;
 use replay::{LOOKAHEAD, ReplayResult, fly_again};
-use rustix::process::Signal as ProcessSignal;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
 
 const SHORT: &str = "[flight]\nduration_s = 0.1\n";
@@ -103,16 +100,6 @@ fn a_flight_without_faults_is_identical_and_every_value_is_compared() {
         beyond.contains("--from 102: the log ends at tick 100"),
         "{beyond}"
     );
-}
-
-#[test]
-fn swaps_noise_and_saturation_are_identical() {
-    let flight = noisy();
-    let mut speeds = flight.published.rotor_speeds.iter();
-    assert!(speeds.any(|message| message.content.saturated == 1));
-    // The last swap holds from the last tick on.
-    assert_eq!(flight.published.swaps.len(), 4);
-    assert_identical(&flight.log);
 }
 
 #[test]
@@ -481,39 +468,4 @@ fn a_truncated_log_is_read_to_its_last_whole_chunk_and_never_identical() {
         }
     }
     assert!(most > 50 && most <= flight.published.states.len(), "{most}");
-}
-
-/// Load that ends with the test, also when it panics.
-struct Stress(Child);
-
-impl Drop for Stress {
-    fn drop(&mut self) {
-        // It ends its workers on this signal.
-        send(self.0.id(), ProcessSignal::TERM);
-        let _ = self.0.wait();
-    }
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn twenty_flights_under_load_are_identical() {
-    let mut command = Command::new("stress-ng");
-    command.args(["--cpu", "2", "--timeout", "10m"]);
-    let stress = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-    let Ok(_stress) = stress.map(Stress) else {
-        lacks_tool("no flights under load: stress-ng is not installed");
-        return;
-    };
-    for flight in 0..20 {
-        let rig = Rig::new("stressed");
-        // Real time where it is granted, and as one of many where the load shows most.
-        let rt = if flight % 2 == 0 { "prefer" } else { "off" };
-        let noise = format!("gyro_noise_rad_s=0.01@tick{}", 50 + flight);
-        let swap = "mass_kg=0.6,rotor_efficiency_2=0.9@tick301";
-        let options = format!("--rt {rt} --duration 700ms --fault {noise} --fault {swap}");
-        let flown = rig.run("fly", options);
-        assert!(!rig.run_directories().is_empty(), "{flown}");
-        rig.ok("replay --verify")
-            .says(" values, identical; outputs ");
-    }
 }

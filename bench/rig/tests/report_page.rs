@@ -172,36 +172,6 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
 }
 
 #[test]
-fn the_inspection_finds_what_is_wrong() {
-    let Some(chromium) = chromium() else {
-        return;
-    };
-    let wrong = r##"<!DOCTYPE html><html><head><style>body { background: #ffffff; margin: 0; }</style></head><body>
-        <p style="white-space: nowrap">a line that is much too long for a telephone and for every browser that has no narrower window than 500 pixels, and cannot be broken anywhere</p>
-        <p style="color: #dddddd">pale</p>
-        <figure><svg role="img" aria-label="plot" viewBox="0 0 400 100" width="380">
-        <text x="390" y="20">cut off</text><text x="10" y="50">one on</text><text x="12" y="51">another</text>
-        <path class="line" d=""></path></svg></figure>
-        <nav><a href="#nowhere">to nowhere</a></nav><p style="height: 3000px"></p>
-        <img src="https://example.invalid/x.png"><script>console.error("told")</script></body></html>"##;
-    let (found, complaints) = look(&Rig::new("look"), &chromium, wrong, 400, false);
-    let all = texts(&found["faults"]).join("\n") + &complaints + &found["requests"].to_string();
-    for fault in [
-        "leaves the page",
-        "is cut in plot",
-        "overlaps",
-        "a line of plot is empty",
-        "contrast",
-        "the contents stand at",
-        "nothing is at #nowhere",
-        "told",
-        "example.invalid",
-    ] {
-        assert!(all.contains(fault), "no `{fault}` among\n{all}");
-    }
-}
-
-#[test]
 fn the_page_has_all_plots_comes_from_report_json_alone_and_is_small() {
     let rig = Rig::new("json");
     for (directory, other) in [(lockstep_flight(&rig), 1), (late_flight(&rig), 2)] {

@@ -11,7 +11,6 @@ use messages::role::Role::{self, Inner, Mixer, Outer};
 use process::session::status_board;
 use process::standby::NAME;
 use rustix::process::Signal;
-use std::collections::BTreeMap;
 use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
@@ -119,47 +118,6 @@ fn roles_that_another_program_restarts_are_reported_and_replayed_alike() {
     }
     rig.assert_replayed();
     rig.assert_nothing_left();
-}
-
-fn others(rig: &Rig, args: &str) -> BTreeMap<&'static str, Running> {
-    ["outer", "inner", "mixer", "record"]
-        .map(|role| (role, rig.start(role, args)))
-        .into()
-}
-
-/// Interrupts the plant, with which all others land.
-fn land(plant: Running, others: BTreeMap<&'static str, Running>) {
-    plant.interrupt().expect(0).complains("flight interrupted");
-    for (role, process) in others {
-        process.end().expect(if role == "record" { 130 } else { 0 });
-    }
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_plant_that_is_killed_and_restarted_leaves_no_role_behind_and_its_successor_flies() {
-    for after_ms in [0, 10, 100, 500, 1200, 3000] {
-        let rig = Rig::new("again");
-        let args = rig.slowly(20, "10s");
-        let (plant, left) = (rig.start("plant", &args), others(&rig, &args));
-        rig.await_flight();
-        plant.signal(Signal::KILL);
-        plant.end();
-        sleep(Duration::from_millis(after_ms));
-        let plant = rig.start("plant", &args);
-        for (role, process) in left {
-            let ended = process.end().expect(1);
-            let mut causes = ["another run has begun", "the plant died in flight"].into_iter();
-            let is_named = causes.any(|cause| ended.stderr.contains(cause));
-            assert!(role == "record" || is_named, "{after_ms} ms: {ended}");
-        }
-        // It knows that all processes of the run before are gone.
-        plant.await_words("waiting for outer, inner, mixer, record");
-        let next = others(&rig, &args);
-        rig.await_flight();
-        land(plant, next);
-        rig.assert_nothing_left();
-    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use crate::c_laws::{library, root};
+use crate::miss_analysis_flights::TRACEFS;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
     Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
@@ -108,7 +109,19 @@ impl Scenario<'_> {
         if needs("fifo") && fifo_refusal(80).is_some() {
             return not_tested(&format!("{}: SCHED_FIFO is refused", self.title));
         }
-        if needs("mounts") && in_own_mounts("mount -t tmpfs tmpfs /mnt", "true", "sh").is_none() {
+        let mounts = [
+            ("mounts", ("mount -t tmpfs tmpfs /mnt", "true")),
+            ("tracefs", TRACEFS),
+            (
+                "nobody",
+                (
+                    "true",
+                    "setpriv --reuid=65534 --regid=65534 --clear-groups true",
+                ),
+            ),
+        ];
+        let mut needed = mounts.into_iter().filter(|(name, _)| needs(name));
+        if needed.any(|(_, (mount, probe))| in_own_mounts(mount, probe, "sh").is_none()) {
             return;
         }
         let rig = match features.into_iter().find(|(name, _)| needs(name)) {
@@ -125,6 +138,7 @@ impl Scenario<'_> {
         let examples = Path::new(rig.executable()).with_file_name("examples");
         let programs = [
             ("strace", Path::new("/usr/bin/strace").exists()),
+            ("stress-ng", Path::new("/usr/bin/stress-ng").exists()),
             ("forge", examples.join("forge").exists()),
         ];
         if let Some((program, _)) = programs.iter().find(|it| needs(it.0) && !it.1) {

@@ -304,9 +304,6 @@ fn merged(phases: &[&Climb]) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use campaign::gates::METRICS;
-    use campaign::gates::Outcome;
-    use config::Settings;
 
     fn point(at: f64, flights: u64, survived: u64, error_m: Option<f64>) -> Point {
         Point {
@@ -328,54 +325,5 @@ mod tests {
         // What the first one did not fly is not drawn.
         let both = [point(1.0, 2, 2, Some(0.3)), point(2.0, 2, 1, None)];
         assert_eq!(merged(&[&(1, first), &(2, second)]), both);
-    }
-
-    #[test]
-    fn the_probability_of_survival_is_that_of_the_repeated_flights() {
-        let given = GivenLimits::new(&[]).unwrap();
-        let task = Task {
-            targets: [Port::InnerState, Port::MixerWrench]
-                .map(Target::Input)
-                .into(),
-            given: &given,
-            longest: 2000,
-            period_s: 1e-3,
-            tick_ns: 1_000_000,
-        };
-        let phases = [[40, 0], [30, 20], [50, 60]].map(|shares| PhaseResults {
-            outages: vec![(100, Vec::new()); 2],
-            lags: Vec::new(),
-            delays: Vec::new(),
-            losses: shares.map(|share| (share, Vec::new())).into(),
-            patterns: Vec::new(),
-            flights: 10,
-        });
-        assert_eq!(task.shares(&phases), [30, 0]);
-        let settings = Settings::resolve(None, &Vec::new()).unwrap();
-        let judged = [0.004, 0.02, 0.001].map(|error_m| {
-            let mut unfaulted = Outcome {
-                lost: None,
-                metrics: [Some(0.0); METRICS.len()],
-                telemetry: Vec::new(),
-                outputs: String::new(),
-            };
-            unfaulted.metrics[1] = Some(error_m);
-            given.judge(&unfaulted, "", &settings).unwrap()
-        });
-        let bounds_m = judged.each_ref().map(|it| it.outage.recovered_below_m);
-        assert_eq!(bounds_m, [0.01, 0.04, 0.01]);
-        let repeated = [true, false, true].map(|survived| vec![Some(survived), None]);
-        let margins = task.combine(&[10.0, 11.0, 12.0], &judged, &phases, &repeated);
-        let [state, wrench] = &margins.losses[..] else {
-            panic!("{margins:?}")
-        };
-        assert_eq!((state.share, state.median_share), (0.3, 0.4));
-        assert_eq!((state.flights, state.survived), (3, 2));
-        let interval = clopper_pearson(2, 3);
-        assert_eq!(state.survival, [interval.low, interval.high]);
-        // Nothing is known.
-        assert_eq!((wrench.share, wrench.flights), (0.0, 0));
-        assert_eq!(wrench.survival, [0.0, 1.0]);
-        assert_eq!((margins.flights, margins.recovered_below_m), (33, 0.04));
     }
 }

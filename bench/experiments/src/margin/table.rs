@@ -138,59 +138,7 @@ pub fn look_again(report: &mut Report, directory: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::schema::MACHINE;
-    use messages::role::STAGES;
-    use serde_json::json;
     use toml::Value;
-
-    fn build(commit: &str) -> Build {
-        Build {
-            commit: commit.into(),
-            ..build::executable()
-        }
-    }
-
-    fn margins(phases: usize, longest_ticks: u64, commit: &str) -> Margins {
-        let ticks = vec![30; phases];
-        let of = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
-        let outages = of.map(|of| json!({"of": of, "ticks": ticks, "exceptions": []}));
-        let law = json!({
-            "laws": {"outer": "pd", "inner": "pid", "mixer": "priority"}, "fingerprint": "ab",
-            "unfaulted_error_m": 0.0, "unfaulted_saturated_percent": 0.0, "recovered_below_m": 0.01,
-            "tracked_below_m": 0.1, "saturated_max_percent": 10.0, "outages": outages.collect::<Vec<_>>(),
-            "lags": [], "delays": [], "losses": [], "patterns": [], "flights": 0
-        });
-        let gate = json!({
-            "recovered_below_m": null, "tracked_below_m": 0.1, "recovery_max_s": 5.0, "limits": []
-        });
-        serde_json::from_value(json!({
-            "schema": SCHEMA, "build": build(commit), "trajectory": "hover", "airframe": "paper",
-            "preset": "flight", "seed": 1, "period_s": 1e-3, "phases_s": vec![10.0; phases], "span_s": 10.0,
-            "cycle_s": null, "sparse": 8, "longest_ticks": longest_ticks, "steady_s": 10.0, "gate": gate,
-            "laws": [law]
-        }))
-        .unwrap()
-    }
-
-    #[test]
-    fn a_larger_table_is_kept_unless_another_build_made_it() {
-        let out = tempfile::tempdir().unwrap();
-        check(out.path()).unwrap();
-        let kept = "/margins/ab.json, which is of 32 phases and outages up to 2000 ticks\n";
-        for (phases, longest, commit, line, phases_after) in [
-            (1, 2000, "old", "/margins/ab.json\n", 1),
-            (32, 2000, "old", "/margins/ab.json\n", 32),
-            (1, 2000, "old", kept, 32),
-            // Shorter outages.
-            (64, 60, "old", kept, 32),
-            (1, 60, "new", "/margins/ab.json\n", 1),
-        ] {
-            let lines = write(out.path(), &margins(phases, longest, commit)).unwrap();
-            assert!(lines[0].ends_with(line), "{lines:?}");
-            let table = read(out.path(), "ab").unwrap();
-            assert_eq!(table.phases_s.len(), phases_after);
-        }
-    }
 
     #[test]
     fn a_fingerprint_depends_on_what_matters_and_on_nothing_else() {

@@ -517,24 +517,3 @@ impl Trace {
         points.skip(surplus).collect()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_point_is_the_largest_of_its_tenth_of_a_second_and_old_points_are_dropped() {
-        let mut trace = Trace::default();
-        for (i, value) in [1.0, 3.0, 2.0, 5.0, 4.0].into_iter().enumerate() {
-            trace.take([0.01, 0.05, 0.09, 0.11, 0.21][i], value);
-        }
-        assert_eq!(trace.newest(10), [3.0, 5.0, 4.0]);
-        assert_eq!(trace.newest(2), [5.0, 4.0]);
-        for i in 3..2 * POINTS {
-            trace.take(i as f64 * POINT_S + 0.01, i as f64);
-        }
-        let points = trace.newest(usize::MAX);
-        let newest = (2 * POINTS - 1) as f64;
-        assert_eq!((points.len(), points[POINTS]), (POINTS + 1, newest));
-    }
-}

@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use campaign::chunk::{self, Rows, State};
 use errors::{Failure, GATE, InFile as _, OK};
 
-use crate::cli::{
-    self, CampaignFlyArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs, TrajectoryArgs,
-};
+use crate::cli::{self, CampaignFlyArgs, FlyArgs};
 use config::law_settings::Moved;
 use config::{PaceName, Settings};
 use errors::output::print;
@@ -58,7 +56,10 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         .map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
     let file = held.path().join("settings.toml");
     fs::write(&file, settings.commented()?).in_file("write", &file)?;
-    let code = cli::fly::fly(&fly_args(file, args.instance.clone()))?;
+    let mut flown = FlyArgs::default();
+    flown.flight.course.config = Some(file);
+    flown.rt.instance = args.instance.clone().unwrap_or_else(|| "default".into());
+    let code = cli::fly::fly(&flown)?;
     if ![OK, GATE].contains(&code) {
         return Ok(code);
     }
@@ -104,30 +105,6 @@ fn simulated(
     let place = directory.display();
     print(&format!("{place}: settings.toml, states.csv, flight.svg\n"))?;
     compare(&flown.outputs.to_string(), row)
-}
-
-fn fly_args(settings: PathBuf, instance: Option<String>) -> FlyArgs {
-    let rt = RtArgs {
-        instance: instance.unwrap_or_else(|| "default".into()),
-        ..RtArgs::default()
-    };
-    FlyArgs {
-        watch: false,
-        floor: None,
-        junit: None,
-        open: false,
-        print_config: false,
-        on_death: OnDeath::End,
-        flight: FlightArgs {
-            course: TrajectoryArgs {
-                config: Some(settings),
-                ..TrajectoryArgs::default()
-            },
-            ..FlightArgs::default()
-        },
-        rt,
-        recorder: RecorderArgs::default(),
-    }
 }
 
 /// The row of a flight; none if its chunk is not whole.

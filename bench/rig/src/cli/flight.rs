@@ -294,7 +294,7 @@ impl RecorderArgs {
     }
 }
 
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct FlyArgs {
     /// Show the dashboard in this terminal, as `ironbird watch` does.
     #[arg(long)]
@@ -322,9 +322,10 @@ pub struct FlyArgs {
     pub recorder: RecorderArgs,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum OnDeath {
     /// End the flight, and name the process that died.
+    #[default]
     End,
     /// Replace the process by its hot standby, or restart it, at most 5 times in 10 s. A process that hangs for more than
     /// 80 ms is killed first. The flight ends if the plant dies.

@@ -225,34 +225,3 @@ fn gate_limit(text: &str) -> Result<GateLimit, String> {
         most: values::limit(most.trim())?,
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_gate_is_a_metric_of_campaigns_with_a_limit() {
-        for (text, name, most) in [
-            ("recovery_max_s = 3", "recovery_max_s", 3.0),
-            ("recovered_below_m=0.05", RECOVERED_BELOW, 0.05),
-        ] {
-            assert_eq!(gate_limit(text), Ok(GateLimit { name, most }));
-        }
-        for (text, expected) in [
-            (
-                "theorem",
-                "write NAME=MOST; names are position_error_max_m, ",
-            ),
-            (
-                "speed=3",
-                "no gate has this name; there are position_error_max_m, ",
-            ),
-            ("flown_s=3", "no gate has this name"),
-            ("recovery_max_s=never", "write a number of 0 or more"),
-            ("recovery_max_s=-1", "write a number of 0 or more"),
-        ] {
-            let error = gate_limit(text).unwrap_err();
-            assert!(error.contains(expected), "{text}: {error}");
-        }
-    }
-}

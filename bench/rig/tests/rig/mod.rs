@@ -72,21 +72,15 @@ impl Args for String {
     }
 }
 
-impl<S: AsRef<str>> Args for [S] {
+impl<S: AsRef<str>> Args for Vec<S> {
     fn list(&self) -> Vec<String> {
         self.iter().map(|arg| arg.as_ref().to_owned()).collect()
     }
 }
 
-impl<S: AsRef<str>> Args for Vec<S> {
-    fn list(&self) -> Vec<String> {
-        self.as_slice().list()
-    }
-}
-
 impl<S: AsRef<str>, const N: usize> Args for [S; N] {
     fn list(&self) -> Vec<String> {
-        self.as_slice().list()
+        self.iter().map(|arg| arg.as_ref().to_owned()).collect()
     }
 }
 
