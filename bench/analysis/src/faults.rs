@@ -135,4 +135,20 @@ mod tests {
         assert!(once.strikes(8001, 8020) && !once.strikes(8002, 8020));
         assert!(cancelled.is_cancelled() && !cancelled.strikes(0, 9000));
     }
+
+    #[test]
+    fn faults_that_happen_once_have_no_end() {
+        for (what, once) in [
+            ("inner.kill", true),
+            ("inner.late=1ms,mixer.kill", true),
+            ("state.drop=off", true),
+            ("inner.kill,cpu.hog=90", false),
+        ] {
+            assert_eq!(
+                fault(what, 8000, None, 0.001).happens_once(),
+                once,
+                "{what}"
+            );
+        }
+    }
 }

@@ -262,4 +262,16 @@ mod tests {
         let early = flown(&[0.1; 150]).figures(&flight(200, &[50, 100, 180]));
         assert_eq!(early.recovery_s, [Some(0.0), None, None]);
     }
+
+    #[test]
+    fn effort_is_that_of_the_rotors() {
+        let Figures { effort, trace, .. } = flown(&[0.0; 101]).figures(&flight(100, &[]));
+        assert_close(effort.power, 1.0);
+        // Two of four rotors change by 3 rad/s in every tick.
+        assert_close(effort.agitation_rad_s, 4.5_f64.sqrt());
+        assert_close(effort.saturated_percent, 100.0 * 26.0 / 101.0);
+        assert_eq!(trace.spans(POWER).count(), 101);
+        let nothing = flown(&[]).figures(&flight(100, &[]));
+        assert_eq!(nothing.effort.agitation_rad_s, 0.0);
+    }
 }

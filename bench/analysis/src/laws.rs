@@ -114,3 +114,57 @@ impl SignalStatistics {
         self.signals.iter().zip(self.seen).map(section).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_law_without_numbers_is_counted_and_named() {
+        let mut inner = NotFinite::default();
+        for (tick, mode) in [
+            (3, Mode::Fresh),
+            (4, Mode::NotFinite),
+            (5, Mode::Held),
+            (9, Mode::NotFinite),
+        ] {
+            inner.take(tick, mode as u64);
+        }
+        let section = inner.section("x", Vec::new());
+        assert_eq!(
+            (section.ticks_not_finite, section.first_not_finite),
+            (2, Some(4))
+        );
+        let outer = NotFinite::default().section("pd", Vec::new());
+        assert_eq!(outer.first_not_finite, None);
+    }
+
+    const SIGNALS: [Signal; 3] = {
+        const fn signal(name: &'static str, unit: &'static str) -> Signal {
+            Signal { name, unit }
+        }
+        [
+            signal("mass_kg", "kg"),
+            signal("limited", ""),
+            signal("never", ""),
+        ]
+    };
+
+    #[test]
+    fn what_was_not_known_is_no_number_of_the_flight() {
+        let mut statistics = SignalStatistics::new(&SIGNALS);
+        for mass_kg in [0.5, 0.7, 0.6] {
+            let mut telemetry = Telemetry::unknown(3);
+            telemetry.value[..2].copy_from_slice(&[mass_kg, 1.0]);
+            statistics.take(&telemetry);
+        }
+        statistics.take(&Telemetry::unknown(3));
+        let section = statistics.section();
+        let numbers = section
+            .iter()
+            .map(|signal| [signal.last, signal.min, signal.max]);
+        let expected = [[Some(0.6), Some(0.5), Some(0.7)], [Some(1.0); 3], [None; 3]];
+        assert!(numbers.eq(expected), "{section:?}");
+        assert_eq!((&*section[0].name, &*section[0].unit), ("mass_kg", "kg"));
+    }
+}

@@ -228,6 +228,33 @@ impl MarginSection {
 mod tests {
     use super::*;
 
+    #[test]
+    fn least_and_median_are_those_of_the_phases() {
+        let of = |ticks: &[u64]| {
+            let margin = OutageMargin {
+                of: "outer".into(),
+                ticks: ticks.into(),
+                exceptions: Vec::new(),
+            };
+            (margin.least(), margin.median())
+        };
+        assert_eq!(of(&[5, 1, 9]), (1, 5));
+        assert_eq!(of(&[4, 1, 9, 5]), (1, 4), "half of them bear it");
+        assert_eq!(of(&[]), (0, 0));
+    }
+
+    #[test]
+    fn the_weakest_pattern_loses_the_largest_share() {
+        let of = |most: &[[u64; 2]]| {
+            let (input, most) = (String::new(), most.into());
+            PatternMargin { input, most }.weakest()
+        };
+        assert_eq!(of(&[[1, 2], [3, 5], [5, 10]]), Some([3, 5]));
+        // The longer row of the same share.
+        assert_eq!(of(&[[1, 2], [5, 10], [0, 20]]), Some([5, 10]));
+        assert_eq!(of(&[]), None);
+    }
+
     fn outages(all: &[(&str, u64)], unmeasured: u64) -> OutageSection {
         let longest = all
             .iter()

@@ -194,6 +194,40 @@ mod tests {
 
     use super::*;
 
+    #[test]
+    fn the_phases_of_a_recovery_follow_each_other() {
+        let ms = |ms: u64| ms * 1_000_000;
+        let mut way = Replacement {
+            pid: 7,
+            is_spare: true,
+            cleaned_ns: ms(104),
+            arrival: Arrival {
+                begun_ns: ms(107),
+                made_ns: ms(111),
+                placed_ns: ms(116),
+                ported_ns: ms(122),
+                engaged_ns: ms(129),
+                armed_ns: ms(137),
+            },
+        };
+        let parts = |way: Replacement| way.parts(ms(102), ms(100), ms(146));
+        let expected = RecoveryPhases {
+            spare: true,
+            noticed_ms: 2.0,
+            cleaned_ms: 2.0,
+            begun_ms: 3.0,
+            made_ms: 4.0,
+            placed_ms: 5.0,
+            ported_ms: 6.0,
+            engaged_ms: 7.0,
+            armed_ms: 8.0,
+            first_tick_ms: 9.0,
+        };
+        assert_eq!(parts(way), Some(expected));
+        way.arrival.armed_ns = 0;
+        assert_eq!(parts(way), None, "it did not get to fly");
+    }
+
     fn message<C: Topic>(epoch: u64, tick: u64) -> Message<C> {
         let mut envelope = Header::new();
         (envelope.epoch, envelope.tick) = (epoch, tick);

@@ -183,3 +183,29 @@ impl Statistics {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rare_percentiles_need_enough_values() {
+        let mut set = SeriesSet::new().unwrap();
+        for value in 1..P999_COUNT {
+            set.record(Series::Loop, value * 100);
+        }
+        assert_eq!(set.statistics()[0].p999_us, None);
+        set.record(Series::Loop, P999_COUNT * 100);
+        let statistics = &set.statistics()[0];
+        assert_eq!((statistics.count, statistics.p9999_us), (P999_COUNT, None));
+        assert!((statistics.p50_us - 500.0).abs() < 1.0, "{statistics:?}");
+        assert!((statistics.p999_us.unwrap() - 999.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn values_beyond_the_bounds_are_kept_at_the_bound() {
+        let mut set = SeriesSet::new().unwrap();
+        set.record(Series::Late, u64::MAX);
+        assert!(set.flight(Series::Late).unwrap().max() >= HIGHEST_NS);
+    }
+}

@@ -399,6 +399,20 @@ mod tests {
     }
 
     #[test]
+    fn an_unexplained_violation_or_lifeless_estimates_fail() {
+        let theorem = |monitor| Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
+        assert!(theorem(monitor(0, 1)).holds);
+        for (monitor, found) in [
+            (monitor(1, 1), "1 unexplained"),
+            (monitor(0, 0), "do not move as predicted"),
+        ] {
+            let theorem = theorem(monitor);
+            assert_eq!(theorem.verdict(), "DOES NOT HOLD");
+            assert!(theorem.summary().contains(found), "{theorem:?}");
+        }
+    }
+
+    #[test]
     fn no_bound_is_claimed_where_an_assumption_was_broken_since_the_last_live_swap() {
         let with = |cause: Option<Cause>| Monitor {
             causes: cause.map_or(0, Cause::bit),
@@ -444,5 +458,16 @@ mod tests {
         assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
         let rise = theorem.largest_rise["gyro_noise"];
         assert_eq!((rise.absolute, rise.relative), (0.5, 0.5 / 3.0));
+    }
+
+    #[test]
+    fn ticks_that_were_not_watched_are_counted() {
+        let mut statistics = TheoremStatistics::default();
+        statistics.count_unwatched();
+        statistics.count_unwatched();
+        assert_eq!(statistics.section().ticks_unwatched, 2);
+        statistics.take(1, &monitor(0, 1));
+        let counts = "10 steps checked, 2 not watched after a lost message, V rose in none";
+        assert_eq!(statistics.section().counts(), counts);
     }
 }

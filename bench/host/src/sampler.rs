@@ -161,6 +161,22 @@ mod tests {
     }
 
     #[test]
+    fn this_process_runs_and_one_that_never_was_is_dead() {
+        let tid = u64::from(std::process::id());
+        let here = counters(tid);
+        assert_eq!((here.pid, here.life), (tid, Life::Lives));
+        assert!(here.faults > 0);
+        assert_eq!(counters(u64::from(u32::MAX)).life, Life::Dead);
+        assert_eq!(counters(0).life, Life::Lives);
+        let look = Look::at(tid).unwrap();
+        assert!(
+            "RSD".contains(look.state) && look.ran_ns > 0 && !look.is_stopped() && !look.is_dying,
+            "{look:?}"
+        );
+        assert_eq!(Look::at(u64::from(u32::MAX)), None);
+    }
+
+    #[test]
     fn a_process_that_was_killed_or_failed_is_dying_until_its_parent_has_heard_of_it() {
         // A main thread that leaves others behind looks as one that succeeded.
         for (command, expected) in [("kill -KILL $$", true), ("exit 3", true), ("exit 0", false)] {
@@ -175,5 +191,22 @@ mod tests {
             assert_eq!(look().is_dying, expected, "{command}");
             child.wait().unwrap();
         }
+    }
+
+    #[test]
+    fn only_loops_that_ended_without_landing_have_fallen() {
+        let (here, gone) = (u64::from(std::process::id()), u64::from(u32::MAX));
+        let loops = [
+            (here, RolePhase::Flying),
+            (gone, RolePhase::Landed),
+            (gone, RolePhase::Flying),
+            (0, RolePhase::Starting),
+        ]
+        .map(|(pid, phase)| Status {
+            pid,
+            phase: phase as u64,
+            ..Status::default()
+        });
+        assert_eq!(fallen(&loops), [false, false, true, false]);
     }
 }

@@ -49,7 +49,7 @@ macro_rules! ports {
             /// Takes every message that has arrived, topic by topic.
             pub fn drain(
                 &mut self,
-                horizon: impl Horizon + Copy,
+                horizon: impl Horizon,
                 mut take: impl FnMut(&LogEntry),
             ) -> Result<(), Error> {
                 $(self.$topic.drain(horizon, |it| take(&LogEntry::$entry(*it)))?;)+

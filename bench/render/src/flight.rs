@@ -432,7 +432,7 @@ fn floors(report: &Report) -> Vec<Block> {
         return vec![Block::Fact("Floors", how.into())];
     };
     let title = format!(
-        "BaselineRatio with the machine's baseline, {} s each right after the flight ({}, stolen by the host {:.2} %)",
+        "Compared with the machine's baseline, {} s each right after the flight ({}, stolen by the host {:.2} %)",
         beside.seconds, beside.scheduling, beside.steal.percent
     );
     let line = |name: &str, values: [Option<f64>; 3], digits: usize| {

@@ -118,3 +118,29 @@ fn printable(text: &str) -> String {
     let has_no_place = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}');
     lines.replace(has_no_place, "")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_escaped_and_wrong_cases_are_counted() {
+        let cases = [None, Some("a < \"b\"\n&\u{1b}c".to_owned())].map(|failure| Case {
+            name: "wake > 1",
+            properties: vec![("limit".into(), "<= 7".into())],
+            failure,
+            error: None,
+        });
+        let xml = document("a & b", Some("1.000"), &Properties::new(), &cases);
+        let counts = "tests=\"2\" skipped=\"0\" failures=\"1\" errors=\"0\"";
+        for part in [
+            &format!("<testsuites name=\"ironbird\" {counts}>"),
+            &format!("<testsuite name=\"a &amp; b\" {counts} time=\"1.000\">"),
+            &format!("<testcase name=\"wake &gt; 1\" classname=\"{CLASS}\">"),
+            "<property name=\"limit\" value=\"&lt;= 7\"></property>",
+            "<failure message=\"a &lt; &quot;b&quot; &amp;c\"></failure>",
+        ] {
+            assert!(xml.contains(part), "{part} is not in\n{xml}");
+        }
+    }
+}

@@ -119,3 +119,40 @@ impl ReplayComparison {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use messages::content::Wrench;
+    use messages::telemetry::Signal;
+
+    use super::*;
+
+    #[test]
+    fn every_number_that_a_law_showed_is_compared_whatever_is_known_of_its_signals() {
+        const INNER: &[Signal] = &[Signal {
+            name: "mass_kg",
+            unit: "kg",
+        }];
+        for (place, said) in [
+            (0, "mass_kg was 0.5"),
+            (1, "value[1] was 0.5"),
+            (31, "value[31] was 0.5"),
+        ] {
+            let signals = Signals {
+                inner: INNER,
+                ..Signals::default()
+            };
+            let mut comparison = ReplayComparison::from(3, signals);
+            let (mut recorded, replayed) = (Wrench::default(), Wrench::default());
+            recorded.telemetry.value[place] = 0.5;
+            comparison.compare(2, &recorded, &replayed);
+            assert!(
+                comparison.first.is_none() && comparison.values == 0,
+                "too early"
+            );
+            comparison.compare(4, &recorded, &replayed);
+            let said = format!("tick 4, stage inner: inner_telemetry.{said}, replayed 0.0");
+            assert_eq!(comparison.first.map(|first| first.to_string()), Some(said));
+        }
+    }
+}

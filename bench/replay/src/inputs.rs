@@ -190,3 +190,97 @@ impl<C: Faulty> RecordedInput<C> {
         Ok(self.used)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use faults::{Kind, MessageFault, Span};
+
+    use super::*;
+
+    fn message<C: Topic>(tick: u64, input_tick: u64) -> Message<C> {
+        let mut message = Message::of_tick(tick, C::default());
+        message.envelope.input_tick = [input_tick; 3];
+        message
+    }
+
+    /// The earliest of messages of tick 7 from every stage, unless they are changed: the tick of the state and of the
+    /// command that the plant had taken, the tick of the set-point and of its input, and whether the last two topics have
+    /// a message.
+    fn earliest(
+        [state_tick, taken_tick]: [u64; 2],
+        setpoint: Option<[u64; 2]>,
+        has_monitor: bool,
+        has_theorem: bool,
+    ) -> Next {
+        let mut inputs = Inputs::new(has_theorem);
+        let mut state = message::<State>(state_tick, NO_TICK);
+        state.content.command_taken_tick = taken_tick;
+        inputs.take(&LogEntry::State(state));
+        if let Some([tick, input_tick]) = setpoint {
+            inputs.take(&LogEntry::Setpoint(message(tick, input_tick)));
+        }
+        inputs.take(&LogEntry::Wrench(message(7, 7)));
+        inputs.take(&LogEntry::RotorSpeeds(message(7, 7)));
+        if has_monitor {
+            inputs.take(&LogEntry::Theorem(message(7, 7)));
+        }
+        inputs.earliest().unwrap()
+    }
+
+    #[test]
+    fn the_earliest_message_is_settled_once_every_topic_has_gone_on() {
+        let (now, taken_later) = ([7, NO_TICK], [7, 9]);
+        for (state, setpoint, has_monitor, has_theorem, stage, is_settled) in [
+            (now, Some([7, 7]), true, true, Role::Plant, true),
+            // Tick 7 has no set-point.
+            (now, Some([8, 7]), true, true, Role::Plant, true),
+            (now, None, true, true, Role::Plant, false),
+            (now, Some([7, 7]), false, true, Role::Plant, false),
+            // A law without a theorem.
+            (now, Some([7, 7]), false, false, Role::Plant, true),
+            // The mixer was ahead of the plant, which had taken a later command.
+            ([7, 6], Some([7, 7]), true, true, Role::Plant, true),
+            (taken_later, Some([7, 7]), true, true, Role::Plant, false),
+            // The set-point is first, and was made from the state of its tick, or of a later one.
+            ([9, NO_TICK], Some([7, 7]), true, true, Role::Outer, true),
+            ([9, NO_TICK], Some([7, 8]), true, true, Role::Outer, false),
+        ] {
+            let next = Next {
+                tick: 7,
+                stage,
+                is_settled,
+            };
+            assert_eq!(earliest(state, setpoint, has_monitor, has_theorem), next);
+        }
+        assert_eq!(Inputs::new(false).earliest(), None);
+    }
+
+    #[test]
+    fn finds_inputs_as_received_and_reports_impossible_ones_as_gaps() {
+        let mut faults = MessageFaults::none(7);
+        let freeze = MessageFault {
+            port: Port::MixerWrench,
+            kind: Kind::Freeze,
+            span: Span::new(2, 5),
+        };
+        faults.take(&freeze.into()).unwrap();
+        let mut input_with_faults = RecordedInput::new(&faults, Port::MixerWrench);
+        for tick in 0..7 {
+            let content = Wrench {
+                thrust_n: tick as f64,
+                ..Wrench::default()
+            };
+            input_with_faults.take(&Message::of_tick(tick, content));
+        }
+        let none = MessageWindow::keeping(1);
+        let mut thrust = |input_tick| {
+            let input = input_with_faults.input(&none, input_tick, 9).ok()?;
+            Some(input.content.thrust_n)
+        };
+        assert_eq!(
+            [NO_TICK, 1, 1, 3, 6].map(&mut thrust),
+            [Some(0.0), Some(1.0), Some(1.0), Some(1.0), Some(6.0)]
+        );
+        assert_eq!(thrust(8), None);
+    }
+}

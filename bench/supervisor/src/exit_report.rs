@@ -271,6 +271,8 @@ fn read_log(directory: &Path, role: Role) -> String {
 
 #[cfg(test)]
 mod tests {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+
     use super::*;
 
     fn exit(role: Role, raw: i32) -> ProcessExit {
@@ -287,6 +289,43 @@ mod tests {
     /// The wait status of an exit code, which is its second byte; a signal is the first one.
     const fn code(code: i32) -> i32 {
         code << 8
+    }
+
+    #[test]
+    fn an_early_exit_ends_the_flight_with_the_code_of_its_process() {
+        for (role, raw, early, is_over, exit_code) in [
+            (Role::Outer, code(0), true, true, FAILED),
+            (Role::Outer, code(130), true, true, INTERRUPTED),
+            (Role::Outer, code(5), true, true, 5),
+            (Role::Outer, 9, true, true, FAILED),
+            (Role::Plant, SIGTERM, true, true, INTERRUPTED),
+            (Role::Plant, SIGHUP, true, true, INTERRUPTED),
+            (Role::Plant, SIGINT, true, true, INTERRUPTED),
+            (Role::Plant, SIGQUIT, true, true, INTERRUPTED),
+            (Role::Outer, code(0), false, false, FAILED),
+            (Role::Record, code(3), false, false, FAILED),
+            (Role::Mixer, code(3), false, true, 3),
+        ] {
+            let mut outcome = Outcome::default();
+            outcome.take(exit(role, raw), false, early);
+            let failure = outcome.failure(Path::new("/nonexistent"));
+            assert_eq!(
+                (outcome.is_over(), failure.code),
+                (is_over, exit_code),
+                "{role} {raw}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_first_failure_is_reported_and_not_a_recorder_that_follows() {
+        let mut outcome = Outcome::default();
+        outcome.take(exit(Role::Record, code(1)), false, false);
+        outcome.take(exit(Role::Inner, 9), false, false);
+        outcome.take(exit(Role::Mixer, code(1)), true, false);
+        outcome.take(exit(Role::Plant, code(130)), true, false);
+        assert_eq!(outcome.failed.map(|exit| exit.role), Some(Role::Inner));
+        assert!(outcome.stopped.is_none(), "its end was requested");
     }
 
     #[test]

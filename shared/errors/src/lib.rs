@@ -248,6 +248,31 @@ mod tests {
     }
 
     #[test]
+    fn a_text_is_read_from_a_regular_file_that_is_no_longer_than_a_text() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        let file = |name, length| File::create(path(name)).unwrap().set_len(length).unwrap();
+        // Zeros are text.
+        file("log", TEXT_BYTES);
+        file("long", TEXT_BYTES + (1 << 20));
+        let text = read_text("read", &path("log")).unwrap();
+        assert_eq!(text.len() as u64, TEXT_BYTES);
+        fs::write(path("bytes"), [0xff]).unwrap();
+        make_pipe(&path("pipe"));
+        for (name, why) in [
+            ("long", "it is 17 MiB long, and at most 16 are read"),
+            ("bytes", "stream did not contain valid UTF-8"),
+            ("pipe", "it is not a regular file"),
+            (".", "it is not a regular file"),
+            ("none", "No such file or directory (os error 2)"),
+        ] {
+            let failure = read_text("read the notes", &path(name)).unwrap_err();
+            let expected = format!("cannot read the notes {}: {why}", path(name).display());
+            assert_eq!((failure.code, failure.to_string()), (FAILED, expected));
+        }
+    }
+
+    #[test]
     fn a_terminal_is_told_nothing_that_it_would_obey() {
         let text = "a\tb\n\u{1b}[2J\r\u{7}\u{9b}31m\u{202e}txt.exe\u{2066}\u{e4}\u{1f600}";
         let expected =

@@ -75,7 +75,7 @@ pub fn check(file: &[u8]) -> Result<(), Refusal> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
+    use std::{env, fs};
 
     use super::*;
 
@@ -118,5 +118,34 @@ mod tests {
             refusal(&far).contains("it is truncated"),
             "a table beyond every file"
         );
+    }
+
+    #[test]
+    fn a_file_that_is_no_library_for_this_machine_is_named() {
+        let (arch, other) = (env::consts::ARCH, env::consts::ARCH == "aarch64");
+        let (number, name) = if other {
+            (62_u16, "x86_64")
+        } else {
+            (183, "aarch64")
+        };
+        let built = |words: &str| format!("it was built for {words}, and this machine is {arch}");
+        for (at, bytes, expected) in [
+            (18, number.to_le_bytes(), built(name)),
+            (18, [0xee, 0xee], built("ELF machine 61166")),
+            (4, [1, 1], built(&format!("{arch}, 32 bits"))),
+            (4, [2, 2], built(&format!("{arch}, big-endian"))),
+            (
+                16,
+                [1, 0],
+                "it is an object file, not a shared library".into(),
+            ),
+            (
+                16,
+                [2, 0],
+                "it is an executable, not a shared library".into(),
+            ),
+        ] {
+            assert_eq!(refusal(&library(at, &bytes)), expected);
+        }
     }
 }

@@ -209,6 +209,7 @@ impl TrackedQuantile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::realtime::RealtimeMode;
 
     const PERIOD_NS: u64 = 1_000_000;
     const BEFORE: (u64, u64) = (20_000, 30_000);
@@ -369,5 +370,60 @@ mod tests {
             (0..200).for_each(|_| tracked.follow(10_000));
             assert!(tracked.value_ns >= expected_ns && (start_ns > 0 || tracked.value_ns == 0));
         }
+    }
+
+    fn settings(lead: LeadSetting, rehearse: bool) -> RealtimeSettings {
+        RealtimeSettings {
+            mode: RealtimeMode::Prefer,
+            priority: 10,
+            cpu: None,
+            lead,
+            rehearse,
+        }
+    }
+
+    fn soon() -> Grid {
+        Grid {
+            t0_ns: now_ns() + 600_000_000,
+            period_ns: 1_000_000,
+        }
+    }
+
+    #[test]
+    fn without_a_lead_nothing_is_measured() {
+        let refuse = || Err(Error::Interrupted);
+        for (lead, is_fifo) in [(LeadSetting::Fixed(0), true), (LeadSetting::Auto, false)] {
+            assert_eq!(
+                choose(&settings(lead, true), is_fifo, &soon(), refuse).unwrap(),
+                Lead::default()
+            );
+        }
+        // And here it is.
+        assert!(choose(&settings(LeadSetting::Auto, true), true, &soon(), refuse).is_err());
+    }
+
+    #[test]
+    fn a_lead_is_chosen_before_take_off_from_what_was_measured() {
+        let mut rehearsed = 0_u64;
+        let lead = choose(&settings(LeadSetting::Auto, true), true, &soon(), || {
+            rehearsed += 1;
+            let until_ns = now_ns() + 50_000;
+            while now_ns() < until_ns {}
+            Ok(())
+        })
+        .unwrap();
+        assert!(rehearsed > 0 && lead.rehearsal_ns >= 50_000);
+        assert!(lead.timer_p90_ns > 0 && lead.lead_ns >= lead.rehearsal_ns.min(250_000));
+        let fixed = choose(
+            &settings(LeadSetting::Fixed(70_000), false),
+            false,
+            &soon(),
+            || Err(Error::Interrupted),
+        );
+        let fixed = fixed.unwrap();
+        // A lead that is set is kept, and no stage rehearses.
+        assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0));
+        // The report says what it stands beside.
+        assert!(fixed.timer_p90_ns > 0);
     }
 }

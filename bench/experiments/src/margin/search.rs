@@ -83,6 +83,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn bisection_finds_the_last_survived_number_in_twelve_flights() {
+        for (limit, most) in [
+            (0, 2000),
+            (1, 2000),
+            (117, 2000),
+            (118, 2000),
+            (1999, 2000),
+            (2000, 2000),
+            (5000, 2000),
+            (5, 0),
+        ] {
+            let mut flights = 0;
+            let longest = largest(most, |it| {
+                flights += 1;
+                Ok(it <= limit)
+            });
+            assert_eq!(longest.unwrap(), limit.min(most));
+            assert!(flights <= 12.min(most), "{limit}: {flights}");
+        }
+    }
+
+    #[test]
     fn results_that_contradict_monotonicity_are_reported() {
         let survives = |name: &str, it: u64| match name {
             "island" => it <= 100 || it == 203,
