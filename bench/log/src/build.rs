@@ -26,9 +26,12 @@ pub fn set_executable(build: Build) {
     EXECUTABLE.get_or_init(|| build);
 }
 
-/// The build of this executable; unknown where nothing has been declared, as in a library's tests.
+/// The build of this executable; all but its version is unknown where nothing has been declared, as in a library's tests.
 pub fn executable() -> Build {
-    EXECUTABLE.get().cloned().unwrap_or_default()
+    EXECUTABLE.get().cloned().unwrap_or_else(|| Build {
+        version: env!("CARGO_PKG_VERSION").into(),
+        ..Build::default()
+    })
 }
 
 impl Build {

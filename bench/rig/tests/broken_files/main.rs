@@ -109,7 +109,7 @@ fn settings_files() {
 #[test]
 fn airframe_files() {
     let good = ["crazyflie", "paper", "x500"]
-        .map(|name| good(&format!("bench/rig/airframes/{name}.toml")));
+        .map(|name| good(&format!("bench/config/airframes/{name}.toml")));
     try_bytes("airframe", "airframe.toml", &good, &|path| {
         flies_with("flight.airframe", path)
     });
