@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = ROOT / "bench/rig/tests"
+TESTS = ROOT / "bench/cli/tests"
 
 
 class Wrong(Exception):
@@ -69,7 +69,7 @@ def tests_of(executable):
 def play(row, n, executable):
     """Plays a row n times, each time at other instants; yields the figures of each trial."""
     environment = {**os.environ, "IRONBIRD_EXECUTABLE": str(executable), row.variable: row.name, "IRONBIRD_ROUNDS": str(n)}
-    tests = subprocess.run([tests_of(executable), "--exact", row.test, "--ignored", "--nocapture"], cwd=ROOT / "bench/rig",
+    tests = subprocess.run([tests_of(executable), "--exact", row.test, "--ignored", "--nocapture"], cwd=ROOT / "bench/cli",
                            env=environment, capture_output=True, text=True, check=False)
     trials = [line.split(" ", 2) for line in tests.stdout.splitlines() if line.startswith("TRIAL ")]
     if "NOT TESTED: " in tests.stderr:

@@ -1,0 +1,53 @@
+//! Laws in C, compiled for a test.
+
+use crate::rig::Rig;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The directory of the repository.
+pub fn root() -> PathBuf {
+    let mut ancestors = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    ancestors.nth(2).unwrap().to_owned()
+}
+
+/// Compiles a file of the repository into a library of the rig's directory; returns its path.
+pub fn library(rig: &Rig, name: &str, source: &str, flags: &[&str]) -> String {
+    let library = rig.file(name);
+    let mut gcc = Command::new("gcc");
+    gcc.args("-std=c11 -O2 -Wall -Wextra -Werror -fPIC -shared".split(' '))
+        .args(flags)
+        .arg("-I")
+        .arg(root().join("shared/ironbird_law/include"))
+        .args(["-o", &library])
+        .arg(root().join(source))
+        .arg("-lm");
+    assert!(gcc.status().unwrap().success(), "{gcc:?}");
+    library
+}
+
+pub fn cascade(rig: &Rig) -> String {
+    library(rig, "libcascade.so", "examples/law_c/cascade.c", &[])
+}
+
+/// Settings of a flight with the law `misbehaving` or `hostile` of `laws_c`, which does harm from a tick on. Nothing ends
+/// the flight early, however busy the machine is.
+pub fn harmful(rig: &Rig, law: &str, harm: &str, from_tick: u64) -> String {
+    let source = format!("bench/cli/tests/laws_c/{law}.c");
+    library(rig, &format!("lib{law}.so"), &source, &[]);
+    let setting = if law == "hostile" {
+        "harm"
+    } else {
+        "misbehave"
+    };
+    rig.airborne(&format!(
+        "trajectory = \"hover\"\n[inner]\nlaw = \"lib{law}.so\"\n{setting} = \"{harm}\"\nfrom_tick = {from_tick}\n"
+    ))
+}
+
+pub fn misbehaving(rig: &Rig, how: &str, from_tick: u64) -> String {
+    harmful(rig, "misbehaving", how, from_tick)
+}
+
+pub fn hostile(rig: &Rig, how: &str, from_tick: u64) -> String {
+    harmful(rig, "hostile", how, from_tick)
+}
