@@ -7,7 +7,7 @@
 //! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead if configured so.
 //! [`TheoremMonitor`] checks what it has learnt, from messages alone ([`monitor`]).
 //!
-//! Everything here is a pure law: time comes in as a tick, data as [`messages::measured`]. A tick uses no port or clock,
+//! Everything here is a pure law: time comes in as a tick, data as [`messages::content`]. A tick uses no port or clock,
 //! allocates nothing and logs nothing. The rotors belong to the mixer, the airframe to the plant.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 

@@ -1,4 +1,4 @@
-//! From thrust and torque to rotor speeds: (7) inverted, saturation by priority.
+//! From thrust and torque to rotor speeds: equation (7) of the paper inverted, saturation by priority.
 //!
 //! [`Priority`] is the law; [`mix`] is what it computes. Neither knows a clock, a transport or an operating system.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]

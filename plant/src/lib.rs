@@ -1,8 +1,9 @@
 //! The airframe as the controller meets it: body, rotors, ground, sensors, live parameters.
 //!
-//! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
+//! [`plant::Plant`] is the stage: the process calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
-//! operating system. The process, of the feature of this name, is `process`.
+//! operating system. Feature `process` adds the plant's process, in
+//! module `process`.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod command_delay;

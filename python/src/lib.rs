@@ -1,4 +1,4 @@
-//! `ironbird._rig`: the rig as a module of Python. `ironbird/__init__.py` is its face.
+//! `ironbird._rig`: the rig as a module of Python. `python/package/ironbird/__init__.py` is what users import.
 
 mod errors;
 mod flight;

@@ -1,11 +1,11 @@
 //! Campaigns: many flights of one file, their table, and its statistics.
 //!
 //! ```text
-//! file --> campaign (factors: distribution <- generator, spread; arms; gates) --> draws of a flight, and its settings
+//! file --> campaign (factors, variants, success criteria) --> samples of a flight --> its settings
 //! a flight, tick by tick --> metrics --> outcome --> table --> chunk: a file of rows
 //! ```
 //!
-//! Nothing here flies, starts a process or reads a clock.
+//! Nothing here flies (`experiments` does), starts a process or reads a clock. Start reading in [`campaign::Campaign`].
 
 pub mod aggregate;
 mod bins;

@@ -5,7 +5,8 @@
 //!                                                           --> reader --> export, replay
 //! ```
 //!
-//! Schemas, units and codec are derived from the layouts of the messages, and from the signals of the laws. docs/recording.md describes the file.
+//! Schemas, units and codec are derived from the layouts of the messages, and from the signals of the laws. docs/recording.md describes the
+//! file. Start reading in [`entry::LogEntry`].
 
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::monitor::Monitor;

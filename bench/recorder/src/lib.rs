@@ -1,9 +1,9 @@
 //! The recorder: a process beside the control loop that computes every figure from the messages' time stamps.
 //!
 //! ```text
-//! topics --drain--> tally (series, deadlines, flight) --each second--> latency.hlog, report.json
-//!               |-> states.csv                         --at the end--> report.txt, report.html, flight.svg
-//!               |-> flight.mcap (flight_log)
+//! topics --drain--> analysis::flight_statistics --each second--> latency.hlog, report.json
+//!               |-> states.csv                --at the end--> report.txt, report.html, flight.svg
+//!               |-> flight.mcap (the crate flight_log)
 //!               \-> pairs --> Lyapunov monitor --> topic `theorem`, recorded like the others
 //! ```
 //!

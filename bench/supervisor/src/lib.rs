@@ -1,7 +1,7 @@
 //! The supervisor of a flight.
 //!
 //! It starts the five processes of a flight, restarts those that fail (with `--on-death restart`), injects process
-//! faults, and ends the processes with the flight. It does not run any loop itself, does not record (`record`), and
+//! faults, and ends the processes with the flight. It does not run any loop itself, does not record (`recorder`), and
 //! prints no report (`ironbird fly`). Start reading in `flight_supervisor`, whose `Phase` is the life of a flight.
 
 mod child_process;

@@ -2,8 +2,7 @@
 //!
 //! A law ([`law`]) is a value of a trait, one per role. It gets the tick, the measurement and the setpoint, and returns
 //! its output. It knows no clock, no port and no operating system. [`description`] holds its name, settings and signals;
-//! [`registry`] finds it by name and holds it whatever its type. [`guard`] makes a stage of a law: messages in, a message
-//! out. A driver (a role's process, a simulation, a replay) calls it once per tick, with increasing ticks, of which some
+//! [`registry`] lists laws by name. [`guard`] wraps a law into a stage and adds the fallbacks: messages in, a message out. A driver (a role's process, a simulation, a replay) calls it once per tick, with increasing ticks, of which some
 //! may be skipped. The guard handles stale inputs and outputs that are not finite, so that no law can forget them.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 

@@ -1,7 +1,7 @@
 //! Ports of an instance over iceoryx2, with every limit explicit: topics, blackboards, requests, wake-up events.
 //!
 //! Only this crate knows the middleware's services. Ports are created before a loop is armed. After that, a send costs
-//! one loan and a receive costs one copy, and both compute the check word of the message.
+//! one loan and a receive costs one copy, and both compute the check word of the message. Start reading in [`Wire`].
 
 mod blackboard;
 pub mod clock;

@@ -32,7 +32,8 @@
 //! ```
 //!
 //! Such a crate has `crate-type = ["cdylib"]`. A panic in `new` is a refusal with its text; a panic in a tick prints its
-//! text and ends the process, as it must not run through the rig. This crate depends on nothing, and is copied as it is.
+//! text and ends the process, because it must not unwind into the rig. This crate depends on nothing: `ironbird new law`
+//! copies it beside the new law.
 
 #![warn(missing_docs)]
 

@@ -1,6 +1,7 @@
 //! A flight as data: messages, parameters, frames, the airframe's algebra.
 //!
-//! It contains no middleware, no clock and no operating system. Laws, processes and reports share it.
+//! It contains no middleware, no clock and no operating system. Laws, processes and reports share it. Start
+//! reading in [`content`].
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod allocation;

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! A library is loaded once in a process, and never unloaded. Its functions are called through `call`, and `crash` names
-//! the law in whose call a process dies.
+//! the law in whose call a process dies. It knows no tick and no port. Start reading in [`open`].
 
 mod call;
 mod crash;
