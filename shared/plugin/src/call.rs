@@ -9,8 +9,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::crash::end_now;
 use crate::modes::Modes;
+use crate::process_exit::end_now;
 
 /// How long a call may last, outside of ticks, before it is said that it is waited for.
 const PATIENCE: Duration = Duration::from_secs(5);

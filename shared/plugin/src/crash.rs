@@ -20,6 +20,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Once, OnceLock};
 
 use crate::call::{Call, call};
+use crate::process_exit::end_now;
 
 /// What kills a process from within.
 const DEADLY: [i32; 6] = [
@@ -299,12 +300,4 @@ fn interrupted_at(context: *const c_void) -> usize {
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 const fn interrupted_at(_: *const c_void) -> usize {
     0
-}
-
-/// Ends the process at once, past every exit handler.
-pub(crate) fn end_now(code: i32) -> ! {
-    loop {
-        // SAFETY: takes a number, and does not return.
-        unsafe { libc::syscall(libc::SYS_exit_group, code) };
-    }
 }

@@ -16,6 +16,7 @@ mod instance;
 mod loader;
 mod modes;
 mod object;
+mod process_exit;
 mod table;
 
 use std::fs::{self, File};
