@@ -44,8 +44,10 @@ fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
     // The chain is a part of the lap, three of its four hops.
     assert!(floor.chain.max() <= floor.lap.max());
     assert!(floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5));
-    // Half of what was asked of four processes: a processor may speed up after the calibration.
-    assert!(floor.chain.min() >= 100_000, "{}", floor.chain.min());
+    // A chain with work is longer than one without; by how much depends on the processor's clock.
+    let idle = ring(4, Work::default(), FLOWN, IRONBIRD).unwrap();
+    let [worked_ns, idle_ns] = [&floor, &idle].map(|it| it.chain.min());
+    assert!(worked_ns > idle_ns, "{worked_ns} {idle_ns}");
 }
 
 #[test]

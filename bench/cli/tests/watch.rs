@@ -111,7 +111,8 @@ fn pages_and_parameters_work_in_a_terminal_and_leaving_lets_the_flight_continue(
     let count = || -> u64 {
         let shown = screen.await_words("wake.plant");
         let (_, row) = shown.split_once("wake.plant").unwrap();
-        let count = row.split_whitespace().next().unwrap();
+        let row = row.lines().next().unwrap();
+        let count = row.split_whitespace().last().unwrap();
         count.parse().unwrap_or(0)
     };
     let long = wait_until("a second of statistics", || {

@@ -151,7 +151,11 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     if file.metadata()?.is_file() {
         return Ok(file);
     }
-    Err(io::Error::other("it is not a regular file"))
+    // Callers distinguish this error by its kind.
+    Err(io::Error::new(
+        io::ErrorKind::InvalidInput,
+        "it is not a regular file",
+    ))
 }
 
 /// Largest text that is read [bytes]: ten times the largest that is written. As JSON it takes up to 17 times as much
