@@ -1,6 +1,6 @@
 //! The plant's process: absolute timer, commands in, states out, parameter swaps.
 //!
-//! It owns the role's tick; [`requests`] answers requests for parameter changes and faults on a thread of its own.
+//! It owns the role's tick; `requests` answers requests for parameter changes and faults on a thread of its own.
 //! [`crate::plant`] owns what happens to the airframe in a tick.
 
 mod injection;

@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::Path;
 
+use analysis::faults::AppliedSwap;
 use config::Settings;
 use config::law_settings::known;
-use analysis::faults::AppliedSwap;
 use control_api::description::Description;
 use flight_log::codec::Logged;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};

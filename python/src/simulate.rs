@@ -11,9 +11,9 @@ use messages::blackboards::EndReason;
 use messages::role::Role;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use python_law::{Flying, PythonLaw, Raised};
 use sim::simulate::fly;
 use sim::simulator::Simulator;
-use python_law::{Flying, PythonLaw, Raised};
 
 use crate::errors::settings_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
