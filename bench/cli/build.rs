@@ -18,19 +18,19 @@ fn main() {
         println!("cargo:rerun-if-changed={}", root.join(source).display());
     }
     let (commit, dirty) = commit(root, &sources).unwrap_or((UNKNOWN.into(), false));
-    let told = |name: &str| env::var(name).unwrap_or_else(|_| UNKNOWN.into());
+    let variable = |name: &str| env::var(name).unwrap_or_else(|_| UNKNOWN.into());
     for (name, value) in [
         ("COMMIT", commit),
         ("DIRTY", dirty.to_string()),
-        ("PROFILE", told("PROFILE")),
+        ("PROFILE", variable("PROFILE")),
         ("RUSTC", rustc().unwrap_or_else(|| UNKNOWN.into())),
-        ("TARGET", told("TARGET")),
+        ("TARGET", variable("TARGET")),
     ] {
         println!("cargo:rustc-env=IRONBIRD_{name}={value}");
     }
 }
 
-/// What the executable is made of, from the root of the workspace: its own files, and of each crate what is compiled.
+/// The executable's sources, relative to the root of the workspace: its own files, and the compiled files of each crate.
 fn sources(root: &Path) -> Vec<String> {
     let crates = folders(root, "")
         .into_iter()
@@ -64,7 +64,7 @@ fn commit(root: &Path, sources: &[String]) -> Option<(String, bool)> {
     if toplevel.canonicalize().ok()? != root.canonicalize().ok()? {
         return None;
     }
-    // The reflog grows with every commit and checkout; where there is none, HEAD tells at least of other branches.
+    // The reflog grows with every commit and checkout; where there is none, HEAD at least changes with the branch.
     for name in ["HEAD", "logs/HEAD"] {
         let path = root.join(git(root, &["rev-parse", "--git-path", name])?);
         if path.exists() {

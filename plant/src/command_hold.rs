@@ -38,7 +38,7 @@ struct Pending {
     effective_tick: u64,
     /// Rotor speeds [rad/s].
     speed: [f64; ROTORS],
-    /// Whether they could not meet what was asked.
+    /// Whether they could not deliver the demand.
     is_saturated: bool,
 }
 
@@ -142,7 +142,7 @@ impl CommandHold {
         self.newest.map_or(self.hover, |newest| newest.speed)
     }
 
-    /// Whether the command in force could not meet what was asked; of idle rotors nothing is asked.
+    /// Whether the active command could not deliver the demand; idle rotors have no demand.
     pub fn is_saturated(&self) -> bool {
         !self.is_idle && self.newest.is_some_and(|newest| newest.is_saturated)
     }

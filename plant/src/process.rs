@@ -42,7 +42,7 @@ const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
 pub fn run(
-    mut station: RoleSession,
+    mut session: RoleSession,
     settings: &PlantSettings,
     plan: FlightPlan,
     faults: &[Swap],
@@ -52,7 +52,7 @@ pub fn run(
     let mut outbox = Queue::<Event, OUTBOX>::new();
     let (requests_in, requests_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
-    let instance = station.wire().instance().clone();
+    let instance = session.wire().instance().clone();
     // Before real time is engaged: a thread inherits the priority and the processor of the one that starts it.
     thread::scope(|scope| {
         let (open, opened) = mpsc::channel();
@@ -63,9 +63,9 @@ pub fn run(
         // A server that cannot open ends, and its error is the result of `join` below.
         let flown = if ready.recv().is_ok() {
             let mut plant =
-                PlantProcess::new(station.wire(), settings, faults, requests_out, events_in)?;
+                PlantProcess::new(session.wire(), settings, faults, requests_out, events_in)?;
             plant.plan(planned);
-            plant.serve(&mut station, plan, &open)
+            plant.serve(&mut session, plan, &open)
         } else {
             Ok(())
         };
@@ -148,26 +148,26 @@ impl<'a> PlantProcess<'a> {
 
     fn serve(
         &mut self,
-        station: &mut RoleSession,
+        session: &mut RoleSession,
         plan: FlightPlan,
         open: &mpsc::Sender<(Expected, u64)>,
     ) -> Result<(), Error> {
         self.injection.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         self.injection.last_tick = plan.last_tick;
-        let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
+        let mut opened = session.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A server that has ended on an error takes no run number; its error comes with its end.
-        let _ = open.send((opened.expected, station.status.epoch));
-        let lead = station.choose_lead(&mut opened, || self.rehearse(0));
+        let _ = open.send((opened.expected, session.status.epoch));
+        let lead = session.choose_lead(&mut opened, || self.rehearse(0));
         let meter = UsageMeter::start();
         let flown = lead.and_then(|lead| {
             self.lead = lead;
-            self.fly(station, &mut opened, plan.last_tick)
+            self.fly(session, &mut opened, plan.last_tick)
         });
         let ending = *flown.as_ref().unwrap_or(&EndReason::Failed);
         opened.run.ending = ending as u64;
         opened.run.phase = RunPhase::Closed as u64;
-        opened.board.put(opened.run);
-        station.land(&meter);
+        opened.blackboard.put(opened.run);
+        session.land(&meter);
         if flown.is_ok() {
             log_landing(Role::Plant, &opened.run);
         }
@@ -176,7 +176,7 @@ impl<'a> PlantProcess<'a> {
 
     fn fly(
         &mut self,
-        station: &mut RoleSession,
+        session: &mut RoleSession,
         opened: &mut Opened,
         last_tick: u64,
     ) -> Result<EndReason, Error> {
@@ -191,7 +191,7 @@ impl<'a> PlantProcess<'a> {
                     let waking = self.wait_for_tick(next_tick, last_tick, grid)?;
                     (grid.tick_at(waking.wake_ns).max(next_tick), waking)
                 }
-                Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
+                Pace::Lockstep => match self.wait_for_command(next_tick, session, opened)? {
                     Some(wake_ns) => (next_tick, Waking::at(wake_ns)),
                     None => return Ok(opened.wanted_end().unwrap_or(EndReason::Interrupted)),
                 },
@@ -208,11 +208,11 @@ impl<'a> PlantProcess<'a> {
             opened.run.tick = tick;
             opened.run.ticks_run = self.ticks_run;
             self.report(&state, &mut opened.run);
-            opened.board.put(opened.run);
-            station.status.ticks_run = self.ticks_run;
-            station.status.ticks_skipped = state.ticks_skipped;
-            station.status.rejections = self.commands.rejections().and(&self.plant.rejections());
-            station.publish_status();
+            opened.blackboard.put(opened.run);
+            session.status.ticks_run = self.ticks_run;
+            session.status.ticks_skipped = state.ticks_skipped;
+            session.status.rejections = self.commands.rejections().and(&self.plant.rejections());
+            session.publish_status();
             if let Err(violation) = envelope {
                 return Ok(match violation {
                     EnvelopeViolation::NotFinite { .. } => EndReason::NonFinite,
@@ -220,7 +220,7 @@ impl<'a> PlantProcess<'a> {
                     EnvelopeViolation::Tilt { .. } => EndReason::Attitude,
                 });
             }
-            if station.stop_requested() {
+            if session.stop_requested() {
                 return Ok(EndReason::Interrupted);
             }
             if let Some(ending) = opened.wanted_end() {
@@ -247,7 +247,7 @@ impl<'a> PlantProcess<'a> {
     ) -> Result<(State, Result<(), EnvelopeViolation>), Error> {
         self.take_command(tick, pace)?;
         while let Some(request) = self.requests.dequeue() {
-            self.accept(&request, tick);
+            self.accept(request, tick);
         }
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
@@ -319,7 +319,7 @@ impl<'a> PlantProcess<'a> {
     /// a newer one, and the plant's lateness must not count as the other stages'.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
         let plant = &mut self.plant;
-        // The others may be further on than a plant that was stopped after it had read the clock.
+        // Other stages may be ahead of a plant that was stopped after it read the clock.
         let latest_tick = || match pace {
             Pace::Realtime(_) => pace.latest_tick().max(tick),
             Pace::Lockstep => tick,
@@ -338,7 +338,7 @@ impl<'a> PlantProcess<'a> {
     fn wait_for_command(
         &mut self,
         tick: u64,
-        station: &RoleSession,
+        session: &RoleSession,
         opened: &Opened,
     ) -> Result<Option<u64>, Error> {
         let until_ns = now_ns() + LOCKSTEP_PATIENCE_NS;
@@ -350,7 +350,7 @@ impl<'a> PlantProcess<'a> {
                 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
             let recorded = opened.recorded_tick();
             // Who wants the end has said so before the command could come: the flight ends with the tick before.
-            if station.stop_requested() || opened.wanted_end().is_some() {
+            if session.stop_requested() || opened.wanted_end().is_some() {
                 return Ok(None);
             }
             if is_there && tick < recorded + RECORDER_LAG_TICKS {
@@ -380,29 +380,24 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// Schedules a parameter change, or injects faults; reports a refusal, and the ticks of faults.
-    fn accept(&mut self, request: &Request, tick: u64) {
+    fn accept(&mut self, request: Request, tick: u64) {
         let (id, first_tick) = (request.id, request.first_tick(tick));
-        let event = match &request.action {
-            Action::Change(swap) => {
-                let swap = Swap {
-                    tick: first_tick,
-                    request_id: id,
-                    ..swap.clone()
-                };
+        let event = match request.action {
+            Action::Change(mut swap) => {
+                (swap.tick, swap.request_id) = (first_tick, id);
                 match self.plant.schedule(swap) {
                     Ok(_) => return,
                     Err(reason) => Event::Refused { id, tick, reason },
                 }
             }
             Action::Inject { for_ticks, faults } => {
-                let injected = self.injection.inject(faults, first_tick, *for_ticks, tick);
-                if injected.is_ok() {
-                    let has_any = self.commands.has_any();
-                    let newest = has_any.then(|| self.commands.newest().content);
-                    self.plant.change_faults(self.injection.messages(), newest);
-                }
-                match injected {
-                    Ok(span) => Event::Injected { id, span },
+                match self.injection.inject(&faults, first_tick, for_ticks, tick) {
+                    Ok(span) => {
+                        let has_any = self.commands.has_any();
+                        let newest = has_any.then(|| self.commands.newest().content);
+                        self.plant.change_faults(self.injection.messages(), newest);
+                        Event::Injected { id, span }
+                    }
                     Err((which, reason)) => Event::FaultRefused { id, which, reason },
                 }
             }

@@ -99,7 +99,7 @@ pub struct Effort {
     pub power: f64,
     /// Root mean square of the change of a rotor's command from tick to tick [rad/s].
     pub agitation_rad_s: f64,
-    /// Share of the ticks in which the mixer could not give what was asked [%].
+    /// Share of the ticks in which the mixer could not deliver the demand [%].
     pub saturated_percent: f64,
 }
 

@@ -1,7 +1,7 @@
 //! Deadlines of the rotor commands, from their stamps: slack, lateness, miss runs.
 //!
 //! The command of tick k must be published before t_k+1. A command that never came counts as late until the next one
-//! that did. No tick is left out because nobody was there to measure it (no coordinated omission).
+//! that did. No tick is left out because no message measured it (no coordinated omission).
 
 use crate::schema::{LateStretchSection, RunLength};
 use messages::grid::Grid;
@@ -49,7 +49,7 @@ impl Deadlines {
         })
     }
 
-    /// Owes nothing from before a tick: commands were published, and nobody has seen them.
+    /// Ignores ticks before this one: their commands were published, but not received here.
     pub fn skip_before(&mut self, tick: u64) {
         self.owed_tick = self.owed_tick.max(Some(tick));
     }
@@ -122,7 +122,7 @@ impl MissRuns {
         self.run = run;
     }
 
-    /// Takes the counters of a state before which others were published that nobody has seen, or of the first one of a
+    /// Takes the counters of a state that follows missed ones, or of the first state of a
     /// flight under way: what was missed before is part of no run, a run under way is.
     pub fn skip(&mut self, missed: u64, run: u64) {
         (self.missed, self.run) = (missed, run);
@@ -174,7 +174,7 @@ mod tests {
         check(new.clone(), &[(0, 1_001)], &[Late(1)]);
         let lost = [Slack(970), Late(1_040), Late(40), Slack(960)];
         check(new, &[(0, 30), (3, 3_040)], &lost);
-        // What was published and not seen is not late; whoever joins is owed nothing from before.
+        // What was published and not seen is not late; a joined flight owes nothing from before.
         check(unseen, &[(3, 3_040)], &[Slack(960)]);
         let joined = [Slack(970), Late(40), Slack(960)];
         check(joining, &[(7, 7_030), (9, 9_040)], &joined);

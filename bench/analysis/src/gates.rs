@@ -271,7 +271,7 @@ impl AcceptanceResult {
     }
 }
 
-/// Ends the report of a flight in the air, whose recorder will not do so.
+/// Closes the report of a flight whose recorder ended before its final report.
 pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) {
     if report.run.in_flight {
         let elapsed_s = report.ticks.elapsed_s;

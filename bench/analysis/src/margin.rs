@@ -94,7 +94,7 @@ pub struct SteadyMargin {
     pub input: String,
     /// The most ticks up to which all flights survived.
     pub ticks: u64,
-    /// Whether that is the most that can be asked for.
+    /// Whether that is the most that can be requested.
     pub is_most: bool,
     /// What was flown, up to where the first phase flew no further.
     pub points: Vec<Point>,
@@ -139,7 +139,7 @@ impl OutageMargin {
         self.ticks.iter().copied().min().unwrap_or(0)
     }
 
-    /// Half of the phases bear at least so much [ticks].
+    /// Half of the phases tolerate at least this [ticks].
     pub fn median(&self) -> u64 {
         let mut sorted = self.ticks.clone();
         sorted.sort_unstable();
@@ -172,7 +172,7 @@ pub const SATURATED: &str = "saturated_percent";
 pub const SATURATED_MORE_PERCENT: f64 = 10.0;
 
 impl MarginSection {
-    /// Of a flight whose margins nobody has measured; `command` measures them.
+    /// Of a flight without measured margins; `command` measures them.
     pub fn unknown(fingerprint: String, command: String) -> Self {
         Self {
             fingerprint,
@@ -181,26 +181,29 @@ impl MarginSection {
         }
     }
 
-    /// Of a flight of a build, whose laws bear what a table says; nothing where the table is of other settings, or lacks
+    /// Of a flight of a build, with the margins of a table; none if the table is of other settings or lacks
     /// a stage.
     pub fn known(fingerprint: &str, table: &Margins, build: &Build) -> Option<Self> {
         let law = table
             .laws
             .iter()
             .find(|law| law.fingerprint == fingerprint)?;
-        let bears = |of: &str| {
+        let tolerated = |of: &str| {
             let mut known = law.outages.iter().filter(|margin| !margin.ticks.is_empty());
             let ticks = known.find(|margin| margin.of == of)?.least();
             let is_most = ticks >= table.longest_ticks;
             Some((of.to_owned(), RobustnessMargin { ticks, is_most }))
         };
         let stages = STAGES.into_iter().map(|role| role.name());
-        let bears = stages.chain([MACHINE]).map(bears).collect::<Option<_>>()?;
+        let tolerated = stages
+            .chain([MACHINE])
+            .map(tolerated)
+            .collect::<Option<_>>()?;
         let phases = table.phases_s.len() as u64;
         let measured_by = (table.build != *build).then(|| table.build.token());
         Some(Self {
             fingerprint: fingerprint.into(),
-            bears,
+            tolerated,
             phases,
             measured_by,
             ..Self::default()
@@ -214,8 +217,8 @@ impl MarginSection {
             self.unmeasured = outages.unmeasured;
         }
         let ratio = |(stage, outage): (&String, &u64)| {
-            let bears = self.bears.get(stage)?.ticks;
-            Some((bears as f64 / *outage as f64, stage.clone()))
+            let tolerated = self.tolerated.get(stage)?.ticks;
+            Some((tolerated as f64 / *outage as f64, stage.clone()))
         };
         let ratios = self.outages.iter().filter_map(ratio);
         let nearest = ratios.min_by(|a, b| a.0.total_cmp(&b.0));
@@ -268,13 +271,13 @@ mod tests {
 
     #[test]
     fn the_smallest_margin_counts_and_not_the_longest_outage() {
-        let bears = |(stage, ticks): (&str, u64)| {
+        let tolerated = |(stage, ticks): (&str, u64)| {
             let is_most = ticks >= 2000;
             (stage.to_owned(), RobustnessMargin { ticks, is_most })
         };
         let known = MarginSection {
-            bears: [("outer", 2000), ("inner", 118), ("machine", 30)]
-                .map(bears)
+            tolerated: [("outer", 2000), ("inner", 118), ("machine", 30)]
+                .map(tolerated)
                 .into(),
             ..MarginSection::default()
         };

@@ -459,5 +459,14 @@ mod tests {
             }
             assert_eq!(rows.longest, [0, 0, longest, 0, 0]);
         }
+        // A stage that works within an outage begins a new run.
+        let mut rows = OutageRuns::default();
+        let outage = Outage {
+            first: 1,
+            last: 29,
+            missed: 0,
+        };
+        rows.take(outage, |tick| [true, !tick.is_multiple_of(10), true, true]);
+        assert_eq!(rows.longest, [29, 9, 29, 29, 9]);
     }
 }

@@ -5,7 +5,7 @@
 //! is the stage whose delay exceeds its usual delay by most; the usual delay is the lower quartile of the ticks around.
 //! The culprit of the outage is the one with most of the time. The class follows from the stage's counters, from its
 //! processor's, and from the other stages' signs of life in its longest delay, from when it was due to its next sign
-//! of life. A cause that nothing was seen of is not named: the class then is "the recorder cannot tell".
+//! of life. A cause is named only if there is evidence for it: the class then is "the recorder cannot tell".
 
 use crate::candidate_causes::{CandidateCause, Delay, TimingWindow};
 use crate::processor_trace::{Runner, RunnerTime};
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 pub enum MissCause {
     /// The host took the processor: it accounts for at least half of the delay.
     HostStall,
-    /// Nothing was seen to run on the loops' processor, although stages were due; nobody says why.
+    /// Nothing was seen to run on the loops' processor although stages were due; the cause is unknown.
     ProcessorStalled,
     /// A stage woke late while others ran, and nothing says why.
     WakeLate,
@@ -28,9 +28,9 @@ pub enum MissCause {
     /// A stage waited until its cut-off for a message that had been sent in time.
     NotUsed,
     PageFault,
-    /// The stage wanted to run, and somebody else had the processor.
+    /// The stage was ready, and another program had the processor.
     Preempted,
-    /// The stage wanted to run and did not, and nobody was seen to run instead.
+    /// The stage was ready and did not run, and no other program was seen running.
     ReadyNotRun,
     /// The stage was stopped by a signal, or its process has ended.
     StoppedOrDead,
@@ -135,7 +135,7 @@ pub fn classify(scene: &TimingWindow<'_>) -> Attribution {
     }
 }
 
-/// Who is told of, of those that ran in a delay.
+/// Programs kept of those that ran during a delay.
 const RUNNERS: usize = 10;
 const RUNNERS_IN_WORDS: usize = 3;
 
@@ -251,18 +251,16 @@ fn explain(scene: &TimingWindow<'_>, suspect: &CandidateCause) -> (MissCause, St
         if others_ran {
             return (Preempted, format!("{ready}, other stages ran meanwhile"));
         }
-        // Where the host stops a virtual machine, whoever was on its processor seems to run.
+        // When the host stops a virtual machine, the thread on its processor appears to run.
         if explains(usage.busy_ns) && !scene.is_virtual {
             let ms = usage.busy_ns / 1_000_000;
             return (Preempted, format!("{ready}, which was busy for {ms} ms"));
         }
-        let traced = scene
-            .runner_times(suspect)
-            .map(|_| " that may keep it waiting");
-        let seen = traced.unwrap_or_default();
+        let blocking = scene.runner_times(suspect).map(|_| " that could delay it");
+        let blocking = blocking.unwrap_or_default();
         return (
             ReadyNotRun,
-            format!("{ready}, and nobody{seen} was seen to run"),
+            format!("{ready}, and no other program{blocking} was seen running"),
         );
     }
     if suspect.delay == Delay::Input {

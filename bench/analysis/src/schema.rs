@@ -25,7 +25,7 @@ pub const SCHEMA: &str = "ironbird-report/2";
 pub struct Report {
     pub schema: String,
     pub run: RunSection,
-    /// Did it track, was it in time, does the theorem hold; empty in reports from before they were told apart.
+    /// Verdicts on tracking, timing and the theorem; empty in reports of versions without them.
     #[serde(default)]
     pub words: Verdicts,
     pub verdict: AcceptanceResult,
@@ -34,7 +34,7 @@ pub struct Report {
     pub deadlines: DeadlineSection,
     #[serde(default)]
     pub autopsy: outages::OutageSection,
-    /// The worst outage against what the loop bears; none in lockstep, where there are no outages, and in reports from
+    /// The worst outage against what the loop tolerates; none in lockstep, where there are no outages, and in reports from
     /// before margins were measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub margin: Option<MarginSection>,
@@ -61,7 +61,7 @@ pub struct Report {
     pub lead: LeadSection,
     pub recorder: RecorderSection,
     pub host: Host,
-    /// Whether the machine can fly in real time, as far as looking tells: nothing is measured beside a flight.
+    /// Whether the machine can fly in real time, by inspection: nothing is measured during a flight.
     #[serde(default)]
     pub doctor: Diagnosis,
     /// What the host took during the flight.
@@ -72,7 +72,7 @@ pub struct Report {
     /// How the latencies are distributed; empty while the flight is in the air.
     #[serde(default)]
     pub distributions: Vec<Distribution>,
-    /// The machine's floors, where they were asked for.
+    /// The machine's baselines, if requested.
     pub beside: Option<Baseline>,
     /// The flight over time; none while it is in the air.
     pub traces: Option<Traces>,
@@ -108,7 +108,7 @@ pub struct RunSection {
     /// What the process that died said last, a line each; empty where none did.
     #[serde(default)]
     pub last_words: Vec<String>,
-    /// Whether these are the numbers so far of a flight in the air.
+    /// Whether the flight is still running, so that these are partial numbers.
     pub in_flight: bool,
 }
 
@@ -126,7 +126,7 @@ pub struct Gate {
     pub limit: String,
     pub value: String,
     pub held: bool,
-    /// Whether it was asked for; some are of every flight.
+    /// Whether it was requested; some apply to every flight.
     #[serde(default)]
     pub asked: bool,
 }
@@ -227,7 +227,7 @@ pub struct ControlPerformance {
     /// Norm of the inner law's rate error at the end [rad/s]; missing where the law shows none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_error_final_rad_s: Option<f64>,
-    /// Ticks in which the rotors could not do what was asked.
+    /// Ticks in which the rotors could not deliver the demand.
     pub saturated_ticks: u64,
     /// Estimates at the end, with what is true; missing where the inner law estimates nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -272,7 +272,7 @@ pub struct LoopUsage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RtStep {
     pub step: String,
-    /// What was asked: a priority or a processor, where the step has a number.
+    /// The requested priority or processor, if the step has a number.
     pub asked: Option<u64>,
     pub granted: bool,
     pub refused: Option<String>,
@@ -366,7 +366,7 @@ pub struct SignalSection {
 /// What stands for outages of all stages at once: `machine` in a table of margins.
 pub const MACHINE: &str = "machine";
 
-/// What a flight's loop bears, and how near the flight came to it.
+/// What a flight's loop tolerates, and how near the flight came to it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct MarginSection {
@@ -376,7 +376,8 @@ pub struct MarginSection {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown: Option<String>,
     /// The longest outage survived, by stage; empty where not known.
-    pub bears: BTreeMap<String, RobustnessMargin>,
+    #[serde(rename = "bears")]
+    pub tolerated: BTreeMap<String, RobustnessMargin>,
     /// Phases of the trajectory that these are the least of.
     pub phases: u64,
     /// The build that measured, where another one flew.
@@ -386,10 +387,10 @@ pub struct MarginSection {
     pub outages: BTreeMap<String, u64>,
     /// Outages of this flight whose length by stage is not known, because messages were lost there.
     pub unmeasured: u64,
-    /// The stage whose outage came nearest to what is borne; none without an outage, or where nothing is known.
+    /// The stage whose outage came nearest to what is tolerated; none without an outage or without a known margin.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nearest: Option<String>,
-    /// What it bears over its outage; no flight survived a margin below 1 in simulation.
+    /// The tolerated outage over its outage; no flight survived a margin below 1 in simulation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub margin: Option<f64>,
 }
@@ -410,7 +411,7 @@ pub struct ProcessFailure {
     pub time_s: f64,
     /// When the process started, on `CLOCK_MONOTONIC` [ns]: the epoch of its messages. 0 where it sent none.
     pub epoch: u64,
-    /// How it ended, as `signal: 9 (SIGKILL)`; empty where nobody waited for the process.
+    /// How it ended, as `signal: 9 (SIGKILL)`; empty if no process waited for it.
     pub how: String,
     /// From the beginning of its last tick until the launcher noticed [ms]: a launcher is woken by a death.
     pub noticed_after_ms: Option<f64>,
@@ -418,7 +419,7 @@ pub struct ProcessFailure {
     pub back_after_ms: Option<f64>,
     /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
     pub ticks_lost: Option<u64>,
-    /// Of a successor that sent no message: tick of the death that it was to make good, whose ticks its own are.
+    /// Of a successor that sent no message: tick of the failure that it was started for, which also counts its ticks.
     pub within: Option<u64>,
     /// What that time is made of, where a launcher saw it.
     pub back_parts: Option<RecoveryPhases>,
@@ -429,12 +430,12 @@ pub struct ProcessFailure {
 /// What the time is made of in which a stage came back, each part after the one before it [ms].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecoveryPhases {
-    /// Whether a spare had waited for it.
+    /// Whether a standby took over.
     pub spare: bool,
     pub noticed_ms: f64,
-    /// The launcher removed what the dead process had left in shared memory.
+    /// The supervisor removed the dead process's shared memory.
     pub cleaned_ms: f64,
-    /// The launcher waited until it was due, and the successor ran: a process that was started, or a spare that woke.
+    /// The supervisor waited until the restart was due, and the successor ran: a new process, or a standby.
     pub begun_ms: f64,
     /// It had its settings and its law.
     pub made_ms: f64,

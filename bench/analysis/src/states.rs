@@ -43,19 +43,20 @@ impl StatesWriter {
     ) -> Result<Self, Failure> {
         let begin = || -> io::Result<Self> {
             let file = create_file(path)?;
-            let (out, spool): (Box<dyn Write>, _) = if may_spool && file.metadata()?.is_file() {
-                let spool = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
-                (Box::new(spool.clone()), Some(spool))
-            } else {
-                (Box::new(BufWriter::new(file)), None)
-            };
+            let (out, spool): (Box<dyn Write>, _) =
+                if may_spool && file.metadata().is_ok_and(|it| it.is_file()) {
+                    let spool = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
+                    (Box::new(spool.clone()), Some(spool))
+                } else {
+                    (Box::new(BufWriter::new(file)), None)
+                };
             let mut csv = csv::Writer::from_writer(out);
             let roles = LAW_ROLES.into_iter().zip(TELEMETRY_TOPICS);
-            let shown = roles.flat_map(|(role, topic)| {
+            let signals = roles.flat_map(|(role, topic)| {
                 let signals = laws.signals.of(role).iter();
                 signals.map(move |signal| format!("{topic}.{}", signal.name))
             });
-            csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(shown))?;
+            csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(signals))?;
             Ok(Self {
                 csv,
                 spool,
@@ -104,17 +105,17 @@ impl StatesWriter {
 
 fn row(joined: &Joined, tracking: &Tracking, laws: &FlownLaws) -> Vec<Option<f64>> {
     let (tick, measured, wrench) = (joined.tick, &joined.state.measured, &joined.wrench);
-    let shown = |places: Option<Places>| Some(places?.of(wrench.as_ref()?));
+    let at = |places: Option<Places>| Some(places?.of(wrench.as_ref()?));
     let mut row = vec![Some(tick as f64 * tracking.period_s())];
     row.extend(measured.position_w_m.map(Some));
     row.extend(measured.velocity_w_m_s.map(Some));
     row.extend(measured.attitude_rad.map(Some));
     row.extend(measured.rate_b_rad_s.map(Some));
-    row.extend(cells(shown(laws.estimates())));
+    row.extend(cells(at(laws.estimates())));
     row.extend(cells(joined.rotor_speeds.map(|it| it.speed_rad_s)));
     row.push(wrench.map(|wrench| wrench.thrust_n));
     row.extend(cells(wrench.map(|wrench| wrench.torque_b_nm)));
-    row.extend(cells(shown(laws.rate_error())));
+    row.extend(cells(at(laws.rate_error())));
     row.extend(tracking.position_w_m(tick).map(Some));
     row.push(Some(tracking.yaw_rad(tick)));
     for (role, telemetry) in LAW_ROLES.into_iter().zip(joined.telemetry()) {
@@ -124,7 +125,7 @@ fn row(joined: &Joined, tracking: &Tracking, laws: &FlownLaws) -> Vec<Option<f64
     row
 }
 
-/// The cells of a vector; empty ones where nobody said it.
+/// The cells of a vector; empty without one.
 fn cells<const N: usize>(vector: Option<[f64; N]>) -> [Option<f64>; N] {
     vector.map_or([None; N], |vector| vector.map(Some))
 }
@@ -135,11 +136,11 @@ pub struct Joined {
     pub state: State,
     /// Set-point of the tick; none where none was published.
     pub setpoint: Option<Setpoint>,
-    /// Thrust and torque demanded at the tick; none where nobody demanded any.
+    /// Thrust and torque demanded at the tick; none if there was no demand.
     pub wrench: Option<Wrench>,
     /// Rotor command of the tick; none where none was published.
     pub rotor_speeds: Option<RotorSpeeds>,
-    /// What is said of the theorem; none where nobody could tell.
+    /// The monitor's result; none if the monitor was silent.
     pub monitor: Option<Monitor>,
 }
 
@@ -211,8 +212,8 @@ impl Joiner {
         }
     }
 
-    /// The next state for whose tick nothing more can come, in the order of the ticks; to be asked when all topics are
-    /// drained, states first: what was sent before the newest of them is there then.
+    /// The next state for whose tick nothing more can come, in the order of the ticks; call it after all topics are
+    /// drained, states first: everything sent before the newest state has then arrived.
     pub fn next_complete(&mut self) -> Option<Joined> {
         let newest = self.newest.into_iter().max().flatten()?;
         let newest_state = self.newest[0].unwrap_or(0);

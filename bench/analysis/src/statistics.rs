@@ -598,4 +598,17 @@ mod tests {
         assert!((0.9..1.1).contains(&width) && (found.mean - 0.5).abs() < 3e-3);
         assert_eq!(mean_interval([1.0; 9].into_iter()), None);
     }
+
+    #[test]
+    fn a_difference_beyond_the_spread_is_found_among_kinds_without_one() {
+        let mut random = Rng::with_seed(3);
+        let mut group = |mean: f64| (0..4).map(|_| mean + random.f64()).collect::<Vec<_>>();
+        let means = (0..41).map(|i| if i < 40 { 10.0 } else { 30.0 });
+        let kinds = means.map(|mean| groups(&group(10.0), &group(mean)));
+        let found = permutation_test(&kinds.collect::<Vec<_>>());
+        // Two of the 70 ways to deal 4 of 8 set them as far apart.
+        assert_eq!(found[40], Some(2.0 / 70.0));
+        let mut others = found[..40].iter();
+        assert!(others.all(|probability| probability.unwrap() > 0.05));
+    }
 }

@@ -295,10 +295,10 @@ late mixer 0 1500, faults 4 mixer 3                    | PageFault mixer 3 page 
 late mixer 0 1500, faults 4 outer 3                    | WakeLate mixer others ran
 late mixer 0 1500, faults 2 mixer 3                    | WakeLate mixer others ran
 stall 2, waited 4 plant 400                            | ProcessorStalled - although others were due
-stall 2, waited 4 plant 2000                           | ReadyNotRun plant nobody was seen to run
+stall 2, waited 4 plant 2000                           | ReadyNotRun plant no other program was seen running
 stall 2, waited 4 plant 2000, switched plant           | Preempted plant 2000 us without the processor, 1 involuntary
 # When the host stops a virtual machine, the thread on its processor seems to run.
-stall 2, waited 4 plant 2000, busy 4 1                 | ReadyNotRun plant nobody was seen to run
+stall 2, waited 4 plant 2000, busy 4 1                 | ReadyNotRun plant no other program was seen running
 stall 2, waited 4 plant 2000, busy 4 1, hardware       | Preempted plant which was busy for 10 ms
 # Two thirds of the ticks are as bad: the good ones show what is usual.
 stall 2, waited 1 plant 5000, waited 2 plant 5000, waited 4 plant 5000, waited 5 plant 5000, waited 7 plant 5000 | ReadyNotRun plant without the processor

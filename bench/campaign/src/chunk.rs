@@ -312,3 +312,64 @@ fn read(path: &Path, campaign: &Campaign) -> Result<Table, Failure> {
         .and_then(|reader| read_table(&reader, Table::new(campaign, &[])))
         .in_file("read", path)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gates::{METRICS, Outcome};
+
+    const CAMPAIGN: &str = r#"
+        [campaign]
+        name = "small"
+        flights = 6
+        [flight]
+        duration_s = 1
+        [factors]
+        "plant.mass_kg" = { uniform = [0.4, 0.7] }
+        "flight.trajectory" = { choice = ["fast", "hover"] }
+        [arms.adaptive]
+        "inner.law" = "adaptive"
+    "#;
+
+    fn rows(campaign: &Campaign) -> Vec<Row> {
+        let row = |flight| Row {
+            flight,
+            arm: 0,
+            draws: campaign.draws(flight),
+            outcome: Outcome {
+                lost: (flight == 2).then(|| "crashed".into()),
+                metrics: [(flight != 3).then_some(0.1); METRICS.len()],
+                telemetry: Vec::new(),
+                outputs: format!("{flight:016x}"),
+            },
+        };
+        (0..campaign.flights).map(row).collect()
+    }
+
+    #[test]
+    fn a_file_has_its_rows_and_notices_every_flipped_bit() {
+        let campaign = crate::file::read(CAMPAIGN).unwrap();
+        let identity = Identity {
+            name: "small".into(),
+            campaign: "0123".into(),
+            build: "one".into(),
+        };
+        let directory = tempfile::tempdir().unwrap();
+        let rows = rows(&campaign);
+        write(directory.path(), &campaign, &identity, 0, &rows).unwrap();
+        let path = path_of(directory.path(), 0);
+        let written = Table::new(&campaign, &rows);
+        assert_eq!(read(&path, &campaign).unwrap(), written);
+        let state = || state(directory.path(), &campaign, &identity, 0);
+        assert_eq!(state(), State::Whole);
+        let whole = fs::read(&path).unwrap();
+        for (i, byte) in whole.iter().enumerate().step_by(11) {
+            let mut flipped = whole.clone();
+            flipped[i] = byte ^ (1 << (i % 8));
+            fs::write(&path, flipped).unwrap();
+            assert!(matches!(state(), State::Refused(_)), "byte {i}");
+        }
+        fs::write(&path, &whole[..whole.len() - 1]).unwrap();
+        assert!(matches!(state(), State::Refused(_)));
+    }
+}

@@ -2,11 +2,16 @@
 
 use crate::fault_matrix::await_gone;
 use crate::rig::{Rig, Running, not_tested, send, wait_until};
-use ipc::Wire;
+use ipc::{SwapOrder, SwapOutcome, Wire};
 use messages::blackboards::{RUN, Run, RunPhase};
+use messages::parameters::{PARAMETERS, Parameter};
 use process::rt::fifo_refusal;
 use rustix::process::Signal;
 use std::fs;
+use std::time::Duration;
+
+/// Only ends a test that hangs.
+const LONG: Duration = Duration::from_secs(60);
 
 const STAGES: [&str; 4] = ["plant", "outer", "inner", "mixer"];
 
@@ -87,4 +92,41 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
         ends_without_real_time(process, 0);
     }
     rig.assert_nothing_left();
+}
+
+fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
+    let mut order = SwapOrder {
+        at_tick,
+        in_ticks: 0,
+        count: 1,
+        parameter: [0; PARAMETERS],
+        value: [0.0; PARAMETERS],
+        steps: [1; PARAMETERS],
+    };
+    (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
+    order
+}
+
+#[test]
+#[ignore = "long: part of the gate"]
+fn a_change_for_the_tick_after_the_last_is_refused_and_changes_nothing() {
+    let rig = Rig::new("late-swap");
+    let flight = rig.take_off("--rt off --duration 4s --max-miss-rate 1000000");
+    {
+        let wire = Wire::open(&rig.known()).unwrap();
+        let run_of = wire.blackboard_reader::<Run>(RUN).unwrap().unwrap();
+        let order = mass(run_of.get().last_tick + 1, 0.6);
+        let answer = wire
+            .client::<SwapOrder>()
+            .unwrap()
+            .request(order, LONG)
+            .unwrap();
+        let outcome = SwapOutcome::from_wire(answer.verdict);
+        assert_eq!(outcome, Some(SwapOutcome::Ended));
+        let run = run_of.get();
+        assert_eq!((run.phase(), run.parameter_epoch), (RunPhase::Closed, 0));
+    }
+    flight.end().expect(0);
+    assert_eq!(rig.report()["swaps"].as_array().unwrap().len(), 0);
+    rig.run("clean", "");
 }

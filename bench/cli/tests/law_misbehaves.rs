@@ -98,5 +98,5 @@ fn slow_laws_and_page_faults_are_found_in_the_report() {
         "{inner}"
     );
     rig.ok("report --full")
-        .tells("met memory that was not there: ");
+        .tells("in flight, although its memory was locked");
 }

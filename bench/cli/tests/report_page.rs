@@ -1,4 +1,4 @@
-//! report.html as a browser shows it: complete, readable on a telephone and a desk, by day and by night.
+//! report.html as a browser shows it: complete, readable on a phone and on a desktop screen, in the light and the dark theme.
 //!
 //! The browser is Chromium, named by `IRONBIRD_CHROMIUM` or found; without it, the tests that need it are skipped.
 

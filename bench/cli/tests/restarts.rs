@@ -84,7 +84,7 @@ fn an_inner_loop_begins_at_its_initial_estimates_or_at_the_last_ones() {
         let is_initial = first == estimates[0].1;
         assert_eq!((is_resumed, is_initial), (resumes, !resumes), "{before:?}");
         let log = rig.flown("inner.log");
-        assert_eq!(log.contains("begins with the last estimates"), resumes);
+        assert_eq!(log.contains("resumes with the last estimates"), resumes);
         rig.assert_replayed();
     }
 }

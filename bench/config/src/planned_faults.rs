@@ -86,15 +86,15 @@ impl Settings {
         for (fault, Span { from, to }) in self.spans()? {
             if from > last_tick {
                 return Err(Failure::usage(format!(
-                    "a fault at tick {from} never strikes: the flight ends at tick {last_tick}"
+                    "a fault at tick {from} is after the end of the flight: the last tick is {last_tick}"
                 ))
-                .help("fly longer (--duration), or strike earlier"));
+                .help("fly longer (--duration), or inject the fault earlier"));
             }
             if to != Span::FOR_GOOD && to > last_tick + 1 {
                 return Err(Failure::usage(format!(
                     "the fault {fault} ends at tick {to}, after the flight: that ends at tick {last_tick}"
                 ))
-                .help("leave its end out, as it then holds for good, or fly longer (--duration)"));
+                .help("leave out its end, so that it lasts until the flight ends, or fly longer (--duration)"));
             }
         }
         Ok(())
@@ -140,7 +140,7 @@ pub fn check_possible(
         .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
         FaultKind::Late { .. } => Ok(()),
         _ if !launched => Err(Failure::usage(format!(
-            "{what}: it is done by a launcher, and here there is none"
+            "{what}: only `ironbird fly` can inject this, and these processes were started by hand"
         ))
         .help("start the flight with `ironbird fly`, or signal the process yourself")),
         _ => Ok(()),

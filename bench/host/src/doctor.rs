@@ -199,7 +199,7 @@ fn cgroup(machine: &Machine, found: Found) -> Finding {
             "start in the root cgroup: echo $$ | sudo tee /sys/fs/cgroup/cgroup.procs; or boot with \
              rt_group_sched=0",
         ),
-        _ => found("no budget stands in the way"),
+        _ => found("no cgroup budget limits SCHED_FIFO"),
     }
 }
 
@@ -286,7 +286,7 @@ fn hypervisor(machine: &Machine, found: Found) -> Finding {
              (libvirt: virsh vcpupin, with isolcpus on the host)",
         ),
         Some(false) => found("none"),
-        None => found("not known: neither processor nor firmware tells"),
+        None => found("not known: neither the processor nor the firmware identifies a hypervisor"),
     }
 }
 
@@ -390,7 +390,7 @@ fn stolen(steal: &Steal, found: Found) -> Finding {
     if percent <= STEAL_MAX_PERCENT {
         return finding;
     }
-    finding.softens("ask whoever runs the host for processors of your own, or fly elsewhere")
+    finding.softens("ask the host's operator for dedicated processors, or use another machine")
 }
 
 pub fn render(examination: &Examination) -> String {

@@ -93,5 +93,7 @@ mod tests {
                 assert_eq!(runs_below(&machine), expected, "{files:?}");
             }
         }
+        let (_root, empty) = made_up(&[]);
+        assert_eq!(runs_below(&empty), None, "without /proc/cpuinfo");
     }
 }

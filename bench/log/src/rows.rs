@@ -201,4 +201,10 @@ mod tests {
         assert_eq!(words.len(), named(&message().content).len());
         assert_eq!(words[2], (-0.0f64).to_bits());
     }
+
+    #[test]
+    fn json_has_null_for_numbers_that_are_not_finite() {
+        let numbers = [f64::NAN, f64::INFINITY, -0.0].map(json_number);
+        assert_eq!(numbers, ["null", "null", "-0.0"]);
+    }
 }

@@ -217,7 +217,7 @@ fn refusals(report: &Report) -> Vec<String> {
         let role = |stage: &Role| report.roles.get(stage.name());
         let is_plain = |stage| role(stage).is_some_and(|it| it.scheduling == "other");
         let is_on_the_clock = report.run.speed() != Speed::Lockstep && STAGES.iter().all(is_plain);
-        let plain = "Real time not asked for: the loops were scheduled like any other program";
+        let plain = "Real time not requested: the loops were scheduled like any other program";
         return Vec::from_iter(is_on_the_clock.then(|| plain.to_owned()));
     }
     let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {

@@ -518,7 +518,7 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
     let unwritten = recorder.unwritten.iter();
     items.extend(unwritten.map(|(file, reason)| format!("{file} is incomplete: {reason}")));
     blocks.push(Block::Items(items));
-    blocks.push(Block::Heading("Real time asked and granted".into()));
+    blocks.push(Block::Heading("Real time: requested and granted".into()));
     let granted = stages
         .iter()
         .map(|(name, role)| format!("{name:<9} {}", grants(role)));
@@ -572,7 +572,7 @@ fn grants(role: &RoleSection) -> String {
         }
     });
     match role.realtime.is_empty() {
-        true => "nothing asked: not real-time".into(),
+        true => "nothing requested: not real-time".into(),
         false => steps.collect::<Vec<_>>().join(", "),
     }
 }
@@ -606,7 +606,7 @@ fn lead_line(lead: &LeadSection, ticks: u64) -> String {
 
 fn log(log: &LogSection) -> String {
     if log.kept == OFF {
-        return "flight.mcap: none, as asked (recorder.log = off)".into();
+        return "flight.mcap: none, as configured (recorder.log = off)".into();
     }
     let mut text = match log.files {
         0 | 1 => format!("{FILE}: "),
@@ -618,11 +618,11 @@ fn log(log: &LogSection) -> String {
     text.extend(log.refused.iter().map(|reason| format!(" ({reason})")));
     if log.kept == AROUND_MISSES {
         let (excerpts, left_out) = (count(log.stretches, "excerpt"), sum(&log.left_out));
-        text += &format!("; {excerpts} kept, {left_out} left out as asked");
+        text += &format!("; {excerpts} kept, {left_out} left out as configured");
     }
     let removed = sum(&log.removed);
     if removed > 0 {
-        text += &format!("; {removed} in older files, removed as asked");
+        text += &format!("; {removed} in older files, removed as configured");
     }
     text
 }

@@ -275,7 +275,7 @@ fn miss_runs(report: &Report) -> Figure {
     Figure::new("miss-runs", title, Vec::new(), chart)
 }
 
-/// The percentiles of all series, with what the number of values says of each.
+/// The percentiles of all series.
 fn percentiles(report: &Report) -> Vec<Block> {
     let columns: [Column<Statistics>; 9] = [
         ("Latencies [us]", |it| it.name.clone()),

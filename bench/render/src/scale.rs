@@ -118,7 +118,7 @@ impl Scale {
         ((bent(value) - low) / (high - low)).clamp(0.0, 1.0)
     }
 
-    /// Ticks, about as many as asked where the scale leaves a choice.
+    /// Ticks, about as many as requested if the scale leaves a choice.
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let (low, high) = (self.low, self.high);
         let row = |(i, name): (usize, &String)| Tick::new(i as f64 + 0.5, name.clone());
@@ -178,7 +178,7 @@ fn extent(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<Tick> {
     let rough = (high - low) / about.max(1) as f64;
     let decade = 10_f64.powf(rough.log10().floor());
-    // A little more ticks than asked are better than half as many.
+    // A few ticks more than requested are better than half as many.
     let mut steps = [1.0, 2.0, 5.0].into_iter();
     let step = decade * steps.find(|s| s * decade >= rough * 0.95).unwrap_or(10.0);
     let first = (low / step - 1e-6).ceil() as i64;

@@ -79,7 +79,7 @@ pub fn gate(gate: &Gate) -> String {
 pub fn acceptance(result: &AcceptanceResult) -> String {
     let status = result.status;
     match result.requested() {
-        (_, 0) if status == FlightStatus::Pass => format!("{status}: no gate was asked for"),
+        (_, 0) if status == FlightStatus::Pass => format!("{status}: no gate was requested"),
         (_, 0) => status.to_string(),
         (held, requested) => format!("{status}: {held} of {requested} gates held"),
     }
@@ -95,7 +95,7 @@ pub fn warnings(report: &Report) -> Vec<String> {
         let all = all.into_iter().map(sum).fold(lost, u64::saturating_add);
         let of = recorder.lost.iter().filter(|(_, n)| **n > 0);
         let of: Vec<String> = of.map(|(topic, n)| format!("{topic} {n}")).collect();
-        // Without a log nobody has counted them.
+        // Without a log they are not counted.
         let of_all = match log.kept == OFF {
             true => String::new(),
             false => format!(" of {all}"),
@@ -158,7 +158,7 @@ fn too_long(report: &Report, role: &str) -> Option<String> {
     })
 }
 
-/// What the process of a law did in flight that costs time of nobody's choosing.
+/// Allocations and page faults of a law's process in flight.
 fn unsteady(name: &str, role: &RoleSection) -> Vec<String> {
     let Some(usage) = &role.usage else {
         return Vec::new();
@@ -171,7 +171,7 @@ fn unsteady(name: &str, role: &RoleSection) -> Vec<String> {
     if own > 0 {
         let calls = count(own, "call");
         sentences.push(format!(
-            "allocated memory in flight: {calls} beside the middleware's one a tick"
+            "allocated memory in flight: {calls} besides the middleware's one per tick"
         ));
     }
     let is_granted = |name: &str| {
@@ -182,7 +182,9 @@ fn unsteady(name: &str, role: &RoleSection) -> Vec<String> {
     let faults = usage.minor_faults.saturating_add(usage.major_faults);
     if is_locked && faults > 0 {
         let faults = count(faults, "page fault");
-        sentences.push(format!("met memory that was not there: {faults} in flight"));
+        sentences.push(format!(
+            "caused {faults} in flight, although its memory was locked"
+        ));
     }
     sentences
 }
@@ -213,24 +215,25 @@ fn margin_of_flight(margin: &MarginSection) -> String {
         let outages = count(margin.unmeasured, "outage");
         by += &format!("; not in it: {outages}, of which messages were lost");
     }
-    let most = |bears: &RobustnessMargin| if bears.is_most { "more than " } else { "" };
+    let most = |tolerated: &RobustnessMargin| if tolerated.is_most { "more than " } else { "" };
     let phases = count(margin.phases, "phase");
     let nearest = margin.nearest.as_ref();
-    let nearest = nearest.and_then(|it| Some((it, margin.bears.get(it)?, margin.outages.get(it)?)));
-    let Some((stage, bears, outage)) = nearest else {
-        let each = margin.bears.iter();
+    let nearest =
+        nearest.and_then(|it| Some((it, margin.tolerated.get(it)?, margin.outages.get(it)?)));
+    let Some((stage, tolerated, outage)) = nearest else {
+        let each = margin.tolerated.iter();
         let each = each.map(|(stage, it)| format!("{stage} {}{}", most(it), it.ticks));
         let each = each.collect::<Vec<_>>().join(", ");
         return format!(
             "no stage had an outage in this flight; this loop tolerates, in ticks: {each} (least of {phases}){by}"
         );
     };
-    let least = if bears.is_most { "at least " } else { "" };
+    let least = if tolerated.is_most { "at least " } else { "" };
     format!(
         "worst outage in this flight {} ({stage}); this loop tolerates {}{} (least of {phases}): margin {least}{:.1}{by}",
         count(*outage, "tick"),
-        most(bears),
-        bears.ticks,
+        most(tolerated),
+        tolerated.ticks,
         margin.margin.unwrap_or_default()
     )
 }
@@ -274,12 +277,12 @@ mod tests {
 
     #[test]
     fn the_margin_names_the_nearest_stage_and_what_is_not_known() {
-        let bears = |(stage, ticks): (&str, u64)| {
+        let tolerated = |(stage, ticks): (&str, u64)| {
             let is_most = ticks >= 2000;
             (stage.to_owned(), RobustnessMargin { ticks, is_most })
         };
         let known = MarginSection {
-            bears: [("outer", 2000), ("inner", 118)].map(bears).into(),
+            tolerated: [("outer", 2000), ("inner", 118)].map(tolerated).into(),
             phases: 32,
             ..MarginSection::default()
         };

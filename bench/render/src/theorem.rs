@@ -140,7 +140,7 @@ fn explanation(cause: &str) -> &'static str {
         "broken_model" => "a parameter that is not estimated is not the model's",
         "gyro_noise" => "the gyro is noisy",
         "motor_lag" => "the motors lag",
-        "saturation" => "the rotors could not do what was asked; excuses V alone",
+        "saturation" => "the rotors could not deliver the demand; excuses V alone",
         "stale_input" => "a state, a set-point or a command was not of its tick; excuses V alone",
         "delay" => "the chain's delay and the low-pass, in every flight; excuses V alone",
         _ => "no cause is known",

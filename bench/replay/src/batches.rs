@@ -81,3 +81,45 @@ impl FromLog {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use messages::content::State;
+    use messages::header::Message;
+
+    use super::*;
+
+    const MESSAGES: u64 = 3 * (BATCH * ON_THEIR_WAY) as u64 + 1;
+
+    /// The ticks that a flight gets of a log, if it ends after `batches`.
+    fn ticks_until(most_batches: usize) -> Vec<u64> {
+        let (mut to_flight, from_log) = batches();
+        let (mut ticks, mut taken) = (Vec::new(), 0);
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                for tick in 0..MESSAGES {
+                    let message = Message::of_tick(tick, State::default());
+                    to_flight.push(&LogEntry::State(message));
+                }
+                to_flight.finish();
+            });
+            let each = from_log.each(|batch| {
+                ticks.extend(batch.iter().map(|entry| entry.envelope().tick));
+                taken += 1;
+                Ok(taken < most_batches)
+            });
+            each.unwrap();
+        });
+        ticks
+    }
+
+    #[test]
+    fn every_message_arrives_once_and_in_order() {
+        assert!(ticks_until(usize::MAX).into_iter().eq(0..MESSAGES));
+    }
+
+    #[test]
+    fn the_log_is_read_to_its_end_after_the_flight_has_ended() {
+        assert_eq!(ticks_until(1).len(), BATCH);
+    }
+}

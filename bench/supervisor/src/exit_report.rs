@@ -110,7 +110,7 @@ impl Outcome {
             let (process, law) = (title(*role), flown_law(report, *role));
             let seconds = LANDING.as_secs();
             ending += &format!(
-                "; the {process}{law} did not end within {seconds} s of being told to and was killed"
+                "; the {process}{law} did not end within {seconds} s of SIGTERM and was killed"
             );
         }
         break_off(report, status, ending);

@@ -79,7 +79,7 @@ struct RoleProcess {
     child: Child,
     /// Why the supervisor has killed it.
     killed: Option<KillReason>,
-    /// A restarted process that came too late for the flight, and was asked to end.
+    /// A restarted process that was ready too late for the flight and is being ended.
     is_dismissed: bool,
 }
 

@@ -16,7 +16,7 @@ use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{
-    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Owner, STRIKES, Sender,
+    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner, STRIKES, Sender,
     SwapAnswer, SwapOrder, SwapOutcome, Wire,
 };
 use messages::content::{NO_TICK, SwapRecord};
@@ -209,8 +209,10 @@ impl Server<'_> {
 
     /// Answers the client of an event, and publishes a parameter change.
     fn report(&mut self, event: Event) -> Result<(), Error> {
-        let (id, answer) = match event {
-            Event::Refused { id, tick, reason } => (id, swap_refusal(&reason, tick)),
+        match event {
+            Event::Refused { id, tick, reason } => {
+                reply(&mut self.changes, id, swap_refusal(&reason, tick));
+            }
             Event::Applied(applied) => {
                 let record = applied.record();
                 self.records.send(applied.tick, &Header::new(), record)?;
@@ -221,7 +223,7 @@ impl Server<'_> {
                     parameter: 0,
                     old: record.old,
                 };
-                (applied.request_id, answer)
+                reply(&mut self.changes, applied.request_id, answer);
             }
             Event::Injected { id, span } => {
                 let answer = FaultAnswer {
@@ -230,24 +232,14 @@ impl Server<'_> {
                     to: span.to,
                     which: 0,
                 };
-                self.answer_faults(id, answer);
-                return Ok(());
+                reply(&mut self.injections, id, answer);
             }
             Event::FaultRefused { id, which, reason } => {
-                self.answer_faults(id, fault_refusal(reason as u64, which as u64));
-                return Ok(());
+                let answer = fault_refusal(reason as u64, which as u64);
+                reply(&mut self.injections, id, answer);
             }
-        };
-        if let Some(call) = take_call(&mut self.changes, id) {
-            call.reply(answer);
         }
         Ok(())
-    }
-
-    fn answer_faults(&mut self, id: u64, answer: FaultAnswer) {
-        if let Some(call) = take_call(&mut self.injections, id) {
-            call.reply(answer);
-        }
     }
 
     /// Answers all waiting clients that the run is over.
@@ -258,6 +250,12 @@ impl Server<'_> {
         while let Some((_, call)) = self.changes.pop() {
             call.reply(without_effect(SwapOutcome::Ended, 0, 0));
         }
+    }
+}
+
+fn reply<Q: Order>(waiting: &mut Waiting<Call<Q>>, id: u64, answer: Q::Answer) {
+    if let Some(call) = take_call(waiting, id) {
+        call.reply(answer);
     }
 }
 

@@ -188,8 +188,8 @@ pub fn create_file(path: &Path) -> io::Result<File> {
         .custom_flags(flags.bits().cast_signed())
         .open(path)
         .map_err(|e| match Errno::from_io_error(&e) {
-            Some(Errno::NXIO) => io::Error::other("it is a pipe that nobody reads"),
-            Some(Errno::LOOP) => io::Error::other("it is a link that another user created"),
+            Some(Errno::NXIO) => io::Error::new(e.kind(), "it is a pipe without a reader"),
+            Some(Errno::LOOP) => io::Error::new(e.kind(), "it is a link that another user created"),
             _ => e,
         })?;
     // From here on, writing waits for a slow reader.

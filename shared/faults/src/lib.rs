@@ -107,19 +107,19 @@ impl Place {
 pub enum Kind {
     /// A share of them, 0 to 1, is lost at random.
     Drop(f64),
-    /// The first so many of each so many are lost.
+    /// The first `lost` of every `of` messages are lost.
     DropEach {
         lost: u64,
         of: u64,
     },
     Delay(u64),
-    /// They come in time, and with the content of so many ticks before.
+    /// They arrive on time with the content of this many ticks earlier.
     Lag(u64),
-    /// They come in time, and with the content of the last one before the fault.
+    /// They arrive on time with the last content before the fault.
     Freeze,
     /// A number has normal noise of this standard deviation, in the field's unit.
     Noise(Place, f64),
-    /// A number is so much larger, in the field's unit.
+    /// A constant is added to a number, in the field's unit.
     Bias(Place, f64),
     Nan(Place),
 }

@@ -11,7 +11,7 @@ use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
 use messages::role::Role;
 
-/// Name of the plant's board with the [`LiveBlackboard`].
+/// Name of the plant's blackboard with the [`LiveBlackboard`].
 pub const LIVE: &str = "faults";
 
 /// Faults that can be injected into one flight, each counted as often as it has inputs; an end counts as one, too.
@@ -79,7 +79,7 @@ impl LoopFaults {
         }
     }
 
-    /// These with those of a board, which the plant has taken before.
+    /// These with those of a blackboard, which the plant has taken before.
     pub fn with(mut self, live: &LiveBlackboard) -> Self {
         for fault in live.iter() {
             // The plant has refused what cannot be.

@@ -1,10 +1,10 @@
 //! Blackboards: one process writes a value, any process reads it, and none waits.
 //!
-//! A board is an iceoryx2 blackboard with one value. Readers that join or leave cost the writer nothing, so observers
-//! follow a flight through boards.
+//! A blackboard is an iceoryx2 blackboard with one value. Readers that join or leave cost the writer nothing, so observers
+//! follow a flight through blackboards.
 //!
 //! A writer that is killed keeps its right to write an entry for as long as any process has the blackboard open
-//! (iceoryx2 0.10). A board therefore has several entries, its sheets. A writer takes the first free sheet, and readers
+//! (iceoryx2 0.10). A blackboard therefore has several entries, its sheets. A writer takes the first free sheet, and readers
 //! look at the sheet that was written last.
 
 use std::cell::Cell;
@@ -22,7 +22,7 @@ use crate::sys::Payload;
 use messages::enum_registry::Fingerprint as _;
 use messages::layout::Layout;
 
-/// Sheets of a board: one more than the writers that may be killed while the board has a reader.
+/// Sheets of a blackboard: one more than the writers that may be killed while the blackboard has a reader.
 pub const SHEETS: u64 = 64;
 /// Sheets that a reader looks at beyond the last one that was written on: so many writers in a row may be killed after
 /// they took a sheet and before they wrote on it.
@@ -42,7 +42,7 @@ impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
 pub(super) type Open = PortFactory<ipc::Service, u64>;
 
 impl Wire {
-    /// Becomes the writer of a board, even if its last writer died while others still read it.
+    /// Becomes the writer of a blackboard, even if its last writer died while others still read it.
     pub fn blackboard<T: Notice>(&self, name: &str) -> Result<Blackboard<T>, Error> {
         let service = match self.held_board(name) {
             Some(held) => held,
@@ -119,7 +119,7 @@ impl Wire {
         }))
     }
 
-    /// Opens a board that exists ahead of its reader or writer, and keeps it open.
+    /// Opens a blackboard that exists ahead of its reader or writer, and keeps it open.
     pub fn hold_board<T: Notice>(&mut self, name: &str) -> Result<(), Error> {
         if let Some(board) = self.open_board::<T>(name)? {
             self.held_boards.push((name.to_owned(), Arc::new(board)));

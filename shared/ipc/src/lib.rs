@@ -28,8 +28,8 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 pub use blackboard::{Blackboard, BlackboardReader, Notice, SHEETS};
 pub use ports::{OBSERVED, OBSERVERS, Receiver, Relay, Sender};
 pub use requests::{
-    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, RequestClient, RequestServer,
-    STRIKES, SwapAnswer, SwapOrder, SwapOutcome,
+    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, RequestClient,
+    RequestServer, STRIKES, SwapAnswer, SwapOrder, SwapOutcome,
 };
 pub use wake_event::{Notifier, Owner, WakeEvent};
 
@@ -89,6 +89,10 @@ impl Wire {
             })?;
         instance.close_node_counter()?;
         let cleaned = remove_dead(&node, instance);
+        if cleaned > 0 {
+            // The middleware takes a service whose creator died for one that is still being created.
+            remove_unfinished(&node, instance);
+        }
         Ok(Self {
             held_topics: Vec::new(),
             held_boards: Vec::new(),

@@ -117,7 +117,7 @@ pub struct Sender<C: Topic> {
 }
 
 impl<C: Topic> Sender<C> {
-    /// Arms the sender for a run: connects to everybody who listens now.
+    /// Arms the sender for a run: connects to all present receivers.
     pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
         self.notifier.iter().for_each(Notifier::begin);
         self.envelope = Header {

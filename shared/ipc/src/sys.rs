@@ -1,4 +1,4 @@
-//! The wire's only `unsafe` code: event memory, timers, payloads, signal masks, locks beside forks.
+//! The only `unsafe` code of this crate: event memory, timers, payloads, signal masks, locks beside forks.
 #![allow(
     unsafe_code,
     reason = "the one module of the crate where it is allowed; every use says why it is sound"

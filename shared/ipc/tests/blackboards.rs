@@ -1,8 +1,11 @@
 //! Blackboards: writing never waits, reading never disturbs, a dead writer is replaced.
 
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
 use ipc::error::Error;
 use ipc::{Blackboard, BlackboardReader, Wire};
-use messages::blackboards::ActiveParameters;
+use messages::blackboards::{ActiveParameters, SettingsText};
 
 use crate::{Site, assert_incompatible};
 
@@ -74,4 +77,44 @@ fn a_board_of_another_layout_is_incompatible() {
     assert_incompatible(other_reader, "board `pose`");
     let reader = wire.blackboard_reader::<Pose>("pose").unwrap().unwrap();
     assert_eq!(reader.get(), pose);
+}
+
+#[test]
+fn a_reader_never_sees_a_value_half_written() {
+    let site = Site::new();
+    let wire = site.wire();
+    let board = wire.blackboard::<SettingsText>("settings").unwrap();
+    let text = |letter: char| SettingsText::new(&letter.to_string().repeat(8192)).unwrap();
+    let texts = [text('a'), text('b')];
+    // One thread writes until the other has read enough changes.
+    let enough = 200;
+    let (changes, over) = (AtomicU64::new(0), AtomicBool::new(false));
+    let until = Instant::now() + Duration::from_secs(60);
+    std::thread::scope(|scope| {
+        let (changes, over, site, texts) = (&changes, &over, &site, &texts);
+        scope.spawn(move || {
+            let wire = site.wire();
+            let reader = wire.blackboard_reader("settings").unwrap().unwrap();
+            let mut last = SettingsText::default();
+            while !over.load(Ordering::Relaxed) {
+                let seen: SettingsText = reader.get();
+                let is_whole = seen == SettingsText::default() || texts.contains(&seen);
+                if !is_whole {
+                    // A panic alone would not stop the writer.
+                    over.store(true, Ordering::Relaxed);
+                }
+                assert!(is_whole, "a mixture: {}", seen.text());
+                changes.fetch_add(u64::from(seen != last), Ordering::Relaxed);
+                last = seen;
+            }
+        });
+        let mut written = 0;
+        let is_enough = || changes.load(Ordering::Relaxed) >= enough;
+        while !is_enough() && !over.load(Ordering::Relaxed) && Instant::now() < until {
+            board.put(texts[written % 2]);
+            written += 1;
+        }
+        over.store(true, Ordering::Relaxed);
+    });
+    assert!(changes.into_inner() >= enough);
 }

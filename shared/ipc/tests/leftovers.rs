@@ -234,7 +234,7 @@ fn a_service_that_is_never_done_is_an_error_that_names_it() {
 #[test]
 fn a_board_is_taken_over_from_killed_writers_while_an_observer_looks_at_it() {
     let site = Site::new();
-    // Puts the board up first, so that the observer holds it before the child writes.
+    // Puts the blackboard up first, so that the observer holds it before the child writes.
     let observer = site.wire();
     let first = create(&observer);
     let reader = read(&observer);
@@ -251,7 +251,7 @@ fn a_board_is_taken_over_from_killed_writers_while_an_observer_looks_at_it() {
             assert_eq!(reader.get().tick, tick);
             assert_eq!(read(&wire).get().tick, tick);
         }
-        // Its successor may leave in order, and the one after that finds the board as it was left.
+        // Its successor may leave in order, and the one after that finds the blackboard as it was left.
         drop(board);
         let board = create(&wire);
         assert_eq!(reader.get().tick, 1000 * round);
@@ -282,4 +282,16 @@ fn shared_memory_is_found_and_removed_also_when_somebody_has_removed_the_directo
     assert_eq!(set(site.instance.remove_leftovers().unwrap()), left);
     assert_eq!(segments(&site.instance), BTreeSet::new());
     assert!(!site.instance.directory().exists());
+}
+
+#[test]
+fn what_a_living_process_holds_is_never_cleaned() {
+    let site = Site::new();
+    let everything = hold_everything(&site.instance);
+    let had = segments(&site.instance);
+    assert_eq!(site.wire().cleaned, 0);
+    assert_eq!(segments(&site.instance), had);
+    assert!(site.instance.remove_leftovers().unwrap().is_empty());
+    assert_eq!(segments(&site.instance), had);
+    drop(everything);
 }

@@ -160,3 +160,33 @@ fn a_service_of_another_build_is_incompatible() {
     assert_incompatible(site.wire().client::<SwapOrder>(), "`parameters`");
     assert_incompatible(site.wire().server::<SwapOrder>(), "`parameters`");
 }
+
+#[test]
+fn a_late_reply_is_not_taken_for_that_of_the_next_request() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.server::<SwapOrder>().unwrap();
+    thread::scope(|scope| {
+        let (give_up, has_given_up) = std::sync::mpsc::channel();
+        let replies = scope.spawn({
+            let site = &site;
+            move || {
+                let client = site.wire().client::<SwapOrder>().unwrap();
+                assert_absent(client.request(order(0.6), SHORT));
+                give_up.send(()).unwrap();
+                client.request(order(0.7), LONG).unwrap()
+            }
+        });
+        has_given_up.recv().unwrap();
+        let second = loop {
+            let call = next(&server);
+            if call.order() == order(0.7) {
+                break call;
+            }
+            // The first request, which has timed out.
+            call.reply(answer(6));
+        };
+        second.reply(answer(7));
+        assert_eq!(replies.join().unwrap(), answer(7));
+    });
+}

@@ -9,11 +9,11 @@ use crate::parameters::PARAMETERS;
 use crate::realtime::{Grants, Lead, Usage};
 use crate::rejections::Rejections;
 
-/// Name of the plant's board with the [`Run`].
+/// Name of the plant's blackboard with the [`Run`].
 pub const RUN: &str = "run";
-/// Name of the plant's board with the parameters [`ActiveParameters`].
+/// Name of the plant's blackboard with the parameters [`ActiveParameters`].
 pub const IN_FORCE: &str = "in_force";
-/// Name of the plant's board with the [`SettingsText`].
+/// Name of the plant's blackboard with the [`SettingsText`].
 pub const SETTINGS: &str = "settings";
 
 /// Length of a tick on the clock that stands for lockstep: the ticks have no length [ns].
@@ -72,7 +72,7 @@ layout! {
         /// Number of the run: the wall clock when the plant opened it [ns since 1970].
         pub run_id: u64,
         pub settings: u64,
-        /// Process number of the plant: its board outlives it, and another plant may write on the same board.
+        /// Process number of the plant: its blackboard outlives it, and another plant may write on the same blackboard.
         pub plant_pid: u64,
         /// Process number of the plant's launcher; 0 where it was started by hand.
         pub launcher_pid: u64,
@@ -160,7 +160,7 @@ layout! {
         pub begun_ns: u64,
         /// It had its settings and its law.
         pub made_ns: u64,
-        /// It had its place: the role's lock, a node of the middleware, its status board.
+        /// It had its place: the role's lock, a node of the middleware, its status blackboard.
         pub placed_ns: u64,
         pub ported_ns: u64,
         pub engaged_ns: u64,
@@ -240,7 +240,7 @@ impl Default for SettingsText {
 }
 
 impl SettingsText {
-    /// Puts a text on the board; `None` where it is too long.
+    /// Puts a text on the blackboard; `None` where it is too long.
     pub fn new(text: &str) -> Option<Self> {
         let mut value = Self {
             length: text.len() as u64,
@@ -253,7 +253,7 @@ impl SettingsText {
         Some(value)
     }
 
-    /// The text; empty where the board holds none.
+    /// The text; empty where the blackboard holds none.
     pub fn text(&self) -> &str {
         let length = usize::try_from(self.length).unwrap_or(0).min(SETTINGS_MAX);
         std::str::from_utf8(&self.bytes[..length]).unwrap_or("")

@@ -62,7 +62,7 @@ layout! {
         pub commands_taken: u64,
         /// Tick of the newest of them; [`NO_TICK`] while none has arrived.
         pub command_taken_tick: u64,
-        /// 1 when the command in force could not meet what was asked of the rotors, else 0.
+        /// 1 when the command in force could not deliver the demand, else 0.
         pub command_saturated: u64,
         /// Deadlines missed so far: ticks that began without the command of the tick before.
         pub deadlines_missed: u64,

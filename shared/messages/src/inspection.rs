@@ -56,18 +56,18 @@ impl Inspector {
             ),
             (is_replaced, Check::Sequence, Reason::Sequence),
             (is_of_other_tick, Check::Tick, Reason::Tick),
-            (!content.finite(), Check::NonFinite, Reason::NonFinite),
-            (
-                !content.plausible(),
-                Check::Implausible,
-                Reason::Implausible,
-            ),
         ];
         let failed = failed
             .iter()
             .find(|(fails, check, _)| *fails && is_on(*check));
         if let Some((_, _, reason)) = failed {
             return Err(*reason);
+        }
+        if !content.finite() && is_on(Check::NonFinite) {
+            return Err(Reason::NonFinite);
+        }
+        if !content.plausible() && is_on(Check::Implausible) {
+            return Err(Reason::Implausible);
         }
         self.epoch = envelope.epoch;
         self.seq = envelope.seq;

@@ -109,7 +109,7 @@ pub trait Visit: Layout {
 
 /// What is shown the fields of a struct: an array whole, a single value as an array of one.
 ///
-/// Bytes and signed numbers stand on notice boards alone, in no message; who walks over messages need not care.
+/// Bytes and signed numbers stand on notice blackboards alone, in no message; who walks over messages need not care.
 pub trait Visitor {
     fn integers(&mut self, field: &'static Field, values: &[u64]);
     fn numbers(&mut self, field: &'static Field, values: &[f64]);

@@ -20,7 +20,7 @@ wire_enum! {
         BrokenModel = 3 => "broken_model",
         GyroNoise = 4 => "gyro_noise",
         MotorLag = 5 => "motor_lag",
-        /// The rotors could not do what was asked.
+        /// The rotors could not deliver the demand.
         Saturation = 6 => "saturation",
         /// A state, a set-point or a rotor command was not of its tick.
         StaleInput = 7 => "stale_input",

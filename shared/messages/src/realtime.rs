@@ -1,6 +1,6 @@
 //! Real time as data: what a process requested, what was granted, what a loop used.
 //!
-//! The role's process makes the requests to the system. Reports and boards only know the answers.
+//! The role's process makes the requests to the system. Reports and blackboards only know the answers.
 
 use serde::{Deserialize, Serialize};
 
@@ -92,9 +92,9 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[repr(C)]
     pub struct Grant {
-        /// 1 when it was asked for.
+        /// 1 when it was requested.
         pub asked: u64,
-        /// What was asked: a priority, a processor, bytes; 0 where a step has no number.
+        /// The request: a priority, a processor, bytes; 0 where a step has no number.
         pub value: u64,
         /// Error number of the refusal; 0 when it was granted.
         pub errno: i64,
@@ -102,7 +102,7 @@ layout! {
 }
 
 impl Grant {
-    /// Whether it was asked for and granted.
+    /// Whether it was requested and granted.
     pub const fn granted(&self) -> bool {
         self.asked == 1 && self.errno == 0
     }
@@ -125,7 +125,7 @@ impl Grants {
         &self.grants[step as usize]
     }
 
-    /// Writes down what was asked for in a step, and the error number of the refusal; 0 where it was granted.
+    /// Records a step's request and the error number of its refusal, 0 if granted.
     pub const fn note(&mut self, step: RealtimeStep, value: u64, errno: i64) {
         self.grants[step as usize] = Grant {
             asked: 1,

@@ -257,9 +257,11 @@ pub(crate) fn segment_of(address: usize) -> Range<usize> {
 /// Remembers a law by the code that one of its functions lies in. With too many laws, a crash of this one is not named.
 pub(crate) fn remember(function: usize, law: &'static str) {
     let code = segment_of(function);
-    let mut free = CODES.iter().filter(|place| place.get().is_none());
     if !code.is_empty() && law_at(function).is_none() {
-        let _ = free.next().map(|place| place.set((code, law)));
+        // Another thread may take a free place first.
+        let _ = CODES
+            .iter()
+            .any(|place| place.set((code.clone(), law)).is_ok());
     }
 }
 
@@ -300,4 +302,20 @@ fn interrupted_at(context: *const c_void) -> usize {
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 const fn interrupted_at(_: *const c_void) -> usize {
     0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn code_is_known_by_a_function_in_it() {
+        let function = law_at as *const () as usize;
+        assert_eq!(law_at(function), None);
+        remember(function, "law");
+        remember(function, "another");
+        // Data is no code.
+        assert!(segment_of((&raw const CODES).addr()).is_empty());
+        assert_eq!((law_at(function), law_at(0)), (Some("law"), None));
+    }
 }

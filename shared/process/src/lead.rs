@@ -1,4 +1,4 @@
-//! The lead in force: how far ahead of its next tick the plant's timer is set.
+//! The active lead: how long before its next tick the plant's timer fires.
 //!
 //! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by more than that, it wakes
 //! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock
@@ -425,5 +425,15 @@ mod tests {
         assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0));
         // The report says what it stands beside.
         assert!(fixed.timer_p90_ns > 0);
+    }
+
+    #[test]
+    fn a_quantile_is_the_smallest_value_that_its_share_does_not_exceed() {
+        let mut hundred: Vec<u64> = (1..=100).rev().collect();
+        assert_eq!(
+            [50, 90, 99].map(|it| quantile(&mut hundred, it)),
+            [50, 90, 99]
+        );
+        assert_eq!((quantile(&mut [7], 90), quantile(&mut [], 90)), (7, 0));
     }
 }

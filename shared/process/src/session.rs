@@ -63,7 +63,7 @@ pub(crate) struct Blackboards {
     pub(crate) status: Option<BlackboardReader<Status>>,
 }
 
-/// A board that was opened ahead, or is opened now; nothing if it does not exist.
+/// A blackboard that was opened ahead, or is opened now; nothing if it does not exist.
 fn opened<T: Notice>(
     ahead: &mut Option<BlackboardReader<T>>,
     wire: &Wire,
@@ -85,7 +85,7 @@ pub struct RoleSession {
     /// What of the real-time set-up was done ahead. First: it is given back before anything else.
     ahead: Option<Ahead>,
     role: Role,
-    orders: StartConfig,
+    config: StartConfig,
     /// The plant's blackboards, if they were opened ahead.
     boards: Blackboards,
     wire: Wire,
@@ -100,9 +100,9 @@ pub struct RoleSession {
 }
 
 impl RoleSession {
-    pub fn take(role: Role, orders: StartConfig) -> Result<Self, Error> {
+    pub fn take(role: Role, config: StartConfig) -> Result<Self, Error> {
         // A spare has handled signals since its start, and may have received one already.
-        let stop = orders
+        let stop = config
             .ready
             .as_ref()
             .map_or_else(Default::default, |ready| Arc::clone(&ready.stop));
@@ -115,7 +115,7 @@ impl RoleSession {
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
         }
         // If a signal has interrupted a system call, that is the reason, and not the call.
-        Self::start(role, orders, Arc::clone(&stop)).map_err(|error| {
+        Self::start(role, config, Arc::clone(&stop)).map_err(|error| {
             match stop.load(Ordering::Relaxed) && error.exit_code() == FAILED {
                 true => Error::Interrupted,
                 false => error,
@@ -123,17 +123,17 @@ impl RoleSession {
         })
     }
 
-    fn start(role: Role, mut orders: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+    fn start(role: Role, mut config: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let made_ns = now_ns();
-        end_with_launcher(orders.launcher)?;
+        end_with_launcher(config.launcher)?;
         // If another process has the role, that is the error.
-        if orders.ready.is_none() && !orders.instance.is_occupied(role) {
-            orders.instance.check_shared_memory(Wire::needed_bytes())?;
+        if config.ready.is_none() && !config.instance.is_occupied(role) {
+            config.instance.check_shared_memory(Wire::needed_bytes())?;
         }
-        let lock = orders.instance.lock(role)?;
-        let (wire, ahead, mut boards) = match orders.ready.take() {
+        let lock = config.instance.lock(role)?;
+        let (wire, ahead, mut boards) = match config.ready.take() {
             Some(ready) => (ready.wire, ready.ahead, ready.boards),
-            None => (Wire::open(&orders.instance)?, None, Blackboards::default()),
+            None => (Wire::open(&config.instance)?, None, Blackboards::default()),
         };
         let name = status_board(role);
         let before = opened(&mut boards.status, &wire, &name)?;
@@ -144,12 +144,12 @@ impl RoleSession {
             pid: u64::from(std::process::id()),
             epoch,
             arrival: Arrival {
-                begun_ns: orders.begun_ns,
+                begun_ns: config.begun_ns,
                 made_ns,
                 placed_ns: epoch,
                 ..Arrival::default()
             },
-            settings: fingerprint(&orders.settings),
+            settings: fingerprint(&config.settings),
             // Kept for a successor, should this process die before it has flown.
             estimates_run: before.estimates_run,
             estimates: before.estimates,
@@ -158,7 +158,7 @@ impl RoleSession {
         board.put(status);
         Ok(Self {
             role,
-            orders,
+            config,
             boards,
             wire,
             ahead,
@@ -183,7 +183,7 @@ impl RoleSession {
     }
 
     pub const fn resumes_estimates(&self) -> bool {
-        self.orders.resume_estimates
+        self.config.resume_estimates
     }
 
     pub fn publish_status(&self) {
@@ -214,7 +214,7 @@ impl RoleSession {
     fn report_ready(&mut self) -> Result<Engaged, Error> {
         self.ahead.as_mut().map_or(Ok(()), Ahead::touch)?;
         self.status.arrival.ported_ns = now_ns();
-        let engaged = Engaged::engage(self.role, &self.orders.rt, self.ahead.as_ref())?;
+        let engaged = Engaged::engage(self.role, &self.config.rt, self.ahead.as_ref())?;
         self.status.arrival.engaged_ns = now_ns();
         self.status.grants = engaged.grants;
         self.enter(RolePhase::Ready);
@@ -227,11 +227,11 @@ impl RoleSession {
         self.enter(RolePhase::Landed);
     }
 
-    /// Whether the plant whose run was joined lives: its board alone outlives it, and another one may have its place.
+    /// Whether the plant whose run was joined lives: its blackboard alone outlives it, and another one may have its place.
     ///
     /// Before a run was joined: whether any plant lives.
     pub fn plant_lives(&self) -> bool {
-        let instance = &self.orders.instance;
+        let instance = &self.config.instance;
         let is_there = instance.is_occupied(Role::Plant)
             // The number is missing in the instant before the plant has written it.
             && (self.plant_pid == 0 || instance.pid_of(Role::Plant).is_none_or(|pid| u64::from(pid) == self.plant_pid));

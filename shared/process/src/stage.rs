@@ -38,7 +38,7 @@ pub trait Stage {
     /// Computes a tick with the newest inputs, of whatever tick; nothing if there is nothing new to publish.
     fn work(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
 
-    /// The reason for which this output ends the run. It is on the status board before the output is published.
+    /// The reason for which this output ends the run. It is on the status blackboard before the output is published.
     fn end(&self, _output: &Self::Output, _inputs: &StageInputs<Self>) -> Option<EndReason> {
         None
     }
@@ -299,7 +299,7 @@ fn resume<S: Stage>(stage: &mut S, session: &RoleSession, armed: &Armed) {
     }
     let role = S::ROLE.name();
     if stage.resume(estimates) {
-        tracing::info!(role, "begins with the last estimates {estimates:?}");
+        tracing::info!(role, "resumes with the last estimates {estimates:?}");
     } else {
         tracing::warn!(
             role,
@@ -404,5 +404,24 @@ impl PlantWatch {
             self.checked_ns = now_ns;
         }
         is_due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_silent_plant_is_checked_ten_times_a_second() {
+        let mut plant = PlantWatch::new(0);
+        let checks = |plant: &mut PlantWatch, mut ms: std::ops::Range<u64>| {
+            ms.by_ref()
+                .filter(|ms| plant.check_is_due(ms * 1_000_000))
+                .count()
+        };
+        assert_eq!(checks(&mut plant, 0..1001), 0);
+        assert_eq!(checks(&mut plant, 1001..3001), 20);
+        plant.heard_ns = 3_001_000_000;
+        assert_eq!(checks(&mut plant, 3001..4002), 0);
     }
 }

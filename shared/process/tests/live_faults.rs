@@ -40,7 +40,7 @@ impl Stage for Recorder {
     }
 }
 
-/// A stage in flight, its sender, and the plant's board.
+/// A stage in flight, its sender, and the plant's blackboard.
 struct Chain {
     stage: StageLoop<Recorder>,
     worked: Rc<RefCell<Worked>>,

@@ -5,4 +5,4 @@
 #[path = "../../ipc/tests/common/mod.rs"]
 mod common;
 mod live_faults;
-mod stations;
+mod sessions;

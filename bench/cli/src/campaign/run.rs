@@ -44,14 +44,12 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     if build::here().dirty {
         say(&format!("warning: {DIRTY}\n"));
     }
-    let mut ended = Ended::default();
-    fly(
+    let ended = fly(
         &plan,
         &out,
         args.jobs.unwrap_or_else(processors),
         &stop,
         chunks,
-        &mut ended,
     )?;
     print(&ended.text(&plan, &out))?;
     Ok(if ended.interrupted { INTERRUPTED } else { OK })
@@ -100,8 +98,8 @@ fn fly(
     jobs: usize,
     stop: &AtomicBool,
     chunks: Range<u64>,
-    ended: &mut Ended,
-) -> Result<(), Failure> {
+) -> Result<Ended, Failure> {
+    let mut ended = Ended::default();
     let (campaign, identity) = (&plan.campaign, &plan.identity);
     let flights_of = |chunk: u64| -> Vec<batch::Flight> {
         let arms = 0..campaign.arms.len();
@@ -110,7 +108,10 @@ fn fly(
             .flat_map(|flight| arms.clone().map(move |arm| (flight, arm)))
             .collect()
     };
-    let rows_of = |chunk: u64| flights_of(chunk).len() as u64;
+    let rows_of = |chunk: u64| {
+        let flights = campaign.flights_of(chunk);
+        (flights.end - flights.start) * campaign.arms.len() as u64
+    };
     let mut progress = Progress::new(chunks.clone().map(rows_of).sum(), "flight");
     for chunk in chunks {
         let state = chunk::state(out, campaign, identity, chunk);
@@ -141,7 +142,7 @@ fn fly(
     }
     progress.clear();
     ended.rate = progress.rate(ended.flown);
-    Ok(())
+    Ok(ended)
 }
 
 impl Ended {

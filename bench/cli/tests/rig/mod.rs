@@ -28,7 +28,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
 
-pub use role_process::{Ended, Running};
+pub use role_process::{Ended, Running, squeezed};
 use system::{command_line, hear_signals, names, processes};
 pub use system::{files_below, is_gone, send, stop_for, wait_until};
 

@@ -178,7 +178,8 @@ impl std::fmt::Display for Ended {
 }
 
 /// Messages are broken into lines at the terminal's width: compare without blanks and margin.
-fn squeezed(text: &str) -> String {
+/// A text without blanks, line breaks and borders.
+pub fn squeezed(text: &str) -> String {
     text.chars()
         .filter(|c| !c.is_whitespace() && *c != '│')
         .collect()

@@ -9,7 +9,7 @@
 //!                                   +---- it announces another --+
 //! ```
 //!
-//! A board outlives its writer, so a run is believed only while the plant that wrote it holds its place. A role cannot
+//! A blackboard outlives its writer, so a run is believed only while the plant that wrote it holds its place. A role cannot
 //! join a flight in lockstep late, because the plant waits for the command of a state that the newcomer never got.
 
 use std::cell::Cell;
@@ -51,7 +51,7 @@ impl JoinedRun {
         }
     }
 
-    /// The plant's board of this run; if another run is on it, the last state of this one, closed by a failure.
+    /// The plant's blackboard of this run; if another run is on it, the last state of this one, closed by a failure.
     pub fn get(&self) -> Run {
         let (now, last) = (self.board.get(), self.last.get());
         if now.run_id == last.run_id {
@@ -65,7 +65,7 @@ impl JoinedRun {
         }
     }
 
-    /// The run that is on the board instead of this one.
+    /// The run that is on the blackboard instead of this one.
     pub fn successor(&self) -> Option<Run> {
         Some(self.board.get()).filter(|now| now.run_id != self.last.get().run_id)
     }
@@ -146,7 +146,7 @@ impl RoleSession {
         }
     }
 
-    /// The board of a plant that lives and whose run is open to this role.
+    /// The blackboard of a plant that lives and whose run is open to this role.
     fn find_plant(&mut self) -> Result<Option<BlackboardReader<Run>>, Error> {
         let Some(board) = opened(&mut self.boards.run, &self.wire, RUN)? else {
             return Ok(None);
@@ -154,7 +154,7 @@ impl RoleSession {
         let run = board.get();
         let StartConfig {
             instance, launcher, ..
-        } = &self.orders;
+        } = &self.config;
         // A launched role flies with the plant of its own launcher: another one's is about to end.
         let is_ours = launcher.is_none_or(|pid| u64::from(pid) == run.launcher_pid)
             && instance.pid_of(Role::Plant).map(u64::from) == Some(run.plant_pid);
@@ -198,11 +198,11 @@ impl RoleSession {
             return Ok(());
         };
         let theirs: SettingsText = board.get();
-        let differences = differences(&self.orders.settings, theirs.text(), self.role);
+        let differences = differences(&self.config.settings, theirs.text(), self.role);
         if theirs.text().is_empty() || differences.is_empty() {
             return Ok(());
         }
-        let laws = other_laws(&self.orders.settings, theirs.text());
+        let laws = other_laws(&self.config.settings, theirs.text());
         Err(Error::SettingsDiffer {
             role: self.role,
             differences: differences.join("; "),

@@ -34,31 +34,31 @@ pub struct Opened {
     _engaged: Engaged,
     pub pace: Pace,
     pub expected: Expected,
-    pub board: Blackboard<Run>,
+    pub blackboard: Blackboard<Run>,
     pub run: Run,
     is_fifo: bool,
-    /// The other roles' boards, in the order of [`ROLES`].
-    pub crew: Vec<BlackboardReader<Status>>,
+    /// The status blackboards of the other roles, in the order of [`ROLES`].
+    pub statuses: Vec<BlackboardReader<Status>>,
     _settings: Blackboard<SettingsText>,
 }
 
 impl Opened {
     /// Newest tick that the recorder has taken in: it counts them as ticks run.
     pub fn recorded_tick(&self) -> u64 {
-        self.crew
+        self.statuses
             .last()
             .map_or(0, |recorder| recorder.get().ticks_run)
     }
 
     pub fn wanted_end(&self) -> Option<EndReason> {
-        self.crew.iter().find_map(|board| {
-            EndReason::from_wire(board.get().wants_end).filter(|end| *end != EndReason::None)
+        self.statuses.iter().find_map(|blackboard| {
+            EndReason::from_wire(blackboard.get().wants_end).filter(|end| *end != EndReason::None)
         })
     }
 }
 
 impl RoleSession {
-    /// Chooses the lead with which a run that was opened begins, and writes it on the board.
+    /// Chooses the lead with which a run that was opened begins, and publishes it.
     pub fn choose_lead(
         &self,
         opened: &mut Opened,
@@ -67,9 +67,9 @@ impl RoleSession {
         let Pace::Realtime(grid) = opened.pace else {
             return Ok(ActiveLead::none());
         };
-        let settings = &self.orders.rt;
+        let settings = &self.config.rt;
         opened.run.lead = lead::choose(settings, opened.is_fifo, &grid, rehearse)?;
-        opened.board.put(opened.run);
+        opened.blackboard.put(opened.run);
         Ok(ActiveLead::new(
             &opened.run.lead,
             settings.lead,
@@ -83,53 +83,56 @@ impl RoleSession {
         plan: FlightPlan,
         mut arm: impl FnMut(Expected, u64) -> Result<(), Error>,
     ) -> Result<Opened, Error> {
-        let board = self.wire.blackboard::<Run>(RUN)?;
+        let blackboard = self.wire.blackboard::<Run>(RUN)?;
         let settings = self.wire.blackboard::<SettingsText>(SETTINGS)?;
-        let length = self.orders.settings.len();
-        let text = SettingsText::new(&self.orders.settings).ok_or_else(|| Error::TooMuch {
+        let length = self.config.settings.len();
+        let text = SettingsText::new(&self.config.settings).ok_or_else(|| Error::TooMuch {
             what: format!(
-                "the settings are {length} bytes long, and their board holds {SETTINGS_MAX}: fly with fewer faults"
+                "the settings are {length} bytes long, and their blackboard holds {SETTINGS_MAX}: fly with fewer faults"
             ),
         })?;
         settings.put(text);
         let mut run = self.own_run(plan);
-        board.put(run);
+        blackboard.put(run);
         let engaged = self.report_ready()?;
         let expected = Expected {
             run_id: wall_ns(),
             settings: run.settings,
         };
         let mut log = ThrottledLog::new(self.role);
-        let crew = loop {
-            let crew = self.muster(&board, &mut run, &mut log)?;
+        let statuses = loop {
+            let statuses = self.await_ready(&blackboard, &mut run, &mut log)?;
             run.phase = RunPhase::Opening as u64;
             run.run_id = expected.run_id;
             run.t0_ns = now_ns() + ANNOUNCE_NS;
             run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
-            board.put(run);
+            blackboard.put(run);
             arm(expected, self.status.epoch)?;
             settle(self.ahead.as_ref().map(|ahead| &ahead.locked))?;
-            let late = self.await_armed(&crew, run.t0_ns)?;
+            let late = self.await_armed(&statuses, run.t0_ns)?;
             if late.is_empty() {
-                break crew;
+                break statuses;
             }
-            // A role that has died meanwhile is found missing by the next muster.
+            // A role that has exited meanwhile is missing in the next check.
             log.waiting_for(|| format!("{} to arm for t_0", late.join(", ")));
         };
         run.phase = RunPhase::Flying as u64;
-        board.put(run);
+        blackboard.put(run);
         self.status.armed_t0_ns = run.t0_ns;
         self.enter(RolePhase::Flying);
-        let crew = crew.into_iter().map(|(_, board)| board).collect();
+        let statuses = statuses
+            .into_iter()
+            .map(|(_, blackboard)| blackboard)
+            .collect();
         let is_fifo = engaged.grants.of(RealtimeStep::Scheduler).granted();
         Ok(Opened {
             _engaged: engaged,
             pace: run.pace(),
             expected,
-            board,
+            blackboard,
             run,
             is_fifo,
-            crew,
+            statuses,
             _settings: settings,
         })
     }
@@ -137,7 +140,7 @@ impl RoleSession {
     fn own_run(&self, plan: FlightPlan) -> Run {
         Run {
             plant_pid: self.status.pid,
-            launcher_pid: self.orders.launcher.map_or(0, u64::from),
+            launcher_pid: self.config.launcher.map_or(0, u64::from),
             settings: self.status.settings,
             period_ns: plan.wall_period_ns,
             sample_time_ns: plan.sample_time_ns,
@@ -146,10 +149,10 @@ impl RoleSession {
         }
     }
 
-    /// Waits until all other roles are ready with the plant's settings; says on the board when it has to.
-    fn muster(
+    /// Waits until all other roles are ready with the plant's settings; publishes the phase when it has to wait.
+    fn await_ready(
         &self,
-        board: &Blackboard<Run>,
+        blackboard: &Blackboard<Run>,
         run: &mut Run,
         log: &mut ThrottledLog,
     ) -> Result<RoleStatuses, Error> {
@@ -157,26 +160,26 @@ impl RoleSession {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            let mut crew = RoleStatuses::new();
+            let mut statuses = RoleStatuses::new();
             let mut missing = Vec::new();
             for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
                 let status = self.wire.blackboard_reader::<Status>(&status_board(role))?;
                 match status.filter(|status| {
-                    self.orders.instance.is_occupied(role) && self.is_ready(&status.get())
+                    self.config.instance.is_occupied(role) && self.is_ready(&status.get())
                 }) {
-                    Some(status) => crew.push((role, status)),
+                    Some(status) => statuses.push((role, status)),
                     None => missing.push(role.name()),
                 }
             }
             if missing.is_empty() {
-                return Ok(crew);
+                return Ok(statuses);
             }
             if run.phase() != RunPhase::Mustering {
                 run.phase = RunPhase::Mustering as u64;
-                board.put(*run);
+                blackboard.put(*run);
             }
             log.waiting_for(|| {
-                let (all, laws) = (missing.join(", "), &self.orders.law_options);
+                let (all, laws) = (missing.join(", "), &self.config.law_options);
                 let command = format!("ironbird {} {laws}", missing[0]);
                 format!(
                     "{all} (each with the plant's settings: `{}` ...)",
@@ -193,27 +196,29 @@ impl RoleSession {
             && status.settings == self.status.settings
     }
 
-    /// Waits until all have armed for t_0; gives who has not early enough, or is gone.
-    fn await_armed(&self, crew: &RoleStatuses, t0_ns: u64) -> Result<Vec<&'static str>, Error> {
+    /// Waits until all have armed for t_0; returns those that have not, or have exited.
+    fn await_armed(&self, statuses: &RoleStatuses, t0_ns: u64) -> Result<Vec<&'static str>, Error> {
         let is_late = |(role, status): &&(Role, BlackboardReader<Status>)| {
-            status.get().armed_t0_ns != t0_ns || !self.orders.instance.is_occupied(*role)
+            status.get().armed_t0_ns != t0_ns || !self.config.instance.is_occupied(*role)
         };
         loop {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            let late = crew.iter().filter(is_late).map(|(role, _)| role.name());
+            let late = statuses.iter().filter(is_late).map(|(role, _)| role.name());
             let late: Vec<_> = late.collect();
-            match (now_ns() + ARMED_BEFORE_NS >= t0_ns, late.is_empty()) {
+            let is_due = now_ns() + ARMED_BEFORE_NS >= t0_ns;
+            if is_due && late.is_empty() {
                 // All have armed, but too late to be sure of tick 0.
-                (true, true) => return Ok(vec!["all roles"]),
-                (true, false) | (false, true) => return Ok(late),
-                (false, false) => {}
+                return Ok(vec!["all roles"]);
+            }
+            if is_due || late.is_empty() {
+                return Ok(late);
             }
             sleep(LOOK_EVERY);
         }
     }
 }
 
-/// The other roles with their boards, in the order of [`ROLES`].
+/// The other roles with their status blackboards, in the order of [`ROLES`].
 type RoleStatuses = Vec<(Role, BlackboardReader<Status>)>;

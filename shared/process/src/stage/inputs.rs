@@ -15,7 +15,7 @@ use messages::role::Role;
 /// Messages that an input that may have faults keeps for its stage: more than any fault looks back.
 const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
 
-/// The faults of a stage: those planned, and those that the plant's board has had since.
+/// The faults of a stage: those planned, and those that the plant's blackboard has had since.
 pub struct ActiveFaults {
     role: Role,
     planned: LoopFaults,
@@ -37,7 +37,7 @@ impl ActiveFaults {
         }
     }
 
-    /// Opens the plant's board, with the faults that were injected before this process joined the flight.
+    /// Opens the plant's blackboard, with the faults that were injected before this process joined the flight.
     pub(super) fn arm(&mut self, wire: &Wire) -> Result<(), Error> {
         self.live = wire.blackboard_reader(LIVE)?;
         if let Some(live) = self.live.as_ref().map(BlackboardReader::get) {
@@ -46,7 +46,7 @@ impl ActiveFaults {
         Ok(())
     }
 
-    /// Reads the board; returns how often the faults have changed.
+    /// Reads the blackboard; returns how often the faults have changed.
     pub fn version(&mut self) -> u64 {
         if let Some(news) = self.live.as_mut().and_then(BlackboardReader::news) {
             self.take(&news);
@@ -175,7 +175,7 @@ impl<A: Faulty> Inputs for Input<A> {
             version,
         } = self;
         receiver.drain_after(horizon, |before, message| {
-            // After the message was received: the faults that act on it were on the board when it was sent, however
+            // After the message was received: the faults that act on it were on the blackboard when it was sent, however
             // long this stage had no processor since.
             let now = active.version();
             if now != *version {

@@ -29,7 +29,7 @@ const PLAN: FlightPlan = FlightPlan {
 };
 
 fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> RoleSession {
-    let orders = StartConfig {
+    let config = StartConfig {
         instance: instance.clone(),
         rt: RealtimeSettings {
             mode,
@@ -45,7 +45,7 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> RoleSession {
         begun_ns: 0,
         ready: None,
     };
-    RoleSession::take(role, orders).unwrap()
+    RoleSession::take(role, config).unwrap()
 }
 
 fn grid(pace: Pace) -> Grid {
@@ -183,12 +183,12 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
                 stop.store(true, Ordering::Relaxed);
             });
             if let Ok(mut opened) = session.open_run(PLAN, |_, _| Ok(())) {
-                let grants = opened.crew[1].get().grants;
+                let grants = opened.statuses[1].get().grants;
                 let is_fifo = grants.of(RealtimeStep::Scheduler).granted();
                 assert_eq!(is_fifo, fifo_refusal(12).is_none());
                 opened.run.phase = RunPhase::Closed as u64;
-                opened.board.put(opened.run);
-                // The board is there until everybody has seen it.
+                opened.blackboard.put(opened.run);
+                // The blackboard is there until everybody has seen it.
                 wait();
             }
         });
