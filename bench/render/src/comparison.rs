@@ -36,7 +36,7 @@ pub fn document(comparison: &Comparison) -> Document {
         let faults = flight.faults.iter();
         let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
         let title = format!(
-            "Recovered from the fault at: true error below {} m for good, {STAYING_S} s at least",
+            "Recovery from the fault at: when the true error stays below {} m, for at least {STAYING_S} s",
             flight.bound_m
         );
         let table = table(comparison, columns, |it| recoveries_of(it).collect());
