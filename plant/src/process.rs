@@ -13,8 +13,8 @@ use faults::live::{Acts, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::clock::{Horizon as _, now_ns, sleep_until};
 use ipc::error::Error;
-use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wire};
-use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, Run, RunPhase};
+use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes, Wire};
+use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
 use messages::content::{RotorSpeeds, Stamped, State};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
@@ -25,6 +25,7 @@ use process::lead::ActiveLead;
 use process::rt::UsageMeter;
 use process::session::log_landing;
 use process::session::{Opened, RoleSession};
+use process::wakes::wakes;
 
 use crate::command_hold::pending_commands;
 use crate::envelope_violation::EnvelopeViolation;
@@ -62,8 +63,16 @@ pub fn run(
         });
         // A server that cannot open ends, and its error is the result of `join` below.
         let flown = if ready.recv().is_ok() {
-            let mut plant =
-                PlantProcess::new(session.wire(), settings, faults, requests_out, events_in)?;
+            let lockstep = plan.wall_period_ns == LOCKSTEP;
+            let wakes = wakes(session.wire(), Role::Plant, session.loop_cpus(), lockstep)?;
+            let mut plant = PlantProcess::new(
+                session.wire(),
+                wakes,
+                settings,
+                faults,
+                requests_out,
+                events_in,
+            )?;
             plant.plan(planned);
             plant.serve(&mut session, plan, &open)
         } else {
@@ -95,6 +104,7 @@ impl<'a> PlantProcess<'a> {
     /// The plant at tick 0, with its ports made and its faults scheduled.
     fn new(
         wire: &Wire,
+        wakes: Wakes,
         settings: &PlantSettings,
         faults: &[Swap],
         requests: Consumer<'a, Request>,
@@ -121,7 +131,7 @@ impl<'a> PlantProcess<'a> {
         Ok(Self {
             plant,
             injection,
-            states: wire.sender(Some(wire.notifier(Role::Outer)?))?,
+            states: wire.sender(wakes)?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
             commands: wire.receiver(pending_commands(settings.period_s))?,
             event: wire.wake_event(Role::Plant)?,

@@ -17,7 +17,7 @@ use std::time::SystemTime;
 
 use clap::ValueEnum as _;
 use ipc::clock::now_ns;
-use process::rt::{fifo_refusal, take_stand};
+use process::rt::{fifo_refusal, loop_processors, loops_cpu, take_stand};
 use process::signals::end_with_launcher;
 
 use crate::cli::{FloorArgs, HopArgs, Set};
@@ -83,17 +83,20 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
 }
 
 fn missing(set: Set) -> Option<String> {
-    let is_load = set == Set::Load;
-    if set != Set::Flights && !is_load {
+    if !matches!(set, Set::Flights | Set::Cpus | Set::Load) {
         return None;
     }
     if let Some(refusal) = fifo_refusal(PRIORITY + STAGES) {
         return Some(format!("SCHED_FIFO is refused: {refusal}"));
     }
+    if set == Set::Cpus {
+        let is_one = loop_processors(loops_cpu(), 2).len() < 2;
+        return is_one.then(|| "this process may use one CPU alone".into());
+    }
     if !cyclictest::is_installed() {
         return Some("cyclictest (rt-tests) is not installed".into());
     }
-    (is_load && !Stress::is_installed()).then(|| "stress-ng is not installed".into())
+    (set == Set::Load && !Stress::is_installed()).then(|| "stress-ng is not installed".into())
 }
 
 fn measure(
@@ -103,6 +106,7 @@ fn measure(
 ) -> Result<Vec<FloorComparison>, Failure> {
     match set {
         Set::Flights => comparison_sets::flights(flights, effort, None),
+        Set::Cpus => comparison_sets::cpus(flights, effort),
         Set::Load => comparison_sets::flights(flights, effort, Some(&mut Stress::start(flights)?)),
         Set::Lockstep => comparison_sets::lockstep(flights, effort),
         Set::Laws => comparison_sets::laws(effort),
@@ -148,7 +152,7 @@ fn notes_of(page: &str) -> &str {
 /// ends.
 pub fn ring_hop(args: &HopArgs) -> Result<u8, Failure> {
     end_with_launcher(Some(args.launcher))?;
-    let mut link = Link::inherited(args.position, args.processes)?;
+    let mut link = Link::inherited(args.position, args.processes, args.polls_ns)?;
     let work = Work {
         iterations: args.work,
     };

@@ -29,6 +29,7 @@ fn ring(
         schedule: schedule(duration),
         work: vec![work; processes],
         rehearsal: None,
+        polls_ns: 0,
     };
     ring::measure(&settings, Path::new(executable))
 }

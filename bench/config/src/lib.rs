@@ -141,6 +141,7 @@ pub struct RealtimeSection {
     /// A number, or "auto"; likewise the next one.
     pub cpu: Value,
     pub lead_us: Value,
+    pub loop_cpus: usize,
     pub rehearse: bool,
 }
 

@@ -9,7 +9,7 @@ use controller::{Limits, TheoremMonitor, gains};
 use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
 use messages::parameters::{Airframe, Parameter, ParameterError};
-use messages::realtime::{LONGEST_LEAD_NS, LeadSetting, RealtimeMode, RealtimeSettings};
+use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::Role;
 use toml::{Table, Value};
 
@@ -204,15 +204,29 @@ impl Settings {
             mode: self.rt.mode,
             priority: self.rt.priority,
             cpu,
+            loop_cpus: self.rt.loop_cpus,
             lead,
             rehearse: self.rt.rehearse,
         };
+        if !LOOP_CPUS.contains(&settings.loop_cpus) {
+            return Err(Failure::usage(format!(
+                "rt.loop_cpus = {}: allowed are 1, 2 and 4",
+                settings.loop_cpus
+            ))
+            .help("1 suits every machine; `ironbird doctor` says what this one has"));
+        }
         Ok(match self.flight.pace {
+            // In slow motion nothing is gained by an early wake-up.
+            PaceName::Realtime if self.flight.slowdown > 1 => RealtimeSettings {
+                loop_cpus: 1,
+                ..settings
+            },
             PaceName::Realtime => settings,
             // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves the others on its processor.
             PaceName::Lockstep => RealtimeSettings {
                 mode: RealtimeMode::Off,
                 cpu: None,
+                loop_cpus: 1,
                 lead: LeadSetting::Fixed(0),
                 rehearse: false,
                 ..settings
@@ -240,10 +254,17 @@ impl Settings {
         }
     }
 
-    /// Checks whether this process may use the processor that is named for the loops.
+    /// Checks whether this process may use the processor that is named for the loops, and as many as they are to share.
     pub fn check_cpu(&self) -> Result<(), Failure> {
-        match self.rt.cpu.as_integer().map(usize::try_from) {
-            Some(Ok(cpu)) => check_cpu(&format!("rt.cpu = {cpu}"), cpu),
+        if let Some(Ok(cpu)) = self.rt.cpu.as_integer().map(usize::try_from) {
+            check_cpu(&format!("rt.cpu = {cpu}"), cpu)?;
+        }
+        let (wanted, allowed) = (self.realtime()?.loop_cpus, allowed_processors());
+        match allowed {
+            Some(list) if cpu_list(&list).len() < wanted => Err(Failure::usage(format!(
+                "rt.loop_cpus = {wanted}: this process may use the processors {list} alone"
+            ))
+            .help("fly on fewer processors: --loop-cpus 1")),
             _ => Ok(()),
         }
     }
@@ -300,12 +321,15 @@ impl Settings {
 
 /// Checks whether this process may use a processor that the user names as `named`.
 pub fn check_cpu(named: &str, cpu: usize) -> Result<(), Failure> {
-    let allowed = Machine::files().field("/proc/self/status", "Cpus_allowed_list");
-    match allowed {
+    match allowed_processors() {
         Some(list) if !cpu_list(&list).contains(&cpu) => Err(Failure::usage(format!(
             "{named}: this process may use the processors {list}"
         ))
         .help("name one of them with --cpu N, or none: the highest-numbered one is taken")),
         _ => Ok(()),
     }
+}
+
+fn allowed_processors() -> Option<String> {
+    Machine::files().field("/proc/self/status", "Cpus_allowed_list")
 }

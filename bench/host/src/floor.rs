@@ -36,6 +36,7 @@ impl MachineFloor {
             schedule: schedule.clone(),
             work,
             rehearsal: None,
+            polls_ns: 0,
         };
         let ring = ring::measure(&settings, executable)?;
         let mut refused = [&timer.standing, &ring.standing]

@@ -17,7 +17,7 @@ use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{
     Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner, STRIKES, Sender,
-    SwapAnswer, SwapOrder, SwapOutcome, Wire,
+    SwapAnswer, SwapOrder, SwapOutcome, Wakes, Wire,
 };
 use messages::content::{NO_TICK, SwapRecord};
 use messages::header::Header;
@@ -105,7 +105,7 @@ pub(super) fn serve(
     let (swap_server, fault_server) = (wire.server::<SwapOrder>()?, wire.server::<FaultOrder>()?);
     let event = wire.wake_event(Owner::Requests)?;
     let mut server = Server {
-        records: wire.sender(None)?,
+        records: wire.sender(Wakes::default())?,
         requests,
         changes: heapless::Vec::new(),
         injections: heapless::Vec::new(),

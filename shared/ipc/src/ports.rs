@@ -70,8 +70,8 @@ impl Wire {
         })
     }
 
-    /// The one sender of a topic; calls `notifier` after each message.
-    pub fn sender<C: Topic>(&self, notifier: Option<Notifier>) -> Result<Sender<C>, Error> {
+    /// The one sender of a topic.
+    pub fn sender<C: Topic>(&self, wakes: Wakes) -> Result<Sender<C>, Error> {
         let publisher = self
             .topic::<C>()?
             .publisher_builder()
@@ -81,7 +81,7 @@ impl Wire {
         Ok(Sender {
             loan: None,
             publisher,
-            notifier,
+            wakes,
             envelope: Header::new(),
         })
     }
@@ -108,18 +108,30 @@ pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
 /// A place for a message in shared memory, before it is sent.
 type Loan<C> = SampleMutUninit<ipc::Service, MaybeUninit<Sealed<Message<C>>>, ()>;
 
+/// Whom a sender notifies.
+#[derive(Debug, Default)]
+pub struct Wakes {
+    /// The receiver that waits for the messages.
+    pub receiver: Option<Notifier>,
+    /// The next stage on the sender's own processor, if it is not the receiver: notified after the receiver, so that it is
+    /// awake when its message comes.
+    pub early: Option<Notifier>,
+    /// Those that are to rehearse when the sender has.
+    pub rehearsals: Vec<Notifier>,
+}
+
 pub struct Sender<C: Topic> {
     /// Taken ahead of the message that it is for, by a rehearsal.
     loan: Option<Loan<C>>,
     publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
-    notifier: Option<Notifier>,
+    wakes: Wakes,
     envelope: Header,
 }
 
 impl<C: Topic> Sender<C> {
     /// Arms the sender for a run: connects to all present receivers.
     pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.notifier.iter().for_each(Notifier::begin);
+        self.wakes.receiver.iter().for_each(Notifier::begin);
         self.envelope = Header {
             run_id: expected.run_id,
             settings: expected.settings,
@@ -131,7 +143,7 @@ impl<C: Topic> Sender<C> {
             .wire(|| format!("cannot connect the sender of topic `{}`", C::NAME))
     }
 
-    /// Sends a message made for `tick`, and notifies its receiver.
+    /// Sends a message made for `tick`, notifies its receiver, and wakes the stage that is to be woken early.
     ///
     /// `history` is the envelope of the input that it was made from; origin, sequence and the send stamp are the
     /// sender's own. One allocation: the middleware's loan.
@@ -141,7 +153,10 @@ impl<C: Topic> Sender<C> {
             .send()
             .wire(not_sent::<C>)?;
         self.envelope.seq += 1;
-        self.notifier.as_ref().map_or(Ok(()), Notifier::notify)
+        let Wakes {
+            receiver, early, ..
+        } = &self.wakes;
+        receiver.iter().chain(early).try_for_each(Notifier::notify)
     }
 
     /// Does of [`Sender::send`] what can be done without sending: takes the loan, which the next message is then sent
@@ -153,14 +168,14 @@ impl<C: Topic> Sender<C> {
         self.loan = Some(loan);
         // The part of a send that looks for receivers that have come or gone.
         self.publisher.update_connections().wire(not_sent::<C>)?;
-        let notifier = self.notifier.as_ref();
-        notifier.map_or(Ok(()), Notifier::notify_rehearsal)
+        let mut rehearsals = self.wakes.rehearsals.iter();
+        rehearsals.try_for_each(Notifier::notify_rehearsal)
     }
 
     /// Notifies the receiver that there is no message of a tick.
     pub fn pass(&self, tick: u64) -> Result<(), Error> {
-        let notifier = self.notifier.as_ref();
-        notifier.map_or(Ok(()), |it| it.notify_silence(tick))
+        let mut receiver = self.wakes.receiver.iter();
+        receiver.try_for_each(|it| it.notify_silence(tick))
     }
 
     fn take_loan(&mut self) -> Result<Loan<C>, Error> {

@@ -15,7 +15,7 @@ use rustix::io::Errno;
 use rustix::thread::futex;
 
 use super::Wire;
-use crate::clock::timespec;
+use crate::clock::{now_ns, timespec};
 use crate::error::Error;
 use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
 use crate::sys::{Alarm, EVENTS, Locked, WakePage};
@@ -55,6 +55,8 @@ impl Wire {
     pub fn wake_event(&self, owner: impl Into<Owner>) -> Result<WakeEvent, Error> {
         let (page, place) = (self.wake_file.page()?, owner.into().place());
         let word = &page[place];
+        // An owner that was killed while it polled no longer does.
+        word.polled.store(0, Ordering::SeqCst);
         Ok(WakeEvent {
             seen: Cell::new(word.count.load(Ordering::Acquire)),
             rehearsals_seen: Cell::new(word.rehearsals.load(Ordering::Acquire)),
@@ -125,6 +127,19 @@ impl WakeEvent {
         }
     }
 
+    /// Reads the event in a loop until a notification or the instant; returns whether it was notified. It keeps the
+    /// processor, and notifications need no system call meanwhile.
+    pub fn poll_until(&self, instant_ns: u64) -> bool {
+        let word = &self.page[self.place];
+        word.polled.store(1, Ordering::SeqCst);
+        while word.count.load(Ordering::Acquire) == self.seen.get() && now_ns() < instant_ns {
+            std::hint::spin_loop();
+        }
+        // Before the last look: a notifier that finds it set has counted already, and that one is seen here.
+        word.polled.store(0, Ordering::SeqCst);
+        self.was_notified()
+    }
+
     /// Whether a rehearsal was notified since the last call.
     pub fn rehearsal_is_due(&self) -> bool {
         let rehearsals = self.page[self.place].rehearsals.load(Ordering::Acquire);
@@ -140,7 +155,7 @@ impl WakeEvent {
     }
 
     fn was_notified(&self) -> bool {
-        let count = self.page[self.place].count.load(Ordering::Acquire);
+        let count = self.page[self.place].count.load(Ordering::SeqCst);
         self.seen.replace(count) != count
     }
 }
@@ -175,16 +190,19 @@ impl Notifier {
 
     /// Notifies. It is no error if no process waits: others detect a dead stage by its silence.
     pub fn notify(&self) -> Result<(), Error> {
-        let count = &self.page[self.place].count;
-        count.fetch_add(1, Ordering::Release);
-        futex::wake(count, futex::Flags::empty(), 1)
+        let word = &self.page[self.place];
+        word.count.fetch_add(1, Ordering::SeqCst);
+        if word.polled.load(Ordering::SeqCst) == 1 {
+            return Ok(());
+        }
+        futex::wake(&word.count, futex::Flags::empty(), 1)
             .map_err(|e| Error::system("cannot notify a wake-up event", e))?;
         Ok(())
     }
 }
 
 /// Token of the last event of the page, which is not used otherwise: version of the page's layout.
-const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/3");
+const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/4");
 
 /// A share in the page of an instance.
 ///
@@ -254,7 +272,6 @@ impl Drop for WakeFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::now_ns;
     use crate::sys::block_alarms;
 
     #[test]

@@ -18,7 +18,7 @@ use std::process::{Command, Stdio};
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, SHARED_MEMORY};
-use ipc::{Blackboard, BlackboardReader, DEEP, LATEST, SHEETS, Sender, SwapOrder, Wire};
+use ipc::{Blackboard, BlackboardReader, DEEP, LATEST, SHEETS, Sender, SwapOrder, Wakes, Wire};
 use messages::blackboards::ActiveParameters;
 use messages::content::{RotorSpeeds, State};
 use messages::header::Header;
@@ -56,7 +56,11 @@ fn put(board: &Blackboard<ActiveParameters>, tick: u64) {
 
 fn sender(wire: &Wire) -> Sender<State> {
     let notifier = wire.notifier(Role::Outer).unwrap();
-    wire.sender(Some(notifier)).unwrap()
+    let wakes = Wakes {
+        receiver: Some(notifier),
+        ..Wakes::default()
+    };
+    wire.sender(wakes).unwrap()
 }
 
 /// Ports of every kind, held until the value is dropped, with the lock of the plant.
@@ -155,7 +159,7 @@ fn the_place_of_a_killed_process_is_free_again() {
     assert!(!site.instance.is_occupied(Role::Plant));
     let _lock = soon(|| site.instance.lock(Role::Plant).ok()).unwrap();
     // The middleware still counts the dead one.
-    assert!(survivor.sender::<State>(None).is_err());
+    assert!(survivor.sender::<State>(Wakes::default()).is_err());
 
     let wire = site.wire();
     assert_eq!(wire.cleaned, 1);
@@ -197,7 +201,7 @@ fn a_service_that_its_maker_died_over_is_made_anew_beside_survivors() {
     hold_everything_and_be_killed(&site.instance);
     put_back_into_the_making(&site.instance);
     let wire = site.wire();
-    let _sender = wire.sender::<State>(None).unwrap();
+    let _sender = wire.sender::<State>(Wakes::default()).unwrap();
     let _server = wire.server::<SwapOrder>().unwrap();
     let board = create(&wire);
     put(&board, 6);
@@ -209,7 +213,10 @@ fn a_service_that_its_maker_died_over_is_made_anew_beside_survivors() {
 fn a_service_that_is_never_done_is_an_error_that_names_it() {
     let site = Site::new();
     let wire = site.wire();
-    let (_sender, _board) = (wire.sender::<State>(None).unwrap(), create(&wire));
+    let (_sender, _board) = (
+        wire.sender::<State>(Wakes::default()).unwrap(),
+        create(&wire),
+    );
     put_back_into_the_making(&site.instance);
     let other = site.wire();
     let topic = other.receiver::<State>(LATEST).map(drop);

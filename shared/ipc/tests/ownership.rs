@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ipc::error::Error;
 use ipc::instance::{Instance, SHARED_MEMORY};
-use ipc::{LATEST, Wire};
+use ipc::{LATEST, Wakes, Wire};
 use messages::blackboards::ActiveParameters;
 use messages::content::{RotorSpeeds, State};
 use messages::role::Role;
@@ -177,7 +177,7 @@ fn what_an_instance_makes_is_its_users_alone() {
     instance.prepare().unwrap();
     let _lock = instance.lock(Role::Plant).unwrap();
     let wire = site.wire();
-    let _sender = wire.sender::<State>(None).unwrap();
+    let _sender = wire.sender::<State>(Wakes::default()).unwrap();
     let _receiver = wire.receiver::<RotorSpeeds>(LATEST).unwrap();
     let _board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
     assert_eq!(mode(&instance.directory()), 0o700);

@@ -4,7 +4,7 @@ use iceoryx2::prelude::AttributeSpecifier;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use ipc::error::Error;
 use ipc::sys::Sealed;
-use ipc::{DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Sender, Wire};
+use ipc::{DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Sender, Wakes, Wire};
 use messages::content::{Measured, NO_TICK, Setpoint, State, Wrench};
 use messages::header::{Header, Message};
 use messages::inspection::Expected;
@@ -44,7 +44,7 @@ fn drain(receiver: &mut Receiver<State>) -> Vec<u64> {
 }
 
 fn connected(wire: &Wire, depth: usize) -> (Sender<State>, Receiver<State>) {
-    let mut sender = wire.sender(None).unwrap();
+    let mut sender = wire.sender(Wakes::default()).unwrap();
     let mut receiver = wire.receiver(depth).unwrap();
     sender.arm(EXPECTED, EPOCH).unwrap();
     receiver.arm(EXPECTED).unwrap();
@@ -145,16 +145,19 @@ fn what_was_sent_before_a_run_is_not_seen_in_it() {
 fn a_topic_has_one_sender_and_as_many_receivers_as_it_was_made_for() {
     let site = Site::new();
     let (here, there) = (site.wire(), site.wire());
-    let first = here.sender::<State>(None).unwrap();
+    let first = here.sender::<State>(Wakes::default()).unwrap();
     for wire in [&here, &there] {
-        let error = wire.sender::<State>(None).map(drop).unwrap_err();
+        let error = wire
+            .sender::<State>(Wakes::default())
+            .map(drop)
+            .unwrap_err();
         assert!(matches!(error, Error::Wire { .. }), "{error}");
         let words = error.to_string();
         assert!(words.contains("the sender of topic `state`"), "{words}");
     }
     let _other_topic = there.sender::<Setpoint>(None).unwrap();
     drop(first);
-    there.sender::<State>(None).unwrap();
+    there.sender::<State>(Wakes::default()).unwrap();
 
     let receiver = || here.receiver::<Wrench>(LATEST);
     let _loops: Vec<_> = (0..Wrench::SUBSCRIBERS)

@@ -139,3 +139,34 @@ fn the_page_goes_with_the_last_process_that_has_it() {
 fn page_of(site: &Site) -> PathBuf {
     Path::new("/dev/shm").join(format!("{}bells", site.instance.prefix()))
 }
+
+#[test]
+fn who_polls_sees_every_notification_and_is_woken_by_the_kernel_afterwards() {
+    let site = Site::new();
+    let wire = site.wire();
+    let event = wire.wake_event(Role::Outer).unwrap();
+    let until_ns = now_ns() + 1_000_000;
+    assert!(!event.poll_until(until_ns) && now_ns() >= until_ns);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let wire = site.wire();
+            let (outer, inner) = (
+                wire.notifier(Role::Outer).unwrap(),
+                wire.wake_event(Role::Inner).unwrap(),
+            );
+            for _ in 0..2000 {
+                outer.notify().unwrap();
+                assert!(inner.wait_until(now_ns() + LONG).unwrap());
+            }
+        });
+        let inner = wire.notifier(Role::Inner).unwrap();
+        for turn in 0..2000_u64 {
+            // Polls for a while that may end just as the notification comes, and then waits.
+            let polled = event.poll_until(now_ns() + turn % 50 * 200);
+            assert!(polled || wait(&event, LONG), "turn {turn}");
+            inner.notify().unwrap();
+        }
+    });
+    // A process that was killed while it polled has left its mark.
+    assert!(!wire.wake_event(Role::Outer).unwrap().poll_until(0));
+}

@@ -25,11 +25,16 @@ pub struct RealtimeSettings {
     pub priority: i32,
     /// The processor for the four loops; `None` takes the highest-numbered one allowed.
     pub cpu: Option<usize>,
+    /// How many processors the four loops share: one of [`LOOP_CPUS`].
+    pub loop_cpus: usize,
     /// How far ahead of its tick the plant's timer is set.
     pub lead: LeadSetting,
     /// Whether the stages rehearse their tick in the lead.
     pub rehearse: bool,
 }
+
+/// Numbers of processors that the four loops can share.
+pub const LOOP_CPUS: [usize; 3] = [1, 2, 4];
 
 /// Longest lead [ns]: the clock is read all the while, by a process that nothing on its processor interrupts.
 pub const LONGEST_LEAD_NS: u64 = 5_000_000;

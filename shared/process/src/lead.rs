@@ -377,6 +377,7 @@ mod tests {
             mode: RealtimeMode::Prefer,
             priority: 10,
             cpu: None,
+            loop_cpus: 1,
             lead,
             rehearse,
         }

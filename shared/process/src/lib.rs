@@ -10,3 +10,4 @@ pub mod signals;
 pub mod stage;
 pub mod standby;
 mod throttled_log;
+pub mod wakes;

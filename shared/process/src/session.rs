@@ -186,6 +186,11 @@ impl RoleSession {
         self.config.resume_estimates
     }
 
+    /// How many processors the loops share.
+    pub const fn loop_cpus(&self) -> usize {
+        self.config.rt.loop_cpus
+    }
+
     pub fn publish_status(&self) {
         self.board.put(self.status);
     }

@@ -14,17 +14,18 @@ pub use self::inputs::{ActiveFaults, Input, Inputs};
 use self::pacer::{Pacer, WakeReason};
 use crate::rt::UsageMeter;
 use crate::session::{Armed, RoleSession, log_landing};
+use crate::wakes::{is_first, wakes};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use faults::live::LoopFaults;
 use ipc::clock::{Horizon, busy_wait, now_ns};
 use ipc::error::Error;
-use ipc::{Sender, WakeEvent, Wire};
+use ipc::{Sender, WakeEvent, Wakes, Wire};
 use messages::blackboards::{EndReason, RunPhase, Status};
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::grid::{NS_PER_S, Pace};
 use messages::header::{Header, Stamps};
 use messages::inspection::Expected;
-use messages::role::Role;
+use messages::role::{Role, STAGES};
 use messages::topic::Topic;
 
 /// The newest inputs of a stage, each with its tick.
@@ -92,13 +93,12 @@ pub struct StageLoop<S: Stage> {
 }
 
 impl<S: Stage> StageLoop<S> {
-    /// Creates the ports. `wakes` is the role that waits for the output; none if the receiver keeps to the clock.
-    pub fn new(wire: &Wire, stage: S, wakes: Option<Role>, flight: &Flight) -> Result<Self, Error> {
-        let notifier = wakes.map(|role| wire.notifier(role)).transpose()?;
+    /// Creates the ports. `wakes` has no receiver where that keeps to the clock.
+    pub fn new(wire: &Wire, stage: S, wakes: Wakes, flight: &Flight) -> Result<Self, Error> {
         Ok(Self {
             stage,
             inputs: S::Inputs::new(wire, S::ROLE, &flight.faults.messages)?,
-            output: wire.sender(notifier)?,
+            output: wire.sender(wakes)?,
             reports_silence: flight.lockstep,
             faults: ActiveFaults::new(S::ROLE, flight.faults),
             slowdown: flight.slowdown,
@@ -260,20 +260,22 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     // may fire until then, and the role's lock last.
     let mut session = session;
     let wire = session.wire();
-    // The last stage of the chain has time for the second call when its command is out.
-    let event = match S::ROLE {
-        Role::Mixer if !flight.lockstep => wire.wake_event_with_alarm(Role::Mixer),
-        role => wire.wake_event(role),
+    let loop_cpus = session.loop_cpus();
+    let is_first = is_first(S::ROLE, loop_cpus);
+    // The last stage on a processor has time for the second call when its message is out.
+    let event = if S::ROLE as usize + loop_cpus >= STAGES.len() && !is_first && !flight.lockstep {
+        wire.wake_event_with_alarm(S::ROLE)
+    } else {
+        wire.wake_event(S::ROLE)
     }?;
-    let wakes = match S::ROLE {
-        Role::Outer => Some(Role::Inner),
-        Role::Inner => Some(Role::Mixer),
-        _ => flight.lockstep.then_some(Role::Plant),
-    };
+    let wakes = wakes(wire, S::ROLE, loop_cpus, flight.lockstep)?;
     let mut stage = StageLoop::new(wire, stage, wakes, flight)?;
     let armed = session.join(|wire, expected, epoch| stage.arm(wire, expected, epoch))?;
     resume(&mut stage.stage, &session, &armed);
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
+    if loop_cpus > 1 {
+        pacer.poll(is_first);
+    }
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, &event, &mut session, &armed, &mut pacer);
     let finished = stage.finish(pacer.next_tick);

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
 use faults::{Kind, Place, Port, Span};
-use ipc::{Blackboard, Sender, Wire};
+use ipc::{Blackboard, Sender, Wakes, Wire};
 use messages::content::{RotorSpeeds, Stamped, Wrench};
 use messages::header::Header;
 use messages::role::Role;
@@ -60,8 +60,14 @@ impl Chain {
             faults,
         };
         let worked = Rc::default();
-        let mut sender = wire.sender(None).unwrap();
-        let mut stage = StageLoop::new(wire, Recorder(Rc::clone(&worked)), None, &flight).unwrap();
+        let mut sender = wire.sender(Wakes::default()).unwrap();
+        let mut stage = StageLoop::new(
+            wire,
+            Recorder(Rc::clone(&worked)),
+            Wakes::default(),
+            &flight,
+        )
+        .unwrap();
         sender.arm(EXPECTED, EPOCH).unwrap();
         stage.arm(wire, EXPECTED, EPOCH).unwrap();
         sender.arm(EXPECTED, EPOCH).unwrap();

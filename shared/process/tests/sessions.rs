@@ -35,6 +35,7 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> RoleSession {
             mode,
             priority: 10,
             cpu: None,
+            loop_cpus: 1,
             lead: LeadSetting::Fixed(0),
             rehearse: false,
         },

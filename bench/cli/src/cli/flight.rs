@@ -104,6 +104,12 @@ pub struct RtArgs {
     /// CPU of the four loops [default: the highest-numbered one].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
     pub cpu: Option<u16>,
+    /// How many CPUs the four loops share: 1, 2 or 4 [default: 1].
+    ///
+    /// On more than one, each stage is woken before its input comes, and reads shared memory in a loop until then: a
+    /// shorter loop for more CPU time. Lockstep and slow motion ignore it.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    pub loop_cpus: Option<u16>,
     /// How early the plant's timer fires before each tick: microseconds, or auto [default: auto].
     ///
     /// The plant spends the rest reading the clock. `auto` measures the machine before take-off and follows the flight;
@@ -181,6 +187,7 @@ impl RtArgs {
             set("rt.mode", self.rt.map(name_of)),
             set("flight.pace", self.pace.map(name_of)),
             set("rt.cpu", self.cpu.map(i64::from)),
+            set("rt.loop_cpus", self.loop_cpus.map(i64::from)),
             set("rt.lead_us", lead),
             set("rt.rehearse", self.rehearse),
         ])

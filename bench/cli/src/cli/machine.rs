@@ -30,6 +30,8 @@ pub struct FloorArgs {
 pub enum Set {
     /// Wake-ups, loop latency and misses of flights.
     Flights,
+    /// Loop latency and misses of flights on two CPUs.
+    Cpus,
     /// Wake-ups and misses of flights under CPU load.
     Load,
     /// Lockstep ticks.
@@ -57,6 +59,9 @@ pub struct HopArgs {
     /// Iterations of arithmetic between being woken and waking the next process.
     #[arg(long)]
     pub work: u64,
+    /// How long it reads its event in a loop before it waits in the kernel [ns].
+    #[arg(long)]
+    pub polls_ns: u64,
     /// Process that measures; this one exits with it.
     #[arg(long)]
     pub launcher: u32,

@@ -27,6 +27,9 @@ use scalar::timing;
 use sim::simulator::Simulator;
 
 const PERIOD_NS: u64 = 1_000_000;
+/// How long a process of the polling ring reads its event in a loop: longer than a lead, so that the rehearsal before a tick
+/// has it awake for that tick [ns].
+const POLLS_NS: u64 = 300_000;
 /// Ticks per side when timing laws: long enough for the kernel's count of stolen time.
 const TIMED_TICKS: u64 = 200_000;
 /// Seconds of flight to replay per requested second of measurement. A replay runs hundreds of times faster than real
@@ -162,6 +165,67 @@ pub fn flights(
     Ok(all)
 }
 
+/// Flights on two processors compared with flights on one, with a ring on one that has warm-up runs, and with a ring of
+/// two processes that read their events in a loop.
+pub fn cpus(
+    runner: &FlightRunner,
+    effort: &MeasuringEffort,
+) -> Result<Vec<FloorComparison>, Failure> {
+    let mut all = [
+        ("loop p50, 2 CPUs against a ring on 1", 0.6, 0.5),
+        ("loop p99, 2 CPUs against a ring on 1", 1.0, 0.99),
+        ("loop p50, 2 CPUs against a polling ring on 2", 1.5, 0.5),
+    ]
+    .map(|(name, goal, quantile)| (FloorComparison::ratio(name, "us", goal), quantile));
+    let mut misses = FloorComparison::events("misses, 2 CPUs against 1", 1.0);
+    let duration = format!("{}ms", effort.duration.as_millis());
+    let fly = |cpus| {
+        let flags = ["--rt", "require", "--loop-cpus", cpus, "--duration"];
+        runner.fly(&[&flags[..], &[&duration]].concat())
+    };
+    let baselines = || {
+        let one = fly("1")?;
+        let work = work_like(&one)?;
+        let ring = |work, polls_ns| {
+            let settings = RingSettings {
+                schedule: effort.schedule(PERIOD_NS),
+                work,
+                rehearsal: rehearsal_of(&one),
+                polls_ns,
+            };
+            ring::measure(&settings, runner.executable()).map(|floor| floor.chain)
+        };
+        let halves = [[0, 2], [1, 3]].map(|[a, b]| Work {
+            iterations: (work[a].iterations + work[b].iterations) / 2,
+        });
+        let rings = [ring(work, 0)?, ring(halves.to_vec(), POLLS_NS)?];
+        Ok((one, rings))
+    };
+    for pair in 0..effort.pairs {
+        let (two, (one, rings), steal_percent) = in_turns(pair, None, || fly("2"), baselines)?;
+        for (place, (comparison, quantile)) in all.iter_mut().enumerate() {
+            let ring = &rings[place / 2];
+            if let Some(ours) = quantile_us(series(&two, "loop")?, *quantile) {
+                let floor = ring.value_at_quantile(*quantile) as f64 / 1e3;
+                comparison.take(ours, floor, steal_percent);
+            }
+        }
+        let [two, one] = [two, one].map(|report| Events {
+            count: report.deadlines.missed,
+            exposure: report.ticks.run + report.ticks.skipped,
+        });
+        misses.take_events(two, one, steal_percent);
+    }
+    let all = all.into_iter().map(|(comparison, _)| comparison);
+    Ok(all.chain([misses]).collect())
+}
+
+fn rehearsal_of(flown: &Report) -> Option<RingRehearsal> {
+    let us = [flown.lead.median_us, flown.lead.rehearsal_us];
+    let [lead_ns, needs_ns] = us.map(|us| (us * 1e3) as u64);
+    (needs_ns > 0).then_some(RingRehearsal { lead_ns, needs_ns })
+}
+
 fn quantile_us(statistics: &Statistics, quantile: f64) -> Option<f64> {
     match quantile {
         0.5 => Some(statistics.p50_us),
@@ -188,13 +252,11 @@ fn floors(
             schedule: schedule.clone(),
             work: work.clone(),
             rehearsal,
+            polls_ns: 0,
         };
         ring::measure(&settings, runner.executable()).map(|floor| floor.chain)
     };
-    let [lead_ns, needs_ns] =
-        [like.lead.median_us, like.lead.rehearsal_us].map(|us| (us * 1e3) as u64);
-    let rehearsal = (needs_ns > 0).then_some(RingRehearsal { lead_ns, needs_ns });
-    let rehearsed = rehearsal.map(|it| ring(Some(it))).transpose()?;
+    let rehearsed = rehearsal_of(like).map(|it| ring(Some(it))).transpose()?;
     Ok([Some(bare), Some(ring(None)?), rehearsed])
 }
 
@@ -246,6 +308,7 @@ pub fn lockstep(
         },
         work: vec![Work::default(); 4],
         rehearsal: None,
+        polls_ns: 0,
     };
     for pair in 0..effort.pairs {
         // Neither side is bound to a CPU.

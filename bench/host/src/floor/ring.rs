@@ -22,7 +22,7 @@ use errors::Failure;
 use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, timespec};
 use ipc::sys::{EVENTS, WakePage};
-use process::rt::{Standing, fifo_refusal, loops_cpu, take_stand};
+use process::rt::{Standing, fifo_refusal, loop_processors, loops_cpu, take_stand};
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use rustix::io::Errno;
 use rustix::thread::futex;
@@ -37,6 +37,9 @@ pub struct RingSettings {
     /// What each process computes before it wakes the next one: as many as there are processes, 2 to 64.
     pub work: Vec<Work>,
     pub rehearsal: Option<RingRehearsal>,
+    /// How long a process reads its event in a loop before it waits in the kernel [ns]. Where it does, there are two
+    /// processes, each on a processor of its own, and the token goes around twice per tick.
+    pub polls_ns: u64,
 }
 
 /// A token that goes around before each tick and is not recorded.
@@ -86,12 +89,14 @@ pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, 
         let priority = if refusal.is_some() { 0 } else { priority };
         let page = page_file().map_err(failed("cannot make a memory file"))?;
         // Before this thread takes its stand: a process inherits the scheduling of the thread that starts it.
-        let others = Others::start(&executable, &page, cpu, priority, &settings.work)?;
+        let others = Others::start(&executable, &page, cpu, priority, &settings)?;
         let mut standing = take_stand(cpu, priority);
         let refusal = refusal.map(|reason| format!("SCHED_FIFO {highest}: {reason}"));
         standing.refused.extend(refusal);
         let _awake = stay_awake(&mut standing);
-        let measured = go_around(&mut Link::new(&page, 0, processes)?, &settings, standing);
+        let mut link = Link::new(&page, 0, processes)?;
+        link.polls_ns = settings.polls_ns;
+        let measured = go_around(&mut link, &settings, standing);
         drop(others);
         measured
     })
@@ -105,6 +110,8 @@ fn go_around(
     for _ in 0..WARM_UP {
         pass_around(link, Work::default())?;
     }
+    let laps = if settings.polls_ns > 0 { 2 } else { 1 };
+    let pass_around = |link: &mut Link, work| (0..laps).try_fold(0, |_, _| pass_around(link, work));
     let (mut chain, mut lap) = (histogram()?, histogram()?);
     let (work, schedule) = (settings.work[0], &settings.schedule);
     let mut timer = match schedule.period_ns {
@@ -167,15 +174,21 @@ impl Others {
         page: &OwnedFd,
         cpu: usize,
         priority: i32,
-        work: &[Work],
+        settings: &RingSettings,
     ) -> Result<Self, Failure> {
+        let RingSettings { work, polls_ns, .. } = settings;
         let (processes, launcher) = (work.len(), std::process::id());
+        let cpus = match polls_ns {
+            0 => vec![cpu],
+            _ => loop_processors(cpu, processes),
+        };
         let mut others = Self(Vec::new());
         for (position, Work { iterations }) in work.iter().enumerate().skip(1) {
             let priority = priority + position as i32 * priority.signum();
+            let cpu = cpus[position % cpus.len()];
             let arguments = format!(
                 "ring-hop --position {position} --processes {processes} --cpu {cpu} --priority {priority} \
-                 --work {iterations} --launcher {launcher}"
+                 --work {iterations} --polls-ns {polls_ns} --launcher {launcher}"
             );
             let page = page.try_clone();
             let child = Command::new(executable)
@@ -210,6 +223,7 @@ pub struct Link {
     next: usize,
     /// How often the own event had been notified when it was last read.
     seen: u32,
+    polls_ns: u64,
 }
 
 fn failed<E: std::fmt::Display>(what: &str) -> impl Fn(E) -> Failure {
@@ -224,12 +238,15 @@ impl Link {
             own: position,
             next: (position + 1) % processes,
             seen: 0,
+            polls_ns: 0,
         })
     }
 
     /// The link of a process of `Others`: its standard input is the page.
-    pub fn inherited(position: usize, processes: usize) -> Result<Self, Failure> {
-        Self::new(std::io::stdin(), position, processes).map_err(|e| {
+    pub fn inherited(position: usize, processes: usize, polls_ns: u64) -> Result<Self, Failure> {
+        let link = Self::new(std::io::stdin(), position, processes);
+        let link = link.map(|link| Self { polls_ns, ..link });
+        link.map_err(|e| {
             failed("standard input is no link of a ring")(e)
                 .or_code(errors::USAGE)
                 .help("`ironbird doctor` starts these processes by itself")
@@ -239,7 +256,10 @@ impl Link {
     pub fn notify(&self, token: u64) -> Result<(), Failure> {
         let event = &self.page[self.next];
         event.token.store(token, Ordering::Relaxed);
-        event.count.fetch_add(1, Ordering::Release);
+        event.count.fetch_add(1, Ordering::SeqCst);
+        if event.polled.load(Ordering::SeqCst) == 1 {
+            return Ok(());
+        }
         futex::wake(&event.count, futex::Flags::empty(), 1)
             .map(drop)
             .map_err(failed("cannot wake a futex"))
@@ -248,8 +268,14 @@ impl Link {
     pub fn wait(&mut self, timeout: Option<Duration>) -> Result<u64, Failure> {
         let timeout = timeout.map(|timeout| timespec(timeout.as_nanos() as u64));
         let event = &self.page[self.own];
+        if self.polls_ns > 0 {
+            event.polled.store(1, Ordering::SeqCst);
+            let until_ns = now_ns() + self.polls_ns;
+            while event.count.load(Ordering::Acquire) == self.seen && now_ns() < until_ns {}
+            event.polled.store(0, Ordering::SeqCst);
+        }
         loop {
-            let count = event.count.load(Ordering::Acquire);
+            let count = event.count.load(Ordering::SeqCst);
             if count != self.seen {
                 self.seen = count;
                 return Ok(event.token.load(Ordering::Relaxed));

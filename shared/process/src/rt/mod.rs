@@ -11,5 +11,5 @@ pub use allocations::{count_allocation, thread_allocations};
 pub use memory::settle;
 pub use setup::{Ahead, Engaged, WITHOUT_ROOT, hold_cpu_latency, remedy};
 pub(crate) use sys::{exit_when_signalled, no_longer_ignore};
-pub use thread::{Raised, Standing, fifo_refusal, loops_cpu, take_stand};
+pub use thread::{Raised, Standing, fifo_refusal, loop_processors, loops_cpu, take_stand};
 pub use usage::UsageMeter;

@@ -15,7 +15,8 @@ use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
 use super::memory::{UNKNOWN, mappings, populate_mappings, settle};
 use super::sys;
-use super::thread::{Raised, allowed_cpus, loops_cpu, prefault_stack};
+use super::thread::{Raised, allowed_cpus, loop_processors, loops_cpu, prefault_stack};
+use crate::wakes::place;
 use errors::errno_text;
 use ipc::error::Error;
 use messages::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
@@ -90,6 +91,7 @@ pub struct Ahead {
     /// Once activated, it waits for real-time threads only.
     _raised: Raised,
     grants: Grants,
+    /// The role's processor.
     cpu: usize,
     /// The mappings that are locked, and so stay present.
     pub(crate) locked: BTreeSet<String>,
@@ -104,8 +106,8 @@ impl Ahead {
             return None;
         }
         let mut grants = Grants::default();
-        let (_, cpu) = cpus_for(role, settings.cpu);
-        let (others, _) = cpus_for(Role::Record, Some(cpu));
+        let (_, cpu) = cpus_for(role, settings);
+        let (others, _) = cpus_for(Role::Record, settings);
         // Who has one processor alone waits on that one.
         let _ = sched_setaffinity(None, &others);
         hold_memory(&mut grants);
@@ -176,7 +178,10 @@ impl Engaged {
             // So that it does not wait when it moves to the loops' processor. The result is noted below.
             let _ = sys::set_fifo(priority);
         }
-        let (cpus, cpu) = cpus_for(role, ahead.map(|ahead| ahead.cpu).or(settings.cpu));
+        let (cpus, cpu) = match ahead {
+            Some(ahead) => (only(ahead.cpu), ahead.cpu),
+            None => cpus_for(role, settings),
+        };
         let affinity = sched_setaffinity(None, &cpus).map_err(Into::into);
         grants.note(RealtimeStep::Affinity, cpu as u64, errno(affinity));
         if role == Role::Record {
@@ -246,22 +251,35 @@ fn errno(outcome: io::Result<()>) -> i64 {
     })
 }
 
-/// The processors for a role: the loops share one, everything else takes the others, if there are any.
-fn cpus_for(role: Role, wanted: Option<usize>) -> (CpuSet, usize) {
+/// The processors for a role, and the first of them that is the loops': everything else takes those that the loops leave,
+/// or at least not the plant's, if there is another one.
+fn cpus_for(role: Role, settings: &RealtimeSettings) -> (CpuSet, usize) {
     let allowed = allowed_cpus();
-    let cpu = wanted.unwrap_or_else(loops_cpu);
-    if role == Role::Record {
-        let mut others = allowed;
-        if allowed.count() > 1 && cpu < CpuSet::MAX_CPU {
-            others.unset(cpu);
+    let first = settings.cpu.unwrap_or_else(loops_cpu);
+    let loops = loop_processors(first, settings.loop_cpus);
+    if role != Role::Record {
+        let cpu = loops[place(role, loops.len())];
+        return (only(cpu), cpu);
+    }
+    let mut others = allowed;
+    for cpu in loops.into_iter().filter(|cpu| *cpu < CpuSet::MAX_CPU) {
+        others.unset(cpu);
+    }
+    if others.count() == 0 {
+        others = allowed;
+        if allowed.count() > 1 && first < CpuSet::MAX_CPU {
+            others.unset(first);
         }
-        return (others, cpu);
     }
-    let mut own = CpuSet::new();
+    (others, first)
+}
+
+fn only(cpu: usize) -> CpuSet {
+    let mut set = CpuSet::new();
     if cpu < CpuSet::MAX_CPU {
-        own.set(cpu);
+        set.set(cpu);
     }
-    (own, cpu)
+    set
 }
 
 /// Keeps the processors out of deep sleep for as long as the file is open.
@@ -283,6 +301,7 @@ mod tests {
             mode,
             priority,
             cpu: None,
+            loop_cpus: 1,
             lead: LeadSetting::Fixed(0),
             rehearse: false,
         }

@@ -112,6 +112,17 @@ pub fn loops_cpu() -> usize {
         .unwrap_or(0)
 }
 
+/// The processors of loops that share so many, the plant's first: `first`, and the highest-numbered other ones allowed.
+/// Fewer where no more are allowed.
+pub fn loop_processors(first: usize, loop_cpus: usize) -> Vec<usize> {
+    let allowed = allowed_cpus();
+    let lower = (0..CpuSet::MAX_CPU).rev().filter(|cpu| *cpu != first);
+    std::iter::once(first)
+        .chain(lower.filter(|cpu| allowed.is_set(*cpu)))
+        .take(loop_cpus)
+        .collect()
+}
+
 pub(super) fn allowed_cpus() -> CpuSet {
     // Without the list (which cannot fail for the caller itself), processor 0 always exists.
     sched_getaffinity(None).unwrap_or_else(|_| {

@@ -21,6 +21,19 @@ const fn first_look_percent(role: Role) -> u64 {
     }
 }
 
+/// Share of the tick, in percent, for which a stage that was woken early reads its event in a loop.
+const POLL_PERCENT: u64 = 5;
+
+/// When a stage reads its event in a loop, instead of waiting for it in the kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Polling {
+    Never,
+    /// The first stage on its processor: from its rehearsal to shortly after the tick has begun.
+    FromRehearsal,
+    /// Any other: when it was woken, because the loop before it on its processor has then sent its own message.
+    OnceWoken,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum WakeReason {
     Work {
@@ -43,6 +56,8 @@ pub(super) struct Pacer {
     pace: Pace,
     first_look_percent: u64,
     deadline_percent: u64,
+    polling: Polling,
+    poll_until_ns: u64,
     /// When the present wait for the event began [ns].
     since_ns: u64,
     pub(super) next_tick: u64,
@@ -55,10 +70,21 @@ impl Pacer {
             pace,
             first_look_percent: first_look_percent(role),
             deadline_percent: role.deadline_percent(),
+            polling: Polling::Never,
+            poll_until_ns: 0,
             since_ns: 0,
             next_tick: first_tick,
             skipped: 0,
         }
+    }
+
+    /// Has the stage read its event in a loop when it is woken early. `is_first`: it is the first one on its processor.
+    pub(super) const fn poll(&mut self, is_first: bool) {
+        self.polling = if is_first {
+            Polling::FromRehearsal
+        } else {
+            Polling::OnceWoken
+        };
     }
 
     pub(super) fn wait(
@@ -74,14 +100,20 @@ impl Pacer {
             // After the ports: a machine that stalls in between must not make what has come look too early.
             let now = now_ns();
             if let Some(wake) = self.decide(now, newest) {
+                self.poll_until_ns = 0;
                 return Ok(wake);
             }
             if event.rehearsal_is_due() && self.is_to_come(now) {
+                self.poll_until_ns = self.poll_end(now, Polling::FromRehearsal);
                 return Ok(WakeReason::Rehearsal {
                     tick: self.next_tick,
                 });
             }
-            event.wait_until(self.look_up(now))?;
+            if now < self.poll_until_ns {
+                event.poll_until(self.poll_until_ns);
+            } else if event.wait_until(self.look_up(now))? {
+                self.poll_until_ns = self.poll_end(now_ns(), Polling::OnceWoken);
+            }
         }
     }
 
@@ -92,6 +124,20 @@ impl Pacer {
         };
         let begin_ns = grid.begin_of(self.next_tick);
         now < begin_ns && (self.next_tick == 0 || now + grid.period_ns / 2 >= begin_ns)
+    }
+
+    /// Until when a stage that was woken at `now` polls, if it does so for this reason; 0 is not at all [ns].
+    fn poll_end(&self, now: u64, reason: Polling) -> u64 {
+        let Pace::Realtime(grid) = self.pace else {
+            return 0;
+        };
+        let begin_ns = grid.begin_of(self.next_tick);
+        // A notification before the tick is of the message that the stage has worked already.
+        if self.polling != reason || (reason == Polling::OnceWoken && now < begin_ns) {
+            return 0;
+        }
+        let end_ns = now.max(begin_ns) + grid.period_ns * POLL_PERCENT / 100;
+        end_ns.min(self.deadline())
     }
 
     /// When the stage looks up from waiting that began at `now` [ns].
@@ -205,6 +251,24 @@ mod tests {
         assert_eq!(early.decide(at(5, 999), 6), work(6, at(5, 999)));
         assert_eq!((early.next_tick, early.skipped), (7, 1));
         assert_eq!(early.decide(at(6, 10), 6), None);
+    }
+
+    #[test]
+    fn a_stage_polls_around_the_begin_of_its_tick_or_once_woken_in_it() {
+        let polls = |is_first, now, reason| {
+            let mut pacer = pacer(5);
+            pacer.poll(is_first);
+            pacer.poll_end(now, reason)
+        };
+        let (before, within, late) = (at(4, 900), at(5, 20), at(5, 790));
+        assert_eq!(polls(true, before, Polling::FromRehearsal), at(5, 50));
+        assert_eq!(polls(true, within, Polling::OnceWoken), 0);
+        assert_eq!(polls(false, within, Polling::OnceWoken), at(5, 70));
+        assert_eq!(polls(false, before, Polling::OnceWoken), 0, "of tick 4");
+        assert_eq!(polls(false, before, Polling::FromRehearsal), 0);
+        // No longer than to its deadline.
+        assert_eq!(polls(false, late, Polling::OnceWoken), at(5, 800));
+        assert_eq!(pacer(5).poll_end(within, Polling::OnceWoken), 0);
     }
 
     #[test]

@@ -1,0 +1,123 @@
+//! Whom a role wakes, and on which processor it runs.
+//!
+//! Loops that share one processor wake each other along the chain. On 2 or 4 processors a stage is awake before its input
+//! comes, and reads its event in a loop until then: so no system call lies between state and command. Role k runs on
+//! processor k modulo their number. The first loop of each processor is woken by the plant's rehearsal. Each one after it is
+//! woken by the loop before it on its processor, as soon as that has sent its own message.
+//! docs/decisions/0031-loops-on-several-processors.md has the measurements.
+
+use ipc::error::Error;
+use ipc::{Wakes, Wire};
+use messages::role::{Role, STAGES};
+
+/// Place of a role's processor among those of the loops.
+pub const fn place(role: Role, loop_cpus: usize) -> usize {
+    role as usize % loop_cpus
+}
+
+/// Whether a role is the first of the chain on its processor.
+pub const fn is_first(role: Role, loop_cpus: usize) -> bool {
+    (role as usize) < loop_cpus
+}
+
+pub fn wakes(wire: &Wire, role: Role, loop_cpus: usize, lockstep: bool) -> Result<Wakes, Error> {
+    let notifier = |role: &Role| wire.notifier(*role);
+    let stage = |place: usize| STAGES.get(place).map(notifier).transpose();
+    let receiver = match role {
+        Role::Mixer => lockstep.then_some(&Role::Plant).map(notifier).transpose(),
+        role => stage(role as usize + 1),
+    };
+    let next_here = role as usize + loop_cpus;
+    let elsewhere = match role {
+        Role::Plant => &STAGES[1..loop_cpus],
+        _ => &[],
+    };
+    let rehearsals = elsewhere.iter().chain(STAGES.get(next_here));
+    Ok(Wakes {
+        receiver: receiver?,
+        early: if loop_cpus > 1 {
+            stage(next_here)?
+        } else {
+            None
+        },
+        rehearsals: rehearsals.map(notifier).collect::<Result<_, _>>()?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ipc::instance::Instance;
+
+    /// Roles that were notified since the last call: of a message or an early wake-up, and of a rehearsal.
+    fn notified(events: &[ipc::WakeEvent], rehearsals: bool) -> Vec<usize> {
+        let is_due = |event: &ipc::WakeEvent| match rehearsals {
+            true => event.rehearsal_is_due(),
+            false => event.wait_until(0).unwrap(),
+        };
+        (0..events.len())
+            .filter(|place| is_due(&events[*place]))
+            .collect()
+    }
+
+    #[test]
+    fn each_stage_is_awake_before_its_input_or_is_woken_by_it() {
+        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::under(root.path(), "wakes").unwrap();
+        let wire = Wire::open(&instance).unwrap();
+        let events = STAGES.map(|role| wire.wake_event(role).unwrap());
+        // For each number of processors and each role: whom a message wakes, and whom a rehearsal.
+        for (loop_cpus, woken) in [
+            (
+                1,
+                [
+                    (vec![1], vec![1]),
+                    (vec![2], vec![2]),
+                    (vec![3], vec![3]),
+                    (vec![], vec![]),
+                ],
+            ),
+            (
+                2,
+                [
+                    (vec![1, 2], vec![1, 2]),
+                    (vec![2, 3], vec![3]),
+                    (vec![3], vec![]),
+                    (vec![], vec![]),
+                ],
+            ),
+            (
+                4,
+                [
+                    (vec![1], vec![1, 2, 3]),
+                    (vec![2], vec![]),
+                    (vec![3], vec![]),
+                    (vec![], vec![]),
+                ],
+            ),
+        ] {
+            for (role, (by_message, by_rehearsal)) in STAGES.into_iter().zip(woken) {
+                let wakes = wakes(&wire, role, loop_cpus, false).unwrap();
+                for notifier in wakes.receiver.iter().chain(&wakes.early) {
+                    notifier.notify().unwrap();
+                }
+                assert_eq!(
+                    notified(&events, false),
+                    by_message,
+                    "{role} of {loop_cpus}"
+                );
+                for notifier in &wakes.rehearsals {
+                    notifier.notify_rehearsal().unwrap();
+                }
+                assert_eq!(
+                    notified(&events, true),
+                    by_rehearsal,
+                    "{role} of {loop_cpus}"
+                );
+                notified(&events, false);
+            }
+        }
+        drop((events, wire));
+        instance.remove_leftovers().unwrap();
+    }
+}
