@@ -155,7 +155,7 @@ fn a_topic_has_one_sender_and_as_many_receivers_as_it_was_made_for() {
         let words = error.to_string();
         assert!(words.contains("the sender of topic `state`"), "{words}");
     }
-    let _other_topic = there.sender::<Setpoint>(None).unwrap();
+    let _other_topic = there.sender::<Setpoint>(Wakes::default()).unwrap();
     drop(first);
     there.sender::<State>(Wakes::default()).unwrap();
 
