@@ -1,6 +1,7 @@
 //! Ports of the topics: one sender, receivers as deep as each needs, and a relay for observers.
 
 use std::mem::MaybeUninit;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use iceoryx2::port::publisher::Publisher;
@@ -246,27 +247,35 @@ impl<C: Topic> Receiver<C> {
         horizon: impl Horizon,
         mut each: impl FnMut(&Message<C>),
     ) -> Result<(), Error> {
-        self.drain_after(horizon, |_, message| each(message))
+        self.drain_after(horizon, |_, message, _| {
+            each(message);
+            ControlFlow::Continue(())
+        })
     }
 
-    /// The same; the first argument of `each` is the newest message before.
+    /// The same until `each` breaks. Its arguments are the newest message before, the message, and the latest tick that can
+    /// have begun.
     pub fn drain_after(
         &mut self,
         horizon: impl Horizon,
-        mut each: impl FnMut(&Message<C>, &Message<C>),
+        mut each: impl FnMut(&Message<C>, &Message<C>, u64) -> ControlFlow<()>,
     ) -> Result<(), Error> {
         let failed = || format!("cannot receive from topic `{}`", C::NAME);
         while let Some(sample) = self.subscriber.receive().wire(failed)? {
             let sealed = *sample.payload();
+            let latest_tick = horizon.latest_tick();
             let inspect = |message| {
                 self.inspector
-                    .inspect(message, horizon.latest_tick())
+                    .inspect(message, latest_tick)
                     .map(|()| message)
             };
             match sealed.open().and_then(inspect) {
                 Ok(message) => {
-                    each(&self.newest, message);
+                    let next = each(&self.newest, message, latest_tick);
                     self.newest = *message;
+                    if next.is_break() {
+                        break;
+                    }
                 }
                 Err(reason) => self.rejections.count(reason),
             }

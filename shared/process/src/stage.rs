@@ -322,7 +322,7 @@ fn fly<S: Stage>(
     let resumes = session.resumes_estimates();
     let mut plant = PlantWatch::new(now_ns());
     loop {
-        let (tick, receive_ns) = match pacer.wait(event, |pace| stage.take(pace))? {
+        let (tick, receive_ns) = match pacer.wait(event, |clock| stage.take(clock))? {
             WakeReason::Work { tick, receive_ns } => (tick, receive_ns),
             WakeReason::Rehearsal { tick } => {
                 let is_rehearsed = stage.rehearse(tick)?;

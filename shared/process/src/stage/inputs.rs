@@ -1,5 +1,7 @@
 //! The inputs of a stage: receivers, behind each the faults of its messages once there are some.
 
+use std::ops::ControlFlow;
+
 use faults::fields::Faulty;
 use faults::gate::FaultyInput;
 use faults::live::{LIVE, LiveBlackboard, LoopFaults};
@@ -174,7 +176,7 @@ impl<A: Faulty> Inputs for Input<A> {
             is_faulty,
             version,
         } = self;
-        receiver.drain_after(horizon, |before, message| {
+        receiver.drain_after(horizon, |before, message, latest_tick| {
             // After the message was received: the faults that act on it were on the blackboard when it was sent, however
             // long this stage had no processor since.
             let now = active.version();
@@ -184,6 +186,12 @@ impl<A: Faulty> Inputs for Input<A> {
             }
             if *is_faulty {
                 inlet.arrive(message);
+            }
+            // A message of the present tick is the newest: on the grid the latest tick is the one after it.
+            if message.envelope.tick + 1 >= latest_tick {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
             }
         })?;
         Ok(receiver.newest().envelope.tick)

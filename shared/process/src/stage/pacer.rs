@@ -1,7 +1,9 @@
 //! Which tick a stage works next: input, deadline, or a notification without a message.
 
+use std::cell::Cell;
+
 use ipc::WakeEvent;
-use ipc::clock::now_ns;
+use ipc::clock::{Horizon, now_ns};
 use ipc::error::Error;
 use messages::content::NO_TICK;
 use messages::flight_plan::LOCKSTEP_LOOK_UP_NS;
@@ -32,6 +34,20 @@ enum Polling {
     FromRehearsal,
     /// Any other: when it was woken, because the loop before it on its processor has then sent its own message.
     OnceWoken,
+}
+
+/// The clock, which is read when a message has been received; it keeps what it showed last, 0 if it was not read [ns].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock<'a> {
+    pace: Pace,
+    read_ns: &'a Cell<u64>,
+}
+
+impl Horizon for Clock<'_> {
+    fn latest_tick(&self) -> u64 {
+        self.read_ns.set(now_ns());
+        self.pace.newest_tick(self.read_ns.get())
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,15 +106,23 @@ impl Pacer {
     pub(super) fn wait(
         &mut self,
         event: &WakeEvent,
-        mut take: impl FnMut(Pace) -> Result<u64, Error>,
+        mut take: impl FnMut(Clock<'_>) -> Result<u64, Error>,
     ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
         loop {
             // Before the ports: what a tick has is there when the role before has said that it has nothing to add.
             let silent = event.silent_tick().filter(|_| self.pace == Pace::Lockstep);
-            let newest = latest(take(self.pace)?, silent);
+            let read_ns = Cell::new(0);
+            let clock = Clock {
+                pace: self.pace,
+                read_ns: &read_ns,
+            };
+            let newest = latest(take(clock)?, silent);
             // After the ports: a machine that stalls in between must not make what has come look too early.
-            let now = now_ns();
+            let now = match read_ns.get() {
+                0 => now_ns(),
+                now => now,
+            };
             if let Some(wake) = self.decide(now, newest) {
                 self.poll_until_ns = 0;
                 return Ok(wake);
@@ -201,7 +225,6 @@ fn latest(input: u64, silent: Option<u64>) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ipc::clock::Horizon as _;
     use messages::grid::Grid;
 
     const GRID: Grid = Grid {
@@ -319,11 +342,11 @@ mod tests {
         };
         let mut pacer = Pacer::new(Pace::Realtime(grid), Role::Inner, 0);
         let mut sent_ns = 0;
-        let woken = pacer.wait(&event, |pace: Pace| {
+        let woken = pacer.wait(&event, |clock| {
             std::thread::sleep(std::time::Duration::from_millis(20));
             sent_ns = now_ns();
             let tick = grid.tick_at(sent_ns);
-            assert!(pace.latest_tick() >= tick);
+            assert!(clock.latest_tick() >= tick);
             Ok(tick)
         });
         let Ok(WakeReason::Work { tick, receive_ns }) = woken else {
