@@ -71,11 +71,11 @@ pub struct WakeWord {
     pub count: AtomicU32,
     /// Counts notifications of a rehearsal.
     pub rehearsals: AtomicU32,
-    /// 1 while the owner reads `count` in a loop, so that a notification needs no system call.
-    pub polled: AtomicU32,
     pub token: AtomicU64,
     /// The tick after the newest one without a message of the role before; 0 is none.
     pub silent: AtomicU64,
+    /// 1 while the owner reads `count` in a loop, so that a notification needs no system call.
+    pub polled: AtomicU32,
 }
 
 pub const EVENTS: usize = 64;
