@@ -141,8 +141,14 @@ pub struct RealtimeSection {
     /// A number, or "auto"; likewise the next one.
     pub cpu: Value,
     pub lead_us: Value,
+    #[serde(default = "one")]
     pub loop_cpus: usize,
     pub rehearse: bool,
+}
+
+/// How many processors the loops shared before there was a choice.
+const fn one() -> usize {
+    1
 }
 
 /// What is recorded, and the gates: a negative limit is none.

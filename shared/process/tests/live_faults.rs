@@ -132,7 +132,7 @@ fn worked(
             send(&mut chain.sender, tick);
         }
         if works(tick) {
-            chain.stage.take(tick).unwrap();
+            chain.stage.take(tick + 1).unwrap();
             work(&mut chain.stage, tick);
         }
     }
