@@ -325,9 +325,11 @@ impl Plant {
         let (airframe, body) = (&self.airframe, &self.body);
         let (sensors, command_hold) = (&self.sensors, &self.command_hold);
         let (fix, fix_velocity) = sensors.fix(airframe);
-        let force =
-            self.dynamics
-                .specific_force(body, self.rotors.thrust(&self.rotor_speed), &self.pushed_w);
+        let force = self.dynamics.specific_force(
+            body,
+            self.rotors.thrust(&self.rotor_speed),
+            &self.pushed_w,
+        );
         // Field by field: a value of all would be made elsewhere, and copied.
         state.measured = Measured {
             position_w_m: fix.into(),

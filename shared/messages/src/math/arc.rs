@@ -120,7 +120,10 @@ mod tests {
         let [zero, one, many] = atan2_of_each([(0.0, 1.0), (1.0, 1.0), (y, x)]).map(f64::to_bits);
         let expected = [0.0, FRAC_PI_4].map(f64::to_bits);
         assert_eq!([zero, one], expected);
-        assert!(many == exact || y.is_nan() || x.is_nan(), "y = {y:e}, x = {x:e}");
+        assert!(
+            many == exact || y.is_nan() || x.is_nan(),
+            "y = {y:e}, x = {x:e}"
+        );
         is_known
     }
 

@@ -77,7 +77,11 @@ fn sin_cos_of_most(angle_rad: f64) -> (f64, f64, bool) {
     let of_one = (sin_kernel(x), cos_kernel(x));
     let of_two = (sin_kernel_of_two(x, tail), cos_kernel_of_two(x, tail));
     let (sin, cos) = if is_small { of_one } else { of_two };
-    let (sin, cos) = if quadrant & 1 == 0 { (sin, cos) } else { (cos, sin) };
+    let (sin, cos) = if quadrant & 1 == 0 {
+        (sin, cos)
+    } else {
+        (cos, sin)
+    };
     let signed = |value: f64, half: u64| f64::from_bits(value.to_bits() ^ ((half & 2) << 62));
     let (sin, cos) = (signed(sin, quadrant), signed(cos, quadrant.wrapping_add(1)));
     (sin, cos, angle_rad.abs() <= REDUCED_RAD)
