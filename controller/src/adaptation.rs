@@ -18,7 +18,7 @@
 
 use control_api::law::Rig;
 use messages::allocation::{Allocation, net_speed};
-use messages::content::{Measured, ROTORS};
+use messages::content::{Measured, NO_TICK, ROTORS};
 use messages::math::exp;
 use messages::rate_dynamics::{Inertia, disturbance};
 use nalgebra::{Matrix3, Vector3};
@@ -42,17 +42,19 @@ pub struct LastTick {
 }
 
 /// The newest measured body rates, and the nominal rotors between them and the ones before.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Samples {
     period_s: f64,
     allocation: Allocation,
     /// Thrust coefficient [N s^2].
     k: f64,
     newest: Option<Sample>,
+    /// h(t) at the tick that was asked for last: a predictor asks for the tick to come.
+    h: (u64, Vector3<f64>),
 }
 
 /// Body rates that were measured in time.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Sample {
     tick: u64,
     nu2: Vector3<f64>,
@@ -66,11 +68,20 @@ impl Samples {
             allocation: Allocation::new(&rig.airframe),
             k: rig.airframe.k(),
             newest: None,
+            h: (NO_TICK, Vector3::zeros()),
         }
     }
 
     pub fn newest_tick(&self) -> Option<u64> {
         self.newest.map(|newest| newest.tick)
+    }
+
+    /// h(t) at a tick, without unit.
+    pub fn h(&mut self, tick: u64) -> Vector3<f64> {
+        if self.h.0 != tick {
+            self.h = (tick, disturbance(tick as f64 * self.period_s));
+        }
+        self.h.1
     }
 
     /// h(t) at the newest sample, without unit; 0 before the first.
@@ -83,7 +94,7 @@ impl Samples {
         let end = Sample {
             tick,
             nu2: measured.rate_b_rad_s.into(),
-            h: disturbance(tick as f64 * self.period_s),
+            h: self.h(tick),
         };
         let start = self.newest.replace(end)?;
         (start.tick + 1 == tick).then(|| LastTick {
@@ -292,7 +303,7 @@ impl Adaptation {
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
     adaptation: Adaptation,
     samples: Samples,
@@ -328,6 +339,11 @@ impl Evidence {
 
     pub const fn samples(&self) -> &Samples {
         &self.samples
+    }
+
+    /// As [`Samples::h`].
+    pub fn h(&mut self, tick: u64) -> Vector3<f64> {
+        self.samples.h(tick)
     }
 }
 

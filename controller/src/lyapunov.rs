@@ -87,6 +87,7 @@ pub struct RateWeight {
     /// T/alpha [s^2].
     step_s2: f64,
     n_max: f64,
+    sigma: f64,
 }
 
 impl RateWeight {
@@ -94,23 +95,34 @@ impl RateWeight {
     pub fn new(adaptation: &Adaptation) -> Self {
         let (period_s, step_s2) = (adaptation.period_s, adaptation.step_s2);
         let alpha_t = period_s * period_s / step_s2;
-        Self {
+        let mut weight = Self {
             a: exp(-alpha_t),
             alpha_t,
             step_s2,
             n_max: 0.0,
-        }
+            sigma: 0.0,
+        };
+        weight.take_size(0.0);
+        weight
     }
 
     /// Takes a step in: sigma holds for every step so far, so it can only fall.
     pub fn take(&mut self, step: &EstimateStep) {
-        self.n_max = self.n_max.max(step.size());
+        let size = step.size();
+        if size > self.n_max {
+            self.take_size(size);
+        }
+    }
+
+    fn take_size(&mut self, n_max: f64) {
+        let most = 1.0 + n_max;
+        self.n_max = n_max;
+        self.sigma = (1.0 - self.a) / (self.alpha_t * most * most);
     }
 
     /// sigma = (1 - a)/(alpha T (1 + Nmax)^2).
-    pub fn sigma(&self) -> f64 {
-        let most = 1.0 + self.n_max;
-        (1.0 - self.a) / (self.alpha_t * most * most)
+    pub const fn sigma(&self) -> f64 {
+        self.sigma
     }
 
     /// -sigma/2 (1 - a)|e|^2 - T/(2 alpha)|zb|^2 [rad^2/s^2]: what V may change by in a step from rate error `e`

@@ -15,7 +15,7 @@ pub use spline::{Point, Spline, SplineError};
 use control_api::guard::Route;
 use messages::content::Reference;
 use messages::layout::wire_enum;
-use messages::math::sin_cos;
+use messages::math::sin_cos_of_each;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -66,8 +66,9 @@ impl Trajectory {
             _ => ramp(t_s),
         };
         let axes = self.axes();
+        let phases = sin_cos_of_each(axes.each_ref().map(|axis| axis.w * t_s + axis.ph));
         reference_of(&std::array::from_fn(|i| {
-            product(&ramp, &axes[i].derivatives(t_s))
+            product(&ramp, &axes[i].derivatives(t_s, phases[i]))
         }))
     }
 
@@ -183,10 +184,9 @@ const fn wave(c0: f64, a: f64, w: f64) -> Axis {
 }
 
 impl Axis {
-    /// Its value and derivatives before the ramp.
-    fn derivatives(&self, t_s: f64) -> [f64; ORDERS] {
-        let &Self { c0, c1, a, w, ph } = self;
-        let (sin, cos) = sin_cos(w * t_s + ph);
+    /// Its value and derivatives before the ramp, with sine and cosine of w t + ph.
+    fn derivatives(&self, t_s: f64, (sin, cos): (f64, f64)) -> [f64; ORDERS] {
+        let &Self { c0, c1, a, w, .. } = self;
         let w2 = w * w;
         [
             c0 + c1 * t_s + a * sin,
@@ -281,6 +281,9 @@ impl ScaledTrajectory {
             Shape::Named(trajectory) => trajectory.reference(t_s),
             Shape::Points(spline) => spline.reference(t_s),
         };
+        if self.size == 1.0 && self.period == 1.0 {
+            return reference;
+        }
         let stretched =
             |vector: [f64; 3], order: u8| vector.map(|value| value * self.factor(self.size, order));
         Reference {

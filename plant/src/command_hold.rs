@@ -12,7 +12,7 @@
 //! This file owns the rule and its counters. The shell knows when a command arrived; it names the tick from which the
 //! command may act.
 
-use heapless::Deque;
+use heapless::Vec;
 use messages::content::{NO_TICK, ROTORS, RotorSpeeds, Stamped};
 
 /// How long a command holds without a newer one. After that the rotors spin down to idle, as speed controllers do.
@@ -45,7 +45,7 @@ struct Pending {
 /// The rotor command in force, those that wait, and the verdicts so far.
 #[derive(Clone, Debug)]
 pub struct CommandHold {
-    pending: Deque<Pending, PENDING_MAX>,
+    pending: Vec<Pending, PENDING_MAX>,
     room: usize,
     hover: [f64; ROTORS],
     /// The newest command; none before the first.
@@ -67,7 +67,7 @@ impl CommandHold {
     /// [`COMMAND_TIMEOUT_S`], in whole ticks of `period_s` [s].
     pub fn new(hover: [f64; ROTORS], idle: [f64; ROTORS], period_s: f64) -> Self {
         Self {
-            pending: Deque::new(),
+            pending: Vec::new(),
             room: pending_commands(period_s),
             hover,
             newest: None,
@@ -101,7 +101,7 @@ impl CommandHold {
         // The ones that wait come first: were they dropped instead, a steady delay would let no command through.
         if self.pending.len() < self.room {
             // There are more places than ever may wait.
-            let _ = self.pending.push_back(offered);
+            let _ = self.pending.push(offered);
         }
     }
 

@@ -4,6 +4,7 @@
 //! continuous, so both are evaluated at the stage times. Every time is computed from the integer tick and the step
 //! number, never from a sum that runs over ticks: the same tick gives the same bits, however the plant got there.
 
+use messages::math::sin_cos;
 use messages::parameters::Airframe;
 use messages::rate_dynamics::Disturbances;
 
@@ -12,6 +13,35 @@ use crate::rotors::Spin;
 
 /// Runge-Kutta steps per tick: 250 us each at 1 kHz.
 pub const SUBSTEPS: u32 = 4;
+
+/// The steps of a tick: what is the same in every one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps {
+    pub period_s: f64,
+    substeps: u32,
+    pub(crate) half_s: f64,
+    /// Sine and cosine of half a step, by which h(t) goes on.
+    pub(crate) turn: (f64, f64),
+}
+
+impl Steps {
+    /// `substeps` equal steps of a tick of `period_s` [s].
+    pub fn new(period_s: f64, substeps: u32) -> Self {
+        let half_s = period_s / f64::from(2 * substeps);
+        Self {
+            period_s,
+            substeps,
+            half_s,
+            turn: sin_cos(half_s),
+        }
+    }
+
+    /// h(t) at the beginning of a tick, and half a step further each time.
+    #[inline]
+    pub(crate) fn disturbances(&self, tick: u64) -> Disturbances {
+        Disturbances::new(tick as f64 * self.period_s, self.turn)
+    }
+}
 
 /// Carries a body from grid tick `tick` to the next, `period_s` [s] later, in `substeps` equal steps.
 ///
@@ -25,35 +55,35 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
+    let steps = Steps::new(period_s, substeps);
     integrate_with(
         body,
         &Dynamics::new(airframe),
         spin,
         tick,
-        period_s,
-        substeps,
+        &steps,
         |_, _| {},
     )
 }
 
 /// The same, with something that acts on the body after every step, and is told where it began: the ground.
+#[inline(always)]
 pub fn integrate_with(
     body: &RigidBody,
     dynamics: &Dynamics,
     spin: &Spin,
     tick: u64,
-    period_s: f64,
-    substeps: u32,
+    steps: &Steps,
     mut after_step: impl FnMut(&RigidBody, &mut RigidBody),
 ) -> RigidBody {
-    let half_s = half_step_s(period_s, substeps);
-    let mut h = Disturbances::new(tick as f64 * period_s, half_s);
+    let half_s = steps.half_s;
+    let mut h = steps.disturbances(tick);
     let of_rotors =
         |half_steps: u32| dynamics.forcing(&spin.effort(f64::from(half_steps) * half_s));
     let mut rotors = of_rotors(0);
     let mut body = *body;
     let mut start = dynamics.disturbed(&rotors, &h.next_h());
-    for step in 0..substeps {
+    for step in 0..steps.substeps {
         // Without a lag the rotors do the same all through the tick.
         if spin.lags() {
             rotors = of_rotors(2 * step + 1);
@@ -74,11 +104,6 @@ pub fn integrate_with(
         attitude: body.attitude.normalised(),
         ..body
     }
-}
-
-/// Half a step of a tick of `period_s` [s].
-pub(crate) fn half_step_s(period_s: f64, substeps: u32) -> f64 {
-    period_s / f64::from(2 * substeps)
 }
 
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.

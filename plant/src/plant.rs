@@ -21,15 +21,16 @@ use messages::checks::{Check, is_on};
 use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
+use messages::vectors::vectorised;
 use nalgebra::{Vector3, Vector4};
 
 use crate::command_delay::CommandDelay;
 use crate::command_hold::CommandHold;
 use crate::envelope_violation::{Crash, EnvelopeViolation};
 use crate::ground::{Contact, Ground};
-use crate::integrator::{SUBSTEPS, integrate_with};
+use crate::integrator::{SUBSTEPS, Steps, integrate_with};
 use crate::rigid_body::{Dynamics, RigidBody};
-use crate::rotors::{Spin, SpinMeans, hover, thrust};
+use crate::rotors::{Rotors, Spin, SpinMeans, hover};
 use crate::sensors::Sensors;
 use crate::settings::PlantSettings;
 use crate::swap::{AppliedSwap, PENDING_SWAPS, Ramps, Swap, SwapError, SwapQueue};
@@ -37,10 +38,11 @@ use crate::swap::{AppliedSwap, PENDING_SWAPS, Ramps, Swap, SwapError, SwapQueue}
 /// The simulated airframe, standing at a grid tick or on its way to the next.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    period_s: f64,
+    steps: Steps,
     airframe: Airframe,
     /// Quotients of the parameters, until they change.
     dynamics: Dynamics,
+    rotors: Rotors,
     body: RigidBody,
     /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
     eta2: Vector3<f64>,
@@ -93,9 +95,10 @@ impl Plant {
         };
         let hover = hover(&airframe);
         Self {
-            period_s,
+            steps: Steps::new(period_s, SUBSTEPS),
             airframe,
             dynamics: Dynamics::new(&airframe),
+            rotors: Rotors::new(&airframe),
             body,
             eta2: attitude.euler_near(&eta2),
             tilt_max_rad,
@@ -240,36 +243,34 @@ impl Plant {
 
     /// How the rotors turn in this tick.
     fn spin(&self) -> Spin {
-        Spin::new(
-            &self.airframe,
-            self.rotor_speed,
-            Vector4::from(self.delay.acting()),
-        )
+        self.rotors
+            .spin(self.rotor_speed, Vector4::from(self.delay.acting()))
     }
 
     /// Stands at the next tick, to which the body has come with these rotors.
     fn arrive(&mut self, spin: &Spin, body: RigidBody, eta2: Vector3<f64>) {
         (self.body, self.eta2) = (body, eta2);
         self.sensors.advance(&self.airframe, &self.body);
-        self.means = spin.means(self.period_s);
-        self.rotor_speed = spin.speed(self.period_s);
+        self.means = spin.means(self.steps.period_s);
+        self.rotor_speed = spin.speed(self.steps.period_s);
         self.tick += 1;
         self.has_begun = false;
     }
 
     /// The body at the next tick, kept above the ground.
     fn flown(&mut self, spin: &Spin) -> RigidBody {
-        let (tick, period_s) = (self.tick, self.period_s);
+        let (tick, steps) = (self.tick, &self.steps);
         let (airframe, dynamics, body) = (&self.airframe, &self.dynamics, &self.body);
         let Some(ground) = self.ground else {
-            return integrate_with(body, dynamics, spin, tick, period_s, SUBSTEPS, |_, _| {});
+            return integrate_freely(body, dynamics, spin, tick, steps);
         };
         let mut contact = Contact::default();
+        let period_s = steps.period_s;
         let step_s = period_s / f64::from(SUBSTEPS);
         let keep_above = |start: &RigidBody, body: &mut RigidBody| {
             ground.keep_above(airframe, start, body, step_s, &mut contact);
         };
-        let body = integrate_with(body, dynamics, spin, tick, period_s, SUBSTEPS, keep_above);
+        let body = integrate_with(body, dynamics, spin, tick, steps, keep_above);
         self.pushed_w = contact.impulse_w / (airframe.m() * period_s);
         self.crash = self.crash.or_else(|| ground.crash(tick + 1, &contact));
         body
@@ -297,6 +298,7 @@ impl Plant {
         }
         if self.changed_tick == Some(self.tick) {
             self.dynamics = Dynamics::new(&self.airframe);
+            self.rotors = Rotors::new(&self.airframe);
             self.sensors.tune(&self.airframe);
             self.delay.tune(&self.airframe);
         }
@@ -323,9 +325,11 @@ impl Plant {
         let (airframe, body) = (&self.airframe, &self.body);
         let (sensors, command_hold) = (&self.sensors, &self.command_hold);
         let (fix, fix_velocity) = sensors.fix(airframe);
-        let force =
-            self.dynamics
-                .specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
+        let force = self.dynamics.specific_force(
+            body,
+            self.rotors.thrust(&self.rotor_speed),
+            &self.pushed_w,
+        );
         // Field by field: a value of all would be made elsewhere, and copied.
         state.measured = Measured {
             position_w_m: fix.into(),
@@ -403,5 +407,12 @@ impl Plant {
             }
         }
         Ok(())
+    }
+}
+
+vectorised! {
+    /// Where nothing touches the body between two ticks.
+    fn integrate_freely(body: &RigidBody, dynamics: &Dynamics, spin: &Spin, tick: u64, steps: &Steps) -> RigidBody {
+        integrate_with(body, dynamics, spin, tick, steps, |_, _| {})
     }
 }

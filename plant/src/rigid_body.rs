@@ -158,8 +158,8 @@ impl Dynamics {
         v: &Vector3<f64>,
         forcing: &Forcing,
     ) -> Vector3<f64> {
-        let z_e = Vector3::z();
-        -self.g * z_e + attitude.z_b_in_w() * forcing.lift - v * self.drag
+        // -0 changes nothing that is added to it, so two additions of three are none.
+        Vector3::new(-0.0, -0.0, -self.g) + attitude.z_b_in_w() * forcing.lift - v * self.drag
     }
 
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].

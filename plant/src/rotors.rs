@@ -28,8 +28,6 @@ pub struct Spin {
     command: Vector4<f64>,
     /// Speeds at the tick, w_0 [rad/s].
     start: Vector4<f64>,
-    /// Time constant of the motors [s]; 0 is none.
-    time_constant_s: f64,
 }
 
 /// Means over a tick, per rotor: what a speed controller would report.
@@ -54,17 +52,12 @@ impl SpinMeans {
 impl Spin {
     /// The motion from `start` [rad/s] under `command` [rad/s], with the motors of the airframe.
     pub fn new(airframe: &Airframe, start: Vector4<f64>, command: Vector4<f64>) -> Self {
-        Self {
-            rotors: Rotors::new(airframe),
-            command,
-            start,
-            time_constant_s: airframe.motor_time_constant_s(),
-        }
+        Rotors::new(airframe).spin(start, command)
     }
 
     /// Whether the speeds follow the command with a lag.
     pub fn lags(&self) -> bool {
-        self.time_constant_s != 0.0
+        self.rotors.time_constant_s != 0.0
     }
 
     /// Speeds w [rad/s] at `offset_s` [s] after the tick.
@@ -72,7 +65,7 @@ impl Spin {
         if !self.lags() {
             return self.command;
         }
-        self.command + (self.start - self.command) * exp(-offset_s / self.time_constant_s)
+        self.command + (self.start - self.command) * exp(-offset_s / self.rotors.time_constant_s)
     }
 
     /// What the rotors do at `offset_s` [s] after the tick.
@@ -82,7 +75,7 @@ impl Spin {
 
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
     pub fn means(&self, period_s: f64) -> SpinMeans {
-        let (w_c, start, tau) = (self.command, self.start, self.time_constant_s);
+        let (w_c, start, tau) = (self.command, self.start, self.rotors.time_constant_s);
         if tau == 0.0 {
             return SpinMeans::steady(&w_c);
         }
@@ -102,20 +95,38 @@ impl Spin {
 
 /// (4), (6), (7) with the parameters of one airframe, its true efficiencies among them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Rotors {
+pub(crate) struct Rotors {
     k: f64,
     efficiency: Vector4<f64>,
     allocation: Allocation,
+    /// Time constant of the motors [s]; 0 is none.
+    time_constant_s: f64,
 }
 
 impl Rotors {
-    #[inline]
-    fn new(airframe: &Airframe) -> Self {
+    pub(crate) fn new(airframe: &Airframe) -> Self {
         Self {
             k: airframe.k(),
             efficiency: airframe.rotor_efficiency().into(),
             allocation: Allocation::new(airframe),
+            time_constant_s: airframe.motor_time_constant_s(),
         }
+    }
+
+    /// As [`Spin::new`].
+    #[inline]
+    pub(crate) const fn spin(&self, start: Vector4<f64>, command: Vector4<f64>) -> Spin {
+        Spin {
+            rotors: *self,
+            command,
+            start,
+        }
+    }
+
+    /// (6): total thrust of rotors that turn at `w` [rad/s] [N].
+    #[inline]
+    pub(crate) fn thrust(&self, w: &Vector4<f64>) -> f64 {
+        self.forces(w).sum()
     }
 
     /// (6) for each rotor that turns at `w` [rad/s]: thrust [N].
@@ -133,12 +144,6 @@ impl Rotors {
             om: net_speed(w),
         }
     }
-}
-
-/// (6), (7): total thrust of rotors that turn at `w` [rad/s], with the true efficiencies [N].
-#[inline]
-pub fn thrust(airframe: &Airframe, w: &Vector4<f64>) -> f64 {
-    Rotors::new(airframe).forces(w).sum()
 }
 
 /// (4), (6), (7): thrust, torque and net speed of rotors that turn at `w` [rad/s], with the true efficiencies.

@@ -4,7 +4,7 @@ use messages::content::State;
 use messages::parameters::Parameter;
 use nalgebra::{Vector3, Vector4};
 use plant::ground::{Contact, Ground};
-use plant::integrator::{SUBSTEPS, integrate_with};
+use plant::integrator::{SUBSTEPS, Steps, integrate_with};
 use plant::rigid_body::{Dynamics, RigidBody};
 use plant::rotors::Spin;
 use plant::{EnvelopeViolation, Initial, Plant, PlantSettings};
@@ -187,6 +187,7 @@ proptest! {
             nu2: nu2.into(),
         };
         let (dynamics, spin) = (Dynamics::new(&airframe), Spin::new(&airframe, Vector4::zeros(), Vector4::zeros()));
+        let steps = Steps::new(PERIOD_S, SUBSTEPS);
         let start = energy(&body);
         let mut least = start;
         for tick in 0..4000 {
@@ -195,7 +196,7 @@ proptest! {
             let keep_above = |start: &RigidBody, body: &mut RigidBody| {
                 ground.keep_above(&airframe, start, body, step_s, &mut contact);
             };
-            body = integrate_with(&body, &dynamics, &spin, tick, PERIOD_S, SUBSTEPS, keep_above);
+            body = integrate_with(&body, &dynamics, &spin, tick, &steps, keep_above);
             let now = energy(&body);
             prop_assert!(now < least + 1e-9, "tick {tick}: {now} J after {least} J");
             least = least.min(now);

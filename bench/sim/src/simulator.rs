@@ -16,6 +16,8 @@ use std::mem::replace;
 use analysis::states::Joined;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
+use controller::adaptation::Evidence;
+use controller::laws::adaptive::Adaptive;
 use errors::Failure;
 use faults::gate::{FaultyInput, Gate};
 use faults::live::FaultKind;
@@ -45,6 +47,11 @@ pub struct Simulator {
     tick: u64,
     envelope: Result<(), EnvelopeViolation>,
     theorem: Option<TheoremMonitor>,
+    /// Whether the inner law's evidence is the monitor's, too: what both compute is then computed once.
+    shares_evidence: bool,
+    /// Whether the theorem's monitor has seen the last wrench, and shows what it says itself.
+    is_watched: bool,
+    /// What a monitor said of the last wrench, where messages or stages have faults or recorded timing.
     monitor: Option<Monitor>,
     /// Message and stage faults; none takes the fast path.
     faulted: Option<Box<Faulted>>,
@@ -70,6 +77,8 @@ impl Simulator {
             tick: 0,
             envelope: Ok(()),
             theorem: None,
+            shares_evidence: false,
+            is_watched: false,
             monitor: None,
             faulted: None,
         }
@@ -132,6 +141,10 @@ impl Simulator {
     /// Adds the theorem's monitor, if the inner law has a theorem.
     pub fn with_monitor(self, theorem: Option<TheoremMonitor>) -> Self {
         let mut rig = Self { theorem, ..self };
+        rig.shares_evidence = match (&rig.theorem, evidence(&mut rig.inner)) {
+            (Some(theorem), Some(evidence)) => theorem.begins_with(evidence),
+            _ => false,
+        };
         if let Some(faulted) = &mut rig.faulted {
             faulted.theorem.clone_from(&rig.theorem);
         }
@@ -208,7 +221,13 @@ impl Simulator {
         rotor_speeds.tick = tick;
         plant.offer(rotor_speeds, tick + 1);
         if let Some(theorem) = &mut self.theorem {
-            self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
+            match evidence(inner).filter(|_| self.shares_evidence) {
+                Some(evidence) => {
+                    theorem.watch_with(tick, state, &wrench.content, evidence.at(tick))
+                }
+                None => theorem.watch(tick, state, &wrench.content),
+            };
+            self.is_watched = true;
         }
         self.tick += 1;
     }
@@ -294,12 +313,15 @@ impl Simulator {
             setpoint: self.setpoint().copied(),
             wrench,
             rotor_speeds: self.new_rotor_speeds().copied(),
-            monitor: self.monitor.filter(|_| wrench.is_some()),
+            monitor: self.monitor().filter(|_| wrench.is_some()).copied(),
         }
     }
 
-    pub const fn monitor(&self) -> Option<&Monitor> {
-        self.monitor.as_ref()
+    pub fn monitor(&self) -> Option<&Monitor> {
+        match &self.theorem {
+            Some(theorem) if self.is_watched => Some(theorem.shown()),
+            _ => self.monitor.as_ref(),
+        }
     }
 
     /// Whether the last state is inside the model's envelope.
@@ -316,6 +338,12 @@ impl Simulator {
     pub fn plant_mut(&mut self) -> &mut Plant {
         &mut self.plant
     }
+}
+
+/// What an adaptive law learns from.
+fn evidence(inner: &mut GuardedInner) -> Option<&Evidence> {
+    let law = inner.law().downcast_ref::<Adaptive>()?;
+    Some(law.evidence())
 }
 
 /// States kept for the theorem's monitor: more than the longest delay.

@@ -14,7 +14,7 @@ use control_api::guard::HOLD_S;
 use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::net_speed;
 use messages::content::{Measured, Reference, Stamped};
-use messages::rate_dynamics::{Inertia, disturbance};
+use messages::rate_dynamics::Inertia;
 use messages::role::Role;
 use messages::telemetry::{self, Telemetry};
 use nalgebra::Vector3;
@@ -106,6 +106,11 @@ impl Adaptive {
         }
     }
 
+    /// What it learns from.
+    pub const fn evidence(&self) -> &Evidence {
+        &self.evidence
+    }
+
     /// Runs the filter through the ticks since the last call, on the input that it had.
     fn catch_up(&mut self, tick: u64) {
         let skipped = tick.saturating_sub(self.filter_tick);
@@ -148,7 +153,7 @@ impl Adaptive {
             let tau_s = samples.rotor_torque(&command.map(|w| w * w));
             let now = RatePoint { om: om_s, ..now };
             let (eta2, nu2) = predict(&eta2, &now, theta, &tau_s, period_s, &self.inertia);
-            let h = disturbance((tick + 1) as f64 * period_s);
+            let h = self.evidence.h(tick + 1);
             (eta2, RatePoint { nu2, h, ..now }, next)
         };
         let e2 = filter.acceleration(win);

@@ -48,6 +48,8 @@ pub struct Pd {
     k_d: f64,
     limits: AccelerationLimits,
     model: Airframe,
+    /// k_t/m [1/s].
+    drag: f64,
     rotor: RotorLimits,
 }
 
@@ -96,6 +98,7 @@ impl Law for Pd {
             k_d: settings.number(&VELOCITY_1_S),
             limits: AccelerationLimits::new(&limits, rig.airframe.g()),
             model: rig.airframe,
+            drag: rig.airframe.k_t() / rig.airframe.m(),
             rotor: rig.rotor,
         })
     }
@@ -118,7 +121,7 @@ impl OuterLaw for Pd {
             + self.k_d * (Vector3::from(reference.velocity_w_m_s) - velocity)
             + self.k_p * (Vector3::from(reference.position_w_m) - position);
         telemetry.value[..3].copy_from_slice(wanted.as_slice());
-        let (g, drag) = (model.g(), model.k_t() / model.m());
+        let (g, drag) = (model.g(), self.drag);
         let free = thrust_acceleration(&wanted, &velocity, g, drag);
         let (a, limited) = self.limits.limit(&free);
         let thrust_n = self.rotor.limit(thrust(&a, &eta2, model), model.k());

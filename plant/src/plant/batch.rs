@@ -4,12 +4,11 @@
 //! numbers of all bodies lie side by side, and the compiler turns the loop over them into vectors. What has a branch of
 //! its own in every flight, the ground and a body at a rare attitude, is computed by itself.
 
-use messages::rate_dynamics::Disturbances;
 use messages::vectors::vectorised;
 use nalgebra::Vector3;
 
 use super::Plant;
-use crate::integrator::{SUBSTEPS, half_step_s, runge_kutta_4};
+use crate::integrator::{SUBSTEPS, runge_kutta_4};
 use crate::rigid_body::{Dynamics, Forcing, RigidBody};
 use crate::rotors::Spin;
 
@@ -72,7 +71,7 @@ impl PlantBatch {
             }
             let fits = group
                 .first()
-                .is_none_or(|first| first.tick == plant.tick && first.period_s == plant.period_s);
+                .is_none_or(|first| first.tick == plant.tick && first.steps == plant.steps);
             if plant.ground.is_some() || !fits {
                 plant.finish();
                 continue;
@@ -93,9 +92,8 @@ impl PlantBatch {
             group.iter_mut().for_each(|plant| plant.finish());
             return;
         };
-        let (tick, period_s) = (first.tick, first.period_s);
-        let half_s = half_step_s(period_s, SUBSTEPS);
-        let mut h = Disturbances::new(tick as f64 * period_s, half_s);
+        let half_s = first.steps.half_s;
+        let mut h = first.steps.disturbances(first.tick);
         let h: [Vector3<f64>; INSTANTS] = std::array::from_fn(|_| h.next_h());
         let spins: heapless::Vec<Spin, LANES> = group.iter().map(|plant| plant.spin()).collect();
         let lags = spins.iter().any(Spin::lags);

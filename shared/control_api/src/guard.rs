@@ -9,6 +9,7 @@
 //! A stage writes into the place of an older message: messages are large, and a copy of each would cost a tick more than
 //! some laws do. `rehearse` is a warm-up run: it works on copies, and returns nothing if the law cannot be copied.
 
+use std::any::Any;
 use std::sync::Arc;
 
 use messages::allocation::Allocation;
@@ -201,7 +202,7 @@ impl OuterMemory {
         );
         setpoint.telemetry.truncate(self.signals);
         write_setpoint(&wanted, Mode::Fresh, setpoint);
-        if setpoint.finite() && setpoint.plausible() {
+        if setpoint.plausible() {
             self.last = Some((tick, wanted));
             return;
         }
@@ -271,6 +272,11 @@ impl GuardedInner {
         Self { made, memory }
     }
 
+    /// The law itself, for those who know which one it is.
+    pub fn law(&mut self) -> &mut dyn Any {
+        self.made.law.as_any()
+    }
+
     /// As [`InnerLaw::estimates`].
     pub fn estimates(&self) -> Option<[f64; 3]> {
         self.made.law.estimates()
@@ -313,7 +319,7 @@ impl InnerMemory {
         let demand = law.tick(tick, &measured, &wanted, reference, &mut wrench.telemetry);
         wrench.telemetry.truncate(signals);
         write_wrench(&demand, mode, wrench);
-        let is_usable = wrench.finite() && wrench.plausible();
+        let is_usable = wrench.plausible();
         match (is_usable, is_fresh) {
             _ if is_blind => write_wrench(&WrenchSetpoint::default(), Mode::Idle, wrench),
             (true, true) => {}

@@ -373,12 +373,14 @@ impl Telemetry {
     }
 
     /// Resets it in place to [`Telemetry::unknown`].
+    #[inline]
     pub fn forget(&mut self, signals: usize) {
+        *self = Self::default();
         self.value[..signals.min(abi::IRONBIRD_TELEMETRY)].fill(f64::NAN);
-        self.truncate(signals);
     }
 
     /// Sets the numbers behind the law's signals to 0.
+    #[inline]
     pub fn truncate(&mut self, signals: usize) {
         self.value[signals.min(abi::IRONBIRD_TELEMETRY)..].fill(0.0);
     }

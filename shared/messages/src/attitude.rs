@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::frames::quaternion_wb;
-use crate::math::{atan2, atan2_of_most};
+use crate::math::{atan2_of_each, atan2_of_most};
 
 /// A rotation from the body into the world frame; q and -q are the same one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,8 +166,8 @@ impl Attitude {
     /// degrees, which is in the nature of these angles; exactly there, roll and yaw are 0 on the nearest turn.
     #[inline]
     pub fn euler_near(&self, last: &Vector3<f64>) -> Vector3<f64> {
-        let [roll, pitch, yaw] = self.arcs().map(|(y, x)| atan2(y, x));
-        Vector3::new(near(roll, last.x), pitch, near(yaw, last.z))
+        let [roll, pitch, yaw] = atan2_of_each(self.arcs());
+        Vector3::new(followed(roll, last.x), pitch, followed(yaw, last.z))
     }
 
     /// The same without a branch, for attitudes side by side; false where it is not, which is at rare ones.
@@ -193,6 +193,18 @@ impl Attitude {
             (2.0 * (w * y - x * z), (r11 * r11 + r21 * r21).sqrt()),
             (r21, r11),
         ]
+    }
+}
+
+/// As [`near`], without a division where no turn lies between.
+#[inline(always)]
+fn followed(angle_rad: f64, last_rad: f64) -> f64 {
+    let off_rad = last_rad - angle_rad;
+    if off_rad.abs() < 3.0 {
+        // No turns, of the sign that they would have.
+        angle_rad + off_rad * 0.0
+    } else {
+        near(angle_rad, last_rad)
     }
 }
 

@@ -15,7 +15,7 @@ impl OutputHash {
     /// Takes what a stage put out in a tick; what the recorder says is no stage's output.
     pub fn take<C: Topic>(&mut self, tick: u64, content: &C) {
         if let Some(outputs) = self.0.get_mut(C::SENDER as usize) {
-            outputs.take(&[tick]);
+            outputs.take_one(tick);
             outputs.take(words(content));
         }
     }
@@ -24,15 +24,18 @@ impl OutputHash {
 impl fmt::Display for OutputHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut all = Outputs::default();
-        self.0.iter().for_each(|outputs| all.take(&[outputs.sum]));
-        write!(f, "{:016x}", all.sum)
+        self.0
+            .iter()
+            .for_each(|outputs| all.take_one(outputs.sum()));
+        write!(f, "{:016x}", all.sum())
     }
 }
 
 /// A stage's outputs so far: the sum of their words, each mixed with its place. No word waits for the one before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Outputs {
-    sum: u64,
+    /// Before the factor that all words have in common.
+    unscaled: u64,
     place: u64,
 }
 
@@ -42,25 +45,40 @@ const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 impl Outputs {
     #[inline]
     fn take(&mut self, words: &[u64]) {
-        self.sum = self.sum.wrapping_add(sum(words, self.place));
+        self.unscaled = self.unscaled.wrapping_add(unscaled(words, self.place));
         self.place = self
             .place
             .wrapping_add(GOLDEN.wrapping_mul(words.len() as u64));
     }
+
+    #[inline]
+    fn take_one(&mut self, word: u64) {
+        self.place = self.place.wrapping_add(GOLDEN);
+        self.unscaled = self.unscaled.wrapping_add(mixed(word, self.place));
+    }
+
+    const fn sum(&self) -> u64 {
+        self.unscaled.wrapping_mul(GOLDEN)
+    }
+}
+
+/// Each step can be undone: where one word differs, so does the sum. The first one brings the upper bits down, which
+/// else reach few others: two signs that change would cancel each other every other time.
+#[inline(always)]
+const fn mixed(word: u64, place: u64) -> u64 {
+    const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
+    let placed = word ^ place;
+    let product = (placed ^ (placed >> 32)).wrapping_mul(SPREAD);
+    product ^ (product >> 32)
 }
 
 vectorised! {
     /// The sum of words that follow a place, each mixed with its own.
-    fn sum(words: &[u64], before: u64) -> u64 {
-        const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
+    fn unscaled(words: &[u64], before: u64) -> u64 {
         let (mut place, mut sum) = (before, 0_u64);
         for word in words {
             place = place.wrapping_add(GOLDEN);
-            // Each step can be undone: where one word differs, so does the sum. The first one brings the upper bits down,
-            // which else reach few others: two signs that change would cancel each other every other time.
-            let placed = word ^ place;
-            let product = (placed ^ (placed >> 32)).wrapping_mul(SPREAD);
-            sum = sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(GOLDEN));
+            sum = sum.wrapping_add(mixed(*word, place));
         }
         sum
     }
@@ -107,7 +125,7 @@ mod tests {
             changed.iter().for_each(|place| words[*place] ^= 1 << bit);
             let mut outputs = Outputs::default();
             outputs.take(&words);
-            outputs.sum
+            outputs.sum()
         };
         for bit in 0..64 {
             for first in 0..64 {

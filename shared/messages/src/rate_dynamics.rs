@@ -112,12 +112,12 @@ pub struct Disturbances {
 }
 
 impl Disturbances {
-    /// From `t_s` [s] on, every `step_s` [s].
+    /// From `t_s` [s] on, with sine and cosine of the time from one instant to the next.
     #[inline]
-    pub fn new(t_s: f64, step_s: f64) -> Self {
+    pub fn new(t_s: f64, step: (f64, f64)) -> Self {
         Self {
             now: sin_cos(t_s),
-            step: sin_cos(step_s),
+            step,
         }
     }
 

@@ -40,7 +40,8 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
         finite
     }
 
-    /// Whether finite numbers are also physically possible, and flags are ones that exist.
+    /// Whether numbers are physically possible, and flags are ones that exist. What is not finite is possible only where
+    /// the bound is [`Bound::Any`].
     fn plausible(&self) -> bool {
         let mut plausible = self.has_known_flags();
         self.numbers(|numbers, bound| plausible &= bound.holds(numbers));

@@ -12,18 +12,13 @@ macro_rules! vectorised {
         $(#[$meta])*
         $vis fn $name($($arg: $type),*) $(-> $ret)? {
             #[inline(always)]
-            fn anywhere($($arg: $type),*) $(-> $ret)? $body
+            fn each_lane($($arg: $type),*) $(-> $ret)? $body
 
             #[cfg(target_arch = "x86_64")]
             {
-                #[target_feature(enable = "avx2")]
-                fn avx2($($arg: $type),*) $(-> $ret)? {
-                    anywhere($($arg),*)
-                }
-
                 #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
                 fn avx512($($arg: $type),*) $(-> $ret)? {
-                    anywhere($($arg),*)
+                    each_lane($($arg),*)
                 }
 
                 if is_x86_feature_detected!("avx512f")
@@ -34,9 +29,36 @@ macro_rules! vectorised {
                     // SAFETY: the processor has what it is compiled for, as has just been seen.
                     return unsafe { avx512($($arg),*) };
                 }
+            }
+            $crate::vectorised_by_four! {
+                #[inline(always)]
+                fn narrower($($arg: $type),*) $(-> $ret)? { each_lane($($arg),*) }
+            }
+            narrower($($arg),*)
+        }
+    };
+}
+pub use vectorised;
+
+/// As [`vectorised!`], for AVX2 alone: where there are four numbers, wider vectors would be left half empty.
+#[macro_export]
+macro_rules! vectorised_by_four {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
+        $(#[$meta])*
+        $vis fn $name($($arg: $type),*) $(-> $ret)? {
+            #[inline(always)]
+            fn anywhere($($arg: $type),*) $(-> $ret)? $body
+
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn avx2($($arg: $type),*) $(-> $ret)? {
+                    anywhere($($arg),*)
+                }
+
                 if is_x86_feature_detected!("avx2") {
                     #[allow(unsafe_code, reason = "the compiler cannot know what was detected")]
-                    // SAFETY: as above.
+                    // SAFETY: as in `vectorised!`.
                     return unsafe { avx2($($arg),*) };
                 }
             }
@@ -44,4 +66,4 @@ macro_rules! vectorised {
         }
     };
 }
-pub use vectorised;
+pub use vectorised_by_four;

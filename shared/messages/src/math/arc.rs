@@ -9,6 +9,9 @@
 
 use std::f64::consts::PI;
 
+use crate::math::atan2;
+use crate::vectors::vectorised_by_four;
+
 /// Quotient up to which it is known [1]: 2^60.
 const LARGEST: f64 = 1_152_921_504_606_846_976.0;
 /// What pi has beyond its 53 bits.
@@ -52,6 +55,33 @@ pub fn atan2_of_most(y: f64, x: f64) -> (f64, bool) {
     (turned.copysign(y), is_known)
 }
 
+/// Angles of up to four points, each as (y, x), from the axis of x [rad]: [`super::atan2`] of all at once.
+pub fn atan2_of_each<const N: usize>(points: [(f64, f64); N]) -> [f64; N] {
+    let (mut y, mut x) = ([0.0; 4], [1.0; 4]);
+    for (i, point) in points.iter().enumerate() {
+        (y[i], x[i]) = *point;
+    }
+    if into_angles(&mut y, &x) {
+        std::array::from_fn(|i| y[i])
+    } else {
+        points.map(|(y, x)| atan2(y, x))
+    }
+}
+
+vectorised_by_four! {
+    /// Makes angles of y; false where one of them is unknown. Of slices, as a loop of known length would be unrolled.
+    #[inline(never)]
+    pub fn into_angles(y: &mut [f64], x: &[f64]) -> bool {
+        let mut all_known = true;
+        for (y, x) in y.iter_mut().zip(x) {
+            let (angle, is_known) = atan2_of_most(*y, *x);
+            *y = angle;
+            all_known &= is_known;
+        }
+        all_known
+    }
+}
+
 /// The powers of the arc tangent after x, over x; `z` is x^2.
 #[inline(always)]
 fn powers(z: f64) -> f64 {
@@ -76,16 +106,24 @@ fn powers(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_PI_4;
+
     use super::*;
-    use crate::math::atan2;
     use crate::noise::uniform;
 
     fn check(y: f64, x: f64) -> bool {
         let (angle, is_known) = atan2_of_most(y, x);
+        let exact = atan2(y, x).to_bits();
         if is_known {
-            let exact = atan2(y, x);
-            assert_eq!(angle.to_bits(), exact.to_bits(), "y = {y:e}, x = {x:e}");
+            assert_eq!(angle.to_bits(), exact, "y = {y:e}, x = {x:e}");
         }
+        let [zero, one, many] = atan2_of_each([(0.0, 1.0), (1.0, 1.0), (y, x)]).map(f64::to_bits);
+        let expected = [0.0, FRAC_PI_4].map(f64::to_bits);
+        assert_eq!([zero, one], expected);
+        assert!(
+            many == exact || y.is_nan() || x.is_nan(),
+            "y = {y:e}, x = {x:e}"
+        );
         is_known
     }
 

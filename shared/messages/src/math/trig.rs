@@ -9,6 +9,8 @@
 
 use std::f64::consts::FRAC_PI_4;
 
+use crate::vectors::vectorised_by_four;
+
 /// Largest angle that three parts of pi/2 reduce [rad]; beyond it, `libm` takes as many as it needs.
 const REDUCED_RAD: f64 = 1e6;
 
@@ -36,6 +38,53 @@ fn sin_cos_beyond(angle_rad: f64) -> (f64, f64) {
         2 => (-sin, -cos),
         _ => (-cos, sin),
     }
+}
+
+/// Sine and cosine of up to four angles [rad]: [`sin_cos`] of all at once.
+pub fn sin_cos_of_each<const N: usize>(angles_rad: [f64; N]) -> [(f64, f64); N] {
+    let mut sin = [0.0; 4];
+    sin[..N].copy_from_slice(&angles_rad);
+    let mut cos = [0.0; 4];
+    if into_sines(&mut sin, &mut cos) {
+        std::array::from_fn(|i| (sin[i], cos[i]))
+    } else {
+        angles_rad.map(sin_cos)
+    }
+}
+
+vectorised_by_four! {
+    /// Makes sines of angles [rad], and their cosines; false where one of them is unknown. Of slices, as a loop of known
+    /// length would be unrolled.
+    #[inline(never)]
+    pub fn into_sines(sin: &mut [f64], cos: &mut [f64]) -> bool {
+        let mut all_known = true;
+        for (sin, cos) in sin.iter_mut().zip(cos) {
+            let is_known;
+            (*sin, *cos, is_known) = sin_cos_of_most(*sin);
+            all_known &= is_known;
+        }
+        all_known
+    }
+}
+
+/// [`sin_cos`] without a branch; false, and no sine or cosine, of an angle that only `libm` reduces.
+#[inline(always)]
+fn sin_cos_of_most(angle_rad: f64) -> (f64, f64, bool) {
+    let is_small = angle_rad.abs() <= FRAC_PI_4;
+    let (bits, x, tail) = reduced(angle_rad);
+    let quadrant = if is_small { 0 } else { bits };
+    let x = if is_small { angle_rad } else { x };
+    let of_one = (sin_kernel(x), cos_kernel(x));
+    let of_two = (sin_kernel_of_two(x, tail), cos_kernel_of_two(x, tail));
+    let (sin, cos) = if is_small { of_one } else { of_two };
+    let (sin, cos) = if quadrant & 1 == 0 {
+        (sin, cos)
+    } else {
+        (cos, sin)
+    };
+    let signed = |value: f64, half: u64| f64::from_bits(value.to_bits() ^ ((half & 2) << 62));
+    let (sin, cos) = (signed(sin, quadrant), signed(cos, quadrant.wrapping_add(1)));
+    (sin, cos, angle_rad.abs() <= REDUCED_RAD)
 }
 
 /// The quadrant, and what is left of an angle within it: a number in -pi/4..pi/4 [rad] and the tail of its digits.
@@ -125,6 +174,10 @@ mod tests {
 
     fn check(angle_rad: f64) {
         let ((sin, cos), (sin_there, cos_there)) = (sin_cos(angle_rad), libm::sincos(angle_rad));
+        for (each_sin, each_cos) in sin_cos_of_each([angle_rad; 3]) {
+            let bits = [each_sin, each_cos].map(f64::to_bits);
+            assert_eq!(bits, [sin, cos].map(f64::to_bits), "{angle_rad:e}");
+        }
         for (here, there) in [(sin, sin_there), (cos, cos_there)] {
             // Two neighbours of a number are this far apart at the most.
             let ulp = there.abs() * f64::EPSILON;
