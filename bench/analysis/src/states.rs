@@ -158,7 +158,7 @@ impl Joined {
 #[derive(Debug, Default)]
 pub struct Joiner {
     /// By tick: whether its state is there, and what is.
-    waiting: BTreeMap<u64, (bool, Joined)>,
+    waiting: BTreeMap<u64, Box<(bool, Joined)>>,
     /// Newest tick of each topic: a topic never goes back.
     newest: [Option<u64>; TOPICS],
     /// Newest tick that nothing is waited for any more.
@@ -199,7 +199,7 @@ impl Joiner {
         if Some(tick) <= self.settled {
             return;
         }
-        let (has_state, joined) = self.waiting.entry(tick).or_default();
+        let (has_state, joined) = &mut **self.waiting.entry(tick).or_default();
         match part {
             LoopMessage::State(state) => {
                 (*has_state, joined.tick, joined.state) = (true, tick, state)
@@ -247,7 +247,7 @@ impl Joiner {
         let (tick, parts) = self.waiting.pop_first()?;
         self.settled = Some(tick);
         self.incomplete += u64::from(there(&parts) != [true; TOPICS]);
-        let (has_state, joined) = parts;
+        let (has_state, joined) = *parts;
         has_state.then_some(joined)
     }
 }

@@ -152,7 +152,12 @@ fn notes_of(page: &str) -> &str {
 /// ends.
 pub fn ring_hop(args: &HopArgs) -> Result<u8, Failure> {
     end_with_launcher(Some(args.launcher))?;
-    let mut link = Link::inherited(args.position, args.processes, args.polls_ns)?;
+    let mut link = Link::inherited(
+        args.by_eventfd,
+        args.position,
+        args.processes,
+        args.polls_ns,
+    )?;
     let work = Work {
         iterations: args.work,
     };

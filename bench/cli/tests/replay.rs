@@ -351,7 +351,7 @@ fn a_swap_is_waited_for_that_is_recorded_long_after_its_tick() {
     others
         .into_iter()
         .chain(swaps)
-        .for_each(|entry| log.take(entry));
+        .for_each(|entry| log.take(&entry));
     log.finish(record(&[])).unwrap();
     assert_identical(&late);
 }

@@ -33,6 +33,7 @@ impl MachineFloor {
         let before = CpuTimes::read(processor);
         let timer = timer::measure(schedule)?;
         let settings = RingSettings {
+            by_eventfd: false,
             schedule: schedule.clone(),
             work,
             rehearsal: None,

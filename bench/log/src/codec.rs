@@ -7,8 +7,8 @@
 //!
 //! What a law shows in its stage's message is left out: it has a message of its own, with names ([`crate::telemetry`]).
 
-use messages::header::Message;
-use messages::layout::{Field, Kind, Visit, Visitor, VisitorMut};
+use messages::header::{Header, Message};
+use messages::layout::{FNV_OFFSET, Field, Kind, Visit, Visitor, VisitorMut, fnv1a};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
@@ -23,14 +23,22 @@ pub trait Logged: Topic + Visit {}
 impl<C: Topic + Visit> Logged for C {}
 
 /// Whether a field is telemetry, which is logged beside the message that it came in.
-pub fn is_telemetry(field: &Field) -> bool {
-    matches!(field.kind, Kind::Struct { name, .. } if name == Telemetry::STRUCT)
+pub const fn is_telemetry(field: &Field) -> bool {
+    matches!(field.kind, Kind::Struct { name, .. } if is_called_telemetry(name))
 }
 
+const fn is_called_telemetry(name: &str) -> bool {
+    const TELEMETRY: u64 = fnv1a(FNV_OFFSET, Telemetry::STRUCT.as_bytes());
+    fnv1a(FNV_OFFSET, name.as_bytes()) == TELEMETRY
+}
+
+/// Appends a message.
 pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
-    out.clear();
+    let begin = out.len();
+    out.resize(begin + <C as LoggedLength>::MESSAGE, 0);
     let mut encoder = Encoder {
-        out,
+        out: &mut out[begin..],
+        at: 0,
         number: ENVELOPE_NUMBER,
     };
     encoder.nested(&message.envelope);
@@ -47,38 +55,53 @@ pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
 /// Reads a message into the place of another one, of which the telemetry stays; false where the bytes are not one, and
 /// then none stands there.
 pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
+    // So every field has its place, which the compiler knows.
+    if bytes.len() != <C as LoggedLength>::MESSAGE {
+        return false;
+    }
     let mut decoder = Decoder {
         bytes,
+        at: 0,
         number: ENVELOPE_NUMBER,
         whole: true,
     };
     decoder.nested(&mut message.envelope);
     decoder.number = CONTENT_NUMBER;
     message.content.visit_mut(&mut decoder);
-    decoder.whole && decoder.bytes.is_empty()
+    decoder.whole
+}
+
+/// The tag of a field that is a word, as one byte or two: of a number below 2048.
+const fn word_tag(number: u32) -> ([u8; 2], usize) {
+    let tag = number << 3 | FIXED64;
+    match tag {
+        0..0x80 => ([tag as u8, 0], 1),
+        _ => ([tag as u8 | 0x80, (tag >> 7) as u8], 2),
+    }
 }
 
 /// Writes a field that is a word: a whole number, or the bits of another one.
 pub(crate) fn put_word(number: u32, word: u64, out: &mut Vec<u8>) {
-    Encoder { out, number }.tag(FIXED64);
-    out.extend(word.to_le_bytes());
+    let (tag, length) = word_tag(number);
+    out.extend_from_slice(&tag[..length]);
+    out.extend_from_slice(&word.to_le_bytes());
 }
 
 /// Takes such a field off; `None` where it is not the next one.
 pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
-    let mut decoder = Decoder {
-        bytes,
-        number,
-        whole: true,
-    };
-    decoder.tag(FIXED64);
-    let (word, rest) = decoder
-        .bytes
-        .split_first_chunk()
-        .filter(|_| decoder.whole)?;
+    let (tag, length) = word_tag(number);
+    let (word, rest) = bytes.strip_prefix(&tag[..length])?.split_first_chunk()?;
     *bytes = rest;
     Some(u64::from_le_bytes(*word))
 }
+
+/// Lengths as they are logged [bytes].
+trait LoggedLength: Visit {
+    const MESSAGE: usize = delimited_length(1, <Header as Nested>::LENGTH)
+        + encoded_length(Self::FIELDS, CONTENT_NUMBER);
+}
+
+impl<L: Visit> LoggedLength for L {}
 
 trait Nested: Visit {
     const LENGTH: usize = encoded_length(Self::FIELDS, ENVELOPE_NUMBER);
@@ -92,6 +115,7 @@ const fn encoded_length(fields: &[Field], first: u32) -> usize {
     while i < fields.len() {
         let tag = varint_length(((first as u64) + i as u64) << 3);
         sum += match (fields[i].kind, fields[i].length) {
+            _ if is_telemetry(&fields[i]) => 0,
             (Kind::Struct { fields, .. }, length) => {
                 let each = delimited_length(tag, encoded_length(fields, ENVELOPE_NUMBER));
                 match length {
@@ -119,24 +143,31 @@ const fn varint_length(value: u64) -> usize {
     (u64::BITS - (value | 1).leading_zeros()).div_ceil(7) as usize
 }
 
+/// Writes fields. Inlined as a whole: then every tag and every place is a constant.
 struct Encoder<'a> {
-    out: &'a mut Vec<u8>,
+    out: &'a mut [u8],
+    at: usize,
     number: u32,
 }
 
 impl Encoder<'_> {
+    #[inline(always)]
     fn varint(&mut self, mut value: u64) {
         while value >= 0x80 {
-            self.out.push(value as u8 | 0x80);
+            self.out[self.at] = value as u8 | 0x80;
+            self.at += 1;
             value >>= 7;
         }
-        self.out.push(value as u8);
+        self.out[self.at] = value as u8;
+        self.at += 1;
     }
 
+    #[inline(always)]
     fn tag(&mut self, wire_type: u32) {
         self.varint(u64::from(self.number << 3 | wire_type));
     }
 
+    #[inline(always)]
     fn nested<L: Visit>(&mut self, value: &L) {
         self.tag(LENGTH_DELIMITED);
         self.varint(<L as Nested>::LENGTH as u64);
@@ -146,66 +177,74 @@ impl Encoder<'_> {
         self.number = outside;
     }
 
+    #[inline(always)]
     fn words(&mut self, field: &Field, words: impl ExactSizeIterator<Item = u64>) {
+        let length = words.len() * size_of::<u64>();
         if field.length.is_some() {
             self.tag(LENGTH_DELIMITED);
-            self.varint((words.len() * size_of::<u64>()) as u64);
+            self.varint(length as u64);
         } else {
             self.tag(FIXED64);
         }
-        words.for_each(|word| self.out.extend(word.to_le_bytes()));
+        let places = self.out[self.at..][..length].as_chunks_mut().0;
+        for (place, word) in places.iter_mut().zip(words) {
+            *place = word.to_le_bytes();
+        }
+        self.at += length;
         self.number += 1;
     }
 }
 
 impl Visitor for Encoder<'_> {
+    #[inline(always)]
     fn integers(&mut self, field: &'static Field, values: &[u64]) {
         self.words(field, values.iter().copied());
     }
 
+    #[inline(always)]
     fn numbers(&mut self, field: &'static Field, values: &[f64]) {
         self.words(field, values.iter().map(|value| value.to_bits()));
     }
 
-    fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
-        if is_telemetry(field) {
+    #[inline(always)]
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
+        if const { is_called_telemetry(L::STRUCT) } {
             return;
         }
-        values.iter().for_each(|value| self.nested(value));
+        for value in values {
+            self.nested(value);
+        }
         self.number += 1;
     }
 }
 
+/// Reads fields from bytes of the right length. Inlined as [`Encoder`] is.
 struct Decoder<'a> {
     bytes: &'a [u8],
+    at: usize,
     number: u32,
     whole: bool,
 }
 
 impl Decoder<'_> {
     /// Takes a varint, which must be this one and as short as it can be.
-    #[inline]
+    #[inline(always)]
     fn expect(&mut self, mut value: u64) {
-        loop {
-            let is_last = value < 0x80;
-            let byte = value as u8 | if is_last { 0 } else { 0x80 };
-            match self.bytes.split_first() {
-                Some((first, rest)) if *first == byte => self.bytes = rest,
-                _ => self.whole = false,
-            }
-            if is_last {
-                return;
-            }
+        while value >= 0x80 {
+            self.whole &= self.bytes[self.at] == value as u8 | 0x80;
+            self.at += 1;
             value >>= 7;
         }
+        self.whole &= self.bytes[self.at] == value as u8;
+        self.at += 1;
     }
 
-    #[inline]
+    #[inline(always)]
     fn tag(&mut self, wire_type: u32) {
         self.expect(u64::from(self.number << 3 | wire_type));
     }
 
-    #[inline]
+    #[inline(always)]
     fn nested<L: Visit>(&mut self, value: &mut L) {
         self.tag(LENGTH_DELIMITED);
         self.expect(<L as Nested>::LENGTH as u64);
@@ -215,7 +254,7 @@ impl Decoder<'_> {
         self.number = outside;
     }
 
-    #[inline]
+    #[inline(always)]
     fn words(&mut self, field: &Field, count: usize) -> impl Iterator<Item = u64> {
         let length = count * size_of::<u64>();
         if field.length.is_some() {
@@ -224,19 +263,15 @@ impl Decoder<'_> {
         } else {
             self.tag(FIXED64);
         }
+        let words = self.bytes[self.at..][..length].as_chunks().0.iter();
+        self.at += length;
         self.number += 1;
-        let (words, rest) = self.bytes.split_at_checked(length).unwrap_or_else(|| {
-            self.whole = false;
-            Default::default()
-        });
-        self.bytes = rest;
-        let words = words.as_chunks().0.iter();
         words.map(|word| u64::from_le_bytes(*word))
     }
 }
 
 impl VisitorMut for Decoder<'_> {
-    #[inline]
+    #[inline(always)]
     fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
         let words = self.words(field, values.len());
         for (value, word) in values.iter_mut().zip(words) {
@@ -244,7 +279,7 @@ impl VisitorMut for Decoder<'_> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
         let words = self.words(field, values.len());
         for (value, word) in values.iter_mut().zip(words) {
@@ -252,12 +287,14 @@ impl VisitorMut for Decoder<'_> {
         }
     }
 
-    #[inline]
-    fn structs<L: Visit>(&mut self, field: &'static Field, values: &mut [L]) {
-        if is_telemetry(field) {
+    #[inline(always)]
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
+        if const { is_called_telemetry(L::STRUCT) } {
             return;
         }
-        values.iter_mut().for_each(|value| self.nested(value));
+        for value in values {
+            self.nested(value);
+        }
         self.number += 1;
     }
 }

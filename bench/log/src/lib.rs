@@ -14,6 +14,7 @@ use messages::topic::Topic;
 
 pub mod async_writer;
 pub mod build;
+mod chunk;
 pub mod codec;
 pub mod entry;
 pub mod event_log;

@@ -4,6 +4,7 @@
 //! names another one, which goes on, it goes on there.
 
 use crate::build::Build;
+use crate::chunk::{Chunk, RECORD_LIMIT};
 use crate::codec::decode_into;
 use crate::entry::{Counts, FORMATS, LogEntry, with_message};
 use crate::telemetry::{BESIDE, TELEMETRY_TOPICS, TelemetryTopic, place};
@@ -22,14 +23,10 @@ use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-/// A record longer than this is no log's [bytes].
-const RECORD_LIMIT: usize = 1 << 28;
-
 /// Length of what stands before a message: channel, sequence, and two times [bytes].
 const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
-/// As much of a file is read at once, where that much is left [bytes]: some chunks. A chunk that is there as a whole is
-/// decompressed to where it is read; one that comes in pieces takes a copy more. No more, whatever length a record says
+/// As much of a file is read at once, where that much is left [bytes]: some chunks. No more, whatever length a record says
 /// that it has: memory follows what the file holds.
 const READ_AHEAD: usize = 1 << 21;
 
@@ -48,6 +45,7 @@ pub struct LogReader {
     file: File,
     part: Option<u64>,
     parser: LinearReader,
+    chunk: Chunk,
     assembly: Assembly,
     schemas: BTreeMap<u16, Vec<u8>>,
     facts: BTreeMap<String, facts::Record>,
@@ -64,6 +62,7 @@ impl LogReader {
             file: open_file(path).in_file(READ, path)?,
             part: None,
             parser: parser(),
+            chunk: Chunk::new().in_file(READ, path)?,
             assembly: Assembly::new(),
             schemas: BTreeMap::new(),
             facts: BTreeMap::new(),
@@ -106,49 +105,62 @@ impl LogReader {
     }
 
     fn step(&mut self) -> Result<bool, Failure> {
-        let event = match self.parser.next_event() {
-            None => return self.end_file().map(|()| false),
-            // The end of the file inside a record: of a log that was not finished.
-            Some(Err(McapError::UnexpectedEof)) => {
-                self.end = Some(End::Truncated);
-                if self.facts.is_empty() {
-                    return Err(self.damaged("it ends before its first record"));
-                }
-                return match self.next_name() {
-                    Some(next) if self.path.with_file_name(&next).exists() => {
-                        let what = format!("its end is missing, and the log goes on in {next}");
-                        Err(self.damaged(&what))
+        let record = match self.chunk.next() {
+            Some(record) => record,
+            None => match self.parser.next_event() {
+                None => return self.end_file().map(|()| false),
+                // The end of the file inside a record: of a log that was not finished.
+                Some(Err(McapError::UnexpectedEof)) => {
+                    self.end = Some(End::Truncated);
+                    if self.facts.is_empty() {
+                        return Err(self.damaged("it ends before its first record"));
                     }
-                    _ => Ok(false),
-                };
-            }
-            Some(Err(e)) => {
+                    return match self.next_name() {
+                        Some(next) if self.path.with_file_name(&next).exists() => {
+                            let what = format!("its end is missing, and the log goes on in {next}");
+                            Err(self.damaged(&what))
+                        }
+                        _ => Ok(false),
+                    };
+                }
+                Some(Err(e)) => Err(e),
+                Some(Ok(LinearReadEvent::ReadRequest(_))) => {
+                    let room = self.parser.insert(READ_AHEAD);
+                    let read = self.file.read(room).in_file(READ, &self.path)?;
+                    self.parser.notify_read(read);
+                    return Ok(false);
+                }
+                Some(Ok(LinearReadEvent::Record { opcode, data })) if opcode == op::CHUNK => {
+                    match self.chunk.open(data) {
+                        Ok(()) => return Ok(false),
+                        Err(e) => Err(e),
+                    }
+                }
+                Some(Ok(LinearReadEvent::Record { opcode, data })) => Ok((opcode, data)),
+            },
+        };
+        let (opcode, data) = match record {
+            Ok(record) => record,
+            Err(e) => {
                 self.end = Some(End::Truncated);
                 return Err(self.damaged(&e.to_string()));
             }
-            Some(Ok(event)) => event,
         };
-        match event {
-            LinearReadEvent::ReadRequest(_) => {
-                let room = self.parser.insert(READ_AHEAD);
-                let read = self.file.read(room).in_file(READ, &self.path)?;
-                self.parser.notify_read(read);
-                Ok(false)
-            }
-            LinearReadEvent::Record { opcode, data } => {
-                // Most records are messages, of which the channel is all that is wanted.
-                if opcode == op::MESSAGE
-                    && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
-                {
-                    let channel = u16::from_le_bytes([header[0], header[1]]);
-                    let taken = self.assembly.take(channel, data);
-                    return taken.map_err(|what| self.damaged(&what));
-                }
-                let record = mcap::parse_record(opcode, data).map(Record::into_owned);
-                let record = record.map_err(|e| self.damaged(&e.to_string()))?;
-                self.take(record).map(|()| false)
-            }
+        // Most records are messages, of which the channel is all that is wanted.
+        if opcode == op::MESSAGE
+            && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
+        {
+            let channel = u16::from_le_bytes([header[0], header[1]]);
+            let taken = self.assembly.take(channel, data);
+            return taken.map_err(|what| self.damaged(&what));
         }
+        // Of no use here, and covered by the checksum of all messages.
+        if opcode == op::MESSAGE_INDEX {
+            return Ok(false);
+        }
+        let record = mcap::parse_record(opcode, data).map(Record::into_owned);
+        let record = record.map_err(|e| self.damaged(&e.to_string()))?;
+        self.take(record).map(|()| false)
     }
 
     fn next_name(&self) -> Option<String> {
@@ -257,7 +269,7 @@ impl LogReader {
 fn parser() -> LinearReader {
     LinearReader::new_with_options(
         LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
+            .with_emit_chunks(true)
             .with_validate_data_section_crc(true)
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(true)

@@ -115,8 +115,8 @@ impl TelemetryTopic {
         metadata
     }
 
+    /// Appends the numbers of a tick.
     pub fn encode(&self, tick: u64, telemetry: &Telemetry, out: &mut Vec<u8>) {
-        out.clear();
         put_word(TICK_NUMBER, tick, out);
         let values = &telemetry.value[..self.signals.len()];
         for (value, number) in values.iter().zip(TICK_NUMBER + 1..) {

@@ -81,11 +81,11 @@ impl FlightLog {
         })
     }
 
-    pub fn take(&mut self, entry: LogEntry) {
+    pub fn take(&mut self, entry: &LogEntry) {
         let Self { excerpt, file, .. } = self;
         match excerpt {
-            Some(excerpt) => excerpt.take(entry, |entry| file.take(entry)),
-            None => file.take(&entry),
+            Some(excerpt) => excerpt.take(*entry, |entry| file.take(entry)),
+            None => file.take(entry),
         }
     }
 

@@ -78,7 +78,7 @@ impl MessageStreams {
         } = self;
         receivers.drain(horizon, |entry| {
             files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
-            files.log(*entry);
+            files.log(entry);
             let tick = entry.envelope().tick;
             match entry {
                 LogEntry::State(message) => {
@@ -158,7 +158,7 @@ impl MessageStreams {
                 let entry = LogEntry::Theorem(*message);
                 let relayed = self.ports.relays.pass_on(&entry);
                 files.note(OBSERVERS, relayed.map_err(Failure::from));
-                files.log(entry);
+                files.log(&entry);
                 self.tally.theorem(message);
             }
             None if self.monitor.applies() => self.tally.theorem.count_unwatched(),

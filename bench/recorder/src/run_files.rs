@@ -92,7 +92,7 @@ impl<'a> RunFiles<'a> {
         }
     }
 
-    pub fn log(&mut self, entry: LogEntry) {
+    pub fn log(&mut self, entry: &LogEntry) {
         if let Some(log) = &mut self.log {
             log.take(entry);
         }

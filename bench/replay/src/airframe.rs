@@ -24,7 +24,7 @@ use messages::message_window::MessageWindow;
 /// The plant between two recorded states.
 #[derive(Clone, Debug)]
 pub struct AirframeReplay {
-    plant: Plant,
+    plant: Box<Plant>,
     pace: Pace,
     /// Swaps that were read and are not applied yet.
     swaps: VecDeque<Message<SwapRecord>>,
@@ -40,7 +40,7 @@ pub struct AirframeReplay {
 
 impl AirframeReplay {
     pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
-        let mut plant = Plant::new(settings);
+        let mut plant = Box::new(Plant::new(settings));
         plant.gate(Gate::new(faults, Port::PlantRotorSpeeds));
         Self {
             plant,
@@ -75,7 +75,10 @@ impl AirframeReplay {
         let due = self.schedule_until(tick)?;
         let new = recorded.commands_taken.wrapping_sub(self.commands_taken);
         let taken = up_to(commands, recorded.command_taken_tick, new, tick)?;
-        let replayed = match self.begun_after_overflow(message, commands, new) {
+        let overflow = (new > self.room)
+            .then(|| self.begun_after_overflow(message, commands, new))
+            .flatten();
+        let replayed = match overflow {
             Some((plant, state)) => {
                 self.plant = plant;
                 state
@@ -98,12 +101,14 @@ impl AirframeReplay {
     /// some commands at the first read, and at the second the newest ones that the port had kept. The record does not say
     /// how many it took first, so each number is tried until the recorded state results. None if no number does: the port
     /// overflowed before the first read, or not at all.
+    #[cold]
+    #[inline(never)]
     fn begun_after_overflow(
         &self,
         message: &Message<State>,
         commands: &MessageWindow<RotorSpeeds>,
         new: u64,
-    ) -> Option<(Plant, State)> {
+    ) -> Option<(Box<Plant>, State)> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
         (1..=new.saturating_sub(self.room)).rev().find_map(|first| {
             let taken = commands.parted(

@@ -11,6 +11,7 @@ use faults::gate::Gate;
 use faults::{MessageFaults, Port};
 use flight_log::entry::LogEntry;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::grid::Pace;
 use messages::header::{Header, Message};
 use messages::monitor::Monitor;
 use messages::role::Role;
@@ -24,6 +25,8 @@ use messages::message_window::MessageWindow;
 /// Messages kept behind the replayed one, per topic. An older input is possible only if its stage was stopped this long
 /// between taking and using it.
 const KEPT: usize = DEEP;
+/// The same in lockstep, where no stage is ahead, if no fault withholds messages.
+const KEPT_IN_LOCKSTEP: usize = 64;
 
 #[derive(Clone, Debug)]
 pub struct Inputs {
@@ -47,13 +50,17 @@ pub struct Next {
 }
 
 impl Inputs {
-    pub const fn new(has_theorem: bool) -> Self {
+    pub fn new(has_theorem: bool, pace: Pace, faults: &MessageFaults) -> Self {
+        let kept = match pace {
+            Pace::Lockstep if faults.is_empty() => KEPT_IN_LOCKSTEP,
+            _ => KEPT,
+        };
         Self {
-            states: MessageWindow::keeping(KEPT),
-            setpoints: MessageWindow::keeping(KEPT),
-            wrenches: MessageWindow::keeping(KEPT),
-            rotor_speeds: MessageWindow::keeping(KEPT),
-            theorem: MessageWindow::keeping(KEPT),
+            states: MessageWindow::keeping(kept),
+            setpoints: MessageWindow::keeping(kept),
+            wrenches: MessageWindow::keeping(kept),
+            rotor_speeds: MessageWindow::keeping(kept),
+            theorem: MessageWindow::keeping(kept),
             has_theorem,
         }
     }
@@ -193,6 +200,7 @@ impl<C: Faulty> RecordedInput<C> {
 
 #[cfg(test)]
 mod tests {
+    use faults::gate::FaultyInput;
     use faults::{Kind, MessageFault, Span};
 
     use super::*;
@@ -201,6 +209,10 @@ mod tests {
         let mut message = Message::of_tick(tick, C::default());
         message.envelope.input_tick = [input_tick; 3];
         message
+    }
+
+    fn inputs(has_theorem: bool) -> Inputs {
+        Inputs::new(has_theorem, Pace::Lockstep, &MessageFaults::none(7))
     }
 
     /// The earliest of messages of tick 7 from every stage, unless they are changed: the tick of the state and of the
@@ -212,7 +224,7 @@ mod tests {
         has_monitor: bool,
         has_theorem: bool,
     ) -> Next {
-        let mut inputs = Inputs::new(has_theorem);
+        let mut inputs = inputs(has_theorem);
         let mut state = message::<State>(state_tick, NO_TICK);
         state.content.command_taken_tick = taken_tick;
         inputs.take(&LogEntry::State(state));
@@ -252,26 +264,31 @@ mod tests {
             };
             assert_eq!(earliest(state, setpoint, has_monitor, has_theorem), next);
         }
-        assert_eq!(Inputs::new(false).earliest(), None);
+        assert_eq!(inputs(false).earliest(), None);
+    }
+
+    const PORT: Port = Port::MixerWrench;
+
+    /// The wrench of a tick: its thrust says which.
+    fn wrench(tick: u64) -> Message<Wrench> {
+        let mut message = message::<Wrench>(tick, NO_TICK);
+        message.content.thrust_n = tick as f64;
+        message
+    }
+
+    fn faults(kind: Kind, from: u64, to: u64) -> MessageFaults {
+        let (mut faults, span) = (MessageFaults::none(7), Span { from, to });
+        let port = PORT;
+        faults
+            .take(&MessageFault { port, kind, span }.into())
+            .unwrap();
+        faults
     }
 
     #[test]
     fn finds_inputs_as_received_and_reports_impossible_ones_as_gaps() {
-        let mut faults = MessageFaults::none(7);
-        let freeze = MessageFault {
-            port: Port::MixerWrench,
-            kind: Kind::Freeze,
-            span: Span::new(2, 5),
-        };
-        faults.take(&freeze.into()).unwrap();
-        let mut input_with_faults = RecordedInput::new(&faults, Port::MixerWrench);
-        for tick in 0..7 {
-            let content = Wrench {
-                thrust_n: tick as f64,
-                ..Wrench::default()
-            };
-            input_with_faults.take(&Message::of_tick(tick, content));
-        }
+        let mut input_with_faults = RecordedInput::new(&faults(Kind::Freeze, 2, 5), PORT);
+        (0..7).for_each(|tick| input_with_faults.take(&wrench(tick)));
         let none = MessageWindow::keeping(1);
         let mut thrust = |input_tick| {
             let input = input_with_faults.input(&none, input_tick, 9).ok()?;
@@ -282,5 +299,26 @@ mod tests {
             [Some(0.0), Some(1.0), Some(1.0), Some(1.0), Some(6.0)]
         );
         assert_eq!(thrust(8), None);
+    }
+
+    #[test]
+    fn a_stage_restarted_within_a_fault_has_what_its_replay_finds_whatever_is_injected_later() {
+        for faults in [Kind::Freeze, Kind::Lag(3)].map(|kind| faults(kind, 2, 9)) {
+            let mut replayed = RecordedInput::new(&faults, PORT);
+            (0..4).for_each(|tick| replayed.take(&wrench(tick)));
+            let mut restarted = FaultyInput::changing(&MessageFaults::none(7), PORT);
+            restarted.change(&faults, PORT, &Message::default());
+            for tick in 4..12 {
+                if tick == 6 {
+                    restarted.change(&faults, PORT, &wrench(tick - 1));
+                }
+                replayed.take(&wrench(tick));
+                restarted.arrive(&wrench(tick));
+                restarted.settle(tick);
+                let had = restarted.dated();
+                let found = replayed.input(&MessageWindow::keeping(1), had.tick, tick);
+                assert_eq!(found.ok(), Some(had), "tick {tick}");
+            }
+        }
     }
 }

@@ -194,7 +194,7 @@ fn print_summary(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
 struct ReplayRun {
     from_tick: u64,
     airframe: AirframeReplay,
-    loops: LoopsReplay,
+    loops: Box<LoopsReplay>,
     comparison: ReplayComparison,
     summary: Summary,
     /// Restarts of the inner loop before the first compared tick.
@@ -211,11 +211,11 @@ impl ReplayRun {
         Ok(Self {
             from_tick,
             airframe: AirframeReplay::new(&settings.plant()?, pace, &faults),
-            loops: LoopsReplay::new(settings)?,
+            loops: Box::new(LoopsReplay::new(settings)?),
             comparison: ReplayComparison::from(from_tick, settings.flown_laws()?.signals),
             summary: Summary::new(tracking, from_tick),
             restarts_before: 0,
-            inputs: Inputs::new(settings.theorem()?.is_some()),
+            inputs: Inputs::new(settings.theorem()?.is_some(), pace, &faults),
             ahead: 0,
         })
     }

@@ -83,18 +83,20 @@ impl<C: Faulty> Gate<C> {
     }
 
     /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. `newest` is what
-    /// came last, which may not have been shown to it: a freeze may follow it with nothing in between. It allocates
-    /// nothing where it was made as one that changes.
+    /// came last, for a gate without a freeze so far, which has not kept it: a freeze may follow it with nothing in
+    /// between. It allocates nothing where it was made as one that changes.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: Option<C>) {
         self.faults.clear();
         self.faults.extend(faults.of(port));
+        let froze = self.freezes;
         let any = |is: fn(Kind) -> bool| self.faults.iter().any(|(_, fault)| is(fault.kind));
         (self.lags, self.freezes) = (
             any(|kind| matches!(kind, Kind::Lag(_))),
             any(|kind| kind == Kind::Freeze),
         );
-        if self.freezes {
-            self.last = self.last.or(newest);
+        // Otherwise it may be a message of the freeze, to a stage that began within it.
+        if self.freezes && !froze {
+            self.last = newest;
         }
     }
 
@@ -201,19 +203,15 @@ impl<C: Faulty> FaultyInput<C> {
         }
     }
 
-    /// Takes the faults as they are from now on, without an allocation; `newest` is what came last, whether it was shown
-    /// that or not.
+    /// Takes the faults as they are from now on, without an allocation; `newest` is what came last. An input without a
+    /// fault so far was not shown it.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: &Message<C>) {
-        if let Some(gate) = &mut self.gate {
-            gate.change(
-                faults,
-                port,
-                (newest.envelope.tick != NO_TICK).then_some(newest.content),
-            );
-        }
-        if self.newest.envelope.tick == NO_TICK && self.waiting.is_empty() {
+        let Some(gate) = &mut self.gate else { return };
+        if !gate.has_faults() {
             self.newest = *newest;
         }
+        let has_any = newest.envelope.tick != NO_TICK;
+        gate.change(faults, port, has_any.then_some(newest.content));
     }
 
     /// Takes a message that inspection let through. It keeps its envelope, whatever becomes of its content.

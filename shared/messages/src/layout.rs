@@ -170,6 +170,7 @@ macro_rules! element {
         impl $crate::layout::Element for $type {
             const KIND: $crate::layout::Kind = $kind;
 
+            #[inline(always)]
             fn visit_all<V: $crate::layout::Visitor>(
                 $elements: &[Self],
                 $field: &'static $crate::layout::Field,
@@ -178,6 +179,7 @@ macro_rules! element {
                 $visit
             }
 
+            #[inline(always)]
             fn visit_all_mut<V: $crate::layout::VisitorMut>(
                 $elements: &mut [Self],
                 $field: &'static $crate::layout::Field,
@@ -304,6 +306,7 @@ macro_rules! layout {
         impl $crate::layout::Visit for $name {
             const STRUCT: &'static str = $logged;
 
+            #[inline(always)]
             fn visit<V: $crate::layout::Visitor>(&self, visitor: &mut V) {
                 let mut fields = <Self as $crate::layout::Layout>::FIELDS.iter();
                 $(if let Some(field) = fields.next() {
@@ -311,6 +314,7 @@ macro_rules! layout {
                 })+
             }
 
+            #[inline(always)]
             fn visit_mut<V: $crate::layout::VisitorMut>(&mut self, visitor: &mut V) {
                 let mut fields = <Self as $crate::layout::Layout>::FIELDS.iter();
                 $(if let Some(field) = fields.next() {

@@ -28,6 +28,11 @@ impl<C: Topic> MessageWindow<C> {
         let forgotten = self.done.saturating_sub(self.kept);
         self.messages.drain(..forgotten);
         self.done -= forgotten;
+        if forgotten > self.kept && self.messages.len() == self.done {
+            // To the beginning of its memory, which is in the cache, rather than once around all of it.
+            let kept: Vec<_> = self.messages.drain(..).collect();
+            self.messages.extend(kept);
+        }
         self.messages.push_back(message);
     }
 

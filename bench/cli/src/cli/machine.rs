@@ -56,6 +56,9 @@ pub struct HopArgs {
     /// SCHED_FIFO priority; 0 is SCHED_OTHER.
     #[arg(long)]
     pub priority: i32,
+    /// Whether standard input and output are eventfds; otherwise standard input is a page of futexes.
+    #[arg(long)]
+    pub by_eventfd: bool,
     /// Iterations of arithmetic between being woken and waking the next process.
     #[arg(long)]
     pub work: u64,

@@ -191,6 +191,7 @@ pub fn cpus(
                 schedule: effort.schedule(PERIOD_NS),
                 work,
                 rehearsal: rehearsal_of(&one),
+                by_eventfd: false,
                 polls_ns,
             };
             ring::measure(&settings, runner.executable()).map(|floor| floor.chain)
@@ -249,6 +250,7 @@ fn floors(
     let work = work_like(like)?;
     let ring = |rehearsal| {
         let settings = RingSettings {
+            by_eventfd: false,
             schedule: schedule.clone(),
             work: work.clone(),
             rehearsal,
@@ -291,17 +293,18 @@ fn in_turns<T, F>(
     Ok((ours, floor, steal.percent))
 }
 
-/// Ticks in lockstep compared with laps of a raw futex ring, both under SCHED_OTHER; and the speed relative to real
+/// Ticks in lockstep compared with laps of a raw eventfd ring, both under SCHED_OTHER; and the speed relative to real
 /// time.
 pub fn lockstep(
     runner: &FlightRunner,
     effort: &MeasuringEffort,
 ) -> Result<Vec<FloorComparison>, Failure> {
-    let mut tick = FloorComparison::ratio("lockstep tick", "us", 1.4);
+    let mut tick = FloorComparison::ratio("lockstep tick", "us", 1.5);
     let mut speed = FloorComparison::ratio("lockstep, real time 1/25", "us", 1.0);
     // At about 30 times real time, a side lasts the requested time.
     let simulated = format!("{}s", 30 * effort.duration.as_secs().max(1));
     let settings = RingSettings {
+        by_eventfd: true,
         schedule: Schedule {
             priority: 0,
             ..effort.schedule(0)
@@ -358,7 +361,7 @@ pub fn replay(
     runner: &FlightRunner,
     effort: &MeasuringEffort,
 ) -> Result<Vec<FloorComparison>, Failure> {
-    let mut tick = FloorComparison::ratio("replay --verify, one tick", "us", 2.0);
+    let mut tick = FloorComparison::ratio("replay --verify, one tick", "us", 1.7);
     let simulated = format!("{}s", FLOWN_AGAIN * effort.duration.as_secs().max(1));
     let (mut flight, run) = runner.command(&["--pace", "lockstep", "--duration", &simulated]);
     run_to_end(&mut flight)?;

@@ -269,10 +269,10 @@ pub fn write(path: &Path, settings: &Settings, published: &Published) {
             .chain(of(&published.wrenches, from, LogEntry::Wrench))
             .chain(of(&published.rotor_speeds, from, LogEntry::RotorSpeeds))
             .chain(of(&published.theorem, from, LogEntry::Theorem));
-        entries.for_each(|entry| log.take(entry));
+        entries.for_each(|entry| log.take(&entry));
         let is_now = |tick: u64| (from..from + 10).contains(&(tick + SWAPS_LATER));
         let swaps = published.swaps.iter().filter(|it| is_now(it.envelope.tick));
-        swaps.for_each(|it| log.take(LogEntry::Swap(*it)));
+        swaps.for_each(|it| log.take(&LogEntry::Swap(*it)));
         log.keep(GRID.begin_of(0) + from * CHUNK_NS).unwrap();
     }
     log.finish(record(&[("ending", "completed")])).unwrap();
@@ -290,7 +290,7 @@ pub fn rewrite(
     let mut log = FlightLog::create(to, &facts(&settings(text))).unwrap();
     while let Some(mut entry) = reader.next_entry().unwrap().copied() {
         if keep(&mut entry) {
-            log.take(entry);
+            log.take(&entry);
         }
     }
     log.finish(record(landing)).unwrap();

@@ -13,7 +13,7 @@
 use std::hint::black_box;
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -23,8 +23,9 @@ use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, timespec};
 use ipc::sys::{EVENTS, WakePage};
 use process::rt::{Standing, fifo_refusal, loop_processors, loops_cpu, take_stand};
+use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
-use rustix::io::Errno;
+use rustix::io::{Errno, fcntl_dupfd_cloexec};
 use rustix::thread::futex;
 
 use super::timer::{PeriodicTimer, Schedule, on_a_thread, stay_awake};
@@ -37,6 +38,8 @@ pub struct RingSettings {
     /// What each process computes before it wakes the next one: as many as there are processes, 2 to 64.
     pub work: Vec<Work>,
     pub rehearsal: Option<RingRehearsal>,
+    /// Whether each process waits for an eventfd, which holds the token, and not for a futex.
+    pub by_eventfd: bool,
     /// How long a process reads its event in a loop before it waits in the kernel [ns]. Where it does, there are two
     /// processes, each on a processor of its own, and the token goes around twice per tick.
     pub polls_ns: u64,
@@ -87,15 +90,19 @@ pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, 
         let highest = priority + processes as i32 - 1;
         let refusal = fifo_refusal(highest).filter(|_| priority > 0);
         let priority = if refusal.is_some() { 0 } else { priority };
-        let page = page_file().map_err(failed("cannot make a memory file"))?;
+        let ends = ends(settings.by_eventfd, processes).map_err(failed("cannot make a ring"))?;
         // Before this thread takes its stand: a process inherits the scheduling of the thread that starts it.
-        let others = Others::start(&executable, &page, cpu, priority, &settings)?;
+        let others = Others::start(&executable, &ends, cpu, priority, &settings)?;
         let mut standing = take_stand(cpu, priority);
         let refusal = refusal.map(|reason| format!("SCHED_FIFO {highest}: {reason}"));
         standing.refused.extend(refusal);
         let _awake = stay_awake(&mut standing);
-        let mut link = Link::new(&page, 0, processes)?;
-        link.polls_ns = settings.polls_ns;
+        let RingSettings {
+            by_eventfd,
+            polls_ns,
+            ..
+        } = settings;
+        let mut link = Link::new(by_eventfd, [&ends[0], &ends[1]], 0, processes, polls_ns)?;
         let measured = go_around(&mut link, &settings, standing);
         drop(others);
         measured
@@ -171,7 +178,7 @@ struct Others(Vec<Child>);
 impl Others {
     fn start(
         executable: &Path,
-        page: &OwnedFd,
+        ends: &[OwnedFd],
         cpu: usize,
         priority: i32,
         settings: &RingSettings,
@@ -182,19 +189,23 @@ impl Others {
             0 => vec![cpu],
             _ => loop_processors(cpu, processes),
         };
+        let end = |position: usize| {
+            let end = ends[position % processes].try_clone();
+            end.map_err(failed("cannot duplicate a descriptor"))
+        };
+        let by_eventfd = ["", " --by-eventfd"][usize::from(settings.by_eventfd)];
         let mut others = Self(Vec::new());
         for (position, Work { iterations }) in work.iter().enumerate().skip(1) {
             let priority = priority + position as i32 * priority.signum();
             let cpu = cpus[position % cpus.len()];
             let arguments = format!(
                 "ring-hop --position {position} --processes {processes} --cpu {cpu} --priority {priority} \
-                 --work {iterations} --polls-ns {polls_ns} --launcher {launcher}"
+                 --work {iterations} --polls-ns {polls_ns} --launcher {launcher}{by_eventfd}"
             );
-            let page = page.try_clone();
             let child = Command::new(executable)
                 .args(arguments.split(' '))
-                .stdin(page.map_err(failed("cannot duplicate a descriptor"))?)
-                .stdout(Stdio::null())
+                .stdin(end(position)?)
+                .stdout(end(position + 1)?)
                 .spawn()
                 .map_err(failed("cannot start a process of the ring"))?;
             others.0.push(child);
@@ -213,17 +224,20 @@ impl Drop for Others {
     }
 }
 
-/// Ends the ring in the place of a token.
-pub const END: u64 = u64::MAX;
+/// Ends the ring in the place of a token; the largest number that an eventfd takes.
+pub const END: u64 = u64::MAX - 1;
 
-/// The place of a process in the ring: the events that it waits for and that it notifies.
-pub struct Link {
-    page: WakePage,
-    own: usize,
-    next: usize,
-    /// How often the own event had been notified when it was last read.
-    seen: u32,
-    polls_ns: u64,
+/// The place of a process in the ring: what it waits for and what it notifies.
+pub enum Link {
+    Eventfd([OwnedFd; 2]),
+    Futex {
+        page: WakePage,
+        own: usize,
+        next: usize,
+        /// How often the own event had been notified when it was last read.
+        seen: u32,
+        polls_ns: u64,
+    },
 }
 
 fn failed<E: std::fmt::Display>(what: &str) -> impl Fn(E) -> Failure {
@@ -231,22 +245,39 @@ fn failed<E: std::fmt::Display>(what: &str) -> impl Fn(E) -> Failure {
 }
 
 impl Link {
-    fn new(page: impl AsFd, position: usize, processes: usize) -> Result<Self, Failure> {
-        let page = WakePage::map(page.as_fd());
-        Ok(Self {
-            page: page.map_err(failed("cannot map a memory file"))?,
-            own: position,
-            next: (position + 1) % processes,
-            seen: 0,
-            polls_ns: 0,
-        })
+    fn new(
+        by_eventfd: bool,
+        ends: [impl AsFd; 2],
+        position: usize,
+        processes: usize,
+        polls_ns: u64,
+    ) -> Result<Self, Failure> {
+        let [own, next] = ends.each_ref().map(AsFd::as_fd);
+        let link = if by_eventfd {
+            let both = (own.try_clone_to_owned(), next.try_clone_to_owned());
+            both.0.and_then(|own| Ok(Self::Eventfd([own, both.1?])))
+        } else {
+            WakePage::map(own).map(|page| Self::Futex {
+                page,
+                own: position,
+                next: (position + 1) % processes,
+                seen: 0,
+                polls_ns,
+            })
+        };
+        link.map_err(failed("cannot join a ring"))
     }
 
-    /// The link of a process of `Others`: its standard input is the page.
-    pub fn inherited(position: usize, processes: usize, polls_ns: u64) -> Result<Self, Failure> {
-        let link = Self::new(std::io::stdin(), position, processes);
-        let link = link.map(|link| Self { polls_ns, ..link });
-        link.map_err(|e| {
+    /// The link of a process of `Others`: its standard streams are its ends.
+    pub fn inherited(
+        by_eventfd: bool,
+        position: usize,
+        processes: usize,
+        polls_ns: u64,
+    ) -> Result<Self, Failure> {
+        let (own, next) = (std::io::stdin(), std::io::stdout());
+        let ends = [own.as_fd(), next.as_fd()];
+        Self::new(by_eventfd, ends, position, processes, polls_ns).map_err(|e| {
             failed("standard input is no link of a ring")(e)
                 .or_code(errors::USAGE)
                 .help("`ironbird doctor` starts these processes by itself")
@@ -254,49 +285,80 @@ impl Link {
     }
 
     pub fn notify(&self, token: u64) -> Result<(), Failure> {
-        let event = &self.page[self.next];
-        event.token.store(token, Ordering::Relaxed);
-        event.count.fetch_add(1, Ordering::SeqCst);
-        if event.polled.load(Ordering::SeqCst) == 1 {
-            return Ok(());
+        match self {
+            Self::Eventfd([_, next]) => rustix::io::write(next, &token.to_ne_bytes())
+                .map(drop)
+                .map_err(failed("cannot write to an eventfd")),
+            Self::Futex { page, next, .. } => {
+                let event = &page[*next];
+                event.token.store(token, Ordering::Relaxed);
+                event.count.fetch_add(1, Ordering::SeqCst);
+                if event.polled.load(Ordering::SeqCst) == 1 {
+                    return Ok(());
+                }
+                futex::wake(&event.count, futex::Flags::empty(), 1)
+                    .map(drop)
+                    .map_err(failed("cannot wake a futex"))
+            }
         }
-        futex::wake(&event.count, futex::Flags::empty(), 1)
-            .map(drop)
-            .map_err(failed("cannot wake a futex"))
     }
 
     pub fn wait(&mut self, timeout: Option<Duration>) -> Result<u64, Failure> {
         let timeout = timeout.map(|timeout| timespec(timeout.as_nanos() as u64));
-        let event = &self.page[self.own];
-        if self.polls_ns > 0 {
+        let silent = || Failure::failed("a process of the ring hangs or has died");
+        let (event, seen, polls_ns) = match self {
+            Self::Eventfd([own, _]) => {
+                if timeout.is_some() {
+                    let ready = poll(&mut [PollFd::new(own, PollFlags::IN)], timeout.as_ref());
+                    if ready.map_err(failed("cannot wait for an eventfd"))? == 0 {
+                        return Err(silent());
+                    }
+                }
+                let mut token = [0; 8];
+                rustix::io::read(own, &mut token).map_err(failed("cannot read an eventfd"))?;
+                return Ok(u64::from_ne_bytes(token));
+            }
+            Self::Futex {
+                page,
+                own,
+                seen,
+                polls_ns,
+                ..
+            } => (&page[*own], seen, *polls_ns),
+        };
+        if polls_ns > 0 {
             event.polled.store(1, Ordering::SeqCst);
-            let until_ns = now_ns() + self.polls_ns;
-            while event.count.load(Ordering::Acquire) == self.seen && now_ns() < until_ns {}
+            let until_ns = now_ns() + polls_ns;
+            while event.count.load(Ordering::Acquire) == *seen && now_ns() < until_ns {}
             event.polled.store(0, Ordering::SeqCst);
         }
         loop {
             let count = event.count.load(Ordering::SeqCst);
-            if count != self.seen {
-                self.seen = count;
+            if count != *seen {
+                *seen = count;
                 return Ok(event.token.load(Ordering::Relaxed));
             }
             match futex::wait(&event.count, futex::Flags::empty(), count, timeout.as_ref()) {
                 Ok(()) | Err(Errno::AGAIN | Errno::INTR) => {}
-                Err(Errno::TIMEDOUT) => {
-                    return Err(Failure::failed("a process of the ring hangs or has died"));
-                }
+                Err(Errno::TIMEDOUT) => return Err(silent()),
                 Err(e) => return Err(failed("cannot wait for a futex")(e)),
             }
         }
     }
 }
 
-fn page_file() -> Result<OwnedFd, Errno> {
+/// What the processes of a ring wait for, in their order: an eventfd each, or a page with a futex for each.
+fn ends(by_eventfd: bool, processes: usize) -> Result<Vec<OwnedFd>, Errno> {
+    if by_eventfd {
+        let ends = (0..processes).map(|_| eventfd(0, EventfdFlags::CLOEXEC));
+        return ends.collect();
+    }
     let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
-    let file = memfd_create("ironbird-ring", flags)?;
-    ftruncate(&file, WakePage::BYTES as u64)?;
-    fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
-    Ok(file)
+    let page = memfd_create("ironbird-ring", flags)?;
+    ftruncate(&page, WakePage::BYTES as u64)?;
+    fcntl_add_seals(&page, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
+    let ends = (0..processes).map(|_| fcntl_dupfd_cloexec(&page, 0));
+    ends.collect()
 }
 
 /// The stand-in for a law: iterations of a chain of dependent multiplications.

@@ -101,6 +101,7 @@ impl Channels {
         if let Some(((channel, topic), signals)) = telemetry.zip(message.content.telemetry())
             && channel.has_sinks()
         {
+            bytes.clear();
             topic.encode(message.envelope.tick, signals, bytes);
             channel.log_with_meta(bytes, time);
         }
