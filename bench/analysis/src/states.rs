@@ -182,8 +182,8 @@ pub enum LoopMessage {
 }
 
 /// Ticks for which a message may come later than the state of a newer tick: longer than a stage may stand still with it
-/// where stages are started again. Each that waits is kept whole, some 4 KiB.
-const STAGE_PATIENCE_TICKS: u64 = 500;
+/// where stages are started again, also at 10 kHz. Each that waits is kept whole, some 4 KiB.
+const STAGE_PATIENCE_TICKS: u64 = 1_000;
 /// The same for any topic of a newer tick: a recorder that stood still between two of them finds the later ones ahead.
 const PATIENCE_TICKS: u64 = 5_000;
 

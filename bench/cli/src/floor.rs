@@ -9,6 +9,7 @@ pub mod benchmark_page;
 pub mod comparison_sets;
 pub mod flight_baseline;
 pub mod flight_runner;
+pub mod rates;
 
 use flight_log::wall_time::utc;
 use std::path::Path;
@@ -25,6 +26,7 @@ use crate::export::create_for;
 use crate::floor::benchmark_page::{MeasuredSet, Page, set_name};
 use crate::floor::comparison_sets::{MeasuringEffort, Stress};
 use crate::floor::flight_runner::FlightRunner;
+use crate::floor::rates::RateRow;
 use analysis::host::Host;
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, read_text};
@@ -59,6 +61,10 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
             let (pairs, seconds, name) = (args.pairs, args.seconds, set_name(*set));
             let started = utc(SystemTime::now());
             let left_out = missing(*set);
+            let (comparisons, rates) = match left_out {
+                None => measure(&flights, &effort, *set)?,
+                Some(_) => Default::default(),
+            };
             page.take(MeasuredSet {
                 set: *set,
                 started,
@@ -66,10 +72,8 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
                 command: format!(
                     "ironbird floor --only {name} --pairs {pairs} --seconds {seconds}"
                 ),
-                comparisons: match left_out {
-                    None => measure(&flights, &effort, *set)?,
-                    Some(_) => Vec::new(),
-                },
+                comparisons,
+                rates,
                 left_out,
             });
             // Written after each set, so that a later failure does not lose it.
@@ -83,7 +87,7 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
 }
 
 fn missing(set: Set) -> Option<String> {
-    if !matches!(set, Set::Flights | Set::Cpus | Set::Load) {
+    if !matches!(set, Set::Flights | Set::Cpus | Set::Rates | Set::Load) {
         return None;
     }
     if let Some(refusal) = fifo_refusal(PRIORITY + STAGES) {
@@ -103,15 +107,17 @@ fn measure(
     flights: &FlightRunner,
     effort: &MeasuringEffort,
     set: Set,
-) -> Result<Vec<FloorComparison>, Failure> {
-    match set {
+) -> Result<(Vec<FloorComparison>, Vec<RateRow>), Failure> {
+    let comparisons = match set {
+        Set::Rates => return rates::rates(flights, effort),
         Set::Flights => comparison_sets::flights(flights, effort, None),
         Set::Cpus => comparison_sets::cpus(flights, effort),
         Set::Load => comparison_sets::flights(flights, effort, Some(&mut Stress::start(flights)?)),
         Set::Lockstep => comparison_sets::lockstep(flights, effort),
         Set::Laws => comparison_sets::laws(effort),
         Set::Replay => comparison_sets::replay(flights, effort),
-    }
+    }?;
+    Ok((comparisons, Vec::new()))
 }
 
 const NUMBERS: &str = "benchmarks.json";
@@ -144,7 +150,7 @@ fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
 }
 
 fn notes_of(page: &str) -> &str {
-    page.find("\n## Options compared\n")
+    page.find("\n## Per tick and role\n")
         .map_or("", |begin| &page[begin..])
 }
 

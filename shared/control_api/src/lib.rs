@@ -13,4 +13,4 @@ pub mod registry;
 mod rig;
 
 pub use guard::{GuardedInner, GuardedMixer, GuardedOuter};
-pub use rig::Rig;
+pub use rig::{PERIODS_S, Rig};

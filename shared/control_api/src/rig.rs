@@ -1,8 +1,13 @@
 //! What every law is told before a flight, and the check that refuses a rig on which nothing can fly.
 
+use std::ops::RangeInclusive;
+
 use ironbird_law::Refused;
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, shown};
+
+/// Periods with which a law can fly [s].
+pub const PERIODS_S: RangeInclusive<f64> = 1e-4..=2e-2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rig {
@@ -27,12 +32,14 @@ impl Default for Rig {
 impl Rig {
     /// Refuses a period with which no law can fly.
     pub fn check_period(period_s: f64) -> Result<(), Refused> {
-        if (1e-4..=2e-2).contains(&period_s) {
+        if PERIODS_S.contains(&period_s) {
             return Ok(());
         }
         Err(Refused(format!(
-            "flight.period_s = {} is out of range: allowed is 0.0001 to 0.02 s",
-            shown(period_s)
+            "flight.period_s = {} is out of range: allowed is {} to {} s",
+            shown(period_s),
+            PERIODS_S.start(),
+            PERIODS_S.end()
         )))
     }
 

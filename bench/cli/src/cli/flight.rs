@@ -27,6 +27,9 @@ pub struct TrajectoryArgs {
     /// Length of the flight, for example 30s or 2m [default: 30s; margin: one period of the trajectory].
     #[arg(long, allow_hyphen_values = true, value_parser = values::duration)]
     pub duration: Option<Duration>,
+    /// Rate of the loop in Hz or kHz, for example 500 or 4k [default: 1k].
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = values::period_s)]
+    pub rate: Option<f64>,
     /// Seed of the sensor noise [default: 1].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::seed)]
     pub seed: Option<i64>,
@@ -52,6 +55,7 @@ impl TrajectoryArgs {
                 "flight.duration_s",
                 self.duration.map(|it| it.as_secs_f64()),
             ),
+            set("flight.period_s", self.rate),
             set("flight.seed", self.seed),
             set("flight.faults", faults),
         ])
@@ -136,7 +140,7 @@ pub enum RtMode {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PaceArg {
-    /// The clock: one tick per millisecond, whether or not every stage is ready.
+    /// The clock: one tick per period, whether or not every stage is ready.
     Realtime,
     /// The chain itself: the next tick begins when the rotor command has arrived. Not real-time.
     Lockstep,

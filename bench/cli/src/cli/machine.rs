@@ -34,6 +34,8 @@ pub enum Set {
     Cpus,
     /// Wake-ups and misses of flights under CPU load.
     Load,
+    /// Misses, loop latency and processor time of flights at 1, 2, 4 and 8 kHz.
+    Rates,
     /// Lockstep ticks.
     Lockstep,
     /// One tick of the laws, and one of `simulate`.

@@ -12,6 +12,7 @@ use clap::builder::{
 use clap::{Arg, Command};
 use config::law_settings::preset_names;
 use config::trajectory::is_file;
+use control_api::PERIODS_S;
 use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
@@ -87,6 +88,32 @@ pub(crate) fn lead(text: &str) -> Result<LeadArg, String> {
             .map(LeadArg::Us)
             .map_err(|_| "write whole microseconds, as in 150, or auto".into()),
     }
+}
+
+/// The period of a rate in Hz, or in kHz as in 4k [s].
+pub(crate) fn period_s(text: &str) -> Result<f64, String> {
+    let (number, factor) = match text.strip_suffix('k') {
+        Some(number) => (number, 1e3),
+        None => (text, 1.0),
+    };
+    let hz = number
+        .parse()
+        .map_or(f64::NAN, |number: f64| number * factor);
+    let period_ns = 1e9 / hz;
+    if !PERIODS_S.contains(&(period_ns / 1e9)) {
+        let [least_hz, most_hz] =
+            [PERIODS_S.end(), PERIODS_S.start()].map(|period_s| 1.0 / period_s);
+        return Err(format!(
+            "write a rate from {least_hz} to {most_hz} Hz, as in 500 or 4k"
+        ));
+    }
+    if period_ns.fract() != 0.0 {
+        return Err(format!(
+            "its period of {period_ns:.3} ns is not a whole number of nanoseconds; choose a rate that divides 10^9 Hz, \
+             as in 2500 or 4k, or write flight.period_s in a settings file"
+        ));
+    }
+    Ok(period_ns / 1e9)
 }
 
 pub(crate) fn limit(text: &str) -> Result<f64, String> {

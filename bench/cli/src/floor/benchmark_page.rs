@@ -4,6 +4,7 @@ use clap::ValueEnum as _;
 use serde::{Deserialize, Serialize};
 
 use crate::cli::Set;
+use crate::floor::rates::{self, RateRow};
 use analysis::host::Host;
 use host::floor::comparison::{FloorComparison, GoalVerdict};
 use render::document::{Cell, Table, known, row};
@@ -21,6 +22,8 @@ pub struct MeasuredSet {
     pub version: String,
     pub command: String,
     pub comparisons: Vec<FloorComparison>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rates: Vec<RateRow>,
     pub left_out: Option<String>,
 }
 
@@ -40,6 +43,13 @@ medians over the pairs. The ratio is the median of the pairs' ratios, with an in
 95 % by order statistics. Misses are pooled, with a bootstrap over pairs. `met` and `missed`: the \
 whole interval is on one side of the goal. Pairs during which the host stole more than 1 % of the \
 processor are left out.
+
+";
+
+const RATES: &str = "
+## Rates
+
+Latency and processor time per tick [us]; *loops*: all four together; *bare timer*: late wake-ups of cyclictest.
 
 ";
 
@@ -76,6 +86,10 @@ impl Page {
             page += &Table::new(columns, comparisons().map(compared)).markdown();
             page += CONDITIONS;
             page += LEGEND;
+        }
+        for set in self.sets.iter().filter(|set| !set.rates.is_empty()) {
+            page += RATES;
+            page += &rates::table(&set.rates).markdown();
         }
         let sets = self.sets.iter().map(|it| {
             let when = match &it.left_out {

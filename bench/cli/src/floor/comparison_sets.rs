@@ -146,17 +146,10 @@ pub fn flights(
                 comparison.take(ours, floor, steal_percent);
             }
         }
-        // A wake-up later than this leaves the loop no time for its tick.
-        let threshold_ns = PERIOD_NS - (series(report, "loop")?.p50_us * 1e3) as u64;
-        let late = floors[0].as_ref().map(|bare| Events {
-            count: bare.len() - bare.count_between(0, threshold_ns),
-            exposure: bare.len(),
-        });
-        let missed = Events {
-            count: report.deadlines.missed,
-            exposure: report.ticks.run + report.ticks.skipped,
-        };
-        misses.take_events(missed, late.unwrap_or_default(), steal_percent);
+        if let Some(bare) = &floors[0] {
+            let [missed, late] = missed_and_late(report, bare, PERIOD_NS)?;
+            misses.take_events(missed, late, steal_percent);
+        }
     }
     let mut all = Vec::from(all);
     all.push(misses);
@@ -227,6 +220,25 @@ fn rehearsal_of(flown: &Report) -> Option<RingRehearsal> {
     (needs_ns > 0).then_some(RingRehearsal { lead_ns, needs_ns })
 }
 
+/// The deadlines that a flight missed, and the wake-ups of a bare timer that left its loop no time.
+pub(super) fn missed_and_late(
+    report: &Report,
+    bare: &Histogram<u64>,
+    period_ns: u64,
+) -> Result<[Events; 2], Failure> {
+    let loop_ns = (series(report, "loop")?.p50_us * 1e3) as u64;
+    let in_time = bare.count_between(0, period_ns.saturating_sub(loop_ns));
+    let missed = Events {
+        count: report.deadlines.missed,
+        exposure: report.ticks.run + report.ticks.skipped,
+    };
+    let late = Events {
+        count: bare.len() - in_time,
+        exposure: bare.len(),
+    };
+    Ok([missed, late])
+}
+
 fn quantile_us(statistics: &Statistics, quantile: f64) -> Option<f64> {
     match quantile {
         0.5 => Some(statistics.p50_us),
@@ -263,7 +275,7 @@ fn floors(
 }
 
 impl MeasuringEffort {
-    fn schedule(&self, period_ns: u64) -> Schedule {
+    pub(super) fn schedule(&self, period_ns: u64) -> Schedule {
         Schedule {
             period_ns,
             duration: self.duration,
@@ -275,7 +287,7 @@ impl MeasuringEffort {
 
 /// Measures the rig and the baseline, the baseline first in every other pair; also the share of `processor` that the
 /// hypervisor took meanwhile [%].
-fn in_turns<T, F>(
+pub(super) fn in_turns<T, F>(
     pair: usize,
     processor: Option<u64>,
     ours: impl FnOnce() -> Result<T, Failure>,

@@ -153,7 +153,7 @@ impl FloorComparison {
         match self.interval() {
             Some(Interval { high, .. }) if high <= self.goal() => GoalVerdict::Met,
             Some(Interval { low, .. }) if low > self.goal() => GoalVerdict::Missed,
-            _ => GoalVerdict::Inconclusive("the goal lies within the interval".into()),
+            _ => GoalVerdict::Inconclusive("goal within the interval".into()),
         }
     }
 
