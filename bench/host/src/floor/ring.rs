@@ -315,8 +315,11 @@ impl Link {
                     }
                 }
                 let mut token = [0; 8];
-                rustix::io::read(own, &mut token).map_err(failed("cannot read an eventfd"))?;
-                return Ok(u64::from_ne_bytes(token));
+                return match rustix::io::read(own, &mut token) {
+                    Ok(8) => Ok(u64::from_ne_bytes(token)),
+                    Ok(_) => Err(Failure::failed("standard input is no eventfd")),
+                    Err(e) => Err(failed("cannot read an eventfd")(e)),
+                };
             }
             Self::Futex {
                 page,
