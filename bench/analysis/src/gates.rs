@@ -342,6 +342,18 @@ mod tests {
     type Change = fn(&mut Report);
 
     #[test]
+    fn a_flight_that_passed_is_incomplete_if_its_log_lacks_messages() {
+        use FlightStatus::{Fail, Incomplete, Pass};
+        for (dropped, before, after) in [(0, Pass, Pass), (1, Pass, Incomplete), (1, Fail, Fail)] {
+            let (mut report, mut fate) = (good(), Fate::default());
+            fate.dropped[0] = dropped;
+            report.verdict.status = before;
+            take_log(&mut report, "all", &fate);
+            assert_eq!(report.verdict.status, after);
+        }
+    }
+
+    #[test]
     fn each_gate_breaks_by_its_own_number_alone() {
         let check = |change: Change, failed: &str| assert_eq!(broken(change).join("; "), failed);
         check(|_| (), "");

@@ -284,6 +284,22 @@ mod tests {
     }
 
     #[test]
+    fn a_row_has_every_column_and_empty_cells_for_what_was_not_published() {
+        let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
+        let row_of = |joined: &Joined| row(joined, &tracking, &FlownLaws::default());
+        let mut joined = Joined::default();
+        let (at_rest, reference) = ([Some(0.0); 13], [1.0, -1.0, 1.0, 0.5].map(Some));
+        let expected = [&at_rest[..], &[None; 14], &reference].concat();
+        assert_eq!(row_of(&joined), expected);
+        let speeds = joined.rotor_speeds.insert(RotorSpeeds::default());
+        speeds.speed_rad_s = [1.0, 2.0, 3.0, 4.0];
+        let wrench = joined.wrench.insert(Wrench::default());
+        (wrench.thrust_n, wrench.torque_b_nm) = (5.0, [6.0, 7.0, 8.0]);
+        let commands: Vec<_> = (1..=8).map(|i| Some(f64::from(i))).collect();
+        assert_eq!(row_of(&joined)[16..24], commands);
+    }
+
+    #[test]
     fn a_state_that_no_stage_answered_is_there_in_its_place() {
         let mut joiner = Joiner::default();
         for (tick, topics) in [(7, "spwr"), (8, "sp"), (9, "s")] {

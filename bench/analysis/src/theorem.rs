@@ -399,6 +399,13 @@ mod tests {
     }
 
     #[test]
+    fn of_a_law_without_a_theorem_it_is_said_whether_its_settings_are_why() {
+        let indi = no_theorem("indi");
+        assert_eq!(indi, "the inner law `indi` has no theorem");
+        assert!(no_theorem("adaptive").ends_with("no theorem with its settings"));
+    }
+
+    #[test]
     fn an_unexplained_violation_or_lifeless_estimates_fail() {
         let theorem = |monitor| Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
         assert!(theorem(monitor(0, 1)).holds);

@@ -235,7 +235,7 @@ mod tests {
         let wide = ends(normal_distribution(0.0, 1.0, None));
         let furthest = normal([1.0 - 2_f64.powi(-53), 0.0]);
         assert!(furthest > 8.5 && furthest < wide[1], "{furthest}");
-        let bounded = ends(normal_distribution(0.0, 1.0, Some([-1.0, 20.0])));
-        assert_eq!(bounded, [-1.0, wide[1]]);
+        let bounded = ends(normal_distribution(0.0, 2.0, Some([-1.0, 20.0])));
+        assert_eq!(bounded, [-1.0, 2.0 * wide[1]]);
     }
 }

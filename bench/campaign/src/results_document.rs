@@ -335,3 +335,12 @@ fn worst(results: &CampaignResults, directory: &str) -> Section {
     }
     Section::new("worst", "Worst flights", blocks)
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_share_has_more_digits_near_0_and_1() {
+        let percents = [0.001, 0.5, 0.9995].map(super::percent);
+        assert_eq!(percents, ["0.10 %", "50.0 %", "99.950 %"]);
+    }
+}

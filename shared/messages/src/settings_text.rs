@@ -77,6 +77,7 @@ mod tests {
         let alpha = "`gains.alpha_1_s` is 200.0 for inner and 40.0 for the plant";
         assert_eq!(differences(ours, theirs, Role::Inner), [alpha]);
         assert!(differences(ours, ours, Role::Inner).is_empty());
+        assert_ne!(fingerprint(ours), fingerprint(theirs));
         let missing = "`a` is nothing for outer and 1 for the plant";
         assert_eq!(differences("", "a = 1\n", Role::Outer), [missing]);
     }

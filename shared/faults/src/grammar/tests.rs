@@ -34,6 +34,17 @@ fn both_instants_and_several_changes_are_read() {
 }
 
 #[test]
+fn faults_of_messages_and_those_of_stages_act_on_the_loop_and_changes_of_parameters_do_not() {
+    let spares = |text| planned(&[text]).unwrap().spares_the_loop();
+    let texts = [
+        "mass_kg=0.6@1s",
+        "inner.late=1ms@1s..9s",
+        "state.drop=0.1@1s..9s",
+    ];
+    assert_eq!(texts.map(spares), [true, false, false]);
+}
+
+#[test]
 fn a_ramp_takes_the_ticks_of_its_time_and_one_at_least() {
     let parameter = Parameter::Mass;
     for (text, period_s, value, steps) in [
