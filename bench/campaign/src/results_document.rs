@@ -48,8 +48,11 @@ fn keys(results: &CampaignResults) -> Vec<(&'static str, String)> {
 fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     let nearest = percent.min(100.0 - percent);
-    let digits = (1 - nearest.log10().floor() as i32).clamp(1, 5) as usize;
-    let digits = if nearest == 0.0 { 0 } else { digits };
+    let digits = if nearest == 0.0 {
+        0
+    } else {
+        (1 - nearest.log10().floor() as i32).clamp(1, 5) as usize
+    };
     format!("{percent:.digits$} %")
 }
 

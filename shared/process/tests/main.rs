@@ -4,5 +4,6 @@
 #[allow(dead_code, reason = "the tests of `ipc` use more of it")]
 #[path = "../../ipc/tests/common/mod.rs"]
 mod common;
+mod delivery;
 mod live_faults;
 mod sessions;

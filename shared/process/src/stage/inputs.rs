@@ -100,6 +100,9 @@ pub trait Inputs: Sized {
 
     fn fresh(&self, tick: u64) -> bool;
 
+    /// Whether what the first input was made from has been received too.
+    fn is_complete(&self) -> bool;
+
     /// The history that an output of this tick goes back to, with the tick of each input.
     fn history(&self, tick: u64) -> Header;
 
@@ -222,6 +225,10 @@ impl<A: Faulty> Inputs for Input<A> {
         self.newest().envelope.tick == tick
     }
 
+    fn is_complete(&self) -> bool {
+        true
+    }
+
     fn history(&self, _tick: u64) -> Header {
         let newest = self.newest().envelope;
         newest.made_from(A::SENDER, newest.tick)
@@ -247,7 +254,6 @@ impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
         self.0.arm(expected)
     }
 
-    /// The second input of a tick was there before the first was made from it.
     fn take(&mut self, horizon: impl Horizon, active: &mut ActiveFaults) -> Result<u64, Error> {
         let tick = self.0.take(horizon, active)?;
         self.1.take(horizon, active)?;
@@ -269,6 +275,12 @@ impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
 
     fn fresh(&self, tick: u64) -> bool {
         self.0.fresh(tick) && self.1.fresh(tick)
+    }
+
+    fn is_complete(&self) -> bool {
+        let (first, second) = (&self.0.receiver, &self.1.receiver);
+        let is_there = || second.newest().envelope.tick >= first.newest().envelope.tick;
+        !first.has_any() || (second.has_any() && is_there())
     }
 
     /// The history that reaches further: that of the first input, or that of the second if the first is stale.
