@@ -30,9 +30,9 @@ pub struct MeasuredSet {
 const LEGEND: &str = "\
 * *wake*: from the start of a tick to the plant's wake-up, compared with `cyclictest` on the same processor at the same priority and period. It shows what early wake-up gains; *timer*, from the instant the timer was set to, shows the kernel alone.\n\
 * *loop*: from sampling the state to publishing the rotor command, compared with a raw futex ring of four processes that compute as long. The ring has warm-up runs only in the lines *the ring rehearses too*.\n\
-* *2 CPUs*: flights with `--loop-cpus 2`, compared with the futex ring with warm-up runs on one CPU; with a ring of two processes on two CPUs that read their events in a loop, so that no wake-up is in it; and with flights on one CPU.\n\
+* *2 CPUs*: flights with `--loop-cpus 2`, compared with a futex ring with warm-up runs on one CPU, a ring that polls on two, and flights on one.\n\
 * *misses*: missed deadlines, compared with ticks in which cyclictest woke too late for the median loop or not at all.\n\
-* *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw futex ring of four processes under SCHED_OTHER.\n\
+* *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw eventfd ring of four processes under SCHED_OTHER.\n\
 * *laws*: one tick of the four stages, compared with the same equations hand-written for one airframe, with constants that the compiler can fold.\n\
 * *replay --verify*: a tick read from a log, flown again and compared bit for bit, against a tick of `simulate` of the same flight; whole processes.\n\
 ";
@@ -107,7 +107,9 @@ impl Page {
 fn compared(comparison: &FloorComparison) -> Vec<Cell> {
     let FloorComparison { name, unit, .. } = comparison;
     let (sides, (measured, disturbed)) = (comparison.sides(), comparison.measured());
-    let [ours, floor] = sides.map(|side| format!("{side:.2} {unit}"));
+    // Not a number where no pair counts.
+    let shown = |value: f64| value.is_finite().then(|| format!("{value:.2}"));
+    let [ours, floor] = sides.map(|side| known(shown(side).map(|it| format!("{it} {unit}"))));
     let verdict = match comparison.verdict() {
         GoalVerdict::Met => "met".to_owned(),
         GoalVerdict::Missed => "missed".to_owned(),
@@ -115,7 +117,7 @@ fn compared(comparison: &FloorComparison) -> Vec<Cell> {
     };
     let interval = comparison.interval();
     let interval = known(interval.map(|i| format!("{:.2} to {:.2}", i.low, i.high)));
-    let (ratio, pairs) = (format!("{:.2}", comparison.value()), measured - disturbed);
+    let (ratio, pairs) = (known(shown(comparison.value())), measured - disturbed);
     row([
         name,
         &ours,
