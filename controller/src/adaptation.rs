@@ -42,7 +42,7 @@ pub struct LastTick {
 }
 
 /// The newest measured body rates, and the nominal rotors between them and the ones before.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Samples {
     period_s: f64,
     allocation: Allocation,
@@ -54,7 +54,7 @@ pub struct Samples {
 }
 
 /// Body rates that were measured in time.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 struct Sample {
     tick: u64,
     nu2: Vector3<f64>,
@@ -303,7 +303,7 @@ impl Adaptation {
     }
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Evidence {
     adaptation: Adaptation,
     samples: Samples,

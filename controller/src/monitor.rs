@@ -106,27 +106,6 @@ impl TheoremMonitor {
     ///
     /// Call it for every wrench of a law from its first one on, with rising ticks; ticks without a wrench are left out.
     pub fn watch(&mut self, tick: u64, state: &Stamped<State>, wrench: &Wrench) -> &Monitor {
-        if state.tick == tick {
-            self.evidence.take(tick, &state.content.measured);
-        }
-        let regression = self.evidence.at(tick).copied();
-        self.watch_with(tick, state, wrench, regression.as_ref())
-    }
-
-    /// Whether a law that begins with this evidence will have the monitor's own at every tick: both follow from the same
-    /// states.
-    pub fn begins_with(&self, evidence: &Evidence) -> bool {
-        self.evidence == *evidence
-    }
-
-    /// As [`Self::watch`], with X and Y of the tick, where its state ended a whole one. The monitor then takes none itself.
-    pub fn watch_with(
-        &mut self,
-        tick: u64,
-        state: &Stamped<State>,
-        wrench: &Wrench,
-        regression: Option<&Regression>,
-    ) -> &Monitor {
         let moved = self.assumptions.look(tick, state, wrench);
         let mut now = Monitor {
             causes: self.assumptions.bits(tick),
@@ -135,7 +114,8 @@ impl TheoremMonitor {
         };
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         if state.tick == tick {
-            self.compare(tick, &state.content, wrench, moved, regression, &mut now);
+            self.evidence.take(tick, &state.content.measured);
+            self.compare(tick, &state.content, wrench, moved, &mut now);
         }
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
         if !now.finite() {
@@ -150,18 +130,12 @@ impl TheoremMonitor {
         &self.shown
     }
 
-    /// What was said of the last wrench.
-    pub const fn shown(&self) -> &Monitor {
-        &self.shown
-    }
-
     fn compare(
         &mut self,
         tick: u64,
         state: &State,
         wrench: &Wrench,
         moved: Moved,
-        regression: Option<&Regression>,
         now: &mut Monitor,
     ) {
         let theta = Vector3::from(state.truth.theta());
@@ -186,8 +160,8 @@ impl TheoremMonitor {
             now.v_th_start = now.v_th_start.max(now.v_th);
             now.estimate_error_start = error.abs().into();
         }
-        if let Some(regression) = regression {
-            self.step(tick, regression, &theta, &was, swapped, now);
+        if let Some(regression) = self.evidence.at(tick).copied() {
+            self.step(tick, &regression, &theta, &was, swapped, now);
         }
         let is_new = begins || self.assumptions.holds(Cause::LiveSwap, tick);
         if is_new {

@@ -1,7 +1,7 @@
 //! The laws besides the paper's in closed loop: what each holds, what it is made for, and where it loses.
 //!
 //! Every bound is a figure of such a flight with a margin of one half. All flights are at 1 kHz with one tick of delay,
-//! on the nominal airframe with its drags and its disturbance, which no law is told.
+//! on the nominal airframe with its drags and its disturbance, which no law knows.
 
 use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, rig};
 use control_api::description::{Settings, Value};
@@ -200,7 +200,7 @@ struct Recovery {
     left_m: f64,
 }
 
-/// Ten seconds of Lee's law from an attitude and rates, told to hold the origin.
+/// Ten seconds of Lee's law from an attitude and rates, with the origin as its reference.
 fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
     let mut rig = rig();
     rig.airframe.set(DisturbanceGain, 0.0).unwrap();

@@ -183,7 +183,7 @@ fn a_loop_starts_at_rest_from_the_measured_attitude_at_any_tick() {
 
 #[test]
 fn no_law_reads_the_truth() {
-    let (mut told, mut untold, mut outer) = (inner_loop(), inner_loop(), outer_loop());
+    let (mut with, mut without, mut outer) = (inner_loop(), inner_loop(), outer_loop());
     let monitor = || TheoremMonitor::new(&Rig::default(), &Gains::default());
     let (mut of_plain, mut of_shown) = (monitor(), monitor());
     for tick in 0..50 {
@@ -197,8 +197,8 @@ fn no_law_reads_the_truth() {
             parameter: [1.0; PARAMETERS],
         };
         assert_eq!(outer.tick(tick, &plain), outer.tick(tick, &shown));
-        let wrench = untold.tick(tick, &plain, &setpoint(tick));
-        assert!(wrench.is_same(&told.tick(tick, &shown, &setpoint(tick))));
+        let wrench = without.tick(tick, &plain, &setpoint(tick));
+        assert!(wrench.is_same(&with.tick(tick, &shown, &setpoint(tick))));
         // The monitor does.
         let plain = *of_plain.watch(tick, &plain, &wrench);
         assert_ne!(&plain, of_shown.watch(tick, &shown, &wrench));

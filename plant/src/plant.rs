@@ -14,7 +14,7 @@ pub use batch::{LANES, PlantBatch};
 
 use std::f64::consts::PI;
 
-use faults::gate::{Gate, Passed};
+use faults::gate::{FaultFilter, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
 use messages::checks::{Check, is_on};
@@ -58,7 +58,7 @@ pub struct Plant {
     command_hold: CommandHold,
     delay: CommandDelay,
     /// Behind the inspection of commands, where they have faults.
-    gate: Option<Box<Gate<RotorSpeeds>>>,
+    gate: Option<Box<FaultFilter<RotorSpeeds>>>,
     commands_taken: u64,
     command_taken_tick: u64,
     swaps: SwapQueue,
@@ -145,13 +145,13 @@ impl Plant {
     }
 
     /// Puts faults of the commands that it is handed before it.
-    pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
+    pub fn gate(&mut self, gate: Option<FaultFilter<RotorSpeeds>>) {
         self.gate = gate.map(Box::new);
     }
 
     /// The same of faults that may change in flight.
     pub fn gate_by(&mut self, faults: &MessageFaults) {
-        self.gate(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
+        self.gate(Some(FaultFilter::changing(faults, Port::PlantRotorSpeeds)));
     }
 
     /// Takes the faults of its commands as they are from now on, without an allocation; `newest` came last.

@@ -203,7 +203,7 @@ impl<'a> PlantProcess<'a> {
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, session, opened)? {
                     Some(wake_ns) => (next_tick, Waking::at(wake_ns)),
-                    None => return Ok(opened.wanted_end().unwrap_or(EndReason::Interrupted)),
+                    None => return Ok(opened.requested_end().unwrap_or(EndReason::Interrupted)),
                 },
             };
             if tick > last_tick {
@@ -233,7 +233,7 @@ impl<'a> PlantProcess<'a> {
             if session.stop_requested() {
                 return Ok(EndReason::Interrupted);
             }
-            if let Some(ending) = opened.wanted_end() {
+            if let Some(ending) = opened.requested_end() {
                 return Ok(ending);
             }
             next_tick = tick + 1;
@@ -360,7 +360,7 @@ impl<'a> PlantProcess<'a> {
                 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
             let recorded = opened.recorded_tick();
             // Who wants the end has said so before the command could come: the flight ends with the tick before.
-            if session.stop_requested() || opened.wanted_end().is_some() {
+            if session.stop_requested() || opened.requested_end().is_some() {
                 return Ok(None);
             }
             if is_there && tick < recorded + RECORDER_LAG_TICKS {

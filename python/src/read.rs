@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::faults::AppliedSwap;
-use analysis::flight_statistics::is_last_word;
+use analysis::flight_statistics::is_final_command;
 use config::Settings;
 use errors::Failure;
 use flight_log::codec::Logged;
@@ -78,7 +78,7 @@ impl Read {
             LogEntry::Setpoint(message) => self.stage(message),
             LogEntry::Wrench(message) => self.stage(message),
             // The last message is the answer to no state.
-            LogEntry::RotorSpeeds(message) if is_last_word(message) => {}
+            LogEntry::RotorSpeeds(message) if is_final_command(message) => {}
             LogEntry::RotorSpeeds(message) => self.stage(message),
             LogEntry::Swap(Message { envelope, content }) => {
                 let period_s = self.settings.flight.period_s;

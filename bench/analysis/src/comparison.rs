@@ -70,7 +70,7 @@ pub struct Outcome {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
     pub error: ErrorFigures,
-    /// The same before the first fault; none where a fault strikes at tick 0, or there is none.
+    /// The same before the first fault; none where a fault begins at tick 0, or there is none.
     pub error_before: Option<ErrorFigures>,
     /// The same from [`SETTLING_S`] after the last fault on; none where the flight was over by then, or there is none.
     pub error_after: Option<ErrorFigures>,

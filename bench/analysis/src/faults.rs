@@ -8,7 +8,7 @@ pub struct InjectedFault {
     pub what: String,
     pub tick: u64,
     pub time_s: f64,
-    /// First tick that it does not strike any more; none where it has no end.
+    /// First tick at which it is no longer active; none where it has no end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to_tick: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -18,7 +18,7 @@ pub struct InjectedFault {
 }
 
 impl InjectedFault {
-    /// A fault that strikes from a tick of `period_s` [s] on, and up to another where it has an end.
+    /// A fault that is active from a tick of `period_s` [s] on, and up to another where it has an end.
     pub fn new(what: String, tick: u64, to_tick: Option<u64>, period_s: f64) -> Self {
         let time_s = |tick: u64| tick as f64 * period_s;
         Self {
@@ -36,7 +36,7 @@ impl InjectedFault {
     }
 
     /// Whether it struck in some ticks, or just before them: what happens once is seen in the next tick, too.
-    pub fn strikes(&self, first: u64, last: u64) -> bool {
+    pub fn is_active(&self, first: u64, last: u64) -> bool {
         let to = match self.happens_once() {
             true => self.tick.saturating_add(2),
             false => self.to_tick.unwrap_or(u64::MAX),
@@ -129,11 +129,11 @@ mod tests {
         );
         let mut cancelled = ended;
         cancelled.end(400, 0.002);
-        assert!(with_end.strikes(7000, 8000) && with_end.strikes(8999, 9999));
-        assert!(!with_end.strikes(7000, 7999) && !with_end.strikes(9000, 9999));
-        assert!(for_good.strikes(9000, 9000) && !for_good.strikes(0, 499));
-        assert!(once.strikes(8001, 8020) && !once.strikes(8002, 8020));
-        assert!(cancelled.is_cancelled() && !cancelled.strikes(0, 9000));
+        assert!(with_end.is_active(7000, 8000) && with_end.is_active(8999, 9999));
+        assert!(!with_end.is_active(7000, 7999) && !with_end.is_active(9000, 9999));
+        assert!(for_good.is_active(9000, 9000) && !for_good.is_active(0, 499));
+        assert!(once.is_active(8001, 8020) && !once.is_active(8002, 8020));
+        assert!(cancelled.is_cancelled() && !cancelled.is_active(0, 9000));
     }
 
     #[test]

@@ -55,7 +55,7 @@ pub struct FlightStatistics {
     passages: VecDeque<StampedTiming>,
     /// Commands whose deadlines the plant has not judged yet.
     commands: VecDeque<StampedCommand>,
-    last_word_ns: Option<u64>,
+    final_command_ns: Option<u64>,
     sequences: [Sequence; TOPICS.len()],
     flight: ControlStatistics,
     recent: RecentStates,
@@ -92,7 +92,7 @@ impl Sequence {
 }
 
 /// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
-pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
+pub fn is_final_command(message: &Message<RotorSpeeds>) -> bool {
     message.envelope.stamps_of(Role::Mixer).receive_ns == 0
 }
 
@@ -120,7 +120,7 @@ impl FlightStatistics {
             last_wake: [None; 4],
             passages: VecDeque::new(),
             commands: VecDeque::new(),
-            last_word_ns: None,
+            final_command_ns: None,
             sequences: [Sequence::default(); TOPICS.len()],
             flight: ControlStatistics::default(),
             recent: RecentStates::new(tracking.period_s()),
@@ -136,11 +136,11 @@ impl FlightStatistics {
     }
 
     pub fn joining(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
-        let tally = Self::new(pace, t0_ns, tracking)?;
+        let statistics = Self::new(pace, t0_ns, tracking)?;
         Ok(Self {
             joins: true,
-            deadlines: tally.grid.map(|grid| Deadlines::new(grid, true)),
-            ..tally
+            deadlines: statistics.grid.map(|grid| Deadlines::new(grid, true)),
+            ..statistics
         })
     }
 
@@ -254,9 +254,9 @@ impl FlightStatistics {
     pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
         let (envelope, content) = (&message.envelope, &message.content);
         let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-        if is_last_word(message) {
+        if is_final_command(message) {
             self.follow(3, message);
-            self.last_word_ns = Some(sent_ns);
+            self.final_command_ns = Some(sent_ns);
             return;
         }
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
@@ -512,10 +512,10 @@ impl FlightStatistics {
             // The end was not seen: nobody knows who was late there.
             return;
         }
-        let last_word_ns = self.last_word_ns;
-        let end_ns = match last_word_ns.filter(|ns| *ns >= grid.begin_of(last_tick + 1)) {
+        let final_command_ns = self.final_command_ns;
+        let end_ns = match final_command_ns.filter(|ns| *ns >= grid.begin_of(last_tick + 1)) {
             _ if !completed => sample_ns,
-            last_word_ns => last_word_ns.unwrap_or(now_ns),
+            final_command_ns => final_command_ns.unwrap_or(now_ns),
         };
         for role in STAGES {
             if let Some((woken, _)) = self.last_wake[role as usize] {

@@ -84,7 +84,9 @@ impl OutageSection {
     pub fn with_faults(mut self, faults: &[InjectedFault]) -> Self {
         for case in &mut self.worst {
             let last = case.tick + case.ticks - 1;
-            let on = faults.iter().filter(|fault| fault.strikes(case.tick, last));
+            let on = faults
+                .iter()
+                .filter(|fault| fault.is_active(case.tick, last));
             case.faults = on.map(|fault| fault.what.clone()).collect();
         }
         self

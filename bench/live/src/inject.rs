@@ -6,11 +6,11 @@ use std::fmt;
 use std::time::Duration;
 
 use faults::code::FaultCode;
-use faults::live::{LiveFault, MOST_LIVE, NOTICE_TICKS};
+use faults::live::{LiveFault, MAX_LIVE_FAULTS, NOTICE_TICKS};
 use faults::{FaultRefusal, MOST, Span};
 use ipc::instance::Instance;
 use ipc::{
-    ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, STRIKES, SwapAnswer, SwapOrder,
+    ACCEPTED, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, SwapAnswer, SwapOrder,
     SwapOutcome, Wire,
 };
 use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
@@ -331,7 +331,7 @@ fn inject_faults(
 /// The error of faults that the plant has refused.
 fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Result<(), Failure> {
     let why = match answer.verdict {
-        STRIKES => return Ok(()),
+        ACCEPTED => return Ok(()),
         MALFORMED => "the request contains no fault".into(),
         ENDED => "the run ended before it".into(),
         verdict => {
@@ -342,7 +342,7 @@ fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Res
             {
                 Some(fault) => refused(reason, fault, period_s).to_string(),
                 None => format!(
-                    "it has no room for more: a flight takes {MOST_LIVE} faults by `inject`, counted by input, of \
+                    "it has no room for more: a flight takes {MAX_LIVE_FAULTS} faults by `inject`, counted by input, of \
                      which {MOST} of messages with those that were planned"
                 ),
             }

@@ -55,14 +55,14 @@ impl HostMonitor {
     pub fn sample(
         &mut self,
         roles: &RoleStatuses,
-        tally: &mut FlightStatistics,
+        statistics: &mut FlightStatistics,
         is_flying: bool,
     ) -> Result<(), Failure> {
         let sample = self
             .counters
-            .sample(&roles.loops(), tally.lost().iter().sum());
-        let traced = self.read_trace(tally);
-        if let Some(autopsy) = &mut tally.autopsy {
+            .sample(&roles.loops(), statistics.lost().iter().sum());
+        let traced = self.read_trace(statistics);
+        if let Some(autopsy) = &mut statistics.autopsy {
             // After the last tick it is normal that processes end.
             if is_flying {
                 autopsy.sample(sample);
@@ -76,20 +76,20 @@ impl HostMonitor {
     pub fn finish(
         &mut self,
         roles: &RoleStatuses,
-        tally: &mut FlightStatistics,
+        statistics: &mut FlightStatistics,
         (missed, ticks): (u64, u64),
     ) -> Result<(), Failure> {
-        let traced = self.read_trace(tally);
-        if let Some(autopsy) = &mut tally.autopsy {
+        let traced = self.read_trace(statistics);
+        if let Some(autopsy) = &mut statistics.autopsy {
             autopsy.ended_stages(fallen(&roles.loops()), now_ns());
             autopsy.finish(missed, ticks);
         }
         traced
     }
 
-    fn read_trace(&mut self, tally: &mut FlightStatistics) -> Result<(), Failure> {
+    fn read_trace(&mut self, statistics: &mut FlightStatistics) -> Result<(), Failure> {
         let slices = self.trace.take()?;
-        if let Some(autopsy) = &mut tally.autopsy {
+        if let Some(autopsy) = &mut statistics.autopsy {
             autopsy.slices(slices);
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! Reads the topics and distributes each message: to observers, the log, the statistics and the Lyapunov monitor.
 
-use analysis::flight_statistics::{FlightStatistics, is_last_word};
+use analysis::flight_statistics::{FlightStatistics, is_final_command};
 use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::Failure;
 use flight_log::entry::LogEntry;
@@ -41,7 +41,7 @@ impl StreamPorts {
 
 pub struct MessageStreams {
     ports: StreamPorts,
-    pub tally: FlightStatistics,
+    pub statistics: FlightStatistics,
     pairs: Pairs,
     monitor: FlightMonitor,
     joiner: Joiner,
@@ -49,10 +49,10 @@ pub struct MessageStreams {
 }
 
 impl MessageStreams {
-    pub fn new(ports: StreamPorts, tally: FlightStatistics, monitor: FlightMonitor) -> Self {
+    pub fn new(ports: StreamPorts, statistics: FlightStatistics, monitor: FlightMonitor) -> Self {
         Self {
             ports,
-            tally,
+            statistics,
             pairs: Pairs::default(),
             monitor,
             joiner: Joiner::default(),
@@ -70,7 +70,7 @@ impl MessageStreams {
         let horizon = horizon(pace, || run.get());
         let Self {
             ports: StreamPorts { receivers, relays },
-            tally,
+            statistics,
             joiner,
             pairs,
             parameter_epoch,
@@ -83,25 +83,25 @@ impl MessageStreams {
             match entry {
                 LogEntry::State(message) => {
                     *parameter_epoch = message.content.parameter_epoch;
-                    tally.state(message);
+                    statistics.state(message);
                     pairs.state(message);
                     joiner.take(tick, LoopMessage::State(message.content));
                 }
                 LogEntry::Setpoint(message) => {
-                    tally.setpoint(message);
+                    statistics.setpoint(message);
                     joiner.take(tick, LoopMessage::Setpoint(message.content));
                 }
                 LogEntry::Wrench(message) => {
-                    tally.wrench(message);
+                    statistics.wrench(message);
                     pairs.wrench(message);
                 }
                 LogEntry::RotorSpeeds(message) => {
-                    tally.rotor_speeds(message);
-                    if !is_last_word(message) {
+                    statistics.rotor_speeds(message);
+                    if !is_final_command(message) {
                         joiner.take(tick, LoopMessage::RotorSpeeds(message.content));
                     }
                 }
-                LogEntry::Swap(message) => tally.swap(message),
+                LogEntry::Swap(message) => statistics.swap(message),
                 // The recorder computes these itself.
                 LogEntry::Theorem(_) => {}
             }
@@ -118,7 +118,7 @@ impl MessageStreams {
     /// Whether every parameter change that the plant counted has been received.
     pub fn has_all_swaps(&self, counted_by_plant: u64) -> bool {
         // The plant also counts the change of a tick that was skipped at the very end, which is in no state.
-        self.tally.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
+        self.statistics.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
     }
 
     /// Passes the last wrenches to the monitor; no state arrives any more.
@@ -159,9 +159,9 @@ impl MessageStreams {
                 let relayed = self.ports.relays.pass_on(&entry);
                 files.note(OBSERVERS, relayed.map_err(Failure::from));
                 files.log(&entry);
-                self.tally.theorem(message);
+                self.statistics.theorem(message);
             }
-            None if self.monitor.applies() => self.tally.theorem.count_unwatched(),
+            None if self.monitor.applies() => self.statistics.theorem.count_unwatched(),
             None => {}
         }
         let result = result.map(|message| message.content);
@@ -170,7 +170,7 @@ impl MessageStreams {
     }
 
     fn write_state(&mut self, joined: &Joined, files: &mut RunFiles<'_>) {
-        self.tally.tracer.take(joined);
+        self.statistics.tracer.take(joined);
         files.write_state(joined);
     }
 }

@@ -70,10 +70,10 @@ pub fn run(
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let laws = settings.flown_laws()?;
     let host = HostMonitor::start(&machine, &roles, settings.recorder.trace, instance)?;
-    let mut tally = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
-    tally.theorem.set_airframe(&settings.airframe()?);
-    tally.set_laws(laws);
-    tally.begin_autopsy(host.is_virtual(), host.has_cpu());
+    let mut statistics = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
+    statistics.theorem.set_airframe(&settings.airframe()?);
+    statistics.set_laws(laws);
+    statistics.begin_autopsy(host.is_virtual(), host.has_cpu());
     let metadata = metadata(
         &armed.run.get(),
         settings,
@@ -86,7 +86,7 @@ pub fn run(
         armed: &armed,
         files: RunFiles::create(files, settings, &metadata, latencies, (tracking, laws))?,
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
-        streams: MessageStreams::new(ports, tally, FlightMonitor::new(settings.theorem()?)),
+        streams: MessageStreams::new(ports, statistics, FlightMonitor::new(settings.theorem()?)),
         host,
         roles,
         faults,
@@ -127,7 +127,7 @@ impl Recorder<'_> {
             rest(self.armed.pace);
             self.drain()?;
             self.sample_host();
-            session.status.ticks_run = self.streams.tally.newest_tick();
+            session.status.ticks_run = self.streams.statistics.newest_tick();
             session.pass_on_stop();
             self.update_faults();
             self.files.flush_log();
@@ -149,7 +149,8 @@ impl Recorder<'_> {
     fn write_each_second(&mut self) -> Result<(), Failure> {
         let every = self.settings.recorder.hlog_every_s;
         if self.seconds.is_multiple_of(every) {
-            self.files.write_latencies(&mut self.streams.tally.series);
+            self.files
+                .write_latencies(&mut self.streams.statistics.series);
         }
         let report = self.build_report(None)?;
         self.files.write_partial_report(&report);
@@ -166,7 +167,7 @@ impl Recorder<'_> {
         let is_flying = self.armed.run.get().phase() == RunPhase::Flying;
         let traced = self
             .host
-            .sample(&self.roles, &mut self.streams.tally, is_flying);
+            .sample(&self.roles, &mut self.streams.statistics, is_flying);
         self.files.note(TRACE, traced);
     }
 
@@ -204,21 +205,21 @@ impl Recorder<'_> {
     fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
         let run = self.armed.run.get();
         self.streams.finish_monitor(&mut self.files);
-        let tally = &mut self.streams.tally;
-        tally.finish(&run, closed_ns);
-        tally
+        let statistics = &mut self.streams.statistics;
+        statistics.finish(&run, closed_ns);
+        statistics
             .deaths
-            .finish(fallen(&self.roles.loops()), tally.newest_tick());
-        self.files.finish_latencies(&mut tally.series);
+            .finish(fallen(&self.roles.loops()), statistics.newest_tick());
+        self.files.finish_latencies(&mut statistics.series);
         self.streams.finish_states(&mut self.files);
-        let tally = &mut self.streams.tally;
+        let statistics = &mut self.streams.statistics;
         let traced = self.host.finish(
             &self.roles,
-            tally,
+            statistics,
             (run.deadlines_missed, run.last_tick + 1),
         );
         self.files.note(TRACE, traced);
-        tally
+        statistics
             .miss_runs
             .update(run.deadlines_missed, run.deadline_miss_run);
         self.files.prepare_final_report();

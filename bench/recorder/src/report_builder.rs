@@ -76,23 +76,23 @@ impl<'a> ReportBuilder<'a> {
             roles,
             faults,
         } = parts;
-        let tally = &streams.tally;
+        let statistics = &streams.statistics;
         let period_s = self.settings.flight.period_s;
-        let ticks = tally.ticks(run);
-        let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(tally.states);
-        let late = tally.series.flight(Series::Late);
-        let missed = tally.miss_runs.missed;
+        let ticks = statistics.ticks(run);
+        let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(statistics.states);
+        let late = statistics.series.flight(Series::Late);
+        let missed = statistics.miss_runs.missed;
         let deadlines = schema::DeadlineSection {
-            not_fresh: tally.not_fresh(&ticks),
+            not_fresh: statistics.not_fresh(&ticks),
             missed,
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-            missed_by_stamps: tally.late_commands.count,
+            missed_by_stamps: statistics.late_commands.count,
             late: late.map(buckets).unwrap_or_default(),
-            runs: tally.miss_runs.lengths(),
-            stretches: tally.late_commands.stretches.clone(),
-            stretches_left_out: tally.late_commands.left_out,
+            runs: statistics.miss_runs.lengths(),
+            stretches: statistics.late_commands.stretches.clone(),
+            stretches_left_out: statistics.late_commands.left_out,
         };
-        let lost = TOPICS.iter().zip(tally.lost());
+        let lost = TOPICS.iter().zip(statistics.lost());
         let lost = lost
             .map(|(topic, lost)| ((*topic).to_owned(), lost))
             .collect();
@@ -100,7 +100,7 @@ impl<'a> ReportBuilder<'a> {
         let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
         let performance = schema::ControlPerformance {
             ticks_without_state,
-            ..tally.flight()
+            ..statistics.flight()
         };
         let section = schema::RunSection {
             run_id: run.run_id,
@@ -115,13 +115,13 @@ impl<'a> ReportBuilder<'a> {
             period_us: period_s * 1e6,
             wall_period_us: run.period_ns as f64 / 1e3,
             settings_fingerprint: format!("{:016x}", run.settings),
-            laws: self.laws(tally),
+            laws: self.laws(statistics),
             ending: ending.unwrap_or(EndReason::None).name().into(),
             last_words: Vec::new(),
             in_flight: ending.is_none(),
         };
         let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
-        let autopsy = tally.autopsy.as_ref().map(MissAnalysis::section);
+        let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy = autopsy.unwrap_or_default().with_faults(&faults);
         if ending.is_none() {
             // This report is written every second: only what is shown.
@@ -136,16 +136,16 @@ impl<'a> ReportBuilder<'a> {
             deadlines,
             margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
             autopsy,
-            deaths: tally.deaths.deaths.clone(),
-            deaths_left_out: tally.deaths.left_out,
+            deaths: statistics.deaths.deaths.clone(),
+            deaths_left_out: statistics.deaths.left_out,
             flight: performance,
-            theorem: tally.theorem.section(),
-            swaps: tally.swaps.clone(),
-            swaps_left_out: tally.swaps_seen - tally.swaps.len() as u64,
+            theorem: statistics.theorem.section(),
+            swaps: statistics.swaps.clone(),
+            swaps_left_out: statistics.swaps_seen - statistics.swaps.len() as u64,
             faults,
-            series: tally.series.statistics(),
+            series: statistics.series.statistics(),
             roles: roles.sections(),
-            lead: tally.lead(&run.lead, roles.rehearsals()),
+            lead: statistics.lead(&run.lead, roles.rehearsals()),
             recorder: schema::RecorderSection {
                 lost,
                 rejected: rejections(&streams.rejections()),
@@ -160,13 +160,13 @@ impl<'a> ReportBuilder<'a> {
             interrupts: host.interrupts(),
             // Only the page shows these, so they are computed once, at the end.
             distributions: if ending.is_some() {
-                tally.series.distributions(run.period_ns)
+                statistics.series.distributions(run.period_ns)
             } else {
                 Vec::new()
             },
             // The launcher measures them after all processes have landed.
             beside: None,
-            traces: ending.map(|_| tally.tracer.traces()),
+            traces: ending.map(|_| statistics.tracer.traces()),
         };
         let limits = self.settings.tracking_limits();
         judge(&mut report, ending, &self.settings.gates_asked(), &limits);
@@ -174,12 +174,12 @@ impl<'a> ReportBuilder<'a> {
     }
 
     /// The laws of the flight with their telemetry and their unusable outputs.
-    fn laws(&self, tally: &FlightStatistics) -> BTreeMap<String, LawSection> {
-        let laws = self.laws.into_iter().zip(tally.not_finite);
+    fn laws(&self, statistics: &FlightStatistics) -> BTreeMap<String, LawSection> {
+        let laws = self.laws.into_iter().zip(statistics.not_finite);
         let section = |((law, not_finite), telemetry): ((Chosen, NotFinite), &SignalStatistics)| {
             let role = law.description().role.to_string();
             (role, law.section(not_finite, telemetry.section()))
         };
-        laws.zip(&tally.telemetry).map(section).collect()
+        laws.zip(&statistics.telemetry).map(section).collect()
     }
 }

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use faults::fields::Faulty;
-use faults::gate::Gate;
+use faults::gate::FaultFilter;
 use faults::{MessageFaults, Port};
 use flight_log::entry::LogEntry;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
@@ -152,7 +152,7 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
 /// An input of a stage that is replayed.
 #[derive(Clone, Debug)]
 pub struct RecordedInput<C> {
-    gate: Option<Gate<C>>,
+    gate: Option<FaultFilter<C>>,
     /// Messages that passed the filter and were not used yet.
     passed: VecDeque<Stamped<C>>,
     used: Stamped<C>,
@@ -162,7 +162,7 @@ impl<C: Faulty> RecordedInput<C> {
     /// An input that has received nothing.
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
-            gate: Gate::new(faults, port),
+            gate: FaultFilter::new(faults, port),
             passed: VecDeque::new(),
             used: Stamped::never(),
         }
@@ -315,7 +315,7 @@ mod tests {
                 replayed.take(&wrench(tick));
                 restarted.arrive(&wrench(tick));
                 restarted.settle(tick);
-                let had = restarted.dated();
+                let had = restarted.stamped();
                 let found = replayed.input(&MessageWindow::keeping(1), had.tick, tick);
                 assert_eq!(found.ok(), Some(had), "tick {tick}");
             }

@@ -30,7 +30,7 @@ use crate::inputs::{Inputs, Next, of};
 use crate::log_check::{LogCheck, LogValidator};
 use crate::loops::LoopsReplay;
 use crate::summary::Summary;
-use analysis::flight_statistics::is_last_word;
+use analysis::flight_statistics::is_final_command;
 use analysis::phrase::count;
 use analysis::tracking::Tracking;
 use config::Settings;
@@ -316,7 +316,7 @@ impl ReplayRun {
                 let message = of(&inputs.rotor_speeds, tick)?;
                 let speeds = self.loops.rotor_speeds(message, inputs, comparison)?;
                 // After the last tick the mixer stops the rotors; that command answers no state.
-                if !is_last_word(message) {
+                if !is_final_command(message) {
                     outputs.take(tick, &speeds);
                     if tick >= self.from_tick {
                         self.summary.rotor_speeds(&speeds);

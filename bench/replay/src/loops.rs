@@ -8,7 +8,7 @@ use messages::monitor::Monitor;
 
 use crate::comparison::ReplayComparison;
 use crate::inputs::{Inputs, RecordedInput, input, of};
-use analysis::flight_statistics::is_last_word;
+use analysis::flight_statistics::is_final_command;
 use config::Settings;
 use controller::flight_monitor::FlightMonitor;
 use errors::Failure;
@@ -122,7 +122,7 @@ impl LoopsReplay {
         let mixer = of_epoch(&mut self.mixer, message.envelope.epoch, &mut 0, || {
             self.settings.mixer_stage()
         })?;
-        let replayed = if is_last_word(message) {
+        let replayed = if is_final_command(message) {
             mixer.idle()
         } else {
             let wrench =

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use analysis::flight_statistics::is_last_word;
+use analysis::flight_statistics::is_final_command;
 use analysis::phrase::count;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, Kept, LogReader};
@@ -94,7 +94,7 @@ impl Timing {
                     let [state, setpoint, _] = envelope.input_tick;
                     (envelope, Role::Inner, Source::Wrench { state, setpoint })
                 }
-                LogEntry::RotorSpeeds(message) if !is_last_word(message) => {
+                LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
                     let envelope = &message.envelope;
                     let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
                     let source = Source::RotorSpeeds {
@@ -176,7 +176,7 @@ impl Timing {
             ))
             .help(format!("fly at most {recorded_s} s: --duration, or `flight.duration_s` in the settings file")));
         }
-        if !settings.planned()?.spares_the_loop() {
+        if !settings.planned()?.has_no_loop_faults() {
             return Err(Failure::usage(format!(
                 "{key}: message and stage faults cannot be combined with recorded timing"
             ))

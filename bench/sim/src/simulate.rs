@@ -85,7 +85,7 @@ pub fn report(
     for fault in settings.injected()? {
         lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
-    if timing.is_some() || !settings.planned()?.spares_the_loop() {
+    if timing.is_some() || !settings.planned()?.has_no_loop_faults() {
         lines.push(outages(&rig));
     }
     lines.extend(flown.departure.clone());

@@ -16,10 +16,8 @@ use std::mem::replace;
 use analysis::states::Joined;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
-use controller::adaptation::Evidence;
-use controller::laws::adaptive::Adaptive;
 use errors::Failure;
-use faults::gate::{FaultyInput, Gate};
+use faults::gate::{FaultFilter, FaultyInput};
 use faults::live::FaultKind;
 use faults::{MessageFaults, Port};
 use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
@@ -47,11 +45,6 @@ pub struct Simulator {
     tick: u64,
     envelope: Result<(), EnvelopeViolation>,
     theorem: Option<TheoremMonitor>,
-    /// Whether the inner law's evidence is the monitor's, too: what both compute is then computed once.
-    shares_evidence: bool,
-    /// Whether the theorem's monitor has seen the last wrench, and shows what it says itself.
-    is_watched: bool,
-    /// What a monitor said of the last wrench, where messages or stages have faults or recorded timing.
     monitor: Option<Monitor>,
     /// Message and stage faults; none takes the fast path.
     faulted: Option<Box<Faulted>>,
@@ -77,8 +70,6 @@ impl Simulator {
             tick: 0,
             envelope: Ok(()),
             theorem: None,
-            shares_evidence: false,
-            is_watched: false,
             monitor: None,
             faulted: None,
         }
@@ -125,7 +116,7 @@ impl Simulator {
                 "fault: {name}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`"
             )));
         }
-        if !planned.spares_the_loop() {
+        if !planned.has_no_loop_faults() {
             let faulted = Faulted::new(settings, &planned)?;
             rig.plant.gate(faulted.plant_gate());
             rig.faulted = Some(Box::new(faulted));
@@ -141,10 +132,6 @@ impl Simulator {
     /// Adds the theorem's monitor, if the inner law has a theorem.
     pub fn with_monitor(self, theorem: Option<TheoremMonitor>) -> Self {
         let mut rig = Self { theorem, ..self };
-        rig.shares_evidence = match (&rig.theorem, evidence(&mut rig.inner)) {
-            (Some(theorem), Some(evidence)) => theorem.begins_with(evidence),
-            _ => false,
-        };
         if let Some(faulted) = &mut rig.faulted {
             faulted.theorem.clone_from(&rig.theorem);
         }
@@ -221,13 +208,7 @@ impl Simulator {
         rotor_speeds.tick = tick;
         plant.offer(rotor_speeds, tick + 1);
         if let Some(theorem) = &mut self.theorem {
-            match evidence(inner).filter(|_| self.shares_evidence) {
-                Some(evidence) => {
-                    theorem.watch_with(tick, state, &wrench.content, evidence.at(tick))
-                }
-                None => theorem.watch(tick, state, &wrench.content),
-            };
-            self.is_watched = true;
+            self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
         }
         self.tick += 1;
     }
@@ -313,15 +294,12 @@ impl Simulator {
             setpoint: self.setpoint().copied(),
             wrench,
             rotor_speeds: self.new_rotor_speeds().copied(),
-            monitor: self.monitor().filter(|_| wrench.is_some()).copied(),
+            monitor: self.monitor.filter(|_| wrench.is_some()),
         }
     }
 
-    pub fn monitor(&self) -> Option<&Monitor> {
-        match &self.theorem {
-            Some(theorem) if self.is_watched => Some(theorem.shown()),
-            _ => self.monitor.as_ref(),
-        }
+    pub const fn monitor(&self) -> Option<&Monitor> {
+        self.monitor.as_ref()
     }
 
     /// Whether the last state is inside the model's envelope.
@@ -338,12 +316,6 @@ impl Simulator {
     pub fn plant_mut(&mut self) -> &mut Plant {
         &mut self.plant
     }
-}
-
-/// What an adaptive law learns from.
-fn evidence(inner: &mut GuardedInner) -> Option<&Evidence> {
-    let law = inner.law().downcast_ref::<Adaptive>()?;
-    Some(law.evidence())
 }
 
 /// States kept for the theorem's monitor: more than the longest delay.
@@ -415,8 +387,8 @@ impl Faulted {
         })
     }
 
-    fn plant_gate(&self) -> Option<Gate<RotorSpeeds>> {
-        Gate::new(&self.messages, Port::PlantRotorSpeeds)
+    fn plant_gate(&self) -> Option<FaultFilter<RotorSpeeds>> {
+        FaultFilter::new(&self.messages, Port::PlantRotorSpeeds)
     }
 
     /// Continues a flight that had no message and stage faults, between two ticks.
@@ -453,7 +425,7 @@ impl Faulted {
         }
         if self.works(Role::Outer, tick) {
             self.outer_state.settle(tick);
-            let state = self.outer_state.dated();
+            let state = self.outer_state.stamped();
             if rig.outer.tick_into(tick, &state, &mut rig.setpoint.content) {
                 rig.setpoint.tick = tick;
                 let late = self.lateness(Role::Outer, tick);
@@ -466,7 +438,7 @@ impl Faulted {
         }
         if self.works(Role::Mixer, tick) {
             self.mixer_wrench.settle(tick);
-            let wrench = self.mixer_wrench.dated();
+            let wrench = self.mixer_wrench.stamped();
             rig.mixer
                 .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
             rig.rotor_speeds.tick = tick;
@@ -506,7 +478,7 @@ impl Faulted {
     fn inner(&mut self, tick: u64, rig: &mut Simulator) {
         self.inner_state.settle(tick);
         self.inner_setpoint.settle(tick);
-        let (state, setpoint) = (self.inner_state.dated(), self.inner_setpoint.dated());
+        let (state, setpoint) = (self.inner_state.stamped(), self.inner_setpoint.stamped());
         rig.inner
             .tick_into(tick, &state, &setpoint, &mut rig.wrench.content);
         rig.wrench.tick = tick;

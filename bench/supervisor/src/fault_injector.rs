@@ -60,12 +60,12 @@ enum Action {
 }
 
 /// The children of a flight, and which of them plays which role.
-pub(super) struct Players<'a> {
+pub(super) struct RoleProcesses<'a> {
     pub(super) watch: &'a mut ChildWatch,
     pub(super) pids: &'a [(Role, u32)],
 }
 
-impl Players<'_> {
+impl RoleProcesses<'_> {
     /// Sends a signal to the process that plays a role; returns its number.
     fn signal(&self, role: Role, tick: u64, signal: Signal) -> Result<u32, Failure> {
         let known = self.pids.iter().find(|(known, _)| *known == role);
@@ -110,7 +110,7 @@ impl FaultInjector {
         wire: &Wire,
         run: Option<&Run>,
         time: Duration,
-        players: &mut Players<'_>,
+        players: &mut RoleProcesses<'_>,
     ) {
         let until = now_ns().saturating_add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
         let run = run.filter(|run| run.launcher_pid == u64::from(std::process::id()));
@@ -193,7 +193,7 @@ impl FaultInjector {
             .for_each(|(_, mut child)| kill_and_reap(&mut child));
     }
 
-    fn perform_due(&mut self, run: &Run, grid: &Grid, players: &Players<'_>) {
+    fn perform_due(&mut self, run: &Run, grid: &Grid, players: &RoleProcesses<'_>) {
         let now = now_ns();
         let is_due = |(at, _): &mut (u64, Action)| *at <= now + AIM_NS;
         let mut due: Vec<(u64, Action)> = self.due.extract_if(.., is_due).collect();
@@ -225,7 +225,7 @@ impl FaultInjector {
         fault: &LiveFault,
         run: &Run,
         grid: &Grid,
-        players: &Players<'_>,
+        players: &RoleProcesses<'_>,
     ) -> Result<(), Failure> {
         let tick = fault.span.from;
         // A signal is sent some ten microseconds after the tick has begun, and later if this thread has no processor.
@@ -378,7 +378,7 @@ mod tests {
         watch: &mut ChildWatch,
         pids: &[(Role, u32)],
     ) {
-        let mut players = Players { watch, pids };
+        let mut players = RoleProcesses { watch, pids };
         injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
     }
 

@@ -29,7 +29,7 @@ use crate::FlightOptions;
 use crate::child_process::{ChildWatch, ENDING, LANDING, Spawner, kill, kill_and_reap, terminate};
 use crate::dashboard::Dashboard;
 use crate::exit_report::{KillReason, Outcome, ProcessExit};
-use crate::fault_injector::{FaultInjector, Players};
+use crate::fault_injector::{FaultInjector, RoleProcesses};
 use crate::hang_detector::{self, HangDetector};
 use crate::recordings::Recordings;
 use crate::restarts::{MAX_RESTARTS, RestartLimit, Standbys, WITHIN};
@@ -220,7 +220,7 @@ impl FlightSupervisor {
         };
         let pids = self.children.iter().map(|it| (it.role, it.child.id()));
         let pids: Vec<(Role, u32)> = pids.collect();
-        let mut players = Players {
+        let mut players = RoleProcesses {
             watch: &mut self.child_watch,
             pids: &pids,
         };

@@ -70,9 +70,9 @@ impl StatusLine {
 /// Columns of the terminal on standard error.
 fn columns() -> usize {
     const UNKNOWN: usize = 80;
-    let told = tcgetwinsize(io::stderr()).map(|size| usize::from(size.ws_col));
+    let size = tcgetwinsize(io::stderr()).map(|size| usize::from(size.ws_col));
     // A line without a size, as of a serial port, tells 0.
-    told.ok().filter(|columns| *columns > 0).unwrap_or(UNKNOWN)
+    size.ok().filter(|columns| *columns > 0).unwrap_or(UNKNOWN)
 }
 
 /// The fields of a line that do not wrap: one that does cannot be taken off the terminal again, and half a number is

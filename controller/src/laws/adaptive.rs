@@ -106,11 +106,6 @@ impl Adaptive {
         }
     }
 
-    /// What it learns from.
-    pub const fn evidence(&self) -> &Evidence {
-        &self.evidence
-    }
-
     /// Runs the filter through the ticks since the last call, on the input that it had.
     fn catch_up(&mut self, tick: u64) {
         let skipped = tick.saturating_sub(self.filter_tick);

@@ -16,7 +16,7 @@ use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{
-    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner, STRIKES, Sender,
+    ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner, Sender,
     SwapAnswer, SwapOrder, SwapOutcome, Wakes, Wire,
 };
 use messages::content::{NO_TICK, SwapRecord};
@@ -227,7 +227,7 @@ impl Server<'_> {
             }
             Event::Injected { id, span } => {
                 let answer = FaultAnswer {
-                    verdict: STRIKES,
+                    verdict: ACCEPTED,
                     from: span.from,
                     to: span.to,
                     which: 0,

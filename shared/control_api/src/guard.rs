@@ -9,7 +9,6 @@
 //! A stage writes into the place of an older message: messages are large, and a copy of each would cost a tick more than
 //! some laws do. `rehearse` is a warm-up run: it works on copies, and returns nothing if the law cannot be copied.
 
-use std::any::Any;
 use std::sync::Arc;
 
 use messages::allocation::Allocation;
@@ -270,11 +269,6 @@ impl GuardedInner {
             stays: None,
         };
         Self { made, memory }
-    }
-
-    /// The law itself, for those who know which one it is.
-    pub fn law(&mut self) -> &mut dyn Any {
-        self.made.law.as_any()
     }
 
     /// As [`InnerLaw::estimates`].

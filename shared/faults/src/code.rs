@@ -247,7 +247,7 @@ layout! {
         pub what: u64,
         /// Place of the input among [`PORTS`], or of the stage among [`STAGES`].
         pub place: u64,
-        /// Place of the field among those that faults can strike.
+        /// Place of the field among those that faults can change.
         pub field: u64,
         /// Place of the number in it, and 1; 0 is all of them.
         pub axis: u64,

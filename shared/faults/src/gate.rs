@@ -36,7 +36,7 @@ pub struct Passed<C> {
 
 /// The faults of an input, and what they have to know of earlier messages.
 #[derive(Clone, Debug)]
-pub struct Gate<C> {
+pub struct FaultFilter<C> {
     seed: u64,
     faults: Vec<(u64, MessageFault)>,
     /// The newest contents with their ticks, by tick; empty where nothing can lag.
@@ -48,7 +48,7 @@ pub struct Gate<C> {
     rejections: Rejections,
 }
 
-impl<C: Faulty> Gate<C> {
+impl<C: Faulty> FaultFilter<C> {
     /// The gate of an input before its first message; none where it has no faults.
     pub fn new(faults: &MessageFaults, port: Port) -> Option<Self> {
         let lags = faults
@@ -173,7 +173,7 @@ const ROOM: usize = LONGEST_DELAY as usize + 4;
 /// Call [`FaultyInput::arrive`] for every message, and [`FaultyInput::settle`] in every tick in which the stage works.
 #[derive(Clone, Debug)]
 pub struct FaultyInput<C: Faulty> {
-    gate: Option<Gate<C>>,
+    gate: Option<FaultFilter<C>>,
     /// Those that come later, each with the first tick that has it.
     waiting: VecDeque<(u64, Message<C>)>,
     newest: Message<C>,
@@ -183,7 +183,7 @@ impl<C: Faulty> FaultyInput<C> {
     /// An input that nothing has come to.
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
-            gate: Gate::new(faults, port),
+            gate: FaultFilter::new(faults, port),
             waiting: VecDeque::with_capacity(ROOM),
             newest: Message::default(),
         }
@@ -198,7 +198,7 @@ impl<C: Faulty> FaultyInput<C> {
             .extend((0..ROOM).map(|_| (0, Message::default())));
         input.waiting.clear();
         Self {
-            gate: Some(Gate::changing(faults, port)),
+            gate: Some(FaultFilter::changing(faults, port)),
             ..input
         }
     }
@@ -265,7 +265,7 @@ impl<C: Faulty> FaultyInput<C> {
         &self.newest
     }
 
-    pub const fn dated(&self) -> Stamped<C> {
+    pub const fn stamped(&self) -> Stamped<C> {
         Stamped::new(self.newest.envelope.tick, self.newest.content)
     }
 

@@ -15,7 +15,7 @@ use messages::role::Role;
 pub const LIVE: &str = "faults";
 
 /// Faults that can be injected into one flight, each counted as often as it has inputs; an end counts as one, too.
-pub const MOST_LIVE: usize = 64;
+pub const MAX_LIVE_FAULTS: usize = 64;
 
 /// Ticks from the one in which the plant accepts a fault to its first one, at the least.
 pub const NOTICE_TICKS: u64 = LONGEST_DELAY + 4;
@@ -26,7 +26,7 @@ layout! {
     #[repr(C)]
     pub struct LiveBlackboard {
         pub count: u64,
-        pub faults: [FaultCode; MOST_LIVE],
+        pub faults: [FaultCode; MAX_LIVE_FAULTS],
     }
 }
 
@@ -40,8 +40,8 @@ impl LiveBlackboard {
     /// The faults; numbers that are none are left out.
     pub fn iter(&self) -> impl Iterator<Item = LiveFault> {
         let count = usize::try_from(self.count)
-            .unwrap_or(MOST_LIVE)
-            .min(MOST_LIVE);
+            .unwrap_or(MAX_LIVE_FAULTS)
+            .min(MAX_LIVE_FAULTS);
         self.faults[..count].iter().filter_map(FaultCode::fault)
     }
 
@@ -121,7 +121,7 @@ pub const RESTART_NS: u64 = 100_000_000;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Acts {
     sample_time_ns: u64,
-    acts: [Option<LiveFault>; MOST_LIVE],
+    acts: [Option<LiveFault>; MAX_LIVE_FAULTS],
 }
 
 impl Acts {
@@ -129,14 +129,14 @@ impl Acts {
     pub const fn none(sample_time_ns: u64) -> Self {
         Self {
             sample_time_ns,
-            acts: [None; MOST_LIVE],
+            acts: [None; MAX_LIVE_FAULTS],
         }
     }
 
     /// Takes one more, or the end of one. Faults of messages are taken and do nothing here.
     ///
     /// It refuses where two faults of a stage would meet, or two hogs or loads; where a stop is shorter than a tick;
-    /// where there is nothing to end, or where there are [`MOST_LIVE`]. Nothing is changed then.
+    /// where there is nothing to end, or where there are [`MAX_LIVE_FAULTS`]. Nothing is changed then.
     pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
         let LiveFault { kind, ends, span } = *fault;
         if matches!(kind, FaultKind::Messages { .. }) {
@@ -260,10 +260,10 @@ mod tests {
         let spans = faults.messages.iter();
         let spans: Vec<_> = spans.map(|(_, it)| (it.span.from, it.span.to)).collect();
         assert_eq!(spans, [(10, 20), (30, Span::FOR_GOOD)]);
-        (3..MOST_LIVE).for_each(|_| board.push(&fault(true, 40)).unwrap());
+        (3..MAX_LIVE_FAULTS).for_each(|_| board.push(&fault(true, 40)).unwrap());
         assert_eq!(board.push(&fault(true, 40)), Err(FaultRefusal::NoRoom));
         board.count = u64::MAX;
-        assert_eq!(board.iter().count(), MOST_LIVE);
+        assert_eq!(board.iter().count(), MAX_LIVE_FAULTS);
     }
 
     #[test]
@@ -366,11 +366,11 @@ mod tests {
             assert_eq!(taken, expected);
         }
         let mut acts = Acts::none(MS);
-        (0..MOST_LIVE as u64).for_each(|n| acts.take(&stop(Role::Inner, n, MS)).unwrap());
+        (0..MAX_LIVE_FAULTS as u64).for_each(|n| acts.take(&stop(Role::Inner, n, MS)).unwrap());
         assert_eq!(
             acts.take(&stop(Role::Inner, 500, MS)),
             Err(FaultRefusal::NoRoom)
         );
-        assert_eq!(acts.begun().count(), MOST_LIVE);
+        assert_eq!(acts.begun().count(), MAX_LIVE_FAULTS);
     }
 }

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use crate::live::{
-    Acts, FaultKind, LiveFault, LoopFaults, MOST_LIVE, NOTICE_TICKS, RESTART_NS, late_share,
+    Acts, FaultKind, LiveFault, LoopFaults, MAX_LIVE_FAULTS, NOTICE_TICKS, RESTART_NS, late_share,
 };
 use crate::swap::Swap;
 use crate::{FaultRefusal, MOST, Span};
@@ -174,7 +174,7 @@ impl Planned {
     }
 
     /// Whether neither messages nor stages have faults.
-    pub fn spares_the_loop(&self) -> bool {
+    pub fn has_no_loop_faults(&self) -> bool {
         self.loops.messages.is_empty() && self.stages.is_empty()
     }
 }
@@ -184,7 +184,7 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
     let what = Change::joined(&[*fault], fault).0.what();
     FaultError::fault(match (reason, fault.kind) {
         (FaultRefusal::NoRoom, _) => format!(
-            "there are more than {MOST} faults of messages, counted by input, or more than {MOST_LIVE} of processes: \
+            "there are more than {MOST} faults of messages, counted by input, or more than {MAX_LIVE_FAULTS} of processes: \
              leave some out"
         ),
         (FaultRefusal::UnderATick, kind) => {
@@ -198,9 +198,9 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
             )
         }
         (FaultRefusal::AfterTheEnd, _) => format!(
-            "{what} never strikes: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
+            "{what} never takes effect: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
         ),
-        (FaultRefusal::NothingToEnd, _) => format!("{what}=off: it does not strike then or later"),
+        (FaultRefusal::NothingToEnd, _) => format!("{what}=off: it is not active then or later"),
         (FaultRefusal::Contradiction, FaultKind::Messages { port, kind }) => format!(
             "`{}` is given twice for the same ticks at {port}: let one end before the other begins",
             kind.name()

@@ -207,9 +207,9 @@ proptest! {
         }
     }
 
-    /// Faults that an input is told of in flight, with as much notice as the plant gives, are those that it always knew.
+    /// Faults that an input gets in flight, with as much notice as the plant gives, are those that it always knew.
     #[test]
-    fn when_an_input_is_told_of_its_faults_does_not_matter(faults in faults()) {
+    fn when_an_input_gets_its_faults_does_not_matter(faults in faults()) {
         let first = faults.iter().map(|(_, fault)| fault.span.from).min().unwrap_or(0);
         let late = NOTICE_TICKS + 40;
         let moved = |fault: &LiveFault| {
@@ -217,7 +217,7 @@ proptest! {
             let span = Span { from: from - first + late, to: to.saturating_add(late) };
             LiveFault { span, ..*fault }
         };
-        let (mut known, mut told) = (MessageFaults::none(7), FaultyInput::changing(&MessageFaults::none(7), PORT));
+        let (mut known, mut changed) = (MessageFaults::none(7), FaultyInput::changing(&MessageFaults::none(7), PORT));
         for (_, fault) in faults.iter() {
             let _ = known.take(&moved(fault));
         }
@@ -225,15 +225,15 @@ proptest! {
         let mut newest = Message::default();
         for tick in 0..400 {
             if tick == late - NOTICE_TICKS {
-                told.change(&known, PORT, &newest);
+                changed.change(&known, PORT, &newest);
             }
             // Before that it is shown nothing, as where there is no fault.
             if tick < late - NOTICE_TICKS {
                 newest = wrench(tick);
                 continue;
             }
-            told.arrive(&wrench(tick));
-            let had = told.settle(tick);
+            changed.arrive(&wrench(tick));
+            let had = changed.settle(tick);
             prop_assert_eq!((had.envelope.tick, had.content.thrust_n), always[tick as usize], "tick {}", tick);
         }
     }

@@ -28,8 +28,8 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 pub use blackboard::{Blackboard, BlackboardReader, Notice, SHEETS};
 pub use ports::{OBSERVED, OBSERVERS, Receiver, Relay, Sender, Wakes};
 pub use requests::{
-    Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, RequestClient,
-    RequestServer, STRIKES, SwapAnswer, SwapOrder, SwapOutcome,
+    ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, RequestClient,
+    RequestServer, SwapAnswer, SwapOrder, SwapOutcome,
 };
 pub use wake_event::{Notifier, Owner, WakeEvent};
 

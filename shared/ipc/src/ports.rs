@@ -294,7 +294,7 @@ impl<C: Topic> Receiver<C> {
         &self.newest
     }
 
-    pub const fn dated(&self) -> Stamped<C> {
+    pub const fn stamped(&self) -> Stamped<C> {
         Stamped {
             tick: self.newest.envelope.tick,
             content: self.newest.content,

@@ -130,7 +130,7 @@ layout!(FaultOrder {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct FaultAnswer {
-    /// [`STRIKES`] if accepted; else a [`FaultRefusal`], [`MALFORMED`] or [`ENDED`].
+    /// [`ACCEPTED`] if accepted; else a [`FaultRefusal`], [`MALFORMED`] or [`ENDED`].
     pub verdict: u64,
     pub from: u64,
     /// First tick without the faults; `Span::FOR_GOOD` without an end.
@@ -145,7 +145,7 @@ layout!(FaultAnswer {
     which
 });
 
-pub const STRIKES: u64 = 0;
+pub const ACCEPTED: u64 = 0;
 /// Verdict: not a fault, none, or too many.
 pub const MALFORMED: u64 = 100;
 pub const ENDED: u64 = 101;

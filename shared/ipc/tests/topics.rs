@@ -61,7 +61,7 @@ fn a_loop_has_the_newest_message_and_no_other() {
     send(&mut sender, 0..5);
     assert_eq!(drain(&mut receiver), [4], "four were overwritten");
     assert!(receiver.has_any());
-    assert_eq!(receiver.dated().content, state(4));
+    assert_eq!(receiver.stamped().content, state(4));
     assert_eq!(receiver.take(4).unwrap(), 4, "the newest stays");
     send(&mut sender, 5..6);
     assert_eq!(receiver.take(5).unwrap(), 5);

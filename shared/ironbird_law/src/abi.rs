@@ -45,7 +45,7 @@ pub const IRONBIRD_NAME_BYTES: u64 = 40;
 /// Longest sentence [bytes], without the NUL.
 pub const IRONBIRD_TEXT_BYTES: u64 = 400;
 
-/// The airframe as a law is told that it is: the parameters that `ironbird params` explains.
+/// The airframe as a law gets it: the parameters that `ironbird params` explains.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdAirframe {
@@ -75,7 +75,7 @@ pub struct IronbirdAirframe {
     pub motor_time_constant_s: f64,
 }
 
-/// What every law is told before a flight.
+/// What every law gets before a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdRig {

@@ -145,7 +145,7 @@ impl<S: Stage> StageLoop<S> {
         let tick = context.tick;
         self.inputs.settle(tick);
         let fresh = self.inputs.fresh(tick);
-        let inputs = self.inputs.dated();
+        let inputs = self.inputs.stamped();
         let output = self.stage.work(tick, &inputs);
         let late_ns = self.faults.late_ns(tick);
         if late_ns > 0 {
@@ -173,7 +173,7 @@ impl<S: Stage> StageLoop<S> {
     /// works on a copy, and no message is sent. The next stage is notified of its rehearsal. False if the law cannot be
     /// copied: then neither this stage nor those after it rehearse.
     fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
-        let inputs = self.inputs.dated_as_of(tick);
+        let inputs = self.inputs.stamped_as_of(tick);
         let Some(output) = self.stage.rehearse(tick, &inputs) else {
             return Ok(false);
         };

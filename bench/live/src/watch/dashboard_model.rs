@@ -14,7 +14,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::inject::parse_line;
 use analysis::faults::AppliedSwap;
-use analysis::flight_statistics::{FlightStatistics, is_last_word};
+use analysis::flight_statistics::{FlightStatistics, is_final_command};
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
 use analysis::schema::Speed;
@@ -391,7 +391,7 @@ impl WatchedFlight {
             }
             LogEntry::RotorSpeeds(message) => {
                 self.statistics.rotor_speeds(message);
-                if !is_last_word(message) {
+                if !is_final_command(message) {
                     self.rotor_speeds = Some(message.content);
                 }
             }

@@ -35,7 +35,7 @@ fn both_instants_and_several_changes_are_read() {
 
 #[test]
 fn faults_of_messages_and_those_of_stages_act_on_the_loop_and_changes_of_parameters_do_not() {
-    let spares = |text| planned(&[text]).unwrap().spares_the_loop();
+    let spares = |text| planned(&[text]).unwrap().has_no_loop_faults();
     let texts = [
         "mass_kg=0.6@1s",
         "inner.late=1ms@1s..9s",

@@ -50,7 +50,7 @@ impl Opened {
             .map_or(0, |recorder| recorder.get().ticks_run)
     }
 
-    pub fn wanted_end(&self) -> Option<EndReason> {
+    pub fn requested_end(&self) -> Option<EndReason> {
         self.statuses.iter().find_map(|blackboard| {
             EndReason::from_wire(blackboard.get().wants_end).filter(|end| *end != EndReason::None)
         })

@@ -93,10 +93,10 @@ pub trait Inputs: Sized {
     /// Settles what there is of each by a tick: a fault may hold messages back.
     fn settle(&mut self, tick: u64);
 
-    fn dated(&self) -> Self::Stamped;
+    fn stamped(&self) -> Self::Stamped;
 
     /// The newest of each, as if they were of this tick.
-    fn dated_as_of(&self, tick: u64) -> Self::Stamped;
+    fn stamped_as_of(&self, tick: u64) -> Self::Stamped;
 
     fn fresh(&self, tick: u64) -> bool;
 
@@ -206,18 +206,18 @@ impl<A: Faulty> Inputs for Input<A> {
         }
     }
 
-    fn dated(&self) -> Stamped<A> {
+    fn stamped(&self) -> Stamped<A> {
         if self.is_faulty {
-            self.inlet.dated()
+            self.inlet.stamped()
         } else {
-            self.receiver.dated()
+            self.receiver.stamped()
         }
     }
 
-    fn dated_as_of(&self, tick: u64) -> Stamped<A> {
+    fn stamped_as_of(&self, tick: u64) -> Stamped<A> {
         Stamped {
             tick,
-            ..self.dated()
+            ..self.stamped()
         }
     }
 
@@ -265,12 +265,12 @@ impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
         self.1.settle(tick);
     }
 
-    fn dated(&self) -> Self::Stamped {
-        (self.0.dated(), self.1.dated())
+    fn stamped(&self) -> Self::Stamped {
+        (self.0.stamped(), self.1.stamped())
     }
 
-    fn dated_as_of(&self, tick: u64) -> Self::Stamped {
-        (self.0.dated_as_of(tick), self.1.dated_as_of(tick))
+    fn stamped_as_of(&self, tick: u64) -> Self::Stamped {
+        (self.0.stamped_as_of(tick), self.1.stamped_as_of(tick))
     }
 
     fn fresh(&self, tick: u64) -> bool {
