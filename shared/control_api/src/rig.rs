@@ -1,4 +1,4 @@
-//! What every law is told before a flight, and the check that refuses a rig on which nothing can fly.
+//! What every law gets before a flight, and the check that refuses a rig on which nothing can fly.
 
 use std::ops::RangeInclusive;
 

@@ -136,7 +136,7 @@ typedef struct IronbirdSignal {
   const char *unit;
 } IronbirdSignal;
 
-// The airframe as a law is told that it is: the parameters that `ironbird params` explains.
+// The airframe as a law gets it: the parameters that `ironbird params` explains.
 typedef struct IronbirdAirframe {
   // Mass m [kg].
   double mass_kg;
@@ -164,7 +164,7 @@ typedef struct IronbirdAirframe {
   double motor_time_constant_s;
 } IronbirdAirframe;
 
-// What every law is told before a flight.
+// What every law gets before a flight.
 typedef struct IronbirdRig {
   // T, length of a tick [s].
   double period_s;
