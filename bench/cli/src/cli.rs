@@ -21,7 +21,7 @@ use crate::new_law::NewCommand;
 use config::Overrides;
 
 pub use flight::{
-    FlightArgs, FlyArgs, GateArgs, GateName, LeadArg, LogArg, OnDeath, PaceArg, RecordArgs,
+    FlightArgs, FlyArgs, GateArgs, GateName, LogArg, NumberOrAuto, OnDeath, PaceArg, RecordArgs,
     RecorderArgs, RoleArgs, RtArgs, RtMode, SimulateArgs, TrajectoryArgs,
 };
 pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};

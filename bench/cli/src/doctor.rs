@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use analysis::finding::RealtimeClass;
+use analysis::finding::{Finding, RealtimeClass};
 use errors::{Failure, GATE, OK};
 use host::Machine;
 use host::doctor::measured::{MeasuredMachine, TICK_NS};
@@ -14,6 +14,7 @@ use host::own_executable;
 use messages::role::Role;
 
 use crate::cli::DoctorArgs;
+use crate::floor::loop_cpus;
 use config::{Settings, check_cpu};
 use errors::output::{print, say};
 
@@ -34,7 +35,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     if std::io::stderr().is_terminal() {
         let seconds = args.seconds;
         say(&format!(
-            "measuring a timer and a ring of processes, {seconds} s each\n"
+            "measuring a timer, a ring of processes and flights, {seconds} s each\n"
         ));
     }
     let schedule = Schedule {
@@ -44,7 +45,13 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
         priority,
     };
     let measured = MeasuredMachine::take(&own_executable()?, &schedule)?;
-    let examination = examine(&machine, Some(measured));
+    let mut examination = examine(&machine, Some(measured));
+    let trials = loop_cpus::fly_each(cpu, schedule.duration);
+    examination.findings.push(Finding::ok(
+        "loop CPUs, flown",
+        trials.map_or_else(|e| format!("not flown: {e}"), |it| loop_cpus::text(&it)),
+        "stages that poll on CPUs of their own need no wake-up, but there is more that can disturb them",
+    ));
     if args.json {
         let json = serde_json::to_string_pretty(&examination);
         print(&(json.map_err(|e| Failure::failed(e.to_string()))? + "\n"))?;

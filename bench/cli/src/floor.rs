@@ -9,6 +9,7 @@ pub mod benchmark_page;
 pub mod comparison_sets;
 pub mod flight_baseline;
 pub mod flight_runner;
+pub mod loop_cpus;
 pub mod rates;
 
 use flight_log::wall_time::utc;

@@ -108,18 +108,19 @@ pub struct RtArgs {
     /// CPU of the four loops [default: the highest-numbered one].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
     pub cpu: Option<u16>,
-    /// How many CPUs the four loops share: 1, 2 or 4 [default: 1].
+    /// How many CPUs the four loops share: 1, 2, 4, or auto [default: 1].
     ///
     /// On more than one, each stage is woken before its input comes, and reads shared memory in a loop until then: a
-    /// shorter loop for more CPU time. Lockstep and slow motion ignore it.
-    #[arg(long, value_name = "N", allow_hyphen_values = true)]
-    pub loop_cpus: Option<u16>,
+    /// shorter loop for more CPU time. `auto` flies each number for 2 s first, and takes what `ironbird doctor` would
+    /// recommend. Lockstep and slow motion ignore it.
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::number_or_auto)]
+    pub loop_cpus: Option<NumberOrAuto>,
     /// How early the plant's timer fires before each tick: microseconds, or auto [default: auto].
     ///
     /// The plant spends the rest reading the clock. `auto` measures the machine before take-off and follows the flight;
     /// without SCHED_FIFO it is 0.
-    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::lead)]
-    pub lead: Option<LeadArg>,
+    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::number_or_auto)]
+    pub lead: Option<NumberOrAuto>,
     /// Whether the stages warm up their caches with a dry run before each tick [default: true].
     #[arg(long, value_name = "BOOL")]
     pub rehearse: Option<bool>,
@@ -147,10 +148,19 @@ pub enum PaceArg {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LeadArg {
+pub enum NumberOrAuto {
     /// From a measurement before take-off.
     Auto,
-    Us(u32),
+    Number(u32),
+}
+
+impl NumberOrAuto {
+    fn number(self) -> Option<i64> {
+        match self {
+            Self::Auto => None,
+            Self::Number(number) => Some(number.into()),
+        }
+    }
 }
 
 /// Refuses flags that need the clock, each with whether it is given, in a lockstep flight.
@@ -183,15 +193,18 @@ impl RtArgs {
     }
 
     pub fn overrides(&self) -> Overrides {
-        let lead = self.lead.map(|lead| match lead {
-            LeadArg::Auto => Value::from("auto"),
-            LeadArg::Us(us) => Value::from(i64::from(us)),
+        let lead = self.lead.map(|lead| match lead.number() {
+            None => Value::from("auto"),
+            Some(us) => Value::from(us),
         });
         overrides([
             set("rt.mode", self.rt.map(name_of)),
             set("flight.pace", self.pace.map(name_of)),
             set("rt.cpu", self.cpu.map(i64::from)),
-            set("rt.loop_cpus", self.loop_cpus.map(i64::from)),
+            set(
+                "rt.loop_cpus",
+                self.loop_cpus.and_then(NumberOrAuto::number),
+            ),
             set("rt.lead_us", lead),
             set("rt.rehearse", self.rehearse),
         ])

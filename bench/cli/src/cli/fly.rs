@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use crate::browser::open_page;
 use crate::cli::flight::check_clock_flags;
-use crate::cli::{FlyArgs, OnDeath};
-use crate::floor::flight_baseline;
+use crate::cli::{FlyArgs, NumberOrAuto, OnDeath};
+use crate::floor::{flight_baseline, loop_cpus};
 use crate::report_command;
 use analysis::baseline::Baseline;
 use analysis::schema::Report;
@@ -53,7 +53,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         args.recorder.overrides(),
     ];
     let file = args.flight.course.config.as_deref();
-    let settings = Settings::resolve(file, &overrides.concat())?;
+    let mut settings = Settings::resolve(file, &overrides.concat())?;
     settings.check_faults_of_processes(true)?;
     let restarts_roles = args.on_death == OnDeath::Restart;
     check_clock_flags(&settings, &args.rt.clock_flags())?;
@@ -79,6 +79,11 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     let mut requests = StopRequests::listen()?;
     settings.check_cpu()?;
     settings.check_priorities()?;
+    if args.rt.loop_cpus == Some(NumberOrAuto::Auto) && settings.flight.pace == PaceName::Realtime {
+        let trials = loop_cpus::fly_each(settings.realtime()?.cpu, Duration::from_secs(2))?;
+        say(&format!("tried: {}\n", loop_cpus::text(&trials)));
+        settings.rt.loop_cpus = loop_cpus::recommended(&trials);
+    }
     check_writable("--states", args.recorder.states.as_deref())?;
     kernel_trace::check(settings.recorder.trace)?;
     if let Some(duration) = args.floor {

@@ -17,7 +17,7 @@ use process::stage::{self, Flight};
 use process::standby;
 
 use crate::cli::flight::check_clock_flags;
-use crate::cli::{RecordArgs, RoleArgs};
+use crate::cli::{NumberOrAuto, RecordArgs, RoleArgs};
 use crate::report_command::ended;
 use config::{Overrides, PaceName, Settings};
 use errors::output::print;
@@ -60,6 +60,12 @@ fn resolve(args: &RoleArgs, makes: &[Role], more: Overrides) -> Result<Settings,
     let file = args.flight.course.config.as_deref();
     let settings = Settings::resolve_to_make(makes, file, &overrides)?;
     check_clock_flags(&settings, &args.rt.clock_flags())?;
+    if args.rt.loop_cpus == Some(NumberOrAuto::Auto) {
+        return Err(
+            Failure::usage("--loop-cpus auto: only `ironbird fly` tries the numbers")
+                .help("`ironbird doctor` recommends one: --loop-cpus 1"),
+        );
+    }
     Ok(settings)
 }
 

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use crate::cli::{LeadArg, Shard};
+use crate::cli::{NumberOrAuto, Shard};
 use clap::builder::{
     NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser,
 };
@@ -79,14 +79,13 @@ pub(crate) fn processor(text: &str) -> Result<u16, String> {
     })
 }
 
-/// How far ahead of its tick a timer is set.
-pub(crate) fn lead(text: &str) -> Result<LeadArg, String> {
+pub(crate) fn number_or_auto(text: &str) -> Result<NumberOrAuto, String> {
     match text {
-        "auto" => Ok(LeadArg::Auto),
-        us => us
+        "auto" => Ok(NumberOrAuto::Auto),
+        number => number
             .parse()
-            .map(LeadArg::Us)
-            .map_err(|_| "write whole microseconds, as in 150, or auto".into()),
+            .map(NumberOrAuto::Number)
+            .map_err(|_| "write a whole number, or auto".into()),
     }
 }
 
