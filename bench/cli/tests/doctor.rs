@@ -170,6 +170,7 @@ fn a_user_without_rights_is_shown_what_is_refused_and_how_to_get_it() {
     ended
         .says("VERDICT not real-time here")
         .says("SCHED_FIFO refused")
+        .says("(1: loop p99 ")
         .says("limits.d")
         .says("\n  without root the same laws fly in lockstep (--pace lockstep), in slow motion (flight.slowdown), and in")
         .says("SCHED_OTHER on processor");

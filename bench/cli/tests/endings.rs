@@ -4,7 +4,7 @@ use crate::fault_matrix::await_gone;
 use crate::rig::{Rig, Running, not_tested, send, wait_until};
 use ipc::{SwapOrder, SwapOutcome, Wire};
 use messages::blackboards::{RUN, Run, RunPhase};
-use messages::parameters::{PARAMETERS, Parameter};
+use messages::parameters::Parameter;
 use process::rt::fifo_refusal;
 use rustix::process::Signal;
 use std::fs;
@@ -95,16 +95,7 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
 }
 
 fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
-    let mut order = SwapOrder {
-        at_tick,
-        in_ticks: 0,
-        count: 1,
-        parameter: [0; PARAMETERS],
-        value: [0.0; PARAMETERS],
-        steps: [1; PARAMETERS],
-    };
-    (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
-    order
+    SwapOrder::new(at_tick, 0, &[(Parameter::Mass, mass_kg, 1)])
 }
 
 #[test]

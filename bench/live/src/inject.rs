@@ -171,19 +171,9 @@ pub fn ask(instance: &Instance, desired: &[Desired], when: When) -> Result<Appli
     let targets = targets_of(desired, &airframe, period_s).map_err(|e| wrong(&e))?;
     plant::Swap::to(0, &targets).map_err(|e| wrong(&e))?;
     let instant = when.of(&run)?;
-    let mut order = SwapOrder {
-        at_tick: instant.at_tick,
-        in_ticks: instant.in_ticks,
-        count: targets.len() as u64,
-        parameter: [0; PARAMETERS],
-        value: [0.0; PARAMETERS],
-        steps: [1; PARAMETERS],
-    };
-    for (i, target) in targets.iter().enumerate() {
-        order.parameter[i] = target.parameter as u64;
-        order.value[i] = target.value;
-        order.steps[i] = target.steps;
-    }
+    let changes = targets.iter().map(|it| (it.parameter, it.value, it.steps));
+    let changes: Vec<_> = changes.collect();
+    let order = SwapOrder::new(instant.at_tick, instant.in_ticks, &changes);
     let wait = Duration::from_nanos(instant.wait_ticks.saturating_mul(run.period_ns));
     let answer = wire.client::<SwapOrder>()?.request(order, TIMEOUT + wait)?;
     check_applied(&targets, &answer, &airframe)?;

@@ -18,7 +18,7 @@ use faults::FaultRefusal;
 use faults::code::FaultCode;
 use messages::enum_registry::Fingerprint as _;
 use messages::layout::{FNV_OFFSET, Layout, fnv1a, from_wire, layout};
-use messages::parameters::PARAMETERS;
+use messages::parameters::{PARAMETERS, Parameter};
 
 const CLIENTS: usize = 8;
 
@@ -54,6 +54,25 @@ layout!(SwapOrder {
     value,
     steps
 });
+
+impl SwapOrder {
+    /// An order of `changes`: parameter, value and number of steps. There is room for [`PARAMETERS`] of them.
+    pub fn new(at_tick: u64, in_ticks: u64, changes: &[(Parameter, f64, u64)]) -> Self {
+        let mut order = Self {
+            at_tick,
+            in_ticks,
+            count: changes.len() as u64,
+            parameter: [0; PARAMETERS],
+            value: [0.0; PARAMETERS],
+            steps: [1; PARAMETERS],
+        };
+        for (i, (parameter, value, steps)) in changes.iter().enumerate() {
+            order.parameter[i] = *parameter as u64;
+            (order.value[i], order.steps[i]) = (*value, *steps);
+        }
+        order
+    }
+}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]

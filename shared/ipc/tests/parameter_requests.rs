@@ -20,16 +20,7 @@ const SHORT: Duration = Duration::from_millis(20);
 const A_WHILE: Duration = Duration::from_secs(1);
 
 fn order(mass_kg: f64) -> SwapOrder {
-    let mut order = SwapOrder {
-        at_tick: NO_TICK,
-        in_ticks: 3,
-        count: 1,
-        parameter: [0; PARAMETERS],
-        value: [0.0; PARAMETERS],
-        steps: [1; PARAMETERS],
-    };
-    (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
-    order
+    SwapOrder::new(NO_TICK, 3, &[(Parameter::Mass, mass_kg, 1)])
 }
 
 fn answer(tick: u64) -> SwapAnswer {

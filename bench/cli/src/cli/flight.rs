@@ -16,13 +16,13 @@ use faults::grammar::Fault;
 #[command(next_help_heading = "Flight")]
 pub struct TrajectoryArgs {
     /// Reference trajectory: a name, or a CSV file with the columns t,x,y,z,yaw [default: lissajous].
-    #[arg(long, value_parser = values::TrajectoryParser)]
+    #[arg(long, value_parser = values::TRAJECTORY)]
     pub trajectory: Option<String>,
     /// Airframe: paper, crazyflie, x500, or an airframe file [default: paper].
     #[arg(long, value_name = "NAME|FILE.toml")]
     pub airframe: Option<String>,
     /// Preset for every law that has one with this name [default: flight].
-    #[arg(long, value_parser = values::PresetParser)]
+    #[arg(long, value_parser = values::PRESET)]
     pub preset: Option<String>,
     /// Length of the flight, for example 30s or 2m [default: 30s; margin: one period of the trajectory].
     #[arg(long, allow_hyphen_values = true, value_parser = values::duration)]

@@ -6,9 +6,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use crate::cli::{NumberOrAuto, Shard};
-use clap::builder::{
-    NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser,
-};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 use config::law_settings::preset_names;
 use config::trajectory::is_file;
@@ -25,11 +23,26 @@ pub(crate) fn tick(text: &str) -> Result<u64, String> {
     })
 }
 
-/// A built-in trajectory, or a file of points.
+/// One of some names, which shells complete, or another text that `takes` allows.
 #[derive(Clone)]
-pub(crate) struct TrajectoryParser;
+pub(crate) struct NameOr {
+    names: fn() -> Vec<&'static str>,
+    takes: fn(&str) -> bool,
+}
 
-impl TypedValueParser for TrajectoryParser {
+/// A built-in trajectory, or a file of points.
+pub(crate) const TRAJECTORY: NameOr = NameOr {
+    names: || Trajectory::NAMES.to_vec(),
+    takes: is_file,
+};
+
+/// A preset: those of the laws that are built in are known, those of files are looked for later.
+pub(crate) const PRESET: NameOr = NameOr {
+    names: preset_names,
+    takes: |name| !name.is_empty(),
+};
+
+impl TypedValueParser for NameOr {
     type Value = String;
 
     fn parse_ref(
@@ -38,37 +51,14 @@ impl TypedValueParser for TrajectoryParser {
         arg: Option<&Arg>,
         value: &OsStr,
     ) -> Result<String, clap::Error> {
-        match value.to_str().filter(|text| is_file(text)) {
-            Some(file) => Ok(file.into()),
-            None => PossibleValuesParser::new(Trajectory::NAMES).parse_ref(command, arg, value),
+        match value.to_str().filter(|text| (self.takes)(text)) {
+            Some(text) => Ok(text.into()),
+            None => PossibleValuesParser::new((self.names)()).parse_ref(command, arg, value),
         }
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(
-            Trajectory::NAMES.into_iter().map(PossibleValue::new),
-        ))
-    }
-}
-
-/// The name of a preset: those of the laws that are built in are known, those of files are looked for later.
-#[derive(Clone)]
-pub(crate) struct PresetParser;
-
-impl TypedValueParser for PresetParser {
-    type Value = String;
-
-    fn parse_ref(
-        &self,
-        command: &Command,
-        arg: Option<&Arg>,
-        value: &OsStr,
-    ) -> Result<String, clap::Error> {
-        NonEmptyStringValueParser::new().parse_ref(command, arg, value)
-    }
-
-    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(preset_names().into_iter().map(PossibleValue::new)))
+        Some(Box::new((self.names)().into_iter().map(PossibleValue::new)))
     }
 }
 
