@@ -15,7 +15,7 @@ use ipc::{
 };
 use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
 use messages::content::{self, NO_TICK};
-use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
+use messages::parameters::{Airframe, Parameter, ParameterError, after_blank};
 use messages::role::Role;
 use plant::Target;
 
