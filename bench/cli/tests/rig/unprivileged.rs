@@ -28,7 +28,7 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command
         fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
     }
     for directory in [rig.root(), rig.out()] {
-        if command == "fly" && !directory.exists() {
+        if ["fly", "doctor"].contains(&command) && !directory.exists() {
             fs::create_dir(&directory).unwrap();
             chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
         }
