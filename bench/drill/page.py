@@ -23,6 +23,9 @@ least*: lower end of Wilson's interval (95 %) for the share that survives. *Kill
 
 """
 
+NOT_TRIED = """Not tried here, because the tests run each of them once
+([fault_matrix.md](../bench/cli/tests/fault_matrix.md) has the fault and what is expected):"""
+
 
 def wilson(survived, tried):
     """The lower end of a share's interval at 95 %."""
@@ -67,8 +70,7 @@ def line(row, marks):
     tried, survived = row["tried"], row["survived"]
     begin = f"| `{row['name']}`{marks.get(build_of(row), '')} | {row['fault']} | {row['expected']}"
     if not tried:
-        why = row["lack"] or row["why"] or "the tests play it once"
-        return f"{begin} | 0 | - | - | not tried: {why} |"
+        return f"{begin} | 0 | - | - | not tried: {row['lack'] or row['why']} |"
     number = tried if row["trial"] == "flight" else f"{tried} x {row['trial']}"
     failed = "" if survived == tried else f" **{row['why']}**"
     return f"{begin}{failed} | {number} | {survived} | {percent(wilson(survived, tried))} | {figures(row)} |"
@@ -82,9 +84,14 @@ def write(directory, results):
     text = (f"{HEAD}{text_of_builds(rows, marks)}; {results['machine']}, beside other work. {len(rows)} rows, {len(tried)} tried, "
             f"{len(good)} without a failed trial.\n\n")
     for group in dict.fromkeys(row["group"] for row in rows):
-        text += f"## {group}\n\n| row | fault | expected | tried | survived | at least [%] | median/worst |\n"
-        text += "|---|---|---|---|---|---|---|\n"
-        text += "".join(line(row, marks) + "\n" for row in rows if row["group"] == group) + "\n"
+        of_group = [row for row in rows if row["group"] == group]
+        listed = [row for row in of_group if row["tried"] or row["lack"] or row["why"]]
+        text += f"## {group}\n\n"
+        if listed:
+            text += "| row | fault | expected | tried | survived | at least [%] | median/worst |\n|---|---|---|---|---|---|---|\n"
+            text += "".join(line(row, marks) + "\n" for row in listed) + "\n"
+        if others := [f"`{row['name']}`" for row in of_group if row not in listed]:
+            text += f"{NOT_TRIED}\n{', '.join(others)}.\n\n"
     for section, title, command in (("soak", "Long flights", "bench/drill/run --soak 2h --write docs"),
                                     ("mutants", "Checks switched off", "bench/drill/mutants --write docs")):
         text += results[section]["text"] + "\n" if results.get(section) else f"## {title}\n\nNot run: `{command}`.\n\n"
