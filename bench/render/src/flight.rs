@@ -19,7 +19,7 @@ use analysis::timer_lead::LeadSection;
 use flight_log::FILE;
 use flight_log::facts::{AROUND_MISSES, OFF};
 use messages::role::STAGES;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 
 type Blocks = fn(&Report) -> Vec<Block>;
@@ -523,6 +523,16 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
         .iter()
         .map(|(name, role)| format!("{name:<9} {}", grants(role)));
     blocks.push(Block::Items(granted.collect()));
+    let affinities = stages.iter().flat_map(|(_, role)| &role.realtime);
+    let cpus = affinities.filter(|it| it.step == "affinity" && it.granted);
+    let cpus: BTreeSet<u64> = cpus.filter_map(|it| it.asked).collect();
+    if cpus.len() > 1 {
+        let said = format!(
+            "The loops share {} CPUs: stages are awake before their input comes, and poll.",
+            cpus.len()
+        );
+        blocks.push(Block::Paragraph(said));
+    }
     // In lockstep the plant has no timer.
     if report.run.speed() != Speed::Lockstep {
         blocks.push(Block::Paragraph(lead_line(&report.lead, report.ticks.run)));
