@@ -144,7 +144,7 @@ pub struct Watched {
     pub error: f64,
     /// Size of the error at the start, or after the last live swap.
     pub error_start: f64,
-    /// What the theorem leaves of it at the most, on the exact model: it holds only where [`Theorem::broken`] is empty.
+    /// Its upper bound by the theorem, for the exact model; valid only where [`Theorem::broken`] is empty.
     pub error_bound: f64,
     /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
     pub identifiability: f64,
@@ -329,8 +329,9 @@ impl Theorem {
 
 fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
     let all = Cause::ALL.into_iter().zip(counts);
-    let told = all.filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0);
-    told.map(|(cause, count)| (cause.name().to_owned(), *count))
+    let listed = all.filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0);
+    listed
+        .map(|(cause, count)| (cause.name().to_owned(), *count))
         .collect()
 }
 

@@ -3,7 +3,7 @@
 //! It is judged by where the vehicle truly is, and not by what its sensors show: errors of the position do not make a
 //! flight that tracks one that does not, or the other way round.
 //! The reference is a function of time alone, so a state counts even if no set-point was published for its tick. A
-//! flight that nobody controls is far from its reference, not without one.
+//! flight without control is far from its reference, not without one.
 
 use crate::laws::FlownLaws;
 use crate::phrase::count;
@@ -152,7 +152,7 @@ impl fmt::Display for TrackingError {
     }
 }
 
-/// What the messages told so far; truth and estimate are those of the newest ones.
+/// What the messages have shown so far; truth and estimate are those of the newest ones.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ControlStatistics {
     pub(super) truth: [f64; 3],
@@ -245,7 +245,7 @@ mod tests {
                 _ => 1e-3,
             };
             recent.take(tick, 1.0 + (tick as f64 - 3000.0).abs() / 3000.0, error_m);
-            // One of each size at the most: what is not larger than a later one is not kept.
+            // At most one of each size: what is not larger than a later one is not kept.
             assert!(recent.errors.len() <= 4);
         }
         // Ticks 15 000 to 19 999 are the last 5 s.

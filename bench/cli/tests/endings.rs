@@ -22,7 +22,7 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
     let flight = rig.start("fly", rig.slowly(5, "50ms"));
     let roles = flight.roles();
     let wire = Wire::open(&rig.known()).unwrap();
-    // From then on nobody waits for the recorder, which has armed.
+    // From then on no process waits for the recorder, which has armed.
     wait_until("the plant to keep to its t_0", || {
         let board = wire.blackboard_reader::<Run>(RUN).unwrap()?;
         (board.get().phase() == RunPhase::Flying).then_some(())
@@ -50,7 +50,7 @@ fn fifo_is_granted() -> bool {
     refusal.is_none()
 }
 
-/// Scheduling policy of a process that lives, or that nobody has waited for: 0 is SCHED_OTHER, 1 is SCHED_FIFO.
+/// Scheduling policy of a process that lives, or that was not reaped: 0 is SCHED_OTHER, 1 is SCHED_FIFO.
 fn policy(process: &Running) -> u32 {
     let stat = fs::read_to_string(format!("/proc/{}/stat", process.pid())).unwrap();
     let (_, fields) = stat.rsplit_once(')').unwrap();

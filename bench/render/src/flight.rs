@@ -18,6 +18,7 @@ use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
 use flight_log::FILE;
 use flight_log::facts::{AROUND_MISSES, OFF};
+use messages::realtime::RealtimeStep;
 use messages::role::STAGES;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -523,15 +524,15 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
         .iter()
         .map(|(name, role)| format!("{name:<9} {}", grants(role)));
     blocks.push(Block::Items(granted.collect()));
-    let affinities = stages.iter().flat_map(|(_, role)| &role.realtime);
-    let cpus = affinities.filter(|it| it.step == "affinity" && it.granted);
-    let cpus: BTreeSet<u64> = cpus.filter_map(|it| it.asked).collect();
+    let affinity = name_of(&RealtimeStep::Affinity);
+    let steps = stages.iter().flat_map(|(_, role)| &role.realtime);
+    let granted = steps.filter(|it| it.step == affinity && it.granted);
+    let cpus: BTreeSet<u64> = granted.filter_map(|it| it.asked).collect();
     if cpus.len() > 1 {
-        let said = format!(
-            "The loops share {} CPUs: stages are awake before their input comes, and poll.",
+        blocks.push(Block::Paragraph(format!(
+            "The loops share {} CPUs: each stage wakes up before its input comes, and polls for it.",
             cpus.len()
-        );
-        blocks.push(Block::Paragraph(said));
+        )));
     }
     // In lockstep the plant has no timer.
     if report.run.speed() != Speed::Lockstep {

@@ -207,7 +207,7 @@ impl Notifier {
 }
 
 /// Token of the last event of the page, which is not used otherwise: version of the page's layout.
-const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/4");
+const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-wake-events/4");
 
 /// A share in the page of an instance.
 ///
@@ -222,7 +222,7 @@ pub(super) struct WakeFile {
 
 impl WakeFile {
     pub(super) fn join(instance: &Instance) -> Result<Self, Error> {
-        let name = format!("{}bells", instance.prefix());
+        let name = format!("{}wake_events", instance.prefix());
         let path = Path::new(SHARED_MEMORY).join(&name);
         let failed = |e| Error::system(format!("cannot make {}", path.display()), e);
         let memory = shared_memory()?.ok_or_else(|| failed(Errno::NOENT))?;

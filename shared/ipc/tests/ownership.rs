@@ -48,7 +48,7 @@ fn lock_file(instance: &Instance, name: &str) -> PathBuf {
 }
 
 fn page(instance: &Instance) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(format!("{}bells", instance.prefix()))
+    Path::new(SHARED_MEMORY).join(format!("{}wake_events", instance.prefix()))
 }
 
 /// Demands a usage error that says why a path is not used, and what to do.

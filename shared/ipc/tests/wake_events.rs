@@ -83,7 +83,7 @@ fn with_an_alarm_a_wait_ends_by_a_notification_or_after_its_instant_too() {
     });
     assert!(now_ns() < begin_ns + LONG);
 
-    // The instant of a wait that a notification has ended passes while nobody waits: only the next wait notices.
+    // The instant of a wait that a notification has ended passes while no process waits: only the next wait sees it.
     let instant_ns = now_ns() + 20_000_000;
     thread::scope(|scope| {
         scope.spawn(|| notify(&site.wire(), Role::Mixer));
@@ -103,14 +103,14 @@ fn a_page_of_another_build_is_incompatible() {
     // The token of the last of 64 events of 64 bytes.
     let theirs = [vec![0; 63 * 64 + 8], vec![7; 8], vec![0; 48]].concat();
     fs::write(&page, &theirs).unwrap();
-    drop(Wire::open(&site.instance).expect("nobody uses it: it was left"));
+    drop(Wire::open(&site.instance).expect("no process uses it: it was left"));
     let _other_build = site.instance.enter().unwrap();
     fs::write(&page, &theirs).unwrap();
     let error = Wire::open(&site.instance).unwrap_err();
     assert!(matches!(&error, Error::Incompatible { .. }), "{error}");
     let words = error.to_string();
     assert!(words.contains("the page of wake-up events"), "{words}");
-    assert!(!page.exists(), "nobody else had it");
+    assert!(!page.exists(), "no other process had it");
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn the_page_goes_with_the_last_process_that_has_it() {
 }
 
 fn page_of(site: &Site) -> PathBuf {
-    Path::new("/dev/shm").join(format!("{}bells", site.instance.prefix()))
+    Path::new("/dev/shm").join(format!("{}wake_events", site.instance.prefix()))
 }
 
 #[test]

@@ -44,7 +44,7 @@ impl Grid {
 /// What moves the ticks of a run on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// The clock: tick k begins at its place on the grid, whoever is ready for it.
+    /// The clock: tick k begins at its place on the grid, whether or not the stages are ready.
     Realtime(Grid),
     /// The chain itself: a tick begins when the command of the one before has arrived.
     Lockstep,

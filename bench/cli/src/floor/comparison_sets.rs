@@ -99,9 +99,9 @@ const COMPARED: [(&str, f64, &str, f64, usize); 10] = [
     ("loop p50", 0.8, "loop", 0.5, 1),
     ("loop p99", 1.0, "loop", 0.99, 1),
     ("loop p99.9", 1.2, "loop", 0.999, 1),
-    ("loop p50, the ring rehearses too", 1.25, "loop", 0.5, 2),
-    ("loop p99, the ring rehearses too", 1.25, "loop", 0.99, 2),
-    ("loop p99.9, the ring rehearses too", 1.5, "loop", 0.999, 2),
+    ("loop p50, ring with warm-up runs", 1.25, "loop", 0.5, 2),
+    ("loop p99, ring with warm-up runs", 1.25, "loop", 0.99, 2),
+    ("loop p99.9, ring with warm-up runs", 1.5, "loop", 0.999, 2),
 ];
 
 /// Wake-ups, loop latency and misses of flights, compared with cyclictest and a futex ring with the same computing

@@ -15,7 +15,7 @@ use crate::{hold_everything_and_be_killed, segments};
 
 const NOBODY: u32 = 65534;
 
-/// Puts things into a directory that somebody may have there: a tree, a file, a socket, a pipe, links.
+/// Puts into a directory what a user may have there: a tree, a file, a socket, a pipe, links.
 fn furnish(directory: &Path) {
     fs::create_dir_all(directory.join("src/deep")).unwrap();
     fs::write(directory.join("src/deep/main.c"), "int main;").unwrap();
@@ -70,11 +70,11 @@ fn a_directory_that_somebody_else_has_made_is_neither_used_nor_removed() {
         }
         assert_eq!(everything_below(&home), had, "{name}");
     }
-    // One that is empty belongs to nobody.
+    // An empty one has no owner.
     fs::create_dir(home.join("empty")).unwrap();
     let empty = Instance::under(&home, "empty").unwrap();
     assert_eq!(empty.remove_leftovers().unwrap(), Vec::<PathBuf>::new());
-    assert!(home.join("empty").exists(), "nobody has used it");
+    assert!(home.join("empty").exists(), "it was never used");
     empty.prepare().unwrap();
     assert_eq!(empty.remove_leftovers().unwrap(), [home.join("empty")]);
     assert_eq!(everything_below(&home), had);
