@@ -9,6 +9,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use control_api::description::{Refused, Setting};
+use control_api::saved_state::{Field, Fields};
 use messages::math::tan;
 use nalgebra::Vector3;
 
@@ -21,6 +22,12 @@ pub struct LowPass {
     s1: Vector3<f64>,
     s2: Vector3<f64>,
     output: Vector3<f64>,
+}
+
+impl Field for LowPass {
+    fn transfer(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.s1, &mut self.s2, &mut self.output]);
+    }
 }
 
 impl LowPass {

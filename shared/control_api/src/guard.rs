@@ -22,6 +22,7 @@ use nalgebra::Vector4;
 
 use crate::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use crate::registry::Made;
+use crate::saved_state::{Fields, SavedState};
 
 /// How long an input may be missing, or an output not finite, before a loop falls back [s].
 pub const HOLD_S: f64 = 0.1;
@@ -38,15 +39,48 @@ pub type GuardedOuter = Guarded<dyn OuterLaw, OuterMemory>;
 pub type GuardedInner = Guarded<dyn InnerLaw, InnerMemory>;
 pub type GuardedMixer = Guarded<dyn MixerLaw, Rotors>;
 
+/// What the rig remembers between the ticks of a law.
+pub trait Memory: Clone {
+    /// Lists what changes in flight.
+    fn state(&mut self, fields: &mut Fields);
+}
+
 /// The reference of each tick.
 pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
 
-impl<L: CopyState + ?Sized, M: Clone> Guarded<L, M> {
+impl<L: CopyState + ?Sized, M: Memory> Guarded<L, M> {
     /// Copies law and memory of another stage of the same law; false, and the stage must not be used, if the law cannot
     /// be copied.
     pub fn copy_from(&mut self, other: &Self) -> bool {
         self.memory.clone_from(&other.memory);
         other.made.law.copy_into(self.made.law.as_any())
+    }
+
+    /// Writes the state of law and memory into the place of an older one; false, and `state` is empty, if this law cannot
+    /// be saved.
+    pub fn save(&mut self, state: &mut SavedState) -> bool {
+        state.clear();
+        let is_saved = self.transfer(&mut Fields::Write(state));
+        if !is_saved {
+            state.clear();
+        }
+        is_saved
+    }
+
+    /// Continues from a saved state; false, and nothing is changed, if it is not one of this law in this version.
+    pub fn load(&mut self, state: &[u8]) -> bool {
+        self.transfer(&mut Fields::Read(state))
+    }
+
+    fn transfer(&mut self, fields: &mut Fields) -> bool {
+        let mut memory = self.memory.clone();
+        fields.expect(self.made.state_hash);
+        memory.state(fields);
+        let is_done = self.made.law.transfer(fields);
+        if is_done {
+            self.memory = memory;
+        }
+        is_done
     }
 
     fn on_copies<R>(&mut self, tick: impl FnOnce(&mut M, &mut L) -> R) -> Option<R> {
@@ -189,6 +223,12 @@ impl GuardedOuter {
     }
 }
 
+impl Memory for OuterMemory {
+    fn state(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.last]);
+    }
+}
+
 impl OuterMemory {
     /// Completes a setpoint that has its reference.
     fn tick(&mut self, law: &mut dyn OuterLaw, tick: u64, state: &State, setpoint: &mut Setpoint) {
@@ -279,6 +319,19 @@ impl GuardedInner {
     /// As [`InnerLaw::resume`].
     pub fn resume(&mut self, estimates: [f64; 3]) -> bool {
         self.made.law.resume(estimates)
+    }
+}
+
+impl Memory for InnerMemory {
+    fn state(&mut self, fields: &mut Fields) {
+        fields.all([
+            &mut self.first_tick,
+            &mut self.measured_at,
+            &mut self.answered_at,
+            &mut self.thrust_n,
+            &mut self.began,
+            &mut self.stays,
+        ]);
     }
 }
 
@@ -474,6 +527,10 @@ impl GuardedMixer {
         self.memory.idle(&mut speeds);
         speeds
     }
+}
+
+impl Memory for Rotors {
+    fn state(&mut self, _: &mut Fields) {}
 }
 
 impl Rotors {

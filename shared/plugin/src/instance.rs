@@ -12,6 +12,7 @@ use std::sync::atomic::Ordering;
 use control_api::description::{Refused, Setting, Settings};
 use control_api::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use control_api::registry::Made;
+use control_api::saved_state::Fields;
 use ironbird_law::abi::{
     IRONBIRD_NEVER, IronbirdInnerInput, IronbirdMixerInput, IronbirdOuterInput,
     IronbirdRotorSpeeds, IronbirdValue,
@@ -64,6 +65,11 @@ impl Library {
         self.table.copy_into.is_some()
     }
 
+    /// Whether it has the functions to save and load its state.
+    pub const fn is_saved(&self) -> bool {
+        self.table.save.is_some()
+    }
+
     constructors!(outer: OuterLaw, inner: InnerLaw, mixer: MixerLaw);
 
     /// The law before tick 0, and its twin for warm-up runs.
@@ -85,6 +91,7 @@ impl Library {
             law: of_role(Box::new(law)),
             twin: of_role(Box::new(twin)),
             signals: self.description.telemetry.len(),
+            state_hash: self.description.state_hash(),
         })
     }
 
@@ -148,6 +155,36 @@ impl CopyState for Instance {
 
     fn as_any(&mut self) -> &mut dyn Any {
         self
+    }
+
+    fn transfer(&mut self, fields: &mut Fields) -> bool {
+        let Library { table, words, .. } = self.library;
+        let (Some(save), Some(load)) = (table.save, table.load) else {
+            return false;
+        };
+        match fields {
+            Fields::Write(state) => {
+                let used = state.len();
+                let _ = state.resize(state.capacity(), 0);
+                let room = &mut state[used..];
+                let (bytes, size) = (room.as_mut_ptr().cast(), room.len());
+                // SAFETY: the instance is one of this table, and the bytes live for the time of the call.
+                let save = || unsafe { save(self.law, bytes, size as u64) } as usize;
+                let (written, _) = Call::new(words, "as it was saved").make(save);
+                let is_saved = (1..=size).contains(&written);
+                state.truncate(if is_saved { used + written } else { used });
+                is_saved
+            }
+            Fields::Read(state) => {
+                let (bytes, size) = (state.as_ptr().cast(), state.len() as u64);
+                // SAFETY: as above.
+                let load = || unsafe { load(self.law, bytes, size) } == 1;
+                Call::new(words, "as its saved state was loaded")
+                    .make(load)
+                    .0
+            }
+            Fields::Refused => false,
+        }
     }
 }
 
