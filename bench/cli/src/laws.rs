@@ -163,6 +163,20 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
         None if findings.difference.is_some() => "not tried".to_owned(),
         None => "yes".to_owned(),
     };
+    let restored = match findings.restored {
+        Some(bad) => {
+            let (place, [one, other], why) = (place(&bad), bad.values, "from its saved state");
+            format!(
+                "NO: {place} was {one:?}, and {other:?} {why}; save and load all that changes in flight"
+            )
+        }
+        None if !findings.is_loaded => "NO: it does not load the state that it saved".to_owned(),
+        None if !findings.is_saved => {
+            "it is not: it cannot be saved, nor reintegrated after a restart".to_owned()
+        }
+        None if findings.difference.is_some() => "not tried".to_owned(),
+        None => "yes".to_owned(),
+    };
     let finite = findings.not_finite.map(|bad| {
         let (place, value) = (place(&bad), bad.values[0]);
         format!("NO: {place} was {value}; the rig does not fly such an answer")
@@ -182,7 +196,7 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
     let page_faults = used(usage.minor_faults + usage.major_faults);
     format!(
         "\nTrial: {INPUTS} inputs drawn at random, then {HOT} ticks of hover\n  same twice   {same}\n  rehearsed    \
-         {rehearsed}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
+         {rehearsed}\n  restored     {restored}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
          percentile\n  cold caches  {cold} in the median\n  allocations  {allocations}\n  page faults  {page_faults}\n"
     )
 }

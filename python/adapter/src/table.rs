@@ -7,6 +7,7 @@
 use std::ffi::{c_char, c_void};
 use std::io::{Write as _, stderr};
 use std::ptr;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use ironbird_law::abi::*;
 use ironbird_law::{kept, text};
@@ -52,6 +53,8 @@ pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
         destroy: Some(destroy),
         // What a law has done to its own objects cannot be taken back: no tick of it is rehearsed.
         copy_into: None,
+        save: Some(save),
+        load: Some(load),
         tick_outer: is_outer.then_some(tick_outer),
         tick_inner: (!is_outer).then_some(tick_inner),
         tick_mixer: None,
@@ -107,7 +110,13 @@ unsafe extern "C" fn create(
                 role, name, file, ..
             } = looked;
             let label = format!("the {role} law `{name}` ({file})");
-            Box::into_raw(Box::new(Instance { law, label })).cast()
+            let cannot_save = AtomicBool::new(false);
+            let instance = Instance {
+                law,
+                label,
+                cannot_save,
+            };
+            Box::into_raw(Box::new(instance)).cast()
         }
         Err(why) => {
             // SAFETY: the rig hands over a buffer of this size.
@@ -144,6 +153,53 @@ struct Instance {
     pub law: PythonLaw,
     /// Role, name and file, as errors name it.
     pub label: String,
+    /// Whether it could not be saved once: it is not tried again.
+    cannot_save: AtomicBool,
+}
+
+unsafe extern "C" fn save(law: *const c_void, bytes: *mut c_void, size: u64) -> u64 {
+    // SAFETY: the rig hands over an instance of `create`, and room for so many bytes, which have been written before.
+    let (instance, room) = unsafe {
+        let room = std::slice::from_raw_parts_mut(bytes.cast::<u8>(), size as usize);
+        (&*law.cast::<Instance>(), room)
+    };
+    if instance.cannot_save.load(Ordering::Relaxed) {
+        return 0;
+    }
+    Python::attach(|py| match instance.law.save(py, room.len()) {
+        Ok(state) => {
+            room[..state.len()].copy_from_slice(&state);
+            state.len() as u64
+        }
+        Err(raised) => {
+            instance.cannot_save.store(true, Ordering::Relaxed);
+            instance.warn(py, "be saved, nor reintegrated after a restart", &raised);
+            0
+        }
+    })
+}
+
+unsafe extern "C" fn load(law: *mut c_void, bytes: *const c_void, size: u64) -> u64 {
+    // SAFETY: the rig hands over an instance of `create`, and so many bytes.
+    let (instance, state) = unsafe {
+        let state = std::slice::from_raw_parts(bytes.cast::<u8>(), size as usize);
+        (&*law.cast::<Instance>(), state)
+    };
+    Python::attach(|py| match instance.law.load(py, state) {
+        Ok(()) => 1,
+        Err(raised) => {
+            instance.warn(py, "load its saved state", &raised);
+            0
+        }
+    })
+}
+
+impl Instance {
+    fn warn(&self, py: Python<'_>, cannot: &str, raised: &PyErr) {
+        let (label, why) = (&self.label, describe(py, raised));
+        // There is no other place to say so.
+        let _ = writeln!(stderr(), "warning: {label} cannot {cannot}: {why}");
+    }
 }
 
 unsafe extern "C" fn tick_outer(

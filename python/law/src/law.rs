@@ -8,9 +8,11 @@ use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
 use messages::content::{self, Stamped};
 use messages::telemetry::Telemetry;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::answer::Answer;
 use crate::inputs::{Desired, Measured, Reference};
+use crate::look::module;
 
 /// A law that can be called.
 #[derive(Debug)]
@@ -74,6 +76,18 @@ impl PythonLaw {
         let answer = self.tick.bind(py).call1(inputs)?;
         let answer = self.answer(&answer, input.tick);
         answer.wrench(telemetry, self.signals)
+    }
+
+    /// What changes in flight, in 1 to `size` bytes.
+    pub fn save(&self, py: Python<'_>, size: usize) -> PyResult<Vec<u8>> {
+        let state = module(py)?.call_method1("save", (&self.tick, size))?;
+        state.extract()
+    }
+
+    /// Continues from a saved state.
+    pub fn load(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        let restored = module(py)?.call_method1("restore", (&self.tick, PyBytes::new(py, state)));
+        restored.map(drop)
     }
 
     fn answer<'a, 'py>(&self, answer: &'a Bound<'py, PyAny>, tick: u64) -> Answer<'a, 'py> {

@@ -5,6 +5,7 @@ import hashlib
 import inspect
 import math
 import os
+import pickle
 import re
 import sys
 import textwrap
@@ -79,6 +80,24 @@ def make(law, rig, settings):
     if not inspect.isclass(law):
         return getattr(law, "tick", law)
     return (law() if law.__init__ is object.__init__ else law(rig, settings)).tick
+
+
+def save(tick, size):
+    """The state of the object of a `tick`, in at most `size` bytes: what its `save` gives, or all of its attributes."""
+    law = tick.__self__
+    state = law.save() if hasattr(law, "save") else pickle.dumps(vars(law))
+    if not 0 < len(state) <= size:
+        raise ValueError(f"its saved state has {len(state)} bytes: allowed are 1 to {size}")
+    return state
+
+
+def restore(tick, state):
+    """Has the object of a `tick` continue from a saved state."""
+    law = tick.__self__
+    if hasattr(law, "load"):
+        law.load(state)
+    else:
+        law.__dict__ = pickle.loads(state)
 
 
 def load(path):

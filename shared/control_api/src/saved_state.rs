@@ -9,6 +9,9 @@ use nalgebra::SMatrix;
 
 pub const SAVED_STATE_BYTES: usize = IRONBIRD_STATE_BYTES;
 
+/// What the guard adds to the bytes of a law at most.
+pub const GUARD_BYTES: usize = 400;
+
 pub type SavedState = heapless::Vec<u8, SAVED_STATE_BYTES>;
 
 /// Where fields are written to, or read from, one after another.

@@ -58,7 +58,7 @@
 // Numbers that a law can show of a tick.
 #define IRONBIRD_TELEMETRY 32
 
-// Longest saved state [bytes], with the few hundred bytes that the rig adds to a law's own.
+// Longest saved state [bytes], with up to 400 that the rig adds to a law's own.
 #define IRONBIRD_STATE_BYTES 2048
 
 // Settings that a law can have.

@@ -34,7 +34,7 @@ pub const IRONBIRD_NEVER: u64 = u64::MAX;
 pub const IRONBIRD_ROTORS: usize = 4;
 /// Numbers that a law can show of a tick.
 pub const IRONBIRD_TELEMETRY: usize = 32;
-/// Longest saved state [bytes], with the few hundred bytes that the rig adds to a law's own.
+/// Longest saved state [bytes], with up to 400 that the rig adds to a law's own.
 pub const IRONBIRD_STATE_BYTES: usize = 2048;
 /// Settings that a law can have.
 pub const IRONBIRD_MOST_SETTINGS: u64 = 64;

@@ -65,11 +65,6 @@ impl Library {
         self.table.copy_into.is_some()
     }
 
-    /// Whether it has the functions to save and load its state.
-    pub const fn is_saved(&self) -> bool {
-        self.table.save.is_some()
-    }
-
     constructors!(outer: OuterLaw, inner: InnerLaw, mixer: MixerLaw);
 
     /// The law before tick 0, and its twin for warm-up runs.
