@@ -17,7 +17,7 @@
 //! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
 use control_api::law::Rig;
-use control_api::saved_state::{Field, Fields};
+use control_api::saved_state::{Fields, saved_fields};
 use messages::allocation::{Allocation, net_speed};
 use messages::content::{Measured, NO_TICK, ROTORS};
 use messages::math::exp;
@@ -62,11 +62,7 @@ struct Sample {
     h: Vector3<f64>,
 }
 
-impl Field for Sample {
-    fn transfer(&mut self, fields: &mut Fields) {
-        fields.all([&mut self.tick, &mut self.nu2, &mut self.h]);
-    }
-}
+saved_fields!(Sample: tick, nu2, h);
 
 impl Samples {
     pub fn new(rig: &Rig) -> Self {

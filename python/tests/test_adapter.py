@@ -234,7 +234,8 @@ def test_an_exception_in_flight_ends_the_role_with_its_traceback(ironbird_comman
         ("0", "save = lambda self: b'%d' % self.n\n    def load(self, state): self.n = int(state)", "restored     yes"),
         ("0", "save = lambda self: b'0'\n    load = lambda self, state: None", "restored     NO: torque_b_nm about x of input"),
         ("rig", "", "cannot be saved, nor reintegrated after a restart: TypeError: cannot pickle 'ironbird.Rig' object"),
-        ("bytes(2000)", "", "ValueError: its saved state has 20"),
+        ("bytes(2000)", "", "ValueError: its state has 20"),
+        ("0", "load = lambda self, state: 1 / 0", "restored     NO: it does not load the state that it saved"),
     ],
 )
 def test_a_law_continues_from_its_saved_state(ironbird_command, law, keeps, methods, said):

@@ -19,7 +19,7 @@
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal};
 use control_api::law::{Desired, Fields, Law, OuterLaw, Rig};
-use control_api::saved_state::Field;
+use control_api::saved_state::saved_fields;
 use messages::content::{Measured, Reference};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -68,11 +68,7 @@ struct Sample {
     z_b: Vector3<f64>,
 }
 
-impl Field for Sample {
-    fn transfer(&mut self, fields: &mut Fields) {
-        fields.all([&mut self.tick, &mut self.v, &mut self.z_b]);
-    }
-}
+saved_fields!(Sample: tick, v, z_b);
 
 impl Law for Estimating {
     const DESCRIPTION: Description = Description {

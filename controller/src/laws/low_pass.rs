@@ -9,7 +9,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use control_api::description::{Refused, Setting};
-use control_api::saved_state::{Field, Fields};
+use control_api::saved_state::saved_fields;
 use messages::math::tan;
 use nalgebra::Vector3;
 
@@ -24,11 +24,7 @@ pub struct LowPass {
     output: Vector3<f64>,
 }
 
-impl Field for LowPass {
-    fn transfer(&mut self, fields: &mut Fields) {
-        fields.all([&mut self.s1, &mut self.s2, &mut self.output]);
-    }
-}
+saved_fields!(LowPass: s1, s2, output);
 
 impl LowPass {
     /// H with w_n = `w_n` [rad/s] and zeta = `zeta`, sampled every `period_s` [s].

@@ -7,7 +7,6 @@
 use std::ffi::{c_char, c_void};
 use std::io::{Write as _, stderr};
 use std::ptr;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use ironbird_law::abi::*;
 use ironbird_law::{kept, text};
@@ -110,13 +109,7 @@ unsafe extern "C" fn create(
                 role, name, file, ..
             } = looked;
             let label = format!("the {role} law `{name}` ({file})");
-            let cannot_save = AtomicBool::new(false);
-            let instance = Instance {
-                law,
-                label,
-                cannot_save,
-            };
-            Box::into_raw(Box::new(instance)).cast()
+            Box::into_raw(Box::new(Instance { law, label })).cast()
         }
         Err(why) => {
             // SAFETY: the rig hands over a buffer of this size.
@@ -153,52 +146,23 @@ struct Instance {
     pub law: PythonLaw,
     /// Role, name and file, as errors name it.
     pub label: String,
-    /// Whether it could not be saved once: it is not tried again.
-    cannot_save: AtomicBool,
 }
 
 unsafe extern "C" fn save(law: *const c_void, bytes: *mut c_void, size: u64) -> u64 {
     // SAFETY: the rig hands over an instance of `create`, and room for so many bytes, which have been written before.
-    let (instance, room) = unsafe {
+    unsafe {
         let room = std::slice::from_raw_parts_mut(bytes.cast::<u8>(), size as usize);
-        (&*law.cast::<Instance>(), room)
-    };
-    if instance.cannot_save.load(Ordering::Relaxed) {
-        return 0;
+        let state = (*law.cast::<Instance>()).law.save(room.len());
+        room[..state.len()].copy_from_slice(&state);
+        state.len() as u64
     }
-    Python::attach(|py| match instance.law.save(py, room.len()) {
-        Ok(state) => {
-            room[..state.len()].copy_from_slice(&state);
-            state.len() as u64
-        }
-        Err(raised) => {
-            instance.cannot_save.store(true, Ordering::Relaxed);
-            instance.warn(py, "be saved, nor reintegrated after a restart", &raised);
-            0
-        }
-    })
 }
 
 unsafe extern "C" fn load(law: *mut c_void, bytes: *const c_void, size: u64) -> u64 {
     // SAFETY: the rig hands over an instance of `create`, and so many bytes.
-    let (instance, state) = unsafe {
+    unsafe {
         let state = std::slice::from_raw_parts(bytes.cast::<u8>(), size as usize);
-        (&*law.cast::<Instance>(), state)
-    };
-    Python::attach(|py| match instance.law.load(py, state) {
-        Ok(()) => 1,
-        Err(raised) => {
-            instance.warn(py, "load its saved state", &raised);
-            0
-        }
-    })
-}
-
-impl Instance {
-    fn warn(&self, py: Python<'_>, cannot: &str, raised: &PyErr) {
-        let (label, why) = (&self.label, describe(py, raised));
-        // There is no other place to say so.
-        let _ = writeln!(stderr(), "warning: {label} cannot {cannot}: {why}");
+        u64::from((*law.cast::<Instance>()).law.load(state))
     }
 }
 

@@ -78,16 +78,20 @@ impl PythonLaw {
         answer.wrench(telemetry, self.signals)
     }
 
-    /// What changes in flight, in 1 to `size` bytes.
-    pub fn save(&self, py: Python<'_>, size: usize) -> PyResult<Vec<u8>> {
-        let state = module(py)?.call_method1("save", (&self.tick, size))?;
-        state.extract()
+    /// Its state, in at most `size` bytes; empty if it cannot be saved.
+    pub fn save(&self, size: usize) -> Vec<u8> {
+        let arguments = (&self.tick, size, &self.place);
+        let saved = |py: Python<'_>| module(py)?.call_method1("save", arguments)?.extract();
+        Python::attach(saved).unwrap_or_default()
     }
 
-    /// Continues from a saved state.
-    pub fn load(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
-        let restored = module(py)?.call_method1("restore", (&self.tick, PyBytes::new(py, state)));
-        restored.map(drop)
+    /// Continues from a saved state; false if it cannot.
+    pub fn load(&self, state: &[u8]) -> bool {
+        let loaded = |py: Python<'_>| {
+            let arguments = (&self.tick, PyBytes::new(py, state));
+            module(py)?.call_method1("restore", arguments)?.extract()
+        };
+        Python::attach(loaded).unwrap_or_default()
     }
 
     fn answer<'a, 'py>(&self, answer: &'a Bound<'py, PyAny>, tick: u64) -> Answer<'a, 'py> {

@@ -169,6 +169,20 @@ mod tests {
     }
 
     #[test]
+    fn another_law_or_version_has_another_state_hash() {
+        let (name, version) = ("other", "2");
+        let others = [
+            Description { name, ..NAMED },
+            Description { version, ..NAMED },
+        ];
+        assert!(
+            others
+                .iter()
+                .all(|other| other.state_hash() != NAMED.state_hash())
+        );
+    }
+
+    #[test]
     fn each_flaw_is_named_with_what_is_allowed() {
         const MANY: [Signal; TELEMETRY + 1] = [signal("a", ""); TELEMETRY + 1];
         let found = flaws(&MANY);

@@ -22,7 +22,7 @@ use nalgebra::Vector4;
 
 use crate::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use crate::registry::Made;
-use crate::saved_state::{Fields, SavedState};
+use crate::saved_state::{Field, Fields, SavedState, saved_fields};
 
 /// How long an input may be missing, or an output not finite, before a loop falls back [s].
 pub const HOLD_S: f64 = 0.1;
@@ -39,16 +39,10 @@ pub type GuardedOuter = Guarded<dyn OuterLaw, OuterMemory>;
 pub type GuardedInner = Guarded<dyn InnerLaw, InnerMemory>;
 pub type GuardedMixer = Guarded<dyn MixerLaw, Rotors>;
 
-/// What the rig remembers between the ticks of a law.
-pub trait Memory: Clone {
-    /// Lists what changes in flight.
-    fn state(&mut self, fields: &mut Fields);
-}
-
 /// The reference of each tick.
 pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
 
-impl<L: CopyState + ?Sized, M: Memory> Guarded<L, M> {
+impl<L: CopyState + ?Sized, M: Field + Clone> Guarded<L, M> {
     /// Copies law and memory of another stage of the same law; false, and the stage must not be used, if the law cannot
     /// be copied.
     pub fn copy_from(&mut self, other: &Self) -> bool {
@@ -73,9 +67,11 @@ impl<L: CopyState + ?Sized, M: Memory> Guarded<L, M> {
     }
 
     fn transfer(&mut self, fields: &mut Fields) -> bool {
-        let mut memory = self.memory.clone();
-        fields.expect(self.made.state_hash);
-        memory.state(fields);
+        let (mut hash, mut memory) = (self.made.state_hash, self.memory.clone());
+        fields.all([&mut hash, &mut memory]);
+        if hash != self.made.state_hash {
+            *fields = Fields::Refused;
+        }
         let is_done = self.made.law.transfer(fields);
         if is_done {
             self.memory = memory;
@@ -223,11 +219,7 @@ impl GuardedOuter {
     }
 }
 
-impl Memory for OuterMemory {
-    fn state(&mut self, fields: &mut Fields) {
-        fields.all([&mut self.last]);
-    }
-}
+saved_fields!(OuterMemory: last);
 
 impl OuterMemory {
     /// Completes a setpoint that has its reference.
@@ -322,18 +314,7 @@ impl GuardedInner {
     }
 }
 
-impl Memory for InnerMemory {
-    fn state(&mut self, fields: &mut Fields) {
-        fields.all([
-            &mut self.first_tick,
-            &mut self.measured_at,
-            &mut self.answered_at,
-            &mut self.thrust_n,
-            &mut self.began,
-            &mut self.stays,
-        ]);
-    }
-}
+saved_fields!(InnerMemory: first_tick, measured_at, answered_at, thrust_n, began, stays);
 
 impl InnerMemory {
     fn tick(
@@ -529,9 +510,7 @@ impl GuardedMixer {
     }
 }
 
-impl Memory for Rotors {
-    fn state(&mut self, _: &mut Fields) {}
-}
+saved_fields!(Rotors: );
 
 impl Rotors {
     fn tick(

@@ -35,8 +35,7 @@ pub trait CopyState: Any + Send {
     fn as_any(&mut self) -> &mut dyn Any;
 
     /// Writes the state, or reads the rest of the bytes as the state; false, and the law is as before, if that cannot be.
-    fn transfer(&mut self, fields: &mut Fields) -> bool {
-        let _ = fields;
+    fn transfer(&mut self, _: &mut Fields) -> bool {
         false
     }
 }

@@ -28,15 +28,6 @@ impl Fields<'_> {
         fields.into_iter().for_each(|field| field.transfer(self));
     }
 
-    /// Writes a number, or refuses bytes in which another one stands.
-    pub fn expect(&mut self, expected: u64) {
-        let mut found = expected;
-        found.transfer(self);
-        if found != expected {
-            *self = Self::Refused;
-        }
-    }
-
     /// Whether all fields were written, or read and no byte is left.
     pub const fn is_complete(&self) -> bool {
         match self {
@@ -52,6 +43,19 @@ pub trait Field {
     /// Writes the field, or reads it.
     fn transfer(&mut self, fields: &mut Fields);
 }
+
+/// Has a struct save the fields that change in flight.
+#[macro_export]
+macro_rules! saved_fields {
+    ($type:ty: $($field:tt),*) => {
+        impl $crate::saved_state::Field for $type {
+            fn transfer(&mut self, fields: &mut $crate::saved_state::Fields) {
+                fields.all([$(&mut self.$field),*]);
+            }
+        }
+    };
+}
+pub use saved_fields;
 
 impl Field for u64 {
     fn transfer(&mut self, fields: &mut Fields) {

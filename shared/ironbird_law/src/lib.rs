@@ -71,15 +71,13 @@ pub trait Law: Clone + 'static {
     /// Writes what changes in flight into `bytes`, without allocating, and returns how many bytes it wrote; 0 where it
     /// cannot. A law that keeps nothing from one tick to the next writes one byte. A law without this cannot be
     /// reintegrated after a restart of its process.
-    fn save(&self, bytes: &mut [u8]) -> usize {
-        let _ = bytes;
+    fn save(&self, _bytes: &mut [u8]) -> usize {
         0
     }
 
     /// Continues from what [`Law::save`] of another instance wrote, with the same answers to the last bit. False, and
     /// nothing is changed, where the bytes cannot be its own. The rig has compared the law's name and version.
-    fn load(&mut self, bytes: &[u8]) -> bool {
-        let _ = bytes;
+    fn load(&mut self, _bytes: &[u8]) -> bool {
         false
     }
 }

@@ -14,8 +14,8 @@ use control_api::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, Wr
 use control_api::registry::Made;
 use control_api::saved_state::Fields;
 use ironbird_law::abi::{
-    IRONBIRD_NEVER, IronbirdInnerInput, IronbirdMixerInput, IronbirdOuterInput,
-    IronbirdRotorSpeeds, IronbirdValue,
+    IRONBIRD_NEVER, IRONBIRD_STATE_BYTES, IronbirdInnerInput, IronbirdMixerInput,
+    IronbirdOuterInput, IronbirdRotorSpeeds, IronbirdValue,
 };
 use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::telemetry::Telemetry;
@@ -159,16 +159,13 @@ impl CopyState for Instance {
         };
         match fields {
             Fields::Write(state) => {
-                let used = state.len();
-                let _ = state.resize(state.capacity(), 0);
-                let room = &mut state[used..];
-                let (bytes, size) = (room.as_mut_ptr().cast(), room.len());
+                let mut bytes = [0_u8; IRONBIRD_STATE_BYTES];
+                let (room, size) = (bytes.as_mut_ptr().cast(), bytes.len() - state.len());
                 // SAFETY: the instance is one of this table, and the bytes live for the time of the call.
-                let save = || unsafe { save(self.law, bytes, size as u64) } as usize;
+                let save = || unsafe { save(self.law, room, size as u64) };
                 let (written, _) = Call::new(words, "as it was saved").make(save);
-                let is_saved = (1..=size).contains(&written);
-                state.truncate(if is_saved { used + written } else { used });
-                is_saved
+                let written = bytes.get(..written as usize).unwrap_or_default();
+                !written.is_empty() && state.extend_from_slice(written).is_ok()
             }
             Fields::Read(state) => {
                 let (bytes, size) = (state.as_ptr().cast(), state.len() as u64);

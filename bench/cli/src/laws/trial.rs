@@ -7,7 +7,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use control_api::law::{Desired, Fields, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use control_api::law::{
+    CopyState, Desired, Fields, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
+};
 use control_api::registry::Made;
 use control_api::saved_state::{GUARD_BYTES, SavedState};
 use errors::{Failure, GATE};
@@ -21,10 +23,8 @@ use process::rt::UsageMeter;
 use errors::output::say;
 
 pub const INPUTS: u64 = 100_000;
-/// Inputs with a warm-up before each.
+/// Inputs with a warm-up before each, and inputs of an instance that is replaced by one from its saved state now and then.
 const REHEARSED: u64 = 10_000;
-/// Inputs of an instance that is replaced by a new one, from its saved state, now and then.
-const RESTORED: u64 = 10_000;
 /// A law is created anew after this many inputs, so that the consequences of an odd start are found too.
 const INPUTS_PER_LIFE: u64 = 1000;
 /// Timed ticks with warm caches; as many before them warm the caches.
@@ -34,7 +34,7 @@ const COLD: usize = 101;
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
 /// Ticks of a whole trial.
-const TICKS: u64 = INPUTS + REHEARSED + RESTORED + 2 * HOT as u64 + COLD as u64;
+const TICKS: u64 = INPUTS + 2 * REHEARSED + 2 * HOT as u64 + COLD as u64;
 /// How long a tick may take before the trial is ended.
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -127,20 +127,12 @@ impl Candidate {
         }
     }
 
-    /// Copies the law into its twin; false if it cannot be copied.
-    fn is_copied(&mut self) -> bool {
+    /// The law and its twin.
+    fn both(&mut self) -> (&mut dyn CopyState, &mut dyn CopyState) {
         match self {
-            Self::Outer(made) => made.law.copy_into(&mut *made.twin),
-            Self::Inner(made) => made.law.copy_into(&mut *made.twin),
-            Self::Mixer(made) => made.law.copy_into(&mut *made.twin),
-        }
-    }
-
-    fn transfer(&mut self, fields: &mut Fields) -> bool {
-        match self {
-            Self::Outer(made) => made.law.transfer(fields),
-            Self::Inner(made) => made.law.transfer(fields),
-            Self::Mixer(made) => made.law.transfer(fields),
+            Self::Outer(made) => (&mut *made.law, &mut *made.twin),
+            Self::Inner(made) => (&mut *made.law, &mut *made.twin),
+            Self::Mixer(made) => (&mut *made.law, &mut *made.twin),
         }
     }
 }
@@ -196,21 +188,25 @@ pub fn trial<E>(
     let (mut rehearsed, mut restored) = (None, None);
     if difference.is_none() {
         [rehearsed, _] = compare(rig, REHEARSED, &make, &alive, |law, input| {
-            is_copied = law.is_copied();
+            let (flies, twin) = law.both();
+            is_copied = flies.copy_into(twin.as_any());
             if is_copied {
                 black_box(law.tick(input, true));
             }
             Ok(is_copied)
         })?;
-        [restored, _] = compare(rig, RESTORED, &make, &alive, |law, input| {
+        [restored, _] = compare(rig, REHEARSED, &make, &alive, |law, input| {
             if input.tick % 16 > 0 {
                 return Ok(true);
             }
             let mut state = SavedState::from([0; GUARD_BYTES]);
-            is_saved = law.transfer(&mut Fields::Write(&mut state));
+            is_saved = law.both().0.transfer(&mut Fields::Write(&mut state));
             if is_saved {
                 *law = make()?;
-                is_loaded = law.transfer(&mut Fields::Read(&state[GUARD_BYTES..]));
+                is_loaded = law
+                    .both()
+                    .0
+                    .transfer(&mut Fields::Read(&state[GUARD_BYTES..]));
             }
             Ok(is_saved && is_loaded)
         })?;
