@@ -17,6 +17,7 @@
 //! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
 use control_api::law::Rig;
+use control_api::saved_state::{Fields, saved_fields};
 use messages::allocation::{Allocation, net_speed};
 use messages::content::{Measured, NO_TICK, ROTORS};
 use messages::math::exp;
@@ -54,12 +55,14 @@ pub struct Samples {
 }
 
 /// Body rates that were measured in time.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Sample {
     tick: u64,
     nu2: Vector3<f64>,
     h: Vector3<f64>,
 }
+
+saved_fields!(Sample: tick, nu2, h);
 
 impl Samples {
     pub fn new(rig: &Rig) -> Self {
@@ -330,6 +333,12 @@ impl Evidence {
                 .regression(&self.newest.x, &self.newest.y, &last);
             self.ended_at = Some(tick);
         }
+    }
+
+    /// Lists what the next tick needs; h(t) and the weight follow from tick and measurement.
+    pub fn state(&mut self, fields: &mut Fields) {
+        let Regression { x, y, .. } = &mut self.newest;
+        fields.all([x, y, &mut self.ended_at, &mut self.samples.newest]);
     }
 
     /// X and Y as they stand at `tick`, where its state ended a whole tick.

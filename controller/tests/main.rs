@@ -8,6 +8,7 @@ mod laws_settings;
 mod laws_vectors;
 #[path = "../../shared/reference/vectors.rs"]
 mod reference;
+mod saved_state;
 mod settings;
 mod spline;
 mod stale;

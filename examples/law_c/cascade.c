@@ -51,6 +51,25 @@ static void copy_into(const void *law, void *other)
     *(Cascade *)other = *(const Cascade *)law;
 }
 
+// What changes in flight: an instance in a restarted process continues from it.
+static uint64_t save(const void *law, void *bytes, uint64_t size)
+{
+    const Cascade *cascade = law;
+    if (size < sizeof cascade->integral)
+        return 0;
+    memcpy(bytes, cascade->integral, sizeof cascade->integral);
+    return sizeof cascade->integral;
+}
+
+static uint64_t load(void *law, const void *bytes, uint64_t size)
+{
+    Cascade *cascade = law;
+    if (size != sizeof cascade->integral)
+        return 0;
+    memcpy(cascade->integral, bytes, size);
+    return 1;
+}
+
 // Body rates of Euler rates, at a roll and a pitch: nu = W d(eta).
 static void body_rates(const double eta[3], const double d_eta[3], double nu[3])
 {
@@ -91,7 +110,8 @@ static const IronbirdLaw law = {
     .interface_version = IRONBIRD_LAW_INTERFACE, .sizes = IRONBIRD_SIZES, .role = IRONBIRD_INNER,
     .name = "cascade", .version = "1", .summary = "attitude P on Euler angles and rate PI",
     .settings = settings, .settings_count = SETTINGS, .telemetry = telemetry, .telemetry_count = 3,
-    .create = create, .destroy = free, .copy_into = copy_into, .tick_inner = tick,
+    .create = create, .destroy = free, .copy_into = copy_into, .save = save, .load = load,
+    .tick_inner = tick,
 };
 
 const IronbirdLaw *ironbird_law(void)

@@ -1,7 +1,7 @@
 //! The law `priority`: thrust first, then roll and pitch, then yaw; see [`crate::mix`].
 
 use control_api::description::{Description, Refused, Settings, signal};
-use control_api::law::{Law, MixerLaw, Rig, WrenchSetpoint};
+use control_api::law::{Fields, Law, MixerLaw, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::content::ROTORS;
 use messages::role::Role;
@@ -44,6 +44,8 @@ impl Law for Priority {
             f_max,
         })
     }
+
+    fn state(&mut self, _: &mut Fields) {}
 }
 
 impl MixerLaw for Priority {

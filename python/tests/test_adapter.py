@@ -227,6 +227,24 @@ def test_an_exception_in_flight_ends_the_role_with_its_traceback(ironbird_comman
         assert f'  File "{file}", line 6, in tick' in words, words
 
 
+@pytest.mark.parametrize(
+    ("keeps", "methods", "said"),
+    [
+        ("0", "", "restored     yes"),
+        ("0", "save = lambda self: b'%d' % self.n\n    def load(self, state): self.n = int(state)", "restored     yes"),
+        ("0", "save = lambda self: b'0'\n    load = lambda self, state: None", "restored     NO: torque_b_nm about x of input"),
+        ("rig", "", "cannot be saved, nor reintegrated after a restart: TypeError: cannot pickle 'ironbird.Rig' object"),
+        ("bytes(2000)", "", "ValueError: its state has 20"),
+        ("0", "load = lambda self, state: 1 / 0", "restored     NO: it does not load the state that it saved"),
+    ],
+)
+def test_a_law_continues_from_its_saved_state(ironbird_command, law, keeps, methods, said):
+    text = "class Law:\n    role = 'inner'\n    def __init__(self, rig, settings):\n"
+    text += f"        self.n, self.kept = 0, {keeps}\n    {methods}\n{TICK}        self.n += 1\n"
+    told = ironbird_command("laws", law(text + "        return wanted.thrust_n, [self.n, 0, 0]\n"))
+    assert said in told.stdout + told.stderr and told.returncode == (3 if "NO" in said else 0), told
+
+
 def test_what_a_law_prints_does_not_mix_with_the_verdict(ironbird_command, law):
     file = law("class Law:\n    role = 'inner'\n" + TICK + "        print('at', tick)\n" + LEVEL.splitlines()[1] + "\n")
     told = ironbird_command("simulate", "--inner", file, "--duration", "10ms")

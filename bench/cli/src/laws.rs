@@ -152,17 +152,25 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
         let (place, [one, other]) = (place(&bad), bad.values);
         format!("NO: {place} was {one:?} and then {other:?}; it cannot be replayed")
     });
-    let rehearsed = match findings.rehearsed {
-        Some(bad) => {
-            let (place, [one, other], why) = (place(&bad), bad.values, "after a warm-up");
-            format!(
-                "NO: {place} was {one:?}, and {other:?} {why}; a copy must have memory of its own"
-            )
+    let continued = |bad: Option<BadAnswer>, why: &str, cannot: Option<&str>| match (bad, cannot) {
+        (Some(bad), _) => {
+            let (place, [one, other]) = (place(&bad), bad.values);
+            format!("NO: {place} was {one:?}, and {other:?} {why}")
         }
-        None if !findings.is_copied => "it is not: it cannot be copied".to_owned(),
-        None if findings.difference.is_some() => "not tried".to_owned(),
-        None => "yes".to_owned(),
+        (None, Some(cannot)) => cannot.to_owned(),
+        (None, None) if findings.difference.is_some() => "not tried".to_owned(),
+        (None, None) => "yes".to_owned(),
     };
+    let why = "after a warm-up; a copy must have memory of its own";
+    let cannot = (!findings.is_copied).then_some("it is not: it cannot be copied");
+    let rehearsed = continued(findings.rehearsed, why, cannot);
+    let why = "from its saved state; save and load all that changes in flight";
+    let cannot = match (findings.is_saved, findings.is_loaded) {
+        (true, true) => None,
+        (true, false) => Some("NO: it does not load the state that it saved"),
+        _ => Some("it is not: it cannot be saved, nor reintegrated after a restart"),
+    };
+    let restored = continued(findings.restored, why, cannot);
     let finite = findings.not_finite.map(|bad| {
         let (place, value) = (place(&bad), bad.values[0]);
         format!("NO: {place} was {value}; the rig does not fly such an answer")
@@ -182,7 +190,7 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
     let page_faults = used(usage.minor_faults + usage.major_faults);
     format!(
         "\nTrial: {INPUTS} inputs drawn at random, then {HOT} ticks of hover\n  same twice   {same}\n  rehearsed    \
-         {rehearsed}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
+         {rehearsed}\n  restored     {restored}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
          percentile\n  cold caches  {cold} in the median\n  allocations  {allocations}\n  page faults  {page_faults}\n"
     )
 }

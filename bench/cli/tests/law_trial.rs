@@ -1,7 +1,7 @@
 //! The trial of laws: the built-in laws pass it, and each way to fail is found.
 
 use control_api::description::{Description, Refused, Settings};
-use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
 use ironbird::laws::findings_text;
 use ironbird::laws::trial::{Candidate, Findings, trial};
 use messages::content::{Measured, Reference, Stamped};
@@ -19,14 +19,15 @@ fn every_built_in_law_passes() {
             difference,
             not_finite,
             rehearsed,
+            restored,
             ..
         } = findings;
         assert_eq!(
-            (difference, not_finite, rehearsed),
-            (None, None, None),
+            [difference, not_finite, rehearsed, restored],
+            [None; 4],
             "{name}"
         );
-        assert!(findings.is_copied, "{name}");
+        assert!(findings.is_copied && findings.is_saved, "{name}");
         let [median, p99] = findings.hot_ns;
         assert!(
             0 < median && median <= p99 && 0 < findings.cold_ns,
@@ -47,7 +48,7 @@ fn every_built_in_law_passes() {
     }
 }
 
-/// Counts its ticks in memory that its copies share.
+/// Counts its ticks in memory that its copies share, and does not save the count.
 #[derive(Clone)]
 struct Shares(Arc<AtomicU64>);
 
@@ -67,6 +68,8 @@ impl Law for Shares {
     fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
         Ok(Self(Arc::default()))
     }
+
+    fn state(&mut self, _: &mut Fields) {}
 }
 
 impl InnerLaw for Shares {
@@ -86,7 +89,7 @@ impl InnerLaw for Shares {
 }
 
 #[test]
-fn a_law_that_its_warm_ups_change_is_found_and_one_that_refuses_is_not_tried() {
+fn a_law_that_warm_ups_or_restarts_change_is_found_and_one_that_refuses_is_not_tried() {
     let (rig, settings) = (Rig::default(), Settings::default());
     let make = || Shares::new(&rig, &settings).map(|law| Candidate::Inner(law.into()));
     let findings = trial(&rig, make, || ()).unwrap();
@@ -97,6 +100,8 @@ fn a_law_that_its_warm_ups_change_is_found_and_one_that_refuses_is_not_tried() {
     assert!(!findings.passes(true));
     let text = findings_text(&findings, &Shares::DESCRIPTION, true);
     let words = "rehearsed    NO: thrust_n of input 0 was 0.0, and 1.0 after a warm-up";
+    assert!(text.contains(words), "{text}");
+    let words = "restored     NO: thrust_n of input 15 was 15.0, and 0.0 from its saved state;";
     assert!(text.contains(words), "{text}");
 
     let refused = Refused("no".into());

@@ -11,7 +11,7 @@
 
 use control_api::description::{Description, Refused, Setting, Settings, Signal, signal};
 use control_api::guard::HOLD_S;
-use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::net_speed;
 use messages::content::{Measured, Reference, Stamped};
 use messages::rate_dynamics::Inertia;
@@ -185,6 +185,13 @@ impl Law for Adaptive {
         rate_loop::check(rig, &gains)?;
         Ok(Self::with(rig, &gains))
     }
+
+    fn state(&mut self, fields: &mut Fields) {
+        let filter = &mut self.filter;
+        fields.all([&mut filter.ec, &mut filter.e1]);
+        fields.all([&mut self.win, &mut self.filter_tick, &mut self.theta]);
+        self.evidence.state(fields);
+    }
 }
 
 impl InnerLaw for Adaptive {
@@ -262,6 +269,10 @@ impl Law for Fixed {
         };
         rate_loop::check(rig, &gains)?;
         Ok(Self(Adaptive::with(rig, &gains)))
+    }
+
+    fn state(&mut self, fields: &mut Fields) {
+        self.0.state(fields);
     }
 }
 

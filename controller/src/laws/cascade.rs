@@ -3,6 +3,7 @@
 
 use control_api::description::{Refused, Setting};
 use control_api::law::{Desired, WrenchSetpoint};
+use control_api::saved_state::saved_fields;
 use messages::attitude::Attitude;
 use messages::frames::RollPitch;
 use nalgebra::Vector3;
@@ -71,6 +72,8 @@ pub fn no_torque(thrust_n: f64) -> WrenchSetpoint {
 /// The body rates that were measured last.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LastRates(Option<(u64, Vector3<f64>)>);
+
+saved_fields!(LastRates: 0);
 
 /// What the rates of a tick say together with those measured before.
 pub enum RateStep {

@@ -18,7 +18,8 @@
 //! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal};
-use control_api::law::{Desired, Law, OuterLaw, Rig};
+use control_api::law::{Desired, Fields, Law, OuterLaw, Rig};
+use control_api::saved_state::saved_fields;
 use messages::content::{Measured, Reference};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -59,13 +60,15 @@ pub struct Estimating {
 }
 
 /// What is kept of a tick for the next one.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Sample {
     tick: u64,
     /// Velocity, world frame [m/s].
     v: Vector3<f64>,
     z_b: Vector3<f64>,
 }
+
+saved_fields!(Sample: tick, v, z_b);
 
 impl Law for Estimating {
     const DESCRIPTION: Description = Description {
@@ -118,6 +121,10 @@ impl Law for Estimating {
             sig,
             last: None,
         })
+    }
+
+    fn state(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.lam, &mut self.sig, &mut self.last]);
     }
 }
 

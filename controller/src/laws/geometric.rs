@@ -26,7 +26,7 @@
 use std::f64::consts::SQRT_2;
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
-use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
@@ -119,6 +119,10 @@ impl Law for Geometric {
             weight_n,
             f: weight_n,
         })
+    }
+
+    fn state(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.f]);
     }
 }
 

@@ -25,7 +25,7 @@
 use control_api::description::{
     Description, Preset, Refused, Settings, Value, number, settings, signal, three,
 };
-use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, ROTORS, Reference, Stamped};
@@ -108,6 +108,11 @@ impl Law for Indi {
             last: LastRates::default(),
             thrust_n: rig.airframe.m() * rig.airframe.g(),
         })
+    }
+
+    fn state(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.torque, &mut self.acceleration]);
+        fields.all([&mut self.last, &mut self.thrust_n]);
     }
 }
 

@@ -9,6 +9,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use control_api::description::{Refused, Setting};
+use control_api::saved_state::saved_fields;
 use messages::math::tan;
 use nalgebra::Vector3;
 
@@ -22,6 +23,8 @@ pub struct LowPass {
     s2: Vector3<f64>,
     output: Vector3<f64>,
 }
+
+saved_fields!(LowPass: s1, s2, output);
 
 impl LowPass {
     /// H with w_n = `w_n` [rad/s] and zeta = `zeta`, sampled every `period_s` [s].

@@ -10,7 +10,7 @@
 use control_api::description::{
     Description, Refused, SettingKind, Settings, number, settings, signal,
 };
-use control_api::law::{Desired, Law, OuterLaw, Rig};
+use control_api::law::{Desired, Fields, Law, OuterLaw, Rig};
 use messages::content::{Measured, Reference};
 use messages::frames::RollPitch;
 use messages::limits::RotorLimits;
@@ -102,6 +102,8 @@ impl Law for Pd {
             rotor: rig.rotor,
         })
     }
+
+    fn state(&mut self, _: &mut Fields) {}
 }
 
 impl OuterLaw for Pd {

@@ -22,7 +22,7 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
-use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
@@ -123,6 +123,11 @@ impl Law for Pid {
             last: LastRates::default(),
             thrust_n: rig.airframe.m() * rig.airframe.g(),
         })
+    }
+
+    fn state(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.integral, &mut self.acceleration]);
+        fields.all([&mut self.last, &mut self.thrust_n]);
     }
 }
 

@@ -52,6 +52,8 @@ pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
         destroy: Some(destroy),
         // What a law has done to its own objects cannot be taken back: no tick of it is rehearsed.
         copy_into: None,
+        save: Some(save),
+        load: Some(load),
         tick_outer: is_outer.then_some(tick_outer),
         tick_inner: (!is_outer).then_some(tick_inner),
         tick_mixer: None,
@@ -144,6 +146,24 @@ struct Instance {
     pub law: PythonLaw,
     /// Role, name and file, as errors name it.
     pub label: String,
+}
+
+unsafe extern "C" fn save(law: *const c_void, bytes: *mut c_void, size: u64) -> u64 {
+    // SAFETY: the rig hands over an instance of `create`, and room for so many bytes, which have been written before.
+    unsafe {
+        let room = std::slice::from_raw_parts_mut(bytes.cast::<u8>(), size as usize);
+        let state = (*law.cast::<Instance>()).law.save(room.len());
+        room[..state.len()].copy_from_slice(&state);
+        state.len() as u64
+    }
+}
+
+unsafe extern "C" fn load(law: *mut c_void, bytes: *const c_void, size: u64) -> u64 {
+    // SAFETY: the rig hands over an instance of `create`, and so many bytes.
+    unsafe {
+        let state = std::slice::from_raw_parts(bytes.cast::<u8>(), size as usize);
+        u64::from((*law.cast::<Instance>()).law.load(state))
+    }
 }
 
 unsafe extern "C" fn tick_outer(

@@ -8,9 +8,11 @@ use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
 use messages::content::{self, Stamped};
 use messages::telemetry::Telemetry;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::answer::Answer;
 use crate::inputs::{Desired, Measured, Reference};
+use crate::look::module;
 
 /// A law that can be called.
 #[derive(Debug)]
@@ -74,6 +76,22 @@ impl PythonLaw {
         let answer = self.tick.bind(py).call1(inputs)?;
         let answer = self.answer(&answer, input.tick);
         answer.wrench(telemetry, self.signals)
+    }
+
+    /// Its state, in at most `size` bytes; empty if it cannot be saved.
+    pub fn save(&self, size: usize) -> Vec<u8> {
+        let arguments = (&self.tick, size, &self.place);
+        let saved = |py: Python<'_>| module(py)?.call_method1("save", arguments)?.extract();
+        Python::attach(saved).unwrap_or_default()
+    }
+
+    /// Continues from a saved state; false if it cannot.
+    pub fn load(&self, state: &[u8]) -> bool {
+        let loaded = |py: Python<'_>| {
+            let arguments = (&self.tick, PyBytes::new(py, state));
+            module(py)?.call_method1("restore", arguments)?.extract()
+        };
+        Python::attach(loaded).unwrap_or_default()
     }
 
     fn answer<'a, 'py>(&self, answer: &'a Bound<'py, PyAny>, tick: u64) -> Answer<'a, 'py> {

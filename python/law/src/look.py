@@ -5,6 +5,7 @@ import hashlib
 import inspect
 import math
 import os
+import pickle
 import re
 import sys
 import textwrap
@@ -15,6 +16,8 @@ NAME = re.compile("[a-z][a-z0-9_]*")
 LONGEST_NAME = 40
 MOST_SIGNALS = 32
 KEYS = ("default", "min", "max", "words", "unit", "meaning")
+"""Places of laws that could not be saved: each is said once."""
+UNSAVED = set()
 TICK = {"outer": "tick(self, tick, measured, reference)", "inner": "tick(self, tick, measured, wanted, reference)"}
 
 
@@ -79,6 +82,36 @@ def make(law, rig, settings):
     if not inspect.isclass(law):
         return getattr(law, "tick", law)
     return (law() if law.__init__ is object.__init__ else law(rig, settings)).tick
+
+
+def save(tick, size, place):
+    """The state of the object of a `tick`, in at most `size` bytes: what its `save` gives, or all of its attributes."""
+    try:
+        law = tick.__self__
+        state = bytes(law.save() if hasattr(law, "save") else pickle.dumps(vars(law)))
+        if not 0 < len(state) <= size:
+            raise ValueError(f"its state has {len(state)} bytes: allowed are 1 to {size}")
+        return state
+    except Exception as error:
+        if place not in UNSAVED:
+            UNSAVED.add(place)
+            what = "cannot be saved, nor reintegrated after a restart"
+            print(f"warning: {place} {what}: {type(error).__name__}: {error}", file=sys.stderr)
+        return b""
+
+
+def restore(tick, state):
+    """Whether the object of a `tick` continues from a saved state."""
+    try:
+        law = tick.__self__
+        if hasattr(law, "load"):
+            law.load(state)
+        else:
+            law.__dict__ = pickle.loads(state)
+        return True
+    except Exception as error:
+        print(f"warning: a saved state is not loaded: {type(error).__name__}: {error}", file=sys.stderr)
+        return False
 
 
 def load(path):

@@ -116,7 +116,7 @@ pub fn is_refusal(py: Python<'_>, raised: &PyErr) -> bool {
     refused.is_ok_and(|refused| raised.is_instance(py, &refused))
 }
 
-fn module(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
+pub(crate) fn module(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
     let module = MODULE.get_or_try_init(py, || {
         let code = CString::new(include_str!("look.py"))?;

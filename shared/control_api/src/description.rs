@@ -4,6 +4,7 @@
 //! checks it, and hands it over; the law looks it up by the same constant.
 
 pub use ironbird_law::{Preset, Refused, Setting, SettingKind, Settings, Signal, Value};
+use messages::layout::{FNV_OFFSET, fnv1a};
 use messages::role::Role;
 use messages::telemetry::TELEMETRY;
 
@@ -66,6 +67,14 @@ impl Description {
             .iter()
             .find(|preset| preset.name == name)
             .map(|preset| Settings::new(preset.values.to_vec()))
+    }
+
+    /// What a saved state of this law begins with: a hash of the format, the law and its version.
+    pub fn state_hash(&self) -> u64 {
+        let words = ["saved state 1", self.role.name(), self.name, self.version];
+        words.iter().fold(FNV_OFFSET, |hash, word| {
+            fnv1a(fnv1a(hash, word.as_bytes()), b"\n")
+        })
     }
 
     /// What is wrong with the names of its signals: they are columns, fields and plots of whatever shows a flight.
@@ -157,6 +166,20 @@ mod tests {
             signal("saturated", ""),
         ];
         assert_eq!(flaws(GOOD), Vec::<String>::new());
+    }
+
+    #[test]
+    fn another_law_or_version_has_another_state_hash() {
+        let (name, version) = ("other", "2");
+        let others = [
+            Description { name, ..NAMED },
+            Description { version, ..NAMED },
+        ];
+        assert!(
+            others
+                .iter()
+                .all(|other| other.state_hash() != NAMED.state_hash())
+        );
     }
 
     #[test]

@@ -22,6 +22,7 @@ use nalgebra::Vector4;
 
 use crate::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use crate::registry::Made;
+use crate::saved_state::{Field, Fields, SavedState, saved_fields};
 
 /// How long an input may be missing, or an output not finite, before a loop falls back [s].
 pub const HOLD_S: f64 = 0.1;
@@ -41,12 +42,41 @@ pub type GuardedMixer = Guarded<dyn MixerLaw, Rotors>;
 /// The reference of each tick.
 pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
 
-impl<L: CopyState + ?Sized, M: Clone> Guarded<L, M> {
+impl<L: CopyState + ?Sized, M: Field + Clone> Guarded<L, M> {
     /// Copies law and memory of another stage of the same law; false, and the stage must not be used, if the law cannot
     /// be copied.
     pub fn copy_from(&mut self, other: &Self) -> bool {
         self.memory.clone_from(&other.memory);
         other.made.law.copy_into(self.made.law.as_any())
+    }
+
+    /// Writes the state of law and memory into the place of an older one; false, and `state` is empty, if this law cannot
+    /// be saved.
+    pub fn save(&mut self, state: &mut SavedState) -> bool {
+        state.clear();
+        let is_saved = self.transfer(&mut Fields::Write(state));
+        if !is_saved {
+            state.clear();
+        }
+        is_saved
+    }
+
+    /// Continues from a saved state; false, and nothing is changed, if it is not one of this law in this version.
+    pub fn load(&mut self, state: &[u8]) -> bool {
+        self.transfer(&mut Fields::Read(state))
+    }
+
+    fn transfer(&mut self, fields: &mut Fields) -> bool {
+        let (mut hash, mut memory) = (self.made.state_hash, self.memory.clone());
+        fields.all([&mut hash, &mut memory]);
+        if hash != self.made.state_hash {
+            *fields = Fields::Refused;
+        }
+        let is_done = self.made.law.transfer(fields);
+        if is_done {
+            self.memory = memory;
+        }
+        is_done
     }
 
     fn on_copies<R>(&mut self, tick: impl FnOnce(&mut M, &mut L) -> R) -> Option<R> {
@@ -189,6 +219,8 @@ impl GuardedOuter {
     }
 }
 
+saved_fields!(OuterMemory: last);
+
 impl OuterMemory {
     /// Completes a setpoint that has its reference.
     fn tick(&mut self, law: &mut dyn OuterLaw, tick: u64, state: &State, setpoint: &mut Setpoint) {
@@ -281,6 +313,8 @@ impl GuardedInner {
         self.made.law.resume(estimates)
     }
 }
+
+saved_fields!(InnerMemory: first_tick, measured_at, answered_at, thrust_n, began, stays);
 
 impl InnerMemory {
     fn tick(
@@ -475,6 +509,8 @@ impl GuardedMixer {
         speeds
     }
 }
+
+saved_fields!(Rotors: );
 
 impl Rotors {
     fn tick(

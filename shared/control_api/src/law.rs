@@ -9,6 +9,7 @@ pub use ironbird_law::{Desired, WrenchSetpoint};
 
 use crate::description::{Description, Refused, Settings};
 pub use crate::rig::Rig;
+pub use crate::saved_state::Fields;
 
 /// What the rig needs in order to find a law by name and make it.
 pub trait Law: Sized {
@@ -17,14 +18,26 @@ pub trait Law: Sized {
     /// The law as it is before tick 0. The rig has checked each setting against the description. [`Refused`] says
     /// which values do not go together, what is allowed and what to do.
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused>;
+
+    /// Lists what changes in flight, and no settings: [`Fields`] writes or reads it. A law without this list cannot be
+    /// saved.
+    fn state(&mut self, fields: &mut Fields) {
+        *fields = Fields::Refused;
+    }
 }
 
-/// Copies the state of a law into another instance of the same law, for warm-up runs.
+/// Copies the state of a law into another instance of the same law: directly for warm-up runs, as bytes for another
+/// process.
 pub trait CopyState: Any + Send {
     /// Does not allocate if the law owns no memory. False if the law cannot be copied: it gets no warm-up runs then.
     fn copy_into(&self, other: &mut dyn Any) -> bool;
 
     fn as_any(&mut self) -> &mut dyn Any;
+
+    /// Writes the state, or reads the rest of the bytes as the state; false, and the law is as before, if that cannot be.
+    fn transfer(&mut self, _: &mut Fields) -> bool {
+        false
+    }
 }
 
 impl<L: Law + Clone + Send + 'static> CopyState for L {
@@ -37,6 +50,15 @@ impl<L: Law + Clone + Send + 'static> CopyState for L {
 
     fn as_any(&mut self) -> &mut dyn Any {
         self
+    }
+
+    fn transfer(&mut self, fields: &mut Fields) -> bool {
+        let mut copy = self.clone();
+        copy.state(fields);
+        if fields.is_complete() {
+            *self = copy;
+        }
+        fields.is_complete()
     }
 }
 

@@ -19,15 +19,18 @@ impl<L: ?Sized> Entry<L> {
             law: (self.make)(rig, settings)?,
             twin: (self.make)(rig, settings)?,
             signals: self.description.telemetry.len(),
+            state_hash: self.description.state_hash(),
         })
     }
 }
 
-/// A law, its twin for warm-up runs, and the number of its signals.
+/// A law, its twin for warm-up runs, and what the rig needs of its description.
 pub struct Made<L: ?Sized> {
     pub law: Box<L>,
     pub twin: Box<L>,
     pub signals: usize,
+    /// As [`Description::state_hash`]; 0 for a law without a description.
+    pub state_hash: u64,
 }
 
 macro_rules! of_role {
@@ -47,13 +50,17 @@ macro_rules! of_role {
                     twin: Box::new(law.clone()),
                     law: Box::new(law),
                     signals,
+                    state_hash: 0,
                 }
             }
         }
 
         impl<L: Law + $trait + Clone + 'static> From<L> for Made<dyn $trait> {
             fn from(law: L) -> Self {
-                Self::of(law, L::DESCRIPTION.telemetry.len())
+                Self {
+                    state_hash: L::DESCRIPTION.state_hash(),
+                    ..Self::of(law, L::DESCRIPTION.telemetry.len())
+                }
             }
         }
     };

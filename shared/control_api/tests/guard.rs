@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use control_api::description::{Description, Refused, Settings, Signal, signal};
 use control_api::law::{Desired, InnerLaw, Law, MixerLaw, OuterLaw, WrenchSetpoint};
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig, SavedState};
 use messages::content::{
     Measured, Mode, NO_TICK, ROTORS, Reference, Setpoint, Stamped, State, Wrench,
 };
@@ -402,4 +402,10 @@ fn the_rig_does_not_take_a_rehearsal_for_a_tick_either() {
         (setpoint.thrust_n, setpoint.attitude_rad),
         no_answer_to_hold
     );
+}
+
+#[test]
+fn a_law_that_lists_no_state_cannot_be_saved() {
+    let mut state = SavedState::from_slice(&[1, 2, 3]).unwrap();
+    assert!(!inner(|_| None).save(&mut state) && state.is_empty());
 }

@@ -29,7 +29,7 @@
 
 
 // Version of this interface. A library that was built for another one is refused.
-#define IRONBIRD_LAW_INTERFACE 1
+#define IRONBIRD_LAW_INTERFACE 2
 
 // Role of a law: state and reference to thrust and attitude wanted.
 #define IRONBIRD_OUTER 1
@@ -57,6 +57,9 @@
 
 // Numbers that a law can show of a tick.
 #define IRONBIRD_TELEMETRY 32
+
+// Longest saved state [bytes], with up to 400 that the rig adds to a law's own.
+#define IRONBIRD_STATE_BYTES 2048
 
 // Settings that a law can have.
 #define IRONBIRD_MOST_SETTINGS 64
@@ -337,6 +340,13 @@ typedef struct IronbirdLaw {
   // Makes one instance what another one is, without allocating: the rig rehearses ticks on a copy. NULL where a law
   // cannot be copied; it is not rehearsed then.
   void (*copy_into)(const void *law, void *other);
+  // Writes what changes in flight into `bytes`, without allocating, and returns how many bytes it wrote, at most
+  // `size`; 0 where it cannot. A law that keeps nothing from one tick to the next writes one byte. `save` and `load` are
+  // both given or both NULL; a law without them cannot be reintegrated after a restart of its process.
+  uint64_t (*save)(const void *law, void *bytes, uint64_t size);
+  // Continues from what `save` of another instance wrote, with the same answers to the last bit, and returns 1. Where
+  // the bytes cannot be its own, it returns 0 and changes nothing. The rig has compared the law's name and version.
+  uint64_t (*load)(void *law, const void *bytes, uint64_t size);
   // A tick of an outer law; NULL for another role. What `wanted` is not given is NaN, which is not flown.
   void (*tick_outer)(void *law,
                      const struct IronbirdOuterInput *input,

@@ -11,7 +11,7 @@
 use std::ffi::{c_char, c_void};
 
 /// Version of this interface. A library that was built for another one is refused.
-pub const IRONBIRD_LAW_INTERFACE: u64 = 1;
+pub const IRONBIRD_LAW_INTERFACE: u64 = 2;
 
 /// Role of a law: state and reference to thrust and attitude wanted.
 pub const IRONBIRD_OUTER: u64 = 1;
@@ -34,6 +34,8 @@ pub const IRONBIRD_NEVER: u64 = u64::MAX;
 pub const IRONBIRD_ROTORS: usize = 4;
 /// Numbers that a law can show of a tick.
 pub const IRONBIRD_TELEMETRY: usize = 32;
+/// Longest saved state [bytes], with up to 400 that the rig adds to a law's own.
+pub const IRONBIRD_STATE_BYTES: usize = 2048;
 /// Settings that a law can have.
 pub const IRONBIRD_MOST_SETTINGS: u64 = 64;
 /// Presets that a law can have.
@@ -348,6 +350,15 @@ pub struct IronbirdLaw {
     /// Makes one instance what another one is, without allocating: the rig rehearses ticks on a copy. NULL where a law
     /// cannot be copied; it is not rehearsed then.
     pub copy_into: Option<unsafe extern "C" fn(law: *const c_void, other: *mut c_void)>,
+    /// Writes what changes in flight into `bytes`, without allocating, and returns how many bytes it wrote, at most
+    /// `size`; 0 where it cannot. A law that keeps nothing from one tick to the next writes one byte. `save` and `load` are
+    /// both given or both NULL; a law without them cannot be reintegrated after a restart of its process.
+    pub save:
+        Option<unsafe extern "C" fn(law: *const c_void, bytes: *mut c_void, size: u64) -> u64>,
+    /// Continues from what `save` of another instance wrote, with the same answers to the last bit, and returns 1. Where
+    /// the bytes cannot be its own, it returns 0 and changes nothing. The rig has compared the law's name and version.
+    pub load:
+        Option<unsafe extern "C" fn(law: *mut c_void, bytes: *const c_void, size: u64) -> u64>,
     /// A tick of an outer law; NULL for another role. What `wanted` is not given is NaN, which is not flown.
     pub tick_outer: Option<
         unsafe extern "C" fn(

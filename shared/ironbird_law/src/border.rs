@@ -136,6 +136,8 @@ pub fn table<L: Law>() -> IronbirdLaw {
         create: Some(create::<L>),
         destroy: Some(destroy::<L>),
         copy_into: Some(copy_into::<L>),
+        save: Some(save::<L>),
+        load: Some(load::<L>),
         tick_outer: None,
         tick_inner: None,
         tick_mixer: None,
@@ -272,4 +274,20 @@ unsafe extern "C" fn copy_into<L: Law>(law: *const c_void, other: *mut c_void) {
     // SAFETY: both are different instances that `create` gave.
     let (law, other) = unsafe { (&*law.cast::<L>(), &mut *other.cast::<L>()) };
     other.clone_from(law);
+}
+
+unsafe extern "C" fn save<L: Law>(law: *const c_void, bytes: *mut c_void, size: u64) -> u64 {
+    // SAFETY: the instance is one that `create` gave, and there is room for so many bytes, which have been written before.
+    unsafe {
+        let bytes = std::slice::from_raw_parts_mut(bytes.cast(), size as usize);
+        (*law.cast::<L>()).save(bytes) as u64
+    }
+}
+
+unsafe extern "C" fn load<L: Law>(law: *mut c_void, bytes: *const c_void, size: u64) -> u64 {
+    // SAFETY: the instance is one that `create` gave, and there are so many bytes.
+    unsafe {
+        let bytes = std::slice::from_raw_parts(bytes.cast(), size as usize);
+        u64::from((*law.cast::<L>()).load(bytes))
+    }
 }

@@ -67,6 +67,19 @@ pub trait Law: Clone + 'static {
     /// # Errors
     /// [`Refused`] says what does not go together, with the values, what is allowed and what to do.
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused>;
+
+    /// Writes what changes in flight into `bytes`, without allocating, and returns how many bytes it wrote; 0 where it
+    /// cannot. A law that keeps nothing from one tick to the next writes one byte. A law without this cannot be
+    /// reintegrated after a restart of its process.
+    fn save(&self, _bytes: &mut [u8]) -> usize {
+        0
+    }
+
+    /// Continues from what [`Law::save`] of another instance wrote, with the same answers to the last bit. False, and
+    /// nothing is changed, where the bytes cannot be its own. The rig has compared the law's name and version.
+    fn load(&mut self, _bytes: &[u8]) -> bool {
+        false
+    }
 }
 
 /// The position loop.

@@ -12,9 +12,10 @@ use std::sync::atomic::Ordering;
 use control_api::description::{Refused, Setting, Settings};
 use control_api::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use control_api::registry::Made;
+use control_api::saved_state::Fields;
 use ironbird_law::abi::{
-    IRONBIRD_NEVER, IronbirdInnerInput, IronbirdMixerInput, IronbirdOuterInput,
-    IronbirdRotorSpeeds, IronbirdValue,
+    IRONBIRD_NEVER, IRONBIRD_STATE_BYTES, IronbirdInnerInput, IronbirdMixerInput,
+    IronbirdOuterInput, IronbirdRotorSpeeds, IronbirdValue,
 };
 use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::telemetry::Telemetry;
@@ -85,6 +86,7 @@ impl Library {
             law: of_role(Box::new(law)),
             twin: of_role(Box::new(twin)),
             signals: self.description.telemetry.len(),
+            state_hash: self.description.state_hash(),
         })
     }
 
@@ -148,6 +150,33 @@ impl CopyState for Instance {
 
     fn as_any(&mut self) -> &mut dyn Any {
         self
+    }
+
+    fn transfer(&mut self, fields: &mut Fields) -> bool {
+        let Library { table, words, .. } = self.library;
+        let (Some(save), Some(load)) = (table.save, table.load) else {
+            return false;
+        };
+        match fields {
+            Fields::Write(state) => {
+                let mut bytes = [0_u8; IRONBIRD_STATE_BYTES];
+                let (room, size) = (bytes.as_mut_ptr().cast(), bytes.len() - state.len());
+                // SAFETY: the instance is one of this table, and the bytes live for the time of the call.
+                let save = || unsafe { save(self.law, room, size as u64) };
+                let (written, _) = Call::new(words, "as it was saved").make(save);
+                let written = bytes.get(..written as usize).unwrap_or_default();
+                !written.is_empty() && state.extend_from_slice(written).is_ok()
+            }
+            Fields::Read(state) => {
+                let (bytes, size) = (state.as_ptr().cast(), state.len() as u64);
+                // SAFETY: as above.
+                let load = || unsafe { load(self.law, bytes, size) } == 1;
+                Call::new(words, "as its saved state was loaded")
+                    .make(load)
+                    .0
+            }
+            Fields::Refused => false,
+        }
     }
 }
 

@@ -41,6 +41,9 @@ pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> 
     if let Some((name, _)) = functions.find(|(_, is_there)| !is_there) {
         return Err(format!("its function `{name}` is NULL"));
     }
+    if table.save.is_some() != table.load.is_some() {
+        return Err("one of its functions `save` and `load` is NULL: give both, or neither".into());
+    }
     let (first, count) = (table.settings, table.settings_count);
     let settings = each(first, count, IRONBIRD_MOST_SETTINGS, "setting", setting)?;
     unlike(settings.iter().map(|it| it.name), RIGS_KEYS, "setting")?;

@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #ifndef VERSION
 #define VERSION IRONBIRD_LAW_INTERFACE
@@ -51,6 +52,9 @@
 #ifndef TICK
 #define TICK tick
 #endif
+#ifndef LOAD
+#define LOAD load
+#endif
 #ifndef FUNCTION
 #define FUNCTION ironbird_law
 #endif
@@ -78,12 +82,13 @@ static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *
     told = *rig;
     for (int i = 0; i < 3; i++)
         given[i] = values[i];
-    return malloc(1);
+    return calloc(1, sizeof(uint64_t));
 }
 
 static void tick(void *law, const IronbirdOuterInput *in, IronbirdWanted *out, IronbirdTelemetry *shown)
 {
-    (void)law;
+    *(uint64_t *)law += in->tick;
+    shown->value[30] = (double)*(uint64_t *)law;
     out->thrust_n = in->measured.rotor_speed_command_rad_s[3];
     for (int i = 0; i < 3; i++) {
         out->attitude_rad[i] = given[1].number[i];
@@ -102,10 +107,27 @@ static void tick(void *law, const IronbirdOuterInput *in, IronbirdWanted *out, I
     shown->value[31] = in->reference.position_w_m[0];
 }
 
+static uint64_t save(const void *law, void *bytes, uint64_t size)
+{
+    if (size < sizeof(uint64_t))
+        return 0;
+    memcpy(bytes, law, sizeof(uint64_t));
+    return sizeof(uint64_t);
+}
+
+static uint64_t load(void *law, const void *bytes, uint64_t size)
+{
+    if (size != sizeof(uint64_t))
+        return 0;
+    memcpy(law, bytes, size);
+    return 1;
+}
+
 static const IronbirdLaw law = {
     .interface_version = VERSION, .sizes = SIZES, .role = ROLE, .name = NAME, .version = "1", .summary = SUMMARY,
     .settings = settings, .settings_count = SETTINGS, .presets = presets, .presets_count = 1,
-    .telemetry = telemetry, .telemetry_count = 2, .create = CREATE, .destroy = free, .tick_outer = TICK,
+    .telemetry = telemetry, .telemetry_count = 2, .create = CREATE, .destroy = free,
+    .save = save, .load = LOAD, .tick_outer = TICK,
 };
 
 #ifdef MISSING
@@ -135,7 +157,7 @@ __attribute__((constructor)) static void grow(void)
 const IronbirdLaw *FUNCTION(void);
 const IronbirdLaw *FUNCTION(void)
 {
-    (void)create, (void)tick;
+    (void)create, (void)load, (void)tick;
 #ifdef MISSING
     missing_function();
 #endif

@@ -4,8 +4,9 @@ use std::env;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use control_api::SavedState;
 use control_api::description::{Setting, Settings, Value};
-use control_api::law::{Desired, Rig};
+use control_api::law::{Desired, Fields, Rig};
 use messages::content::{Measured, Reference, Stamped};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -99,6 +100,12 @@ fn a_law_in_rust_is_one_line_away_from_the_rig() {
         assert_eq!(tick(&mut *made.twin).1, 2.0);
     }
     assert_eq!(tick(&mut *made.law).1, 2.0, "and changes nothing");
+    let mut state = SavedState::new();
+    assert!(made.law.transfer(&mut Fields::Write(&mut state)));
+    let mut other = library.inner(&rig, &Settings::default()).unwrap().law;
+    assert!(!other.transfer(&mut Fields::Read(&state[1..])));
+    assert!(other.transfer(&mut Fields::Read(&state)));
+    assert_eq!(tick(&mut *other).1, 3.0);
 
     for (how, expected) in [
         (

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use control_api::description::{Settings, Value};
-use control_api::law::Rig;
+use control_api::law::{Fields, Rig};
+use control_api::{SAVED_STATE_BYTES, SavedState};
 use errors::Failure;
 use messages::content::{Measured, Reference};
 use messages::parameters::Parameter;
@@ -82,6 +83,15 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     // What is not shown stays as it is.
     assert_eq!((telemetry.value[8], telemetry.value[31]), (99.0, 21.0));
     assert!(!made.law.copy_into(&mut *made.twin), "it has no copy_into");
+    let mut state = SavedState::new();
+    assert!(made.law.transfer(&mut Fields::Write(&mut state)));
+    let mut other = library.outer(&rig, &settings).unwrap().law;
+    assert!(!other.transfer(&mut Fields::Read(&state[1..])));
+    assert!(other.transfer(&mut Fields::Read(&state)));
+    other.tick(4, &measured, &reference, &mut telemetry);
+    assert_eq!(telemetry.value[30], 127.0, "the sum of its ticks");
+    let mut full = SavedState::from([0; SAVED_STATE_BYTES]);
+    assert!(!other.transfer(&mut Fields::Write(&mut full)));
 }
 
 #[test]

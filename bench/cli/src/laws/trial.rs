@@ -1,4 +1,5 @@
-//! Tries a law: same output twice and after warm-ups, finite, how long a tick takes, what it allocates.
+//! Tries a law: same output twice, after warm-ups and from its saved state, finite, how long a tick takes, what it
+//! allocates.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -6,8 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use control_api::law::{Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use control_api::law::{
+    CopyState, Desired, Fields, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
+};
 use control_api::registry::Made;
+use control_api::saved_state::{GUARD_BYTES, SavedState};
 use errors::{Failure, GATE};
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
@@ -19,7 +23,7 @@ use process::rt::UsageMeter;
 use errors::output::say;
 
 pub const INPUTS: u64 = 100_000;
-/// Inputs with a warm-up before each.
+/// Inputs with a warm-up before each, and inputs of an instance that is replaced by one from its saved state now and then.
 const REHEARSED: u64 = 10_000;
 /// A law is created anew after this many inputs, so that the consequences of an odd start are found too.
 const INPUTS_PER_LIFE: u64 = 1000;
@@ -30,7 +34,7 @@ const COLD: usize = 101;
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
 /// Ticks of a whole trial.
-const TICKS: u64 = INPUTS + REHEARSED + 2 * HOT as u64 + COLD as u64;
+const TICKS: u64 = INPUTS + 2 * REHEARSED + 2 * HOT as u64 + COLD as u64;
 /// How long a tick may take before the trial is ended.
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -60,6 +64,12 @@ pub struct Findings {
     pub is_copied: bool,
     /// The first difference between an instance and one with a warm-up before each tick; none if `difference` is some.
     pub rehearsed: Option<BadAnswer>,
+    /// Whether its state can be saved, and what was saved can be loaded.
+    pub is_saved: bool,
+    pub is_loaded: bool,
+    /// The first difference between an instance and those that continue from its saved state; none if `difference` is
+    /// some.
+    pub restored: Option<BadAnswer>,
     /// Median and 99th percentile of a tick with warm caches [ns].
     pub hot_ns: [u64; 2],
     /// Median of a tick with cold caches [ns].
@@ -74,8 +84,12 @@ impl Findings {
         let uses_nothing = matches!(self.usage.counted_allocations(), None | Some(0))
             && self.usage.minor_faults == 0
             && self.usage.major_faults == 0;
-        let is_the_same = self.difference.is_none() && self.rehearsed.is_none();
-        is_the_same && self.not_finite.is_none() && (not_real_time || uses_nothing)
+        let is_the_same =
+            self.difference.is_none() && self.rehearsed.is_none() && self.restored.is_none();
+        is_the_same
+            && self.is_loaded
+            && self.not_finite.is_none()
+            && (not_real_time || uses_nothing)
     }
 }
 
@@ -113,12 +127,12 @@ impl Candidate {
         }
     }
 
-    /// Copies the law into its twin; false if it cannot be copied.
-    fn is_copied(&mut self) -> bool {
+    /// The law and its twin.
+    fn both(&mut self) -> (&mut dyn CopyState, &mut dyn CopyState) {
         match self {
-            Self::Outer(made) => made.law.copy_into(&mut *made.twin),
-            Self::Inner(made) => made.law.copy_into(&mut *made.twin),
-            Self::Mixer(made) => made.law.copy_into(&mut *made.twin),
+            Self::Outer(made) => (&mut *made.law, &mut *made.twin),
+            Self::Inner(made) => (&mut *made.law, &mut *made.twin),
+            Self::Mixer(made) => (&mut *made.law, &mut *made.twin),
         }
     }
 }
@@ -169,13 +183,20 @@ pub fn trial<E>(
     make: impl Fn() -> Result<Candidate, E>,
     alive: impl Fn(),
 ) -> Result<Findings, E> {
-    let [difference, not_finite] = compare(rig, INPUTS, false, &make, &alive)?;
-    let rehearsed = match difference {
-        None => compare(rig, REHEARSED, true, &make, &alive)?[0],
-        Some(_) => None,
-    };
+    let [difference, not_finite] = compare(rig, INPUTS, &make, &alive, |_, _| Ok(true))?;
+    let (mut is_copied, mut is_saved, mut is_loaded) = (true, true, true);
+    let (mut rehearsed, mut restored) = (None, None);
+    if difference.is_none() {
+        [rehearsed, _] = compare(rig, REHEARSED, &make, &alive, |law, input| {
+            let (flies, twin) = law.both();
+            is_copied = flies.copy_into(twin.as_any());
+            if is_copied {
+                black_box(law.tick(input, true));
+            }
+            Ok(is_copied)
+        })?;
+    }
     let mut candidate = make()?;
-    let is_copied = candidate.is_copied();
     let hover = Input::hover(rig);
     let mut time = |first_tick: usize, times_ns: &mut [u64]| {
         for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
@@ -200,25 +221,46 @@ pub fn trial<E>(
         time(2 * HOT + i, time_ns);
     }
     cold.sort_unstable();
+    // Last: the instances made here can cause a page fault in ticks that are timed after them.
+    if difference.is_none() {
+        [restored, _] = compare(rig, REHEARSED, &make, &alive, |law, input| {
+            if input.tick % 16 > 0 {
+                return Ok(true);
+            }
+            let mut state = SavedState::from([0; GUARD_BYTES]);
+            is_saved = law.both().0.transfer(&mut Fields::Write(&mut state));
+            if is_saved {
+                *law = make()?;
+                is_loaded = law
+                    .both()
+                    .0
+                    .transfer(&mut Fields::Read(&state[GUARD_BYTES..]));
+            }
+            Ok(is_saved && is_loaded)
+        })?;
+    }
     Ok(Findings {
         difference,
         not_finite,
         is_copied,
         rehearsed,
+        is_saved,
+        is_loaded,
+        restored,
         hot_ns: [hot[HOT / 2], hot[HOT * 99 / 100]],
         cold_ns: cold[COLD / 2],
         usage,
     })
 }
 
-/// Gives two instances of a law the same random inputs, with a warm-up of the second one before each if `rehearses`.
-/// Finds the first difference between their answers, and the first answer that is not finite.
+/// Gives two instances of a law the same random inputs; `before` does something to the second one before each, or returns
+/// false if it cannot. Finds the first difference between their answers, and the first answer that is not finite.
 fn compare<E>(
     rig: &Rig,
     inputs: u64,
-    rehearses: bool,
     make: &impl Fn() -> Result<Candidate, E>,
     alive: &impl Fn(),
+    mut before: impl FnMut(&mut Candidate, &Input) -> Result<bool, E>,
 ) -> Result<[Option<BadAnswer>; 2], E> {
     // Always the same inputs.
     let mut rng = fastrand::Rng::with_seed(1);
@@ -237,11 +279,8 @@ fn compare<E>(
         let mut input = Input::hover(rig);
         for number in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
             draw_next(&mut input, &mut rng, rig);
-            if rehearses {
-                if !other.is_copied() {
-                    return Ok([None; 2]);
-                }
-                black_box(other.tick(&input, true));
+            if !before(&mut other, &input)? {
+                return Ok([None; 2]);
             }
             let answers = [one.tick(&input, false), other.tick(&input, false)];
             alive();

@@ -49,6 +49,18 @@ impl Law for Spring {
             _ => Ok(Self { gain: settings.number(&GAIN), axes: settings.three(&AXES), ends, ticks: 0 }),
         }
     }
+
+    fn save(&self, bytes: &mut [u8]) -> usize {
+        bytes[..8].copy_from_slice(&self.ticks.to_le_bytes());
+        8
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> bool {
+        bytes.try_into().is_ok_and(|bytes| {
+            self.ticks = u64::from_le_bytes(bytes);
+            true
+        })
+    }
 }
 
 impl InnerLaw for Spring {
