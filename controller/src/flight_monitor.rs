@@ -5,14 +5,14 @@ use messages::content::{Stamped, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
 
-/// One monitor per process of the inner loop.
+/// One monitor per process of the inner loop; or one for all channels, whose wrenches are the same.
 ///
-/// Every process starts with initial estimates, and so does its monitor. After a missed message the monitor no longer knows
-/// the law's state, and is silent until the next process starts.
+/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
     /// A fresh monitor; none if the law has no theorem.
     begin: Option<TheoremMonitor>,
+    channels: usize,
     epoch: Option<u64>,
     /// Sequence number of the next wrench.
     next_seq: u64,
@@ -21,9 +21,10 @@ pub struct FlightMonitor {
 }
 
 impl FlightMonitor {
-    pub const fn new(begin: Option<TheoremMonitor>) -> Self {
+    pub const fn new(begin: Option<TheoremMonitor>, channels: usize) -> Self {
         Self {
             begin,
+            channels,
             epoch: None,
             next_seq: 0,
             monitor: None,
@@ -43,15 +44,20 @@ impl FlightMonitor {
         state: Option<&Stamped<State>>,
     ) -> Option<Message<Monitor>> {
         let envelope = wrench.envelope;
-        if self.epoch != Some(envelope.epoch) {
-            self.epoch = Some(envelope.epoch);
+        let (epoch, seq) = match self.channels {
+            1 => (envelope.epoch, envelope.seq),
+            // One after the other, whichever channel sent it.
+            _ => (0, envelope.tick),
+        };
+        if self.epoch != Some(epoch) {
+            self.epoch = Some(epoch);
             self.next_seq = 0;
             self.monitor.clone_from(&self.begin);
         }
-        if envelope.seq != self.next_seq || state.is_none() {
+        if seq != self.next_seq || state.is_none() {
             self.monitor = None;
         }
-        self.next_seq = envelope.seq.saturating_add(1);
+        self.next_seq = seq.saturating_add(1);
         let content = *self
             .monitor
             .as_mut()?
@@ -77,7 +83,7 @@ mod tests {
     /// stale ticks there have been, as the state is never of the wrench's tick.
     fn results<const N: usize>(wrenches: [(u64, u64, bool); N]) -> [Option<u64>; N] {
         let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
-        let mut monitor = FlightMonitor::new(Some(begin));
+        let mut monitor = FlightMonitor::new(Some(begin), 1);
         let state = Stamped::new(1, State::default());
         wrenches.map(|(epoch, seq, has_state)| {
             let wrench = wrench(epoch, seq);

@@ -3,8 +3,8 @@
 use control_api::description::Settings;
 use control_api::law::Law as _;
 use control_api::{GuardedInner, GuardedOuter, Rig};
+use controller::laws::Pd;
 use controller::laws::adaptive::{estimate, rate_error};
-use controller::laws::{Fixed, Pd};
 use controller::{Gains, ScaledTrajectory, TheoremMonitor, Trajectory};
 use messages::content::{Mode, Stamped, State, Truth, Wrench};
 use messages::layout::Visit as _;
@@ -111,32 +111,6 @@ fn a_stale_state_gives_no_torque_and_teaches_nothing() {
     }
     let wrench = inner_loop().tick(0, &Stamped::never(), &setpoint(0));
     assert_output(&wrench, Mode::Fallback, hover_thrust_n());
-}
-
-#[test]
-fn a_loop_takes_over_the_estimates_of_another_where_they_are_within_their_bounds() {
-    let learnt = flown(50).estimates().unwrap();
-    let prior = inner_loop().estimates().unwrap();
-    assert_ne!(learnt, prior);
-    let mut inner = inner_loop();
-    assert!(inner.resume(learnt));
-    let first = inner.tick(50, &state(50), &setpoint(50));
-    // Nothing is learnt from the first state.
-    assert_eq!(estimate(&first.telemetry), learnt);
-    let bounds = Gains::default();
-    for i in 0..3 {
-        let (below, above) = (bounds.estimate_min[i] - 1e-9, bounds.estimate_max[i] + 1e-9);
-        for wrong in [f64::NAN, f64::INFINITY, below, above] {
-            let (mut inner, mut estimates) = (inner_loop(), learnt);
-            estimates[i] = wrong;
-            assert!(!inner.resume(estimates), "{estimates:?}");
-            assert_eq!(inner.estimates(), Some(prior), "the initial estimates stay");
-        }
-    }
-    let rig = Rig::default();
-    let fixed = Fixed::new(&rig, &Settings::default()).unwrap();
-    let mut fixed = GuardedInner::new(fixed.into(), &rig);
-    assert_eq!((fixed.estimates(), fixed.resume(learnt)), (None, false));
 }
 
 #[test]

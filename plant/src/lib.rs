@@ -6,6 +6,7 @@
 //! module `process`.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
+pub mod channel_selection;
 pub mod command_delay;
 pub mod command_hold;
 pub mod envelope_violation;

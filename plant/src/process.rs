@@ -13,20 +13,23 @@ use faults::live::{Acts, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::clock::{Horizon as _, now_ns, sleep_until};
 use ipc::error::Error;
-use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes, Wire};
+use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
+use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::{RotorSpeeds, Stamped, State};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};
 use messages::inspection::Expected;
-use messages::role::Role;
+use messages::rejections::Rejections;
+use messages::role::{Channel, Role};
 use process::lead::ActiveLead;
 use process::rt::UsageMeter;
 use process::session::log_landing;
 use process::session::{Opened, RoleSession};
 use process::wakes::wakes;
 
+use crate::channel_selection::ChannelSelection;
 use crate::command_hold::pending_commands;
 use crate::envelope_violation::EnvelopeViolation;
 use crate::plant::Plant;
@@ -38,6 +41,8 @@ use requests::{Action, Event, INBOX, OUTBOX, Request};
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
+/// Share of a tick, in percent, for which a plant that is above channel a leaves the processor to it.
+const CHAIN_PERCENT: u64 = 20;
 /// In lockstep, how often the plant looks while it waits for the recorder, which sends no wake-up event [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
@@ -64,15 +69,9 @@ pub fn run(
         // A server that cannot open ends, and its error is the result of `join` below.
         let flown = if ready.recv().is_ok() {
             let lockstep = plan.wall_period_ns == LOCKSTEP;
-            let wakes = wakes(session.wire(), Role::Plant, session.loop_cpus(), lockstep)?;
-            let mut plant = PlantProcess::new(
-                session.wire(),
-                wakes,
-                settings,
-                faults,
-                requests_out,
-                events_in,
-            )?;
+            let wakes = wakes(session.wire(), Role::Plant.into(), session.rt(), lockstep)?;
+            let mut plant =
+                PlantProcess::new(&session, wakes, settings, faults, requests_out, events_in)?;
             plant.plan(planned);
             plant.serve(&mut session, plan, &open)
         } else {
@@ -89,12 +88,17 @@ pub fn run(
 struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
-    commands: Receiver<RotorSpeeds>,
+    /// In the order of the channels.
+    commands: Vec<Receiver<RotorSpeeds>>,
+    /// Of a flight with several channels, and its blackboard.
+    selection: Option<(Box<ChannelSelection>, Blackboard<Redundancy>)>,
     event: WakeEvent,
     in_force: Blackboard<ActiveParameters>,
     requests: Consumer<'a, Request>,
     events: Producer<'a, Event>,
     injection: Injection,
+    /// Whether channel a is below the plant on its processor, and works its tick while the plant sleeps.
+    is_above: bool,
     lead: ActiveLead,
     previous_busy_ns: u64,
     ticks_run: u64,
@@ -103,13 +107,14 @@ struct PlantProcess<'a> {
 impl<'a> PlantProcess<'a> {
     /// The plant at tick 0, with its ports made and its faults scheduled.
     fn new(
-        wire: &Wire,
+        session: &RoleSession,
         wakes: Wakes,
         settings: &PlantSettings,
         faults: &[Swap],
         requests: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
+        let (wire, channels) = (session.wire(), session.rt().channels);
         let injection = Injection::none(
             wire,
             settings.seed,
@@ -131,9 +136,19 @@ impl<'a> PlantProcess<'a> {
         Ok(Self {
             plant,
             injection,
+            is_above: session.rt().channel_cpus > 1,
             states: wire.sender(wakes)?,
-            // The one port of the loop that keeps more than the newest: see `take_command`.
-            commands: wire.receiver(pending_commands(settings.period_s))?,
+            // The ports of the loop that keep more than the newest: see `take_command`.
+            commands: Channel::first(channels)
+                .map(|channel| wire.receiver_of(channel, pending_commands(settings.period_s)))
+                .collect::<Result<_, _>>()?,
+            selection: match channels {
+                1 => None,
+                _ => Some((
+                    Box::new(ChannelSelection::new(channels)),
+                    wire.blackboard(REDUNDANCY)?,
+                )),
+            },
             event: wire.wake_event(Role::Plant)?,
             in_force,
             requests,
@@ -153,7 +168,9 @@ impl<'a> PlantProcess<'a> {
     /// Connects the ports to those of the other roles.
     fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
         self.states.arm(expected, epoch)?;
-        self.commands.arm(expected)
+        self.commands
+            .iter_mut()
+            .try_for_each(|commands| commands.arm(expected))
     }
 
     fn serve(
@@ -208,6 +225,8 @@ impl<'a> PlantProcess<'a> {
             };
             if tick > last_tick {
                 self.take_command(last_tick + 1, pace)?;
+                self.decide(last_tick + 1);
+                self.show_redundancy();
                 let state = self.plant.end(last_tick);
                 // Those of the last ticks, if they were skipped. The server answers that all others came too late.
                 self.hand_over_applied();
@@ -221,7 +240,8 @@ impl<'a> PlantProcess<'a> {
             opened.blackboard.put(opened.run);
             session.status.ticks_run = self.ticks_run;
             session.status.ticks_skipped = state.ticks_skipped;
-            session.status.rejections = self.commands.rejections().and(&self.plant.rejections());
+            let rejections = self.commands.iter().map(Receiver::rejections);
+            session.status.rejections = rejections.fold(self.plant.rejections(), Rejections::and);
             session.publish_status();
             if let Err(violation) = envelope {
                 return Ok(match violation {
@@ -256,6 +276,7 @@ impl<'a> PlantProcess<'a> {
         pace: Pace,
     ) -> Result<(State, Result<(), EnvelopeViolation>), Error> {
         self.take_command(tick, pace)?;
+        self.decide(tick);
         while let Some(request) = self.requests.dequeue() {
             self.accept(request, tick);
         }
@@ -268,6 +289,10 @@ impl<'a> PlantProcess<'a> {
             self.ticks_run += 1;
         }
         self.hand_over_applied();
+        self.show_redundancy();
+        if let (true, Pace::Realtime(grid)) = (self.is_above, pace) {
+            sleep_until(grid.begin_of(tick) + grid.period_ns * CHAIN_PERCENT / 100);
+        }
         self.plant.finish();
         Ok((state, envelope))
     }
@@ -328,18 +353,42 @@ impl<'a> PlantProcess<'a> {
     /// It offers all of them, not just the newest. If the plant wakes late, the command of the tick before lies beneath
     /// a newer one, and the plant's lateness must not count as the other stages'.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
-        let plant = &mut self.plant;
+        let Self {
+            plant, selection, ..
+        } = self;
         // Other stages may be ahead of a plant that was stopped after it read the clock.
         let latest_tick = || match pace {
             Pace::Realtime(_) => pace.latest_tick().max(tick),
             Pace::Lockstep => tick,
         };
-        self.commands.drain(latest_tick, |message| {
-            let made_for = message.envelope.tick;
-            let effective_tick =
-                pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
-            plant.offer(&Stamped::new(made_for, message.content), effective_tick);
-        })
+        for (channel, commands) in Channel::ALL.into_iter().zip(&mut self.commands) {
+            commands.drain(latest_tick, |message| {
+                let made_for = message.envelope.tick;
+                let effective_tick =
+                    pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
+                match selection {
+                    Some((selection, _)) => selection.offer(channel, message, effective_tick),
+                    None => plant.offer(&Stamped::new(made_for, message.content), effective_tick),
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    fn show_redundancy(&self) {
+        if let Some((selection, blackboard)) = &self.selection {
+            blackboard.put(*selection.redundancy());
+        }
+    }
+
+    /// With several channels: decides whose command of the tick before is taken.
+    fn decide(&mut self, tick: u64) {
+        if let Some((selection, _)) = &mut self.selection {
+            let plant = &mut self.plant;
+            selection.decide(tick, |command, effective_tick| {
+                plant.offer(command, effective_tick);
+            });
+        }
     }
 
     /// In lockstep: waits for the command of the tick before, and for the recorder to keep up.
@@ -357,7 +406,9 @@ impl<'a> PlantProcess<'a> {
             // After the port: a command is never taken before it was sent.
             let now = now_ns();
             let is_there = tick == 0
-                || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
+                || self.commands.iter().any(|commands| {
+                    commands.has_any() && commands.newest().envelope.tick + 1 >= tick
+                });
             let recorded = opened.recorded_tick();
             // Who wants the end has said so before the command could come: the flight ends with the tick before.
             if session.stop_requested() || opened.requested_end().is_some() {
@@ -403,8 +454,10 @@ impl<'a> PlantProcess<'a> {
             Action::Inject { for_ticks, faults } => {
                 match self.injection.inject(&faults, first_tick, for_ticks, tick) {
                     Ok(span) => {
-                        let has_any = self.commands.has_any();
-                        let newest = has_any.then(|| self.commands.newest().content);
+                        let commands = self.commands.iter().filter(|it| it.has_any());
+                        let newest = commands.map(Receiver::newest);
+                        let newest = newest.max_by_key(|it| it.envelope.tick);
+                        let newest = newest.map(|it| it.content);
                         self.plant.change_faults(self.injection.messages(), newest);
                         Event::Injected { id, span }
                     }

@@ -68,6 +68,8 @@ pub struct FlightStatistics {
     pub swaps_seen: u64,
     pub tracer: Tracer,
     newest: Option<(u64, u64)>,
+    /// With several channels, the messages of a topic are of changing processes.
+    channels: usize,
     /// Ticks that the plant had skipped when it published the newest state.
     skipped: u64,
 }
@@ -131,6 +133,7 @@ impl FlightStatistics {
             swaps: Vec::new(),
             swaps_seen: 0,
             newest: None,
+            channels: 1,
             skipped: 0,
         })
     }
@@ -153,7 +156,14 @@ impl FlightStatistics {
         }
     }
 
+    pub const fn set_channels(&mut self, channels: usize) {
+        self.channels = channels;
+    }
+
     fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
+        if self.channels > 1 && C::SENDER != Role::Plant {
+            return false;
+        }
         self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
     }
 
@@ -231,7 +241,9 @@ impl FlightStatistics {
         loop_ns: Option<u64>,
     ) -> bool {
         let follows_loss = self.follow(stage + 1, message);
-        self.deaths.message(message);
+        if self.channels == 1 {
+            self.deaths.message(message);
+        }
         if let Some(autopsy) = &mut self.autopsy {
             autopsy.stamps(message);
         }

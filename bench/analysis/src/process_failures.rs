@@ -25,7 +25,6 @@ pub struct ObservedFailure {
 pub struct Replacement {
     /// Process number; 0 where there is none.
     pub pid: u32,
-    pub is_spare: bool,
     /// When what the dead one had left was removed [ns].
     pub cleaned_ns: u64,
     pub arrival: Arrival,
@@ -43,7 +42,6 @@ impl Replacement {
         let at = self.arrival;
         let ms = |from: u64, to: u64| to.saturating_sub(from) as f64 / 1e6;
         (at.armed_ns > 0).then(|| RecoveryPhases {
-            spare: self.is_spare,
             noticed_ms: ms(last_tick_ns, noticed_ns),
             cleaned_ms: ms(noticed_ns, self.cleaned_ns),
             begun_ms: ms(self.cleaned_ns, at.begun_ns),
@@ -199,7 +197,6 @@ mod tests {
         let ms = |ms: u64| ms * 1_000_000;
         let mut way = Replacement {
             pid: 7,
-            is_spare: true,
             cleaned_ns: ms(104),
             arrival: Arrival {
                 begun_ns: ms(107),
@@ -212,7 +209,6 @@ mod tests {
         };
         let parts = |way: Replacement| way.parts(ms(102), ms(100), ms(146));
         let expected = RecoveryPhases {
-            spare: true,
             noticed_ms: 2.0,
             cleaned_ms: 2.0,
             begun_ms: 3.0,

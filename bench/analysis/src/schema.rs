@@ -38,6 +38,9 @@ pub struct Report {
     /// before margins were measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub margin: Option<MarginSection>,
+    /// What the redundant channels did; none of a flight with one channel.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub redundancy: Option<RedundancySection>,
     /// Processes that ended while the flight needed them; the first 500.
     #[serde(default)]
     pub deaths: Vec<ProcessFailure>,
@@ -427,15 +430,50 @@ pub struct ProcessFailure {
     pub position_error_max_m: Option<f64>,
 }
 
+/// [`Report::redundancy`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RedundancySection {
+    pub channels: u64,
+    /// The channel whose command was in force last.
+    pub active: String,
+    /// Ticks whose command was each channel's.
+    pub ticks_flown: BTreeMap<String, u64>,
+    /// Ticks for which fewer than two channels had a fresh command on time.
+    pub ticks_unprotected: u64,
+    pub longest_unprotected_ms: f64,
+    /// Ticks in which another channel than a had the fresh command on time that was flown.
+    pub ticks_masked: u64,
+    /// Ticks without a fresh command on time from any channel.
+    pub ticks_not_fresh: u64,
+    /// Ticks in which fresh commands of two channels differed in a bit.
+    pub mismatches: u64,
+    pub first_mismatch_s: Option<f64>,
+    /// Ticks in which two channels contradicted each channel.
+    pub ticks_outvoted: BTreeMap<String, u64>,
+    pub handovers: u64,
+    /// Ticks in a row without a command that could be flown, by channel, in their order; the first 64.
+    pub outages: Vec<ChannelOutage>,
+    pub outages_left_out: u64,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ChannelOutage {
+    pub channel: String,
+    pub time_s: f64,
+    pub tick: u64,
+    pub ticks: u64,
+    pub reason: String,
+    /// Whether it was the channel that flew.
+    pub handover: bool,
+}
+
 /// What the time is made of in which a stage came back, each part after the one before it [ms].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecoveryPhases {
-    /// Whether a standby took over.
-    pub spare: bool,
     pub noticed_ms: f64,
     /// The supervisor removed the dead process's shared memory.
     pub cleaned_ms: f64,
-    /// The supervisor waited until the restart was due, and the successor ran: a new process, or a standby.
+    /// The supervisor waited until the restart was due, and the new process ran.
     pub begun_ms: f64,
     /// It had its settings and its law.
     pub made_ms: f64,

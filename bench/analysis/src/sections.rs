@@ -6,8 +6,10 @@ use flight_log::TOPICS;
 use flight_log::entry::Counts;
 use flight_log::writer::Fate;
 use messages::blackboards::{RolePhase, Status};
+use messages::channels::{OUTAGES_KEPT, OutageReason, Redundancy};
 use messages::inspection::{Reason, Rejections};
 use messages::realtime::RealtimeStep;
+use messages::role::{Channel, MOST_CHANNELS};
 use std::collections::BTreeMap;
 
 pub fn rejections(rejections: &Rejections) -> BTreeMap<String, u64> {
@@ -17,6 +19,52 @@ pub fn rejections(rejections: &Rejections) -> BTreeMap<String, u64> {
     counted
         .map(|(reason, count)| (reason.to_owned(), count))
         .collect()
+}
+
+/// The plant's account of the channels, in flight time.
+pub fn redundancy(account: &Redundancy, period_s: f64) -> schema::RedundancySection {
+    let channel = |place: u64| {
+        let channel = usize::try_from(place)
+            .ok()
+            .and_then(|it| Channel::ALL.get(it));
+        channel.map_or_else(String::new, ToString::to_string)
+    };
+    let counted = account.channels.min(MOST_CHANNELS as u64);
+    let by_channel = |counts: &[u64]| {
+        (0..counted)
+            .map(channel)
+            .zip(counts.iter().copied())
+            .collect()
+    };
+    let kept = account.outage_count.min(OUTAGES_KEPT as u64);
+    let outages = account.outages[..kept as usize].iter();
+    let time_s = |tick: u64| tick as f64 * period_s;
+    schema::RedundancySection {
+        channels: account.channels,
+        active: channel(account.active),
+        ticks_flown: by_channel(&account.flown),
+        ticks_unprotected: account.unprotected,
+        longest_unprotected_ms: time_s(account.longest_unprotected) * 1e3,
+        ticks_masked: account.masked,
+        ticks_not_fresh: account.not_fresh,
+        mismatches: account.mismatches,
+        first_mismatch_s: (account.mismatches > 0).then(|| time_s(account.first_mismatch)),
+        ticks_outvoted: by_channel(&account.outvoted),
+        handovers: account.handovers,
+        outages: outages
+            .map(|outage| schema::ChannelOutage {
+                channel: channel(outage.channel),
+                time_s: time_s(outage.tick),
+                tick: outage.tick,
+                ticks: outage.ticks,
+                reason: OutageReason::from_wire(outage.reason)
+                    .map_or("", OutageReason::name)
+                    .into(),
+                handover: outage.is_handover == 1,
+            })
+            .collect(),
+        outages_left_out: account.outage_count - kept,
+    }
 }
 
 pub fn role_section(status: &Status) -> schema::RoleSection {

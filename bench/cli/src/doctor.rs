@@ -11,7 +11,7 @@ use host::doctor::measured::{MeasuredMachine, TICK_NS};
 use host::doctor::{examine, render};
 use host::floor::timer::Schedule;
 use host::own_executable;
-use messages::role::Role;
+use messages::role::{Replica, Role};
 
 use crate::cli::DoctorArgs;
 use crate::floor::loop_cpus;
@@ -26,7 +26,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let priority = settings.rt.priority;
     let cpu = args.cpu.map(usize::from);
     cpu.map_or(Ok(()), |cpu| check_cpu(&format!("--cpu {cpu}"), cpu))?;
-    let machine = Machine::here(priority + Role::Mixer.priority_step(), cpu);
+    let machine = Machine::here(priority + Replica::from(Role::Mixer).priority_step(1), cpu);
     if !SECONDS.contains(&args.seconds) {
         let (least, most, given) = (SECONDS.start(), SECONDS.end(), short(args.seconds));
         let what = format!("--seconds {given}: allowed are {least} to {most} s");

@@ -184,7 +184,7 @@ impl Row {
                 // Anywhere within the tick.
                 run.t0_ns += random % run.period_ns;
                 await_begin(&run, tick.parse::<u64>().unwrap() + random % 100);
-                // A standby may have taken its place by then.
+                // Another process may have taken its place by then.
                 if let Some(role) = ROLES.into_iter().find(|role| role.name() == target) {
                     pid = rig.known().pid_of(role).unwrap();
                 }

@@ -91,8 +91,9 @@ pub struct FlightSettings {
     pub pace: PaceName,
     pub slowdown: u64,
     pub seed: u64,
-    #[serde(default)]
-    pub resume_estimates: bool,
+    /// Of earlier versions, whose logs have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resume_estimates: Option<bool>,
     pub faults: Vec<String>,
     pub position_error_max_m: f64,
     pub tracking_error_max_m: f64,
@@ -143,10 +144,14 @@ pub struct RealtimeSection {
     pub lead_us: Value,
     #[serde(default = "one")]
     pub loop_cpus: usize,
+    #[serde(default = "one")]
+    pub channels: usize,
+    #[serde(default = "one")]
+    pub channel_cpus: usize,
     pub rehearse: bool,
 }
 
-/// How many processors the loops shared before there was a choice.
+/// How many processors and channels there were before there was a choice.
 const fn one() -> usize {
     1
 }

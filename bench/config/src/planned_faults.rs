@@ -3,6 +3,7 @@
 use faults::Span;
 use faults::live::FaultKind;
 use messages::realtime::RealtimeStep;
+use messages::role::Channel;
 use process::rt::{fifo_refusal, remedy};
 
 use crate::{PaceName, Settings, airframe};
@@ -84,6 +85,9 @@ impl Settings {
         }
         let last_tick = self.last_tick();
         for (fault, Span { from, to }) in self.spans()? {
+            for (kind, _) in fault.of_the_loop().flat_map(Change::kinds) {
+                check_channel(&kind, &fault.to_string(), self.rt.channels)?;
+            }
             if from > last_tick {
                 return Err(Failure::usage(format!(
                     "a fault at tick {from} is after the end of the flight: the last tick is {last_tick}"
@@ -118,6 +122,24 @@ impl Settings {
         let acts = self.planned()?.acts;
         acts.iter()
             .try_for_each(|fault| check_priority(&fault.kind))
+    }
+}
+
+/// Refuses a fault in a channel that the flight does not have; `what` is how it was typed.
+pub fn check_channel(kind: &FaultKind, what: &str, channels: usize) -> Result<(), Failure> {
+    match kind.channel() {
+        Some(channel) if channels == 1 => Err(Failure::usage(format!(
+            "{what}: the flight has one channel, so that a stage needs no letter"
+        ))
+        .help(format!(
+            "leave out `{channel}.`, or fly with more channels: --channels 2"
+        ))),
+        Some(channel) if channel as usize >= channels => Err(Failure::usage(format!(
+            "{what}: the flight has {channels} channels: a to {}",
+            Channel::ALL[channels - 1]
+        ))
+        .help("name one of them, or fly with --channels 3")),
+        _ => Ok(()),
     }
 }
 

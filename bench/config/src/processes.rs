@@ -10,7 +10,7 @@ use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
-use messages::role::Role;
+use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
 use toml::{Table, Value};
 
 use super::airframe::built;
@@ -205,6 +205,11 @@ impl Settings {
             priority: self.rt.priority,
             cpu,
             loop_cpus: self.rt.loop_cpus,
+            channels: self.rt.channels,
+            channel_cpus: match self.rt.channels {
+                1 => 1,
+                _ => self.rt.channel_cpus,
+            },
             lead,
             rehearse: self.rt.rehearse,
         };
@@ -215,6 +220,7 @@ impl Settings {
             ))
             .help("1 suits every machine; `ironbird doctor` says what this one has"));
         }
+        self.check_channels(&settings)?;
         Ok(match self.flight.pace {
             // In slow motion nothing is gained by an early wake-up.
             PaceName::Realtime if self.flight.slowdown > 1 => RealtimeSettings {
@@ -232,6 +238,57 @@ impl Settings {
                 ..settings
             },
         })
+    }
+
+    fn check_channels(&self, settings: &RealtimeSettings) -> Result<(), Failure> {
+        let RealtimeSettings {
+            channels,
+            channel_cpus,
+            loop_cpus,
+            ..
+        } = *settings;
+        let refused = |what: String, help: &str| Err(Failure::usage(what).help(help));
+        if !(1..=MOST_CHANNELS).contains(&channels) {
+            return refused(
+                format!("rt.channels = {channels}: allowed are 1 to {MOST_CHANNELS}"),
+                "2 channels survive the loss of one, 3 also find out which one computes wrongly",
+            );
+        }
+        if !(1..=2).contains(&channel_cpus) {
+            return refused(
+                format!("rt.channel_cpus = {channel_cpus}: allowed are 1 and 2"),
+                "with 2, channels b and c fly on another processor than channel a",
+            );
+        }
+        if channels == 1 {
+            return Ok(());
+        }
+        if self.flight.pace == PaceName::Lockstep {
+            return refused(
+                format!("rt.channels = {channels}: in lockstep every tick waits for its command"),
+                "fly redundant channels on the clock: --pace realtime; or one channel: --channels 1",
+            );
+        }
+        if loop_cpus > 1 {
+            return refused(
+                format!(
+                    "rt.channels = {channels} and rt.loop_cpus = {loop_cpus}: redundant channels keep to one processor each"
+                ),
+                "leave out --loop-cpus; --channel-cpus 2 flies channels b and c on another processor",
+            );
+        }
+        let lowest = Replica::new(Role::Outer, Channel::ALL[channels - 1]);
+        if settings.priority + lowest.priority_step(channel_cpus) < 1 {
+            return refused(
+                format!(
+                    "rt.priority = {}: {channels} channels need {} priorities below it",
+                    settings.priority,
+                    -lowest.priority_step(channel_cpus)
+                ),
+                "80 is the default",
+            );
+        }
+        Ok(())
     }
 
     fn lead(&self) -> Result<LeadSetting, Failure> {
@@ -259,14 +316,22 @@ impl Settings {
         if let Some(Ok(cpu)) = self.rt.cpu.as_integer().map(usize::try_from) {
             check_cpu(&format!("rt.cpu = {cpu}"), cpu)?;
         }
-        let (wanted, allowed) = (self.realtime()?.loop_cpus, allowed_processors());
-        match allowed {
-            Some(list) if cpu_list(&list).len() < wanted => Err(Failure::usage(format!(
-                "rt.loop_cpus = {wanted}: this process may use the processors {list} alone"
-            ))
-            .help("fly on fewer processors: --loop-cpus 1")),
-            _ => Ok(()),
+        let realtime = self.realtime()?;
+        let Some(list) = allowed_processors() else {
+            return Ok(());
+        };
+        for (key, wanted, flag) in [
+            ("loop_cpus", realtime.loop_cpus, "--loop-cpus 1"),
+            ("channel_cpus", realtime.channel_cpus, "--channel-cpus 1"),
+        ] {
+            if cpu_list(&list).len() < wanted {
+                return Err(Failure::usage(format!(
+                    "rt.{key} = {wanted}: this process may use the processors {list} alone"
+                ))
+                .help(format!("fly on fewer processors: {flag}")));
+            }
         }
+        Ok(())
     }
 
     /// Demands of the flight beyond its limits, and gains that do not suit the airframe's motors.

@@ -347,7 +347,7 @@ fn memory_lock(machine: &Machine, found: Found) -> Finding {
 }
 
 fn shared_memory(machine: &Machine, found: Found) -> Finding {
-    let (path, needed) = (SHARED_MEMORY, Wire::needed_bytes());
+    let (path, needed) = (SHARED_MEMORY, Wire::needed_bytes(1));
     let Some(free) = machine.answers.shared_memory_free_bytes else {
         return found(&format!("{path} is not there"))
             .blocks(format!("sudo mount -t tmpfs -o size=256M tmpfs {path}"));

@@ -20,7 +20,7 @@ use messages::role::Role;
 use plant::Target;
 
 use config::airframe::{PAPER, airframe_of, pairs};
-use config::planned_faults::{check_possible, check_priority};
+use config::planned_faults::{check_channel, check_possible, check_priority};
 use errors::Failure;
 use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, targets_of};
 use faults::plan::refused;
@@ -267,6 +267,7 @@ fn inject_faults(
     for change in changes {
         for (kind, ends) in change.kinds() {
             check_possible(&kind, &change.to_string(), in_lockstep, has_supervisor)?;
+            check_channel(&kind, &change.to_string(), run.channels as usize)?;
             if !ends {
                 check_priority(&kind)?;
             }

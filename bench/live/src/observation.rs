@@ -14,7 +14,7 @@ use messages::blackboards::{
 };
 use messages::inspection::Expected;
 use messages::monitor::Monitor;
-use messages::role::Role;
+use messages::role::{Replica, Role};
 
 use config::airframe::pairs;
 use recorder::ports::{Ports, horizon};
@@ -95,7 +95,7 @@ impl Observation {
     }
 
     #[must_use]
-    pub fn statuses(&self) -> BTreeMap<Role, Status> {
+    pub fn statuses(&self) -> BTreeMap<Replica, Status> {
         self.statuses.statuses()
     }
 

@@ -11,6 +11,7 @@
 //! the files, [`host_monitor`] samples the kernel's counters, [`report_builder`] makes the report.
 
 pub mod atomic_file;
+pub mod channel_merge;
 pub mod hlog;
 pub mod host_monitor;
 pub mod injected_faults;

@@ -10,10 +10,12 @@ use messages::content::{Stamped, State, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::inspection::{Expected, Rejections};
+use messages::role::Channel;
 use process::session::JoinedRun;
 
+use super::channel_merge::ChannelMerge;
 use super::pairs::Pairs;
-use super::ports::{Ports, Relays, horizon};
+use super::ports::{ChannelPorts, Ports, Relays, horizon};
 use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
 
@@ -23,24 +25,34 @@ const OBSERVERS: &str = "what observers see";
 /// The recorder's ports, opened before the plant takes off.
 pub struct StreamPorts {
     receivers: Ports,
+    /// Of the channels after the first.
+    others: Vec<ChannelPorts>,
     relays: Relays,
 }
 
 impl StreamPorts {
-    pub fn open(wire: &Wire) -> Result<Self, Error> {
+    pub fn open(wire: &Wire, channels: usize) -> Result<Self, Error> {
+        let others = Channel::first(channels).skip(1);
         Ok(Self {
             receivers: Ports::new(wire)?,
+            others: others
+                .map(|channel| ChannelPorts::new(wire, channel))
+                .collect::<Result<_, _>>()?,
             relays: Relays::new(wire)?,
         })
     }
 
     pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        let mut others = self.others.iter_mut();
+        others.try_for_each(|ports| ports.arm(expected))?;
         self.receivers.arm(expected)
     }
 }
 
 pub struct MessageStreams {
     ports: StreamPorts,
+    /// Of a flight with several channels.
+    merge: Option<ChannelMerge>,
     pub statistics: FlightStatistics,
     pairs: Pairs,
     monitor: FlightMonitor,
@@ -49,9 +61,16 @@ pub struct MessageStreams {
 }
 
 impl MessageStreams {
-    pub fn new(ports: StreamPorts, statistics: FlightStatistics, monitor: FlightMonitor) -> Self {
+    pub fn new(
+        ports: StreamPorts,
+        pace: Pace,
+        statistics: FlightStatistics,
+        monitor: FlightMonitor,
+    ) -> Self {
+        let channels = 1 + ports.others.len();
         Self {
             ports,
+            merge: (channels > 1).then(|| ChannelMerge::new(channels, pace)),
             statistics,
             pairs: Pairs::default(),
             monitor,
@@ -67,16 +86,34 @@ impl MessageStreams {
         run: &JoinedRun,
         files: &mut RunFiles<'_>,
     ) -> Result<(), Failure> {
+        self.drain_until(pace, run, files, false)
+    }
+
+    /// The same; if it `ends`, no message arrives any more.
+    fn drain_until(
+        &mut self,
+        pace: Pace,
+        run: &JoinedRun,
+        files: &mut RunFiles<'_>,
+        ends: bool,
+    ) -> Result<(), Failure> {
         let horizon = horizon(pace, || run.get());
         let Self {
-            ports: StreamPorts { receivers, relays },
+            ports:
+                StreamPorts {
+                    receivers,
+                    others,
+                    relays,
+                },
+            merge,
             statistics,
             joiner,
             pairs,
             parameter_epoch,
             ..
         } = self;
-        receivers.drain(horizon, |entry| {
+        let mut newest_state = statistics.newest_tick();
+        let mut take = |entry: &LogEntry| {
             files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
             files.log(entry);
             let tick = entry.envelope().tick;
@@ -105,7 +142,23 @@ impl MessageStreams {
                 // The recorder computes these itself.
                 LogEntry::Theorem(_) => {}
             }
-        })?;
+        };
+        match merge {
+            None => receivers.drain(horizon, take)?,
+            Some(merge) => {
+                receivers.drain(horizon, |entry| {
+                    if !merge.take(Channel::A, entry) {
+                        newest_state = newest_state.max(entry.envelope().tick);
+                        take(entry);
+                    }
+                })?;
+                for ports in others {
+                    let channel = ports.channel;
+                    ports.drain(horizon, |entry| _ = merge.take(channel, entry))?;
+                }
+                merge.close((!ends).then_some(newest_state), take);
+            }
+        }
         while let Some((wrench, state)) = self.pairs.paired() {
             self.monitor_wrench(&wrench, state.as_ref(), files);
         }
@@ -119,6 +172,16 @@ impl MessageStreams {
     pub fn has_all_swaps(&self, counted_by_plant: u64) -> bool {
         // The plant also counts the change of a tick that was skipped at the very end, which is in no state.
         self.statistics.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
+    }
+
+    /// Takes the last messages; no message arrives any more.
+    pub fn finish(
+        &mut self,
+        pace: Pace,
+        run: &JoinedRun,
+        files: &mut RunFiles<'_>,
+    ) -> Result<(), Failure> {
+        self.drain_until(pace, run, files, true)
     }
 
     /// Passes the last wrenches to the monitor; no state arrives any more.
@@ -138,7 +201,8 @@ impl MessageStreams {
 
     /// Messages that did not pass inspection.
     pub fn rejections(&self) -> Rejections {
-        self.ports.receivers.rejections()
+        let others = self.ports.others.iter().map(ChannelPorts::rejections);
+        others.fold(self.ports.receivers.rejections(), |all, it| all.and(&it))
     }
 
     pub const fn incomplete_ticks(&self) -> u64 {

@@ -12,6 +12,7 @@ use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrenc
 use messages::grid::{Grid, Pace};
 use messages::inspection::{Expected, Rejections};
 use messages::monitor::Monitor;
+use messages::role::Channel;
 
 /// How often the topics are drained: far more often than the receivers' queues fill up.
 pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
@@ -84,6 +85,49 @@ macro_rules! ports {
             }
         }
     };
+}
+
+/// The receivers of what a further channel sends.
+pub struct ChannelPorts {
+    pub channel: Channel,
+    setpoints: Receiver<Setpoint>,
+    wrenches: Receiver<Wrench>,
+    rotor_speeds: Receiver<RotorSpeeds>,
+}
+
+impl ChannelPorts {
+    pub fn new(wire: &Wire, channel: Channel) -> Result<Self, Error> {
+        Ok(Self {
+            channel,
+            setpoints: wire.receiver_of(channel, DEEP)?,
+            wrenches: wire.receiver_of(channel, DEEP)?,
+            rotor_speeds: wire.receiver_of(channel, DEEP)?,
+        })
+    }
+
+    pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        self.setpoints.arm(expected)?;
+        self.wrenches.arm(expected)?;
+        self.rotor_speeds.arm(expected)
+    }
+
+    pub fn drain(
+        &mut self,
+        horizon: impl Horizon,
+        mut take: impl FnMut(&LogEntry),
+    ) -> Result<(), Error> {
+        self.setpoints
+            .drain(horizon, |it| take(&LogEntry::Setpoint(*it)))?;
+        self.wrenches
+            .drain(horizon, |it| take(&LogEntry::Wrench(*it)))?;
+        self.rotor_speeds
+            .drain(horizon, |it| take(&LogEntry::RotorSpeeds(*it)))
+    }
+
+    pub fn rejections(&self) -> Rejections {
+        let first = self.setpoints.rejections().and(self.wrenches.rejections());
+        first.and(self.rotor_speeds.rejections())
+    }
 }
 
 ports! {

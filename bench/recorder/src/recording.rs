@@ -11,10 +11,12 @@ use flight_log::facts::record;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use host::Machine;
 use host::sampler::fallen;
+use ipc::BlackboardReader;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
+use messages::channels::{REDUNDANCY, Redundancy};
 use messages::grid::{NS_PER_S, Pace};
-use messages::role::Role;
+use messages::role::{Replica, Role};
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
@@ -43,16 +45,21 @@ pub fn run(
     files: &Files,
     margin: impl FnOnce(Pace) -> Result<Option<MarginSection>, Failure>,
 ) -> Result<Report, Failure> {
-    let mut ports = StreamPorts::open(session.wire())?;
+    let channels = settings.rt.channels;
+    let mut ports = StreamPorts::open(session.wire(), channels)?;
     let machine = Machine::here(
-        settings.rt.priority + Role::Mixer.priority_step(),
+        settings.rt.priority + Replica::from(Role::Mixer).priority_step(settings.rt.channel_cpus),
         settings.realtime()?.cpu,
     );
     let (mut roles, mut faults) = (RoleStatuses::default(), InjectedFaults::default());
+    let mut redundancy = None;
     let armed = session.join(|wire, expected, _| {
         // Before the plant takes off: a flight can be over before the recorder has created its files.
         roles = RoleStatuses::open(wire)?;
         faults = InjectedFaults::open(wire)?;
+        if channels > 1 {
+            redundancy = wire.blackboard_reader(REDUNDANCY)?;
+        }
         ports.arm(expected)
     })?;
     let meter = UsageMeter::start();
@@ -73,6 +80,7 @@ pub fn run(
     let mut statistics = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
     statistics.theorem.set_airframe(&settings.airframe()?);
     statistics.set_laws(laws);
+    statistics.set_channels(channels);
     statistics.begin_autopsy(host.is_virtual(), host.has_cpu());
     let metadata = metadata(
         &armed.run.get(),
@@ -86,9 +94,15 @@ pub fn run(
         armed: &armed,
         files: RunFiles::create(files, settings, &metadata, latencies, (tracking, laws))?,
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
-        streams: MessageStreams::new(ports, statistics, FlightMonitor::new(settings.theorem()?)),
+        streams: MessageStreams::new(
+            ports,
+            armed.pace,
+            statistics,
+            FlightMonitor::new(settings.theorem()?, channels),
+        ),
         host,
         roles,
+        redundancy,
         faults,
         seconds: 0,
     };
@@ -104,6 +118,7 @@ struct Recorder<'a> {
     files: RunFiles<'a>,
     host: HostMonitor,
     roles: RoleStatuses,
+    redundancy: Option<BlackboardReader<Redundancy>>,
     faults: InjectedFaults,
     report: ReportBuilder<'a>,
     /// Completed seconds of the flight.
@@ -204,6 +219,8 @@ impl Recorder<'_> {
     /// Completes the statistics and the files, and writes the report.
     fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
         let run = self.armed.run.get();
+        self.streams
+            .finish(self.armed.pace, &self.armed.run, &mut self.files)?;
         self.streams.finish_monitor(&mut self.files);
         let statistics = &mut self.streams.statistics;
         statistics.finish(&run, closed_ns);
@@ -241,6 +258,7 @@ impl Recorder<'_> {
             files: &self.files,
             host: &self.host,
             roles: &self.roles,
+            redundancy: self.redundancy.as_ref().map(BlackboardReader::get),
             faults: &self.faults.faults,
         };
         self.report.build(&self.armed.run.get(), &parts, ending)

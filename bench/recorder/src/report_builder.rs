@@ -10,13 +10,14 @@ use analysis::laws::{NotFinite, SignalStatistics};
 use analysis::miss_analysis::MissAnalysis;
 use analysis::outages::WORST_SHOWN;
 use analysis::schema::{self, LawSection, MarginSection, Report, Verdicts};
-use analysis::sections::rejections;
+use analysis::sections::{self, rejections};
 use analysis::series::Series;
 use errors::Failure;
 use faults::live::LiveFault;
 use flight_log::TOPICS;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
+use messages::channels::Redundancy;
 use process::rt::UsageMeter;
 
 use super::host_monitor::HostMonitor;
@@ -34,6 +35,8 @@ pub struct RecordedParts<'a> {
     pub files: &'a RunFiles<'a>,
     pub host: &'a HostMonitor,
     pub roles: &'a RoleStatuses,
+    /// Of a flight with several channels.
+    pub redundancy: Option<Redundancy>,
     pub faults: &'a [LiveFault],
 }
 
@@ -74,6 +77,7 @@ impl<'a> ReportBuilder<'a> {
             files,
             host,
             roles,
+            redundancy,
             faults,
         } = parts;
         let statistics = &streams.statistics;
@@ -136,6 +140,9 @@ impl<'a> ReportBuilder<'a> {
             deadlines,
             margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
             autopsy,
+            redundancy: redundancy
+                .as_ref()
+                .map(|it| sections::redundancy(it, period_s)),
             deaths: statistics.deaths.deaths.clone(),
             deaths_left_out: statistics.deaths.left_out,
             flight: performance,

@@ -5,48 +5,51 @@ use std::collections::BTreeMap;
 use ipc::error::Error;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::Status;
-use messages::role::{ROLES, Role, STAGES};
+use messages::role::{MOST_CHANNELS, Replica, Role, STAGES};
 use process::session::status_board;
 
 use analysis::schema::RoleSection;
 use analysis::sections::role_section;
 
 #[derive(Default)]
-pub struct RoleStatuses(BTreeMap<Role, BlackboardReader<Status>>);
+pub struct RoleStatuses(BTreeMap<Replica, BlackboardReader<Status>>);
 
 impl RoleStatuses {
     /// Opens the existing blackboards.
     pub fn open(wire: &Wire) -> Result<Self, Error> {
         let mut boards = BTreeMap::new();
-        for role in ROLES {
-            if let Some(board) = wire.blackboard_reader(&status_board(role))? {
-                boards.insert(role, board);
+        for replica in Replica::all(MOST_CHANNELS) {
+            if let Some(board) = wire.blackboard_reader(&status_board(replica))? {
+                boards.insert(replica, board);
             }
         }
         Ok(Self(boards))
     }
 
-    pub fn statuses(&self) -> BTreeMap<Role, Status> {
-        let statuses = self.0.iter().map(|(role, board)| (*role, board.get()));
+    pub fn statuses(&self) -> BTreeMap<Replica, Status> {
+        let statuses = self
+            .0
+            .iter()
+            .map(|(replica, board)| (*replica, board.get()));
         statuses.collect()
     }
 
     /// The status that the process with this number has written.
-    pub fn of_process(&self, role: Role, pid: u32) -> Option<Status> {
-        let status = self.0.get(&role)?.get();
+    pub fn of_process(&self, replica: Replica, pid: u32) -> Option<Status> {
+        let status = self.0.get(&replica)?.get();
         (status.pid == u64::from(pid)).then_some(status)
     }
 
-    /// The statuses of the control loop's processes; the default for a process without a blackboard.
+    /// The statuses of the plant and of channel a; the default for a process without a blackboard.
     pub fn loops(&self) -> [Status; STAGES.len()] {
-        let status = |role| Some(self.0.get(&role)?.get());
+        let status = |role: Role| Some(self.0.get(&role.into())?.get());
         STAGES.map(|role| status(role).unwrap_or_default())
     }
 
     /// Warm-up runs of the mixer, the last stage of the chain.
     pub fn rehearsals(&self) -> u64 {
         self.0
-            .get(&Role::Mixer)
+            .get(&Role::Mixer.into())
             .map_or(0, |board| board.get().rehearsals)
     }
 
@@ -54,7 +57,7 @@ impl RoleStatuses {
     pub fn sections(&self) -> BTreeMap<String, RoleSection> {
         self.0
             .iter()
-            .map(|(role, board)| (role.name().to_owned(), role_section(&board.get())))
+            .map(|(replica, board)| (replica.to_string(), role_section(&board.get())))
             .collect()
     }
 }

@@ -11,8 +11,8 @@ use analysis::host::{Host, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
-    FlightStatus, LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases, Report,
-    RoleSection, RunSection, Speed, TimingVerdict, sum,
+    ChannelOutage, FlightStatus, LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases,
+    RedundancySection, Report, RoleSection, RunSection, Speed, TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -324,9 +324,80 @@ fn deadlines(report: &Report) -> Vec<Block> {
     blocks
 }
 
+/// What the redundant channels did.
+fn redundancy(section: &RedundancySection) -> Vec<Block> {
+    let of_each = |ticks: &BTreeMap<String, u64>| {
+        let of = |(channel, ticks): (&String, &u64)| format!("{channel} {ticks}");
+        ticks.iter().map(of).collect::<Vec<_>>().join(", ")
+    };
+    let mut blocks = vec![
+        Block::Fact(
+            "Channels",
+            format!(
+                "{}, ticks flown: {}; active at the end: {}",
+                section.channels,
+                of_each(&section.ticks_flown),
+                section.active
+            ),
+        ),
+        Block::Fact(
+            "Without redundancy",
+            format!(
+                "{}, longest {:.0} ms; misses of channel a that another one masked: {}; ticks without a fresh command: {}",
+                count(section.ticks_unprotected, "tick"),
+                section.longest_unprotected_ms,
+                section.ticks_masked,
+                section.ticks_not_fresh
+            ),
+        ),
+    ];
+    let contradicted = match section.first_mismatch_s {
+        None => "none".into(),
+        Some(first_s) if section.channels == 2 => format!(
+            "{} from {first_s:.3} s on; with two channels nobody can say which one was wrong",
+            count(section.mismatches, "tick")
+        ),
+        Some(first_s) => format!(
+            "{} from {first_s:.3} s on; contradicted by two channels, in ticks: {}",
+            count(section.mismatches, "tick"),
+            of_each(&section.ticks_outvoted)
+        ),
+    };
+    blocks.push(Block::Fact("Commands that differed", contradicted));
+    let line = |outage: &ChannelOutage| {
+        let ChannelOutage {
+            channel,
+            time_s,
+            tick,
+            ticks,
+            reason,
+            handover,
+        } = outage;
+        let handover = if *handover {
+            ", another channel took over"
+        } else {
+            ""
+        };
+        let ticks = count(*ticks, "tick");
+        format!(
+            "channel {channel} out for {ticks} from tick {tick} ({time_s:.3} s): {reason}{handover}"
+        )
+    };
+    let mut items: Vec<String> = section.outages.iter().map(line).collect();
+    if section.outages_left_out > 0 {
+        items.push(format!("and {} later ones", section.outages_left_out));
+    }
+    if !items.is_empty() {
+        blocks.push(Block::Items(items));
+    }
+    blocks
+}
+
 fn deaths(report: &Report) -> Vec<Block> {
+    let mut blocks = report.redundancy.as_ref().map_or_else(Vec::new, redundancy);
     if report.deaths.is_empty() {
-        return vec![Block::Fact("Deaths", "none".into())];
+        blocks.push(Block::Fact("Deaths", "none".into()));
+        return blocks;
     }
     let mut items = Vec::new();
     for death in &report.deaths {
@@ -337,10 +408,9 @@ fn deaths(report: &Report) -> Vec<Block> {
     if report.deaths_left_out > 0 {
         items.push(format!("and {} later ones", report.deaths_left_out));
     }
-    vec![
-        Block::Fact("Deaths", number(report).to_string()),
-        Block::Items(items),
-    ]
+    blocks.push(Block::Fact("Deaths", number(report).to_string()));
+    blocks.push(Block::Items(items));
+    blocks
 }
 
 /// Who, when and how, and what it cost, in one line.
@@ -375,10 +445,7 @@ pub const fn recovery_phases(phases: &RecoveryPhases) -> [(&'static str, f64); 9
     [
         ("noticed", phases.noticed_ms),
         ("cleaned up", phases.cleaned_ms),
-        (
-            if phases.spare { "woken" } else { "started" },
-            phases.begun_ms,
-        ),
+        ("started", phases.begun_ms),
         ("settings and law", phases.made_ms),
         ("place", phases.placed_ms),
         ("ports", phases.ported_ms),
@@ -390,12 +457,7 @@ pub const fn recovery_phases(phases: &RecoveryPhases) -> [(&'static str, f64); 9
 
 fn recovery_line(phases: &RecoveryPhases) -> String {
     let parts = recovery_phases(phases).map(|(part, ms)| format!("{part} {ms:.2}"));
-    let process = if phases.spare {
-        "a spare"
-    } else {
-        "a new process"
-    };
-    format!("{process} [ms]: {}", parts.join(", "))
+    format!("a new process [ms]: {}", parts.join(", "))
 }
 
 /// A series of the flight beside its floor, at p50, p99 and p99.9.

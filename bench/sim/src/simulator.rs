@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use std::mem::replace;
 
 use analysis::states::Joined;
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use controller::TheoremMonitor;
 use errors::Failure;
 use faults::gate::{FaultFilter, FaultyInput};
@@ -498,19 +498,25 @@ impl Faulted {
         }
     }
 
-    /// Installs the replacements due at this tick, with empty inputs.
+    /// Installs the replacements due at this tick, with empty inputs. They continue from the state of those that were
+    /// killed, or from the initial one if their law cannot be saved.
     fn replace_killed(&mut self, tick: u64, rig: &mut Simulator) {
+        let mut saved = SavedState::new();
         let is_due = |(from, _): &mut (u64, Replacement)| *from == tick;
         for (_, replacement) in self.replacements.extract_if(.., is_due) {
             let messages = &self.messages;
             let counted = match replacement {
                 Replacement::Outer(outer) => {
+                    rig.outer.save(&mut saved);
                     rig.outer = outer;
+                    rig.outer.load(&saved);
                     let unused = FaultyInput::new(messages, Port::OuterState);
                     replace(&mut self.outer_state, unused).rejections()
                 }
                 Replacement::Inner(inner) => {
+                    rig.inner.save(&mut saved);
                     rig.inner = inner;
+                    rig.inner.load(&saved);
                     rig.theorem.clone_from(&self.theorem);
                     let unused = FaultyInput::new(messages, Port::InnerState);
                     let states = replace(&mut self.inner_state, unused).rejections();
@@ -518,7 +524,9 @@ impl Faulted {
                     states.and(&replace(&mut self.inner_setpoint, unused).rejections())
                 }
                 Replacement::Mixer(mixer) => {
+                    rig.mixer.save(&mut saved);
                     rig.mixer = mixer;
+                    rig.mixer.load(&saved);
                     let unused = FaultyInput::new(messages, Port::MixerWrench);
                     replace(&mut self.mixer_wrench, unused).rejections()
                 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use ipc::clock::{now_ns, timespec};
 use ipc::instance::Instance;
-use messages::role::Role;
+use messages::role::{Channel, Replica, Role};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io;
 use rustix::process::{
@@ -27,17 +27,18 @@ pub(super) const LANDING: Duration = Duration::from_secs(5);
 pub(super) const ENDING: Duration = Duration::from_secs(30);
 
 /// What messages call the process of a role.
-pub(super) fn title(role: Role) -> String {
-    if role == Role::Record {
-        "recorder".into()
-    } else {
-        format!("{role} process")
+pub(super) fn title(replica: Replica) -> String {
+    let Replica { role, channel } = replica;
+    match (role, channel) {
+        (Role::Record, _) => "recorder".into(),
+        (_, Channel::A) => format!("{role} process"),
+        _ => format!("{role} process of channel {channel}"),
     }
 }
 
 /// The file that receives the standard error of a role's processes.
-pub(super) fn log_path(directory: &Path, role: Role) -> PathBuf {
-    directory.join(format!("{role}.log"))
+pub(super) fn log_path(directory: &Path, replica: Replica) -> PathBuf {
+    directory.join(format!("{replica}.log"))
 }
 
 /// Starts the processes of a flight.
@@ -47,6 +48,8 @@ pub(super) struct Spawner {
     settings_file: PathBuf,
     pub(super) directory: PathBuf,
     states: Option<PathBuf>,
+    /// Processors that a flight may use, if this process keeps to some of them.
+    pub(super) allowed_cpus: Vec<usize>,
 }
 
 impl Spawner {
@@ -62,13 +65,18 @@ impl Spawner {
             settings_file: directory.settings_file(),
             directory: directory.path.clone(),
             states: options.states.clone(),
+            allowed_cpus: Vec::new(),
         }
     }
 
     /// Starts a role; a recorder writes into `recording`. The log of the role is appended to.
-    pub(super) fn start(&self, role: Role, recording: &RunDirectory) -> Result<Child, Failure> {
-        let mut command = self.command(role)?;
-        if role == Role::Record {
+    pub(super) fn start(
+        &self,
+        replica: Replica,
+        recording: &RunDirectory,
+    ) -> Result<Child, Failure> {
+        let mut command = self.command(replica)?;
+        if replica.role == Role::Record {
             command.arg("--run-dir").arg(&recording.path);
             // Only the first recorder writes the file of --states, which begins with the flight.
             let is_first = recording.path == self.directory;
@@ -76,19 +84,17 @@ impl Spawner {
                 command.arg("--states").arg(states);
             }
         }
-        spawn(&title(role), command.stdin(Stdio::null()))
+        command.stdin(Stdio::null()).spawn().map_err(|e| {
+            let title = title(replica);
+            Failure::failed(format!("cannot start the {title}: {e}")).help(
+                "a flight has five processes of some threads each, and three more for each further channel: see \
+                 `ulimit -u` and `ulimit -v`",
+            )
+        })
     }
 
-    /// Starts a hot standby of a stage, which waits for a byte on its standard input.
-    pub(super) fn start_standby(&self, role: Role) -> Result<Child, Failure> {
-        spawn(
-            &format!("hot standby of the {}", title(role)),
-            self.command(role)?.arg("--spare").stdin(Stdio::piped()),
-        )
-    }
-
-    fn command(&self, role: Role) -> Result<Command, Failure> {
-        let log_path = log_path(&self.directory, role);
+    fn command(&self, replica: Replica) -> Result<Command, Failure> {
+        let log_path = log_path(&self.directory, replica);
         let log = File::options()
             .create(true)
             .append(true)
@@ -96,26 +102,22 @@ impl Spawner {
             .in_file("write", &log_path)?;
         let mut command = Command::new(&self.executable);
         command
-            .arg(role.name())
+            .arg(replica.role.name())
+            .args((replica.channel != Channel::A).then(|| format!("--channel={}", replica.channel)))
             .arg("--config")
             .arg(&self.settings_file)
             .args(["--instance", &self.instance])
             .args(["--launcher", &std::process::id().to_string()])
+            .args((!self.allowed_cpus.is_empty()).then(|| {
+                let cpus: Vec<String> = self.allowed_cpus.iter().map(usize::to_string).collect();
+                format!("--allowed-cpus={}", cpus.join(","))
+            }))
             .stdout(Stdio::null())
             .stderr(log)
             // Ctrl-C in a terminal reaches the supervisor alone, which then ends the roles in order.
             .process_group(0);
         Ok(command)
     }
-}
-
-fn spawn(what: &str, command: &mut Command) -> Result<Child, Failure> {
-    command.spawn().map_err(|e| {
-        Failure::failed(format!("cannot start the {what}: {e}")).help(
-            "a flight has five processes of some threads each, and three hot standbys with --on-death restart: \
-             see `ulimit -u` and `ulimit -v`",
-        )
-    })
 }
 
 /// Children that have not been reaped: signals reach them and no other process, and their ends end a wait.
@@ -193,6 +195,13 @@ impl ChildWatch {
         }
         Ok(status)
     }
+}
+
+/// Reaps a process that a child left to this one; returns whether there is none any more.
+pub(super) fn reap_left(pid: u32) -> bool {
+    let options = WaitIdOptions::EXITED.union(WaitIdOptions::NOHANG);
+    let waited = pid_of(pid).map(|pid| waitid(WaitId::Pid(pid), options));
+    !matches!(waited, Some(Ok(None)))
 }
 
 /// Asks a child to end in order.

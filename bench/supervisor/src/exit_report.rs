@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::ExitStatus;
 
 use messages::grid::Pace;
-use messages::role::{ROLES, Role, STAGES};
+use messages::role::{MOST_CHANNELS, Replica, Role, STAGES};
 use process::signals::asks_for_the_end;
 use rustix::fs::statvfs;
 
@@ -29,10 +29,10 @@ pub struct Outcome {
     pub(super) interrupted: bool,
     /// Whether the plant has taken off.
     pub(super) flown: bool,
-    /// Roles that the supervisor killed because they did not end on request.
-    pub(super) killed: Vec<Role>,
-    /// Roles that were running when the plant had closed the run.
-    pub(super) outlasted: Vec<Role>,
+    /// Processes that the supervisor killed because they did not end on request.
+    pub(super) killed: Vec<Replica>,
+    /// Processes that were running when the plant had closed the run.
+    pub(super) outlasted: Vec<Replica>,
     /// Processes that failed in flight.
     pub(super) noted: Vec<ObservedFailure>,
     /// The pace of the ticks in which they failed.
@@ -40,7 +40,7 @@ pub struct Outcome {
 }
 
 pub struct ProcessExit {
-    pub(super) role: Role,
+    pub(super) replica: Replica,
     pub(super) pid: u32,
     pub(super) status: ExitStatus,
     /// Whether a signal to the supervisor had requested the end by then.
@@ -55,6 +55,8 @@ pub struct ProcessExit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KillReason {
     Hang,
+    /// Two channels contradicted its own.
+    Outvoted,
     /// It did not end with the flight.
     AfterFlight,
     /// A fault of this tick.
@@ -72,7 +74,7 @@ impl Outcome {
         } else if !exit.is_in_order() || early && !requested {
             // A recorder that ends because another process failed may be reaped before that one.
             let known = self.failed.as_ref();
-            if known.is_none_or(|known| known.role == Role::Record) {
+            if known.is_none_or(|known| known.replica.role == Role::Record) {
                 self.failed = Some(exit);
             }
         }
@@ -88,7 +90,7 @@ impl Outcome {
     pub fn correct(&self, report: &mut Report, directory: &Path) -> bool {
         let (status, ending) = if let Some(failed) = &self.failed {
             report.run.last_words = failed.last_lines(directory);
-            let law = flown_law(report, failed.role);
+            let law = flown_law(report, failed.replica);
             (FlightStatus::Aborted, failed.describe(&law))
         } else if !report.run.in_flight {
             let role = self
@@ -97,7 +99,7 @@ impl Outcome {
             let Some(role) = role else {
                 return self.note_failures(report);
             };
-            let process = title(role) + &flown_law(report, role);
+            let process = title(role.into()) + &flown_law(report, role.into());
             let ending = format!("the {process} ended before it had landed");
             (FlightStatus::Aborted, ending)
         } else if self.is_over() {
@@ -106,8 +108,8 @@ impl Outcome {
             (FlightStatus::Aborted, "the recorder ended too early".into())
         };
         let mut ending: String = ending;
-        for role in &self.killed {
-            let (process, law) = (title(*role), flown_law(report, *role));
+        for replica in &self.killed {
+            let (process, law) = (title(*replica), flown_law(report, *replica));
             let seconds = LANDING.as_secs();
             ending += &format!(
                 "; the {process}{law} did not end within {seconds} s of SIGTERM and was killed"
@@ -133,10 +135,11 @@ impl Outcome {
             let section = report.roles.get(role.name());
             section.is_none_or(|section| section.landed)
         };
+        let outlasted = |role: &Role| self.outlasted.contains(&Replica::from(*role));
         let is_noted = |role: &Role| self.noted.iter().any(|noted| noted.role == role.name());
         STAGES
             .into_iter()
-            .find(|role| !has_landed(role) && !self.outlasted.contains(role) && !is_noted(role))
+            .find(|role| !has_landed(role) && !outlasted(role) && !is_noted(role))
     }
 
     /// The error of a flight without a report.
@@ -150,7 +153,10 @@ impl Outcome {
             "the flight began"
         };
         if let Some(stopped) = &self.stopped {
-            let what = format!("the {} was interrupted before {when}", title(stopped.role));
+            let what = format!(
+                "the {} was interrupted before {when}",
+                title(stopped.replica)
+            );
             return Failure::new(INTERRUPTED, what);
         }
         match &self.failed {
@@ -160,7 +166,7 @@ impl Outcome {
                     .status
                     .code()
                     .and_then(|code| u8::try_from(code).ok());
-                let what = format!("the {} ended before {when}", title(failed.role));
+                let what = format!("the {} ended before {when}", title(failed.replica));
                 Failure::new(code.filter(|code| *code != 0).unwrap_or(FAILED), what)
             }
             _ if self.interrupted => {
@@ -175,7 +181,7 @@ impl ProcessExit {
     /// Whether it did what it should; the recorder's exit code is the flight's verdict.
     fn is_in_order(&self) -> bool {
         self.status.success()
-            || (self.role == Role::Record && self.status.code() == Some(i32::from(GATE)))
+            || (self.replica.role == Role::Record && self.status.code() == Some(i32::from(GATE)))
     }
 
     /// Whether a signal requested its end, even before the process could handle it.
@@ -188,7 +194,7 @@ impl ProcessExit {
     fn last_lines(&self, directory: &Path) -> Vec<String> {
         const MAX_LINES: usize = 40;
         const MAX_CHARACTERS: usize = 400;
-        let log = read_log(directory, self.role);
+        let log = read_log(directory, self.replica);
         let lines: Vec<&str> = log.lines().collect();
         lines[lines.len().saturating_sub(MAX_LINES)..]
             .iter()
@@ -200,8 +206,9 @@ impl ProcessExit {
     pub(super) fn cause(&self) -> String {
         match self.killed {
             Some(KillReason::Hang) => "hung, and was killed".into(),
+            Some(KillReason::Outvoted) => "killed: two channels contradicted its channel".into(),
             Some(KillReason::Fault(tick)) => {
-                format!("killed by the fault {}.kill of tick {tick}", self.role)
+                format!("killed by the fault {}.kill of tick {tick}", self.replica)
             }
             Some(KillReason::AfterFlight) | None => self.status.to_string(),
         }
@@ -209,26 +216,28 @@ impl ProcessExit {
 
     /// How it ended, and its log.
     pub fn log(&self, directory: &Path) -> String {
-        let mut log = read_log(directory, self.role);
+        let mut log = read_log(directory, self.replica);
         if log.is_empty() && is_full(directory) {
             log = format!(
                 "{}: the disk is full, and had no room for the messages of the process\n",
                 directory.display()
             );
         }
-        format!("{}: {}\n{log}", title(self.role), self.status)
+        format!("{}: {}\n{log}", title(self.replica), self.status)
     }
 
     /// How it ended, as a clause, with the law that it flew.
     pub(super) fn describe(&self, law: &str) -> String {
-        let process = title(self.role) + law;
+        let process = title(self.replica) + law;
         let how = match self.killed {
             Some(KillReason::AfterFlight) => format!(
                 "the {process} did not end within {} s of the flight and was killed",
                 ENDING.as_secs()
             ),
             Some(KillReason::Hang) => format!("the {process} hung, and was killed"),
-            Some(KillReason::Fault(_)) => format!("the {process} was {}", self.cause()),
+            Some(KillReason::Fault(_) | KillReason::Outvoted) => {
+                format!("the {process} was {}", self.cause())
+            }
             None if self.is_in_order() => {
                 format!("the {process} ended before the flight did: {}", self.status)
             }
@@ -241,8 +250,8 @@ impl ProcessExit {
 }
 
 /// The law that a role flew, if it comes from a file: it is the first suspect when the process ends.
-fn flown_law(report: &Report, role: Role) -> String {
-    match report.run.laws.get(role.name()) {
+fn flown_law(report: &Report, replica: Replica) -> String {
+    match report.run.laws.get(replica.role.name()) {
         Some(law) if law.file.is_some() => {
             format!(", which flew the law {},", render::sentences::law(law))
         }
@@ -253,7 +262,8 @@ fn flown_law(report: &Report, role: Role) -> String {
 /// The warnings of a flight's processes, a line each, up to a number that a user still reads.
 pub fn warnings(directory: &Path) -> Vec<String> {
     const MAX_LINES: usize = 20;
-    let logs = ROLES.map(|role| read_log(directory, role)).join("\n");
+    let logs = Replica::all(MOST_CHANNELS).map(|replica| read_log(directory, replica));
+    let logs = logs.collect::<Vec<_>>().join("\n");
     let warnings = logs.lines().filter(|line| line.starts_with("warning: "));
     warnings.map(harmless).take(MAX_LINES).collect()
 }
@@ -264,8 +274,8 @@ fn is_full(directory: &Path) -> bool {
 }
 
 /// The log of a role's processes. A law may write anything into it, also bytes that are not text.
-fn read_log(directory: &Path, role: Role) -> String {
-    let bytes = fs::read(log_path(directory, role)).unwrap_or_default();
+fn read_log(directory: &Path, replica: Replica) -> String {
+    let bytes = fs::read(log_path(directory, replica)).unwrap_or_default();
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
@@ -277,7 +287,7 @@ mod tests {
 
     fn exit(role: Role, raw: i32) -> ProcessExit {
         ProcessExit {
-            role,
+            replica: role.into(),
             pid: 1,
             status: ExitStatus::from_raw(raw),
             interrupted: false,
@@ -324,7 +334,10 @@ mod tests {
         outcome.take(exit(Role::Inner, 9), false, false);
         outcome.take(exit(Role::Mixer, code(1)), true, false);
         outcome.take(exit(Role::Plant, code(130)), true, false);
-        assert_eq!(outcome.failed.map(|exit| exit.role), Some(Role::Inner));
+        assert_eq!(
+            outcome.failed.map(|exit| exit.replica.role),
+            Some(Role::Inner)
+        );
         assert!(outcome.stopped.is_none(), "its end was requested");
     }
 
@@ -332,7 +345,7 @@ mod tests {
     fn the_last_lines_of_a_log_are_kept_and_harmless() {
         let directory = tempfile::tempdir().unwrap();
         let last_lines = |log: &[u8]| {
-            fs::write(log_path(directory.path(), Role::Inner), log).unwrap();
+            fs::write(log_path(directory.path(), Role::Inner.into()), log).unwrap();
             exit(Role::Inner, code(1)).last_lines(directory.path())
         };
         let lines = last_lines(b"Traceback:\n  gain\nerror: \x1b[31mred\n");

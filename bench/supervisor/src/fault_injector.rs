@@ -14,7 +14,7 @@ use ipc::{BlackboardReader, Wire};
 use messages::blackboards::{Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::grid::{Grid, Pace};
-use messages::role::Role;
+use messages::role::{Channel, Replica, Role};
 use process::rt::loops_cpu;
 use rustix::process::Signal;
 
@@ -62,17 +62,24 @@ enum Action {
 /// The children of a flight, and which of them plays which role.
 pub(super) struct RoleProcesses<'a> {
     pub(super) watch: &'a mut ChildWatch,
-    pub(super) pids: &'a [(Role, u32)],
+    pub(super) pids: &'a [(Replica, u32)],
 }
 
 impl RoleProcesses<'_> {
-    /// Sends a signal to the process that plays a role; returns its number.
-    fn signal(&self, role: Role, tick: u64, signal: Signal) -> Result<u32, Failure> {
-        let known = self.pids.iter().find(|(known, _)| *known == role);
+    /// Sends a signal to the processes that a fault acts on; returns their numbers.
+    fn signal(&self, fault: &LiveFault, signal: Signal) -> Result<Vec<u32>, Failure> {
+        let known = self.pids.iter().filter(|(it, _)| fault.kind.is_of(*it));
         let signalled = known.filter(|(_, pid)| self.watch.signal(*pid, signal).is_ok());
-        signalled.map(|(_, pid)| *pid).ok_or_else(|| {
-            Failure::failed(format!("tick {tick}: no process plays the role {role}"))
-        })
+        let pids: Vec<u32> = signalled.map(|(_, pid)| *pid).collect();
+        if pids.is_empty() {
+            let (tick, kind) = (fault.span.from, &fault.kind);
+            let channel = kind.channel().map_or("", Channel::prefix);
+            let role = kind.role().map_or("", Role::name);
+            return Err(Failure::failed(format!(
+                "tick {tick}: no process plays the role {channel}{role}"
+            )));
+        }
+        Ok(pids)
     }
 }
 
@@ -237,19 +244,20 @@ impl FaultInjector {
             }
             FaultKind::Hog { priority } => self.load(fault, *priority, 1.0, run, grid)?,
             FaultKind::Load { share } => self.load(fault, 0, *share, run, grid)?,
-            FaultKind::Stop { role, for_ns } => {
+            FaultKind::Stop { for_ns, .. } => {
                 wait_until(begin_ns);
-                let pid = players.signal(*role, tick, Signal::STOP)?;
-                self.stopped.push(pid);
+                let pids = players.signal(fault, Signal::STOP)?;
                 // The time is flight time, which may pass slower than the clock.
                 let slowdown = run.period_ns / run.sample_time_ns.max(1);
                 let until_ns = begin_ns.saturating_add(for_ns.saturating_mul(slowdown));
-                self.due.push((until_ns, Action::Continue(pid)));
+                self.due
+                    .extend(pids.iter().map(|pid| (until_ns, Action::Continue(*pid))));
+                self.stopped.extend(pids);
             }
-            FaultKind::Kill { role } => {
+            FaultKind::Kill { .. } => {
                 wait_until(begin_ns);
-                let pid = players.signal(*role, tick, Signal::KILL)?;
-                self.killed.push((pid, tick));
+                let pids = players.signal(fault, Signal::KILL)?;
+                self.killed.extend(pids.into_iter().map(|pid| (pid, tick)));
             }
             FaultKind::Messages { .. } | FaultKind::Late { .. } => {}
         }
@@ -376,7 +384,7 @@ mod tests {
         (wire, run): (&Wire, &Run),
         injector: &mut FaultInjector,
         watch: &mut ChildWatch,
-        pids: &[(Role, u32)],
+        pids: &[(Replica, u32)],
     ) {
         let mut players = RoleProcesses { watch, pids };
         injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
@@ -425,7 +433,7 @@ mod tests {
             assert_eq!(instance.pid_of(Role::Inner), Some(foreign.id()));
             let mut children = ChildWatch::default();
             children.watch(&inner);
-            let pids = [(Role::Inner, inner.id())];
+            let pids = [(Role::Inner.into(), inner.id())];
             rest((wire, run), injector, &mut children, &pids);
             drop(lock);
             assert_eq!(inner.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));
@@ -452,7 +460,11 @@ mod tests {
     fn a_late_fault_is_reported() {
         let (role, for_ns) = (Role::Inner, 20_000_000);
         let fault = LiveFault {
-            kind: FaultKind::Stop { role, for_ns },
+            kind: FaultKind::Stop {
+                role,
+                channel: None,
+                for_ns,
+            },
             ..load(0.0, false, 100, 101)
         };
         assert_eq!([99, 100].map(|tick| delay(&fault, tick)), [None, None]);

@@ -10,6 +10,7 @@
 //!                                         LANDING, or a second Ctrl-C
 //! ```
 
+use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Child;
 use std::time::{Duration, Instant};
@@ -19,20 +20,23 @@ use ipc::clock::now_ns;
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::{LOCKSTEP, RUN, RolePhase, Run, RunPhase, Status};
+use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::NO_TICK;
-use messages::realtime::RealtimeMode;
-use messages::role::{ROLES, Role};
-use process::rt::Raised;
-use rustix::process::Signal;
+use messages::realtime::{RealtimeMode, RealtimeSettings};
+use messages::role::{CHANNEL_ROLES, Channel, MOST_CHANNELS, Replica, Role};
+use process::rt::{OffLoops, Raised};
+use rustix::process::{Signal, getpid, set_child_subreaper};
 
 use crate::FlightOptions;
-use crate::child_process::{ChildWatch, ENDING, LANDING, Spawner, kill, kill_and_reap, terminate};
+use crate::child_process::{
+    ChildWatch, ENDING, LANDING, Spawner, kill, kill_and_reap, reap_left, terminate,
+};
 use crate::dashboard::Dashboard;
 use crate::exit_report::{KillReason, Outcome, ProcessExit};
 use crate::fault_injector::{FaultInjector, RoleProcesses};
 use crate::hang_detector::{self, HangDetector};
 use crate::recordings::Recordings;
-use crate::restarts::{MAX_RESTARTS, RestartLimit, Standbys, WITHIN};
+use crate::restarts::{MAX_RESTARTS, RestartLimit, WITHIN};
 use crate::status_line::StatusLine;
 use crate::stop_requests::StopRequests;
 use analysis::process_failures::{ObservedFailure, Replacement};
@@ -45,6 +49,15 @@ use recorder::run_directory::RunDirectory;
 
 /// How often the supervisor looks after the flight; oftener if it restarts roles.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Why a process is not started again beside another channel.
+const UNSAVED: &str =
+    "its law cannot be saved, so that a new process could not continue from another channel";
+/// In how many ticks a channel is outvoted before its processes are killed.
+const OUTVOTED_TICKS: u64 = 3;
+/// How long processes that were started again are left alone.
+const GETTING_IN_STEP: Duration = Duration::from_millis(500);
+/// How long what a killed process had may take to be given back.
+const RELEASED: Duration = Duration::from_millis(200);
 /// How long processes may take to be ready before the user is told, and a restarted one to fly.
 const GETTING_READY: Duration = Duration::from_secs(10);
 
@@ -52,18 +65,27 @@ pub(super) struct FlightSupervisor {
     spawner: Spawner,
     children: Vec<RoleProcess>,
     child_watch: ChildWatch,
-    standbys: Standbys,
+    channels: usize,
     restarts_roles: bool,
-    restart_limits: [RestartLimit; ROLES.len()],
+    restart_limits: BTreeMap<Replica, RestartLimit>,
     /// Failed processes whose roles are to be restarted, and when.
     due: Vec<(ProcessExit, Instant)>,
+    /// Processes that those that were killed have left to this one.
+    left: Vec<u32>,
     /// Whether the supervisor may raise its own priority while it restarts roles.
     may_be_raised: bool,
     raised: Option<Raised>,
+    realtime: RealtimeSettings,
+    /// While it restarts roles: what it does for that costs the loops nothing.
+    off_loops: Option<OffLoops>,
     hang_detector: Option<HangDetector>,
     last_look: Instant,
     recordings: Recordings,
     fault_injector: FaultInjector,
+    /// The plant's account of the channels, of a flight with three.
+    redundancy: Option<BlackboardReader<Redundancy>>,
+    /// Ticks in which each channel was outvoted, when its processes were killed for it last.
+    outvoted: [u64; MOST_CHANNELS],
     /// The status blackboards of all roles, from the first tick on.
     role_statuses: Option<RoleStatuses>,
     dashboard: Option<Dashboard>,
@@ -75,7 +97,7 @@ pub(super) struct FlightSupervisor {
 
 /// A child that plays a role.
 struct RoleProcess {
-    role: Role,
+    replica: Replica,
     child: Child,
     /// Why the supervisor has killed it.
     killed: Option<KillReason>,
@@ -84,9 +106,9 @@ struct RoleProcess {
 }
 
 impl RoleProcess {
-    const fn new(role: Role, child: Child) -> Self {
+    const fn new(replica: Replica, child: Child) -> Self {
         Self {
-            role,
+            replica,
             child,
             killed: None,
             is_dismissed: false,
@@ -136,21 +158,30 @@ impl FlightSupervisor {
     ) -> Result<Self, Failure> {
         // Before any role starts, because it removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
+        // Where that is refused, the system reaps what killed children leave.
+        let _ = set_child_subreaper(Some(getpid()));
         let (now, executable) = (Instant::now(), own_executable()?);
         let mut supervisor = Self {
             fault_injector: FaultInjector::new(instance, &executable, settings)?,
             spawner: Spawner::new(executable, instance, directory, options),
             children: Vec::new(),
             child_watch: ChildWatch::default(),
-            standbys: Standbys::new(now),
+            channels: settings.rt.channels,
             restarts_roles: options.restarts_roles,
-            restart_limits: ROLES.map(|_| RestartLimit::new(now)),
+            restart_limits: Replica::all(settings.rt.channels)
+                .map(|replica| (replica, RestartLimit::new(now)))
+                .collect(),
             due: Vec::new(),
+            left: Vec::new(),
             may_be_raised: settings.realtime()?.mode != RealtimeMode::Off,
             raised: None,
+            realtime: settings.realtime()?,
+            off_loops: None,
             hang_detector: None,
             last_look: now,
             recordings: Recordings::new(directory, settings, instance),
+            redundancy: None,
+            outvoted: [0; MOST_CHANNELS],
             role_statuses: None,
             dashboard: None,
             wire,
@@ -161,11 +192,10 @@ impl FlightSupervisor {
             },
             outcome: Outcome::default(),
         };
-        for role in ROLES {
-            let child = supervisor.spawner.start(role, directory)?;
+        for replica in Replica::all(supervisor.channels) {
+            let child = supervisor.spawner.start(replica, directory)?;
             supervisor.child_watch.watch(&child);
-            supervisor.children.push(RoleProcess::new(role, child));
-            supervisor.standbys.delay(role, now);
+            supervisor.children.push(RoleProcess::new(replica, child));
         }
         if options.shows_dashboard {
             supervisor.dashboard = Some(Dashboard::open(&supervisor.spawner.executable, instance)?);
@@ -196,9 +226,7 @@ impl FlightSupervisor {
                 self.status_line.show(&run, terminal_taken);
             }
         }
-        self.raised = None;
-        self.standbys
-            .end(&mut self.child_watch, &self.wire, LANDING);
+        (self.raised, self.off_loops) = (None, None);
         if let Some(dashboard) = &mut self.dashboard {
             dashboard.close();
         }
@@ -218,8 +246,8 @@ impl FlightSupervisor {
         } else {
             LOOK_EVERY
         };
-        let pids = self.children.iter().map(|it| (it.role, it.child.id()));
-        let pids: Vec<(Role, u32)> = pids.collect();
+        let pids = self.children.iter().map(|it| (it.replica, it.child.id()));
+        let pids: Vec<(Replica, u32)> = pids.collect();
         let mut players = RoleProcesses {
             watch: &mut self.child_watch,
             pids: &pids,
@@ -233,15 +261,18 @@ impl FlightSupervisor {
         let mut exits = Vec::new();
         let mut next = 0;
         while let Some(process) = self.children.get_mut(next) {
-            let (role, pid) = (process.role, process.child.id());
+            let (replica, pid) = (process.replica, process.child.id());
             let status = self.child_watch.reap(&mut process.child);
             let status =
-                status.map_err(|e| Failure::failed(format!("cannot wait for {role}: {e}")))?;
+                status.map_err(|e| Failure::failed(format!("cannot wait for {replica}: {e}")))?;
             let Some(status) = status else {
                 next += 1;
                 continue;
             };
             let process = self.children.remove(next);
+            let left = self.status_of(replica, pid).map_or(0, |it| it.releaser);
+            self.left
+                .extend(u32::try_from(left).ok().filter(|pid| *pid > 0));
             let by_fault = || self.fault_injector.killed(pid).map(KillReason::Fault);
             // It may have ended by itself before the signal came.
             let is_killed = status.signal() == Some(Signal::KILL.as_raw());
@@ -249,7 +280,7 @@ impl FlightSupervisor {
             self.fault_injector.forget(pid);
             if !process.is_dismissed {
                 exits.push(ProcessExit {
-                    role,
+                    replica,
                     pid,
                     status,
                     interrupted,
@@ -258,8 +289,7 @@ impl FlightSupervisor {
                 });
             }
         }
-        self.standbys
-            .reap(&mut self.child_watch, &self.wire, Instant::now());
+        self.left.retain(|pid| !reap_left(*pid));
         Ok(exits)
     }
 
@@ -278,7 +308,7 @@ impl FlightSupervisor {
         if self.outcome.outlasted.is_empty()
             && run.is_some_and(|run| is_ours(run) && run.phase() == RunPhase::Closed)
         {
-            self.outcome.outlasted = self.roles();
+            self.outcome.outlasted = self.replicas();
         }
         if self.role_statuses.is_none() && self.in_flight(run).is_some() {
             self.role_statuses = Some(RoleStatuses::open(&self.wire)?);
@@ -294,13 +324,37 @@ impl FlightSupervisor {
         let is_early = run.is_some_and(|run| run.phase() != RunPhase::Closed);
         for exit in exits {
             let unresolved = match self.in_flight(run) {
-                Some(run) if !exit.was_interrupted() => self.schedule_restart(exit, run),
+                Some(run) if !exit.was_interrupted() => self
+                    .schedule_restart(exit, run)
+                    .filter(|exit| !self.is_covered(exit)),
                 _ => Some(exit),
             };
             if let Some(exit) = unresolved {
                 self.outcome.take(exit, self.phase.is_ending(), is_early);
             }
         }
+    }
+
+    /// Whether the flight goes on without a process that has ended: another channel has all of its own.
+    fn is_covered(&self, exit: &ProcessExit) -> bool {
+        let plays = |replica| self.children.iter().any(|it| it.replica == replica);
+        let is_whole = |channel| {
+            CHANNEL_ROLES
+                .map(|role| Replica::new(role, channel))
+                .into_iter()
+                .all(plays)
+        };
+        let replica = exit.replica;
+        let is_covered = CHANNEL_ROLES.contains(&replica.role)
+            && Channel::first(self.channels).any(|it| it != replica.channel && is_whole(it));
+        if is_covered {
+            say(&format!(
+                "{}; the flight goes on without channel {}\n",
+                exit.describe(""),
+                replica.channel
+            ));
+        }
+        is_covered
     }
 
     fn next_phase(&mut self, run: Option<&Run>, is_urgent: bool) {
@@ -326,7 +380,7 @@ impl FlightSupervisor {
                 self.phase = Phase::Landing { since: now };
             }
             Phase::Stopping { since } if since.elapsed() > LANDING && !is_urgent => {
-                self.outcome.killed = self.roles();
+                self.outcome.killed = self.replicas();
                 self.phase = Phase::Killing;
             }
             _ if is_urgent => self.phase = Phase::Killing,
@@ -348,27 +402,32 @@ impl FlightSupervisor {
         Ok(())
     }
 
-    /// Restarts failed roles, kills those that hang, and keeps hot standbys.
+    /// Restarts failed roles, and kills those that hang.
     fn maintain_roles(&mut self, run: &Run) -> Result<(), Failure> {
         if self.may_be_raised {
             self.raised.get_or_insert_with(Raised::now);
+            if self.off_loops.is_none() {
+                let off_loops = OffLoops::now(&self.realtime);
+                self.spawner.allowed_cpus = off_loops.allowed();
+                self.off_loops = Some(off_loops);
+            }
         }
         self.restart_due()?;
         self.kill_hanging(run);
-        self.standbys
-            .replenish(&self.spawner, &mut self.child_watch, Instant::now());
+        if self.channels == MOST_CHANNELS {
+            self.kill_outvoted()?;
+        }
         Ok(())
     }
 
     /// Kills, step by step, what does not end after the flight.
     fn land(&mut self, over: Duration, run_phase: RunPhase) {
         self.dismiss_latecomers();
-        self.standbys.dismiss();
         // The plant first if it has not closed the run: the others end when it is gone. If it does not go, a stage that
         // computes without end at a higher priority keeps it from its processor, and so from its end.
         let waits_for_plant = over <= ENDING + LANDING
             && run_phase != RunPhase::Closed
-            && self.roles().contains(&Role::Plant);
+            && self.replicas().contains(&Role::Plant.into());
         for process in &mut self.children {
             if over > LANDING && process.is_dismissed {
                 process.kill(KillReason::AfterFlight);
@@ -376,19 +435,22 @@ impl FlightSupervisor {
             if over > LANDING && is_stopped(process.child.id()) {
                 process.kill(KillReason::Hang);
             }
-            if over > ENDING && (!waits_for_plant || process.role == Role::Plant) {
+            if over > ENDING && (!waits_for_plant || process.replica.role == Role::Plant) {
                 process.kill(KillReason::AfterFlight);
             }
         }
     }
 
-    fn roles(&self) -> Vec<Role> {
-        self.children.iter().map(|process| process.role).collect()
+    fn replicas(&self) -> Vec<Replica> {
+        self.children
+            .iter()
+            .map(|process| process.replica)
+            .collect()
     }
 
     /// What a role's blackboard shows, if the process with this number has written it.
-    fn status_of(&self, role: Role, pid: u32) -> Option<Status> {
-        self.role_statuses.as_ref()?.of_process(role, pid)
+    fn status_of(&self, replica: Replica, pid: u32) -> Option<Status> {
+        self.role_statuses.as_ref()?.of_process(replica, pid)
     }
 
     /// Kills loops that hang, and restarted processes that do not come to fly.
@@ -400,13 +462,13 @@ impl FlightSupervisor {
         let hanging = self
             .hang_detector
             .get_or_insert_with(|| HangDetector::new(Duration::from_nanos(run.period_ns)))
-            .hanging(&statuses.loops(), since, Look::at);
+            .hanging(&statuses.statuses(), since, Look::at);
         for process in &mut self.children {
-            let (role, pid) = (process.role, process.child.id());
-            let restart = &self.restart_limits[role as usize];
+            let (replica, pid) = (process.replica, process.child.id());
+            let restart = &self.restart_limits[&replica];
             let is_late = |timeout| restart.is_restarted() && restart.age() > timeout;
-            let hangs = match statuses.of_process(role, pid) {
-                Some(status) if status.phase() == RolePhase::Flying => hanging.contains(&role),
+            let hangs = match statuses.of_process(replica, pid) {
+                Some(status) if status.phase() == RolePhase::Flying => hanging.contains(&replica),
                 // A process that a signal has stopped on its way does not arrive.
                 _ => {
                     is_late(GETTING_READY)
@@ -419,15 +481,44 @@ impl FlightSupervisor {
         }
     }
 
+    /// Kills the processes of a channel that two others contradict: they come back with the state of another channel.
+    fn kill_outvoted(&mut self) -> Result<(), Failure> {
+        if self.redundancy.is_none() {
+            self.redundancy = self.wire.blackboard_reader(REDUNDANCY)?;
+        }
+        let Some(account) = self.redundancy.as_ref().map(BlackboardReader::get) else {
+            return Ok(());
+        };
+        for (channel, now) in Channel::ALL.into_iter().zip(account.outvoted) {
+            let before = &mut self.outvoted[channel as usize];
+            let since = self
+                .restart_limits
+                .iter()
+                .filter(|(replica, _)| replica.channel == channel);
+            let is_new = since.map(|(_, limit)| limit.age()).min() < Some(GETTING_IN_STEP);
+            if now < *before + OUTVOTED_TICKS || is_new {
+                continue;
+            }
+            *before = now;
+            for process in &mut self.children {
+                let Replica { channel: own, role } = process.replica;
+                if own == channel && CHANNEL_ROLES.contains(&role) {
+                    process.kill(KillReason::Outvoted);
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Asks restarted processes to end that have not come to fly before the flight was over.
     fn dismiss_latecomers(&mut self) {
         self.due.clear();
         for process in &mut self.children {
             let statuses = self.role_statuses.as_ref();
-            let status = statuses.and_then(|it| it.of_process(process.role, process.child.id()));
+            let status = statuses.and_then(|it| it.of_process(process.replica, process.child.id()));
             let phase = status.map(|status| status.phase());
             let has_flown = matches!(phase, Some(RolePhase::Flying | RolePhase::Landed));
-            let is_restarted = self.restart_limits[process.role as usize].is_restarted();
+            let is_restarted = self.restart_limits[&process.replica].is_restarted();
             if is_restarted && !has_flown && !process.is_dismissed {
                 process.is_dismissed = true;
                 terminate(&process.child);
@@ -437,7 +528,6 @@ impl FlightSupervisor {
 
     fn request_end(&mut self) {
         self.due.clear();
-        self.standbys.dismiss();
         self.fault_injector.release(&self.child_watch);
         self.children.iter().for_each(|it| terminate(&it.child));
     }
@@ -445,20 +535,26 @@ impl FlightSupervisor {
     /// Notes that a process has failed in flight, and schedules the restart of its role; returns the exit if the role
     /// cannot be restarted.
     fn schedule_restart(&mut self, mut exit: ProcessExit, run: &Run) -> Option<ProcessExit> {
-        let status = self.status_of(exit.role, exit.pid);
+        let status = self.status_of(exit.replica, exit.pid);
         self.outcome.grid = Some(run.pace());
         let mut noted = ObservedFailure {
-            role: exit.role.name().into(),
+            role: exit.replica.to_string(),
             epoch: status.map_or(0, |status| status.epoch),
             how: exit.cause(),
             noticed_ns: now_ns(),
             way: Replacement::default(),
         };
         let mut due = None;
-        if self.restarts_roles && exit.role == Role::Plant {
+        if self.restarts_roles && exit.replica.role == Role::Plant {
             exit.not_restarted = Some("a plant cannot be started again in flight".into());
+        } else if self.channels > 1 && status.is_some_and(|it| it.ticks_run > 0 && it.is_saved == 0)
+        {
+            exit.not_restarted = Some(UNSAVED.into());
+            noted.how += "; ";
+            noted.how += UNSAVED;
         } else if self.restarts_roles {
-            due = self.restart_limits[exit.role as usize].due(Instant::now());
+            let limit = self.restart_limits.get_mut(&exit.replica);
+            due = limit.and_then(|limit| limit.due(Instant::now()));
             exit.not_restarted = due.is_none().then(|| {
                 let within_s = WITHIN.as_secs();
                 format!(
@@ -468,6 +564,7 @@ impl FlightSupervisor {
         }
         if due.is_some() {
             // What it held is then free for its successor.
+            await_release(self.wire.instance(), exit.replica);
             self.wire.remove_dead();
             noted.way.cleaned_ns = now_ns();
         }
@@ -479,13 +576,13 @@ impl FlightSupervisor {
         None
     }
 
-    /// Restarts the roles that are due, or activates their standbys.
+    /// Restarts the roles that are due.
     fn restart_due(&mut self) -> Result<(), Failure> {
         let now = Instant::now();
         for (exit, _) in self.due.extract_if(.., |(_, due)| *due <= now) {
-            let role = exit.role;
+            let replica = exit.replica;
             let how = exit.describe("");
-            if role == Role::Record
+            if replica.role == Role::Record
                 && let Err(failure) = self.recordings.begin_another()
             {
                 say(&format!(
@@ -493,30 +590,28 @@ impl FlightSupervisor {
                 ));
                 continue;
             }
-            let standby = self.standbys.activate(role);
-            let is_standby = standby.is_some();
-            let child = match standby {
-                Some(child) => child,
-                None => {
-                    let child = self.spawner.start(role, self.recordings.newest())?;
-                    self.child_watch.watch(&child);
-                    child
+            let child = match self.spawner.start(replica, self.recordings.newest()) {
+                Ok(child) => child,
+                Err(failure) if self.channels > 1 && CHANNEL_ROLES.contains(&replica.role) => {
+                    say(&format!(
+                        "{how}; the flight goes on without channel {}: {failure}\n",
+                        replica.channel
+                    ));
+                    continue;
                 }
+                Err(failure) => return Err(failure),
             };
-            self.restart_limits[role as usize].restarted(now);
-            let mut noted = self.outcome.noted.iter_mut();
-            if let Some(noted) = noted.rfind(|noted| noted.role == role.name()) {
-                (noted.way.pid, noted.way.is_spare) = (child.id(), is_standby);
+            self.child_watch.watch(&child);
+            if let Some(limit) = self.restart_limits.get_mut(&replica) {
+                limit.restarted(now);
             }
-            self.children.push(RoleProcess::new(role, child));
-            self.standbys.delay(role, now);
+            let mut noted = self.outcome.noted.iter_mut();
+            if let Some(noted) = noted.rfind(|noted| noted.role == replica.to_string()) {
+                noted.way.pid = child.id();
+            }
+            self.children.push(RoleProcess::new(replica, child));
             self.status_line.clear();
-            let by = if is_standby {
-                ": its hot standby takes over"
-            } else {
-                ""
-            };
-            say(&format!("{how}; it is started again{by}\n"));
+            say(&format!("{how}; it is started again\n"));
         }
         Ok(())
     }
@@ -526,9 +621,10 @@ impl FlightSupervisor {
         let mut noted = std::mem::take(&mut self.outcome.noted);
         for noted in &mut noted {
             let way = &mut noted.way;
-            let role = ROLES.into_iter().find(|role| role.name() == noted.role);
-            if let Some(role) = role.filter(|_| way.pid != 0 && way.arrival.armed_ns == 0)
-                && let Some(status) = self.status_of(role, way.pid)
+            let mut replicas = Replica::all(self.channels);
+            let replica = replicas.find(|replica| replica.to_string() == noted.role);
+            if let Some(replica) = replica.filter(|_| way.pid != 0 && way.arrival.armed_ns == 0)
+                && let Some(status) = self.status_of(replica, way.pid)
             {
                 way.arrival = status.arrival;
             }
@@ -545,8 +641,21 @@ impl Drop for FlightSupervisor {
         for process in &mut self.children {
             kill_and_reap(&mut process.child);
         }
-        self.standbys
-            .end(&mut self.child_watch, &self.wire, Duration::ZERO);
+        let since = Instant::now();
+        while !self.left.is_empty() && since.elapsed() < RELEASED {
+            self.left.retain(|pid| !reap_left(*pid));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let _ = set_child_subreaper(None);
+    }
+}
+
+/// Waits until a process that has ended has given up its role: another one with its memory and files does so for it, some
+/// milliseconds later.
+fn await_release(instance: &Instance, replica: Replica) {
+    let since = Instant::now();
+    while instance.is_occupied(replica) && since.elapsed() < RELEASED {
+        std::thread::sleep(Duration::from_micros(500));
     }
 }
 

@@ -12,12 +12,13 @@
 //!
 //! A process that a signal has stopped hangs, whatever the other loops do.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use host::sampler::Look;
 use messages::blackboards::{RolePhase, Status};
 use messages::checks::{Check, is_on};
-use messages::role::{Role, STAGES};
+use messages::role::{Replica, Role};
 
 /// How often the supervisor looks if it restarts roles.
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
@@ -28,8 +29,7 @@ const TICKS: u32 = 5;
 #[derive(Debug)]
 pub(super) struct HangDetector {
     timeout: Duration,
-    /// In the order of [`STAGES`].
-    counters: [TickCounter; STAGES.len()],
+    counters: BTreeMap<Replica, TickCounter>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -46,19 +46,21 @@ impl HangDetector {
     pub(super) fn new(tick: Duration) -> Self {
         Self {
             timeout: HANG_TIMEOUT.max(tick * TICKS),
-            counters: [TickCounter::default(); STAGES.len()],
+            counters: BTreeMap::new(),
         }
     }
 
     /// Updates the counters, `since` the last look; returns the loops that hang.
     pub(super) fn hanging(
         &mut self,
-        loops: &[Status; STAGES.len()],
+        statuses: &BTreeMap<Replica, Status>,
         since: Duration,
         look: impl Fn(u64) -> Option<Look>,
-    ) -> Vec<Role> {
+    ) -> Vec<Replica> {
         let since = since.min(2 * LOOK_EVERY);
-        for (counter, status) in self.counters.iter_mut().zip(loops) {
+        let loops = || statuses.iter().filter(|(it, _)| it.role != Role::Record);
+        for (replica, status) in loops() {
+            let counter = self.counters.entry(*replica).or_default();
             let is_flying = status.phase() == RolePhase::Flying;
             // Any process of the user can write the numbers.
             let ticks = status.ticks_run.wrapping_add(status.ticks_skipped);
@@ -75,13 +77,13 @@ impl HangDetector {
                 counter.stopped_for += since;
             }
         }
-        let hangs = |i: &usize| {
-            let counter = &self.counters[*i];
+        let hangs = |(replica, status): &(&Replica, &Status)| {
+            let counter = &self.counters[*replica];
             counter.stopped_for >= self.timeout
                 && is_on(Check::Heartbeat)
-                && look(loops[*i].pid).is_some_and(|look| self.is_hang(counter, look))
+                && look(status.pid).is_some_and(|look| self.is_hang(counter, look))
         };
-        (0..STAGES.len()).filter(hangs).map(|i| STAGES[i]).collect()
+        loops().filter(hangs).map(|(replica, _)| *replica).collect()
     }
 
     fn is_hang(&self, counter: &TickCounter, look: Look) -> bool {
@@ -90,7 +92,7 @@ impl HangDetector {
         let is_starved = look.state == 'R' && ran < half;
         let others_advanced = self
             .counters
-            .iter()
+            .values()
             .any(|other| other.count.is_some() && other.stopped_for < half);
         !look.is_dying && (look.is_stopped() || (others_advanced && !is_starved))
     }
@@ -99,10 +101,19 @@ impl HangDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::role::STAGES;
 
     const INNER: usize = 2;
     const MS_10: Duration = Duration::from_millis(10);
     const ALL_BUT_INNER: [bool; 4] = [true, true, false, true];
+
+    fn of_stages(statuses: [Status; 4]) -> BTreeMap<Replica, Status> {
+        STAGES
+            .map(Replica::from)
+            .into_iter()
+            .zip(statuses)
+            .collect()
+    }
 
     fn flying(ticks_run: u64) -> Status {
         Status {
@@ -119,7 +130,7 @@ mod tests {
         ran_share: f64,
         since: Duration,
         looks: u32,
-    ) -> Vec<Role> {
+    ) -> Vec<Replica> {
         let mut detector = HangDetector::new(Duration::from_millis(1));
         let mut hanging = Vec::new();
         for look in 0..looks {
@@ -129,14 +140,15 @@ mod tests {
                 ran_ns: (f64::from(look) * since.as_nanos() as f64 * ran_share) as u64,
                 is_dying: false,
             };
-            hanging = detector.hanging(&advances.map(status), since, |_| Some(look));
+            hanging = detector.hanging(&of_stages(advances.map(status)), since, |_| Some(look));
         }
         hanging
     }
 
     #[test]
     fn a_counter_that_stops_is_a_hang_after_80_ms_unless_the_loop_or_the_machine_waits() {
-        let inner = [STAGES[INNER]];
+        let all = STAGES.map(Replica::from);
+        let inner = [all[INNER]];
         let second = Duration::from_secs(1);
         for (advances, state, ran_share, since, looks, expected) in [
             (ALL_BUT_INNER, 'S', 0.0, MS_10, 9, &inner[..]),
@@ -151,7 +163,7 @@ mod tests {
             (ALL_BUT_INNER, 'R', 0.1, MS_10, 20, &[]),
             ([true; 4], 'S', 0.0, MS_10, 20, &[]),
             ([false; 4], 'S', 0.0, MS_10, 20, &[]),
-            ([false; 4], 'T', 0.0, MS_10, 20, &STAGES),
+            ([false; 4], 'T', 0.0, MS_10, 20, &all),
             // A supervisor that did not get to look for a second has seen nothing of it.
             (ALL_BUT_INNER, 'S', 0.0, second, 4, &[]),
         ] {
@@ -170,7 +182,10 @@ mod tests {
             ..flying(u64::MAX)
         };
         let mut detector = HangDetector::new(Duration::from_millis(1));
-        assert_eq!(detector.hanging(&[forged; 4], MS_10, |_| None), []);
+        assert_eq!(
+            detector.hanging(&of_stages([forged; 4]), MS_10, |_| None),
+            []
+        );
     }
 
     #[test]
@@ -186,7 +201,7 @@ mod tests {
             };
             let looks = (0..100).find(|&ticks| {
                 let (on, stopped) = (flying(ticks), flying(7));
-                let loops = [on, on, stopped, on];
+                let loops = of_stages([on, on, stopped, on]);
                 !detector.hanging(&loops, MS_10, |_| Some(look)).is_empty()
             });
             assert_eq!(looks, expected, "{tick_ms} {is_dying}");

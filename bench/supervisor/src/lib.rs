@@ -58,7 +58,7 @@ pub fn fly(
     let instance = Instance::new(&options.instance)?;
     // If another supervisor flies it already, that is the error.
     if !instance.is_alive() {
-        instance.check_shared_memory(Wire::needed_bytes())?;
+        instance.check_shared_memory(Wire::needed_bytes(settings.rt.channels))?;
     }
     instance.prepare()?;
     let lock = instance.lock_launcher()?;

@@ -229,19 +229,6 @@ impl InnerLaw for Adaptive {
             torque_b_nm: tau.into(),
         }
     }
-
-    fn estimates(&self) -> Option<[f64; 3]> {
-        self.gains.adapts.then(|| self.theta.into())
-    }
-
-    fn resume(&mut self, estimates: [f64; 3]) -> bool {
-        let theta = Vector3::from(estimates);
-        let is_admissible = self.gains.adapts && self.adaptation.admits(&theta);
-        if is_admissible {
-            self.theta = theta;
-        }
-        is_admissible
-    }
 }
 
 impl Law for Fixed {

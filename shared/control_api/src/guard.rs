@@ -302,16 +302,6 @@ impl GuardedInner {
         };
         Self { made, memory }
     }
-
-    /// As [`InnerLaw::estimates`].
-    pub fn estimates(&self) -> Option<[f64; 3]> {
-        self.made.law.estimates()
-    }
-
-    /// As [`InnerLaw::resume`].
-    pub fn resume(&mut self, estimates: [f64; 3]) -> bool {
-        self.made.law.resume(estimates)
-    }
 }
 
 saved_fields!(InnerMemory: first_tick, measured_at, answered_at, thrust_n, began, stays);

@@ -87,18 +87,6 @@ pub trait InnerLaw: CopyState {
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint;
-
-    /// The present estimates, from which another instance can continue; none if the law does not learn.
-    fn estimates(&self) -> Option<[f64; 3]> {
-        None
-    }
-
-    /// Before the first tick: starts from the estimates of another instance. False, and nothing is changed, if they are
-    /// outside the law's bounds.
-    fn resume(&mut self, estimates: [f64; 3]) -> bool {
-        let _ = estimates;
-        false
-    }
 }
 
 /// The mixer: thrust and torque to rotor speeds.

@@ -5,7 +5,7 @@
 use crate::{Kind, PORTS, Place, Port, Span, is_share};
 use messages::fault_id::FaultId;
 use messages::layout::layout;
-use messages::role::{Role, STAGES};
+use messages::role::{Channel, Replica, Role, STAGES};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultKind {
@@ -15,17 +15,21 @@ pub enum FaultKind {
     },
     Late {
         role: Role,
+        /// The channel of the stage; all if none is named. Likewise below.
+        channel: Option<Channel>,
         /// The least and the most [ns]; each time between is as likely.
         range_ns: [u64; 2],
     },
     /// The process of a stage is stopped, and goes on.
     Stop {
         role: Role,
+        channel: Option<Channel>,
         for_ns: u64,
     },
     /// The process of a stage is killed.
     Kill {
         role: Role,
+        channel: Option<Channel>,
     },
     /// A process is always busy on the loops' processor, under SCHED_FIFO.
     Hog {
@@ -53,7 +57,7 @@ impl FaultKind {
             }
             Self::Stop { for_ns, .. } => (1..=LONGEST_NS).contains(&for_ns),
             // A flight ends with its plant.
-            Self::Kill { role } => role != Role::Plant,
+            Self::Kill { role, .. } => role != Role::Plant,
             Self::Hog { priority } => (1..=HIGHEST_PRIORITY).contains(&priority),
             Self::Load { share } => is_share(share),
         }
@@ -78,9 +82,32 @@ impl FaultKind {
     /// The stage that it acts on, where it acts on the process of one.
     pub const fn role(&self) -> Option<Role> {
         match *self {
-            Self::Late { role, .. } | Self::Stop { role, .. } | Self::Kill { role } => Some(role),
+            Self::Late { role, .. } | Self::Stop { role, .. } | Self::Kill { role, .. } => {
+                Some(role)
+            }
             Self::Messages { .. } | Self::Hog { .. } | Self::Load { .. } => None,
         }
+    }
+
+    /// The channel of the stage, if it is in one alone.
+    pub const fn channel(&self) -> Option<Channel> {
+        match *self {
+            Self::Late { channel, .. }
+            | Self::Stop { channel, .. }
+            | Self::Kill { channel, .. } => channel,
+            Self::Messages { .. } | Self::Hog { .. } | Self::Load { .. } => None,
+        }
+    }
+
+    /// Whether it acts on the process of this stage.
+    pub fn is_of(&self, replica: Replica) -> bool {
+        self.role() == Some(replica.role) && self.channel().is_none_or(|it| it == replica.channel)
+    }
+
+    /// Whether both act on the process of one stage.
+    pub fn meets(&self, other: &Self) -> bool {
+        let channels = self.channel().zip(other.channel());
+        self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
     }
 
     /// Whether it is the same thing that goes wrong, whatever the numbers are.
@@ -93,7 +120,10 @@ impl FaultKind {
                     kind: with,
                 },
             ) => port == at && kind.is_like(with),
-            _ => self.id() as u64 == other.id() as u64 && self.role() == other.role(),
+            _ => {
+                let target = |kind: &Self| (kind.id() as u64, kind.role(), kind.channel());
+                target(self) == target(other)
+            }
         }
     }
 }
@@ -249,7 +279,7 @@ layout! {
         pub place: u64,
         /// Place of the field among those that faults can change.
         pub field: u64,
-        /// Place of the number in it, and 1; 0 is all of them.
+        /// Place of the number in it, or of the stage's channel, and 1; 0 is all of them.
         pub axis: u64,
         /// The number of the fault, or the bits of it.
         pub first: u64,
@@ -265,13 +295,14 @@ impl FaultCode {
         let kind = fault.kind;
         let (place, target, [first, second]) = match kind {
             FaultKind::Messages { port, kind } => (port as u64, kind.place(), kind.numbers()),
-            FaultKind::Late { role, range_ns } => (role as u64, None, range_ns),
-            FaultKind::Stop { role, for_ns } => (role as u64, None, [for_ns, 0]),
-            FaultKind::Kill { role } => (role as u64, None, [0, 0]),
+            FaultKind::Late { role, range_ns, .. } => (role as u64, None, range_ns),
+            FaultKind::Stop { role, for_ns, .. } => (role as u64, None, [for_ns, 0]),
+            FaultKind::Kill { role, .. } => (role as u64, None, [0, 0]),
             FaultKind::Hog { priority } => (0, None, [priority, 0]),
             FaultKind::Load { share } => (0, None, [share.to_bits(), 0]),
         };
-        let axis = target.and_then(|place| place.axis);
+        let channel = kind.channel().map(|channel| channel as usize);
+        let axis = target.and_then(|place| place.axis).or(channel);
         Self {
             what: kind.id() as u64,
             place,
@@ -295,7 +326,12 @@ impl FaultCode {
         let place = || self.target(port()?);
         let of = |kind| port().map(|port| FaultKind::Messages { port, kind });
         let lost = first;
-        let stop = |role, for_ns| FaultKind::Stop { role, for_ns };
+        let channel = match self.axis.checked_sub(1) {
+            _ if self.what <= FaultId::Nan as u64 => None,
+            None => None,
+            Some(place) => Some(*Channel::ALL.get(usize::try_from(place).ok()?)?),
+        };
+        let of_plant = self.place == Role::Plant as u64 && channel.is_some();
         let kind = match FaultId::from_wire(self.what)? {
             FaultId::Drop => of(Kind::Drop(number))?,
             FaultId::DropEach => of(Kind::DropEach { lost, of: second })?,
@@ -307,14 +343,24 @@ impl FaultCode {
             FaultId::Nan => of(Kind::Nan(place()?))?,
             FaultId::Late => FaultKind::Late {
                 role: role()?,
+                channel,
                 range_ns: [first, second],
             },
-            FaultId::Stop => stop(role()?, first),
-            FaultId::Kill => FaultKind::Kill { role: role()? },
+            FaultId::Stop => FaultKind::Stop {
+                role: role()?,
+                channel,
+                for_ns: first,
+            },
+            FaultId::Kill => FaultKind::Kill {
+                role: role()?,
+                channel,
+            },
             FaultId::Hog => FaultKind::Hog { priority: first },
             FaultId::Load => FaultKind::Load { share: number },
         };
-        let is_fault = kind.is_possible() && ends <= 1 && !(ends == 1 && kind.is_once());
+        let of_plant = of_plant && kind.role().is_some();
+        let is_fault =
+            kind.is_possible() && !of_plant && ends <= 1 && !(ends == 1 && kind.is_once());
         is_fault.then_some(LiveFault {
             kind,
             ends: ends == 1,

@@ -9,7 +9,7 @@ pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
 use crate::{FaultList, FaultRefusal, LONGEST_DELAY, MessageFaults, Span};
 use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
-use messages::role::Role;
+use messages::role::{Replica, Role};
 
 /// Name of the plant's blackboard with the [`LiveBlackboard`].
 pub const LIVE: &str = "faults";
@@ -99,16 +99,19 @@ pub fn late_share(role: Role, seed: u64, tick: u64) -> f64 {
 
 impl FaultList {
     /// How much longer a stage computes at a tick [ns].
-    pub fn late_ns(&self, stage: Role, tick: u64) -> u64 {
+    pub fn late_ns(&self, stage: impl Into<Replica>, tick: u64) -> u64 {
+        let stage = stage.into();
         let late = self.iter().find_map(|(_, fault)| match fault.kind {
-            FaultKind::Late { role, range_ns } if role == stage && fault.span.holds(tick) => {
+            FaultKind::Late { range_ns, .. }
+                if fault.kind.is_of(stage) && fault.span.holds(tick) =>
+            {
                 Some(range_ns)
             }
             _ => None,
         });
         late.map_or(0, |[least, most]| {
             let range = most.saturating_sub(least) as f64;
-            least.saturating_add((range * late_share(stage, self.seed, tick)) as u64)
+            least.saturating_add((range * late_share(stage.role, self.seed, tick)) as u64)
         })
     }
 }
@@ -147,7 +150,7 @@ impl Acts {
         }
         let own = self.outage(fault);
         let contradicts = |other: &LiveFault| match (own, self.outage(other)) {
-            (Some((role, own)), Some((other, span))) => other == role && span.meets(own),
+            (Some(own), Some(span)) => other.kind.meets(&kind) && span.meets(own),
             (_, None) => other.kind.is_like(&kind) && other.span.meets(span),
             (None, _) => false,
         };
@@ -184,7 +187,7 @@ impl Acts {
     }
 
     /// The ticks in which a fault has its stage not do what it does otherwise; none where it has no stage.
-    fn outage(&self, fault: &LiveFault) -> Option<(Role, Span)> {
+    fn outage(&self, fault: &LiveFault) -> Option<Span> {
         let Span { from, .. } = fault.span;
         let ticks = |ns: u64| (ns / self.sample_time_ns.max(1)).max(1);
         let out = |ns| Span {
@@ -196,7 +199,7 @@ impl Acts {
             FaultKind::Kill { .. } => out(RESTART_NS),
             _ => fault.span,
         };
-        Some((fault.kind.role()?, span))
+        fault.kind.role().map(|_| span)
     }
 }
 
@@ -226,12 +229,21 @@ mod tests {
     }
 
     fn stop(role: Role, from: u64, for_ns: u64) -> LiveFault {
-        fault(FaultKind::Stop { role, for_ns }, from, from + 1)
+        fault(
+            FaultKind::Stop {
+                role,
+                channel: None,
+                for_ns,
+            },
+            from,
+            from + 1,
+        )
     }
 
     fn late(role: Role) -> FaultKind {
         FaultKind::Late {
             role,
+            channel: None,
             range_ns: [40_000, 400_000],
         }
     }
@@ -306,7 +318,16 @@ mod tests {
 
     #[test]
     fn a_stage_has_one_fault_at_a_time() {
-        let kill = |role| fault(FaultKind::Kill { role }, 110, 111);
+        let kill = |role| {
+            fault(
+                FaultKind::Kill {
+                    role,
+                    channel: None,
+                },
+                110,
+                111,
+            )
+        };
         take(&[
             (stop(Role::Inner, 100, 20 * MS), Ok(())),
             // Its end would cut the other short.

@@ -101,7 +101,11 @@ impl Planned {
             for change in &fault.changes {
                 if let Change::Loop(change) = change {
                     match change.kind {
-                        FaultKind::Late { role, .. } if change.ends => {
+                        FaultKind::Late {
+                            role,
+                            channel: None,
+                            ..
+                        } if change.ends => {
                             planned.end_late(role, span.from);
                         }
                         _ if change.ends => {}
@@ -147,7 +151,9 @@ impl Planned {
             Span::new(span.from, span.from.saturating_add(ticks))
         };
         let (role, kind, span) = match *kind {
-            FaultKind::Late { role, range_ns } => {
+            // Other channels fly meanwhile.
+            _ if kind.channel().is_some() => return Ok(()),
+            FaultKind::Late { role, range_ns, .. } => {
                 let kind = StageTicks::Late {
                     least: periods(range_ns[0]),
                     most: periods(range_ns[1]),
@@ -156,8 +162,10 @@ impl Planned {
                 (role, kind, if is_once { span.once() } else { span })
             }
             // One that is shorter than a tick is refused with the others of its table.
-            FaultKind::Stop { role, for_ns } => (role, StageTicks::Out, out(periods(for_ns))),
-            FaultKind::Kill { role } => (role, StageTicks::Anew, out(periods(RESTART_NS).max(1.0))),
+            FaultKind::Stop { role, for_ns, .. } => (role, StageTicks::Out, out(periods(for_ns))),
+            FaultKind::Kill { role, .. } => {
+                (role, StageTicks::Anew, out(periods(RESTART_NS).max(1.0)))
+            }
             FaultKind::Messages { .. } | FaultKind::Hog { .. } | FaultKind::Load { .. } => {
                 return Ok(());
             }

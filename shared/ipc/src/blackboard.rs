@@ -8,7 +8,6 @@
 //! look at the sheet that was written last.
 
 use std::cell::Cell;
-use std::sync::Arc;
 
 use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader};
 use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer};
@@ -39,15 +38,12 @@ struct BoardSlot<T: Notice> {
 pub trait Notice: Default + Layout + std::fmt::Debug {}
 impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
 
-pub(super) type Open = PortFactory<ipc::Service, u64>;
+type Open = PortFactory<ipc::Service, u64>;
 
 impl Wire {
     /// Becomes the writer of a blackboard, even if its last writer died while others still read it.
     pub fn blackboard<T: Notice>(&self, name: &str) -> Result<Blackboard<T>, Error> {
-        let service = match self.held_board(name) {
-            Some(held) => held,
-            None => Arc::new(self.create_board::<T>(name)?),
-        };
+        let service = self.create_board::<T>(name)?;
         let failed = || format!("cannot become the writer of board `{name}`");
         let writer = service.writer_builder().create().wire(failed)?;
         let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
@@ -89,11 +85,7 @@ impl Wire {
         &self,
         name: &str,
     ) -> Result<Option<BlackboardReader<T>>, Error> {
-        let opened = match self.held_board(name) {
-            Some(held) => Some(held),
-            None => self.open_board::<T>(name)?.map(Arc::new),
-        };
-        let Some(service) = opened else {
+        let Some(service) = self.open_board::<T>(name)? else {
             return Ok(None);
         };
         let failed = || format!("cannot read board `{name}`");
@@ -117,21 +109,6 @@ impl Wire {
             _reader: reader,
             _service: service,
         }))
-    }
-
-    /// Opens a blackboard that exists ahead of its reader or writer, and keeps it open.
-    pub fn hold_board<T: Notice>(&mut self, name: &str) -> Result<(), Error> {
-        if let Some(board) = self.open_board::<T>(name)? {
-            self.held_boards.push((name.to_owned(), Arc::new(board)));
-        }
-        Ok(())
-    }
-
-    fn held_board(&self, name: &str) -> Option<Arc<Open>> {
-        self.held_boards
-            .iter()
-            .find(|(held, _)| held == name)
-            .map(|(_, board)| Arc::clone(board))
     }
 
     fn blackboard_opener<T: Notice>(
@@ -165,7 +142,7 @@ impl Wire {
 pub struct Blackboard<T: Notice> {
     sheet: EntryHandleMut<ipc::Service, u64, BoardSlot<T>>,
     _writer: Writer<ipc::Service, u64>,
-    _service: Arc<Open>,
+    _service: Open,
 }
 
 impl<T: Notice> Blackboard<T> {
@@ -187,7 +164,7 @@ pub struct BlackboardReader<T: Notice> {
     /// The last one that was written on, as far as seen.
     last: Cell<usize>,
     _reader: Reader<ipc::Service, u64>,
-    _service: Arc<Open>,
+    _service: Open,
 }
 
 impl<T: Notice> BlackboardReader<T> {

@@ -12,10 +12,8 @@ mod requests;
 pub mod sys;
 mod wake_event;
 
-use std::any::Any;
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::node::{CleanupState, NodeState};
@@ -37,13 +35,14 @@ use crate::error::{Error, Refusal, RefusalKind, SHARED_MEMORY, Shortage, Tried a
 use crate::instance::{Instance, Lock};
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::monitor::Monitor;
+use messages::role::Channel;
 use messages::topic::Topic;
 
 /// Samples that a receiver keeps which needs the newest alone.
 pub const LATEST: usize = 1;
 /// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz, 0.44 at 8. An instance fits into the 64 MiB of a container.
 pub const DEEP: usize = 3500;
-/// Processes that may hold a service open: five roles, their spares, and observers.
+/// Processes that may hold a service open: up to eleven in three channels, those that replace them, and observers.
 const NODES: usize = 28;
 /// How long another process may take to create or remove a service, and how often it is tried.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
@@ -56,12 +55,12 @@ const CLEANUP_TIMEOUT: Duration = Duration::from_secs(1);
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
 pub struct Wire {
-    /// Topics that are held open without a port, so that ports are made faster: an `Arc` of a [`ports::Open`] each.
-    held_topics: Vec<Box<dyn Any + Send>>,
-    held_boards: Vec<(String, Arc<blackboard::Open>)>,
     node: Node<ipc::Service>,
     instance: Instance,
     wake_file: wake_event::WakeFile,
+    /// The channel whose topics it sends and receives, and how many there are.
+    channel: Channel,
+    channels: usize,
     /// Number of dead processes whose leftovers were removed.
     pub cleaned: u64,
     // Last: no process removes the shared memory while a port of this process is in it.
@@ -94,14 +93,25 @@ impl Wire {
             remove_unfinished(&node, instance);
         }
         Ok(Self {
-            held_topics: Vec::new(),
-            held_boards: Vec::new(),
             node,
             instance: instance.clone(),
             wake_file: wake_event::WakeFile::join(instance)?,
+            channel: Channel::A,
+            channels: 1,
             cleaned,
             _in_use: in_use,
         })
+    }
+
+    /// The same for a process in a channel, of so many.
+    #[must_use]
+    pub const fn in_channel(mut self, channel: Channel, channels: usize) -> Self {
+        (self.channel, self.channels) = (channel, channels);
+        self
+    }
+
+    pub const fn channel(&self) -> Channel {
+        self.channel
     }
 
     /// Removes what processes of the instance left that have died since; what living ones hold stays.
@@ -113,20 +123,26 @@ impl Wire {
         &self.instance
     }
 
-    /// Shared memory that an instance takes [bytes]: twice that of the topics, to cover everything else, and that of
-    /// the observers' topics.
-    pub fn needed_bytes() -> u64 {
+    /// Shared memory that an instance with so many channels takes [bytes]: twice that of the topics, to cover everything
+    /// else, and that of the observers' topics.
+    pub fn needed_bytes(channels: usize) -> u64 {
         fn observers<C: Topic>() -> u64 {
             ports::slot_bytes::<C>(OBSERVERS, OBSERVED)
         }
-        fn topic<C: Topic>() -> u64 {
-            2 * ports::slot_bytes::<C>(C::SUBSCRIBERS, DEEP) + observers::<C>()
+        fn topic<C: Topic>(channels: usize) -> u64 {
+            2 * ports::slot_bytes::<C>(ports::subscribers::<C>(channels), DEEP)
         }
-        topic::<State>()
-            + topic::<Setpoint>()
-            + topic::<Wrench>()
-            + topic::<RotorSpeeds>()
-            + topic::<SwapRecord>()
+        let of_a_channel = topic::<Setpoint>(channels)
+            + topic::<Wrench>(channels)
+            + topic::<RotorSpeeds>(channels);
+        channels as u64 * of_a_channel
+            + topic::<State>(channels)
+            + topic::<SwapRecord>(channels)
+            + observers::<State>()
+            + observers::<Setpoint>()
+            + observers::<Wrench>()
+            + observers::<RotorSpeeds>()
+            + observers::<SwapRecord>()
             + observers::<Monitor>()
     }
 

@@ -2,7 +2,6 @@
 
 use std::mem::MaybeUninit;
 use std::ops::ControlFlow;
-use std::sync::Arc;
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
@@ -19,6 +18,7 @@ use crate::sys::Sealed;
 use messages::content::{NO_TICK, Stamped};
 use messages::header::{Header, LAYOUT, Message};
 use messages::inspection::{Expected, Inspector, Rejections};
+use messages::role::{Channel, Replica};
 use messages::topic::Topic;
 
 /// Processes that may observe an instance at the same time.
@@ -29,21 +29,10 @@ pub const OBSERVED: usize = 512;
 pub(super) type Open<C> = PortFactory<ipc::Service, Sealed<Message<C>>, ()>;
 
 impl Wire {
-    fn topic<C: Topic>(&self) -> Result<Arc<Open<C>>, Error> {
-        // Each topic has a type of its own.
-        let mut held = self.held_topics.iter();
-        match held.find_map(|it| it.downcast_ref::<Arc<Open<C>>>()) {
-            Some(held) => Ok(Arc::clone(held)),
-            None => self
-                .publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
-                .map(Arc::new),
-        }
-    }
-
-    pub fn hold_topic<C: Topic>(&mut self) -> Result<(), Error> {
-        let topic = self.topic::<C>()?;
-        self.held_topics.push(Box::new(topic));
-        Ok(())
+    fn topic<C: Topic>(&self, channel: Channel) -> Result<Open<C>, Error> {
+        let prefix = Replica::new(C::SENDER, channel).channel.prefix();
+        let name = format!("{prefix}{}", C::NAME);
+        self.publish_subscribe(&name, subscribers::<C>(self.channels), DEEP)
     }
 
     pub(super) fn publish_subscribe<C: Topic>(
@@ -74,7 +63,7 @@ impl Wire {
     /// The one sender of a topic.
     pub fn sender<C: Topic>(&self, wakes: Wakes) -> Result<Sender<C>, Error> {
         let publisher = self
-            .topic::<C>()?
+            .topic::<C>(self.channel)?
             .publisher_builder()
             .max_loaned_samples(1)
             .create()
@@ -87,16 +76,30 @@ impl Wire {
         })
     }
 
-    /// A receiver that keeps `depth` messages of a topic.
+    /// A receiver that keeps `depth` messages of a topic of its own channel.
     pub fn receiver<C: Topic>(&self, depth: usize) -> Result<Receiver<C>, Error> {
+        self.receiver_of(self.channel, depth)
+    }
+
+    /// The same of another channel.
+    pub fn receiver_of<C: Topic>(
+        &self,
+        channel: Channel,
+        depth: usize,
+    ) -> Result<Receiver<C>, Error> {
         let subscriber = self
-            .topic::<C>()?
+            .topic::<C>(channel)?
             .subscriber_builder()
             .buffer_size(depth)
             .create()
             .wire(|| format!("cannot receive topic `{}`", C::NAME))?;
         Ok(Receiver::new(subscriber))
     }
+}
+
+/// Processes that subscribe to a topic in a flight with so many channels.
+pub(super) const fn subscribers<C: Topic>(channels: usize) -> usize {
+    C::SUBSCRIBERS + C::SUBSCRIBERS_PER_CHANNEL * (channels - 1)
 }
 
 /// Shared memory that the slots of a topic take [bytes].
@@ -114,9 +117,9 @@ type Loan<C> = SampleMutUninit<ipc::Service, MaybeUninit<Sealed<Message<C>>>, ()
 pub struct Wakes {
     /// The receiver that waits for the messages.
     pub receiver: Option<Notifier>,
-    /// The next stage on the sender's own processor, if it is not the receiver: notified after the receiver, so that it is
-    /// awake when its message comes.
-    pub early: Option<Notifier>,
+    /// Notified after the receiver: the receivers of other channels, and the next stage on the sender's own processor, so
+    /// that it is awake when its message comes.
+    pub others: Vec<Notifier>,
     /// Those that are to rehearse when the sender has.
     pub rehearsals: Vec<Notifier>,
 }
@@ -132,7 +135,10 @@ pub struct Sender<C: Topic> {
 impl<C: Topic> Sender<C> {
     /// Arms the sender for a run: connects to all present receivers.
     pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.wakes.receiver.iter().for_each(Notifier::begin);
+        let Wakes {
+            receiver, others, ..
+        } = &self.wakes;
+        receiver.iter().chain(others).for_each(Notifier::begin);
         self.envelope = Header {
             run_id: expected.run_id,
             settings: expected.settings,
@@ -144,7 +150,7 @@ impl<C: Topic> Sender<C> {
             .wire(|| format!("cannot connect the sender of topic `{}`", C::NAME))
     }
 
-    /// Sends a message made for `tick`, notifies its receiver, and wakes the stage that is to be woken early.
+    /// Sends a message made for `tick`, and notifies its receiver, and then the others.
     ///
     /// `history` is the envelope of the input that it was made from; origin, sequence and the send stamp are the
     /// sender's own. One allocation: the middleware's loan.
@@ -155,9 +161,9 @@ impl<C: Topic> Sender<C> {
             .wire(not_sent::<C>)?;
         self.envelope.seq += 1;
         let Wakes {
-            receiver, early, ..
+            receiver, others, ..
         } = &self.wakes;
-        receiver.iter().chain(early).try_for_each(Notifier::notify)
+        receiver.iter().chain(others).try_for_each(Notifier::notify)
     }
 
     /// Does of [`Sender::send`] what can be done without sending: takes the loan, which the next message is then sent

@@ -20,7 +20,7 @@ use crate::error::Error;
 use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
 use crate::sys::{Alarm, EVENTS, Locked, WakePage};
 use messages::layout::{FNV_OFFSET, fnv1a};
-use messages::role::{ROLES, Role};
+use messages::role::{ROLES, Replica, Role};
 
 /// How long after its instant a wait ends whose alarm has failed [ns].
 ///
@@ -30,21 +30,29 @@ const BACK_STOP_NS: u64 = 10_000_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
-    Role(Role),
+    Role(Replica),
     /// The plant's server of requests.
     Requests,
 }
 
 impl From<Role> for Owner {
     fn from(role: Role) -> Self {
-        Self::Role(role)
+        Self::Role(role.into())
+    }
+}
+
+impl From<Replica> for Owner {
+    fn from(replica: Replica) -> Self {
+        Self::Role(replica)
     }
 }
 
 impl Owner {
     const fn place(self) -> usize {
         match self {
-            Self::Role(role) => role as usize,
+            Self::Role(Replica { channel, role }) => {
+                channel as usize * (ROLES.len() + 1) + role as usize
+            }
             Self::Requests => ROLES.len(),
         }
     }

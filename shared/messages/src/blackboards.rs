@@ -94,6 +94,8 @@ layout! {
         /// Length of the run of missed deadlines at the end.
         pub deadline_miss_run: u64,
         pub parameter_epoch: u64,
+        /// Control channels of the flight.
+        pub channels: u64,
         /// How far ahead of a tick the plant's timer was set at take-off.
         pub lead: Lead,
     }
@@ -156,7 +158,7 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[repr(C)]
     pub struct Arrival {
-        /// It was started; a spare was told to go on.
+        /// It was started.
         pub begun_ns: u64,
         /// It had its settings and its law.
         pub made_ns: u64,
@@ -176,6 +178,8 @@ layout! {
         /// A [`RolePhase`] as number.
         pub phase: u64,
         pub pid: u64,
+        /// Number of the process that gives back what this one had if it is killed; 0 is none.
+        pub releaser: u64,
         pub epoch: u64,
         pub arrival: Arrival,
         pub settings: u64,
@@ -194,10 +198,10 @@ layout! {
         pub grants: Grants,
         /// What its loop used since it was armed; final once it has landed.
         pub usage: Usage,
-        /// The run that the estimates are of; 0 where there are none, or a successor is not to have them.
-        pub estimates_run: u64,
-        /// What its law had learnt with its last message: what a process that was started again may begin with.
-        pub estimates: [f64; 3],
+        /// 1 where its state is published after each tick; 0 before the first, or if its law cannot be saved.
+        pub is_saved: u64,
+        /// The tick after the one whose [`StageState`] it began with; 0 where it began with its initial state.
+        pub resumed_at: u64,
     }
 }
 
@@ -205,6 +209,37 @@ impl Status {
     /// Its phase; a number that is none counts as starting.
     pub fn phase(&self) -> RolePhase {
         RolePhase::from_wire(self.phase).unwrap_or(RolePhase::Starting)
+    }
+}
+
+/// Longest state of a stage [bytes].
+pub const STATE_BYTES: usize = 2048;
+
+layout! {
+    /// The state of a stage after a tick, which another process of its role can continue from.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct StageState {
+        /// The run that it is of; 0 where there is none.
+        pub run_id: u64,
+        pub tick: u64,
+        /// 1 where all inputs were of the tick, and the state may not differ from that of other channels.
+        pub is_fresh: u64,
+        pub length: u64,
+        pub bytes: [u8; STATE_BYTES],
+    }
+}
+
+impl Default for StageState {
+    fn default() -> Self {
+        zeroed()
+    }
+}
+
+impl StageState {
+    pub fn bytes(&self) -> &[u8] {
+        let length = usize::try_from(self.length).unwrap_or(0);
+        self.bytes.get(..length).unwrap_or_default()
     }
 }
 

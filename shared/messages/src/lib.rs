@@ -7,6 +7,7 @@
 pub mod allocation;
 pub mod attitude;
 pub mod blackboards;
+pub mod channels;
 pub mod check_word;
 pub mod checks;
 pub mod content;

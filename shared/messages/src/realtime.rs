@@ -27,10 +27,28 @@ pub struct RealtimeSettings {
     pub cpu: Option<usize>,
     /// How many processors the four loops share: one of [`LOOP_CPUS`].
     pub loop_cpus: usize,
+    /// Control channels, of which each is a complete chain of outer loop, inner loop and mixer.
+    pub channels: usize,
+    /// How many processors the channels share: 1, or 2 for channel a and the plant on one and the others on the next.
+    pub channel_cpus: usize,
     /// How far ahead of its tick the plant's timer is set.
     pub lead: LeadSetting,
     /// Whether the stages rehearse their tick in the lead.
     pub rehearse: bool,
+}
+
+impl RealtimeSettings {
+    /// One channel on one processor, and nothing requested of the system.
+    pub const OFF: Self = Self {
+        mode: RealtimeMode::Off,
+        priority: 80,
+        cpu: None,
+        loop_cpus: 1,
+        channels: 1,
+        channel_cpus: 1,
+        lead: LeadSetting::Fixed(0),
+        rehearse: false,
+    };
 }
 
 /// Numbers of processors that the four loops can share.

@@ -14,6 +14,8 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
     const SENDER: Role;
     /// Processes that subscribe to it at the most: the loop's, and the recorder; none to what the recorder makes.
     const SUBSCRIBERS: usize;
+    /// How many more each further channel adds.
+    const SUBSCRIBERS_PER_CHANNEL: usize = 0;
     /// Whether several messages may be made for one tick.
     const MANY_PER_TICK: bool = false;
 
@@ -105,6 +107,7 @@ impl Topic for State {
     const NAME: &'static str = "state";
     const SENDER: Role = Role::Plant;
     const SUBSCRIBERS: usize = 3;
+    const SUBSCRIBERS_PER_CHANNEL: usize = 2;
 
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {

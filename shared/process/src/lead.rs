@@ -386,10 +386,9 @@ mod tests {
         RealtimeSettings {
             mode: RealtimeMode::Prefer,
             priority: 10,
-            cpu: None,
-            loop_cpus: 1,
             lead,
             rehearse,
+            ..RealtimeSettings::OFF
         }
     }
 

@@ -8,6 +8,5 @@ pub mod rt;
 pub mod session;
 pub mod signals;
 pub mod stage;
-pub mod standby;
 mod throttled_log;
 pub mod wakes;

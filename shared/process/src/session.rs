@@ -24,12 +24,12 @@ use errors::{FAILED, INTERRUPTED};
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, Lock};
-use ipc::{Blackboard, BlackboardReader, Notice, Wire};
-use messages::blackboards::{Arrival, EndReason, RolePhase, Run, SettingsText, Status};
+use ipc::{Blackboard, Wire};
+use messages::blackboards::{Arrival, EndReason, RolePhase, Run, Status};
 use messages::checks::{Check, is_on};
 use messages::content::NO_TICK;
 use messages::realtime;
-use messages::role::Role;
+use messages::role::{Channel, Replica, Role};
 use messages::settings_text::fingerprint;
 
 pub struct StartConfig {
@@ -39,55 +39,28 @@ pub struct StartConfig {
     pub settings: String,
     /// The options that every role of the run needs for its laws, as `--inner geometric`; empty for the usual ones.
     pub law_options: String,
-    pub resume_estimates: bool,
+    pub channel: Channel,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
-    /// When the process was started, or as a spare was activated [ns].
+    /// When the process was started [ns].
     pub begun_ns: u64,
-    pub ready: Option<Ready>,
-}
-
-/// What a standby has prepared.
-pub struct Ready {
-    // First: real time ends before anything else is released.
-    pub(crate) ahead: Option<Ahead>,
-    pub(crate) boards: Blackboards,
-    pub(crate) wire: Wire,
-    pub(crate) stop: Arc<AtomicBool>,
-}
-
-#[derive(Default)]
-pub(crate) struct Blackboards {
-    pub(crate) run: Option<BlackboardReader<Run>>,
-    pub(crate) settings: Option<BlackboardReader<SettingsText>>,
-    pub(crate) status: Option<BlackboardReader<Status>>,
-}
-
-/// A blackboard that was opened ahead, or is opened now; nothing if it does not exist.
-fn opened<T: Notice>(
-    ahead: &mut Option<BlackboardReader<T>>,
-    wire: &Wire,
-    name: &str,
-) -> Result<Option<BlackboardReader<T>>, Error> {
-    match ahead.take() {
-        Some(board) => Ok(Some(board)),
-        None => wire.blackboard_reader(name),
-    }
 }
 
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 
-pub fn status_board(role: Role) -> String {
-    format!("status/{role}")
+pub fn status_board(replica: impl Into<Replica>) -> String {
+    format!("status/{}", replica.into())
+}
+
+pub(crate) fn state_board(replica: Replica) -> String {
+    format!("state/{replica}")
 }
 
 pub struct RoleSession {
     /// What of the real-time set-up was done ahead. First: it is given back before anything else.
     ahead: Option<Ahead>,
-    role: Role,
+    replica: Replica,
     config: StartConfig,
-    /// The plant's blackboards, if they were opened ahead.
-    boards: Blackboards,
     wire: Wire,
     board: Blackboard<Status>,
     stop: Arc<AtomicBool>,
@@ -101,11 +74,7 @@ pub struct RoleSession {
 
 impl RoleSession {
     pub fn take(role: Role, config: StartConfig) -> Result<Self, Error> {
-        // A spare has handled signals since its start, and may have received one already.
-        let stop = config
-            .ready
-            .as_ref()
-            .map_or_else(Default::default, |ready| Arc::clone(&ready.stop));
+        let stop = Arc::default();
         for signal in stop_signals() {
             let failed = |e| Error::system("cannot handle signals", e);
             if ends_at_once(signal) {
@@ -123,25 +92,27 @@ impl RoleSession {
         })
     }
 
-    fn start(role: Role, mut config: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+    fn start(role: Role, config: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let made_ns = now_ns();
         end_with_launcher(config.launcher)?;
+        let (replica, channels) = (Replica::new(role, config.channel), config.rt.channels);
         // If another process has the role, that is the error.
-        if config.ready.is_none() && !config.instance.is_occupied(role) {
-            config.instance.check_shared_memory(Wire::needed_bytes())?;
+        if !config.instance.is_occupied(replica) {
+            config
+                .instance
+                .check_shared_memory(Wire::needed_bytes(channels))?;
         }
-        let lock = config.instance.lock(role)?;
-        let (wire, ahead, mut boards) = match config.ready.take() {
-            Some(ready) => (ready.wire, ready.ahead, ready.boards),
-            None => (Wire::open(&config.instance)?, None, Blackboards::default()),
-        };
-        let name = status_board(role);
-        let before = opened(&mut boards.status, &wire, &name)?;
-        let before = before.map(|board| board.get()).unwrap_or_default();
-        let board = wire.blackboard(&name)?;
+        let lock = config.instance.lock(replica)?;
+        let wire = Wire::open(&config.instance)?.in_channel(replica.channel, channels);
+        let board = wire.blackboard(&status_board(replica))?;
         let epoch = now_ns();
+        let ahead = match role {
+            Role::Plant | Role::Record => None,
+            Role::Outer | Role::Inner | Role::Mixer => Ahead::prepare(replica, &config.rt),
+        };
         let status = Status {
             pid: u64::from(std::process::id()),
+            releaser: ahead.as_ref().map_or(0, Ahead::releaser),
             epoch,
             arrival: Arrival {
                 begun_ns: config.begun_ns,
@@ -150,16 +121,12 @@ impl RoleSession {
                 ..Arrival::default()
             },
             settings: fingerprint(&config.settings),
-            // Kept for a successor, should this process die before it has flown.
-            estimates_run: before.estimates_run,
-            estimates: before.estimates,
             ..Status::default()
         };
         board.put(status);
         Ok(Self {
-            role,
+            replica,
             config,
-            boards,
             wire,
             ahead,
             board,
@@ -182,13 +149,12 @@ impl RoleSession {
         Arc::clone(&self.stop)
     }
 
-    pub const fn resumes_estimates(&self) -> bool {
-        self.config.resume_estimates
+    pub const fn replica(&self) -> Replica {
+        self.replica
     }
 
-    /// How many processors the loops share.
-    pub const fn loop_cpus(&self) -> usize {
-        self.config.rt.loop_cpus
+    pub const fn rt(&self) -> &realtime::RealtimeSettings {
+        &self.config.rt
     }
 
     pub fn publish_status(&self) {
@@ -219,7 +185,7 @@ impl RoleSession {
     fn report_ready(&mut self) -> Result<Engaged, Error> {
         self.ahead.as_mut().map_or(Ok(()), Ahead::touch)?;
         self.status.arrival.ported_ns = now_ns();
-        let engaged = Engaged::engage(self.role, &self.config.rt, self.ahead.as_ref())?;
+        let engaged = Engaged::engage(self.replica, &self.config.rt, self.ahead.as_ref())?;
         self.status.arrival.engaged_ns = now_ns();
         self.status.grants = engaged.grants;
         self.enter(RolePhase::Ready);

@@ -7,29 +7,31 @@
 //! One [`StageLoop`] serves all stages; a [`Stage`] says what differs. The first input is the one that wakes the stage.
 //! The header passes from the input to the output.
 
+mod continuity;
 mod inputs;
 mod pacer;
 
 use std::thread;
 use std::time::Duration;
 
+use self::continuity::{Continuity, TickPlan};
 pub use self::inputs::{ActiveFaults, Input, Inputs};
 use self::pacer::{Pacer, WakeReason};
 use crate::rt::UsageMeter;
 use crate::session::{Armed, RoleSession, log_landing};
 use crate::wakes::{is_first, wakes};
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use faults::live::LoopFaults;
 use ipc::clock::{Horizon, busy_wait, now_ns};
 use ipc::error::Error;
 use ipc::{Sender, WakeEvent, Wakes, Wire};
-use messages::blackboards::{EndReason, RunPhase, Status};
+use messages::blackboards::{EndReason, RunPhase};
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::flight_plan::LOCKSTEP_PATIENCE_NS;
 use messages::grid::{NS_PER_S, Pace};
 use messages::header::{Header, Stamps};
 use messages::inspection::Expected;
-use messages::role::{Role, STAGES};
+use messages::role::{Replica, Role, STAGES};
 use messages::topic::Topic;
 
 /// How often a stage in lockstep looks for an input that is being delivered.
@@ -54,13 +56,15 @@ pub trait Stage {
     /// What [`Self::work`] would publish; nothing if the law cannot be copied. It changes nothing.
     fn rehearse(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
 
-    /// The law's present estimates; nothing if it has none.
-    fn estimates(&self) -> Option<[f64; 3]> {
-        None
+    /// Saves what the stage remembers between ticks; false if its law cannot be saved.
+    fn save(&mut self, state: &mut SavedState) -> bool {
+        let _ = state;
+        false
     }
 
-    /// Begins with these estimates; false, and nothing is changed, if the law does not allow them.
-    fn resume(&mut self, _estimates: [f64; 3]) -> bool {
+    /// Continues from a saved state; false, and nothing is changed, if it is not one of this stage and law.
+    fn load(&mut self, state: &[u8]) -> bool {
+        let _ = state;
         false
     }
 
@@ -96,18 +100,25 @@ pub struct StageLoop<S: Stage> {
     lockstep: bool,
     faults: ActiveFaults,
     slowdown: u64,
+    /// Nothing in lockstep, where a stage that fails ends the flight.
+    continuity: Option<Continuity>,
 }
 
 impl<S: Stage> StageLoop<S> {
     /// Creates the ports. `wakes` has no receiver where that keeps to the clock.
     pub fn new(wire: &Wire, stage: S, wakes: Wakes, flight: &Flight) -> Result<Self, Error> {
+        let replica = Replica::new(S::ROLE, wire.channel());
         Ok(Self {
             stage,
             inputs: S::Inputs::new(wire, S::ROLE, &flight.faults.messages)?,
             output: wire.sender(wakes)?,
             lockstep: flight.lockstep,
-            faults: ActiveFaults::new(S::ROLE, flight.faults),
+            faults: ActiveFaults::new(replica, flight.faults),
             slowdown: flight.slowdown,
+            continuity: match flight.lockstep {
+                true => None,
+                false => Some(Continuity::new(wire, replica)?),
+            },
         })
     }
 
@@ -145,6 +156,11 @@ impl<S: Stage> StageLoop<S> {
         let tick = context.tick;
         self.inputs.settle(tick);
         let fresh = self.inputs.fresh(tick);
+        if let Some(continuity) = &mut self.continuity
+            && continuity.plan(&mut self.stage, tick, fresh) == TickPlan::Skip
+        {
+            return Ok(fresh);
+        }
         let inputs = self.inputs.stamped();
         let output = self.stage.work(tick, &inputs);
         let late_ns = self.faults.late_ns(tick);
@@ -165,6 +181,9 @@ impl<S: Stage> StageLoop<S> {
         } else if self.lockstep {
             // Nothing else wakes the next stage.
             self.output.pass(tick)?;
+        }
+        if let Some(continuity) = &mut self.continuity {
+            continuity.publish(&mut self.stage, tick, fresh);
         }
         Ok(fresh)
     }
@@ -213,6 +232,14 @@ impl Stage for Outer {
     fn rehearse(&mut self, tick: u64, state: &Stamped<State>) -> Option<Setpoint> {
         self.law.rehearse(tick, state)
     }
+
+    fn save(&mut self, state: &mut SavedState) -> bool {
+        self.law.save(state)
+    }
+
+    fn load(&mut self, state: &[u8]) -> bool {
+        self.law.load(state)
+    }
 }
 
 impl Stage for GuardedInner {
@@ -230,12 +257,12 @@ impl Stage for GuardedInner {
         Self::rehearse(self, tick, state, setpoint)
     }
 
-    fn estimates(&self) -> Option<[f64; 3]> {
-        Self::estimates(self)
+    fn save(&mut self, state: &mut SavedState) -> bool {
+        Self::save(self, state)
     }
 
-    fn resume(&mut self, estimates: [f64; 3]) -> bool {
-        Self::resume(self, estimates)
+    fn load(&mut self, state: &[u8]) -> bool {
+        Self::load(self, state)
     }
 }
 
@@ -254,6 +281,14 @@ impl Stage for GuardedMixer {
 
     fn last_output(&self) -> Option<RotorSpeeds> {
         Some(self.idle())
+    }
+
+    fn save(&mut self, state: &mut SavedState) -> bool {
+        Self::save(self, state)
+    }
+
+    fn load(&mut self, state: &[u8]) -> bool {
+        Self::load(self, state)
     }
 }
 
@@ -275,19 +310,27 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     // These are dropped in the reverse order: real time, which `armed` holds, the ports, the wake-up event, whose alarm
     // may fire until then, and the role's lock last.
     let mut session = session;
-    let wire = session.wire();
-    let loop_cpus = session.loop_cpus();
+    let (wire, rt, replica) = (session.wire(), *session.rt(), session.replica());
+    let loop_cpus = rt.loop_cpus;
     let is_first = is_first(S::ROLE, loop_cpus);
     // The last stage on a processor has time for the second call when its message is out.
     let event = if S::ROLE as usize + loop_cpus >= STAGES.len() && !is_first && !flight.lockstep {
-        wire.wake_event_with_alarm(S::ROLE)
+        wire.wake_event_with_alarm(replica)
     } else {
-        wire.wake_event(S::ROLE)
+        wire.wake_event(replica)
     }?;
-    let wakes = wakes(wire, S::ROLE, loop_cpus, flight.lockstep)?;
+    let wakes = wakes(wire, replica, &rt, flight.lockstep)?;
     let mut stage = StageLoop::new(wire, stage, wakes, flight)?;
-    let armed = session.join(|wire, expected, epoch| stage.arm(wire, expected, epoch))?;
-    resume(&mut stage.stage, &session, &armed);
+    let armed = session.join(|wire, expected, epoch| {
+        if let Some(continuity) = &mut stage.continuity {
+            continuity.arm(wire, replica, rt.channels, expected.run_id)?;
+        }
+        stage.arm(wire, expected, epoch)
+    })?;
+    if let Some(continuity) = &mut stage.continuity {
+        continuity.begin(&mut stage.stage, armed.first_tick);
+        session.status.resumed_at = continuity.resumed_at;
+    }
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     if loop_cpus > 1 {
         pacer.poll(is_first);
@@ -295,7 +338,8 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, &event, &mut session, &armed, &mut pacer);
     let finished = stage.finish(pacer.next_tick);
-    if flown.is_err() {
+    // A flight with several channels goes on without this process.
+    if flown.is_err() && rt.channels == 1 {
         session.status.wants_end = EndReason::Failed as u64;
     }
     session.land(&meter);
@@ -303,27 +347,6 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
         log_landing(S::ROLE, &armed.run.get());
     }
     flown.and(finished)
-}
-
-/// Has a law begin with the last estimates of its predecessor in this run, if it allows them.
-fn resume<S: Stage>(stage: &mut S, session: &RoleSession, armed: &Armed) {
-    let Status {
-        estimates_run,
-        estimates,
-        ..
-    } = session.status;
-    if !session.resumes_estimates() || estimates_run != armed.expected.run_id {
-        return;
-    }
-    let role = S::ROLE.name();
-    if stage.resume(estimates) {
-        tracing::info!(role, "resumes with the last estimates {estimates:?}");
-    } else {
-        tracing::warn!(
-            role,
-            "resuming with initial estimates: the last estimates {estimates:?} are outside the law's bounds"
-        );
-    }
 }
 
 fn fly<S: Stage>(
@@ -335,7 +358,6 @@ fn fly<S: Stage>(
 ) -> Result<(), Error> {
     let role = S::ROLE;
     let mut previous_busy_ns = 0;
-    let resumes = session.resumes_estimates();
     let mut plant = PlantWatch::new(now_ns());
     loop {
         let (tick, receive_ns) = match pacer.wait(event, |clock| stage.take(clock))? {
@@ -388,8 +410,9 @@ fn fly<S: Stage>(
         status.ticks_stale += u64::from(!fresh);
         status.ticks_skipped = pacer.skipped;
         status.rejections = stage.inputs.rejections();
-        if let Some(estimates) = stage.stage.estimates().filter(|_| resumes) {
-            (status.estimates_run, status.estimates) = (armed.expected.run_id, estimates);
+        if let Some(continuity) = &stage.continuity {
+            status.resumed_at = continuity.resumed_at;
+            status.is_saved = u64::from(continuity.is_saved);
         }
         session.pass_on_stop();
         previous_busy_ns = now_ns() - receive_ns;

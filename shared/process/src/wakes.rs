@@ -8,7 +8,8 @@
 
 use ipc::error::Error;
 use ipc::{Wakes, Wire};
-use messages::role::{Role, STAGES};
+use messages::realtime::RealtimeSettings;
+use messages::role::{Channel, Replica, Role, STAGES};
 
 /// Place of a role's processor among those of the loops.
 pub const fn place(role: Role, loop_cpus: usize) -> usize {
@@ -20,8 +21,15 @@ pub const fn is_first(role: Role, loop_cpus: usize) -> bool {
     (role as usize) < loop_cpus
 }
 
-pub fn wakes(wire: &Wire, role: Role, loop_cpus: usize, lockstep: bool) -> Result<Wakes, Error> {
-    let notifier = |role: &Role| wire.notifier(*role);
+/// Whom a role wakes in its channel; the plant also wakes the other channels, when the first has its state.
+pub fn wakes(
+    wire: &Wire,
+    replica: Replica,
+    rt: &RealtimeSettings,
+    lockstep: bool,
+) -> Result<Wakes, Error> {
+    let (role, loop_cpus) = (replica.role, rt.loop_cpus);
+    let notifier = |role: &Role| wire.notifier(Replica::new(*role, replica.channel));
     let stage = |place: usize| STAGES.get(place).map(notifier).transpose();
     let receiver = match role {
         Role::Mixer => lockstep.then_some(&Role::Plant).map(notifier).transpose(),
@@ -33,13 +41,18 @@ pub fn wakes(wire: &Wire, role: Role, loop_cpus: usize, lockstep: bool) -> Resul
         _ => &[],
     };
     let rehearsals = elsewhere.iter().chain(STAGES.get(next_here));
+    let mut others: Vec<_> = match loop_cpus {
+        1 => Vec::new(),
+        _ => stage(next_here)?.into_iter().collect(),
+    };
+    if role == Role::Plant {
+        for channel in Channel::first(rt.channels).skip(1) {
+            others.push(wire.notifier(Replica::new(Role::Outer, channel))?);
+        }
+    }
     Ok(Wakes {
         receiver: receiver?,
-        early: if loop_cpus > 1 {
-            stage(next_here)?
-        } else {
-            None
-        },
+        others,
         rehearsals: rehearsals.map(notifier).collect::<Result<_, _>>()?,
     })
 }
@@ -97,8 +110,12 @@ mod tests {
             ),
         ] {
             for (role, (by_message, by_rehearsal)) in STAGES.into_iter().zip(woken) {
-                let wakes = wakes(&wire, role, loop_cpus, false).unwrap();
-                for notifier in wakes.receiver.iter().chain(&wakes.early) {
+                let rt = RealtimeSettings {
+                    loop_cpus,
+                    ..RealtimeSettings::OFF
+                };
+                let wakes = wakes(&wire, role.into(), &rt, false).unwrap();
+                for notifier in wakes.receiver.iter().chain(&wakes.others) {
                     notifier.notify().unwrap();
                 }
                 assert_eq!(

@@ -15,7 +15,7 @@ use messages::content::{Stamped, State, Wrench};
 use messages::flight_plan::FlightPlan;
 use messages::grid::{Grid, Pace};
 use messages::realtime::{LeadSetting, RealtimeMode, RealtimeSettings, RealtimeStep};
-use messages::role::{ROLES, Role};
+use messages::role::{Channel, ROLES, Role};
 use process::rt::fifo_refusal;
 use process::session::{RoleSession, StartConfig};
 use process::stage::{self, Flight, Input, Stage};
@@ -34,17 +34,15 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> RoleSession {
         rt: RealtimeSettings {
             mode,
             priority: 10,
-            cpu: None,
-            loop_cpus: 1,
             lead: LeadSetting::Fixed(0),
             rehearse: false,
+            ..RealtimeSettings::OFF
         },
         settings: "flight.seed = 1\n".into(),
         law_options: String::new(),
-        resume_estimates: false,
+        channel: Channel::A,
         launcher: None,
         begun_ns: 0,
-        ready: None,
     };
     RoleSession::take(role, config).unwrap()
 }
@@ -184,7 +182,7 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
                 stop.store(true, Ordering::Relaxed);
             });
             if let Ok(mut opened) = session.open_run(PLAN, |_, _| Ok(())) {
-                let grants = opened.statuses[1].get().grants;
+                let grants = opened.statuses[1].1.get().grants;
                 let is_fifo = grants.of(RealtimeStep::Scheduler).granted();
                 assert_eq!(is_fifo, fifo_refusal(12).is_none());
                 opened.run.phase = RunPhase::Closed as u64;

@@ -10,6 +10,7 @@ use toml::Value;
 use crate::cli::{name_of, overrides, set, values};
 use config::{Overrides, PaceName, Settings};
 use faults::grammar::Fault;
+use messages::role::Channel;
 
 /// The flight, whatever laws fly it.
 #[derive(Clone, Debug, Default, Args)]
@@ -77,19 +78,14 @@ pub struct FlightArgs {
     /// Law of the mixer [default: priority].
     #[arg(long, value_name = "LAW|FILE")]
     pub mixer: Option<String>,
-    /// After a restart in flight, resume the inner loop from its last published estimates instead of the initial ones.
-    #[arg(long)]
-    pub resume_estimates: bool,
 }
 
 impl FlightArgs {
     pub fn overrides(&self) -> Overrides {
-        let resume = self.resume_estimates.then_some(true);
         let laws = overrides([
             set("outer.law", self.outer.clone()),
             set("inner.law", self.inner.clone()),
             set("mixer.law", self.mixer.clone()),
-            set("flight.resume_estimates", resume),
         ]);
         [self.course.overrides(), laws].concat()
     }
@@ -115,6 +111,15 @@ pub struct RtArgs {
     /// recommend. Lockstep and slow motion ignore it.
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::number_or_auto)]
     pub loop_cpus: Option<NumberOrAuto>,
+    /// Redundant control channels, 1 to 3 [default: 1].
+    ///
+    /// Each is a complete chain of outer, inner and mixer processes. The plant takes the command of channel a if it is
+    /// fresh and on time, else that of channel b or c. With three, the majority wins where commands differ.
+    #[arg(long, value_name = "N")]
+    pub channels: Option<u32>,
+    /// CPUs of the channels: 1, or 2 to fly channels b and c on another one [default: 1].
+    #[arg(long, value_name = "N")]
+    pub channel_cpus: Option<u32>,
     /// How early the plant's timer fires before each tick: microseconds, or auto [default: auto].
     ///
     /// The plant spends the rest reading the clock. `auto` measures the machine before take-off and follows the flight;
@@ -205,6 +210,8 @@ impl RtArgs {
                 "rt.loop_cpus",
                 self.loop_cpus.and_then(NumberOrAuto::number),
             ),
+            set("rt.channels", self.channels.map(i64::from)),
+            set("rt.channel_cpus", self.channel_cpus.map(i64::from)),
             set("rt.lead_us", lead),
             set("rt.rehearse", self.rehearse),
         ])
@@ -323,9 +330,9 @@ pub struct FlyArgs {
     /// Show the dashboard in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
-    /// What to do when a process dies or hangs in flight.
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t = OnDeath::End)]
-    pub on_death: OnDeath,
+    /// What to do when a process dies or hangs in flight [default: end; restart with more than one channel].
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub on_death: Option<OnDeath>,
     /// Measure each of the machine's timing limits for this long right after the flight, for example 11s.
     #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
     pub floor: Option<Duration>,
@@ -346,13 +353,12 @@ pub struct FlyArgs {
     pub recorder: RecorderArgs,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum OnDeath {
-    /// End the flight, and name the process that died.
-    #[default]
+    /// End the flight, and name the process that died. With several channels the flight goes on with those that are whole.
     End,
-    /// Replace the process by its hot standby, or restart it, at most 5 times in 10 s. A process that hangs for more than
-    /// 80 ms is killed first. The flight ends if the plant dies.
+    /// Start it again, at most 5 times in 10 s. The new process continues from the state of another channel, or of the one
+    /// that died. A process that hangs for more than 80 ms is killed first. The flight ends if the plant dies.
     Restart,
 }
 
@@ -366,9 +372,12 @@ pub struct RoleArgs {
     /// Exit when the process with this number, which must be the parent, ends.
     #[arg(long, hide = true)]
     pub launcher: Option<u32>,
-    /// Start as a hot standby: get ready, and wait for a byte on standard input; exit when standard input closes.
-    #[arg(long, hide = true, requires = "launcher")]
-    pub spare: bool,
+    /// Processors that this process may use: its launcher keeps to some of them.
+    #[arg(long, hide = true, value_delimiter = ',')]
+    pub allowed_cpus: Vec<usize>,
+    /// Channel of the role in a flight with several: a, b or c.
+    #[arg(long, value_name = "LETTER", default_value = "a", value_parser = values::channel)]
+    pub channel: Channel,
 }
 
 #[derive(Clone, Debug, Args)]

@@ -55,7 +55,11 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides.concat())?;
     settings.check_faults_of_processes(true)?;
-    let restarts_roles = args.on_death == OnDeath::Restart;
+    let default = match settings.rt.channels {
+        1 => OnDeath::End,
+        _ => OnDeath::Restart,
+    };
+    let restarts_roles = args.on_death.unwrap_or(default) == OnDeath::Restart;
     check_clock_flags(&settings, &args.rt.clock_flags())?;
     check_clock_flags(
         &settings,

@@ -8,13 +8,12 @@ use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
 use messages::flight_plan::FlightPlan;
-use messages::role::Role;
+use messages::role::{Channel, Replica, Role};
 use plant::PlantSettings;
-use process::rt::{loops_cpu, take_stand};
+use process::rt::{allow_cpus, loops_cpu, take_stand};
 use process::session::{RoleSession, StartConfig};
 use process::signals::is_on_its_own;
 use process::stage::{self, Flight};
-use process::standby;
 
 use crate::cli::flight::check_clock_flags;
 use crate::cli::{NumberOrAuto, RecordArgs, RoleArgs};
@@ -34,19 +33,7 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let settings = resolve(args, &[role], Overrides::new())?;
     settings.check_faults_of_processes(args.launcher.is_some())?;
     let stage = Stage::new(role, &settings)?;
-    let mut config = start_config(args, &settings, begun_ns)?;
-    if args.spare {
-        let instance = config.instance.clone();
-        match standby::stand_by(role, config) {
-            Ok(Some(activated)) => config = activated,
-            // Its launcher may be dead.
-            ended => {
-                leave(&instance, args);
-                return ended.map(|_| OK).map_err(Failure::from);
-            }
-        }
-    }
-    let session = RoleSession::take(role, config)?;
+    let session = RoleSession::take(role, start_config(role, args, &settings, begun_ns)?)?;
     let (instance, stop) = (session.wire().instance().clone(), session.stop_flag());
     let flown = stage.run(session, &settings);
     leave(&instance, args);
@@ -56,6 +43,9 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
 }
 
 fn resolve(args: &RoleArgs, makes: &[Role], more: Overrides) -> Result<Settings, Failure> {
+    if !args.allowed_cpus.is_empty() {
+        allow_cpus(&args.allowed_cpus);
+    }
     let overrides = [args.flight.overrides(), args.rt.overrides(), more].concat();
     let file = args.flight.course.config.as_deref();
     let settings = Settings::resolve_to_make(makes, file, &overrides)?;
@@ -141,7 +131,10 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     check_writable("--states", args.recorder.states.as_deref())?;
     // A supervisor has checked it already.
     kernel_trace::check(settings.recorder.trace && args.role.launcher.is_none())?;
-    let session = RoleSession::take(Role::Record, start_config(&args.role, &settings, begun_ns)?)?;
+    let session = RoleSession::take(
+        Role::Record,
+        start_config(Role::Record, &args.role, &settings, begun_ns)?,
+    )?;
     let instance = session.wire().instance().clone();
     let mut created = None;
     if args.run_dir.is_none() {
@@ -185,22 +178,42 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
 }
 
 fn start_config(
+    role: Role,
     args: &RoleArgs,
     settings: &Settings,
     begun_ns: u64,
 ) -> Result<StartConfig, Failure> {
-    settings.check_cpu()?;
+    if args.launcher.is_none() {
+        settings.check_cpu()?;
+    }
     log_to_stderr();
     Ok(StartConfig {
         instance: Instance::new(&args.rt.instance)?,
         rt: settings.realtime()?,
         settings: settings.shared_text()?,
         law_options: settings.law_options()?,
-        resume_estimates: settings.flight.resume_estimates,
+        channel: channel(role, args, settings)?,
         launcher: args.launcher,
         begun_ns,
-        ready: None,
     })
+}
+
+/// The channel of the role, which is one of the flight.
+fn channel(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Channel, Failure> {
+    let (channel, channels) = (args.channel, settings.rt.channels);
+    if Replica::new(role, channel).channel != channel {
+        return Err(Failure::usage(format!(
+            "--channel {channel}: all channels have one {role} process in common"
+        ))
+        .help("leave the flag out"));
+    }
+    if channel as usize >= channels {
+        return Err(Failure::usage(format!(
+            "--channel {channel}: the flight has {channels} channels"
+        ))
+        .help("start every role with the same number of channels: --channels 2"));
+    }
+    Ok(channel)
 }
 
 /// Messages of a process that waits go to standard error; a loop that flies writes none.

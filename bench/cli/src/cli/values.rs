@@ -14,6 +14,7 @@ use control_api::PERIODS_S;
 use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
+use messages::role::Channel;
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.
@@ -60,6 +61,12 @@ impl TypedValueParser for NameOr {
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
         Some(Box::new((self.names)().into_iter().map(PossibleValue::new)))
     }
+}
+
+/// A channel by its letter.
+pub(crate) fn channel(text: &str) -> Result<Channel, String> {
+    let channel = Channel::ALL.into_iter().find(|it| it.name() == text);
+    channel.ok_or_else(|| "the channels are a, b and c".into())
 }
 
 pub(crate) fn processor(text: &str) -> Result<u16, String> {

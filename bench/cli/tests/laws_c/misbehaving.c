@@ -4,6 +4,7 @@
 #include "ironbird_law.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,10 +13,10 @@
 
 enum { MISBEHAVE, FROM_TICK, SETTINGS };
 enum { NOTHING, CRASH, ABORT, EXIT, OVERFLOW, LOOP, NAN_TORQUE, SLEEP, ALLOCATE, FAULT, REFUSE, CRASH_WHEN_MADE,
-       CRASH_WHEN_COPIED, CRASH_WHEN_FREED, SLOW, REFUSE_WITH_FILE };
+       CRASH_WHEN_COPIED, CRASH_WHEN_FREED, SLOW, REFUSE_WITH_FILE, FLIP, LOOP_IN_A };
 static const char *const WORDS[] = {"nothing", "crash",    "abort", "exit",   "overflow",       "loop", "nan",
                                     "sleep",   "allocate", "fault", "refuse", "crash_when_made",
-                                    "crash_when_copied", "crash_when_freed", "slow", "refuse_with_file"};
+                                    "crash_when_copied", "crash_when_freed", "slow", "refuse_with_file", "flip", "loop_in_a"};
 static const IronbirdSetting settings[SETTINGS] = {
     [MISBEHAVE] = {.name = "misbehave", .meaning = "what to do wrong", .kind = IRONBIRD_WORD, .words = WORDS,
                    .words_count = sizeof WORDS / sizeof *WORDS},
@@ -26,9 +27,21 @@ typedef struct {
     IronbirdRig rig;
     uint64_t misbehave;
     uint64_t from_tick;
+    // Whether this process is in channel b.
+    uint64_t is_b;
 } Law;
 
 static volatile uint64_t sink;
+
+static uint64_t is_in_channel_b(void)
+{
+    char line[4096];
+    FILE *file = fopen("/proc/self/cmdline", "r");
+    const size_t length = file == NULL ? 0 : fread(line, 1, sizeof line, file);
+    if (file != NULL)
+        fclose(file);
+    return memmem(line, length, "--channel=b", sizeof "--channel=b") != NULL;
+}
 
 static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *values, char *refused, uint64_t size)
 {
@@ -49,7 +62,7 @@ static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *
         sink = *(volatile uint64_t *)NULL;
     Law *law = calloc(1, sizeof *law);
     if (law != NULL)
-        *law = (Law){*rig, values[MISBEHAVE].word, (uint64_t)values[FROM_TICK].number[0]};
+        *law = (Law){*rig, values[MISBEHAVE].word, (uint64_t)values[FROM_TICK].number[0], is_in_channel_b()};
     return law;
 }
 
@@ -58,6 +71,23 @@ static void copy_into(const void *law, void *other)
     if (((const Law *)law)->misbehave == CRASH_WHEN_COPIED)
         sink = *(volatile uint64_t *)NULL;
     memcpy(other, law, sizeof(Law));
+}
+
+// All but the channel.
+static uint64_t save(const void *law, void *bytes, uint64_t size)
+{
+    if (size < offsetof(Law, is_b))
+        return 0;
+    memcpy(bytes, law, offsetof(Law, is_b));
+    return offsetof(Law, is_b);
+}
+
+static uint64_t load(void *law, const void *bytes, uint64_t size)
+{
+    if (size != offsetof(Law, is_b))
+        return 0;
+    memcpy(law, bytes, size);
+    return 1;
 }
 
 static void destroy(void *law)
@@ -123,6 +153,11 @@ static void tick(void *instance, const IronbirdInnerInput *in, IronbirdDemand *o
         out->torque_b_nm[i] = law->rig.airframe.inertia_kg_m2[i] * 60 * (6 * error - in->measured.rate_b_rad_s[i]);
     }
     shown->value[0] = (double)in->tick;
+    if (law->misbehave == FLIP && law->is_b && in->tick == law->from_tick)
+        // A bit of a gain, from the next tick on.
+        ((unsigned char *)&law->rig.airframe.inertia_kg_m2[0])[3] ^= 1;
+    if (law->misbehave == LOOP_IN_A && !law->is_b && in->tick == law->from_tick)
+        misbehave(LOOP, out);
     if (in->tick >= law->from_tick)
         misbehave(law->misbehave, out);
 }
@@ -132,7 +167,7 @@ static const IronbirdLaw law = {
     .interface_version = IRONBIRD_LAW_INTERFACE, .sizes = IRONBIRD_SIZES, .role = IRONBIRD_INNER,
     .name = "misbehaving", .version = "1", .summary = "does what no law should", .settings = settings,
     .settings_count = SETTINGS, .telemetry = telemetry, .telemetry_count = 1,
-    .create = create, .destroy = destroy, .copy_into = copy_into, .tick_inner = tick,
+    .create = create, .destroy = destroy, .copy_into = copy_into, .save = save, .load = load, .tick_inner = tick,
 };
 
 const IronbirdLaw *ironbird_law(void)

@@ -87,7 +87,7 @@ pub fn fly(settings: &Settings, faults: impl Fn(u64) -> TickFaults) -> Published
         inner_epoch: EPOCH,
         inner_seq: 0,
         mixer: settings.mixer_stage().unwrap(),
-        theorem: FlightMonitor::new(settings.theorem().unwrap()),
+        theorem: FlightMonitor::new(settings.theorem().unwrap(), 1),
         published: Published::default(),
         sent: VecDeque::new(),
         last_sent_ns: 0,

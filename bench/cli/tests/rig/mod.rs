@@ -359,26 +359,23 @@ impl Rig {
         assert_eq!(living.collect::<Vec<_>>(), none, "living processes");
     }
 
-    /// Living processes of the instance that were started as `ironbird COMMAND`.
+    /// Living processes of the instance that were started as `ironbird COMMAND`, without those that release their memory.
     pub fn processes_of(&self, command: &str) -> Vec<u32> {
         let is_it = |pid: &u32| {
-            command_line(*pid)
-                .get(1)
-                .is_some_and(|first| first == command)
+            let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+            let line = command_line(*pid);
+            line.get(1).is_some_and(|first| first == command) && name.trim_end() == "ironbird"
         };
         processes()
             .filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid))
             .collect()
     }
 
-    /// The standby of a role, once it has done all that it can and waits; another one than `dead`.
-    pub fn await_standby(&self, role: Role, dead: Option<u32>) -> u32 {
-        let waits = |pid: &u32| {
-            let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
-            name.trim_end().as_bytes() == process::standby::NAME.to_bytes() && Some(*pid) != dead
-        };
-        wait_until(&format!("a standby of {role}"), || {
-            self.processes_of(role.name()).into_iter().find(waits)
+    /// A process that was started for a role, another one than `dead`.
+    pub fn await_started(&self, role: Role, dead: u32) -> u32 {
+        wait_until(&format!("another {role} process to start"), || {
+            let mut started = self.processes_of(role.name()).into_iter();
+            started.find(|pid| *pid != dead)
         })
     }
 

@@ -155,7 +155,7 @@ fn model() -> Model {
         phase: 3,
         ..Status::default()
     };
-    flight.statuses = ROLES.map(|role| (role, status)).into();
+    flight.statuses = ROLES.map(|role| (role.into(), status)).into();
     model
 }
 

@@ -21,12 +21,11 @@ use flight_log::build;
 pub const DIRECTORY: &str = "margins";
 
 /// Shared settings without effect on margins, which choose their own faults and fly in simulated time.
-const LEFT_OUT: [&str; 7] = [
+const LEFT_OUT: [&str; 6] = [
     "flight.duration_s",
     "flight.pace",
     "flight.slowdown",
     "flight.seed",
-    "flight.resume_estimates",
     "flight.faults",
     "flight.tracking_error_max_m",
 ];

@@ -9,7 +9,7 @@ use messages::blackboards::{ActiveParameters, EndReason, Run, Status};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
-use messages::role::{Role, STAGES};
+use messages::role::{Replica, STAGES};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::inject::parse_line;
@@ -279,7 +279,7 @@ pub struct WatchedFlight {
     pub position_error: Trace,
     /// V_th [rad^2/s^2].
     pub v_th: Trace,
-    pub statuses: BTreeMap<Role, Status>,
+    pub statuses: BTreeMap<Replica, Status>,
     pub active: ActiveParameters,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
@@ -411,7 +411,7 @@ impl WatchedFlight {
 
     /// Updates the time that the hypervisor took from the loops' CPU.
     pub fn update_steal(&mut self) {
-        let loops = STAGES.map(|role| self.statuses.get(&role).copied().unwrap_or_default());
+        let loops = STAGES.map(|role| self.statuses.get(&role.into()).copied().unwrap_or_default());
         let processor = Watch::new(&loops, true).processor;
         let now = CpuTimes::read(processor);
         match &self.cpu_times {

@@ -11,6 +11,7 @@ use messages::topic::Topic;
 use crate::recorded_timing::{Event, Source};
 use crate::simulator::Simulator;
 use config::Settings;
+use control_api::SavedState;
 use controller::flight_monitor::FlightMonitor;
 use errors::Failure;
 use messages::message_window::MessageWindow;
@@ -31,6 +32,7 @@ pub struct Timed {
     /// Wrenches of the current inner loop.
     wrenches_of_epoch: u64,
     theorem: FlightMonitor,
+    saved: SavedState,
 }
 
 impl Timed {
@@ -43,7 +45,8 @@ impl Timed {
             taken: 0,
             epochs: [None; 3],
             wrenches_of_epoch: 0,
-            theorem: FlightMonitor::new(settings.theorem()?),
+            theorem: FlightMonitor::new(settings.theorem()?, settings.rt.channels),
+            saved: SavedState::new(),
         })
     }
 
@@ -70,7 +73,9 @@ impl Timed {
             }
             Source::Setpoint { state } => {
                 if begins(&mut self.epochs[0], event.epoch) {
+                    rig.outer.save(&mut self.saved);
                     rig.outer = settings.outer_stage()?;
+                    rig.outer.load(&self.saved);
                 }
                 let state = self.states.input(state);
                 if state.is_some_and(|state| {
@@ -83,7 +88,9 @@ impl Timed {
             }
             Source::Wrench { state, setpoint } => {
                 if begins(&mut self.epochs[1], event.epoch) {
+                    rig.inner.save(&mut self.saved);
                     rig.inner = settings.inner_stage()?;
+                    rig.inner.load(&self.saved);
                     self.wrenches_of_epoch = 0;
                 }
                 if let (Some(state), Some(setpoint)) =
@@ -99,7 +106,9 @@ impl Timed {
             }
             Source::RotorSpeeds { wrench, acts_from } => {
                 if begins(&mut self.epochs[2], event.epoch) {
+                    rig.mixer.save(&mut self.saved);
                     rig.mixer = settings.mixer_stage()?;
+                    rig.mixer.load(&self.saved);
                 }
                 if let Some(wrench) = self.wrenches.input(wrench) {
                     rig.mixer

@@ -9,7 +9,7 @@ use crate::code::{FAULTS, FaultCode, FaultSpec, Scope, ValueType};
 use crate::live::{FaultKind, LiveFault};
 use crate::{PORTS, Port, Span};
 use messages::parameters::{did_you_mean, nearest};
-use messages::role::{Role, STAGES};
+use messages::role::{CHANNEL_ROLES, Channel, Role, STAGES};
 
 use crate::grammar::error::{FaultError, begin_of, typed};
 use crate::grammar::parameter::Desired;
@@ -83,6 +83,15 @@ pub(super) static TARGETS: LazyLock<Vec<FaultTarget>> = LazyLock::new(|| {
     }
     for role in STAGES {
         add(role.to_string(), Scope::Stage, at(role as u64), false);
+    }
+    for (axis, channel) in (1..).zip(Channel::ALL) {
+        for role in CHANNEL_ROLES {
+            let code = FaultCode {
+                axis,
+                ..at(role as u64)
+            };
+            add(format!("{channel}.{role}"), Scope::Stage, code, false);
+        }
     }
     add("cpu".into(), Scope::Processor, at(0), false);
     targets

@@ -16,7 +16,7 @@ use super::locks::{Door, IN_USE, LAUNCHER, is_marked, is_ours, lock_name, try_lo
 use super::root::root;
 use super::{Instance, MARK, SHARED_MEMORY, shared_memory};
 use crate::error::Error;
-use messages::role::{ROLES, Role};
+use messages::role::{MOST_CHANNELS, Replica, Role};
 
 const SERVICES: &str = "services";
 const NODES: &str = "nodes";
@@ -45,9 +45,9 @@ fn file_is_ours(place: Place, name: &str, prefix: &str) -> bool {
     if place != Place::Instance {
         return name.starts_with(prefix);
     }
-    let roles = ROLES.iter().map(|role| role.name());
-    let mut locks = roles.chain([LAUNCHER, IN_USE]).map(lock_name);
-    locks.any(|lock| lock == name)
+    let is_role = |replica: Replica| lock_name(&replica.to_string()) == name;
+    Replica::all(MOST_CHANNELS).any(is_role)
+        || [LAUNCHER, IN_USE].map(lock_name).contains(&name.into())
 }
 
 fn place_below(place: Place, name: &str) -> Option<Place> {

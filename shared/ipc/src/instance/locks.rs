@@ -4,7 +4,8 @@
 //!
 //! ```text
 //!   the directory     exclusive   for the instant in which a lock is taken, or leftovers are removed
-//!   ROLE.lock         exclusive   as long as the process plays the role; holds its process number
+//!   ROLE.lock         exclusive   as long as the process plays the role; holds its process number. Of channels b and c:
+//!                                 b.ROLE.lock, c.ROLE.lock
 //!   in_use.lock       shared      as long as the process uses the shared memory
 //! ```
 //!
@@ -26,7 +27,7 @@ use super::directory::{Directory, PRIVATE_DIRECTORY};
 use super::{Instance, MARK};
 use crate::error::{Error, remedy_of};
 use crate::sys::Locked;
-use messages::role::{ROLES, Role};
+use messages::role::{MOST_CHANNELS, Replica};
 
 /// Name of the lock that all processes share which use the shared memory.
 pub(super) const IN_USE: &str = "in_use";
@@ -63,8 +64,8 @@ impl Instance {
         self.door().map(drop)
     }
 
-    pub fn lock(&self, role: Role) -> Result<Lock, Error> {
-        self.lock_as(role.name())
+    pub fn lock(&self, role: impl Into<Replica>) -> Result<Lock, Error> {
+        self.lock_as(&role.into().to_string())
     }
 
     /// Takes the launcher's lock: one `fly` an instance.
@@ -117,23 +118,25 @@ impl Instance {
     }
 
     /// Whether a process plays the role now; if that cannot be read for lack of file descriptors, one does.
-    pub fn is_occupied(&self, role: Role) -> bool {
+    pub fn is_occupied(&self, role: impl Into<Replica>) -> bool {
         is_or_may_be(self.look_for(role))
     }
 
-    pub fn look_for(&self, role: Role) -> Result<bool, Error> {
-        self.is_held(role.name())
+    pub fn look_for(&self, role: impl Into<Replica>) -> Result<bool, Error> {
+        self.is_held(&role.into().to_string())
     }
 
     /// Process number of the process that plays the role; `None` if no process does, or has not written its number yet.
     ///
     /// For an instant it may be the number of the role's previous process: never send a signal to it.
-    pub fn pid_of(&self, role: Role) -> Option<u32> {
-        written_pid(&self.lock_path(role.name())).filter(|_| self.is_occupied(role))
+    pub fn pid_of(&self, role: impl Into<Replica>) -> Option<u32> {
+        let replica = role.into();
+        written_pid(&self.lock_path(&replica.to_string())).filter(|_| self.is_occupied(replica))
     }
 
     pub fn is_alive(&self) -> bool {
-        is_or_may_be(self.is_held(LAUNCHER)) || ROLES.iter().any(|role| self.is_occupied(*role))
+        is_or_may_be(self.is_held(LAUNCHER))
+            || Replica::all(MOST_CHANNELS).any(|replica| self.is_occupied(replica))
     }
 
     fn is_held(&self, role: &str) -> Result<bool, Error> {

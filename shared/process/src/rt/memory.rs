@@ -5,24 +5,17 @@ use std::fs;
 use std::io;
 use std::time::Duration;
 
-use rustix::mm::{MlockAllFlags, mlockall};
-
 use super::sys;
 use ipc::error::Error;
+use ipc::instance::SHARED_MEMORY;
 
 /// Touches everything mapped since the set-up: the last act before a loop is armed.
 ///
 /// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
 /// without this call (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
-/// reported `RealtimeStep::Prefault` as refused. What a standby has `locked` is there.
+/// reported `RealtimeStep::Prefault` as refused. What is `locked` is there.
 pub fn settle(locked: Option<&BTreeSet<String>>) -> Result<(), Error> {
-    settle_by(locked, sys::populate)?;
-    if locked.is_some_and(|locked| !locked.is_empty()) {
-        // Whatever is mapped in flight is touched as it is mapped, as by the set-up of a role that was no spare.
-        mlockall(MlockAllFlags::FUTURE)
-            .map_err(|e| Error::system("cannot lock the memory of the process", e))?;
-    }
-    Ok(())
+    settle_by(locked, sys::populate)
 }
 
 fn settle_by(
@@ -89,6 +82,10 @@ pub(super) fn populate_mappings(
     Ok(())
 }
 
+/// What is touched of a segment that another process writes [bytes]: its sender uses the first places again and again, and
+/// has touched all of it. A loop gives such a segment back in flight when its sender has died: each page costs time.
+const READ_BYTES: usize = 512 << 10;
+
 /// How often a range that is there is tried to be touched: memory that has run out stays so.
 const POPULATE_TRIES: u32 = 100;
 const MAPPINGS: &str = "/proc/self/maps";
@@ -106,7 +103,14 @@ fn mapping(line: &str) -> Option<(usize, usize, sys::Touch)> {
     let (range, rest) = line.split_once(' ')?;
     let (start, end) = range.split_once('-')?;
     let address = |hex| usize::from_str_radix(hex, 16).ok();
-    Some((address(start)?, address(end)?, touch(rest)?))
+    let (start, end, touch) = (address(start)?, address(end)?, touch(rest)?);
+    let is_of_others = touch == sys::Touch::Read && rest.contains(SHARED_MEMORY);
+    let end = if is_of_others {
+        end.min(start + READ_BYTES)
+    } else {
+        end
+    };
+    Some((start, end, touch))
 }
 
 /// How to touch a mapping, by its line in /proc/self/maps from the permissions on.

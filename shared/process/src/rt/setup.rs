@@ -11,6 +11,7 @@ use std::num::NonZero;
 use std::sync::atomic::Ordering;
 
 use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
 use super::memory::{UNKNOWN, mappings, populate_mappings, settle};
@@ -20,7 +21,7 @@ use crate::wakes::place;
 use errors::errno_text;
 use ipc::error::Error;
 use messages::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
-use messages::role::Role;
+use messages::role::{Channel, Replica, Role};
 
 /// What the user may do when a step is refused with an error number.
 pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
@@ -64,8 +65,11 @@ pub const WITHOUT_ROOT: &str = "without root the same laws fly in lockstep (--pa
 #[derive(Debug)]
 pub struct Engaged {
     pub grants: Grants,
-    /// The thread that is under SCHED_FIFO by this set-up; 0 where it is not.
+    /// The thread that is under SCHED_FIFO by this set-up, and its priority; 0 where it is not.
     loop_thread: i32,
+    priority: i32,
+    /// The role's processor, and those where it joins a flight.
+    place: Option<(usize, CpuSet)>,
     /// The kernel honours the wish for as long as the device is open.
     _cpu_latency: Option<File>,
 }
@@ -85,31 +89,37 @@ impl Drop for Engaged {
     }
 }
 
-/// The part of the set-up that a standby does before it has ports.
+/// The part of the set-up that a stage does before it has ports.
 #[derive(Debug)]
 pub struct Ahead {
-    /// Once activated, it waits for real-time threads only.
+    /// It waits for real-time threads only.
     _raised: Raised,
+    /// The process that gives memory and files back if this one is killed.
+    releaser: Option<Pid>,
     grants: Grants,
-    /// The role's processor.
+    /// The role's processor, and those where it prepares.
     cpu: usize,
+    others: CpuSet,
     /// The mappings that are locked, and so stay present.
     pub(crate) locked: BTreeSet<String>,
 }
 
 impl Ahead {
-    /// Locks and touches the memory, and leaves the loops' processor: a standby costs the loops nothing.
+    /// Locks and touches the memory, and leaves the loops' processor: a process that joins a flight costs the loops
+    /// nothing until then.
     ///
     /// Refusals are reported with the rest of the set-up. Nothing without a set-up.
-    pub fn prepare(role: Role, settings: &RealtimeSettings) -> Option<Self> {
+    pub fn prepare(replica: Replica, settings: &RealtimeSettings) -> Option<Self> {
         if settings.mode == RealtimeMode::Off {
             return None;
         }
         let mut grants = Grants::default();
-        let (_, cpu) = cpus_for(role, settings);
-        let (others, _) = cpus_for(Role::Record, settings);
+        let (_, cpu) = cpus_for(replica, settings);
+        let (others, _) = cpus_for(Role::Record.into(), settings);
         // Who has one processor alone waits on that one.
         let _ = sched_setaffinity(None, &others);
+        // Where that fails, the end of this process costs the loops more.
+        let releaser = sys::start_releaser().ok().and_then(Pid::from_raw);
         hold_memory(&mut grants);
         let raised = Raised::now();
         let is_locked = grants.of(RealtimeStep::MemoryLock).granted();
@@ -118,13 +128,20 @@ impl Ahead {
         } else {
             BTreeSet::new()
         };
-        // What ports map from now on is touched once, when the role arms, and not by each mapping too.
-        let _ = mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT);
         Some(Self {
             _raised: raised,
+            releaser,
             grants,
             cpu,
+            others,
             locked,
+        })
+    }
+
+    /// Number of the process that outlives this one where it is killed; 0 is none.
+    pub fn releaser(&self) -> u64 {
+        self.releaser.map_or(0, |pid| {
+            u64::from(pid.as_raw_nonzero().get().unsigned_abs())
         })
     }
 
@@ -138,63 +155,101 @@ impl Ahead {
     }
 }
 
+impl Drop for Ahead {
+    fn drop(&mut self) {
+        if let Some(pid) = self.releaser {
+            let _ = kill_process(pid, Signal::KILL);
+            let _ = waitpid(Some(pid), WaitOptions::empty());
+        }
+    }
+}
+
 /// Heap that is touched in advance [bytes]: far more than a loop's 48-byte loan ever needs.
 const HEAP_BYTES: usize = 1 << 20;
 
 impl Engaged {
     /// Requests everything that a role needs, but for what was done `ahead`. Call it after the ports were made.
     pub fn engage(
-        role: Role,
+        replica: impl Into<Replica>,
         settings: &RealtimeSettings,
         ahead: Option<&Ahead>,
     ) -> Result<Self, Error> {
+        let replica = replica.into();
         let mut engaged = Self {
             grants: Grants::default(),
             loop_thread: 0,
+            priority: 0,
+            place: None,
             _cpu_latency: None,
         };
         if settings.mode != RealtimeMode::Off {
-            engaged.ask(role, settings, ahead);
+            engaged.ask(replica, settings, ahead);
         }
         let (policy, priority) =
             sys::scheduler().map_err(|e| Error::system("cannot read the own scheduling", e))?;
         engaged.grants.policy = u64::from(policy.unsigned_abs());
         engaged.grants.priority = u64::from(priority.unsigned_abs());
         if settings.mode == RealtimeMode::Require {
-            engaged.insist(role)?;
+            engaged.insist(replica.role)?;
         }
+        engaged.leave_loop();
         Ok(engaged)
     }
 
-    fn ask(&mut self, role: Role, settings: &RealtimeSettings, ahead: Option<&Ahead>) {
+    /// Leaves the loops' processor and SCHED_FIFO: what it takes to join a flight costs the loops nothing.
+    fn leave_loop(&self) {
+        if let Some((_, others)) = &self.place {
+            if self.loop_thread != 0 {
+                let _ = sys::set_other(self.loop_thread);
+            }
+            let _ = sched_setaffinity(None, others);
+        }
+    }
+
+    /// Takes the place in the loop that was granted.
+    pub fn enter_loop(&self) {
+        if let Some((cpu, _)) = &self.place {
+            if self.loop_thread != 0 {
+                // First, so that it does not wait when it moves.
+                let _ = sys::set_fifo(self.priority);
+            }
+            let _ = sched_setaffinity(None, &only(*cpu));
+        }
+    }
+
+    fn ask(&mut self, replica: Replica, settings: &RealtimeSettings, ahead: Option<&Ahead>) {
         if let Some(ahead) = ahead {
             self.grants = ahead.grants;
         }
         let grants = &mut self.grants;
+        if replica.role != Role::Record {
+            // First: it wakes all processors that sleep.
+            let held = hold_cpu_latency().map(|file| self._cpu_latency = Some(file));
+            grants.note(RealtimeStep::CpuLatency, 0, errno(held));
+        }
         let slack = set_current_timer_slack(NonZero::new(1)).map_err(Into::into);
         grants.note(RealtimeStep::TimerSlack, 1, errno(slack));
-        let priority = settings.priority + role.priority_step();
+        let priority = settings.priority + replica.priority_step(settings.channel_cpus);
         if ahead.is_some() {
             // So that it does not wait when it moves to the loops' processor. The result is noted below.
             let _ = sys::set_fifo(priority);
         }
         let (cpus, cpu) = match ahead {
             Some(ahead) => (only(ahead.cpu), ahead.cpu),
-            None => cpus_for(role, settings),
+            None => cpus_for(replica, settings),
         };
         let affinity = sched_setaffinity(None, &cpus).map_err(Into::into);
         grants.note(RealtimeStep::Affinity, cpu as u64, errno(affinity));
-        if role == Role::Record {
+        if replica.role == Role::Record {
             return;
         }
         if ahead.is_none() {
             hold_memory(grants);
         }
-        let held = hold_cpu_latency().map(|file| self._cpu_latency = Some(file));
-        grants.note(RealtimeStep::CpuLatency, 0, errno(held));
         let fifo = sys::set_fifo(priority);
+        self.place = ahead.map(|ahead| (ahead.cpu, ahead.others));
         if fifo.is_ok() {
-            self.loop_thread = sys::thread_number();
+            (self.loop_thread, self.priority) = (sys::thread_number(), priority);
             sys::LOOP_THREAD.store(self.loop_thread, Ordering::SeqCst);
         }
         self.grants.note(
@@ -242,6 +297,11 @@ fn hold_memory(grants: &mut Grants) {
         0,
         errno(populate_mappings(None, sys::populate)),
     );
+    // What is mapped from now on is touched when the role arms, and not by each mapping too. In flight that would be a
+    // segment of some megabytes of a process that was started again.
+    if grants.of(RealtimeStep::MemoryLock).granted() {
+        let _ = mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT);
+    }
 }
 
 /// The error number of a step; a reason without one counts as "not implemented".
@@ -253,17 +313,22 @@ fn errno(outcome: io::Result<()>) -> i64 {
 
 /// The processors for a role, and the first of them that is the loops': everything else takes those that the loops leave,
 /// or at least not the plant's, if there is another one.
-fn cpus_for(role: Role, settings: &RealtimeSettings) -> (CpuSet, usize) {
+fn cpus_for(replica: Replica, settings: &RealtimeSettings) -> (CpuSet, usize) {
     let allowed = allowed_cpus();
     let first = settings.cpu.unwrap_or_else(loops_cpu);
-    let loops = loop_processors(first, settings.loop_cpus);
-    if role != Role::Record {
-        let cpu = loops[place(role, loops.len())];
-        return (only(cpu), cpu);
+    let loops = loop_processors(first, settings.loop_cpus.max(settings.channel_cpus));
+    if replica.role != Role::Record {
+        let place = match replica.channel {
+            Channel::A => place(replica.role, settings.loop_cpus.min(loops.len())),
+            Channel::B | Channel::C => (settings.channel_cpus - 1).min(loops.len() - 1),
+        };
+        return (only(loops[place]), loops[place]);
     }
+    // Where channels b and c have a processor of their own, it is shared with everything else.
+    let loops = &loops[..settings.loop_cpus.min(loops.len())];
     let mut others = allowed;
-    for cpu in loops.into_iter().filter(|cpu| *cpu < CpuSet::MAX_CPU) {
-        others.unset(cpu);
+    for cpu in loops.iter().filter(|cpu| **cpu < CpuSet::MAX_CPU) {
+        others.unset(*cpu);
     }
     if others.count() == 0 {
         others = allowed;
@@ -272,6 +337,40 @@ fn cpus_for(role: Role, settings: &RealtimeSettings) -> (CpuSet, usize) {
         }
     }
     (others, first)
+}
+
+/// The calling thread on other processors than the loops', until this is dropped. What it starts is there too.
+#[derive(Debug)]
+pub struct OffLoops {
+    before: CpuSet,
+}
+
+impl OffLoops {
+    pub fn now(settings: &RealtimeSettings) -> Self {
+        let before = allowed_cpus();
+        let mut others = cpus_for(Role::Record.into(), settings).0;
+        if settings.channel_cpus > 1 {
+            others.unset(cpus_for(Replica::new(Role::Outer, Channel::B), settings).1);
+        }
+        // Where none is left, it must not depend on one of them: a stage there may compute without end.
+        if others.count() > 0 {
+            let _ = sched_setaffinity(None, &others);
+        }
+        Self { before }
+    }
+
+    /// The processors that were allowed before.
+    pub fn allowed(&self) -> Vec<usize> {
+        (0..CpuSet::MAX_CPU)
+            .filter(|cpu| self.before.is_set(*cpu))
+            .collect()
+    }
+}
+
+impl Drop for OffLoops {
+    fn drop(&mut self) {
+        let _ = sched_setaffinity(None, &self.before);
+    }
 }
 
 fn only(cpu: usize) -> CpuSet {
@@ -300,10 +399,9 @@ mod tests {
         RealtimeSettings {
             mode,
             priority,
-            cpu: None,
-            loop_cpus: 1,
             lead: LeadSetting::Fixed(0),
             rehearse: false,
+            ..RealtimeSettings::OFF
         }
     }
 

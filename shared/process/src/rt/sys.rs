@@ -60,6 +60,46 @@ pub(super) fn scheduler() -> io::Result<(i32, i32)> {
     ))
 }
 
+/// Starts a process that has this one's memory and open files, and lives until the calling thread has ended; returns its
+/// number.
+///
+/// The kernel gives back memory and files in the last process that has them, on its processor and at its priority. Of a
+/// SCHED_FIFO process that is killed, this would hold up the loops on its processor for some milliseconds. So the other one,
+/// which is under SCHED_OTHER and on the processors that the caller has now, is the last.
+pub(super) fn start_releaser() -> io::Result<i32> {
+    const STACK_BYTES: usize = 16 << 10;
+    // The process has its stack as long as it has this memory.
+    let stack: &'static mut [u128] = Box::leak(vec![0; STACK_BYTES / size_of::<u128>()].into());
+    let flags = libc::CLONE_VM | libc::CLONE_FILES | libc::CLONE_FS | libc::SIGCHLD;
+    // SAFETY: the function below uses a stack of its own, which grows down from its end, and nothing else of this process's
+    // memory; it makes system calls alone, which touch the shared error number only if they fail.
+    let started = unsafe {
+        let top = stack.as_mut_ptr_range().end.cast();
+        let parent = std::ptr::without_provenance_mut(libc::getpid().unsigned_abs() as usize);
+        libc::clone(release_last, top, flags, parent)
+    };
+    match started {
+        -1 => Err(io::Error::last_os_error()),
+        number => Ok(number),
+    }
+}
+
+/// Waits for the death of its parent; `parent` is its process number.
+extern "C" fn release_last(parent: *mut libc::c_void) -> libc::c_int {
+    // SAFETY: every call takes numbers, or a pointer to a live value on this stack.
+    unsafe {
+        let mut all = std::mem::MaybeUninit::<libc::sigset_t>::zeroed().assume_init();
+        libc::sigfillset(&raw mut all);
+        libc::sigprocmask(libc::SIG_BLOCK, &raw const all, std::ptr::null_mut());
+        libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
+        libc::prctl(libc::PR_SET_NAME, c"ironbird release".as_ptr());
+        while libc::getppid().unsigned_abs() as usize == parent.addr() {
+            libc::pause();
+        }
+    }
+    0
+}
+
 pub(super) fn thread_number() -> i32 {
     // SAFETY: the call takes nothing, and cannot fail.
     unsafe { libc::gettid() }

@@ -5,6 +5,7 @@
 use std::hint::black_box;
 use std::io;
 use std::num::NonZero;
+use std::sync::OnceLock;
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity, set_current_timer_slack};
 use serde::{Deserialize, Serialize};
@@ -123,7 +124,22 @@ pub fn loop_processors(first: usize, loop_cpus: usize) -> Vec<usize> {
         .collect()
 }
 
+/// What this process may use, as its launcher had it before it kept to some processors itself.
+static ALLOWED: OnceLock<CpuSet> = OnceLock::new();
+
+/// Takes the processors that the launcher may use for those that this process may use.
+pub fn allow_cpus(cpus: &[usize]) {
+    let mut allowed = CpuSet::new();
+    for cpu in cpus.iter().filter(|cpu| **cpu < CpuSet::MAX_CPU) {
+        allowed.set(*cpu);
+    }
+    let _ = ALLOWED.set(allowed);
+}
+
 pub(super) fn allowed_cpus() -> CpuSet {
+    if let Some(allowed) = ALLOWED.get() {
+        return *allowed;
+    }
     // Without the list (which cannot fail for the caller itself), processor 0 always exists.
     sched_getaffinity(None).unwrap_or_else(|_| {
         let mut first = CpuSet::new();

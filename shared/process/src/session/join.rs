@@ -15,7 +15,7 @@
 use std::cell::Cell;
 use std::thread::sleep;
 
-use super::{LOOK_EVERY, RoleSession, StartConfig, opened};
+use super::{LOOK_EVERY, RoleSession, StartConfig};
 use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
 use ipc::clock::now_ns;
@@ -81,7 +81,7 @@ impl RoleSession {
         mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
     ) -> Result<Armed, Error> {
         let engaged = self.report_ready()?;
-        let mut log = ThrottledLog::new(self.role);
+        let mut log = ThrottledLog::new(self.replica.role);
         let mut plant: Option<BlackboardReader<Run>> = None;
         // The run whose t_0 the ports are armed for, which the plant may still move.
         let mut armed: Option<Run> = None;
@@ -91,8 +91,8 @@ impl RoleSession {
             }
             let Some(board) = &plant else {
                 plant = self.find_plant()?;
-                if plant.is_some() {
-                    self.compare_settings()?;
+                if let Some(board) = &plant {
+                    self.compare_settings(board.get().channels)?;
                 } else {
                     log.waiting_for(|| "the plant (`ironbird plant`)".into());
                     sleep(10 * LOOK_EVERY);
@@ -148,7 +148,7 @@ impl RoleSession {
 
     /// The blackboard of a plant that lives and whose run is open to this role.
     fn find_plant(&mut self) -> Result<Option<BlackboardReader<Run>>, Error> {
-        let Some(board) = opened(&mut self.boards.run, &self.wire, RUN)? else {
+        let Some(board) = self.wire.blackboard_reader::<Run>(RUN)? else {
             return Ok(None);
         };
         let run = board.get();
@@ -173,6 +173,7 @@ impl RoleSession {
         };
         self.status.arrival.armed_ns = now_ns();
         self.enter(RolePhase::Flying);
+        engaged.enter_loop();
         Armed {
             _engaged: engaged,
             pace,
@@ -188,23 +189,31 @@ impl RoleSession {
             what: format!(
                 "the flight in lockstep has begun without this {} process, and cannot be joined late: end it and start \
                  every role again",
-                self.role
+                self.replica.role
             ),
         }
     }
 
-    fn compare_settings(&mut self) -> Result<(), Error> {
-        let Some(board) = opened(&mut self.boards.settings, &self.wire, SETTINGS)? else {
+    fn compare_settings(&self, channels: u64) -> Result<(), Error> {
+        let own = self.config.rt.channels as u64;
+        if channels != own {
+            return Err(Error::SettingsDiffer {
+                role: self.replica.role,
+                differences: format!("rt.channels = {own}, and the plant flies with {channels}"),
+                laws: String::new(),
+            });
+        }
+        let Some(board) = self.wire.blackboard_reader::<SettingsText>(SETTINGS)? else {
             return Ok(());
         };
-        let theirs: SettingsText = board.get();
-        let differences = differences(&self.config.settings, theirs.text(), self.role);
+        let (role, theirs) = (self.replica.role, board.get());
+        let differences = differences(&self.config.settings, theirs.text(), role);
         if theirs.text().is_empty() || differences.is_empty() {
             return Ok(());
         }
         let laws = other_laws(&self.config.settings, theirs.text());
         Err(Error::SettingsDiffer {
-            role: self.role,
+            role,
             differences: differences.join("; "),
             laws,
         })

@@ -8,7 +8,7 @@
 
 use std::thread::sleep;
 
-use super::{LOOK_EVERY, RoleSession, status_board, wall_ns};
+use super::{LOOK_EVERY, RoleSession, state_board, status_board, wall_ns};
 use crate::lead::{self, ActiveLead};
 use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
@@ -16,13 +16,14 @@ use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::{Blackboard, BlackboardReader};
 use messages::blackboards::{
-    EndReason, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, Status,
+    EndReason, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, StageState,
+    Status,
 };
 use messages::flight_plan::FlightPlan;
 use messages::grid::Pace;
 use messages::inspection::Expected;
 use messages::realtime::RealtimeStep;
-use messages::role::{ROLES, Role};
+use messages::role::{Channel, Replica, Role};
 
 /// From the announcement of t_0 to t_0 [ns].
 const ANNOUNCE_NS: u64 = 200_000_000;
@@ -37,21 +38,22 @@ pub struct Opened {
     pub blackboard: Blackboard<Run>,
     pub run: Run,
     is_fifo: bool,
-    /// The status blackboards of the other roles, in the order of [`ROLES`].
-    pub statuses: Vec<BlackboardReader<Status>>,
+    /// The status blackboards of the other processes.
+    pub statuses: RoleStatuses,
     _settings: Blackboard<SettingsText>,
+    /// Kept open, so that the state of a stage outlives its process.
+    _states: Vec<BlackboardReader<StageState>>,
 }
 
 impl Opened {
     /// Newest tick that the recorder has taken in: it counts them as ticks run.
     pub fn recorded_tick(&self) -> u64 {
-        self.statuses
-            .last()
-            .map_or(0, |recorder| recorder.get().ticks_run)
+        let recorder = self.statuses.iter().find(|(it, _)| it.role == Role::Record);
+        recorder.map_or(0, |(_, recorder)| recorder.get().ticks_run)
     }
 
     pub fn requested_end(&self) -> Option<EndReason> {
-        self.statuses.iter().find_map(|blackboard| {
+        self.statuses.iter().find_map(|(_, blackboard)| {
             EndReason::from_wire(blackboard.get().wants_end).filter(|end| *end != EndReason::None)
         })
     }
@@ -99,9 +101,13 @@ impl RoleSession {
             run_id: wall_ns(),
             settings: run.settings,
         };
-        let mut log = ThrottledLog::new(self.role);
+        let mut log = ThrottledLog::new(self.replica.role);
+        let mut states = Vec::new();
         let statuses = loop {
             let statuses = self.await_ready(&blackboard, &mut run, &mut log)?;
+            for (replica, _) in &statuses {
+                states.extend(self.wire.blackboard_reader(&state_board(*replica))?);
+            }
             run.phase = RunPhase::Opening as u64;
             run.run_id = expected.run_id;
             run.t0_ns = now_ns() + ANNOUNCE_NS;
@@ -120,10 +126,6 @@ impl RoleSession {
         blackboard.put(run);
         self.status.armed_t0_ns = run.t0_ns;
         self.enter(RolePhase::Flying);
-        let statuses = statuses
-            .into_iter()
-            .map(|(_, blackboard)| blackboard)
-            .collect();
         let is_fifo = engaged.grants.of(RealtimeStep::Scheduler).granted();
         Ok(Opened {
             _engaged: engaged,
@@ -134,6 +136,7 @@ impl RoleSession {
             is_fifo,
             statuses,
             _settings: settings,
+            _states: states,
         })
     }
 
@@ -145,6 +148,7 @@ impl RoleSession {
             period_ns: plan.wall_period_ns,
             sample_time_ns: plan.sample_time_ns,
             last_tick: plan.last_tick,
+            channels: self.config.rt.channels as u64,
             ..Run::default()
         }
     }
@@ -162,13 +166,16 @@ impl RoleSession {
             }
             let mut statuses = RoleStatuses::new();
             let mut missing = Vec::new();
-            for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
-                let status = self.wire.blackboard_reader::<Status>(&status_board(role))?;
+            let replicas = Replica::all(self.config.rt.channels);
+            for replica in replicas.filter(|it| it.role != Role::Plant) {
+                let status = self
+                    .wire
+                    .blackboard_reader::<Status>(&status_board(replica))?;
                 match status.filter(|status| {
-                    self.config.instance.is_occupied(role) && self.is_ready(&status.get())
+                    self.config.instance.is_occupied(replica) && self.is_ready(&status.get())
                 }) {
-                    Some(status) => statuses.push((role, status)),
-                    None => missing.push(role.name()),
+                    Some(status) => statuses.push((replica, status)),
+                    None => missing.push(replica),
                 }
             }
             if missing.is_empty() {
@@ -179,8 +186,14 @@ impl RoleSession {
                 blackboard.put(*run);
             }
             log.waiting_for(|| {
-                let (all, laws) = (missing.join(", "), &self.config.law_options);
-                let command = format!("ironbird {} {laws}", missing[0]);
+                let all: Vec<_> = missing.iter().map(ToString::to_string).collect();
+                let (all, laws) = (all.join(", "), &self.config.law_options);
+                let Replica { role, channel } = missing[0];
+                let channel = match channel {
+                    Channel::A => String::new(),
+                    channel => format!(" --channel {channel}"),
+                };
+                let command = format!("ironbird {role}{channel} {laws}");
                 format!(
                     "{all} (each with the plant's settings: `{}` ...)",
                     command.trim_end()
@@ -197,20 +210,20 @@ impl RoleSession {
     }
 
     /// Waits until all have armed for t_0; returns those that have not, or have exited.
-    fn await_armed(&self, statuses: &RoleStatuses, t0_ns: u64) -> Result<Vec<&'static str>, Error> {
-        let is_late = |(role, status): &&(Role, BlackboardReader<Status>)| {
-            status.get().armed_t0_ns != t0_ns || !self.config.instance.is_occupied(*role)
+    fn await_armed(&self, statuses: &RoleStatuses, t0_ns: u64) -> Result<Vec<String>, Error> {
+        let is_late = |(replica, status): &&(Replica, BlackboardReader<Status>)| {
+            status.get().armed_t0_ns != t0_ns || !self.config.instance.is_occupied(*replica)
         };
         loop {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            let late = statuses.iter().filter(is_late).map(|(role, _)| role.name());
-            let late: Vec<_> = late.collect();
+            let late = statuses.iter().filter(is_late);
+            let late: Vec<_> = late.map(|(replica, _)| replica.to_string()).collect();
             let is_due = now_ns() + ARMED_BEFORE_NS >= t0_ns;
             if is_due && late.is_empty() {
                 // All have armed, but too late to be sure of tick 0.
-                return Ok(vec!["all roles"]);
+                return Ok(vec!["all roles".into()]);
             }
             if is_due || late.is_empty() {
                 return Ok(late);
@@ -220,5 +233,5 @@ impl RoleSession {
     }
 }
 
-/// The other roles with their status blackboards, in the order of [`ROLES`].
-type RoleStatuses = Vec<(Role, BlackboardReader<Status>)>;
+/// The other processes with their status blackboards.
+pub type RoleStatuses = Vec<(Replica, BlackboardReader<Status>)>;

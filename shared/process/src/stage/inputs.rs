@@ -12,14 +12,14 @@ use ipc::{BlackboardReader, LATEST, Receiver, Wire};
 use messages::content::Stamped;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
-use messages::role::Role;
+use messages::role::{Replica, Role};
 
 /// Messages that an input that may have faults keeps for its stage: more than any fault looks back.
 const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
 
 /// The faults of a stage: those planned, and those that the plant's blackboard has had since.
 pub struct ActiveFaults {
-    role: Role,
+    replica: Replica,
     planned: LoopFaults,
     now: LoopFaults,
     version: u64,
@@ -28,13 +28,13 @@ pub struct ActiveFaults {
 }
 
 impl ActiveFaults {
-    pub(super) fn new(role: Role, planned: LoopFaults) -> Self {
+    pub(super) fn new(replica: Replica, planned: LoopFaults) -> Self {
         Self {
-            role,
+            replica,
             planned,
             now: planned,
             version: 0,
-            is_late: !planned.late.of_role(role).is_empty(),
+            is_late: !planned.late.of_role(replica.role).is_empty(),
             live: None,
         }
     }
@@ -63,7 +63,7 @@ impl ActiveFaults {
     /// How much longer the stage computes at a tick [ns], as of the last look.
     pub(super) fn late_ns(&self, tick: u64) -> u64 {
         if self.is_late {
-            self.now.late.late_ns(self.role, tick)
+            self.now.late.late_ns(self.replica, tick)
         } else {
             0
         }
@@ -72,7 +72,7 @@ impl ActiveFaults {
     #[cold]
     fn take(&mut self, live: &LiveBlackboard) {
         self.now = self.planned.with(live);
-        self.is_late = !self.now.late.of_role(self.role).is_empty();
+        self.is_late = !self.now.late.of_role(self.replica.role).is_empty();
         self.version += 1;
     }
 }

@@ -13,7 +13,7 @@ use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{SPECS, Spec};
 use messages::realtime::RealtimeStep;
-use messages::role::Role;
+use messages::role::{Replica, Role};
 use messages::telemetry::LAW_ROLES;
 use process::rt::remedy;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -512,9 +512,10 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         region.put(vec![Line::styled(text, FAINT)]);
     }
     // The plant first: its delays matter most.
-    let statuses: Vec<(&Role, &Status)> = flight.statuses.iter().take(room).collect();
-    let row = |title: &str, text: &dyn Fn(&Role, &Status) -> String| {
-        let cell = |(role, status): &(&Role, &Status)| format!("{:<COLUMN$}", text(role, status));
+    let statuses: Vec<(&Replica, &Status)> = flight.statuses.iter().take(room).collect();
+    let row = |title: &str, text: &dyn Fn(&Replica, &Status) -> String| {
+        let cell =
+            |(role, status): &(&Replica, &Status)| format!("{:<COLUMN$}", text(role, status));
         let cells: String = statuses.iter().map(cell).collect();
         Line::from(format!("{title:<COLUMN$}{cells}"))
     };
@@ -533,7 +534,7 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         for (role, status) in &statuses {
             let grant = status.grants.of(step);
             let is_affinity = step == RealtimeStep::Affinity;
-            let value = match (is_affinity, role) {
+            let value = match (is_affinity, role.role) {
                 (true, Role::Record) => format!("not {} ", grant.value),
                 (false, _) if grant.value == 0 => String::new(),
                 _ => format!("{} ", grant.value),

@@ -1,0 +1,230 @@
+//! One stream of messages from redundant channels: of each tick, those of the channel whose command is flown.
+//!
+//! The rule is the plant's ([`select`]), applied to the stamps of the messages. Messages of other channels with the same
+//! content add nothing.
+
+use std::collections::VecDeque;
+
+use analysis::flight_statistics::is_final_command;
+use flight_log::entry::LogEntry;
+use messages::channels::{Candidate, select};
+use messages::content::{RotorSpeeds, Setpoint, Wrench};
+use messages::grid::Pace;
+use messages::header::Message;
+use messages::role::{Channel, MOST_CHANNELS, Role};
+use messages::topic::Topic;
+
+/// How many ticks behind the newest state a tick is closed, if a channel has sent no command of it, or none has.
+const CLOSED_AFTER: u64 = 3;
+const EMPTY_CLOSED_AFTER: u64 = 200;
+
+type OfChannels<C> = [Option<Message<C>>; MOST_CHANNELS];
+
+struct TickMessages {
+    tick: u64,
+    setpoints: OfChannels<Setpoint>,
+    wrenches: OfChannels<Wrench>,
+    rotor_speeds: OfChannels<RotorSpeeds>,
+}
+
+pub struct ChannelMerge {
+    channels: usize,
+    pace: Pace,
+    /// In the order of the ticks.
+    open: VecDeque<TickMessages>,
+    /// The first tick that is not closed.
+    next: u64,
+}
+
+impl ChannelMerge {
+    pub const fn new(channels: usize, pace: Pace) -> Self {
+        Self {
+            channels,
+            pace,
+            open: VecDeque::new(),
+            next: 0,
+        }
+    }
+
+    /// Takes a message of a channel; false if it is none that channels send. Of a closed tick it is left out.
+    pub fn take(&mut self, channel: Channel, entry: &LogEntry) -> bool {
+        let place = channel as usize;
+        match entry {
+            LogEntry::Setpoint(message) => {
+                self.slot(message, |tick| tick.setpoints[place] = Some(*message));
+            }
+            LogEntry::Wrench(message) => {
+                self.slot(message, |tick| tick.wrenches[place] = Some(*message));
+            }
+            LogEntry::RotorSpeeds(message) => {
+                self.slot(message, |tick| tick.rotor_speeds[place] = Some(*message));
+            }
+            LogEntry::State(_) | LogEntry::Swap(_) | LogEntry::Theorem(_) => return false,
+        }
+        true
+    }
+
+    fn slot<C: Topic>(&mut self, message: &Message<C>, put: impl FnOnce(&mut TickMessages)) {
+        let tick = message.envelope.tick;
+        if tick < self.next {
+            return;
+        }
+        let place = self.open.partition_point(|open| open.tick < tick);
+        if self.open.get(place).is_none_or(|open| open.tick != tick) {
+            let empty = TickMessages {
+                tick,
+                setpoints: [None; MOST_CHANNELS],
+                wrenches: [None; MOST_CHANNELS],
+                rotor_speeds: [None; MOST_CHANNELS],
+            };
+            self.open.insert(place, empty);
+        }
+        put(&mut self.open[place]);
+    }
+
+    /// Closes the ticks of which every channel has sent its command, and those far enough behind the newest state; all of
+    /// them without one. Gives the messages of each to `each`.
+    pub fn close(&mut self, newest_state: Option<u64>, mut each: impl FnMut(&LogEntry)) {
+        let channels = self.channels;
+        let is_due = |open: &mut TickMessages| {
+            let commands = open.rotor_speeds.iter().flatten().count();
+            let behind = match commands {
+                0 => EMPTY_CLOSED_AFTER,
+                _ if commands == channels => 0,
+                _ => CLOSED_AFTER,
+            };
+            newest_state.is_none_or(|newest| open.tick + behind <= newest)
+        };
+        while let Some(closed) = self.open.pop_front_if(is_due) {
+            self.next = closed.tick + 1;
+            self.emit(&closed, &mut each);
+        }
+    }
+
+    fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
+        let flown = self.flown(closed);
+        if let Some(message) = first(&closed.setpoints, flown, 1) {
+            each(&LogEntry::Setpoint(message));
+        }
+        if let Some(message) = first(&closed.wrenches, flown, 2) {
+            each(&LogEntry::Wrench(message));
+        }
+        if let Some(message) = first(&closed.rotor_speeds, flown, 3) {
+            each(&LogEntry::RotorSpeeds(message));
+        }
+    }
+
+    /// The channel whose command of a tick is flown.
+    fn flown(&self, closed: &TickMessages) -> Channel {
+        let sent = Channel::ALL.into_iter().zip(&closed.rotor_speeds);
+        let candidates: Vec<Candidate> = sent
+            .filter_map(|(channel, message)| {
+                let message = message.as_ref().filter(|it| !is_final_command(it))?;
+                let Message { envelope, content } = message;
+                let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
+                Some(Candidate {
+                    channel,
+                    is_on_time: self.pace.effective_tick(closed.tick, sent_ns) == closed.tick + 1,
+                    is_fresh: is_fresh(message, 3),
+                    command: *content,
+                })
+            })
+            .collect();
+        select(&candidates).map_or(Channel::A, |it| candidates[it.chosen].channel)
+    }
+}
+
+/// Whether the first so many inputs, of state, setpoint and wrench, are of the message's tick.
+fn is_fresh<C>(message: &Message<C>, inputs: usize) -> bool {
+    let envelope = &message.envelope;
+    envelope.input_tick[..inputs]
+        .iter()
+        .all(|tick| *tick == envelope.tick)
+}
+
+/// The message of the channel that is flown; if it has none, one that is fresh, or the first.
+fn first<C: Copy>(messages: &OfChannels<C>, flown: Channel, inputs: usize) -> Option<Message<C>> {
+    let mut others = messages.iter().flatten();
+    let fresh = others.clone().find(|message| is_fresh(message, inputs));
+    messages[flown as usize]
+        .or(fresh.copied())
+        .or_else(|| others.next().copied())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::grid::Grid;
+    use messages::header::Header;
+
+    const GRID: Grid = Grid {
+        t0_ns: 1_000_000,
+        period_ns: 1_000_000,
+    };
+
+    /// A message of a tick, which says in its sequence number which channel sent it.
+    fn message<C: Default>(tick: u64, channel: Channel, is_fresh: bool) -> Message<C> {
+        let mut envelope = Header {
+            tick,
+            seq: channel as u64,
+            input_tick: [if is_fresh { tick } else { 0 }; 3],
+            ..Header::new()
+        };
+        for stamps in &mut envelope.stamps {
+            stamps.receive_ns = GRID.begin_of(tick) + 1;
+            stamps.send_ns = GRID.begin_of(tick) + 50_000;
+        }
+        let content = C::default();
+        Message { envelope, content }
+    }
+
+    fn take(merge: &mut ChannelMerge, tick: u64, channel: Channel, is_fresh: bool) {
+        for entry in [
+            LogEntry::Setpoint(message(tick, channel, true)),
+            LogEntry::Wrench(message(tick, channel, is_fresh)),
+            LogEntry::RotorSpeeds(message(tick, channel, is_fresh)),
+        ] {
+            assert!(merge.take(channel, &entry));
+        }
+    }
+
+    /// Topic, tick and channel of what is closed.
+    fn closed(merge: &mut ChannelMerge, newest: Option<u64>) -> Vec<(usize, u64, u64)> {
+        let mut closed = Vec::new();
+        merge.close(newest, |entry| {
+            let envelope = entry.envelope();
+            closed.push((entry.topic(), envelope.tick, envelope.seq));
+        });
+        closed
+    }
+
+    #[test]
+    fn of_each_tick_there_is_one_message_a_topic_of_the_channel_that_is_flown() {
+        use Channel::{A, B};
+        let mut merge = ChannelMerge::new(2, Pace::Realtime(GRID));
+        take(&mut merge, 1, A, true);
+        assert_eq!(closed(&mut merge, Some(1)), [], "b has not sent yet");
+        take(&mut merge, 1, B, true);
+        assert_eq!(
+            closed(&mut merge, Some(1)),
+            [(1, 1, 0), (2, 1, 0), (3, 1, 0)]
+        );
+        // The inner loop of a was stopped: its wrench is stale, and so is the command.
+        take(&mut merge, 2, A, false);
+        take(&mut merge, 2, B, true);
+        assert_eq!(
+            closed(&mut merge, Some(2)),
+            [(1, 2, 1), (2, 2, 1), (3, 2, 1)]
+        );
+        take(&mut merge, 3, B, true);
+        assert_eq!(closed(&mut merge, Some(5)), []);
+        assert_eq!(
+            closed(&mut merge, Some(6)),
+            [(1, 3, 1), (2, 3, 1), (3, 3, 1)]
+        );
+        // Too late to be of use.
+        take(&mut merge, 3, A, true);
+        take(&mut merge, 4, A, true);
+        assert_eq!(closed(&mut merge, None), [(1, 4, 0), (2, 4, 0), (3, 4, 0)]);
+    }
+}

@@ -1,0 +1,170 @@
+//! Which channel's command of a tick is taken: decided when the next tick begins, with what has come by then.
+//!
+//! There is no timeout and no failure detector: a chain needs a small part of a tick, and every command has until the next
+//! tick begins. The rule is [`select`].
+
+use heapless::Vec;
+use messages::channels::{Candidate, Redundancy, RedundancyAccount, select};
+use messages::content::{RotorSpeeds, Stamped};
+use messages::header::Message;
+use messages::role::{Channel, MOST_CHANNELS, Role};
+
+use crate::command_hold::PENDING_COMMANDS;
+
+/// A command that waits for the decision on its tick.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    tick: u64,
+    /// Tick from which on it may act.
+    effective_tick: u64,
+    candidate: Candidate,
+}
+
+#[derive(Clone, Debug)]
+pub struct ChannelSelection {
+    waiting: Vec<Waiting, { MOST_CHANNELS * PENDING_COMMANDS }>,
+    /// The first tick whose command has not been decided; the only one before the next decision that has a state.
+    undecided: u64,
+    /// The first tick whose command has not been taken: a command that comes after the decision may still be needed.
+    untaken: u64,
+    account: RedundancyAccount,
+}
+
+impl ChannelSelection {
+    pub fn new(channels: usize) -> Self {
+        Self {
+            waiting: Vec::new(),
+            undecided: 0,
+            untaken: 0,
+            account: RedundancyAccount::new(channels),
+        }
+    }
+
+    pub const fn redundancy(&self) -> &Redundancy {
+        &self.account.redundancy
+    }
+
+    /// Takes a channel's command, which may act from `effective_tick` on; not the one with which a mixer ends, which answers
+    /// no wrench. Without room the oldest one is dropped.
+    pub fn offer(&mut self, channel: Channel, message: &Message<RotorSpeeds>, effective_tick: u64) {
+        if message.envelope.stamps_of(Role::Mixer).receive_ns == 0 {
+            return;
+        }
+        if self.waiting.is_full() {
+            self.waiting.remove(0);
+        }
+        let tick = message.envelope.tick;
+        let candidate = Candidate {
+            channel,
+            is_on_time: effective_tick == tick + 1,
+            is_fresh: message.envelope.input_tick == [tick; 3],
+            command: message.content,
+        };
+        let _ = self.waiting.push(Waiting {
+            tick,
+            effective_tick,
+            candidate,
+        });
+    }
+
+    /// Decides on the commands of all ticks before `tick`, which begins now, and gives those that are taken to `take`, each
+    /// with the tick from which on it may act. No state was published of ticks that were skipped: nothing is counted for them.
+    pub fn decide(&mut self, tick: u64, mut take: impl FnMut(&Stamped<RotorSpeeds>, u64)) {
+        for made_for in self.undecided..tick {
+            let mut places: Vec<usize, MOST_CHANNELS> = Vec::new();
+            for channel in Channel::ALL {
+                let is_it = |it: &Waiting| (it.tick, it.candidate.channel) == (made_for, channel);
+                if let Some(place) = self.waiting.iter().position(is_it) {
+                    // At most one a channel.
+                    let _ = places.push(place);
+                }
+            }
+            let candidates: Vec<Candidate, MOST_CHANNELS> = places
+                .iter()
+                .map(|place| self.waiting[*place].candidate)
+                .collect();
+            let selection = select(&candidates);
+            if made_for == self.undecided {
+                self.account.enter(made_for, &candidates, selection);
+            }
+            if let Some(selection) = selection {
+                let chosen = &self.waiting[places[selection.chosen]];
+                let command = Stamped::new(made_for, chosen.candidate.command);
+                take(&command, chosen.effective_tick);
+                self.untaken = made_for + 1;
+            }
+        }
+        self.undecided = self.undecided.max(tick);
+        for late in self.waiting.iter().filter(|it| it.tick < tick) {
+            if late.tick >= self.untaken {
+                self.untaken = late.tick + 1;
+                let command = Stamped::new(late.tick, late.candidate.command);
+                take(&command, late.effective_tick);
+            }
+        }
+        self.waiting.retain(|it| it.tick >= tick);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::header::Header;
+
+    fn message(tick: u64, input_tick: u64, thrust_n: f64) -> Message<RotorSpeeds> {
+        let content = RotorSpeeds {
+            thrust_n,
+            ..RotorSpeeds::default()
+        };
+        let mut envelope = Header {
+            tick,
+            input_tick: [input_tick; 3],
+            ..Header::new()
+        };
+        envelope.stamps[Role::Mixer as usize].receive_ns = 1;
+        Message { envelope, content }
+    }
+
+    fn decided(selection: &mut ChannelSelection, tick: u64) -> std::vec::Vec<(u64, f64, u64)> {
+        let mut taken = std::vec::Vec::new();
+        selection.decide(tick, |command, effective_tick| {
+            taken.push((command.tick, command.content.thrust_n, effective_tick));
+        });
+        taken
+    }
+
+    #[test]
+    fn the_command_of_another_channel_is_taken_where_the_first_has_none_that_is_fresh() {
+        let mut selection = ChannelSelection::new(2);
+        selection.offer(Channel::B, &message(0, 0, 1.0), 1);
+        selection.offer(Channel::A, &message(0, 0, 1.0), 1);
+        assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
+        // Stale in channel a, and then nothing from it.
+        selection.offer(Channel::A, &message(1, 0, 2.0), 2);
+        selection.offer(Channel::B, &message(1, 1, 3.0), 2);
+        assert_eq!(decided(&mut selection, 2), [(1, 3.0, 2)]);
+        selection.offer(Channel::B, &message(2, 2, 4.0), 3);
+        assert_eq!(decided(&mut selection, 3), [(2, 4.0, 3)]);
+        // The same command from both is taken once, even if one comes late.
+        selection.offer(Channel::A, &message(2, 2, 4.0), 4);
+        assert_eq!(decided(&mut selection, 4), []);
+        // Nothing of tick 3 came in time: what comes late acts from then on.
+        selection.offer(Channel::B, &message(3, 3, 5.0), 5);
+        assert_eq!(decided(&mut selection, 5), [(3, 5.0, 5)]);
+        let account = selection.redundancy();
+        assert_eq!((account.flown, account.masked), ([1, 2, 0], 2));
+        assert_eq!((account.not_fresh, account.mismatches), (2, 0));
+    }
+
+    #[test]
+    fn a_plant_that_was_stopped_takes_what_came_meanwhile_in_order() {
+        let mut selection = ChannelSelection::new(2);
+        for tick in 0..5 {
+            selection.offer(Channel::A, &message(tick, tick, tick as f64), tick + 1);
+            selection.offer(Channel::B, &message(tick, tick, tick as f64), tick + 1);
+        }
+        let taken: std::vec::Vec<u64> = decided(&mut selection, 5).iter().map(|it| it.0).collect();
+        assert_eq!(taken, [0, 1, 2, 3, 4]);
+        assert_eq!(selection.redundancy().unprotected, 0);
+    }
+}

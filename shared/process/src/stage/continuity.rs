@@ -1,0 +1,179 @@
+//! The state of a stage beyond its process: published after each tick, and continued from by another process.
+//!
+//! With one channel, a process that replaces another one continues from its last state. With several, the processes of a
+//! role in all channels have the same state after the same tick, as long as each works every tick with fresh inputs. One that
+//! missed a tick, or that joins, takes the state of another channel over:
+//!
+//! | the state of another channel, made from fresh inputs | what is done in tick k |
+//! |---|---|
+//! | of tick k or later | taken over; nothing is sent |
+//! | of tick k-1, and the own inputs are fresh | taken over; tick k is worked from it |
+//! | none of these, or two that differ | tick k is worked from the own state; a process that joins waits for a state of another channel first |
+
+use control_api::SavedState;
+use ipc::error::Error;
+use ipc::{Blackboard, BlackboardReader, Wire};
+use messages::blackboards::StageState;
+use messages::role::{Channel, Replica};
+
+use super::Stage;
+use crate::session::state_board;
+
+/// Ticks for which a process that joins waits for a state of another channel that it can continue from.
+const JOINING_TICKS: u32 = 20;
+
+pub(super) struct Continuity {
+    own: Blackboard<StageState>,
+    saved: SavedState,
+    state: StageState,
+    /// What the process before this one left.
+    left: Option<StageState>,
+    twins: Vec<BlackboardReader<StageState>>,
+    /// The tick that the own state is ready for; nothing in a process that joins and has no state yet.
+    next: Option<u64>,
+    /// Whether it is in channel a.
+    is_first: bool,
+    /// Whether the own state may differ from that of other channels.
+    is_doubtful: bool,
+    waited: u32,
+    /// See [`messages::blackboards::Status`].
+    pub(super) resumed_at: u64,
+    pub(super) is_saved: bool,
+}
+
+/// What to do with a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TickPlan {
+    Work,
+    /// Another channel has worked it; the state was taken over.
+    Skip,
+}
+
+impl Continuity {
+    pub(super) fn new(wire: &Wire, replica: Replica) -> Result<Self, Error> {
+        let name = state_board(replica);
+        let left = wire.blackboard_reader::<StageState>(&name)?;
+        Ok(Self {
+            left: left.map(|board| board.get()),
+            own: wire.blackboard(&name)?,
+            saved: SavedState::new(),
+            state: StageState::default(),
+            twins: Vec::new(),
+            next: None,
+            is_first: replica.channel == Channel::A,
+            is_doubtful: false,
+            waited: 0,
+            resumed_at: 0,
+            is_saved: false,
+        })
+    }
+
+    /// Opens the states of the other channels.
+    pub(super) fn arm(
+        &mut self,
+        wire: &Wire,
+        replica: Replica,
+        channels: usize,
+        run_id: u64,
+    ) -> Result<(), Error> {
+        self.state.run_id = run_id;
+        self.twins.clear();
+        for channel in Channel::first(channels).filter(|it| *it != replica.channel) {
+            let twin = Replica::new(replica.role, channel);
+            self.twins
+                .extend(wire.blackboard_reader(&state_board(twin))?);
+        }
+        Ok(())
+    }
+
+    /// Before the first tick: a process that joins a flight with one channel continues from what was left.
+    pub(super) fn begin<S: Stage>(&mut self, stage: &mut S, first_tick: u64) {
+        self.is_saved = stage.save(&mut self.saved);
+        if first_tick == 0 {
+            self.next = Some(0);
+        } else if self.twins.is_empty() {
+            self.resume(stage, first_tick);
+        }
+    }
+
+    /// Continues from the newest state there is, or from the initial one.
+    fn resume<S: Stage>(&mut self, stage: &mut S, tick: u64) {
+        let run_id = self.state.run_id;
+        let twins = self.twins.iter().map(BlackboardReader::get);
+        let states = twins.chain(self.left.take());
+        let newest = states
+            .filter(|it| it.run_id == run_id && it.length > 0 && it.tick < tick)
+            .max_by_key(|it| it.tick);
+        if let Some(state) = newest.filter(|it| stage.load(it.bytes())) {
+            self.resumed_at = state.tick + 1;
+        }
+        self.next = Some(tick);
+    }
+
+    /// Decides on a tick, whose inputs are fresh or not, and takes over the state that it is worked from.
+    pub(super) fn plan<S: Stage>(&mut self, stage: &mut S, tick: u64, is_fresh: bool) -> TickPlan {
+        if self.twins.is_empty() || (self.next == Some(tick) && is_fresh && !self.is_doubtful) {
+            return TickPlan::Work;
+        }
+        let run_id = self.state.run_id;
+        let least = if is_fresh {
+            tick.saturating_sub(1)
+        } else {
+            tick
+        };
+        let twins = self.twins.iter().map(BlackboardReader::get);
+        let sound = twins.filter(|it| it.run_id == run_id && it.is_fresh == 1 && it.tick >= least);
+        let mut newest: Option<StageState> = None;
+        for state in sound {
+            match &newest {
+                Some(other) if other.tick > state.tick => {}
+                // One of them is wrong.
+                Some(other) if other.tick == state.tick && other.bytes() != state.bytes() => {
+                    newest = None;
+                    break;
+                }
+                _ => newest = Some(state),
+            }
+        }
+        if let Some(state) = newest {
+            if !stage.load(state.bytes()) {
+                // It would not the next time either.
+                self.twins.clear();
+                return TickPlan::Work;
+            }
+            if self.next.is_none() {
+                self.resumed_at = state.tick + 1;
+            }
+            self.next = Some(state.tick + 1);
+            self.is_doubtful = false;
+            return if state.tick >= tick {
+                TickPlan::Skip
+            } else {
+                TickPlan::Work
+            };
+        }
+        if self.next.is_none() {
+            self.waited += 1;
+            if self.waited <= JOINING_TICKS {
+                return TickPlan::Skip;
+            }
+            self.resume(stage, tick);
+        }
+        // If all channels were disturbed, the others continue from the first.
+        self.is_doubtful = !(self.is_first && is_fresh && self.is_doubtful);
+        TickPlan::Work
+    }
+
+    /// Publishes the state after a tick that was worked.
+    pub(super) fn publish<S: Stage>(&mut self, stage: &mut S, tick: u64, is_fresh: bool) {
+        self.next = Some(tick + 1);
+        if !self.is_saved || !stage.save(&mut self.saved) {
+            return;
+        }
+        let state = &mut self.state;
+        state.bytes[..self.saved.len()].copy_from_slice(&self.saved);
+        state.length = self.saved.len() as u64;
+        (state.tick, state.is_fresh) = (tick, u64::from(is_fresh && !self.is_doubtful));
+        self.own.put(*state);
+    }
+}
