@@ -151,6 +151,10 @@ impl Settings {
         Rig::check_period(flight.period_s).map_err(refused)?;
         let (period_s, duration_s) = (flight.period_s, flight.duration_s);
         within("flight.duration_s", duration_s, period_s, LONGEST_S)?;
+        if flight.resume_estimates == Some(true) {
+            return Err(Failure::usage("flight.resume_estimates = true: there is no such setting any more")
+                .help("remove it: a process that is started again continues from the state of the one that died"));
+        }
         if self.recorder.log_files == 1 {
             return Err(Failure::usage(
                 "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",

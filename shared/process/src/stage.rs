@@ -328,7 +328,7 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
         stage.arm(wire, expected, epoch)
     })?;
     if let Some(continuity) = &mut stage.continuity {
-        continuity.begin(&mut stage.stage, armed.first_tick);
+        continuity.begin(&mut stage.stage, armed.first_tick, armed.is_from_take_off);
         session.status.resumed_at = continuity.resumed_at;
     }
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);

@@ -35,6 +35,8 @@ pub struct Armed {
     pub expected: Expected,
     pub last_tick: u64,
     pub first_tick: u64,
+    /// Whether it armed before the plant took off.
+    pub is_from_take_off: bool,
     pub run: JoinedRun,
 }
 
@@ -141,7 +143,12 @@ impl RoleSession {
                 }
             }
             if let Some(board) = plant.take() {
-                return Ok(self.take_off(engaged, board, armed.unwrap_or(run)));
+                let is_from_take_off = armed.is_some();
+                let armed = self.take_off(engaged, board, armed.unwrap_or(run));
+                return Ok(Armed {
+                    is_from_take_off,
+                    ..armed
+                });
             }
         }
     }
@@ -180,6 +187,7 @@ impl RoleSession {
             expected: expected(&run),
             last_tick: run.last_tick,
             first_tick,
+            is_from_take_off: false,
             run: JoinedRun::new(board, run),
         }
     }

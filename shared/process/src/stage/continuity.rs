@@ -86,11 +86,12 @@ impl Continuity {
         Ok(())
     }
 
-    /// Before the first tick: a process that joins a flight with one channel continues from what was left.
-    pub(super) fn begin<S: Stage>(&mut self, stage: &mut S, first_tick: u64) {
+    /// Before the first tick: a process that joins a flight with one channel continues from what was left. One that took part
+    /// in the take-off begins with its initial state, even if it is late.
+    pub(super) fn begin<S: Stage>(&mut self, stage: &mut S, first_tick: u64, took_off: bool) {
         self.is_saved = stage.save(&mut self.saved);
-        if first_tick == 0 {
-            self.next = Some(0);
+        if took_off {
+            (self.next, self.is_doubtful) = (Some(first_tick), first_tick > 0);
         } else if self.twins.is_empty() {
             self.resume(stage, first_tick);
         }
