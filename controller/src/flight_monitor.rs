@@ -46,8 +46,8 @@ impl FlightMonitor {
         let envelope = wrench.envelope;
         let (epoch, seq) = match self.channels {
             1 => (envelope.epoch, envelope.seq),
-            // One after the other, whichever channel sent it.
-            _ => (0, envelope.tick),
+            // Whichever channel sent it: what one has lost comes from another.
+            _ => (0, self.next_seq),
         };
         if self.epoch != Some(epoch) {
             self.epoch = Some(epoch);

@@ -7,25 +7,16 @@ use heapless::Vec;
 use messages::channels::{Candidate, Redundancy, RedundancyAccount, select};
 use messages::content::{RotorSpeeds, Stamped};
 use messages::header::Message;
-use messages::role::{Channel, MOST_CHANNELS, Role};
+use messages::role::{Channel, MOST_CHANNELS};
 
 use crate::command_hold::PENDING_COMMANDS;
 
-/// A command that waits for the decision on its tick.
-#[derive(Clone, Copy, Debug)]
-struct Waiting {
-    tick: u64,
-    /// Tick from which on it may act.
-    effective_tick: u64,
-    candidate: Candidate,
-}
-
 #[derive(Clone, Debug)]
 pub struct ChannelSelection {
-    waiting: Vec<Waiting, { MOST_CHANNELS * PENDING_COMMANDS }>,
-    /// The first tick whose command has not been decided; the only one before the next decision that has a state.
-    undecided: u64,
-    /// The first tick whose command has not been taken: a command that comes after the decision may still be needed.
+    waiting: Vec<Candidate, { MOST_CHANNELS * PENDING_COMMANDS }>,
+    /// The tick whose state was published last, and whose commands are decided on next.
+    published: u64,
+    /// The first tick whose command has not been taken: a command that comes late may still be needed.
     untaken: u64,
     account: RedundancyAccount,
 }
@@ -34,7 +25,7 @@ impl ChannelSelection {
     pub fn new(channels: usize) -> Self {
         Self {
             waiting: Vec::new(),
-            undecided: 0,
+            published: 0,
             untaken: 0,
             account: RedundancyAccount::new(channels),
         }
@@ -44,65 +35,48 @@ impl ChannelSelection {
         &self.account.redundancy
     }
 
-    /// Takes a channel's command, which may act from `effective_tick` on; not the one with which a mixer ends, which answers
-    /// no wrench. Without room the oldest one is dropped.
+    /// Takes a channel's command, which may act from `effective_tick` on. Without room the oldest one is dropped.
     pub fn offer(&mut self, channel: Channel, message: &Message<RotorSpeeds>, effective_tick: u64) {
-        if message.envelope.stamps_of(Role::Mixer).receive_ns == 0 {
-            return;
+        if let Some(candidate) = Candidate::of(channel, message, effective_tick) {
+            if self.waiting.is_full() {
+                self.waiting.remove(0);
+            }
+            let _ = self.waiting.push(candidate);
         }
-        if self.waiting.is_full() {
-            self.waiting.remove(0);
-        }
-        let tick = message.envelope.tick;
-        let candidate = Candidate {
-            channel,
-            is_on_time: effective_tick == tick + 1,
-            is_fresh: message.envelope.input_tick == [tick; 3],
-            command: message.content,
-        };
-        let _ = self.waiting.push(Waiting {
-            tick,
-            effective_tick,
-            candidate,
-        });
     }
 
     /// Decides on the commands of all ticks before `tick`, which begins now, and gives those that are taken to `take`, each
-    /// with the tick from which on it may act. No state was published of ticks that were skipped: nothing is counted for them.
+    /// with the tick from which on it may act. Nothing is counted for ticks without a state.
     pub fn decide(&mut self, tick: u64, mut take: impl FnMut(&Stamped<RotorSpeeds>, u64)) {
-        for made_for in self.undecided..tick {
-            let mut places: Vec<usize, MOST_CHANNELS> = Vec::new();
+        let mut published = (self.published < tick).then_some(self.published);
+        self.published = tick;
+        while let Some(made_for) = self.first_waiting().filter(|it| *it < tick) {
+            let mut candidates: Vec<Candidate, MOST_CHANNELS> = Vec::new();
             for channel in Channel::ALL {
-                let is_it = |it: &Waiting| (it.tick, it.candidate.channel) == (made_for, channel);
-                if let Some(place) = self.waiting.iter().position(is_it) {
-                    // At most one a channel.
-                    let _ = places.push(place);
-                }
+                let is_it = |it: &&Candidate| (it.tick, it.channel) == (made_for, channel);
+                candidates.extend(self.waiting.iter().find(is_it).copied());
             }
-            let candidates: Vec<Candidate, MOST_CHANNELS> = places
-                .iter()
-                .map(|place| self.waiting[*place].candidate)
-                .collect();
+            self.waiting.retain(|it| it.tick != made_for);
             let selection = select(&candidates);
-            if made_for == self.undecided {
-                self.account.enter(made_for, &candidates, selection);
+            if let Some(published) = published.take_if(|it| *it == made_for) {
+                self.account.enter(published, &candidates, selection);
             }
-            if let Some(selection) = selection {
-                let chosen = &self.waiting[places[selection.chosen]];
-                let command = Stamped::new(made_for, chosen.candidate.command);
-                take(&command, chosen.effective_tick);
+            if let Some(selection) = selection.filter(|_| made_for >= self.untaken) {
+                let chosen = &candidates[selection.chosen];
+                take(
+                    &Stamped::new(made_for, chosen.command),
+                    chosen.effective_tick,
+                );
                 self.untaken = made_for + 1;
             }
         }
-        self.undecided = self.undecided.max(tick);
-        for late in self.waiting.iter().filter(|it| it.tick < tick) {
-            if late.tick >= self.untaken {
-                self.untaken = late.tick + 1;
-                let command = Stamped::new(late.tick, late.candidate.command);
-                take(&command, late.effective_tick);
-            }
+        if let Some(published) = published {
+            self.account.enter(published, &[], None);
         }
-        self.waiting.retain(|it| it.tick >= tick);
+    }
+
+    fn first_waiting(&self) -> Option<u64> {
+        self.waiting.iter().map(|it| it.tick).min()
     }
 }
 
@@ -110,6 +84,7 @@ impl ChannelSelection {
 mod tests {
     use super::*;
     use messages::header::Header;
+    use messages::role::Role;
 
     fn message(tick: u64, input_tick: u64, thrust_n: f64) -> Message<RotorSpeeds> {
         let content = RotorSpeeds {

@@ -241,7 +241,7 @@ impl FlightStatistics {
         loop_ns: Option<u64>,
     ) -> bool {
         let follows_loss = self.follow(stage + 1, message);
-        if self.channels == 1 {
+        if self.channels <= 1 {
             self.deaths.message(message);
         }
         if let Some(autopsy) = &mut self.autopsy {
@@ -300,7 +300,12 @@ impl FlightStatistics {
 
     pub fn theorem(&mut self, message: &Message<Monitor>) {
         self.follow(5, message);
-        self.theorem.take(message.envelope.epoch, &message.content);
+        let epoch = match self.channels {
+            0 | 1 => message.envelope.epoch,
+            // All channels have one monitor.
+            _ => 0,
+        };
+        self.theorem.take(epoch, &message.content);
     }
 
     /// Messages that were overwritten before they were read, in the order of [`TOPICS`].

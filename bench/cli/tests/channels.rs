@@ -12,7 +12,7 @@ fn start(rig: &Rig, channels: usize, flags: &str) -> Running {
     let config = rig.airborne(SLOW);
     rig.start(
         "fly",
-        format!("--channels {channels} --rt off --config {config} {flags}"),
+        format!("--channels {channels} --rt prefer --config {config} {flags}"),
     )
 }
 

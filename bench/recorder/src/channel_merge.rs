@@ -5,7 +5,6 @@
 
 use std::collections::VecDeque;
 
-use analysis::flight_statistics::is_final_command;
 use flight_log::entry::LogEntry;
 use messages::channels::{Candidate, select};
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
@@ -14,8 +13,9 @@ use messages::header::Message;
 use messages::role::{Channel, MOST_CHANNELS, Role};
 use messages::topic::Topic;
 
-/// How many ticks behind the newest state a tick is closed, if a channel has sent no command of it, or none has.
+/// How many ticks behind the newest state a tick is closed, if a channel has sent no command of it.
 const CLOSED_AFTER: u64 = 3;
+/// The same while no channel has sent one, of it or of a later tick: it may be late.
 const EMPTY_CLOSED_AFTER: u64 = 200;
 
 type OfChannels<C> = [Option<Message<C>>; MOST_CHANNELS];
@@ -85,20 +85,27 @@ impl ChannelMerge {
     /// Closes the ticks of which every channel has sent its command, and those far enough behind the newest state; all of
     /// them without one. Gives the messages of each to `each`.
     pub fn close(&mut self, newest_state: Option<u64>, mut each: impl FnMut(&LogEntry)) {
-        let channels = self.channels;
-        let is_due = |open: &mut TickMessages| {
-            let commands = open.rotor_speeds.iter().flatten().count();
-            let behind = match commands {
-                0 => EMPTY_CLOSED_AFTER,
-                _ if commands == channels => 0,
-                _ => CLOSED_AFTER,
-            };
-            newest_state.is_none_or(|newest| open.tick + behind <= newest)
-        };
-        while let Some(closed) = self.open.pop_front_if(is_due) {
+        while let Some(behind) = self.behind()
+            && let Some(closed) = self
+                .open
+                .pop_front_if(|it| newest_state.is_none_or(|newest| it.tick + behind <= newest))
+        {
             self.next = closed.tick + 1;
             self.emit(&closed, &mut each);
         }
+    }
+
+    /// How many ticks behind the newest state the first open tick is closed.
+    fn behind(&self) -> Option<u64> {
+        let commands = |it: &TickMessages| it.rotor_speeds.iter().flatten().count();
+        let first = commands(self.open.front()?);
+        Some(if first == self.channels {
+            0
+        } else if self.open.iter().any(|it| commands(it) > 0) {
+            CLOSED_AFTER
+        } else {
+            EMPTY_CLOSED_AFTER
+        })
     }
 
     fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
@@ -119,15 +126,10 @@ impl ChannelMerge {
         let sent = Channel::ALL.into_iter().zip(&closed.rotor_speeds);
         let candidates: Vec<Candidate> = sent
             .filter_map(|(channel, message)| {
-                let message = message.as_ref().filter(|it| !is_final_command(it))?;
-                let Message { envelope, content } = message;
-                let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-                Some(Candidate {
-                    channel,
-                    is_on_time: self.pace.effective_tick(closed.tick, sent_ns) == closed.tick + 1,
-                    is_fresh: is_fresh(message, 3),
-                    command: *content,
-                })
+                let message = message.as_ref()?;
+                let sent_ns = message.envelope.stamps_of(Role::Mixer).send_ns;
+                let effective_tick = self.pace.effective_tick(closed.tick, sent_ns);
+                Candidate::of(channel, message, effective_tick)
             })
             .collect();
         select(&candidates).map_or(Channel::A, |it| candidates[it.chosen].channel)
@@ -222,9 +224,22 @@ mod tests {
             closed(&mut merge, Some(6)),
             [(1, 3, 1), (2, 3, 1), (3, 3, 1)]
         );
+        // A tick without a command, as one that the plant skipped, does not hold up later ones.
+        let alone = LogEntry::Setpoint(message(4, A, true));
+        assert!(merge.take(A, &alone));
+        assert_eq!(closed(&mut merge, Some(8)), []);
+        take(&mut merge, 9, A, true);
+        take(&mut merge, 9, B, true);
+        assert_eq!(
+            closed(&mut merge, Some(9)),
+            [(1, 4, 0), (1, 9, 0), (2, 9, 0), (3, 9, 0)]
+        );
         // Too late to be of use.
         take(&mut merge, 3, A, true);
-        take(&mut merge, 4, A, true);
-        assert_eq!(closed(&mut merge, None), [(1, 4, 0), (2, 4, 0), (3, 4, 0)]);
+        take(&mut merge, 10, A, true);
+        assert_eq!(
+            closed(&mut merge, None),
+            [(1, 10, 0), (2, 10, 0), (3, 10, 0)]
+        );
     }
 }

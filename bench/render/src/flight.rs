@@ -354,7 +354,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
     let contradicted = match section.first_mismatch_s {
         None => "none".into(),
         Some(first_s) if section.channels == 2 => format!(
-            "{} from {first_s:.3} s on; with two channels nobody can say which one was wrong",
+            "{} from {first_s:.3} s on; two channels do not show which one was wrong",
             count(section.mismatches, "tick")
         ),
         Some(first_s) => format!(

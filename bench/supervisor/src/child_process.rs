@@ -197,7 +197,7 @@ impl ChildWatch {
     }
 }
 
-/// Reaps a process that a child left to this one; returns whether there is none any more.
+/// Reaps the releaser process of a killed child; returns whether there is none any more.
 pub(super) fn reap_left(pid: u32) -> bool {
     let options = WaitIdOptions::EXITED.union(WaitIdOptions::NOHANG);
     let waited = pid_of(pid).map(|pid| waitid(WaitId::Pid(pid), options));

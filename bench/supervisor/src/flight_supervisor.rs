@@ -56,7 +56,7 @@ const UNSAVED: &str =
 const OUTVOTED_TICKS: u64 = 3;
 /// How long processes that were started again are left alone.
 const GETTING_IN_STEP: Duration = Duration::from_millis(500);
-/// How long what a killed process had may take to be given back.
+/// Longest wait for the memory and files of a killed process to be free.
 const RELEASED: Duration = Duration::from_millis(200);
 /// How long processes may take to be ready before the user is told, and a restarted one to fly.
 const GETTING_READY: Duration = Duration::from_secs(10);
@@ -70,7 +70,7 @@ pub(super) struct FlightSupervisor {
     restart_limits: BTreeMap<Replica, RestartLimit>,
     /// Failed processes whose roles are to be restarted, and when.
     due: Vec<(ProcessExit, Instant)>,
-    /// Processes that those that were killed have left to this one.
+    /// Releaser processes of killed stages, which are to be reaped.
     left: Vec<u32>,
     /// Whether the supervisor may raise its own priority while it restarts roles.
     may_be_raised: bool,
@@ -650,8 +650,7 @@ impl Drop for FlightSupervisor {
     }
 }
 
-/// Waits until a process that has ended has given up its role: another one with its memory and files does so for it, some
-/// milliseconds later.
+/// Waits until the role of a process that has ended is free: its releaser process gives it up some milliseconds later.
 fn await_release(instance: &Instance, replica: Replica) {
     let since = Instant::now();
     while instance.is_occupied(replica) && since.elapsed() < RELEASED {

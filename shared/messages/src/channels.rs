@@ -1,8 +1,11 @@
 //! Redundant channels: whose command of a tick is flown, and what the plant notes of it.
 
+use std::cmp::Reverse;
+
 use crate::content::RotorSpeeds;
+use crate::header::Message;
 use crate::layout::{Visit as _, layout, wire_enum, zeroed};
-use crate::role::{Channel, MOST_CHANNELS};
+use crate::role::{Channel, MOST_CHANNELS, Role};
 
 /// Name of the plant's blackboard with the [`Redundancy`].
 pub const REDUNDANCY: &str = "redundancy";
@@ -11,16 +14,37 @@ pub const REDUNDANCY: &str = "redundancy";
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     pub channel: Channel,
-    /// Whether it was sent before the next tick began.
-    pub is_on_time: bool,
+    pub tick: u64,
+    /// Tick from which on it may act: the next one, if it was sent before that began.
+    pub effective_tick: u64,
     /// Whether every stage computed it from the state of the tick.
     pub is_fresh: bool,
     pub command: RotorSpeeds,
 }
 
 impl Candidate {
+    /// A command that may act from a tick on; none of the last one of a mixer, which answers no wrench.
+    pub fn of(
+        channel: Channel,
+        message: &Message<RotorSpeeds>,
+        effective_tick: u64,
+    ) -> Option<Self> {
+        let Message { envelope, content } = message;
+        (envelope.stamps_of(Role::Mixer).receive_ns > 0).then(|| Self {
+            channel,
+            tick: envelope.tick,
+            effective_tick,
+            is_fresh: envelope.input_tick == [envelope.tick; 3],
+            command: *content,
+        })
+    }
+
+    const fn is_on_time(&self) -> bool {
+        self.effective_tick == self.tick + 1
+    }
+
     const fn is_usable(&self) -> bool {
-        self.is_on_time && self.is_fresh
+        self.is_on_time() && self.is_fresh
     }
 }
 
@@ -34,10 +58,11 @@ pub struct Selection {
     pub outvoted: Option<Channel>,
 }
 
-/// Chooses the command of a tick: one that is on time and fresh before any other, that of the majority if three are and
-/// one differs, and then that of the first channel. The candidates are in the order of their channels.
+/// Chooses the command of a tick: one that may act earlier before any other, then one that is fresh, that of the majority if
+/// three are alike in that and one differs, and then that of the first channel. The candidates are in the order of their
+/// channels.
 pub fn select(candidates: &[Candidate]) -> Option<Selection> {
-    let rank = |candidate: &Candidate| (candidate.is_on_time, candidate.is_fresh);
+    let rank = |it: &Candidate| (Reverse(it.effective_tick), it.is_fresh);
     let best = candidates.iter().map(rank).max()?;
     let same = |a: &Candidate, b: &Candidate| a.command.is_same(&b.command);
     let rivals = || candidates.iter().filter(|it| rank(it) == best);
@@ -159,7 +184,7 @@ impl RedundancyAccount {
             let candidate = candidates.iter().find(|it| it.channel == channel);
             let reason = match candidate {
                 None => Some(OutageReason::Missing),
-                Some(it) if !it.is_on_time => Some(OutageReason::Late),
+                Some(it) if !it.is_on_time() => Some(OutageReason::Late),
                 Some(it) if !it.is_fresh => Some(OutageReason::Stale),
                 Some(_) if outvoted == Some(channel) => Some(OutageReason::Outvoted),
                 Some(_) => None,
@@ -228,7 +253,8 @@ mod tests {
         };
         Candidate {
             channel,
-            is_on_time,
+            tick: 7,
+            effective_tick: if is_on_time { 8 } else { 9 },
             is_fresh,
             command,
         }
@@ -257,7 +283,7 @@ mod tests {
                 ],
                 Some((A, false, None)),
             ),
-            // Two that differ: nobody can say which is wrong.
+            // Two that differ: either may be wrong.
             (vec![usable(A, 1.0), usable(B, 2.0)], Some((A, true, None))),
             (
                 vec![usable(A, 2.0), usable(B, 1.0), usable(C, 1.0)],

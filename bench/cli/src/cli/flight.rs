@@ -115,10 +115,10 @@ pub struct RtArgs {
     ///
     /// Each is a complete chain of outer, inner and mixer processes. The plant takes the command of channel a if it is
     /// fresh and on time, else that of channel b or c. With three, the majority wins where commands differ.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::channels)]
     pub channels: Option<u32>,
     /// CPUs of the channels: 1, or 2 to fly channels b and c on another one [default: 1].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::channel_cpus)]
     pub channel_cpus: Option<u32>,
     /// How early the plant's timer fires before each tick: microseconds, or auto [default: auto].
     ///

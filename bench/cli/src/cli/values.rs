@@ -14,7 +14,7 @@ use control_api::PERIODS_S;
 use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
-use messages::role::Channel;
+use messages::role::{Channel, MOST_CHANNELS};
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.
@@ -61,6 +61,14 @@ impl TypedValueParser for NameOr {
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
         Some(Box::new((self.names)().into_iter().map(PossibleValue::new)))
     }
+}
+
+pub(crate) fn channels(text: &str) -> Result<u32, String> {
+    whole(text, 1..=MOST_CHANNELS as u32)
+}
+
+pub(crate) fn channel_cpus(text: &str) -> Result<u32, String> {
+    whole(text, 1..=2)
 }
 
 /// A channel by its letter.

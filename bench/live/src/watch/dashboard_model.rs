@@ -329,6 +329,7 @@ impl WatchedFlight {
         laws: FlownLaws,
     ) -> Result<FlightStatistics, Failure> {
         let mut statistics = FlightStatistics::joining(run.pace(), run.t0_ns, tracking)?;
+        statistics.set_channels(run.channels as usize);
         statistics.set_laws(laws);
         Ok(statistics)
     }
