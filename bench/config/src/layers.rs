@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use control_api::law::Rig;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use toml::{Table, Value};
 
 use crate::airframe::{self, Design, PAPER};
@@ -58,6 +58,8 @@ struct Layers<'a> {
     overrides: &'a Overrides,
 }
 
+/// The section with the laws of single channels.
+const CHANNEL: &str = "channel";
 /// Sections that say of themselves which airframe they were made for, if they are whole.
 const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
 /// Sections that override what the airframe flag names.
@@ -100,6 +102,7 @@ impl Layers<'_> {
         };
         insert_laws(&mut table, &Rig::default());
         self.check_preset_name(&preset, &laws)?;
+        let of_channels = self.take_channel_laws()?;
         for (section, law) in &laws {
             if self.flag(section, LAW).is_some() {
                 self.check_law(section, *law)?;
@@ -133,7 +136,69 @@ impl Layers<'_> {
         for (section, law) in laws {
             law_settings::identify(&mut table, section, law);
         }
+        let mut channels = Table::new();
+        for (channel, role, given) in of_channels {
+            let law = law_settings::named(role, given.get(LAW), &Moved::new())
+                .map_err(|failure| failure.append(&format!(" (channel {channel})")))?;
+            let mut section = law_settings::section(law, &preset, &rig);
+            section.extend(given);
+            let own = channels
+                .entry(channel.name())
+                .or_insert(Value::Table(Table::new()));
+            if let Value::Table(own) = own {
+                own.insert(role.name().into(), Value::Table(section));
+                law_settings::identify(own, role.name(), law);
+            }
+        }
+        if !channels.is_empty() {
+            table.insert(CHANNEL.into(), Value::Table(channels));
+        }
         Ok(table)
+    }
+
+    /// The laws of single channels: those of the file's sections, as [channel.b.inner], and those of flags, as `b:inner=pid`.
+    fn take_channel_laws(&mut self) -> Result<Vec<(Channel, Role, Table)>, Failure> {
+        let mut laws: Vec<(Channel, Role, Table)> = Vec::new();
+        let named = |channel: &str, role: &str| {
+            let channel = Channel::ALL.into_iter().find(|it| it.name() == channel);
+            let channel = channel.filter(|it| *it != Channel::A);
+            let role = SECTIONS.into_iter().find(|(section, _)| *section == role);
+            channel.zip(role.map(|(_, role)| role))
+        };
+        if let Some(given) = self.given.remove(CHANNEL) {
+            let channels = given.as_table().into_iter().flatten();
+            for (channel, of_channel) in channels {
+                for (role, keys) in of_channel.as_table().into_iter().flatten() {
+                    let law = named(channel, role).zip(keys.as_table());
+                    let ((channel, role), keys) = law.ok_or_else(|| {
+                        here(self.file, format!("unknown section [{CHANNEL}.{channel}.{role}]: channels b and c have [{CHANNEL}.b.inner] and the like"))
+                    })?;
+                    let mut keys = keys.clone();
+                    if let Some(law) = keys.get_mut(LAW) {
+                        *law = beside(self.file, law);
+                    }
+                    laws.push((channel, role, keys));
+                }
+            }
+        }
+        let flags = self.flag(CHANNEL, "laws").and_then(Value::as_array);
+        for text in flags.into_iter().flatten().filter_map(Value::as_str) {
+            let parts = text
+                .split_once('=')
+                .and_then(|(of, law)| Some((of.split_once(':')?, law)));
+            let law = parts.and_then(|((channel, role), law)| Some((named(channel, role)?, law)));
+            let ((channel, role), law) = law.ok_or_else(|| {
+                Failure::usage(format!("--channel {text}: write LETTER:ROLE=LAW, with b or c, and outer, inner or mixer"))
+                    .help("for example --channel b:inner=pid")
+            })?;
+            laws.retain(|(of, with, _)| (*of, *with) != (channel, role));
+            laws.push((
+                channel,
+                role,
+                Table::from_iter([(LAW.to_owned(), Value::from(law))]),
+            ));
+        }
+        Ok(laws)
     }
 
     /// The laws that the flags or the file name, each with its section.

@@ -26,7 +26,7 @@ use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
 use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use plant::{Ground, Initial};
 use render::flight;
 use serde::{Deserialize, Serialize};
@@ -69,6 +69,11 @@ pub struct Settings {
     pub inner: Table,
     pub mixer: Table,
     pub rt: RealtimeSection,
+    #[serde(default)]
+    pub simplex: SimplexSection,
+    /// The laws of single channels that are not those above.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub channel: BTreeMap<Channel, BTreeMap<Role, Table>>,
     pub recorder: RecorderSettings,
     /// The points of the trajectory, if it has some.
     #[serde(skip)]
@@ -149,6 +154,17 @@ pub struct RealtimeSection {
     #[serde(default = "one")]
     pub channel_cpus: usize,
     pub rehearse: bool,
+}
+
+/// When a channel with other laws takes over: [`Envelope`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimplexSection {
+    pub enabled: bool,
+    pub tilt_max_rad: f64,
+    pub rate_max_rad_s: f64,
+    pub error_max_m: f64,
+    pub command_step_max_rad_s: f64,
 }
 
 /// How many processors and channels there were before there was a choice.
@@ -249,7 +265,8 @@ impl Settings {
             let commented = airframe::commented(&self.airframe);
             document.insert("airframe", toml_edit::Item::Table(commented));
         }
-        for (section, _) in law_settings::SECTIONS {
+        let laws = law_settings::SECTIONS.map(|(section, _)| section);
+        for section in laws.into_iter().chain(["channel"]) {
             table.remove(section);
         }
         for (section, keys) in &table {
@@ -270,7 +287,11 @@ impl Settings {
         }
         let mut text = document.to_string();
         for (role, section) in self.law_sections() {
-            text += &law_settings::commented(role, section, &self.moved)?;
+            text += &law_settings::commented(role, role.name(), section, &self.moved)?;
+        }
+        for (channel, role, section) in self.channel_laws() {
+            let name = format!("channel.{channel}.{role}");
+            text += &law_settings::commented(role, &name, section, &self.moved)?;
         }
         Ok(text)
     }
@@ -282,6 +303,11 @@ impl Settings {
         for section in SHARED_SECTIONS.split(' ') {
             for (key, value) in table[section].as_table().into_iter().flatten() {
                 text.push_str(&format!("{section}.{key} = {value}\n"));
+            }
+        }
+        for (channel, role, section) in self.channel_laws() {
+            for (key, value) in section {
+                text.push_str(&format!("channel.{channel}.{role}.{key} = {value}\n"));
             }
         }
         Ok(text)

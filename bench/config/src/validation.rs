@@ -18,7 +18,7 @@ use super::{Overrides, Settings, law_settings};
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Section, key, least and largest value. A key of several numbers has the same range for each, except an attitude.
-const RANGES: [(&str, &str, f64, f64); 20] = [
+const RANGES: [(&str, &str, f64, f64); 24] = [
     ("flight", "slowdown", 1.0, 1000.0),
     ("flight", "position_error_max_m", 0.01, 1e4),
     ("flight", "tracking_error_max_m", 0.0, 1e4),
@@ -35,6 +35,10 @@ const RANGES: [(&str, &str, f64, f64); 20] = [
     ("ground", "friction", 0.0, 2.0),
     ("ground", "crash_speed_m_s", 0.0, 100.0),
     ("ground", "crash_tilt_rad", 0.0, PI),
+    ("simplex", "tilt_max_rad", 0.01, PI),
+    ("simplex", "rate_max_rad_s", 0.01, 1e4),
+    ("simplex", "error_max_m", 0.01, 1e4),
+    ("simplex", "command_step_max_rad_s", 0.01, 1e5),
     // Until an event comes, the recorder holds this much flight time in memory.
     ("recorder", "log_around_s", 0.0, 10.0),
     ("recorder", "log_file_mb", 1.0, 1e6),
@@ -164,6 +168,13 @@ impl Settings {
         self.rig()?.check().map_err(refused)?;
         for (_, role) in law_settings::SECTIONS {
             self.check_law(role, makes)?;
+        }
+        for channel in self.channel.keys() {
+            let own = self.of_channel(*channel);
+            for (_, role) in law_settings::SECTIONS {
+                let what = |failure: Failure| failure.append(&format!(" (channel {channel})"));
+                own.check_law(role, makes).map_err(what)?;
+            }
         }
         if self.recorder.gate_theorem
             && let Some(law) = self.law_without_theorem()?

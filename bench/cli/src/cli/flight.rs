@@ -330,6 +330,12 @@ pub struct FlyArgs {
     /// Show the dashboard in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
+    /// Fly another law in channel b or c, for example b:inner=pid. It flies on request (`ironbird switch`), or with --simplex.
+    #[arg(long, value_name = "LETTER:ROLE=LAW")]
+    pub channel: Vec<String>,
+    /// Let a channel with other laws take over when the present one sends nothing or leaves the limits of [simplex].
+    #[arg(long)]
+    pub simplex: bool,
     /// What to do when a process dies or hangs in flight [default: end; restart with more than one channel].
     #[arg(long, value_enum, value_name = "WHAT")]
     pub on_death: Option<OnDeath>,
@@ -351,6 +357,21 @@ pub struct FlyArgs {
     pub rt: RtArgs,
     #[command(flatten)]
     pub recorder: RecorderArgs,
+}
+
+impl FlyArgs {
+    pub fn channel_overrides(&self) -> Overrides {
+        let laws: Vec<Value> = self
+            .channel
+            .iter()
+            .map(String::as_str)
+            .map(Value::from)
+            .collect();
+        overrides([
+            set("channel.laws", (!laws.is_empty()).then_some(laws)),
+            set("simplex.enabled", self.simplex.then_some(true)),
+        ])
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
