@@ -136,7 +136,14 @@ fn inner<L: Law + InnerLaw>() {
             let measured = Stamped::new(measured_tick, read(&row["measured"]));
             let wanted = Stamped::new(tick, read(&row["wanted"]));
             let reference = read(&row["reference"]);
-            let demand = law.tick(tick, &measured, &wanted, &reference, telemetry);
+            let demand = law.tick(
+                tick,
+                &measured,
+                &Stamped::never(),
+                &wanted,
+                &reference,
+                telemetry,
+            );
             [&[demand.thrust_n], &demand.torque_b_nm[..]].concat()
         },
         |out| {
@@ -207,7 +214,14 @@ fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
         Stamped::new(0, measured),
         Stamped::new(0, Desired::default()),
     );
-    let demand = law.tick(0, &measured, &wanted, &reference, &mut telemetry);
+    let demand = law.tick(
+        0,
+        &measured,
+        &Stamped::never(),
+        &wanted,
+        &reference,
+        &mut telemetry,
+    );
     let expected = -rig.airframe.i_m()[2] * gain * gain * angle.sin();
     let torque = demand.torque_b_nm[2];
     assert!(

@@ -7,7 +7,7 @@
 //! Without a measurement the loop learns nothing, and the attitude loop's filter runs on.
 
 use control_api::description::{Description, Refused, Setting, Settings, Signal, signal};
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::net_speed;
 use messages::content::{Measured, Reference, Stamped};
 use messages::role::Role;
@@ -190,6 +190,7 @@ impl InnerLaw for Adaptive {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        _: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         _: &Reference,
         telemetry: &mut Telemetry,
@@ -254,11 +255,20 @@ impl InnerLaw for Fixed {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        given: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
         // What it shows beyond the rate error, the guard leaves out.
-        InnerLaw::tick(&mut self.0, tick, measured, wanted, reference, telemetry)
+        InnerLaw::tick(
+            &mut self.0,
+            tick,
+            measured,
+            given,
+            wanted,
+            reference,
+            telemetry,
+        )
     }
 }

@@ -17,7 +17,7 @@
 use control_api::description::{
     Description, Refused, Setting, Settings, Value, number, settings, signal,
 };
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::content::{Measured, Reference, Stamped};
 use messages::math::exp;
 use messages::role::Role;
@@ -163,10 +163,19 @@ impl InnerLaw for AdaptiveResidual {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        given: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
-        InnerLaw::tick(&mut self.0, tick, measured, wanted, reference, telemetry)
+        InnerLaw::tick(
+            &mut self.0,
+            tick,
+            measured,
+            given,
+            wanted,
+            reference,
+            telemetry,
+        )
     }
 }

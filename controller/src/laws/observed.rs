@@ -13,7 +13,7 @@
 //! rates, and after more than 100 ms it has forgotten the disturbance too.
 
 use control_api::description::{Description, Refused, Setting, Settings, Value, number, settings};
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::content::{Measured, Reference, Stamped};
 use messages::rate_dynamics::Inertia;
 use messages::telemetry::Telemetry;
@@ -121,6 +121,7 @@ impl<O: Observer> InnerLaw for Observed<O> {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        _: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         _: &Reference,
         telemetry: &mut Telemetry,
