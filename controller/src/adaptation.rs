@@ -110,6 +110,11 @@ impl Samples {
         })
     }
 
+    /// Lists what the next tick needs; h(t) follows from the tick.
+    pub fn state(&mut self, fields: &mut Fields) {
+        fields.all([&mut self.newest]);
+    }
+
     /// (6), (7): torque [N m] of rotors at these squared speeds [rad^2/s^2], by the nominal model.
     pub fn rotor_torque(&self, speed_squared: &[f64; ROTORS]) -> Vector3<f64> {
         let f = speed_squared.map(|w2| self.k * w2);
@@ -290,8 +295,8 @@ impl Adaptation {
         )
     }
 
-    /// Phib and y: regressor of the last tick, and the acceleration [rad/s^2] that known terms do not explain.
-    fn sample(&self, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
+    /// Phib and y: regressor of a tick, and the acceleration [rad/s^2] that known terms do not explain.
+    pub fn sample(&self, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
         let (start, end, inertia) = (last.nu2_start, last.nu2_end, &self.inertia);
         let h = 0.5 * (last.h_start + last.h_end);
         // Phi is linear in rates and h: the mean of its two values is its value at the means.
@@ -335,10 +340,11 @@ impl Evidence {
         }
     }
 
-    /// Lists what the next tick needs; h(t) and the weight follow from tick and measurement.
+    /// Lists what the next tick needs; the weight follows from the measurement.
     pub fn state(&mut self, fields: &mut Fields) {
         let Regression { x, y, .. } = &mut self.newest;
-        fields.all([x, y, &mut self.ended_at, &mut self.samples.newest]);
+        fields.all([x, y, &mut self.ended_at]);
+        self.samples.state(fields);
     }
 
     /// X and Y as they stand at `tick`, where its state ended a whole tick.

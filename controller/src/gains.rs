@@ -1,19 +1,21 @@
-//! Settings of the paper's inner loop: filter, rate loop, adaptation, and the three named sets of them.
+//! Settings of the paper's inner loop: filter, rate loop, adaptation, and the four named sets of them.
 //!
-//! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
-//! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
+//! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. The others are this
+//! rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag, `quick` learns faster than `flight`.
 
-use control_api::description::{
-    Preset, Setting, SettingKind, Settings, Value, number, settings, three,
-};
+use control_api::description::{Preset, SettingKind, Settings, Value, number, settings, three};
 use control_api::law::Rig;
 use messages::parameters::Airframe;
 
 /// Words of [`ADAPTATION`].
 const ON: &str = "on";
 const OFF: &str = "off";
+/// Words of [`ATTITUDE`].
+const EULER: &str = "euler";
+const QUATERNION: &str = "quaternion";
 
 settings! {
+    pub ATTITUDE = "attitude", "", SettingKind::Word(&[EULER, QUATERNION]), "error of the attitude: of the Euler angles, or of the rotation, which stays right where yaw saturates";
     pub ATTITUDE_1_S = "attitude_1_s", "1/s", positive_three([8.0, 8.0, 3.0]), "K_eta: roll, pitch, yaw";
     pub COMMAND_FILTER_RAD_S = "command_filter_rad_s", "rad/s", positive_three([20.0, 20.0, 3.0]), "w_f, bandwidth of the command filter: roll, pitch, yaw";
     pub ALPHA_1_S = "alpha_1_s", "1/s", number(200.0, f64::MIN_POSITIVE, f64::MAX), "alpha, decay of the rate error";
@@ -26,7 +28,7 @@ settings! {
 }
 
 /// Names of [`PRESETS`].
-pub const PRESET_NAMES: [&str; 3] = ["flight", "paper", "soft"];
+pub const PRESET_NAMES: [&str; 4] = ["flight", "paper", "soft", "quick"];
 
 pub const PRESETS: &[Preset] = &[
     preset(PRESET_NAMES[0], &[]),
@@ -45,6 +47,10 @@ pub const PRESETS: &[Preset] = &[
             (ALPHA_1_S.name, Value::Number(40.0)),
             (ADAPTATION_GAIN.name, Value::Three([4e-5, 0.12, 20.0])),
         ],
+    ),
+    preset(
+        PRESET_NAMES[3],
+        &[(ADAPTATION_GAIN.name, Value::Three([2e-4, 6.0, 400.0]))],
     ),
 ];
 
@@ -65,7 +71,7 @@ pub const fn preset(name: &'static str, values: &'static [(&'static str, Value)]
     Preset { name, values }
 }
 
-const fn positive_three(default: [f64; 3]) -> SettingKind {
+pub const fn positive_three(default: [f64; 3]) -> SettingKind {
     SettingKind::Three {
         default,
         min: f64::MIN_POSITIVE,
@@ -73,9 +79,19 @@ const fn positive_three(default: [f64; 3]) -> SettingKind {
     }
 }
 
+/// How the attitude loop sees an attitude that is not the one wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AttitudeError {
+    /// As the difference of the Euler angles, as in the paper.
+    Euler,
+    /// As the rotation from the one to the other.
+    Quaternion,
+}
+
 /// Gains of the command filter, the inner loop and its adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {
+    pub attitude_error: AttitudeError,
     pub attitude_1_s: [f64; 3],
     /// w_f of the command filter for roll, pitch, yaw [rad/s].
     pub command_filter_rad_s: [f64; 3],
@@ -96,6 +112,10 @@ pub struct Gains {
 impl Gains {
     pub fn of(settings: &Settings) -> Self {
         Self {
+            attitude_error: match settings.word(&ATTITUDE) {
+                QUATERNION => AttitudeError::Quaternion,
+                _ => AttitudeError::Euler,
+            },
             attitude_1_s: settings.three(&ATTITUDE_1_S),
             command_filter_rad_s: settings.three(&COMMAND_FILTER_RAD_S),
             alpha_1_s: settings.number(&ALPHA_1_S),
@@ -173,20 +193,24 @@ impl Gains {
 
 /// Settings that do for the airframe of `rig` what these do for the nominal one: [`Gains::scaled`].
 pub fn suited(settings: &Settings, rig: &Rig) -> Settings {
-    let gains = Gains::of(settings).scaled(&Airframe::nominal(), &rig.airframe);
-    let number = |setting: Setting, value| (setting.name, Value::Number(value));
-    let three = |setting: Setting, value| (setting.name, Value::Three(value));
-    Settings::new(vec![
-        three(ATTITUDE_1_S, gains.attitude_1_s),
-        three(COMMAND_FILTER_RAD_S, gains.command_filter_rad_s),
-        number(ALPHA_1_S, gains.alpha_1_s),
-        number(PREDICTOR_TICKS, gains.predictor_ticks),
-        (ADAPTATION.name, Value::Word(settings.word(&ADAPTATION))),
-        three(ADAPTATION_GAIN, gains.adaptation),
-        number(REGRESSOR_FILTER_RAD_S, gains.regressor_filter_rad_s),
-        three(ESTIMATE_MIN, gains.estimate_min),
-        three(ESTIMATE_MAX, gains.estimate_max),
-    ])
+    suited_of(settings, &Gains::of(settings), rig).0
+}
+
+/// The same for a relative of the law, whose settings mean `gains`; and by how much its loops are slower.
+pub fn suited_of(settings: &Settings, gains: &Gains, rig: &Rig) -> (Settings, f64) {
+    let scaled = gains.scaled(&Airframe::nominal(), &rig.airframe);
+    let settings = settings
+        .clone()
+        .with(&ATTITUDE_1_S, Value::Three(scaled.attitude_1_s))
+        .with(
+            &COMMAND_FILTER_RAD_S,
+            Value::Three(scaled.command_filter_rad_s),
+        )
+        .with(&ALPHA_1_S, Value::Number(scaled.alpha_1_s))
+        .with(&ADAPTATION_GAIN, Value::Three(scaled.adaptation))
+        .with(&ESTIMATE_MIN, Value::Three(scaled.estimate_min))
+        .with(&ESTIMATE_MAX, Value::Three(scaled.estimate_max));
+    (settings, scaled.alpha_1_s / gains.alpha_1_s)
 }
 
 impl Default for Gains {

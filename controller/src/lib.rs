@@ -3,7 +3,7 @@
 //! The paper's two loops are the laws `pd` and `adaptive`. Source: "An Adaptive Scheme to Estimate Unknown Parameters
 //! of an Unmanned Aerial Vehicle" (Imran, Montazeri). Data flow: a [`ScaledTrajectory`] gives the reference at the tick.
 //! [`laws::Pd`] turns it and the measurement into the wanted thrust and attitude ([`flatness`]). [`laws::Adaptive`]
-//! smooths the attitude ([`command_filter`]), turns it into body rates ([`rate_law`]), learns I_R, k_r and delta
+//! smooths the attitude and turns it into body rates ([`attitude_loop`]), learns I_R, k_r and delta
 //! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead if configured so.
 //! [`TheoremMonitor`] checks what it has learnt, from messages alone ([`monitor`]).
 //!
@@ -13,6 +13,7 @@
 
 pub mod adaptation;
 pub mod assumptions;
+pub mod attitude_loop;
 pub mod command_filter;
 pub mod excitation;
 pub mod feasibility;

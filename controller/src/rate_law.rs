@@ -14,12 +14,14 @@
 //! message reports as in force, so its one-tick prediction is right even when a command was late. A predictor that looks
 //! further than the delay is worse than none (docs/paper.md).
 
+use messages::attitude::Attitude;
 use messages::frames::{RollPitch, wrap};
 use messages::math::exp_m1;
 use messages::rate_dynamics::Inertia;
 use nalgebra::Vector3;
 
 use crate::command_filter::CommandFilter;
+use crate::laws::cascade::DesiredAttitude;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateReference {
@@ -50,6 +52,37 @@ pub fn rate_reference(
     RateReference {
         nu2_d: roll_pitch.body_rate(&xi),
         dnu2_d: roll_pitch.body_rate(&dxi) + roll_pitch.body_rate_dot(&d_eta2, &xi),
+    }
+}
+
+/// The same, where K_eta closes the rotation q_e = q^-1 q_d between attitude and filtered attitude instead of the
+/// difference of their Euler angles. The paper has no counterpart.
+///
+/// ```text
+///     nu2_d = K_eta 2 vec(q_e) + R_e w_d,   w_d = W e1 at the filtered attitude,   w_e = R_e w_d - nu2
+///     dnu2_d = K_eta (scalar(q_e) w_e + w_e x vec(q_e)) + R_e dw_d - nu2 x R_e w_d
+/// ```
+///
+/// Where yaw is off, the difference of the Euler angles asks for the roll and the pitch that point the thrust as wanted
+/// at the *wanted* yaw; the rotation asks for those that do so at the yaw that is.
+pub fn quaternion_reference(
+    eta2: &Vector3<f64>,
+    nu2: &Vector3<f64>,
+    filter: &CommandFilter,
+    e2: &Vector3<f64>,
+    k_eta: &Vector3<f64>,
+) -> RateReference {
+    let desired = DesiredAttitude::at(&filter.ec, &filter.e1, e2);
+    let q_e = Attitude::of_euler(eta2)
+        .inverse()
+        .times(&desired.attitude)
+        .short_way();
+    let (w_d, dw_d) = (q_e.to_world(&desired.nu2), q_e.to_world(&desired.dnu2));
+    let (w_e, vector) = (w_d - nu2, q_e.vector());
+    let d_error = q_e.scalar() * w_e + w_e.cross(&vector);
+    RateReference {
+        nu2_d: 2.0 * k_eta.component_mul(&vector) + w_d,
+        dnu2_d: k_eta.component_mul(&d_error) + dw_d - nu2.cross(&w_d),
     }
 }
 

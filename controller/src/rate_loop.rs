@@ -9,10 +9,26 @@ use messages::math::{exp_m1, ln_1p, sin};
 use crate::gains::{ESTIMATE_MAX, ESTIMATE_MIN, Gains};
 
 /// Delay of the chain that must be survived: one tick by design, and one more for a late command.
-const CHAIN_DELAY_TICKS: u32 = 2;
+pub const CHAIN_DELAY_TICKS: u32 = 2;
 
 /// Refuses gains that are meaningless or cannot fly. Nothing is changed to fit.
 pub fn check(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
+    check_bounds(gains)?;
+    if gains.predictor_ticks != 0.0 && gains.predictor_ticks != 1.0 {
+        return Err(Refused(format!(
+            "inner.predictor_ticks = {}: allowed are 0 (no predictor) and 1 (the delay of the chain)",
+            gains.predictor_ticks
+        )));
+    }
+    let (delay_ticks, remedy) = match gains.predictor_ticks {
+        0.0 => (CHAIN_DELAY_TICKS, ", or set inner.predictor_ticks = 1"),
+        _ => (CHAIN_DELAY_TICKS - 1, ""),
+    };
+    check_alpha(rig, gains.alpha_1_s, delay_ticks, remedy)
+}
+
+/// Refuses bounds of the estimates that contain nothing.
+pub fn check_bounds(gains: &Gains) -> Result<(), Refused> {
     for (i, (low, high)) in gains
         .estimate_min
         .into_iter()
@@ -26,13 +42,7 @@ pub fn check(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
             )));
         }
     }
-    if gains.predictor_ticks != 0.0 && gains.predictor_ticks != 1.0 {
-        return Err(Refused(format!(
-            "inner.predictor_ticks = {}: allowed are 0 (no predictor) and 1 (the delay of the chain)",
-            gains.predictor_ticks
-        )));
-    }
-    check_rate_loop(rig, gains)
+    Ok(())
 }
 
 /// The rate loop under delay: e(k+1) = e(k) - a_d T e(k-d) is stable exactly while
@@ -41,10 +51,14 @@ pub fn check(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
 /// Without predictor d is the whole delay of the chain with one late command, 2: alpha < 0.9624/T, 962/s
 /// at 1 kHz. The predictor starts from the command in force, which the state message names, so it takes one
 /// tick off even when a command is late: d = 1, limit 1, and 1 - exp(-alpha T) is always below that. Only
-/// where it rounds to 1 (alpha T above 36) is no margin left, and the settings are refused.
-fn check_rate_loop(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
-    let (alpha_1_s, period_s) = (gains.alpha_1_s, rig.period_s);
-    let delay_ticks = CHAIN_DELAY_TICKS - u32::from(gains.predictor_ticks == 1.0);
+/// where it rounds to 1 (alpha T above 36) is no margin left, and the settings are refused. `remedy` ends the refusal.
+pub fn check_alpha(
+    rig: &Rig,
+    alpha_1_s: f64,
+    delay_ticks: u32,
+    remedy: &str,
+) -> Result<(), Refused> {
+    let period_s = rig.period_s;
     let limit = loop_gain_limit(delay_ticks);
     let loop_gain = -exp_m1(-alpha_1_s * period_s);
     if loop_gain < limit {
@@ -53,11 +67,6 @@ fn check_rate_loop(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
     let alpha_t_max = -ln_1p(-limit);
     let (alpha_max_1_s, period_max_s) = (alpha_t_max / period_s, alpha_t_max / alpha_1_s);
     let divisor = 2 * (2 * delay_ticks + 1);
-    let remedy = if delay_ticks == CHAIN_DELAY_TICKS {
-        ", or set inner.predictor_ticks = 1"
-    } else {
-        ""
-    };
     Err(Refused(format!(
         "inner.alpha_1_s = {alpha_1_s} cannot fly at period_s = {period_s}: with a late command ({delay_ticks} \
          ticks of delay unpredicted) the rate loop needs 1 - exp(-alpha T) < 2 sin(pi/{divisor}) = {limit:.6}, \

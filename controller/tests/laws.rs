@@ -1,7 +1,7 @@
 //! What must hold for the laws at every input, not only in the reference cases.
 
 use control_api::Rig;
-use controller::adaptation::{Adaptation, LastTick};
+use controller::adaptation::{Adaptation, LastTick, Learnt};
 use controller::command_filter::{CommandFilter, Passage};
 use controller::gains::PRESET_NAMES;
 use controller::limits::AccelerationLimits;
@@ -9,7 +9,7 @@ use controller::lyapunov::v_th;
 use controller::{Gains, Limits, Trajectory};
 use messages::content::Reference;
 use messages::rate_dynamics::disturbance;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -115,6 +115,48 @@ proptest! {
             learnt = adaptation.step(&learnt, &last);
             prop_assert!(adaptation.admits(&learnt.theta), "{}", learnt.theta);
         }
+    }
+}
+
+proptest! {
+    /// Astolfi, Karagiannis and Ortega's estimates of (I_R, k_r, delta), by the implicit midpoint rule: an estimate is
+    /// its integral part plus beta(nu, t), and the increment of beta over a tick is exact (docs/laws.md).
+    #[test]
+    fn the_adaptation_is_immersion_and_invariance_by_the_implicit_midpoint_rule(
+        preset in select(&PRESET_NAMES),
+        theta in vector(0.5),
+        (start, end, tau_m) in (vector(2.0), vector(2.0), vector(0.3)),
+        (om_m, tick) in (-200.0..200.0, 0..30_000_usize),
+    ) {
+        let gains = Gains { regressor_filter_rad_s: 0.0, ..Gains::preset(preset).expect("a preset") };
+        let adaptation = Adaptation {
+            lo: Vector3::repeat(f64::MIN),
+            hi: Vector3::repeat(f64::MAX),
+            ..Adaptation::new(&Rig::default(), &gains)
+        };
+        let (period_s, inertia) = (adaptation.period_s, &adaptation.inertia);
+        let [h_start, h_end] = [tick, tick + 1].map(|tick| disturbance(tick as f64 * period_s));
+        let last = LastTick { nu2_start: start, nu2_end: end, h_start, h_end, om_m, tau_m };
+        let prior = Learnt { theta, ..adaptation.prior() };
+
+        let g = adaptation.gamma / gains.alpha_1_s;
+        let (mid, h) = ((start + end) / 2.0, (h_start + h_end) / 2.0);
+        let phi = inertia.regressor(&mid, om_m, &h);
+        let known = (inertia.coupling(&start) + inertia.coupling(&end)) / 2.0 + inertia.acceleration(&tau_m);
+        // beta of k_r is -g2 sum nu_i^2/(2 I_i), that of delta g3 h^T nu less what time alone changes in it; that of I_R
+        // has no potential, and its increment is that along the straight line.
+        let energy = |nu: &Vector3<f64>| nu.dot(&inertia.acceleration(nu)) / 2.0;
+        let d_beta = g.component_mul(&Vector3::new(
+            phi.column(0).dot(&(end - start)),
+            energy(&start) - energy(&end),
+            h_end.dot(&end) - h_start.dot(&start) - mid.dot(&(h_end - h_start)),
+        ));
+        let g_phi = Matrix3::from_diagonal(&g) * phi.transpose();
+        let left = Matrix3::identity() + period_s * g_phi * phi;
+        let expected = left.lu().solve(&(theta + d_beta - period_s * g_phi * known)).expect("1 + a product G X^T X");
+        let learnt = adaptation.step(&prior, &last).theta;
+        let tolerance = if preset == "paper" { 1e-6 } else { 1e-9 };
+        prop_assert!((learnt - expected).amax() < tolerance * expected.amax().max(1.0), "{learnt} {expected}");
     }
 }
 

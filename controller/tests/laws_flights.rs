@@ -7,7 +7,9 @@ use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, r
 use control_api::description::{Settings, Value};
 use control_api::law::{Desired, InnerLaw, Law, WrenchSetpoint};
 use controller::Trajectory;
-use controller::laws::{Estimating, Fixed, Geometric, Indi, Pid};
+use controller::laws::{
+    Adaptive, AdaptiveResidual, Estimating, Fixed, Geometric, Indi, L1, Mrac, Pid, Sliding,
+};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, NO_TICK, Reference, RotorSpeeds, Stamped};
@@ -109,6 +111,68 @@ fn indi_beats_a_fixed_model_on_each_disturbance_it_is_made_for() {
     }
 }
 
+/// Worst error [mm] of `adaptive_residual`, `l1`, `mrac` and `sliding`, with some settings of them all.
+fn unmodelled(
+    course: &ScaledTrajectory,
+    from_s: f64,
+    settings: &[(&'static str, Value)],
+) -> [f64; 4] {
+    [
+        inner::<AdaptiveResidual>(settings.to_vec()),
+        inner::<L1>(settings.to_vec()),
+        inner::<Mrac>(settings.to_vec()),
+        inner::<Sliding>(settings.to_vec()),
+    ]
+    .map(|law| 1e3 * flown(course, law).worst(from_s))
+}
+
+#[test]
+fn laws_that_cancel_what_no_model_names_fly_on_with_a_weak_rotor_delay_and_slow_motors() {
+    let course = || course(Trajectory::Lissajous);
+    for (course, from_s, bounds_mm) in [
+        (course(), 8.0, [0.4, 0.5, 0.7, 0.4]),
+        (
+            course().with(0.0, RotationalDrag, 0.315),
+            8.0,
+            [0.5, 0.7, 1.4, 0.5],
+        ),
+        // The outer law must find the thrust that is left.
+        (course().with(8.0, RotorEfficiency1, 0.8), 13.0, [9.6; 4]),
+        (course().delayed(3), 8.0, [0.7, 0.7, 0.8, 0.7]),
+        (course().delayed(8), 8.0, [1.5; 4]),
+        (course().with(0.0, MotorTimeConstant, 0.02), 8.0, [3.6; 4]),
+        (course().skipping(7), 8.0, [0.5, 0.6, 1.8, 0.5]),
+    ] {
+        let errors_mm = unmodelled(&course, from_s, &[]);
+        let within = errors_mm
+            .iter()
+            .zip(bounds_mm)
+            .all(|(error, bound)| *error < bound);
+        assert!(
+            within,
+            "{errors_mm:?} mm, not {bounds_mm:?} mm, in {course:?}"
+        );
+    }
+}
+
+#[test]
+fn where_yaw_saturates_the_thrust_still_points_as_wanted_with_the_rotation_as_attitude_error() {
+    let course = course(Trajectory::Lissajous).with(0.0, RotationalDrag, 0.7);
+    let quaternion = [("attitude", Value::Word("quaternion"))];
+    let adaptive =
+        |settings: &[_]| 1e3 * flown(&course, inner::<Adaptive>(settings.to_vec())).worst(13.0);
+    let (euler_mm, rotation_mm) = (adaptive(&[]), adaptive(&quaternion));
+    assert!(
+        euler_mm > 20.0 && rotation_mm < 0.7,
+        "{euler_mm} mm, {rotation_mm} mm"
+    );
+    let errors_mm = unmodelled(&course, 13.0, &quaternion);
+    assert!(
+        errors_mm.iter().all(|error| *error < 2.8),
+        "{errors_mm:?} mm"
+    );
+}
+
 #[test]
 fn indi_asks_less_of_the_rotors_under_gyro_noise() {
     let noisy = course(Trajectory::Hover).with(0.0, GyroNoise, 0.01);
@@ -170,7 +234,15 @@ fn coasts<L: Law + InnerLaw>(overrides_thrust: bool) {
             Stamped::new(tick, desired),
         );
         let (reference, mut telemetry) = (Reference::default(), Telemetry::default());
-        law.tick(tick, &measured, &desired, &reference, &mut telemetry)
+        let given = Stamped::never();
+        law.tick(
+            tick,
+            &measured,
+            &given,
+            &desired,
+            &reference,
+            &mut telemetry,
+        )
     };
     let no_torque = |thrust_n| WrenchSetpoint {
         thrust_n,
@@ -225,7 +297,14 @@ fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
         let measured = Stamped::new(tick, plant.begin(tick).measured);
         let wanted = Stamped::new(tick, Desired::default());
         let (reference, mut telemetry) = (Reference::default(), Telemetry::default());
-        let demand = law.tick(tick, &measured, &wanted, &reference, &mut telemetry);
+        let demand = law.tick(
+            tick,
+            &measured,
+            &Stamped::never(),
+            &wanted,
+            &reference,
+            &mut telemetry,
+        );
         let tau = demand.torque_b_nm.into();
         let (f_min, f_max) = (rig.rotor.f_min(k), rig.rotor.f_max(k));
         let mixed = mix(&allocation, demand.thrust_n, &tau, f_min, f_max);

@@ -1,20 +1,19 @@
-// An inner law in C: attitude P on Euler angles, rate PI, and the model's drag fed forward.
+// An inner law in C: the attitude loop of ironbird_attitude.h, rate PI, and the model's drag fed forward.
 //
 //     cc -std=c11 -O2 -fPIC -shared -I shared/ironbird_law/include -o libcascade.so examples/law_c/cascade.c -lm
 //     ironbird simulate --inner ./libcascade.so
 
-#include "ironbird_law.h"
+#include "ironbird_attitude.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
-static const double TURN = 6.283185307179586;
-enum { ATTITUDE, RATE, INTEGRAL, SETTINGS };
+enum { ATTITUDE, FILTER, RATE, INTEGRAL, SETTINGS };
 static const IronbirdSetting settings[SETTINGS] = {
     [ATTITUDE] = {.name = "attitude_1_s", .unit = "1/s", .meaning = "gain of the attitude error: roll, pitch, yaw",
                   .kind = IRONBIRD_THREE, .default_number = {8, 8, 3}, .min = 0.1, .max = 100},
+    [FILTER] = {.name = "command_filter_rad_s", .unit = "rad/s", .meaning = "bandwidth of the attitude wanted",
+                .kind = IRONBIRD_THREE, .default_number = {20, 20, 3}, .min = 0.1, .max = 500},
     [RATE] = {.name = "rate_1_s", .unit = "1/s", .meaning = "gain of the rate error",
               .kind = IRONBIRD_NUMBER, .default_number = {200}, .min = 1, .max = 900},
     [INTEGRAL] = {.name = "integral_1_s2", .unit = "1/s^2", .meaning = "gain of the rate error's integral; 0 is off",
@@ -24,10 +23,16 @@ static const IronbirdSignal telemetry[] = {
     {"rate_error_x_rad_s", "rad/s"}, {"rate_error_y_rad_s", "rad/s"}, {"rate_error_z_rad_s", "rad/s"},
 };
 
+// What changes in flight: an instance in a restarted process continues from it.
+typedef struct {
+    IronbirdAttitude attitude;
+    double integral[3]; // of the rate error [rad]
+} Memory;
+
 typedef struct {
     IronbirdRig rig;
     IronbirdValue set[SETTINGS];
-    double integral[3]; // of the rate error [rad]
+    Memory memory;
 } Cascade;
 
 static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *values, char *refused, uint64_t size)
@@ -51,64 +56,47 @@ static void copy_into(const void *law, void *other)
     *(Cascade *)other = *(const Cascade *)law;
 }
 
-// What changes in flight: an instance in a restarted process continues from it.
 static uint64_t save(const void *law, void *bytes, uint64_t size)
 {
-    const Cascade *cascade = law;
-    if (size < sizeof cascade->integral)
+    if (size < sizeof(Memory))
         return 0;
-    memcpy(bytes, cascade->integral, sizeof cascade->integral);
-    return sizeof cascade->integral;
+    memcpy(bytes, &((const Cascade *)law)->memory, sizeof(Memory));
+    return sizeof(Memory);
 }
 
 static uint64_t load(void *law, const void *bytes, uint64_t size)
 {
-    Cascade *cascade = law;
-    if (size != sizeof cascade->integral)
+    if (size != sizeof(Memory))
         return 0;
-    memcpy(cascade->integral, bytes, size);
+    memcpy(&((Cascade *)law)->memory, bytes, size);
     return 1;
-}
-
-// Body rates of Euler rates, at a roll and a pitch: nu = W d(eta).
-static void body_rates(const double eta[3], const double d_eta[3], double nu[3])
-{
-    const double s = sin(eta[0]), c = cos(eta[0]), cp = cos(eta[1]);
-    nu[0] = d_eta[0] - sin(eta[1]) * d_eta[2];
-    nu[1] = c * d_eta[1] + s * cp * d_eta[2];
-    nu[2] = -s * d_eta[1] + c * cp * d_eta[2];
 }
 
 static void tick(void *instance, const IronbirdInnerInput *in, IronbirdDemand *out, IronbirdTelemetry *shown)
 {
     Cascade *law = instance;
     const IronbirdAirframe *air = &law->rig.airframe;
-    const double *eta = in->measured.attitude_rad, *nu = in->measured.rate_b_rad_s, *i_m = air->inertia_kg_m2;
+    const IronbirdRates rates = ironbird_attitude(&law->memory.attitude, &law->rig, law->set[ATTITUDE].number,
+                                                  law->set[FILTER].number, in);
     out->thrust_n = in->wanted.thrust_n;
-    out->torque_b_nm[0] = out->torque_b_nm[1] = out->torque_b_nm[2] = 0;
-    if (in->measured_age > 0) // no torque is flown on an old measurement, and nothing is learnt from it
-        return;
-    double xi[3], nu_wanted[3], feed[3];
     for (int i = 0; i < 3; i++) {
-        const double error = remainder(in->wanted.attitude_rad[i] - eta[i], TURN); // the short way round
-        xi[i] = in->wanted.attitude_rate_rad_s[i] + law->set[ATTITUDE].number[i] * error;
-    }
-    body_rates(eta, xi, nu_wanted);
-    body_rates(eta, in->wanted.attitude_acceleration_rad_s2, feed);
-    for (int i = 0; i < 3; i++) {
-        const int j = (i + 1) % 3, k = (i + 2) % 3;
-        const double error = nu[i] - nu_wanted[i];
-        const double coupling = (i_m[k] - i_m[j]) * nu[j] * nu[k];
-        law->integral[i] += error * law->rig.period_s;
-        shown->value[i] = error;
-        const double pi = law->set[RATE].number[0] * error + law->set[INTEGRAL].number[0] * law->integral[i];
-        out->torque_b_nm[i] = coupling + air->rotational_drag_nm_s * nu[i] + i_m[i] * (feed[i] - pi);
+        out->torque_b_nm[i] = 0;
+        if (!rates.fresh) // no torque is flown on an old measurement, and nothing is learnt from it
+            continue;
+        if (!in->given.saturated) // what the rotors cannot give is not integrated
+            law->memory.integral[i] += rates.error[i] * law->rig.period_s;
+        const double pi = law->set[RATE].number[0] * rates.error[i] + law->set[INTEGRAL].number[0] * law->memory.integral[i];
+        const double acceleration = rates.wanted_dot[i] - rates.coupling[i] - pi;
+        // The true drag, where nothing is swapped: a rival of a law that must learn it would leave it out.
+        const double drag = air->rotational_drag_nm_s * in->measured.rate_b_rad_s[i];
+        out->torque_b_nm[i] = air->inertia_kg_m2[i] * acceleration + drag;
+        shown->value[i] = rates.error[i];
     }
 }
 
 static const IronbirdLaw law = {
     .interface_version = IRONBIRD_LAW_INTERFACE, .sizes = IRONBIRD_SIZES, .role = IRONBIRD_INNER,
-    .name = "cascade", .version = "1", .summary = "attitude P on Euler angles and rate PI",
+    .name = "cascade", .version = "2", .summary = "attitude loop of `adaptive` and rate PI",
     .settings = settings, .settings_count = SETTINGS, .telemetry = telemetry, .telemetry_count = 3,
     .create = create, .destroy = free, .copy_into = copy_into, .save = save, .load = load,
     .tick_inner = tick,

@@ -10,16 +10,16 @@ pub const TOLERANCE: f64 = 1e-12;
 
 /// Runs a check on each case of a group.
 pub fn each_case(group: &str, check: impl Fn(&Value)) {
-    cases(include_str!("vectors.json"), group)
+    cases(include_str!("vectors.json"), group, 50)
         .iter()
         .for_each(check);
 }
 
-/// The cases of a group of vectors, which are 50.
-pub fn cases(vectors: &str, group: &str) -> Vec<Value> {
+/// The cases of a group of vectors, which are so many.
+pub fn cases(vectors: &str, group: &str, count: usize) -> Vec<Value> {
     let mut vectors: Value = serde_json::from_str(vectors).unwrap();
     let cases: Vec<Value> = serde_json::from_value(vectors[group].take()).unwrap();
-    assert_eq!(cases.len(), 50, "{group}");
+    assert_eq!(cases.len(), count, "{group}");
     cases
 }
 

@@ -23,7 +23,7 @@ const RESERVED: &str = "\
 
 /// Files of the folder: the tag of the laws that have it, its path, and its template. Files that start with `#!` are
 /// executable.
-const FILES: [(&str, &str, &str); 17] = [
+const FILES: [(&str, &str, &str); 18] = [
     ("all", "README.md", include_str!("new_law/README.md")),
     (
         "all",
@@ -34,7 +34,8 @@ const FILES: [(&str, &str, &str); 17] = [
     ("c", "law.c", include_str!("new_law/law.c.in")),
     ("c", "build", include_str!("new_law/build_c")),
     ("c", ".gitignore", "law.so\nruns\n"),
-    ("c", "ironbird_law.h", HEADER),
+    ("c", "ironbird_law.h", HEADERS[0]),
+    ("c", "ironbird_attitude.h", HEADERS[1]),
     ("rust", "src/lib.rs", include_str!("new_law/law.rs.in")),
     ("rust", "Cargo.toml", include_str!("new_law/Cargo.toml.in")),
     ("rust", "build", include_str!("new_law/build_rust")),
@@ -51,8 +52,11 @@ const FILES: [(&str, &str, &str); 17] = [
     ("python", ".gitignore", "__pycache__\nruns\n"),
 ];
 
-/// The interface in C, and the crate `ironbird_law`.
-const HEADER: &str = include_str!("../../../shared/ironbird_law/include/ironbird_law.h");
+/// The interface in C with the attitude loop, and the crate `ironbird_law`.
+const HEADERS: [&str; 2] = [
+    include_str!("../../../shared/ironbird_law/include/ironbird_law.h"),
+    include_str!("../../../shared/ironbird_law/include/ironbird_attitude.h"),
+];
 const CRATE: [&str; 3] = [
     include_str!("../../../shared/ironbird_law/src/lib.rs"),
     include_str!("../../../shared/ironbird_law/src/abi.rs"),
@@ -196,8 +200,8 @@ fn files(args: &NewLawArgs) -> Result<Vec<(&'static str, String)>, Failure> {
     };
     let tags = [role, language, "all"];
     let fill = |(_, path, template): &(&str, &'static str, &str)| {
-        // The interface is copied as it is.
-        if path.starts_with("ironbird_law") {
+        // The interface and its headers are copied as they are.
+        if path.starts_with("ironbird_") {
             return (*path, (*template).to_owned());
         }
         let text = selected(template, &tags);

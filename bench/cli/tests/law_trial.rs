@@ -1,7 +1,7 @@
 //! The trial of laws: the built-in laws pass it, and each way to fail is found.
 
 use control_api::description::{Description, Refused, Settings};
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use ironbird::laws::findings_text;
 use ironbird::laws::trial::{Candidate, Findings, trial};
 use messages::content::{Measured, Reference, Stamped};
@@ -77,6 +77,7 @@ impl InnerLaw for Shares {
         &mut self,
         _: u64,
         _: &Stamped<Measured>,
+        _: &Stamped<Given>,
         _: &Stamped<Desired>,
         _: &Reference,
         _: &mut Telemetry,

@@ -109,16 +109,21 @@ pub struct DesiredAttitude {
 }
 
 impl DesiredAttitude {
-    /// Of the desired Euler angles and their derivatives: W d(eta2), and its derivative.
     pub fn of(wanted: &Desired) -> Self {
-        let eta2 = Vector3::from(wanted.attitude_rad);
-        let d_eta2 = Vector3::from(wanted.attitude_rate_rad_s);
-        let dd_eta2 = Vector3::from(wanted.attitude_acceleration_rad_s2);
-        let roll_pitch = RollPitch::of(&eta2);
+        Self::at(
+            &wanted.attitude_rad.into(),
+            &wanted.attitude_rate_rad_s.into(),
+            &wanted.attitude_acceleration_rad_s2.into(),
+        )
+    }
+
+    /// Of Euler angles and their derivatives: W d(eta2), and its derivative.
+    pub fn at(eta2: &Vector3<f64>, d_eta2: &Vector3<f64>, dd_eta2: &Vector3<f64>) -> Self {
+        let roll_pitch = RollPitch::of(eta2);
         Self {
-            attitude: Attitude::of_euler(&eta2),
-            nu2: roll_pitch.body_rate(&d_eta2),
-            dnu2: roll_pitch.body_rate(&dd_eta2) + roll_pitch.body_rate_dot(&d_eta2, &d_eta2),
+            attitude: Attitude::of_euler(eta2),
+            nu2: roll_pitch.body_rate(d_eta2),
+            dnu2: roll_pitch.body_rate(dd_eta2) + roll_pitch.body_rate_dot(d_eta2, d_eta2),
         }
     }
 }

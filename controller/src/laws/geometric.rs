@@ -26,7 +26,7 @@
 use std::f64::consts::SQRT_2;
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
@@ -241,6 +241,7 @@ impl InnerLaw for Geometric {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        _: &Stamped<Given>,
         _wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,

@@ -25,7 +25,7 @@
 use control_api::description::{
     Description, Preset, Refused, Settings, Value, number, settings, signal, three,
 };
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, ROTORS, Reference, Stamped};
@@ -140,6 +140,7 @@ impl InnerLaw for Indi {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        _: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         _reference: &Reference,
         telemetry: &mut Telemetry,

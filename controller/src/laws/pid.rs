@@ -22,7 +22,7 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
-use control_api::law::{Desired, Fields, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
 use messages::content::{Measured, Reference, Stamped};
@@ -186,6 +186,7 @@ impl InnerLaw for Pid {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        _: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         _reference: &Reference,
         telemetry: &mut Telemetry,

@@ -130,11 +130,11 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         {
             let wanted = outer.tick(tick, &measured, &reference, &mut telemetry);
             let (measured, wanted) = (Stamped::new(tick, measured), Stamped::new(tick, wanted));
-            let mut unseen = Telemetry::default();
+            let (given, mut unseen) = (Stamped::never(), Telemetry::default());
             let WrenchSetpoint {
                 thrust_n,
                 torque_b_nm,
-            } = inner.tick(tick, &measured, &wanted, &reference, &mut unseen);
+            } = inner.tick(tick, &measured, &given, &wanted, &reference, &mut unseen);
             let wrench = Wrench {
                 thrust_n,
                 torque_b_nm,

@@ -473,4 +473,5 @@ def main():
     path.write_text(json.dumps(vectors, separators=(",", ":")) + "\n")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -13,6 +13,16 @@ pub struct Measured {
     pub(crate) content: ironbird_law::Measured,
     /// Ticks since it was measured; `u64::MAX` if it never was.
     pub(crate) age: u64,
+    pub(crate) given: Option<Given>,
+}
+
+/// What the rotor command in force gives, by the nominal model.
+#[pyclass(frozen, module = "ironbird")]
+#[derive(Clone, Copy, Debug)]
+pub struct Given {
+    pub(crate) content: ironbird_law::Given,
+    /// Ticks since the mixer made the command; `u64::MAX` if it never did.
+    pub(crate) age: u64,
 }
 
 /// Where the vehicle should be.
@@ -47,13 +57,43 @@ impl Measured {
         ticks(self.age)
     }
 
+    /// What the mixer made of the demand; None for an outer law.
+    #[getter]
+    const fn given(&self) -> Option<Given> {
+        self.given
+    }
+
     fn __getattr__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
         field(py, &self.content, name, &Self::__dir__())
     }
 
     #[staticmethod]
     fn __dir__() -> Vec<&'static str> {
-        [names::<ironbird_law::Measured>(), vec!["age"]].concat()
+        [names::<ironbird_law::Measured>(), vec!["age", "given"]].concat()
+    }
+}
+
+#[pymethods]
+impl Given {
+    /// Ticks since the mixer made the command; None before the first.
+    #[getter]
+    const fn age(&self) -> Option<u64> {
+        ticks(self.age)
+    }
+
+    /// Whether the demand could not be met in full.
+    #[getter]
+    const fn saturated(&self) -> bool {
+        self.content.saturated != 0
+    }
+
+    fn __getattr__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        field(py, &self.content, name, &Self::__dir__())
+    }
+
+    #[staticmethod]
+    fn __dir__() -> Vec<&'static str> {
+        [names::<ironbird_law::Given>(), vec!["age"]].concat()
     }
 }
 

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::answer::Answer;
-use crate::inputs::{Desired, Measured, Reference};
+use crate::inputs::{Desired, Given, Measured, Reference};
 use crate::look::module;
 
 /// A law that can be called.
@@ -50,6 +50,7 @@ impl PythonLaw {
         let measured = Measured {
             content: input.measured,
             age: 0,
+            given: None,
         };
         let inputs = (input.tick, measured, Reference(input.reference));
         let answer = self.tick.bind(py).call1(inputs)?;
@@ -67,6 +68,10 @@ impl PythonLaw {
         let measured = Measured {
             content: input.measured,
             age: input.measured_age,
+            given: Some(Given {
+                content: input.given,
+                age: input.given_age,
+            }),
         };
         let desired = Desired {
             content: input.wanted,
@@ -177,6 +182,7 @@ impl InnerLaw for Flying {
         &mut self,
         tick: u64,
         measured: &Stamped<content::Measured>,
+        given: &Stamped<content::Given>,
         wanted: &Stamped<content::Desired>,
         reference: &content::Reference,
         telemetry: &mut Telemetry,
@@ -186,9 +192,11 @@ impl InnerLaw for Flying {
             tick,
             measured_age: measured.age(tick),
             wanted_age: wanted.age(tick),
+            given_age: given.age(tick),
             measured: measured.content,
             wanted: wanted.content,
             reference: *reference,
+            given: given.content,
         };
         let wrench = raised.or_keep(|py| law.inner(py, &input, telemetry));
         wrench.unwrap_or(WrenchSetpoint {

@@ -20,7 +20,7 @@ use messages::telemetry::Telemetry;
 use messages::topic::Topic as _;
 use nalgebra::Vector4;
 
-use crate::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use crate::law::{CopyState, Desired, Given, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use crate::registry::Made;
 use crate::saved_state::{Field, Fields, SavedState, saved_fields};
 
@@ -269,6 +269,7 @@ fn write_setpoint(wanted: &Desired, mode: Mode, setpoint: &mut Setpoint) {
 #[derive(Clone, Copy)]
 pub struct InnerMemory {
     rig: Rig,
+    allocation: Allocation,
     signals: usize,
     hold_ticks: u64,
     /// Ticks of [`BLIND_S`].
@@ -290,6 +291,7 @@ impl GuardedInner {
     pub fn new(made: Made<dyn InnerLaw>, rig: &Rig) -> Self {
         let memory = InnerMemory {
             rig: *rig,
+            allocation: Allocation::new(&rig.airframe),
             signals: made.signals,
             hold_ticks: ticks(HOLD_S, rig),
             blind_ticks: ticks(BLIND_S, rig),
@@ -319,6 +321,7 @@ impl InnerMemory {
             tick: state.tick,
             content: state.content.measured,
         };
+        let given = self.given(state);
         let is_fresh = state.tick == tick;
         let is_lost = self.is_past(self.measured_at, tick);
         let first_tick = *self.first_tick.get_or_insert(tick);
@@ -334,7 +337,8 @@ impl InnerMemory {
         let signals = self.signals;
         let (wanted, reference, mode) = self.order(tick, state, setpoint);
         wrench.telemetry.forget(signals);
-        let demand = law.tick(tick, &measured, &wanted, reference, &mut wrench.telemetry);
+        let telemetry = &mut wrench.telemetry;
+        let demand = law.tick(tick, &measured, &given, &wanted, reference, telemetry);
         wrench.telemetry.truncate(signals);
         write_wrench(&demand, mode, wrench);
         let is_usable = wrench.plausible();
@@ -352,6 +356,32 @@ impl InnerMemory {
             self.answered_at = Some(tick);
         }
         self.thrust_n = wrench.thrust_n;
+    }
+
+    /// What the rotor command gives that was in force when a state was measured, by the nominal model.
+    fn given(&self, state: &Stamped<State>) -> Stamped<Given> {
+        let State {
+            measured,
+            command_tick,
+            command_saturated,
+            ..
+        } = &state.content;
+        let k = self.rig.airframe.k();
+        let f = Vector4::from(measured.rotor_speed_command_rad_s).map(|w| k * w * w);
+        let (thrust_n, torque) = self.allocation.wrench(&f);
+        let given = Given {
+            thrust_n,
+            torque_b_nm: torque.into(),
+            saturated: *command_saturated,
+        };
+        Stamped::new(
+            if state.tick == NO_TICK {
+                NO_TICK
+            } else {
+                *command_tick
+            },
+            given,
+        )
     }
 
     /// Whether something was longer ago than it is held for, or never was.

@@ -5,7 +5,7 @@ use std::any::Any;
 use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::telemetry::Telemetry;
 
-pub use ironbird_law::{Desired, WrenchSetpoint};
+pub use ironbird_law::{Desired, Given, WrenchSetpoint};
 
 use crate::description::{Description, Refused, Settings};
 pub use crate::rig::Rig;
@@ -78,11 +78,14 @@ pub trait OuterLaw: CopyState {
 /// It is called in every tick, with the newest inputs; their ticks tell their age. The rig replaces a setpoint that is
 /// too old, and commands no torque in a tick without a fresh measurement.
 pub trait InnerLaw: CopyState {
-    /// Thrust and torque of a tick. `wanted` and `reference` are of one tick, which `wanted` names.
+    /// Thrust and torque of a tick. `wanted` and `reference` are of one tick, which `wanted` names. `given` is what the
+    /// rotor command in force gives, with the tick that the mixer made it for: less than the law's demand of that tick
+    /// where the mixer had to cut it.
     fn tick(
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        given: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use control_api::description::{Description, Refused, Settings, Signal, signal};
-use control_api::law::{Desired, InnerLaw, Law, MixerLaw, OuterLaw, WrenchSetpoint};
+use control_api::law::{Desired, Given, InnerLaw, Law, MixerLaw, OuterLaw, WrenchSetpoint};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig, SavedState};
 use messages::content::{
     Measured, Mode, NO_TICK, ROTORS, Reference, Setpoint, Stamped, State, Wrench,
@@ -46,7 +46,7 @@ impl Fixed {
 }
 
 /// Its signals as an inner law; in the other roles it only sets the first.
-const SHOWN: [Signal; 6] = {
+const SHOWN: [Signal; 10] = {
     [
         signal("calls", ""),
         signal("age", ""),
@@ -54,6 +54,10 @@ const SHOWN: [Signal; 6] = {
         signal("yaw", ""),
         signal("x", ""),
         signal("nothing", ""),
+        signal("given_age", ""),
+        signal("thrust_n", "N"),
+        signal("pitch_nm", "N m"),
+        signal("saturated", ""),
     ]
 };
 
@@ -105,12 +109,13 @@ impl InnerLaw for Fixed {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        given: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
         let age = |age: u64| if age == u64::MAX { -1.0 } else { age as f64 };
-        let ages = [measured.age(tick), wanted.age(tick)].map(age);
+        let ages = [measured.age(tick), wanted.age(tick), given.age(tick)].map(age);
         let yaw = wanted.content.attitude_rad[2];
         let shown = [
             ages[0],
@@ -118,9 +123,13 @@ impl InnerLaw for Fixed {
             yaw,
             reference.position_w_m[0],
             f64::NAN,
+            ages[2],
+            given.content.thrust_n,
+            given.content.torque_b_nm[1],
+            given.content.saturated as f64,
             9.0,
         ];
-        telemetry.value[1..7].copy_from_slice(&shown);
+        telemetry.value[1..11].copy_from_slice(&shown);
         let torque = (self.wrong)(tick).unwrap_or(0.01);
         let usual = [wanted.content.thrust_n, 0.0, torque, 0.0];
         let [thrust_n, x, y, z] = self.call(telemetry).unwrap_or(usual);
@@ -271,6 +280,21 @@ fn the_law_is_asked_in_every_tick_and_told_how_old_its_inputs_are() {
     let held = guarded.tick(5, &state(1), &setpoint(3)).telemetry;
     assert_eq!(held.value[..3], [3.0, 4.0, 2.0]);
     assert!(held.value[5].is_nan(), "telemetry goes out as it is");
+}
+
+#[test]
+fn the_law_is_told_what_the_mixer_made_of_its_demand() {
+    let mut guarded = inner(|_| None);
+    let never = guarded.tick(0, &Stamped::never(), &setpoint(0)).telemetry;
+    assert_eq!(never.value[6..10], [-1.0, 0.0, 0.0, 0.0]);
+    let speeds = mixer_of(|_| None).tick(6, &Stamped::new(6, Wrench::default()));
+    let mut state = state(9);
+    state.content.measured.rotor_speed_command_rad_s = speeds.speed_rad_s;
+    (state.content.command_tick, state.content.command_saturated) = (6, 1);
+    let told = guarded.tick(10, &state, &setpoint(10)).telemetry;
+    let [_, pitch_nm, _] = speeds.torque_b_nm;
+    assert_eq!(told.value[6..10], [4.0, speeds.thrust_n, pitch_nm, 1.0]);
+    assert!(pitch_nm < 0.0, "the front pushes more: {pitch_nm}");
 }
 
 #[test]

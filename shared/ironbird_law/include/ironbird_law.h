@@ -29,7 +29,7 @@
 
 
 // Version of this interface. A library that was built for another one is refused.
-#define IRONBIRD_LAW_INTERFACE 2
+#define IRONBIRD_LAW_INTERFACE 3
 
 // Role of a law: state and reference to thrust and attitude wanted.
 #define IRONBIRD_OUTER 1
@@ -140,6 +140,10 @@ typedef struct IronbirdSignal {
 } IronbirdSignal;
 
 // The airframe as a law gets it: the parameters that `ironbird params` explains.
+//
+// They are the true values of a flight without swaps and without settings of the plant. The built-in laws that learn
+// k_r, I_R and delta (`rotational_drag_nm_s`, `rotor_inertia_kg_m2`, `disturbance_gain_rad_s2`) start from 0 and do not
+// read them: a law that does is no fair rival of theirs.
 typedef struct IronbirdAirframe {
   // Mass m [kg].
   double mass_kg;
@@ -251,21 +255,36 @@ typedef struct IronbirdTelemetry {
   double value[IRONBIRD_TELEMETRY];
 } IronbirdTelemetry;
 
+// What the rotor command in force gives, by the nominal model: the mixer's answer to a demand of the inner law.
+typedef struct IronbirdGiven {
+  // Total thrust u along body z [N].
+  double thrust_n;
+  // Torque tau about body x, y, z [N m]. What the law demanded of the mixer, less this, is what the mixer cut.
+  double torque_b_nm[3];
+  // 1 where the demand could not be met in full, else 0.
+  uint64_t saturated;
+} IronbirdGiven;
+
 // What an inner law is given, in every tick: the newest inputs, of whatever age.
 typedef struct IronbirdInnerInput {
-  // The tick; some may be skipped.
+  // The tick; some may be skipped. It begins at t = tick * T, as in the disturbance h(t) = (sin t, 0.8 sin t, 0.6 sin t).
   uint64_t tick;
   // Ticks since `measured` was measured; 0 is fresh, IRONBIRD_NEVER before the first. The answer to an old
   // measurement is not flown: the rotors get no torque, and the last thrust.
   uint64_t measured_age;
   // Ticks since `wanted` and `reference` were made; 0 is fresh, IRONBIRD_NEVER before the first.
   uint64_t wanted_age;
+  // Ticks since the mixer made the command behind `given`, as a rule for the law's demand of that tick; 1 when nothing is
+  // late, IRONBIRD_NEVER before the first.
+  uint64_t given_age;
   // What the sensors show.
   struct IronbirdMeasured measured;
   // What the outer law wants; level and hover thrust where it is silent for too long.
   struct IronbirdWanted wanted;
   // Where the vehicle should be at the tick of `wanted`.
   struct IronbirdReference reference;
+  // What the rotors were commanded to give from the tick of `measured` on, and whether the mixer saturated.
+  struct IronbirdGiven given;
 } IronbirdInnerInput;
 
 // What an inner law asks of the rotors.

@@ -11,7 +11,7 @@
 use std::ffi::{c_char, c_void};
 
 /// Version of this interface. A library that was built for another one is refused.
-pub const IRONBIRD_LAW_INTERFACE: u64 = 2;
+pub const IRONBIRD_LAW_INTERFACE: u64 = 3;
 
 /// Role of a law: state and reference to thrust and attitude wanted.
 pub const IRONBIRD_OUTER: u64 = 1;
@@ -48,6 +48,10 @@ pub const IRONBIRD_NAME_BYTES: u64 = 40;
 pub const IRONBIRD_TEXT_BYTES: u64 = 400;
 
 /// The airframe as a law gets it: the parameters that `ironbird params` explains.
+///
+/// They are the true values of a flight without swaps and without settings of the plant. The built-in laws that learn
+/// k_r, I_R and delta (`rotational_drag_nm_s`, `rotor_inertia_kg_m2`, `disturbance_gain_rad_s2`) start from 0 and do not
+/// read them: a law that does is no fair rival of theirs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdAirframe {
@@ -165,23 +169,40 @@ pub struct IronbirdWanted {
     pub limited: u64,
 }
 
+/// What the rotor command in force gives, by the nominal model: the mixer's answer to a demand of the inner law.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct IronbirdGiven {
+    /// Total thrust u along body z [N].
+    pub thrust_n: f64,
+    /// Torque tau about body x, y, z [N m]. What the law demanded of the mixer, less this, is what the mixer cut.
+    pub torque_b_nm: [f64; 3],
+    /// 1 where the demand could not be met in full, else 0.
+    pub saturated: u64,
+}
+
 /// What an inner law is given, in every tick: the newest inputs, of whatever age.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdInnerInput {
-    /// The tick; some may be skipped.
+    /// The tick; some may be skipped. It begins at t = tick * T, as in the disturbance h(t) = (sin t, 0.8 sin t, 0.6 sin t).
     pub tick: u64,
     /// Ticks since `measured` was measured; 0 is fresh, IRONBIRD_NEVER before the first. The answer to an old
     /// measurement is not flown: the rotors get no torque, and the last thrust.
     pub measured_age: u64,
     /// Ticks since `wanted` and `reference` were made; 0 is fresh, IRONBIRD_NEVER before the first.
     pub wanted_age: u64,
+    /// Ticks since the mixer made the command behind `given`, as a rule for the law's demand of that tick; 1 when nothing is
+    /// late, IRONBIRD_NEVER before the first.
+    pub given_age: u64,
     /// What the sensors show.
     pub measured: IronbirdMeasured,
     /// What the outer law wants; level and hover thrust where it is silent for too long.
     pub wanted: IronbirdWanted,
     /// Where the vehicle should be at the tick of `wanted`.
     pub reference: IronbirdReference,
+    /// What the rotors were commanded to give from the tick of `measured` on, and whether the mixer saturated.
+    pub given: IronbirdGiven,
 }
 
 /// What an inner law asks of the rotors.

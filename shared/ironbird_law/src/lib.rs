@@ -44,7 +44,7 @@ pub mod abi;
 mod border;
 
 pub use abi::{
-    IronbirdAirframe as Airframe, IronbirdDemand as WrenchSetpoint,
+    IronbirdAirframe as Airframe, IronbirdDemand as WrenchSetpoint, IronbirdGiven as Given,
     IronbirdInnerInput as InnerInput, IronbirdMeasured as Measured,
     IronbirdMixerInput as MixerInput, IronbirdOuterInput as OuterInput,
     IronbirdReference as Reference, IronbirdRig as Rig, IronbirdRotorSpeeds as RotorSpeeds,

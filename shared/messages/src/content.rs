@@ -5,7 +5,7 @@
 //! ([`crate::envelope`]), not here.
 
 use ironbird_law::abi::IRONBIRD_ROTORS;
-pub use ironbird_law::{Desired, Measured, Reference};
+pub use ironbird_law::{Desired, Given, Measured, Reference};
 use nalgebra::Vector3;
 
 use crate::layout::{layout, wire_enum};
@@ -242,6 +242,11 @@ layout!(Reference {
     yaw_rad,
     yaw_rate_rad_s,
     yaw_acceleration_rad_s2,
+});
+layout!(Given {
+    thrust_n,
+    torque_b_nm,
+    saturated,
 });
 layout!(Desired {
     thrust_n,

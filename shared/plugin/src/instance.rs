@@ -10,7 +10,9 @@ use std::ptr;
 use std::sync::atomic::Ordering;
 
 use control_api::description::{Refused, Setting, Settings};
-use control_api::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use control_api::law::{
+    CopyState, Desired, Given, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
+};
 use control_api::registry::Made;
 use control_api::saved_state::Fields;
 use ironbird_law::abi::{
@@ -216,6 +218,7 @@ impl InnerLaw for Instance {
         &mut self,
         tick: u64,
         measured: &Stamped<Measured>,
+        given: &Stamped<Given>,
         wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,
@@ -224,9 +227,11 @@ impl InnerLaw for Instance {
             tick,
             measured_age: measured.age(tick),
             wanted_age: wanted.age(tick),
+            given_age: given.age(tick),
             measured: measured.content,
             wanted: wanted.content,
             reference: *reference,
+            given: given.content,
         };
         let mut demand = WrenchSetpoint {
             thrust_n: f64::NAN,

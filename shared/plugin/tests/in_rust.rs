@@ -52,7 +52,14 @@ fn tick(made: &mut dyn control_api::law::InnerLaw) -> ([f64; 3], f64) {
         content: Desired::default(),
     };
     let mut telemetry = Telemetry::default();
-    let demand = made.tick(7, &measured, &wanted, &Reference::default(), &mut telemetry);
+    let demand = made.tick(
+        7,
+        &measured,
+        &Stamped::never(),
+        &wanted,
+        &Reference::default(),
+        &mut telemetry,
+    );
     (demand.torque_b_nm, telemetry.value[0])
 }
 

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use control_api::law::{
-    CopyState, Desired, Fields, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
+    CopyState, Desired, Fields, Given, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
 };
 use control_api::registry::Made;
 use control_api::saved_state::{GUARD_BYTES, SavedState};
@@ -156,9 +156,16 @@ fn tick_inner(law: &mut dyn InnerLaw, input: &Input) -> Answer {
         measured,
         desired,
         reference,
-        ..
+        wrench,
+        tick,
     } = input;
-    let wrench = law.tick(input.tick, measured, desired, reference, &mut telemetry);
+    let given = Given {
+        thrust_n: wrench.thrust_n,
+        torque_b_nm: wrench.torque_b_nm,
+        saturated: tick % 2,
+    };
+    let given = Stamped::new(tick.saturating_sub(1), given);
+    let wrench = law.tick(*tick, measured, &given, desired, reference, &mut telemetry);
     let [x, y, z] = wrench.torque_b_nm;
     answer([wrench.thrust_n, x, y, z], &telemetry)
 }
