@@ -19,7 +19,7 @@ use crate::report_command::publish;
 use config::{Overrides, Settings};
 use errors::output::{print, say};
 use errors::{Failure, OK, USAGE, check_writable, read_text};
-use experiments::combinations;
+use experiments::combinations::{self, Combination};
 use experiments::parallel::{all_on_processors, processors};
 use sim::simulate::{self, InvalidOutputs};
 use sim::simulator::Simulator;
@@ -78,7 +78,7 @@ impl Plan {
     /// The flight of the settings file and `overrides`, for at least one combination of laws.
     fn new(
         args: &CompareArgs,
-        combinations: &[Overrides],
+        combinations: &[Combination],
         overrides: &Overrides,
     ) -> Result<Self, Failure> {
         let config = args.course.config.as_deref();

@@ -15,13 +15,15 @@ use experiments::margin::target;
 #[derive(Clone, Debug, Args)]
 pub struct LawSetArgs {
     /// Law of the outer loop; may be repeated [default: pd]. Every combination of the named laws is flown.
-    #[arg(long, value_name = "LAW|FILE")]
+    ///
+    /// A law may have a preset and settings of its own, as in adaptive:soft,alpha_1_s=150.
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub outer: Vec<String>,
     /// Law of the inner loop; may be repeated [default: adaptive].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub inner: Vec<String>,
     /// Law of the mixer; may be repeated [default: priority].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub mixer: Vec<String>,
 }
 
