@@ -6,6 +6,7 @@
 pub mod airframe;
 pub mod law_settings;
 mod layers;
+pub mod overrides;
 pub mod planned_faults;
 mod processes;
 #[cfg(test)]
@@ -35,6 +36,7 @@ use toml::{Table, Value};
 use law_settings::Moved;
 pub use layers::check_foreign_law;
 use layers::{layered, read, typed};
+pub use overrides::Overrides;
 pub use processes::check_cpu;
 use toml_access::same;
 pub use trajectory::{PointsFile, TrajectorySection};
@@ -81,6 +83,9 @@ pub struct Settings {
     /// Where files of laws are now.
     #[serde(skip)]
     pub moved: Moved,
+    /// What the names of outer, inner and mixer law are shown with, in a comparison of one law with several settings.
+    #[serde(skip)]
+    pub variants: [String; 3],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -203,9 +208,6 @@ pub enum LogName {
     Off,
 }
 
-/// Keys of the settings that are set on the command line, with their values.
-pub type Overrides = Vec<(&'static str, Value)>;
-
 impl Settings {
     /// The settings that result from a file and flags. An error names the key, the value, what is allowed, and where it
     /// came from.
@@ -234,12 +236,16 @@ impl Settings {
         file: Option<&Path>,
         overrides: &Overrides,
     ) -> Result<Self, Failure> {
-        Self::taken(layered(given, file, overrides)?, makes).map_err(|failure| match file {
-            Some(path) if !validation::is_of_flags(&failure, overrides) => {
-                failure.append(&format!(" (settings file {})", path.display()))
-            }
-            _ => failure,
-        })
+        let resolved = |overrides: &Overrides| {
+            let table = layered(given.clone(), file, overrides)?;
+            Self::taken(table, makes).map_err(|failure| match file {
+                Some(path) if !validation::is_of_flags(&failure, overrides) => {
+                    failure.append(&format!(" (settings file {})", path.display()))
+                }
+                _ => failure,
+            })
+        };
+        resolved(overrides).map_err(|failure| validation::blamed(failure, overrides, resolved))
     }
 
     /// The settings of a table that has every key.

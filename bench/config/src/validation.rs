@@ -12,7 +12,7 @@ use plant::Plant;
 use toml::{Table, Value};
 
 use super::layers::layered;
-use super::{Overrides, Settings, law_settings};
+use super::{Overrides, Settings, law_settings, overrides};
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
@@ -147,6 +147,27 @@ pub(super) fn is_of_flags(failure: &Failure, overrides: &Overrides) -> bool {
     let alone =
         layered(Table::new(), None, overrides).and_then(|table| Settings::taken(table, &[]));
     alone.is_err_and(|alone| alone.to_string() == failure.to_string())
+}
+
+/// A failure with the name of the flag that set a key, if there is none without that.
+pub(super) fn blamed(
+    failure: Failure,
+    overrides: &Overrides,
+    resolved: impl Fn(&Overrides) -> Result<Settings, Failure>,
+) -> Failure {
+    let flag = overrides
+        .iter()
+        .find_map(|(flag, _)| overrides::parts(flag).0);
+    let Some(flag) = flag.filter(|flag| !failure.to_string().starts_with(*flag)) else {
+        return failure;
+    };
+    let is_plain = |(flag, _): &&(&'static str, Value)| overrides::parts(flag).0.is_none();
+    let plain = overrides.iter().filter(is_plain).cloned().collect();
+    let alike = resolved(&plain).is_err_and(|other| other.to_string() == failure.to_string());
+    match alike {
+        true => failure,
+        false => failure.append(&format!(" ({flag})")),
+    }
 }
 
 impl Settings {

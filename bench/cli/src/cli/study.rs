@@ -8,6 +8,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 
 use crate::cli::{DiffFormat, TrajectoryArgs, values};
+use crate::compare;
 use experiments::margin::limits::{GateLimit, RECOVERED_BELOW};
 use experiments::margin::target;
 
@@ -15,13 +16,15 @@ use experiments::margin::target;
 #[derive(Clone, Debug, Args)]
 pub struct LawSetArgs {
     /// Law of the outer loop; may be repeated [default: pd]. Every combination of the named laws is flown.
-    #[arg(long, value_name = "LAW|FILE")]
+    ///
+    /// A law may have a preset and settings of its own, as in adaptive:soft,alpha_1_s=150.
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub outer: Vec<String>,
     /// Law of the inner loop; may be repeated [default: adaptive].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub inner: Vec<String>,
     /// Law of the mixer; may be repeated [default: priority].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub mixer: Vec<String>,
 }
 
@@ -31,18 +34,31 @@ pub struct CompareArgs {
     pub course: TrajectoryArgs,
     #[command(flatten)]
     pub laws: LawSetArgs,
-    /// A flight has recovered from a fault when its true position error stays below this [m].
-    #[arg(long, value_name = "M", default_value_t = 0.05, allow_hyphen_values = true, value_parser = values::limit)]
-    pub recovered_below: f64,
+    /// A flight has recovered from a fault when its true position error stays below this [m] [default: 0.05].
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = values::limit)]
+    pub recovered_below: Option<f64>,
     /// Output format.
     #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
     pub format: DiffFormat,
     /// Also write the comparison to this file, as a page with plots.
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
-    /// Fly once per row of this file, each a [[row]] with `name` and `faults`, and print Markdown tables.
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["faults", "format", "page"])]
+    /// JSON: include the curves of the page.
+    #[arg(long)]
+    pub traces: bool,
+    /// Fly once per row of this file, each a [[row]] with `name` and `faults`, and print Markdown tables. Without
+    /// --inner, all built-in inner laws fly.
+    #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format"])]
     pub table: Option<PathBuf>,
+    /// Fly a built-in table: robustness (docs/robustness.md).
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(compare::suites()), group = "cases", conflicts_with_all = ["faults", "format"])]
+    pub suite: Option<String>,
+    /// Also draw the table to this file.
+    #[arg(long, value_name = "FILE.svg", requires = "cases")]
+    pub picture: Option<PathBuf>,
+    /// Also write the figures of all flights of the table to this file.
+    #[arg(long, value_name = "FILE.csv", requires = "cases")]
+    pub csv: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug, Args)]
