@@ -381,6 +381,9 @@ pub struct MarginSection {
     /// The longest outage survived, by stage; empty where not known.
     #[serde(rename = "bears")]
     pub tolerated: BTreeMap<String, RobustnessMargin>,
+    /// The longest outage from which the flight recovers in a few seconds, by stage.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub recovers: BTreeMap<String, RobustnessMargin>,
     /// Phases of the trajectory that these are the least of.
     pub phases: u64,
     /// The build that measured, where another one flew.
@@ -398,7 +401,7 @@ pub struct MarginSection {
     pub margin: Option<f64>,
 }
 
-/// The longest outage of a stage that is survived.
+/// The longest outage of a stage that a limit allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RobustnessMargin {
     pub ticks: u64,

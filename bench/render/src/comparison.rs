@@ -162,7 +162,7 @@ fn over_time(comparison: &Comparison) -> Section {
         Figure::new("power", "Rotor power", keys, power),
     ];
     let blocks = vec![
-        Block::Legend(vec![("mark swap", "fault")]),
+        Block::Legend(vec![("mark swap", "fault".into())]),
         Block::WideFigures(figures),
         Block::Note(note.into()),
     ];

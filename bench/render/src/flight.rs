@@ -776,9 +776,11 @@ fn tracking(report: &Report) -> Vec<Block> {
             true => "live swap",
             false => "live swap, fault",
         };
-        let legend = vec![("mark swap", swap), ("mark missed", "missed deadline")];
+        let legend = [("mark swap", swap), ("mark missed", "missed deadline")];
         let stretch = count(figures.traces.flight.every_ticks, "tick");
-        blocks.push(Block::Legend(legend));
+        blocks.push(Block::Legend(
+            legend.map(|(class, word)| (class, word.into())).into(),
+        ));
         blocks.push(Block::Figures(figures.flight()));
         blocks.push(Block::Note(format!(
             "Each line over time is drawn through the smallest and the largest value of {stretch}. Paths show at most \

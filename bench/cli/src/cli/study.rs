@@ -3,13 +3,12 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use campaign::gates::METRICS;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 
 use crate::cli::{DiffFormat, TrajectoryArgs, values};
 use crate::compare;
-use experiments::margin::limits::{GateLimit, RECOVERED_BELOW};
+use experiments::margin::limits::{BOUNDS, BoundName};
 use experiments::margin::target;
 
 /// The laws to fly: every outer law with every inner law and every mixer.
@@ -67,12 +66,13 @@ pub struct MarginArgs {
     pub course: TrajectoryArgs,
     #[command(flatten)]
     pub laws: LawSetArgs,
-    /// When a flight counts as survived, besides staying in its envelope: recovered_below_m=0.05, recovery_max_s=3, or
-    /// another limit of a campaign's [success], judged from the fault on; may be repeated.
-    #[arg(long = "gate", value_name = "NAME=MAX", value_parser = gate_limit)]
-    pub gates: Vec<GateLimit>,
-    /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration.
-    #[arg(long, value_name = "N", default_value_t = 32, allow_hyphen_values = true, value_parser = values::phases)]
+    /// Another bound for the limits: unnoticed_below_m (0.02), recovered_below_m (flight.tracking_error_max_m),
+    /// recovery_max_s (5), survival_max_s (20), saturated_more_percent (10); may be repeated.
+    #[arg(long = "gate", value_name = "NAME=MAX", value_parser = bound)]
+    pub gates: Vec<(BoundName, f64)>,
+    /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration. 1 is a
+    /// quick look.
+    #[arg(long, value_name = "N", default_value_t = 4, allow_hyphen_values = true, value_parser = values::phases)]
     pub phases: u32,
     /// Measure only this: a stage, all stages at once (machine), or the inputs of a topic; may be repeated. With --only,
     /// --gate or --duration, no table is stored for flight reports.
@@ -221,23 +221,14 @@ pub struct CampaignFlyArgs {
     pub instance: Option<String>,
 }
 
-fn gate_limit(text: &str) -> Result<GateLimit, String> {
-    let names = || {
-        METRICS
-            .iter()
-            .map(|metric| metric.name)
-            .filter(|name| *name != "flown_s")
-            .chain([RECOVERED_BELOW])
-    };
-    let known = || names().collect::<Vec<_>>().join(", ");
+fn bound(text: &str) -> Result<(BoundName, f64), String> {
+    let known = || BOUNDS.map(|(name, _)| name).join(", ");
     let (name, most) = text
         .split_once('=')
         .ok_or_else(|| format!("write NAME=MOST; names are {}", known()))?;
-    let name = names()
-        .find(|it| *it == name.trim())
-        .ok_or_else(|| format!("no gate has this name; there are {}", known()))?;
-    Ok(GateLimit {
-        name,
-        most: values::limit(most.trim())?,
-    })
+    let mut bounds = BOUNDS.into_iter();
+    let bound = bounds
+        .find(|(it, _)| *it == name.trim())
+        .ok_or_else(|| format!("no bound has this name; there are {}", known()))?;
+    Ok((bound, values::limit(most.trim())?))
 }
