@@ -108,16 +108,16 @@ impl Layers<'_> {
         };
         insert_laws(&mut table, &Rig::default());
         self.check_preset_name(&preset, &laws)?;
-        let of_channels = self.take_channel_laws()?;
+        let place = self.file.map_or_else(
+            || "settings".into(),
+            |path| format!("settings file {}", path.display()),
+        );
+        let of_channels = self.take_channel_laws(&place)?;
         for (section, law) in &laws {
             if self.flag(section, LAW).is_some() {
                 self.check_law(section, *law)?;
             }
         }
-        let place = self.file.map_or_else(
-            || "settings".into(),
-            |path| format!("settings file {}", path.display()),
-        );
         check_keys(&mut self.given, &place, &table)?;
         self.check_overrides(&table)?;
         self.check_whole_sections(&table)?;
@@ -169,7 +169,7 @@ impl Layers<'_> {
     }
 
     /// The laws of single channels: those of the file's sections, as [channel.b.inner], and those of flags, as `b:inner=pid`.
-    fn take_channel_laws(&mut self) -> Result<Vec<(Channel, Role, Table)>, Failure> {
+    fn take_channel_laws(&mut self, place: &str) -> Result<Vec<(Channel, Role, Table)>, Failure> {
         let mut laws: Vec<(Channel, Role, Table)> = Vec::new();
         let named = |channel: &str, role: &str| {
             let channel = Channel::ALL.into_iter().find(|it| it.name() == channel);
@@ -183,7 +183,7 @@ impl Layers<'_> {
                 for (role, keys) in of_channel.as_table().into_iter().flatten() {
                     let law = named(channel, role).zip(keys.as_table());
                     let ((channel, role), keys) = law.ok_or_else(|| {
-                        here(self.file, format!("unknown section [{CHANNEL}.{channel}.{role}]: channels b and c have [{CHANNEL}.b.inner] and the like"))
+                        here(place, format!("unknown section [{CHANNEL}.{channel}.{role}]: channels b and c have [{CHANNEL}.b.inner] and the like"))
                     })?;
                     let mut keys = keys.clone();
                     if let Some(law) = keys.get_mut(LAW) {
