@@ -30,7 +30,12 @@ const ROWS_MAX: usize = 50;
 
 pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
-    let combinations = combinations::of(&args.laws.outer, &args.laws.inner, &args.laws.mixer)?;
+    let most = match args.table {
+        Some(_) => combinations::TABLE_MAX,
+        None => combinations::PAGE_MAX,
+    };
+    let laws = &args.laws;
+    let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
     if combinations.len() == 1 {
         return Err(Failure::usage("only one combination of laws: nothing to compare")
             .help("name at least two laws, for example --inner adaptive --inner indi; `ironbird laws` lists them"));

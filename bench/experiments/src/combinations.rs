@@ -10,7 +10,13 @@ use toml::Value;
 use config::{Overrides, Settings};
 use errors::Failure;
 
-pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Overrides>, Failure> {
+/// At most `most` combinations.
+pub fn of(
+    outer: &[String],
+    inner: &[String],
+    mixer: &[String],
+    most: usize,
+) -> Result<Vec<Overrides>, Failure> {
     let mut all = vec![Overrides::new()];
     for (role, key, names) in [
         (Role::Outer, "outer.law", outer),
@@ -33,16 +39,18 @@ pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Ov
         }
     }
     match all.len() {
-        1..=COMBINATIONS_MAX => Ok(all),
-        more => Err(Failure::usage(format!(
-            "{more} combinations of laws: allowed are {COMBINATIONS_MAX}"
-        ))
-        .help("name fewer laws: every outer law is flown with every inner law and mixer")),
+        count if count <= most => Ok(all),
+        more => Err(
+            Failure::usage(format!("{more} combinations of laws: allowed are {most}"))
+                .help("name fewer laws: every outer law is flown with every inner law and mixer"),
+        ),
     }
 }
 
 /// As many as a page tells apart.
-const COMBINATIONS_MAX: usize = LAWS.len();
+pub const PAGE_MAX: usize = LAWS.len();
+/// As many as tables of plain text may have.
+pub const TABLE_MAX: usize = 2 * PAGE_MAX;
 
 /// The settings of each combination. Refuses combinations with the same name: two library files may hold laws of one name.
 pub fn resolve(
