@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _rig {
     #[pymodule_export]
-    use python_law::{Desired, Measured, Reference, Rig};
+    use python_law::{Desired, Given, Measured, Reference, Rig};
 
     #[pymodule_export]
     use crate::errors::{LogError, SettingsError};

@@ -79,8 +79,13 @@ def test_a_law_is_given_what_the_flight_records():
         for given, recorded in [(measured, flight.state), (wanted, flight.setpoint), (reference, flight.reference)]:
             for name in (name for name in recorded if hasattr(given, name)):
                 assert np.array_equal(getattr(given, name), recorded[name][tick]), name
+        command = measured.given
+        assert command.age == (1 if tick else None) and command.saturated is False
+        if tick:
+            for name in ("thrust_n", "torque_b_nm"):
+                assert np.array_equal(getattr(command, name), flight.rotor_speeds[name][tick - 1]), name
     assert isinstance(seen[0][3].yaw_rad, float) and isinstance(seen[0][2].limited, bool)
-    with pytest.raises(AttributeError, match="Measured has no `position`; it has position_w_m, velocity_w_m_s, .*, age$"):
+    with pytest.raises(AttributeError, match="Measured has no `position`; it has position_w_m, velocity_w_m_s, .*, age, given$"):
         seen[0][1].position
 
 

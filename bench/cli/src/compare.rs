@@ -47,7 +47,11 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
         let inner = known(Role::Inner).into_iter();
         laws.inner = inner.map(|law| law.name.to_owned()).collect();
     }
-    let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer)?;
+    let most = match table {
+        Some(_) => combinations::TABLE_MAX,
+        None => combinations::PAGE_MAX,
+    };
+    let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
     if combinations.len() == 1 {
         return Err(Failure::usage("only one combination of laws: nothing to compare")
             .help("name at least two laws, for example --inner adaptive --inner indi; `ironbird laws` lists them"));

@@ -64,7 +64,9 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
             "describe the airframe in the section [plant] of a settings file and pass it with --config",
         ));
     }
-    let combinations = combinations::of(&args.laws.outer, &args.laws.inner, &args.laws.mixer)?;
+    let laws = &args.laws;
+    let most = combinations::PAGE_MAX;
+    let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
     let mut course = args.course.clone();
     // It gives the end of the phases, which may come before a fault of the file; flights have lengths of their own.
     course.duration = None;

@@ -15,10 +15,12 @@ use errors::output::say;
 /// The laws of outer and inner loop and mixer, each with the settings of its own; none is the default law.
 pub type Combination = [Option<String>; 3];
 
+/// At most `most` combinations.
 pub fn of(
     outer: &[String],
     inner: &[String],
     mixer: &[String],
+    most: usize,
 ) -> Result<Vec<Combination>, Failure> {
     let mut all = vec![Combination::default()];
     for (place, role, names) in [
@@ -44,16 +46,18 @@ pub fn of(
         }
     }
     match all.len() {
-        1..=COMBINATIONS_MAX => Ok(all),
-        more => Err(Failure::usage(format!(
-            "{more} combinations of laws: allowed are {COMBINATIONS_MAX}"
-        ))
-        .help("name fewer laws: every outer law is flown with every inner law and mixer")),
+        count if count <= most => Ok(all),
+        more => Err(
+            Failure::usage(format!("{more} combinations of laws: allowed are {most}"))
+                .help("name fewer laws: every outer law is flown with every inner law and mixer"),
+        ),
     }
 }
 
 /// As many as a page tells apart.
-const COMBINATIONS_MAX: usize = LAWS.len();
+pub const PAGE_MAX: usize = LAWS.len();
+/// As many as tables of plain text may have.
+pub const TABLE_MAX: usize = 2 * PAGE_MAX;
 
 /// The settings of each combination. Refuses combinations with the same name: two library files may hold laws of one name.
 ///

@@ -9,6 +9,6 @@ mod law;
 mod look;
 
 pub use arrays::array;
-pub use inputs::{Desired, Measured, Reference, Rig};
+pub use inputs::{Desired, Given, Measured, Reference, Rig};
 pub use law::{Flying, PythonLaw, Raised};
 pub use look::{Looked, SaidSetting, is_refusal, load};

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ironbird import _rig
-from ironbird._rig import Desired, LogError, Measured, Reference, Rig, SettingsError
+from ironbird._rig import Desired, Given, LogError, Measured, Reference, Rig, SettingsError
 from ironbird.flight import Array, Fault, Flight, Group
 from ironbird.law import InnerLaw, OuterLaw
 
@@ -20,6 +20,7 @@ __all__ = [
     "Desired",
     "Fault",
     "Flight",
+    "Given",
     "Group",
     "InnerLaw",
     "LogError",

@@ -18,6 +18,9 @@ class Measured:
     def age(self) -> int | None:
         """Ticks since it was measured; None before the first."""
     @property
+    def given(self) -> Given | None:
+        """What the rotor command in force gives; None for an outer law."""
+    @property
     def position_w_m(self) -> Array:
         """Position, world frame [m]."""
     @property
@@ -44,6 +47,22 @@ class Measured:
     @property
     def rotor_speed_command_rad_s(self) -> Array:
         """Rotor speeds that are in force from this tick on [rad/s]."""
+
+class Given:
+    """What the rotor command in force gives, by the nominal model: the mixer's answer to a demand of the inner law."""
+
+    @property
+    def age(self) -> int | None:
+        """Ticks since the mixer made the command; None before the first."""
+    @property
+    def thrust_n(self) -> float:
+        """Total thrust along body z [N]."""
+    @property
+    def torque_b_nm(self) -> Array:
+        """Torque about body x, y, z [N m]."""
+    @property
+    def saturated(self) -> bool:
+        """Whether the demand could not be met in full."""
 
 class Desired:
     """What the outer law wants of the inner one. Each array is a new one."""
