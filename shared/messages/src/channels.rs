@@ -273,10 +273,12 @@ impl GroupSelection {
         if let Some((group, _)) = takes_over {
             (self.before, self.active, self.since) = (self.active, group, tick);
         }
-        if let Some(flown) = self.of_group(self.active, candidates) {
-            self.flown_rad_s = Some(flown.chosen.command.speed_rad_s);
-        }
         switchover
+    }
+
+    /// Takes the command that is flown.
+    pub const fn fly(&mut self, selection: &Selection) {
+        self.flown_rad_s = Some(selection.chosen.command.speed_rad_s);
     }
 
     fn command_step_rad_s(&self, selection: &Selection) -> f64 {
@@ -676,6 +678,7 @@ mod tests {
         ] {
             let mut guarded = apart(Some(envelope));
             assert_eq!(guarded.decide(1, &both(310.0), None, &inside), None);
+            guarded.fly(&select(&both(310.0)[..1]).unwrap());
             let found = guarded.decide(2, &commands, None, &excursion);
             assert_eq!(found.map(|it| it.reason), reason.map(|it| it as u64));
             assert_eq!(guarded.group_at(2), if reason.is_some() { B } else { A });
@@ -691,6 +694,7 @@ mod tests {
         let mut guarded = apart(Some(envelope));
         let to_b = guarded.decide(1, &both(320.0), Some(B), &inside).unwrap();
         assert_eq!((to_b.tick, to_b.from, to_b.to, to_b.reason), (1, 0, 1, 0));
+        guarded.fly(&select(&both(320.0)[1..]).unwrap());
         let to_a = guarded.decide(2, &both(320.0), Some(A), &tilted).unwrap();
         assert_eq!((to_a.to, to_a.command_step_rad_s), (0, 20.0));
         assert!(guarded.is_ready(B, &both(1.0)) && !guarded.is_ready(B, &both(1.0)[..1]));
