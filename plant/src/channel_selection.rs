@@ -50,7 +50,7 @@ impl ChannelSelection {
         self.groups.is_ready(channel, &self.last)
     }
 
-    /// This channel's laws fly from the tick on that is decided on next.
+    /// Requests that this channel's laws fly from the next decision on.
     pub const fn request(&mut self, channel: Channel) {
         self.requested = Some(channel);
     }
