@@ -1,10 +1,12 @@
 //! Which channel's command of a tick is taken: decided when the next tick begins, with what has come by then.
 //!
 //! There is no timeout and no failure detector: a chain needs a small part of a tick, and every command has until the next
-//! tick begins. The rule is [`select`].
+//! tick begins. The rules are those of [`GroupSelection`].
 
 use heapless::Vec;
-use messages::channels::{Candidate, Redundancy, RedundancyAccount, select};
+use messages::channels::{
+    Arrangement, Candidate, Excursion, GroupSelection, Redundancy, RedundancyAccount, Switchover,
+};
 use messages::content::{RotorSpeeds, Stamped};
 use messages::header::Message;
 use messages::role::{Channel, MOST_CHANNELS};
@@ -18,21 +20,42 @@ pub struct ChannelSelection {
     published: u64,
     /// The first tick whose command has not been taken: a command that comes late may still be needed.
     untaken: u64,
+    groups: GroupSelection,
+    /// The channel that was requested to fly.
+    requested: Option<Channel>,
+    /// Channels whose group had a usable command of the last tick.
+    ready: [bool; MOST_CHANNELS],
     account: RedundancyAccount,
 }
 
 impl ChannelSelection {
-    pub fn new(channels: usize) -> Self {
+    pub fn new(arrangement: Arrangement) -> Self {
         Self {
+            groups: GroupSelection::new(arrangement),
+            requested: None,
+            ready: [false; MOST_CHANNELS],
             waiting: Vec::new(),
             published: 0,
             untaken: 0,
-            account: RedundancyAccount::new(channels),
+            account: RedundancyAccount::new(arrangement),
         }
     }
 
     pub const fn redundancy(&self) -> &Redundancy {
         &self.account.redundancy
+    }
+
+    pub const fn has_envelope(&self) -> bool {
+        self.groups.arrangement.envelope.is_some()
+    }
+
+    pub const fn is_ready(&self, channel: Channel) -> bool {
+        self.ready[channel as usize]
+    }
+
+    /// This channel's laws fly from the tick on that is decided on next.
+    pub const fn request(&mut self, channel: Channel) {
+        self.requested = Some(channel);
     }
 
     /// Takes a channel's command, which may act from `effective_tick` on. Without room the oldest one is dropped.
@@ -46,23 +69,42 @@ impl ChannelSelection {
     }
 
     /// Decides on the commands of all ticks before `tick`, which begins now, and gives those that are taken to `take`, each
-    /// with the tick from which on it may act. Nothing is counted for ticks without a state.
-    pub fn decide(&mut self, tick: u64, mut take: impl FnMut(&Stamped<RotorSpeeds>, u64)) {
+    /// with the tick from which on it may act. Nothing is counted for ticks without a state, of which the last one has
+    /// `excursion`. Returns the switchover of its tick, if there is one.
+    pub fn decide(
+        &mut self,
+        tick: u64,
+        excursion: &Excursion,
+        mut take: impl FnMut(&Stamped<RotorSpeeds>, u64),
+    ) -> Option<Switchover> {
         let mut published = (self.published < tick).then_some(self.published);
         self.published = tick;
-        while let Some(made_for) = self.first_waiting().filter(|it| *it < tick) {
+        let mut switchover = None;
+        while let Some(made_for) = self.first_undecided(published).filter(|it| *it < tick) {
             let mut candidates: Vec<Candidate, MOST_CHANNELS> = Vec::new();
             for channel in Channel::ALL {
                 let is_it = |it: &&Candidate| (it.tick, it.channel) == (made_for, channel);
                 candidates.extend(self.waiting.iter().find(is_it).copied());
             }
             self.waiting.retain(|it| it.tick != made_for);
-            let selection = select(&candidates);
-            if let Some(published) = published.take_if(|it| *it == made_for) {
-                self.account.enter(published, &candidates, selection);
+            let is_published = published.take_if(|it| *it == made_for).is_some();
+            if is_published {
+                let requested = self.requested.take();
+                switchover = self
+                    .groups
+                    .decide(made_for, &candidates, requested, excursion);
+                self.ready = Channel::ALL.map(|it| self.groups.is_ready(it, &candidates));
+            }
+            let group = self.groups.group_at(made_for);
+            let selection = self.groups.of_group(group, &candidates);
+            if is_published {
+                if let Some(switchover) = switchover {
+                    self.account.switch(switchover);
+                }
+                self.account.enter(made_for, &candidates, group, selection);
             }
             if let Some(selection) = selection.filter(|_| made_for >= self.untaken) {
-                let chosen = &candidates[selection.chosen];
+                let chosen = &selection.chosen;
                 take(
                     &Stamped::new(made_for, chosen.command),
                     chosen.effective_tick,
@@ -70,13 +112,12 @@ impl ChannelSelection {
                 self.untaken = made_for + 1;
             }
         }
-        if let Some(published) = published {
-            self.account.enter(published, &[], None);
-        }
+        switchover
     }
 
-    fn first_waiting(&self) -> Option<u64> {
-        self.waiting.iter().map(|it| it.tick).min()
+    fn first_undecided(&self, published: Option<u64>) -> Option<u64> {
+        let waiting = self.waiting.iter().map(|it| it.tick);
+        waiting.chain(published).min()
     }
 }
 
@@ -102,7 +143,7 @@ mod tests {
 
     fn decided(selection: &mut ChannelSelection, tick: u64) -> std::vec::Vec<(u64, f64, u64)> {
         let mut taken = std::vec::Vec::new();
-        selection.decide(tick, |command, effective_tick| {
+        selection.decide(tick, &Excursion::default(), |command, effective_tick| {
             taken.push((command.tick, command.content.thrust_n, effective_tick));
         });
         taken
@@ -110,7 +151,7 @@ mod tests {
 
     #[test]
     fn the_command_of_another_channel_is_taken_where_the_first_has_none_that_is_fresh() {
-        let mut selection = ChannelSelection::new(2);
+        let mut selection = ChannelSelection::new(Arrangement::alike(2));
         selection.offer(Channel::B, &message(0, 0, 1.0), 1);
         selection.offer(Channel::A, &message(0, 0, 1.0), 1);
         assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
@@ -133,7 +174,7 @@ mod tests {
 
     #[test]
     fn a_plant_that_was_stopped_takes_what_came_meanwhile_in_order() {
-        let mut selection = ChannelSelection::new(2);
+        let mut selection = ChannelSelection::new(Arrangement::alike(2));
         for tick in 0..5 {
             selection.offer(Channel::A, &message(tick, tick, tick as f64), tick + 1);
             selection.offer(Channel::B, &message(tick, tick, tick as f64), tick + 1);

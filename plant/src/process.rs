@@ -6,23 +6,28 @@
 mod injection;
 mod requests;
 
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::thread;
 
-use faults::live::{Acts, LoopFaults};
+use faults::FaultRefusal;
+use faults::live::{Acts, FaultKind, LiveFault, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::clock::{Horizon as _, now_ns, sleep_until};
 use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
-use messages::channels::{REDUNDANCY, Redundancy};
-use messages::content::{RotorSpeeds, Stamped, State};
+use messages::channels::{
+    Arrangement, Envelope, Excursion, REDUNDANCY, Redundancy, SwitchoverReason,
+};
+use messages::content::{Measured, Reference, RotorSpeeds, Stamped, State};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};
 use messages::inspection::Expected;
+use messages::math::atan2;
 use messages::rejections::Rejections;
 use messages::role::{Channel, Role};
+use nalgebra::Vector3;
 use process::lead::ActiveLead;
 use process::rt::UsageMeter;
 use process::session::log_landing;
@@ -46,13 +51,18 @@ const CHAIN_PERCENT: u64 = 20;
 /// In lockstep, how often the plant looks while it waits for the recorder, which sends no wake-up event [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
-/// Runs the plant until its last tick, a signal, or the end of what the model covers.
+/// Where the vehicle is to be at a tick.
+pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
+
+/// Runs the plant until its last tick, a signal, or the end of what the model covers. With an envelope, a channel with other
+/// laws takes over beyond it.
 pub fn run(
     mut session: RoleSession,
     settings: &PlantSettings,
     plan: FlightPlan,
     faults: &[Swap],
     planned: (&LoopFaults, &Acts),
+    envelope: Option<(Envelope, Route)>,
 ) -> Result<(), Error> {
     let mut inbox = Queue::<Request, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
@@ -73,6 +83,7 @@ pub fn run(
             let mut plant =
                 PlantProcess::new(&session, wakes, settings, faults, requests_out, events_in)?;
             plant.plan(planned);
+            plant.arrange(&session, envelope)?;
             plant.serve(&mut session, plan, &open)
         } else {
             Ok(())
@@ -92,6 +103,11 @@ struct PlantProcess<'a> {
     commands: Vec<Receiver<RotorSpeeds>>,
     /// Of a flight with several channels, and its blackboard.
     selection: Option<(Box<ChannelSelection>, Blackboard<Redundancy>)>,
+    route: Option<Route>,
+    /// That of the last state.
+    excursion: Excursion,
+    /// The first tick whose request to switch has not been looked for.
+    next_switch: u64,
     event: WakeEvent,
     in_force: Blackboard<ActiveParameters>,
     requests: Consumer<'a, Request>,
@@ -142,13 +158,10 @@ impl<'a> PlantProcess<'a> {
             commands: Channel::first(channels)
                 .map(|channel| wire.receiver_of(channel, pending_commands(settings.period_s)))
                 .collect::<Result<_, _>>()?,
-            selection: match channels {
-                1 => None,
-                _ => Some((
-                    Box::new(ChannelSelection::new(channels)),
-                    wire.blackboard(REDUNDANCY)?,
-                )),
-            },
+            selection: None,
+            route: None,
+            excursion: Excursion::default(),
+            next_switch: 0,
             event: wire.wake_event(Role::Plant)?,
             in_force,
             requests,
@@ -163,6 +176,26 @@ impl<'a> PlantProcess<'a> {
     fn plan(&mut self, (faults, acts): (&LoopFaults, &Acts)) {
         self.injection.plan(faults, acts);
         self.plant.change_faults(&faults.messages, None);
+    }
+
+    /// Has the commands of several channels selected.
+    fn arrange(
+        &mut self,
+        session: &RoleSession,
+        envelope: Option<(Envelope, Route)>,
+    ) -> Result<(), Error> {
+        let (envelope, route) = envelope.unzip();
+        let arrangement = Arrangement {
+            channels: session.rt().channels,
+            groups: session.rt().groups,
+            envelope,
+        };
+        if arrangement.channels > 1 {
+            let selection = Box::new(ChannelSelection::new(arrangement));
+            self.selection = Some((selection, session.wire().blackboard(REDUNDANCY)?));
+            self.route = route;
+        }
+        Ok(())
     }
 
     /// Connects the ports to those of the other roles.
@@ -290,6 +323,7 @@ impl<'a> PlantProcess<'a> {
         }
         self.hand_over_applied();
         self.show_redundancy();
+        self.excursion = self.excursion_of(tick, &state);
         if let (true, Pace::Realtime(grid)) = (self.is_above, pace) {
             sleep_until(grid.begin_of(tick) + grid.period_ns * CHAIN_PERCENT / 100);
         }
@@ -383,11 +417,43 @@ impl<'a> PlantProcess<'a> {
 
     /// With several channels: decides whose command of the tick before is taken.
     fn decide(&mut self, tick: u64) {
-        if let Some((selection, _)) = &mut self.selection {
-            let plant = &mut self.plant;
-            selection.decide(tick, |command, effective_tick| {
-                plant.offer(command, effective_tick);
-            });
+        let (Some((selection, _)), Some(decided)) = (&mut self.selection, tick.checked_sub(1))
+        else {
+            return;
+        };
+        let due = self.next_switch..=decided;
+        self.next_switch = tick;
+        if let Some(channel) = self.injection.switch(due) {
+            selection.request(channel);
+        }
+        let plant = &mut self.plant;
+        let switchover = selection.decide(tick, &self.excursion, |command, effective_tick| {
+            plant.offer(command, effective_tick);
+        });
+        let unrequested = switchover.filter(|it| it.reason != SwitchoverReason::Requested as u64);
+        if let Some(it) = unrequested {
+            self.injection
+                .record_switch(Channel::ALL[it.to as usize], it.tick);
+        }
+    }
+
+    /// How far the vehicle is from what the envelope allows, as measured.
+    fn excursion_of(&self, tick: u64, state: &State) -> Excursion {
+        let Some(route) = &self.route else {
+            return Excursion::default();
+        };
+        let Measured {
+            position_w_m,
+            attitude_quaternion: [_, x, y, _],
+            rate_b_rad_s,
+            ..
+        } = state.measured;
+        let sin_half = (x * x + y * y).sqrt();
+        let error_w_m = Vector3::from(position_w_m) - Vector3::from(route(tick).position_w_m);
+        Excursion {
+            tilt_rad: 2.0 * atan2(sin_half, (1.0 - sin_half * sin_half).max(0.0).sqrt()),
+            rate_rad_s: Vector3::from(rate_b_rad_s).norm(),
+            error_m: error_w_m.norm(),
         }
     }
 
@@ -451,6 +517,10 @@ impl<'a> PlantProcess<'a> {
                     Err(reason) => Event::Refused { id, tick, reason },
                 }
             }
+            Action::Inject { faults, .. } if let Some(which) = self.unready(&faults) => {
+                let reason = FaultRefusal::NotReady;
+                Event::FaultRefused { id, which, reason }
+            }
             Action::Inject { for_ticks, faults } => {
                 match self.injection.inject(&faults, first_tick, for_ticks, tick) {
                     Ok(span) => {
@@ -467,6 +537,17 @@ impl<'a> PlantProcess<'a> {
         };
         // The outbox holds more events than requests can be under way.
         let _ = self.events.enqueue(event);
+    }
+
+    /// The first request to switch to a channel that the flight does not have, or that has no usable command.
+    fn unready(&self, faults: &[LiveFault]) -> Option<usize> {
+        faults.iter().position(|fault| match fault.kind {
+            FaultKind::Switch { channel } => {
+                let selection = self.selection.as_ref();
+                !selection.is_some_and(|(selection, _)| selection.is_ready(channel))
+            }
+            _ => false,
+        })
     }
 
     fn hand_over_applied(&mut self) {

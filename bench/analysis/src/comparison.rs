@@ -54,11 +54,15 @@ pub struct Laws {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     pub laws: Laws,
+    /// Preset that it flew: not that of the flight, if none of its laws has that one.
+    pub preset: String,
     pub ticks: u64,
     /// Instant at which the flight ended before its time [s].
     pub ended_early_s: Option<f64>,
     /// Why the flight counts as lost, if it does; one that was below ground is flown on.
     pub lost: Option<String>,
+    /// Instant of the loss [s]: the figures end there.
+    pub lost_s: Option<f64>,
     /// A sentence for each law whose answers could not all be used.
     pub unusable: Vec<String>,
     #[serde(flatten)]
@@ -72,13 +76,17 @@ pub struct Figures {
     pub error: ErrorFigures,
     /// The same before the first fault; none where a fault begins at tick 0, or there is none.
     pub error_before: Option<ErrorFigures>,
+    /// The same from the first fault on.
+    pub error_from_fault: Option<ErrorFigures>,
     /// The same from [`SETTLING_S`] after the last fault on; none where the flight was over by then, or there is none.
     pub error_after: Option<ErrorFigures>,
     /// Per fault, time until the true position error was below the bound, and stayed there until the next fault or the
     /// end, for [`STAYING_S`] at least [s]; none where it was not.
     pub recovery_s: Vec<Option<f64>>,
     pub effort: Effort,
-    pub trace: Group,
+    /// The curves of a page; JSON has them only on request.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trace: Option<Group>,
 }
 
 /// Channel of the trace: distance of the true position from the reference [m].

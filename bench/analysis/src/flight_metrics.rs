@@ -84,11 +84,17 @@ pub struct ComparedFlight {
     metrics: FlightMetrics,
     error_m: Vec<f64>,
     trace: Stretches<Range>,
+    /// Height below which a flight is lost [m].
+    ground_z_m: f64,
+    /// Tick in which it was below ground.
+    pub lost: Option<u64>,
 }
 
 impl ComparedFlight {
-    pub fn new(tracking: Tracking, airframe: &Airframe) -> Self {
+    pub fn new(tracking: Tracking, airframe: &Airframe, ground_z_m: f64) -> Self {
         Self {
+            ground_z_m,
+            lost: None,
             tracking,
             metrics: FlightMetrics::new(tracking.period_s(), airframe),
             error_m: Vec::new(),
@@ -96,8 +102,14 @@ impl ComparedFlight {
         }
     }
 
-    /// Adds the next tick: its state, and the command computed from it.
+    /// Adds the next tick, up to the loss of the flight: its state, and the command computed from it.
     pub fn take(&mut self, tick: u64, state: &State, rotors: &RotorSpeeds) {
+        if state.truth.position_w_m[2] < self.ground_z_m {
+            self.lost.get_or_insert(tick);
+        }
+        if self.lost.is_some() {
+            return;
+        }
         let (flown, reference) = (state.truth.position_w_m, self.tracking.position_w_m(tick));
         let squares = (0..3).map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]));
         let error_m = squares.sum::<f64>().sqrt();
@@ -120,10 +132,11 @@ impl ComparedFlight {
         Figures {
             error: part(0, u64::MAX).unwrap_or_default(),
             error_before: first.and_then(|first| part(0, first)),
+            error_from_fault: first.and_then(|first| part(first, u64::MAX)),
             error_after: settled.and_then(|settled| part(settled, u64::MAX)),
             recovery_s: self.recoveries(flight),
             effort: self.metrics.effort(),
-            trace: self.trace.group(&[TRUE_ERROR, POWER]),
+            trace: Some(self.trace.group(&[TRUE_ERROR, POWER])),
         }
     }
 
@@ -184,7 +197,7 @@ mod tests {
     /// A flight with these errors, whose sensors show none of them; its rotors turn at hover speed.
     fn flown(errors_m: &[f64]) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
-        let mut compared = ComparedFlight::new(tracking, &airframe);
+        let mut compared = ComparedFlight::new(tracking, &airframe, -10.0);
         for (tick, error_m) in (0..).zip(errors_m) {
             let [x, y, z] = tracking.position_w_m(tick);
             let mut state = State::default();
@@ -225,6 +238,9 @@ mod tests {
             both.error.p99_m,
         ];
         all.into_iter().for_each(|m| assert_close(m, 2.0));
+        let from_fault = both.error_from_fault.unwrap();
+        assert_close(from_fault.worst_m, 2.0);
+        assert!(from_fault.rms_m < after.rms_m);
         // There is nothing before tick 0, and 5 s after tick 180 the flight was over.
         assert_eq!(figures(&[0]).error_before, None);
         assert_eq!(figures(&[180]).error_after, None);
@@ -270,7 +286,7 @@ mod tests {
         // Two of four rotors change by 3 rad/s in every tick.
         assert_close(effort.agitation_rad_s, 4.5_f64.sqrt());
         assert_close(effort.saturated_percent, 100.0 * 26.0 / 101.0);
-        assert_eq!(trace.spans(POWER).count(), 101);
+        assert_eq!(trace.unwrap().spans(POWER).count(), 101);
         let nothing = flown(&[]).figures(&flight(100, &[]));
         assert_eq!(nothing.effort.agitation_rad_s, 0.0);
     }

@@ -8,7 +8,7 @@ use flight_log::build::Build;
 use messages::role::STAGES;
 use serde::{Deserialize, Serialize};
 
-pub const SCHEMA: &str = "ironbird-margin/1";
+pub const SCHEMA: &str = "ironbird-margin/2";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
@@ -18,141 +18,199 @@ pub struct Margins {
     pub airframe: String,
     /// Preset of the laws that have one of that name.
     pub preset: String,
-    /// Seed of the first flight with losses, and of the sensors' noise.
+    /// Seed of the first phase.
     pub seed: u64,
     pub period_s: f64,
-    /// When faults begin: a flight for each of these instants [s].
+    /// When faults begin: flights for each of these instants [s].
     pub phases_s: Vec<f64>,
     /// Over how much of the trajectory they are spread [s].
     pub span_s: f64,
     /// After which time the trajectory repeats [s]; none where it does not.
     pub cycle_s: Option<f64>,
-    /// Every so many phases, what takes more flights is flown, beginning with the first.
-    pub sparse: usize,
     pub longest_ticks: u64,
-    pub steady_s: f64,
-    pub gate: Gate,
+    /// Every so many phases, patterns of losses are flown, beginning with the first.
+    pub sparse: usize,
+    pub bounds: Bounds,
     /// In the order in which the laws were named.
     pub laws: Vec<LawMargins>,
 }
 
-/// What counts as survived: the flight's envelope kept, and these limits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Gate {
-    /// A bound for the position error that was given [m]; else it follows from each law's unfaulted flight.
-    pub recovered_below_m: Option<f64>,
-    /// Position error up to which a flight under a steady fault is tracked, where no bound was given [m].
-    pub tracked_below_m: f64,
-    /// Time until the error must be below for good: after an outage, or after a steady fault has begun [s].
+/// The limits of a loop, the same for all laws. Each one includes those after it.
+pub const LIMITS: [&str; 3] = ["unnoticed", "recovers", "survives"];
+pub const UNNOTICED: usize = 0;
+pub const RECOVERS: usize = 1;
+pub const SURVIVES: usize = 2;
+
+/// What the limits mean, for a flight that keeps its envelope.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    /// Position error from the fault on [m]: unnoticed.
+    pub unnoticed_below_m: f64,
+    /// Position error of a flight that is back on its trajectory [m].
+    pub recovered_below_m: f64,
+    /// Time until the error is below that and stays: recovers [s].
     pub recovery_max_s: f64,
-    /// Limits that were given besides: name of the metric, the most that it may be.
-    pub limits: Vec<(String, f64)>,
+    /// Likewise: survives [s].
+    pub survival_max_s: f64,
+    /// Ticks with saturated rotors under a steady fault, beyond those without one: more is a limit cycle [%].
+    pub saturated_more_percent: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawMargins {
     pub laws: Laws,
     pub fingerprint: String,
-    /// The largest position error of the flights without a fault, one for each phase's seed, from the first phase on [m].
-    pub unfaulted_error_m: f64,
-    /// Ticks in which the rotors were saturated in the worst of them [%].
-    pub unfaulted_saturated_percent: f64,
-    /// The widest bound of the position error after an outage: each phase has that of its own flight without a fault [m].
-    pub recovered_below_m: f64,
-    pub tracked_below_m: f64,
-    /// Likewise ticks in which the rotors may be saturated under a steady fault [%].
-    pub saturated_max_percent: f64,
-    pub outages: Vec<OutageMargin>,
+    /// The worst flight without a fault.
+    pub unfaulted: Point,
+    /// Whether its error is within the bound of each limit. A law that is not qualified has no such limit.
+    pub qualified: [bool; LIMITS.len()],
+    pub searches: Vec<Search>,
+    /// The loop through the rotors, axis by axis.
+    pub predicted: Vec<LoopMargin>,
+    pub flights: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A stage does nothing, or an input loses all messages, for so many ticks.
+    Outage,
     /// Steady dead time: the input is in time, and its content so many ticks old.
-    pub lags: Vec<SteadyMargin>,
+    Lag,
     /// Steady delay: the input comes so many ticks late, and the stage knows.
-    pub delays: Vec<SteadyMargin>,
-    pub losses: Vec<LossMargin>,
-    pub patterns: Vec<PatternMargin>,
-    pub flights: u64,
+    Delay,
+    /// So many per cent of the messages are lost at random.
+    Loss,
+    /// The first so many of every k messages are lost.
+    Pattern(u64),
+    /// Inertia and rotational drag are divided by 1 and so many tenths.
+    Gain,
 }
 
+/// Flights with a fault of growing strength.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OutageMargin {
-    /// What is out: a stage, `machine` for all of them, or an input as `inner.state`.
+pub struct Search {
+    pub kind: Kind,
+    /// A stage, `machine` for all of them, or an input as `inner.state`.
     pub of: String,
-    /// At each phase, the longest survived [ticks]; the longest that was tried where that was survived, too.
-    pub ticks: Vec<u64>,
-    pub exceptions: Vec<Exception>,
-}
-
-/// An outage that was survived although a shorter one was not, or the other way round.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Exception {
-    pub phase_s: f64,
-    pub ticks: u64,
-    pub survived: bool,
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SteadyMargin {
-    pub input: String,
-    /// The most ticks up to which all flights survived.
-    pub ticks: u64,
-    /// Whether that is the most that can be requested.
-    pub is_most: bool,
-    /// What was flown, up to where the first phase flew no further.
+    /// The greatest strength that may be tried.
+    pub most: u64,
+    /// The greatest strength up to which all flights hold each of [`LIMITS`]; none if the law is not qualified.
+    pub limits: [Option<u64>; LIMITS.len()],
+    /// What was flown, by ascending strength.
     pub points: Vec<Point>,
+    /// Of losses: flights with other seeds at the share that is survived, and how many survived it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeated: Option<[u64; 2]>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LossMargin {
-    pub input: String,
-    /// The largest share of messages lost up to which every flight survived.
-    pub share: f64,
-    /// Flights at that share with seeds that it was not found with, one for each phase; none where it is 0.
-    pub flights: u64,
-    pub survived: u64,
-    /// The probability of survival at that share, by them: its exact interval at 95 %.
-    pub survival: [f64; 2],
-    /// Half of the flights survived at least this share.
-    pub median_share: f64,
-    /// What was flown, up to where the first phase flew no further.
-    pub points: Vec<Point>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The worst of the flights, one for each phase, with a fault of one strength.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    pub at: f64,
-    pub flights: u64,
-    pub survived: u64,
-    /// The largest position error of the last 5 s in any of them [m]; none where one left the envelope.
-    pub error_m: Option<f64>,
+    pub at: u64,
+    /// Largest position error from the fault on [m]; none where a flight left its envelope.
+    pub peak_m: Option<f64>,
+    /// Time until the error was below the bound and stayed, from the end of an outage or from the beginning of a steady
+    /// fault [s]; none where it did not.
+    pub recovery_s: Option<f64>,
+    /// Ticks with saturated rotors [%].
+    pub saturated_percent: f64,
+    /// Why the first flight that did not survive failed.
+    pub cause: Option<Cause>,
 }
 
-/// The weakest pattern survived: the first m of each k messages lost.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PatternMargin {
-    pub input: String,
-    /// For each k the largest m, as m and k.
-    pub most: Vec<[u64; 2]>,
+/// Why a flight did not survive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Cause {
+    Ground,
+    Tilt,
+    /// The position error exceeds that of the envelope.
+    Position,
+    /// The state is no longer finite.
+    Diverged,
+    /// Within its envelope, but the error is not below the bound in time.
+    Error,
+    /// The rotors saturate: a limit cycle.
+    Saturated,
 }
 
-impl OutageMargin {
-    /// The least over all phases [ticks].
-    pub fn least(&self) -> u64 {
-        self.ticks.iter().copied().min().unwrap_or(0)
+/// Stability margins of one axis at hover, by the frequency response of its sampled loop.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LoopMargin {
+    pub axis: String,
+    /// Where the loop's gain is 1, at the crossover that allows the least delay [rad/s].
+    pub crossover_rad_s: Option<f64>,
+    pub phase_margin_deg: Option<f64>,
+    /// Additional dead time at which the loop becomes unstable [ticks].
+    pub delay_ticks: Option<f64>,
+    /// Factor of the loop's gain at which it becomes unstable.
+    pub gain: Option<f64>,
+}
+
+impl Bounds {
+    /// Whether a point holds a limit.
+    pub fn hold(&self, limit: usize, point: &Point) -> bool {
+        let within = |value: Option<f64>, most: f64| value.is_some_and(|value| value <= most);
+        point.cause.is_none()
+            && match limit {
+                UNNOTICED => within(point.peak_m, self.unnoticed_below_m),
+                RECOVERS => within(point.recovery_s, self.recovery_max_s),
+                _ => true,
+            }
     }
 
-    /// Half of the phases tolerate at least this [ticks].
-    pub fn median(&self) -> u64 {
-        let mut sorted = self.ticks.clone();
-        sorted.sort_unstable();
-        let middle = sorted.len().saturating_sub(1) / 2;
-        sorted.get(middle).copied().unwrap_or(0)
+    /// Which limits laws are qualified for that fly like this without a fault.
+    pub fn qualified(&self, unfaulted: &Point) -> [bool; LIMITS.len()] {
+        let bounds = [
+            self.unnoticed_below_m,
+            self.recovered_below_m,
+            self.recovered_below_m,
+        ];
+        let is_within = |bound_m| unfaulted.peak_m.is_some_and(|peak_m| peak_m <= bound_m);
+        bounds.map(|bound_m| unfaulted.cause.is_none() && is_within(bound_m))
     }
 }
 
-impl PatternMargin {
-    /// The pattern that loses the largest share; of those alike, the one with the longest row.
-    pub fn weakest(&self) -> Option<[u64; 2]> {
-        let most = self.most.iter().copied();
-        most.max_by(|[m, k], [n, l]| (m * l, m).cmp(&(n * k, n)))
+impl Point {
+    /// The worse of two flights.
+    pub fn worse(self, other: Self) -> Self {
+        let max = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
+        Self {
+            at: self.at,
+            peak_m: max(self.peak_m, other.peak_m),
+            recovery_s: max(self.recovery_s, other.recovery_s),
+            saturated_percent: self.saturated_percent.max(other.saturated_percent),
+            cause: self.cause.or(other.cause),
+        }
+    }
+}
+
+impl Search {
+    /// Adds a flight.
+    pub fn take(&mut self, point: Point) {
+        match self.points.binary_search_by_key(&point.at, |it| it.at) {
+            Ok(i) => self.points[i] = self.points[i].worse(point),
+            Err(i) => self.points.insert(i, point),
+        }
+    }
+
+    /// The greatest strength up to which every point holds a limit.
+    pub fn greatest(&self, limit: usize, bounds: &Bounds) -> u64 {
+        let held = self.points.iter().take_while(|it| bounds.hold(limit, it));
+        held.last().map_or(0, |it| it.at)
+    }
+
+    /// The first point that was flown beyond a strength.
+    pub fn beyond(&self, strength: u64) -> Option<&Point> {
+        self.points.iter().find(|point| point.at > strength)
+    }
+}
+
+impl LawMargins {
+    pub fn search(&self, kind: Kind, of: &str) -> Option<&Search> {
+        let mut searches = self.searches.iter();
+        searches.find(|search| search.kind == kind && search.of == of)
     }
 }
 
@@ -162,14 +220,6 @@ impl Margins {
         laws.name(Laws::mixers_differ(self.laws.iter().map(|law| &law.laws)))
     }
 }
-
-/// The least bound of the position error after an outage, where none is given [m].
-pub const SMALLEST_BOUND_M: f64 = 0.01;
-/// A bound that is not given is so many times the largest error without a fault.
-pub const TIMES_UNFAULTED: f64 = 2.0;
-pub const SATURATED: &str = "saturated_percent";
-/// Ticks that may be saturated under a steady fault, beyond those without one, where no limit is given [%].
-pub const SATURATED_MORE_PERCENT: f64 = 10.0;
 
 impl MarginSection {
     /// Of a flight without measured margins; `command` measures them.
@@ -188,22 +238,21 @@ impl MarginSection {
             .laws
             .iter()
             .find(|law| law.fingerprint == fingerprint)?;
-        let tolerated = |of: &str| {
-            let mut known = law.outages.iter().filter(|margin| !margin.ticks.is_empty());
-            let ticks = known.find(|margin| margin.of == of)?.least();
-            let is_most = ticks >= table.longest_ticks;
-            Some((of.to_owned(), RobustnessMargin { ticks, is_most }))
+        let tolerated = |limit: usize| {
+            let of = |of: &str| {
+                let ticks = law.search(Kind::Outage, of)?.limits[limit]?;
+                let is_most = ticks >= table.longest_ticks;
+                Some((of.to_owned(), RobustnessMargin { ticks, is_most }))
+            };
+            let stages = STAGES.into_iter().map(|role| role.name());
+            stages.chain([MACHINE]).map(of).collect::<Option<_>>()
         };
-        let stages = STAGES.into_iter().map(|role| role.name());
-        let tolerated = stages
-            .chain([MACHINE])
-            .map(tolerated)
-            .collect::<Option<_>>()?;
         let phases = table.phases_s.len() as u64;
         let measured_by = (table.build != *build).then(|| table.build.token());
         Some(Self {
             fingerprint: fingerprint.into(),
-            tolerated,
+            tolerated: tolerated(SURVIVES)?,
+            recovers: tolerated(RECOVERS)?,
             phases,
             measured_by,
             ..Self::default()
@@ -232,30 +281,55 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_and_median_are_those_of_the_phases() {
-        let of = |ticks: &[u64]| {
-            let margin = OutageMargin {
-                of: "outer".into(),
-                ticks: ticks.into(),
-                exceptions: Vec::new(),
-            };
-            (margin.least(), margin.median())
+    fn the_worst_flight_of_a_strength_counts_and_the_first_failure_ends_a_limit() {
+        let bounds = Bounds {
+            unnoticed_below_m: 0.02,
+            recovered_below_m: 0.1,
+            recovery_max_s: 5.0,
+            survival_max_s: 20.0,
+            saturated_more_percent: 10.0,
         };
-        assert_eq!(of(&[5, 1, 9]), (1, 5));
-        assert_eq!(of(&[4, 1, 9, 5]), (1, 4), "half of them bear it");
-        assert_eq!(of(&[]), (0, 0));
-    }
-
-    #[test]
-    fn the_weakest_pattern_loses_the_largest_share() {
-        let of = |most: &[[u64; 2]]| {
-            let (input, most) = (String::new(), most.into());
-            PatternMargin { input, most }.weakest()
+        let flown = |at, peak_m, recovery_s, cause| Point {
+            at,
+            peak_m: Some(peak_m),
+            recovery_s: Some(recovery_s),
+            saturated_percent: 0.0,
+            cause,
         };
-        assert_eq!(of(&[[1, 2], [3, 5], [5, 10]]), Some([3, 5]));
-        // The longer row of the same share.
-        assert_eq!(of(&[[1, 2], [5, 10], [0, 20]]), Some([5, 10]));
-        assert_eq!(of(&[]), None);
+        let mut search = Search {
+            kind: Kind::Outage,
+            of: "inner".into(),
+            most: 2000,
+            limits: [None; 3],
+            points: Vec::new(),
+            repeated: None,
+        };
+        for point in [
+            flown(300, 1.2, 6.0, None),
+            flown(100, 0.2, 2.0, None),
+            flown(10, 0.01, 0.0, None),
+            // Another phase of the same strength.
+            flown(10, 0.005, 0.0, None),
+            flown(100, 0.1, 3.0, None),
+            // An exception beyond a failure counts for nothing.
+            flown(400, 2.0, 9.0, Some(Cause::Ground)),
+            flown(500, 0.01, 1.0, None),
+        ] {
+            search.take(point);
+        }
+        assert_eq!(search.points[1], flown(100, 0.2, 3.0, None));
+        let limits = [UNNOTICED, RECOVERS, SURVIVES].map(|it| search.greatest(it, &bounds));
+        assert_eq!(limits, [10, 100, 300]);
+        assert_eq!(search.beyond(300).unwrap().cause, Some(Cause::Ground));
+        for (peak_m, cause, qualified) in [
+            (0.01, None, [true; 3]),
+            (0.05, None, [false, true, true]),
+            (0.2, None, [false; 3]),
+            (0.01, Some(Cause::Tilt), [false; 3]),
+        ] {
+            let unfaulted = flown(0, peak_m, 0.0, cause);
+            assert_eq!(bounds.qualified(&unfaulted), qualified);
+        }
     }
 
     fn outages(all: &[(&str, u64)], unmeasured: u64) -> OutageSection {

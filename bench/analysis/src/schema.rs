@@ -381,6 +381,9 @@ pub struct MarginSection {
     /// The longest outage survived, by stage; empty where not known.
     #[serde(rename = "bears")]
     pub tolerated: BTreeMap<String, RobustnessMargin>,
+    /// The longest outage from which the flight recovers in a few seconds, by stage.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub recovers: BTreeMap<String, RobustnessMargin>,
     /// Phases of the trajectory that these are the least of.
     pub phases: u64,
     /// The build that measured, where another one flew.
@@ -398,7 +401,7 @@ pub struct MarginSection {
     pub margin: Option<f64>,
 }
 
-/// The longest outage of a stage that is survived.
+/// The longest outage of a stage that a limit allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RobustnessMargin {
     pub ticks: u64,
@@ -441,7 +444,7 @@ pub struct RedundancySection {
     /// Ticks for which fewer than two channels had a fresh command on time.
     pub ticks_unprotected: u64,
     pub longest_unprotected_ms: f64,
-    /// Ticks in which another channel than a had the fresh command on time that was flown.
+    /// Ticks in which the fresh command on time was not that of the first channel with the laws that flew.
     pub ticks_masked: u64,
     /// Ticks without a fresh command on time from any channel.
     pub ticks_not_fresh: u64,
@@ -454,6 +457,33 @@ pub struct RedundancySection {
     /// Ticks in a row without a command that could be flown, by channel, in their order; the first 64.
     pub outages: Vec<ChannelOutage>,
     pub outages_left_out: u64,
+    /// When channels with other laws took over; the first 16. Likewise below: only if channels fly different laws.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub switchovers: Vec<Switchover>,
+    /// How far the commands of a channel with other laws were from those that flew, by channel.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub differences: BTreeMap<String, CommandDifference>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Switchover {
+    pub time_s: f64,
+    /// The first tick whose command was the other channel's.
+    pub tick: u64,
+    pub from: String,
+    pub to: String,
+    pub reason: String,
+    /// Largest change of a rotor's command from the tick before [rad/s].
+    pub command_step_rad_s: f64,
+}
+
+/// Of the commands of the rotors, the largest difference in each tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CommandDifference {
+    /// Ticks in which both had a fresh command on time.
+    pub ticks: u64,
+    pub rms_rad_s: f64,
+    pub max_rad_s: f64,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -6,7 +6,7 @@ use flight_log::TOPICS;
 use flight_log::entry::Counts;
 use flight_log::writer::Fate;
 use messages::blackboards::{RolePhase, Status};
-use messages::channels::{OUTAGES_KEPT, OutageReason, Redundancy};
+use messages::channels::{OUTAGES_KEPT, OutageReason, Redundancy, Switchover, SwitchoverReason};
 use messages::inspection::{Reason, Rejections};
 use messages::realtime::RealtimeStep;
 use messages::role::{Channel, MOST_CHANNELS};
@@ -39,6 +39,26 @@ pub fn redundancy(account: &Redundancy, period_s: f64) -> schema::RedundancySect
     let kept = account.outage_count.min(OUTAGES_KEPT as u64);
     let outages = account.outages[..kept as usize].iter();
     let time_s = |tick: u64| tick as f64 * period_s;
+    let switchover = |it: &Switchover| schema::Switchover {
+        time_s: time_s(it.tick),
+        tick: it.tick,
+        from: channel(it.from),
+        to: channel(it.to),
+        reason: SwitchoverReason::from_wire(it.reason)
+            .map_or("", SwitchoverReason::name)
+            .into(),
+        command_step_rad_s: it.command_step_rad_s,
+    };
+    let difference = |place: usize| {
+        let ticks = account.compared[place];
+        let mean_square = account.difference_square_sum_rad2_s2[place] / ticks as f64;
+        let difference = schema::CommandDifference {
+            ticks,
+            rms_rad_s: mean_square.sqrt(),
+            max_rad_s: account.difference_max_rad_s[place],
+        };
+        (ticks > 0).then(|| (channel(place as u64), difference))
+    };
     schema::RedundancySection {
         channels: account.channels,
         active: channel(account.active),
@@ -64,6 +84,8 @@ pub fn redundancy(account: &Redundancy, period_s: f64) -> schema::RedundancySect
             })
             .collect(),
         outages_left_out: account.outage_count - kept,
+        switchovers: account.switchovers().iter().map(switchover).collect(),
+        differences: (0..MOST_CHANNELS).filter_map(difference).collect(),
     }
 }
 

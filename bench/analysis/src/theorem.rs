@@ -121,8 +121,14 @@ impl Theorem {
     }
 }
 
+/// The inner law's name, in place of one, of a flight whose channels fly different laws.
+pub const SEVERAL_LAWS: &str = "several laws";
+
 /// Why the theorem says nothing of a flight with this inner law.
 pub fn no_theorem(law: &str) -> String {
+    if law == SEVERAL_LAWS {
+        return "the channels fly different laws".into();
+    }
     let settings = may_have_theorem(law).then_some(" with its settings");
     format!(
         "the inner law `{law}` has no theorem{}",

@@ -24,7 +24,7 @@ pub use flight::{
     FlightArgs, FlyArgs, GateArgs, GateName, LogArg, NumberOrAuto, OnDeath, PaceArg, RecordArgs,
     RecorderArgs, RoleArgs, RtArgs, RtMode, SimulateArgs, TrajectoryArgs,
 };
-pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};
+pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, SwitchArgs, WatchArgs};
 pub use machine::{
     CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs, Set,
 };
@@ -75,6 +75,8 @@ Examples:
   ironbird inject state.drop=0.1 --for 1s
   ironbird inject inner.stop=20ms --in 500ms")]
     Inject(InjectArgs),
+    /// Let another channel with its own laws fly, in a flight with several.
+    Switch(SwitchArgs),
     /// List the airframe's parameters: unit, range, nominal and current value.
     Params(ParamsArgs),
     /// List the fault kinds for messages, stages and the CPU.

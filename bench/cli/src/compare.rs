@@ -1,25 +1,28 @@
-//! `ironbird compare`: simulates one flight with several combinations of laws; with `--table`, one per row of a file.
+//! `ironbird compare`: simulates one flight with several combinations of laws; with `--table` or `--suite`, one per row.
 //!
 //! Each flight equals `ironbird simulate` with the same options bit for bit. Flights are independent and spread over the
 //! CPUs.
 
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::PathBuf;
 
 use analysis::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
 use analysis::flight_metrics::ComparedFlight;
 use analysis::tracking::Tracking;
-use render::comparison::{document, tables};
+use config::law_settings::{DEFAULT_PRESET, known};
+use messages::role::Role;
+use render::cases::Cases;
+use render::comparison::document;
 use serde::Deserialize;
 use toml::Value;
 
 use crate::build;
 use crate::cli::CompareArgs;
 use crate::report_command::publish;
-use config::{Overrides, Settings};
+use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
-use errors::{Failure, OK, USAGE, check_writable, read_text};
-use experiments::combinations;
+use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
+use experiments::combinations::{self, Combination};
 use experiments::parallel::{all_on_processors, processors};
 use sim::simulate::{self, InvalidOutputs};
 use sim::simulator::Simulator;
@@ -27,36 +30,38 @@ use sim::simulator::Simulator;
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;
 const ROWS_MAX: usize = 50;
+/// Default of `--recovered-below` [m].
+const RECOVERED_BELOW_M: f64 = 0.05;
 
 pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
-    check_writable("--page", args.page.as_deref())?;
-    let most = match args.table {
+    for (flag, path) in [
+        ("--page", &args.page),
+        ("--picture", &args.picture),
+        ("--csv", &args.csv),
+    ] {
+        check_writable(flag, path.as_deref())?;
+    }
+    let table = CaseTable::of(args)?;
+    let mut laws = args.laws.clone();
+    if table.is_some() && laws.inner.is_empty() {
+        let inner = known(Role::Inner).into_iter();
+        laws.inner = inner.map(|law| law.name.to_owned()).collect();
+    }
+    let most = match table {
         Some(_) => combinations::TABLE_MAX,
         None => combinations::PAGE_MAX,
     };
-    let laws = &args.laws;
     let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
     if combinations.len() == 1 {
         return Err(Failure::usage("only one combination of laws: nothing to compare")
             .help("name at least two laws, for example --inner adaptive --inner indi; `ironbird laws` lists them"));
     }
     let overrides = args.course.overrides();
-    if let Some(path) = &args.table {
-        let mut plans = Vec::new();
-        let rows = read_rows(path)?;
-        for Row { name, faults } in &rows {
-            let faults = vec![("flight.faults", Value::from(faults.clone()))];
-            let overrides = [overrides.clone(), faults].concat();
-            let plan = Plan::new(args, &combinations, &overrides);
-            let of_row = format!(" (row `{name}` of {})", path.display());
-            plans.push(plan.map_err(|failure| failure.append(&of_row))?);
-        }
-        let names = rows.into_iter().map(|row| row.name);
-        let named: Vec<(String, Comparison)> = names.zip(fly_all(&plans)?).collect();
-        print(&tables(&named))?;
-        return Ok(OK);
+    if let Some(table) = table {
+        return fly_table(args, table, &combinations, &overrides);
     }
-    let plan = Plan::new(args, &combinations, &overrides)?;
+    let bound_m = args.recovered_below.unwrap_or(RECOVERED_BELOW_M);
+    let plan = Plan::new(args, &combinations, &overrides, bound_m)?;
     let mut warnings: Vec<String> = Vec::new();
     for settings in &plan.settings {
         for warning in settings.warnings()? {
@@ -67,9 +72,66 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
             }
         }
     }
-    let comparison = fly_all(&[plan])?.remove(0);
-    let page = args.page.as_deref();
-    publish(&document(&comparison), &comparison, args.format, page)?;
+    let mut comparison = fly_all(&[plan])?.remove(0);
+    let document = document(&comparison);
+    if !args.traces {
+        comparison
+            .outcomes
+            .iter_mut()
+            .for_each(|it| it.figures.trace = None);
+    }
+    publish(&document, &comparison, args.format, args.page.as_deref())?;
+    Ok(OK)
+}
+
+/// Flies all cases of a table, prints Markdown, and writes what else was asked for.
+fn fly_table(
+    args: &CompareArgs,
+    table: CaseTable,
+    combinations: &[Combination],
+    overrides: &Overrides,
+) -> Result<u8, Failure> {
+    let CaseTable { place, cases } = table;
+    let bound_m = args.recovered_below.or(cases.recovered_below_m);
+    let bound_m = bound_m.unwrap_or(RECOVERED_BELOW_M);
+    let set = |texts: &[String]| -> Result<Overrides, String> {
+        texts
+            .iter()
+            .map(|text| overrides::set("set", text))
+            .collect()
+    };
+    let mut plans = Vec::new();
+    for Row {
+        name,
+        faults,
+        set: of_row,
+    } in &cases.row
+    {
+        let of_row_in = format!(" (row `{name}` of {place})");
+        let (of_all, of_row) = set(&cases.set)
+            .and_then(|all| Ok((all, set(of_row)?)))
+            .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
+        let faults = vec![("flight.faults", Value::from(faults.clone()))];
+        let overrides = [of_all, overrides.clone(), of_row, faults].concat();
+        let plan = Plan::new(args, combinations, &overrides, bound_m);
+        plans.push(plan.map_err(|failure| failure.append(&of_row_in))?);
+    }
+    let names = cases.row.into_iter().map(|row| row.name);
+    let flown = Cases {
+        title: cases.title,
+        from_fault: cases.from_fault,
+        rows: names.zip(fly_all(&plans)?).collect(),
+    };
+    let write = |path: &Option<PathBuf>, text: &dyn Fn() -> String| {
+        let Some(path) = path else { return Ok(()) };
+        write_text(path, &text())?;
+        say(&format!("written: {}\n", path.display()));
+        Ok::<(), Failure>(())
+    };
+    write(&args.page, &|| flown.document().html())?;
+    write(&args.picture, &|| flown.picture())?;
+    write(&args.csv, &|| flown.csv())?;
+    print(&flown.markdown())?;
     Ok(OK)
 }
 
@@ -83,8 +145,9 @@ impl Plan {
     /// The flight of the settings file and `overrides`, for at least one combination of laws.
     fn new(
         args: &CompareArgs,
-        combinations: &[Overrides],
+        combinations: &[Combination],
         overrides: &Overrides,
+        bound_m: f64,
     ) -> Result<Self, Failure> {
         let config = args.course.config.as_deref();
         let settings = combinations::resolve(config, overrides, combinations)?;
@@ -98,14 +161,18 @@ impl Plan {
                     .help("fly a shorter one (--duration)"),
             );
         }
+        // That of the combinations that have it.
+        let mut presets = settings.iter().map(|it| &*it.flight.preset);
+        let preset = presets.find(|preset| *preset != DEFAULT_PRESET);
+        let preset = preset.unwrap_or(DEFAULT_PRESET);
         let flight = Flight {
             trajectory: first.trajectory_name().into(),
             airframe: first.flight.airframe.clone(),
-            preset: first.flight.preset.clone(),
+            preset: preset.to_owned(),
             seed: first.flight.seed,
             last_tick,
             period_s: first.flight.period_s,
-            bound_m: args.recovered_below,
+            bound_m,
             faults: faults(first)?,
         };
         Ok(Self { flight, settings })
@@ -152,7 +219,8 @@ fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
 
 fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
     let tracking = Tracking::along(settings.course()?, flight.period_s);
-    let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?);
+    let ground_z_m = settings.flight.ground_z_m;
+    let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?, ground_z_m);
     let mut rig = Simulator::of(settings)?;
     let mut invalid = InvalidOutputs::default();
     let flown = simulate::fly(&mut rig, settings, |rig| {
@@ -161,21 +229,46 @@ fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
         Ok(())
     })?;
     let ended_early = flown.ticks <= flight.last_tick;
+    let last = flown.ticks.saturating_sub(1);
+    let lost = flown
+        .departure
+        .is_some()
+        .then(|| metrics.lost.unwrap_or(last));
     Ok(Outcome {
         laws: combinations::laws(settings)?,
+        preset: settings.flight.preset.clone(),
         ticks: flown.ticks,
-        ended_early_s: ended_early.then(|| flight.time_s(flown.ticks.saturating_sub(1))),
+        ended_early_s: ended_early.then(|| flight.time_s(last)),
         lost: flown.departure,
+        lost_s: lost.map(|tick| flight.time_s(tick)),
         unusable: invalid.sentences(settings)?,
         figures: metrics.figures(flight),
         outputs: flown.outputs.to_string(),
     })
 }
 
-/// The file of `--table`.
+/// Tables that are built in.
+const SUITES: [(&str, &str); 1] = [("robustness", include_str!("../../../docs/robustness.toml"))];
+
+/// The cases of `--table` or `--suite`.
+struct CaseTable {
+    /// Where they are, for errors.
+    place: String,
+    cases: CaseFile,
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Rows {
+struct CaseFile {
+    #[serde(default)]
+    title: String,
+    /// Settings of all rows, with the syntax of `--set`; flags override them.
+    #[serde(default)]
+    set: Vec<String>,
+    recovered_below_m: Option<f64>,
+    /// Whether errors count from the fault on.
+    #[serde(default)]
+    from_fault: bool,
     #[serde(default)]
     row: Vec<Row>,
 }
@@ -185,29 +278,48 @@ struct Rows {
 struct Row {
     name: String,
     /// With the syntax of `--fault`.
+    #[serde(default)]
     faults: Vec<String>,
+    /// Settings of this row, with the syntax of `--set`.
+    #[serde(default)]
+    set: Vec<String>,
 }
 
-fn read_rows(path: &Path) -> Result<Vec<Row>, Failure> {
+impl CaseTable {
+    fn of(args: &CompareArgs) -> Result<Option<Self>, Failure> {
+        let suite = args.suite.as_deref();
+        if let Some((name, text)) = SUITES.iter().find(|(name, _)| suite == Some(name)) {
+            return Self::read(format!("--suite {name}"), text).map(Some);
+        }
+        let Some(path) = &args.table else {
+            return Ok(None);
+        };
+        let text = read_text("read the table", path);
+        let text = text.map_err(|failure| failure.or_code(USAGE).help(Self::HELP))?;
+        Self::read(format!("--table {}", path.display()), &text).map(Some)
+    }
+
     const HELP: &str =
         "each row reads: [[row]], name = \"heavier\", faults = [\"mass_kg=+30%@8s\"]";
-    let refused = |what: String| {
-        let what = format!("--table {}: {what}", path.display());
-        Err(Failure::usage(what).help(HELP))
-    };
-    let text = read_text("read the table", path);
-    let text = text.map_err(|failure| failure.or_code(USAGE).help(HELP))?;
-    let rows = match toml::from_str(&text) {
-        Ok(Rows { row }) => row,
-        Err(e) => return refused(e.to_string().trim_end().replace('\n', " ")),
-    };
-    let mut names = BTreeSet::new();
-    if let Some(twice) = rows.iter().find(|row| !names.insert(&row.name)) {
-        return refused(format!("two rows have the name `{}`", twice.name));
+
+    fn read(place: String, text: &str) -> Result<Self, Failure> {
+        let refused = |what: String| Failure::usage(format!("{place}: {what}")).help(Self::HELP);
+        let cases: CaseFile = toml::from_str(text)
+            .map_err(|e| refused(e.to_string().trim_end().replace('\n', " ")))?;
+        let mut names = BTreeSet::new();
+        if let Some(twice) = cases.row.iter().find(|row| !names.insert(&row.name)) {
+            return Err(refused(format!("two rows have the name `{}`", twice.name)));
+        }
+        match cases.row.len() {
+            0 => Err(refused("it has no row".into())),
+            1..=ROWS_MAX => Ok(Self { place, cases }),
+            number => Err(refused(format!(
+                "it has {number} rows: allowed are {ROWS_MAX}"
+            ))),
+        }
     }
-    match rows.len() {
-        0 => refused("it has no row".into()),
-        1..=ROWS_MAX => Ok(rows),
-        number => refused(format!("it has {number} rows: allowed are {ROWS_MAX}")),
-    }
+}
+
+pub fn suites() -> Vec<&'static str> {
+    SUITES.iter().map(|(name, _)| *name).collect()
 }

@@ -52,6 +52,12 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
         trials.map_or_else(|e| format!("not flown: {e}"), |it| loop_cpus::text(&it)),
         "stages that poll on CPUs of their own need no wake-up, but there is more that can disturb them",
     ));
+    let trials = loop_cpus::fly_channels(cpu, schedule.duration);
+    examination.findings.push(Finding::ok(
+        "channels, flown",
+        trials.map_or_else(|e| format!("not flown: {e}"), |it| loop_cpus::figures(&it)),
+        "redundant channels share a CPU: their chains run one after the other in each tick",
+    ));
     if args.json {
         let json = serde_json::to_string_pretty(&examination);
         print(&(json.map_err(|e| Failure::failed(e.to_string()))? + "\n"))?;

@@ -55,6 +55,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         )
         .help("build one that has: cargo run --release --features foxglove -- bridge foxglove")),
         Command::Inject(args) => commands::inject(args),
+        Command::Switch(args) => commands::inject(&args.clone().into()),
         Command::Params(args) => params::params(args),
         Command::Faults => commands::faults(),
         Command::Laws(args) => laws::laws(args),

@@ -11,10 +11,9 @@ use config::Settings;
 use errors::output::say;
 use errors::{Failure, OK, check_writable};
 use experiments::combinations;
-use experiments::margin::limits::{GivenLimits, Phases};
-use experiments::margin::measure::Task;
+use experiments::margin::limits::{Phases, bounds};
 use experiments::margin::target::{self, Target};
-use experiments::margin::{measure_all, table};
+use experiments::margin::{Task, measure_all, table};
 use experiments::parallel::processors;
 use process::signals::stop_flag;
 use render::margin::document;
@@ -22,18 +21,16 @@ use render::margin::document;
 pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let stop = stop_flag()?;
     check_writable("--page", args.page.as_deref())?;
-    let given = GivenLimits::new(&args.gates)?;
     let settings = settings(args)?;
     let phases = Phases::new(args.phases, args.course.duration, &settings[0])?;
-    let task = task(args, &given, &settings[0])?;
+    let task = task(args, &settings[0])?;
     let no_table = no_table(args);
     let out = args.out.clone();
     let out = out.unwrap_or_else(|| PathBuf::from(&settings[0].recorder.out));
     if no_table.is_none() {
         table::check(&out)?;
     }
-    let jobs = args.jobs.unwrap_or_else(processors);
-    let margins = measure_all(jobs, &settings, &phases, &task, &stop)?;
+    let margins = measure_all(&settings, &phases, &task, &stop)?;
     match no_table {
         None => table::write(&out, &margins)?
             .iter()
@@ -50,7 +47,7 @@ fn no_table(args: &MarginArgs) -> Option<String> {
     let is_shortened = args.course.duration.is_some();
     let reasons: Vec<&str> = [
         (!args.only.is_empty(), "--only measures a part"),
-        (!args.gates.is_empty(), "--gate sets other limits"),
+        (!args.gates.is_empty(), "--gate sets other bounds"),
         (is_shortened, "--duration shortens the phases"),
     ]
     .into_iter()
@@ -89,11 +86,7 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
     Ok(settings)
 }
 
-fn task<'a>(
-    args: &MarginArgs,
-    given: &'a GivenLimits,
-    settings: &Settings,
-) -> Result<Task<'a>, Failure> {
+fn task(args: &MarginArgs, settings: &Settings) -> Result<Task, Failure> {
     const LONGEST_S: f64 = 60.0;
     let period_s = settings.flight.period_s;
     let longest_s = args.longest.as_secs_f64();
@@ -109,9 +102,8 @@ fn task<'a>(
     };
     Ok(Task {
         targets: target::all().filter(is_selected).collect(),
-        given,
+        bounds: bounds(&args.gates, settings)?,
         longest: (longest_s / period_s + 1e-9).floor() as u64,
-        period_s,
-        tick_ns: settings.sample_time_ns(),
+        jobs: args.jobs.unwrap_or_else(processors),
     })
 }

@@ -19,6 +19,7 @@ use config::last_name;
 use errors::output::print;
 use errors::{Failure, OK, read_text};
 use flight_log::wall_time::utc;
+use messages::role::Channel;
 use recorder::hlog;
 use recorder::run_directory::{FACTS, LATENCIES, entries, is_held, is_ours, out_or_default};
 
@@ -249,18 +250,36 @@ fn reason_to_keep(run: &RecordedRun) -> Option<String> {
     if run.is_alive {
         return Some("its processes are running".into());
     }
-    let exported = run.directory.join(export::DIRECTORY);
-    let listed = fs::read_dir(&exported);
-    if let Some(e) = listed.err().filter(|e| e.kind() != ErrorKind::NotFound) {
-        return Some(format!("cannot list {}: {e}", exported.display()));
+    let inside = directories_inside();
+    for (name, _) in &inside {
+        let directory = run.directory.join(name);
+        let listed = fs::read_dir(&directory);
+        if let Some(e) = listed.err().filter(|e| e.kind() != ErrorKind::NotFound) {
+            return Some(format!("cannot list {}: {e}", directory.display()));
+        }
     }
     let of_flight = |name: &str, is_directory: bool| match is_directory {
-        true => name == export::DIRECTORY,
+        true => inside.iter().any(|(directory, _)| directory == name),
         false => is_ours(name),
     };
-    let of_export = |name: &str, is_directory: bool| !is_directory && export::is_ours(name);
-    let foreign = foreign(&run.directory, of_flight).or_else(|| foreign(&exported, of_export))?;
+    let of_inside = |(directory, is_ours): &(String, IsOurs)| {
+        let of_it = |name: &str, is_directory: bool| !is_directory && is_ours(name);
+        foreign(&run.directory.join(directory), of_it)
+    };
+    let foreign = foreign(&run.directory, of_flight);
+    let foreign = foreign.or_else(|| inside.iter().find_map(of_inside))?;
     Some(format!("{} was not created by ironbird", foreign.display()))
+}
+
+type IsOurs = fn(&str) -> bool;
+
+/// The directories in that of a flight, and which files in them are its own.
+fn directories_inside() -> Vec<(String, IsOurs)> {
+    let is_log: IsOurs = |name| flight_log::part_of(name).is_some();
+    let logs = Channel::ALL.into_iter().skip(1);
+    let logs = logs.map(|channel| (flight_log::log_directory(channel), is_log));
+    let exported: (String, IsOurs) = (export::DIRECTORY.into(), export::is_ours);
+    logs.chain([exported]).collect()
 }
 
 /// The first entry of a directory, by name, that ironbird did not create.
@@ -279,13 +298,16 @@ fn remove(directory: &Path, dry_run: bool) -> Result<(), Failure> {
     if dry_run {
         return Ok(());
     }
-    let exported = directory.join(export::DIRECTORY);
-    let mut files = entries(&exported, export::is_ours);
-    files.extend(entries(directory, |name| is_ours(name) && name != FACTS));
-    for path in files {
+    for (name, is_ours) in directories_inside() {
+        let inside = directory.join(name);
+        for path in entries(&inside, is_ours) {
+            ensure_removed(&path, fs::remove_file(&path))?;
+        }
+        ensure_removed(&inside, fs::remove_dir(&inside))?;
+    }
+    for path in entries(directory, |name| is_ours(name) && name != FACTS) {
         ensure_removed(&path, fs::remove_file(&path))?;
     }
-    ensure_removed(&exported, fs::remove_dir(&exported))?;
     let last = directory.join(FACTS);
     ensure_removed(&last, fs::remove_file(&last))?;
     ensure_removed(directory, fs::remove_dir(directory))

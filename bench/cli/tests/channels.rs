@@ -125,3 +125,75 @@ fn a_stage_whose_law_cannot_be_saved_is_not_started_again_beside_another_channel
     );
     rig.ok("replay latest --verify");
 }
+
+#[test]
+fn another_law_flies_in_its_channel_from_the_tick_that_is_requested_and_the_flight_replays() {
+    let rig = Rig::new("switched");
+    let flags = "--channel b:inner=pid --duration 1500ms --fault b.switch@300ms";
+    let flight = start(&rig, 2, flags);
+    rig.await_tick(500);
+    let back = rig.ok("switch --to a --at-tick 1200");
+    assert!(back.stdout.contains("a.switch"), "{back}");
+    rig.refused("switch --to c")
+        .complains("the flight has 2 channels: a to b");
+    flight.end().expect(0);
+    let report = rig.final_report();
+    let section = redundancy(&report);
+    let switched = section.switchovers.iter();
+    let switched: Vec<_> = switched
+        .map(|it| (it.tick, it.to.as_str(), it.reason.as_str()))
+        .collect();
+    assert_eq!(
+        switched,
+        [(300, "b", "requested"), (1200, "a", "requested")]
+    );
+    assert_eq!(section.ticks_not_fresh, 0, "{section:?}");
+    assert_eq!(section.ticks_flown["b"], 900, "{section:?}");
+    assert_eq!(
+        section.differences["b"].ticks + section.differences["a"].ticks,
+        1501
+    );
+    let verified = rig.ok("replay latest --verify");
+    let alone = rig.ok("replay latest/channel-b --verify");
+    let values = |output: &str| -> u64 {
+        let (before, _) = output.split_once(" values").unwrap();
+        before.rsplit_once(' ').unwrap().1.parse().unwrap()
+    };
+    assert!(values(&verified.stdout) > values(&alone.stdout));
+    rig.start("fly", "--pace lockstep --duration 10ms")
+        .end()
+        .expect(0);
+    rig.ok("runs --prune --keep 1").says("removed");
+    assert_eq!(rig.run_directories().len(), 1);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_channel_with_another_law_takes_over_from_one_that_is_silent_or_leaves_the_envelope() {
+    for (name, limits, fault, reason) in [
+        (
+            "silent",
+            "",
+            "--fault a.inner.kill@200ms",
+            "no fresh command on time",
+        ),
+        ("tilted", "tilt_max_rad = 0.02\n", "", "tilt"),
+    ] {
+        let rig = Rig::new(name);
+        let config = rig.airborne(&format!("{SLOW}[simplex]\nenabled = true\n{limits}"));
+        let flags = format!("--channels 2 --channel b:inner=pid --rt prefer --config {config}");
+        let flight = rig.start("fly", format!("{flags} --duration 800ms {fault}"));
+        flight.end().expect(0);
+        let report = rig.final_report();
+        let section = redundancy(&report);
+        let [only] = &section.switchovers[..] else {
+            panic!("{section:?}");
+        };
+        assert_eq!((only.to.as_str(), only.reason.as_str()), ("b", reason));
+        if name == "silent" {
+            assert!(only.tick.abs_diff(200) <= 2, "{section:?}");
+        }
+        assert_eq!((section.active.as_str(), section.ticks_not_fresh), ("b", 0));
+        rig.ok("replay latest --verify");
+    }
+}

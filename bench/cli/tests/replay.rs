@@ -269,7 +269,7 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
         });
         let found = verify(&changed).unwrap().comparison.first.expect(field);
         let name = format!("{}.{}", found.topic, found.field);
-        let place = (found.stage.name(), found.tick, &*name);
+        let place = (found.stage.role.name(), found.tick, &*name);
         assert_eq!(place, (stage, tick, field));
         assert_ne!(found.recorded, found.replayed);
     }

@@ -18,6 +18,7 @@ pub use super::toml_access::nearest_first;
 use super::toml_access::{coerce, kind};
 use analysis::laws::{FlownLaws, NotFinite};
 use analysis::schema::{LawSection, SignalSection};
+use analysis::theorem::SEVERAL_LAWS;
 use errors::Failure;
 
 /// The sections of laws, each with its role.
@@ -276,14 +277,18 @@ pub(super) fn without_theorem(
 
 /// What the report knows of the laws in settings that all roles share. Fails if another version flies, with a law or a
 /// setting that is not known here.
-pub fn shared(settings: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
-    let chosen = |role| chosen(role, &shared_section(role, settings)?, &Moved::new());
+pub fn shared(shared: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
+    let chosen = |role| chosen(role, &shared_section(role, shared)?, &Moved::new());
     let [outer, (inner, settings), mixer] = [
         chosen(Role::Outer)?,
         chosen(Role::Inner)?,
         chosen(Role::Mixer)?,
     ];
-    Ok(flown(outer.0, inner, mixer.0, &settings))
+    let mut flown = flown(outer.0, inner, mixer.0, &settings);
+    if shared.keys().any(|key| key.starts_with("channel.")) {
+        flown.without_theorem = Some(SEVERAL_LAWS);
+    }
+    Ok(flown)
 }
 
 /// What the report knows of chosen laws, by the settings of the inner one.
@@ -352,10 +357,15 @@ pub(super) fn entry<L: ?Sized + 'static>(
 }
 
 /// A law's section as text, each key with what it is.
-pub(super) fn commented(role: Role, section: &Table, moved: &Moved) -> Result<String, Failure> {
+pub(super) fn commented(
+    role: Role,
+    name: &str,
+    section: &Table,
+    moved: &Moved,
+) -> Result<String, Failure> {
     let (chosen, _) = chosen(role, section, moved)?;
     let law = chosen.description();
-    let mut text = format!("\n# The {role} law: {}.\n[{role}]\n", law.summary);
+    let mut text = format!("\n# The {role} law: {}.\n[{name}]\n", law.summary);
     for (key, _) in chosen.identity() {
         text += &format!("{key} = {}\n", section[key]);
     }

@@ -7,12 +7,14 @@ use std::fmt::Display;
 use std::path::Path;
 use std::sync::LazyLock;
 
+use control_api::description::Description;
 use control_api::law::Rig;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use toml::{Table, Value};
 
 use crate::airframe::{self, Design, PAPER};
 use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SECTIONS, SHA256};
+use crate::overrides::{self, PRESET};
 use crate::toml_access::{
     DEFAULT_TABLE, beside, coerce, example, kind, nearest, table, text, text_of,
 };
@@ -47,7 +49,7 @@ pub(super) fn layered(
     Layers {
         given,
         file,
-        overrides,
+        overrides: overrides.clone(),
     }
     .merge()
 }
@@ -55,9 +57,11 @@ pub(super) fn layered(
 struct Layers<'a> {
     given: Table,
     file: Option<&'a Path>,
-    overrides: &'a Overrides,
+    overrides: Overrides,
 }
 
+/// The section with the laws of single channels.
+const CHANNEL: &str = "channel";
 /// Sections that say of themselves which airframe they were made for, if they are whole.
 const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
 /// Sections that override what the airframe flag names.
@@ -67,8 +71,8 @@ const SUM: &str = "airframe_sha256";
 
 impl Layers<'_> {
     fn flag(&self, section: &str, key: &str) -> Option<&Value> {
-        let is_it = |flag: &str| flag.split_once('.') == Some((section, key));
-        let flag = self.overrides.iter().find(|(flag, _)| is_it(flag));
+        let is_it = |flag| overrides::parts(flag).1.split_once('.') == Some((section, key));
+        let flag = self.overrides.iter().rev().find(|(flag, _)| is_it(flag));
         flag.map(|(_, value)| value)
     }
 
@@ -92,20 +96,30 @@ impl Layers<'_> {
         let preset = self.flag_text("preset").or(self.given_text("preset"));
         let preset = preset.unwrap_or(DEFAULT_PRESET).to_owned();
         let laws = self.laws()?;
+        let presets = laws
+            .iter()
+            .map(|(section, law)| self.preset_of(section, law.description(), &preset))
+            .collect::<Result<Vec<_>, _>>()?;
         let insert_laws = |table: &mut Table, rig: &Rig| {
-            for (section, law) in &laws {
-                let keys = law_settings::section(*law, &preset, rig);
+            for ((section, law), preset) in laws.iter().zip(&presets) {
+                let keys = law_settings::section(*law, preset, rig);
                 table.insert((*section).into(), Value::Table(keys));
             }
         };
         insert_laws(&mut table, &Rig::default());
         self.check_preset_name(&preset, &laws)?;
+        let place = self.file.map_or_else(
+            || "settings".into(),
+            |path| format!("settings file {}", path.display()),
+        );
+        let of_channels = self.take_channel_laws(&place)?;
         for (section, law) in &laws {
             if self.flag(section, LAW).is_some() {
                 self.check_law(section, *law)?;
             }
         }
-        self.check_keys(&table)?;
+        check_keys(&mut self.given, &place, &table)?;
+        self.check_overrides(&table)?;
         self.check_whole_sections(&table)?;
         let Design {
             airframe, rotor, ..
@@ -123,17 +137,80 @@ impl Layers<'_> {
                 into.extend(keys);
             }
         }
-        for (key, value) in self.overrides {
-            if let Some((section, key)) = key.split_once('.')
+        for (flag, value) in self.overrides {
+            if let Some((section, key)) = overrides::parts(flag).1.split_once('.')
                 && let Some(Value::Table(into)) = table.get_mut(section)
+                && !is_own_preset(section, key)
             {
-                into.insert(key.into(), value.clone());
+                into.insert(key.into(), value);
             }
         }
         for (section, law) in laws {
             law_settings::identify(&mut table, section, law);
         }
+        let mut channels = Table::new();
+        for (channel, role, given) in of_channels {
+            let law = law_settings::named(role, given.get(LAW), &Moved::new())
+                .map_err(|failure| failure.append(&format!(" (channel {channel})")))?;
+            let mut section = law_settings::section(law, &preset, &rig);
+            section.extend(given);
+            let own = channels
+                .entry(channel.name())
+                .or_insert(Value::Table(Table::new()));
+            if let Value::Table(own) = own {
+                own.insert(role.name().into(), Value::Table(section));
+                law_settings::identify(own, role.name(), law);
+            }
+        }
+        if !channels.is_empty() {
+            table.insert(CHANNEL.into(), Value::Table(channels));
+        }
         Ok(table)
+    }
+
+    /// The laws of single channels: those of the file's sections, as [channel.b.inner], and those of flags, as `b:inner=pid`.
+    fn take_channel_laws(&mut self, place: &str) -> Result<Vec<(Channel, Role, Table)>, Failure> {
+        let mut laws: Vec<(Channel, Role, Table)> = Vec::new();
+        let named = |channel: &str, role: &str| {
+            let channel = Channel::ALL.into_iter().find(|it| it.name() == channel);
+            let channel = channel.filter(|it| *it != Channel::A);
+            let role = SECTIONS.into_iter().find(|(section, _)| *section == role);
+            channel.zip(role.map(|(_, role)| role))
+        };
+        if let Some(given) = self.given.remove(CHANNEL) {
+            let channels = given.as_table().into_iter().flatten();
+            for (channel, of_channel) in channels {
+                for (role, keys) in of_channel.as_table().into_iter().flatten() {
+                    let law = named(channel, role).zip(keys.as_table());
+                    let ((channel, role), keys) = law.ok_or_else(|| {
+                        here(place, format!("unknown section [{CHANNEL}.{channel}.{role}]: channels b and c have [{CHANNEL}.b.inner] and the like"))
+                    })?;
+                    let mut keys = keys.clone();
+                    if let Some(law) = keys.get_mut(LAW) {
+                        *law = beside(self.file, law);
+                    }
+                    laws.push((channel, role, keys));
+                }
+            }
+        }
+        let flags = self.flag(CHANNEL, "laws").and_then(Value::as_array);
+        for text in flags.into_iter().flatten().filter_map(Value::as_str) {
+            let parts = text
+                .split_once('=')
+                .and_then(|(of, law)| Some((of.split_once(':')?, law)));
+            let law = parts.and_then(|((channel, role), law)| Some((named(channel, role)?, law)));
+            let ((channel, role), law) = law.ok_or_else(|| {
+                Failure::usage(format!("--channel {text}: write LETTER:ROLE=LAW, with b or c, and outer, inner or mixer"))
+                    .help("for example --channel b:inner=pid")
+            })?;
+            laws.retain(|(of, with, _)| (*of, *with) != (channel, role));
+            laws.push((
+                channel,
+                role,
+                Table::from_iter([(LAW.to_owned(), Value::from(law))]),
+            ));
+        }
+        Ok(laws)
     }
 
     /// The laws that the flags or the file name, each with its section.
@@ -171,36 +248,48 @@ impl Layers<'_> {
         .help("see `ironbird fly --print-config`"))
     }
 
-    /// Every given key must be known, and of the type that the default has.
-    fn check_keys(&mut self, default: &Table) -> Result<(), Failure> {
-        let here = |what: String| here(self.file, what);
-        for (section, keys) in &mut self.given {
-            let moved = keys
-                .as_table()
-                .and_then(|keys| law_settings::moved(section, keys));
-            if let Some(moved) = moved {
-                return Err(here(moved));
-            }
-            let Some(known) = table(default, section) else {
-                let like = nearest(section, default.keys());
-                return Err(here(format!("unknown section [{section}]{like}")));
+    /// The preset of a law: its own, which it must have, or else that of the flight.
+    fn preset_of(
+        &self,
+        section: &str,
+        law: &Description,
+        of_flight: &str,
+    ) -> Result<String, Failure> {
+        let Some(own) = self.flag(section, PRESET) else {
+            return Ok(of_flight.to_owned());
+        };
+        let presets = law.presets.iter().map(|preset| preset.name);
+        let mut known: Vec<&str> = vec![DEFAULT_PRESET];
+        known.extend(presets.filter(|name| *name != DEFAULT_PRESET));
+        match own.as_str().filter(|own| known.contains(own)) {
+            Some(own) => Ok(own.to_owned()),
+            None => Err(Failure::usage(format!(
+                "{section}.{PRESET} = {own}: the law `{}` has no such preset [possible values: {}]",
+                law.name,
+                known.join(", ")
+            ))
+            .help(format!("see `ironbird laws {}`", law.name))),
+        }
+    }
+
+    /// Keys that the user typed must be known, and of the type that the default has.
+    fn check_overrides(&mut self, default: &Table) -> Result<(), Failure> {
+        for (flag, value) in &mut self.overrides {
+            let (Some(flag), key) = overrides::parts(flag) else {
+                continue;
             };
-            let Some(keys) = keys.as_table_mut() else {
-                return Err(here(format!("`{section}` must be a section: [{section}]")));
-            };
-            for (key, value) in keys {
-                let Some(expected) = known.get(key) else {
-                    let law = known.get(LAW).map(|law| format!(" of the law {law}"));
-                    return Err(here(format!(
-                        "unknown key `{section}.{key}`{}{}",
-                        law.unwrap_or_default(),
-                        nearest(key, known.keys())
-                    )));
-                };
-                *value = coerce(value, expected).ok_or_else(|| {
-                    here(unexpected(&format!("{section}.{key}"), value, expected))
-                })?;
+            let (section, key) = key.split_once('.').unwrap_or((key, ""));
+            if section == "airframe" {
+                return Err(here(flag, format!("{section}.{key} cannot be set"))
+                    .help("write an airframe file: --airframe FILE.toml (docs/airframes.md)"));
             }
+            if is_own_preset(section, key) {
+                continue;
+            }
+            let keys = Table::from_iter([(key.to_owned(), value.clone())]);
+            let mut one = Table::from_iter([(section.to_owned(), Value::Table(keys))]);
+            check_keys(&mut one, flag, default)?;
+            *value = one[section][key].clone();
         }
         Ok(())
     }
@@ -327,6 +416,39 @@ impl Layers<'_> {
     }
 }
 
+/// Every key that is given at a place must be known, and of the type that the default has.
+fn check_keys(given: &mut Table, place: &str, default: &Table) -> Result<(), Failure> {
+    let here = |what: String| here(place, what);
+    for (section, keys) in given {
+        let moved = keys
+            .as_table()
+            .and_then(|keys| law_settings::moved(section, keys));
+        if let Some(moved) = moved {
+            return Err(here(moved));
+        }
+        let Some(known) = table(default, section) else {
+            let like = nearest(section, default.keys());
+            return Err(here(format!("unknown section [{section}]{like}")));
+        };
+        let Some(keys) = keys.as_table_mut() else {
+            return Err(here(format!("`{section}` must be a section: [{section}]")));
+        };
+        for (key, value) in keys {
+            let Some(expected) = known.get(key) else {
+                let law = known.get(LAW).map(|law| format!(" of the law {law}"));
+                return Err(here(format!(
+                    "unknown key `{section}.{key}`{}{}",
+                    law.unwrap_or_default(),
+                    nearest(key, known.keys())
+                )));
+            };
+            *value = coerce(value, expected)
+                .ok_or_else(|| here(unexpected(&format!("{section}.{key}"), value, expected)))?;
+        }
+    }
+    Ok(())
+}
+
 /// Refuses an airframe file that is no longer the one that the settings were made for.
 fn check_sum(wanted: &str, name: &str, sha256: &str) -> Result<(), Failure> {
     if wanted.is_empty() || wanted == sha256 {
@@ -344,11 +466,7 @@ fn check_sum(wanted: &str, name: &str, sha256: &str) -> Result<(), Failure> {
 }
 
 /// What is wrong with the settings that are given, and where.
-fn here(file: Option<&Path>, what: impl Display) -> Failure {
-    let place = file.map_or_else(
-        || "settings".into(),
-        |path| format!("settings file {}", path.display()),
-    );
+fn here(place: &str, what: impl Display) -> Failure {
     Failure::usage(format!("{place}: {what}")).help("see `ironbird fly --print-config`")
 }
 
@@ -364,14 +482,15 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
             "name a file that you can read; `ironbird fly --print-config` writes one to begin with",
         )
         })?;
+    let place = format!("settings file {}", path.display());
     text.parse().map_err(|e: toml::de::Error| {
         match e.span().filter(|_| e.message().contains("integer `")) {
             Some(span) => {
                 let line = airframe::line_of(&text, &span);
                 let beyond = "a whole number beyond 9223372036854775807 cannot be read";
-                here(Some(path), format!("line {line}: {beyond}"))
+                here(&place, format!("line {line}: {beyond}"))
             }
-            None => here(Some(path), e),
+            None => here(&place, e),
         }
     })
 }
@@ -388,9 +507,14 @@ pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
         };
         coerce(value, expected)
             .map(|value| (*key, value))
-            .ok_or_else(|| here(None, unexpected(key, value, expected)))
+            .ok_or_else(|| here("settings", unexpected(key, value, expected)))
     };
     overrides.iter().map(typed).collect()
+}
+
+/// Whether a key selects the preset of one law.
+fn is_own_preset(section: &str, key: &str) -> bool {
+    key == PRESET && SECTIONS.iter().any(|(law, _)| *law == section)
 }
 
 /// Whether a key of a law's section is the law's own.

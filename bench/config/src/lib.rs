@@ -6,6 +6,7 @@
 pub mod airframe;
 pub mod law_settings;
 mod layers;
+pub mod overrides;
 pub mod planned_faults;
 mod processes;
 #[cfg(test)]
@@ -26,7 +27,7 @@ use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
 use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use plant::{Ground, Initial};
 use render::flight;
 use serde::{Deserialize, Serialize};
@@ -35,6 +36,7 @@ use toml::{Table, Value};
 use law_settings::Moved;
 pub use layers::check_foreign_law;
 use layers::{layered, read, typed};
+pub use overrides::Overrides;
 pub use processes::check_cpu;
 use toml_access::same;
 pub use trajectory::{PointsFile, TrajectorySection};
@@ -69,6 +71,11 @@ pub struct Settings {
     pub inner: Table,
     pub mixer: Table,
     pub rt: RealtimeSection,
+    #[serde(default)]
+    pub simplex: SimplexSection,
+    /// The laws of single channels that are not those above.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub channel: BTreeMap<Channel, BTreeMap<Role, Table>>,
     pub recorder: RecorderSettings,
     /// The points of the trajectory, if it has some.
     #[serde(skip)]
@@ -76,6 +83,9 @@ pub struct Settings {
     /// Where files of laws are now.
     #[serde(skip)]
     pub moved: Moved,
+    /// What the names of outer, inner and mixer law are shown with, in a comparison of one law with several settings.
+    #[serde(skip)]
+    pub variants: [String; 3],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -151,6 +161,17 @@ pub struct RealtimeSection {
     pub rehearse: bool,
 }
 
+/// When a channel with other laws takes over: [`Envelope`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimplexSection {
+    pub enabled: bool,
+    pub tilt_max_rad: f64,
+    pub rate_max_rad_s: f64,
+    pub error_max_m: f64,
+    pub command_step_max_rad_s: f64,
+}
+
 /// How many processors and channels there were before there was a choice.
 const fn one() -> usize {
     1
@@ -187,9 +208,6 @@ pub enum LogName {
     Off,
 }
 
-/// Keys of the settings that are set on the command line, with their values.
-pub type Overrides = Vec<(&'static str, Value)>;
-
 impl Settings {
     /// The settings that result from a file and flags. An error names the key, the value, what is allowed, and where it
     /// came from.
@@ -218,12 +236,16 @@ impl Settings {
         file: Option<&Path>,
         overrides: &Overrides,
     ) -> Result<Self, Failure> {
-        Self::taken(layered(given, file, overrides)?, makes).map_err(|failure| match file {
-            Some(path) if !validation::is_of_flags(&failure, overrides) => {
-                failure.append(&format!(" (settings file {})", path.display()))
-            }
-            _ => failure,
-        })
+        let resolved = |overrides: &Overrides| {
+            let table = layered(given.clone(), file, overrides)?;
+            Self::taken(table, makes).map_err(|failure| match file {
+                Some(path) if !validation::is_of_flags(&failure, overrides) => {
+                    failure.append(&format!(" (settings file {})", path.display()))
+                }
+                _ => failure,
+            })
+        };
+        resolved(overrides).map_err(|failure| validation::blamed(failure, overrides, resolved))
     }
 
     /// The settings of a table that has every key.
@@ -249,7 +271,8 @@ impl Settings {
             let commented = airframe::commented(&self.airframe);
             document.insert("airframe", toml_edit::Item::Table(commented));
         }
-        for (section, _) in law_settings::SECTIONS {
+        let laws = law_settings::SECTIONS.map(|(section, _)| section);
+        for section in laws.into_iter().chain(["channel"]) {
             table.remove(section);
         }
         for (section, keys) in &table {
@@ -270,7 +293,11 @@ impl Settings {
         }
         let mut text = document.to_string();
         for (role, section) in self.law_sections() {
-            text += &law_settings::commented(role, section, &self.moved)?;
+            text += &law_settings::commented(role, role.name(), section, &self.moved)?;
+        }
+        for (channel, role, section) in self.channel_laws() {
+            let name = format!("channel.{channel}.{role}");
+            text += &law_settings::commented(role, &name, section, &self.moved)?;
         }
         Ok(text)
     }
@@ -282,6 +309,11 @@ impl Settings {
         for section in SHARED_SECTIONS.split(' ') {
             for (key, value) in table[section].as_table().into_iter().flatten() {
                 text.push_str(&format!("{section}.{key} = {value}\n"));
+            }
+        }
+        for (channel, role, section) in self.channel_laws() {
+            for (key, value) in section {
+                text.push_str(&format!("channel.{channel}.{role}.{key} = {value}\n"));
             }
         }
         Ok(text)

@@ -128,6 +128,12 @@ impl Settings {
 /// Refuses a fault in a channel that the flight does not have; `what` is how it was typed.
 pub fn check_channel(kind: &FaultKind, what: &str, channels: usize) -> Result<(), Failure> {
     match kind.channel() {
+        Some(channel) if channels == 1 && kind.role().is_none() => Err(Failure::usage(format!(
+            "{what}: the flight has one channel"
+        ))
+        .help(format!(
+            "fly with more channels: --channels 2 --channel {channel}:inner=pid"
+        ))),
         Some(channel) if channels == 1 => Err(Failure::usage(format!(
             "{what}: the flight has one channel, so that a stage needs no letter"
         ))
@@ -160,7 +166,7 @@ pub fn check_possible(
             "{what}: in lockstep ticks wait for a stage that is not ready"
         ))
         .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
-        FaultKind::Late { .. } => Ok(()),
+        FaultKind::Late { .. } | FaultKind::Switch { .. } => Ok(()),
         _ if !launched => Err(Failure::usage(format!(
             "{what}: only `ironbird fly` can inject this, and these processes were started by hand"
         ))

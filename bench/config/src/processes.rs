@@ -8,6 +8,7 @@ use controller::feasibility::{Start, excesses};
 use controller::{Limits, TheoremMonitor, gains};
 use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
+use messages::channels::Envelope;
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
@@ -16,8 +17,10 @@ use toml::{Table, Value};
 use super::airframe::built;
 use super::law_settings::{self, Chosen};
 use super::validation::refused;
-use super::{PaceName, Settings};
+use super::{PaceName, Settings, SimplexSection};
 use analysis::laws::FlownLaws;
+use analysis::phrase::count;
+use analysis::theorem::SEVERAL_LAWS;
 use errors::Failure;
 
 impl Settings {
@@ -74,6 +77,51 @@ impl Settings {
             (Role::Inner, &self.inner),
             (Role::Mixer, &self.mixer),
         ]
+    }
+
+    /// The laws of single channels: of which channel and role, and their sections.
+    pub fn channel_laws(&self) -> impl Iterator<Item = (Channel, Role, &Table)> {
+        let laws = self.channel.iter();
+        laws.flat_map(|(channel, laws)| laws.iter().map(|(role, law)| (*channel, *role, law)))
+    }
+
+    /// The settings as the processes of a channel take them: with its laws.
+    pub fn of_channel(&self, channel: Channel) -> Self {
+        let mut own = self.clone();
+        for (role, law) in self.channel.get(&channel).into_iter().flatten() {
+            let section = match role {
+                Role::Outer => &mut own.outer,
+                Role::Mixer => &mut own.mixer,
+                _ => &mut own.inner,
+            };
+            section.clone_from(law);
+        }
+        own
+    }
+
+    /// Of each channel, the first one that flies the same laws.
+    pub fn groups(&self) -> [Channel; MOST_CHANNELS] {
+        if self.channel.is_empty() {
+            return [Channel::A; MOST_CHANNELS];
+        }
+        let laws = Channel::ALL.map(|channel| {
+            let Self {
+                outer,
+                inner,
+                mixer,
+                ..
+            } = self.of_channel(channel);
+            [outer, inner, mixer]
+        });
+        Channel::ALL.map(|channel| {
+            let is_like = |it: &Channel| laws[*it as usize] == laws[channel as usize];
+            Channel::ALL.into_iter().find(is_like).unwrap_or(channel)
+        })
+    }
+
+    /// Whether channels fly different laws.
+    pub fn has_several_laws(&self) -> bool {
+        self.groups() != [Channel::A; MOST_CHANNELS]
     }
 
     /// The law of a role, with its settings.
@@ -137,6 +185,23 @@ impl Settings {
         Ok(GuardedInner::new(law.map_err(refused)?, &rig))
     }
 
+    /// Where a channel with other laws takes over.
+    pub fn envelope(&self) -> Option<Envelope> {
+        let SimplexSection {
+            enabled,
+            tilt_max_rad,
+            rate_max_rad_s,
+            error_max_m,
+            command_step_max_rad_s,
+        } = self.simplex;
+        enabled.then_some(Envelope {
+            tilt_max_rad,
+            rate_max_rad_s,
+            error_max_m,
+            command_step_max_rad_s,
+        })
+    }
+
     pub fn mixer_stage(&self) -> Result<GuardedMixer, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Mixer)?);
         let law = match law {
@@ -167,8 +232,12 @@ impl Settings {
             .any(|law| law.library().is_some()))
     }
 
-    /// The theorem's monitor before tick 0; none if the chosen inner law, with its settings, has no theorem.
+    /// The theorem's monitor before tick 0; none if the chosen inner law, with its settings, has no theorem, or if it is not
+    /// the only one.
     pub fn theorem(&self) -> Result<Option<TheoremMonitor>, Failure> {
+        if self.has_several_laws() {
+            return Ok(None);
+        }
         let (law, settings) = self.chosen(Role::Inner)?;
         let rig = self.rig()?;
         Ok(controller::laws::theorem(law.description().name, &settings)
@@ -184,7 +253,11 @@ impl Settings {
     pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
         let (inner, settings) = self.chosen(Role::Inner)?;
         let (outer, mixer) = (self.chosen(Role::Outer)?.0, self.chosen(Role::Mixer)?.0);
-        Ok(law_settings::flown(outer, inner, mixer, &settings))
+        let mut flown = law_settings::flown(outer, inner, mixer, &settings);
+        if self.has_several_laws() {
+            flown.without_theorem = Some(SEVERAL_LAWS);
+        }
+        Ok(flown)
     }
 
     /// What to request from the system.
@@ -206,6 +279,7 @@ impl Settings {
             cpu,
             loop_cpus: self.rt.loop_cpus,
             channels: self.rt.channels,
+            groups: self.groups(),
             channel_cpus: match self.rt.channels {
                 1 => 1,
                 _ => self.rt.channel_cpus,
@@ -258,6 +332,22 @@ impl Settings {
             return refused(
                 format!("rt.channel_cpus = {channel_cpus}: allowed are 1 and 2"),
                 "with 2, channels b and c fly on another processor than channel a",
+            );
+        }
+        let of_channel = |channel: Channel| (channel as usize >= channels).then_some(channel);
+        if let Some(channel) = self.channel.keys().copied().find_map(of_channel) {
+            return refused(
+                format!(
+                    "channel.{channel}: the flight has {}",
+                    count(channels as u64, "channel")
+                ),
+                "fly with more: --channels 2 has channels a and b, --channels 3 also c",
+            );
+        }
+        if self.simplex.enabled && !self.has_several_laws() {
+            return refused(
+                "simplex.enabled = true: all channels fly the same laws".into(),
+                "name another one for a channel: --channels 2 --channel b:inner=pid",
             );
         }
         if channels == 1 {

@@ -162,6 +162,86 @@ fn flags_go_before_the_file_and_the_file_before_the_preset() {
 }
 
 #[test]
+fn a_setting_by_its_key_goes_before_the_file_and_after_the_flags_that_have_it() {
+    let flags = |texts: &[&str], more: &[(&'static str, Value)]| {
+        let set = texts
+            .iter()
+            .map(|text| overrides::set("--set", text).unwrap());
+        let all: Vec<_> = set.chain(more.iter().cloned()).collect();
+        with_flags("[inner]\nalpha_1_s = 50\n", &all)
+    };
+    let set = [
+        "inner.alpha_1_s=150",
+        "flight.seed=3",
+        "flight.trajectory=hover",
+    ];
+    let settings = flags(&set, &[("flight.seed", Value::from(4))]).unwrap();
+    assert_eq!(settings.inner["alpha_1_s"].as_float(), Some(150.0));
+    assert_eq!(
+        (settings.flight.seed, &*settings.flight.trajectory),
+        (4, "hover")
+    );
+    let gain = "inner.adaptation_gain=[2e-4, 6, 400]";
+    let soft = flags(&[gain, "inner.preset=soft", "inner.alpha_1_s=1"], &[]).unwrap();
+    assert_eq!(soft.inner["adaptation_gain"][1].as_float(), Some(6.0));
+    for (set, said) in [
+        (
+            "inner.alpha=1",
+            "--set: unknown key `inner.alpha` of the law \"adaptive\"; did you mean",
+        ),
+        (
+            "iner.alpha_1_s=1",
+            "--set: unknown section [iner]; did you mean `inner`?",
+        ),
+        (
+            "airframe.mass_kg=1",
+            "--set: airframe.mass_kg cannot be set",
+        ),
+        (
+            "inner.alpha_1_s=fast",
+            "--set: inner.alpha_1_s = \"fast\": expected a number",
+        ),
+        (
+            "inner.alpha_1_s=-1",
+            "is out of range: allowed is a finite number above 0 (--set)",
+        ),
+        (
+            "inner.preset=hard",
+            "[possible values: flight, paper, soft] (--set)",
+        ),
+        (
+            "flight.duration_s=0",
+            "is out of range: allowed are 0.001 to 2592000 (--set)",
+        ),
+    ] {
+        let refused = flags(&[set], &[]).unwrap_err().to_string();
+        assert!(refused.contains(said), "{set}: {refused}");
+    }
+    // What is wrong in the file is not blamed on the flag.
+    let seed = overrides::set("--set", "flight.seed=3").unwrap();
+    let refused = with_flags("[inner]\nalpha_1_s = -1\n", &[seed]).unwrap_err();
+    assert!(!refused.to_string().contains("--set"), "{refused}");
+    for text in ["inner", "inner=1", ".a=1", "inner.=1"] {
+        assert!(overrides::set("--set", text).is_err(), "{text}");
+    }
+}
+
+#[test]
+fn a_law_may_have_a_preset_and_settings_of_its_own() {
+    let law = |text| overrides::law(Role::Inner, text).unwrap();
+    assert_eq!(law("indi"), [("inner.law", Value::from("indi"))]);
+    let text = "adaptive:soft,adaptation_gain=[2e-4, 6, 400],adaptation=off";
+    let settings = with_flags("", &law(text)).unwrap();
+    assert_eq!(settings.inner["alpha_1_s"].as_float(), Some(40.0));
+    assert_eq!(settings.inner["adaptation_gain"][2].as_float(), Some(400.0));
+    assert_eq!(settings.inner["adaptation"].as_str(), Some("off"));
+    assert_eq!(overrides::variant(text), &text["adaptive".len()..]);
+    let refused = with_flags("", &law("indi:alpha_1_s=1")).unwrap_err();
+    let said = "--inner: unknown key `inner.alpha_1_s` of the law \"indi\"";
+    assert!(refused.to_string().starts_with(said), "{refused}");
+}
+
+#[test]
 fn settings_of_one_law_preset_or_airframe_are_not_mixed_with_another() {
     let printed = default().commented().unwrap();
     let table: Table = printed.parse().unwrap();

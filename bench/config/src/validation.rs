@@ -12,13 +12,13 @@ use plant::Plant;
 use toml::{Table, Value};
 
 use super::layers::layered;
-use super::{Overrides, Settings, law_settings};
+use super::{Overrides, Settings, law_settings, overrides};
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Section, key, least and largest value. A key of several numbers has the same range for each, except an attitude.
-const RANGES: [(&str, &str, f64, f64); 20] = [
+const RANGES: [(&str, &str, f64, f64); 24] = [
     ("flight", "slowdown", 1.0, 1000.0),
     ("flight", "position_error_max_m", 0.01, 1e4),
     ("flight", "tracking_error_max_m", 0.0, 1e4),
@@ -35,6 +35,10 @@ const RANGES: [(&str, &str, f64, f64); 20] = [
     ("ground", "friction", 0.0, 2.0),
     ("ground", "crash_speed_m_s", 0.0, 100.0),
     ("ground", "crash_tilt_rad", 0.0, PI),
+    ("simplex", "tilt_max_rad", 0.01, PI),
+    ("simplex", "rate_max_rad_s", 0.01, 1e4),
+    ("simplex", "error_max_m", 0.01, 1e4),
+    ("simplex", "command_step_max_rad_s", 0.01, 1e5),
     // Until an event comes, the recorder holds this much flight time in memory.
     ("recorder", "log_around_s", 0.0, 10.0),
     ("recorder", "log_file_mb", 1.0, 1e6),
@@ -145,6 +149,27 @@ pub(super) fn is_of_flags(failure: &Failure, overrides: &Overrides) -> bool {
     alone.is_err_and(|alone| alone.to_string() == failure.to_string())
 }
 
+/// A failure with the name of the flag that set a key, if there is none without that.
+pub(super) fn blamed(
+    failure: Failure,
+    overrides: &Overrides,
+    resolved: impl Fn(&Overrides) -> Result<Settings, Failure>,
+) -> Failure {
+    let flag = overrides
+        .iter()
+        .find_map(|(flag, _)| overrides::parts(flag).0);
+    let Some(flag) = flag.filter(|flag| !failure.to_string().starts_with(*flag)) else {
+        return failure;
+    };
+    let is_plain = |(flag, _): &&(&'static str, Value)| overrides::parts(flag).0.is_none();
+    let plain = overrides.iter().filter(is_plain).cloned().collect();
+    let alike = resolved(&plain).is_err_and(|other| other.to_string() == failure.to_string());
+    match alike {
+        true => failure,
+        false => failure.append(&format!(" ({flag})")),
+    }
+}
+
 impl Settings {
     pub(super) fn check(&self, makes: &[Role]) -> Result<(), Failure> {
         let flight = &self.flight;
@@ -164,6 +189,13 @@ impl Settings {
         self.rig()?.check().map_err(refused)?;
         for (_, role) in law_settings::SECTIONS {
             self.check_law(role, makes)?;
+        }
+        for channel in self.channel.keys() {
+            let own = self.of_channel(*channel);
+            for (_, role) in law_settings::SECTIONS {
+                let what = |failure: Failure| failure.append(&format!(" (channel {channel})"));
+                own.check_law(role, makes).map_err(what)?;
+            }
         }
         if self.recorder.gate_theorem
             && let Some(law) = self.law_without_theorem()?

@@ -7,8 +7,13 @@ use messages::role::Role;
 use render::plot::LAWS;
 use toml::Value;
 
-use config::{Overrides, Settings};
+use config::law_settings::{Chosen, DEFAULT_PRESET};
+use config::{Overrides, Settings, overrides};
 use errors::Failure;
+use errors::output::say;
+
+/// The laws of outer and inner loop and mixer, each with the settings of its own; none is the default law.
+pub type Combination = [Option<String>; 3];
 
 /// At most `most` combinations.
 pub fn of(
@@ -16,12 +21,12 @@ pub fn of(
     inner: &[String],
     mixer: &[String],
     most: usize,
-) -> Result<Vec<Overrides>, Failure> {
-    let mut all = vec![Overrides::new()];
-    for (role, key, names) in [
-        (Role::Outer, "outer.law", outer),
-        (Role::Mixer, "mixer.law", mixer),
-        (Role::Inner, "inner.law", inner),
+) -> Result<Vec<Combination>, Failure> {
+    let mut all = vec![Combination::default()];
+    for (place, role, names) in [
+        (0, Role::Outer, outer),
+        (2, Role::Mixer, mixer),
+        (1, Role::Inner, inner),
     ] {
         let mut numbered = names.iter().enumerate();
         if let Some((_, twice)) = numbered.find(|(i, name)| names[..*i].contains(name)) {
@@ -30,8 +35,10 @@ pub fn of(
             return Err(Failure::usage(what).help(format!("{help} --{role} can name")));
         }
         if !names.is_empty() {
-            let with = |set: &Overrides, name: &String| {
-                [set.clone(), vec![(key, Value::from(name.clone()))]].concat()
+            let with = |set: &Combination, name: &String| {
+                let mut set = set.clone();
+                set[place] = Some(name.clone());
+                set
             };
             let sets = all.iter();
             let sets = sets.flat_map(|set| names.iter().map(move |name| with(set, name)));
@@ -53,38 +60,100 @@ pub const PAGE_MAX: usize = LAWS.len();
 pub const TABLE_MAX: usize = 2 * PAGE_MAX;
 
 /// The settings of each combination. Refuses combinations with the same name: two library files may hold laws of one name.
+///
+/// A combination none of whose laws has the preset of the flight flies its defaults, if another one has it.
 pub fn resolve(
     config: Option<&Path>,
     overrides: &Overrides,
-    combinations: &[Overrides],
+    combinations: &[Combination],
 ) -> Result<Vec<Settings>, Failure> {
-    let mut seen: Vec<([&str; 3], &Overrides)> = Vec::new();
-    let mut all = Vec::new();
-    for laws in combinations {
-        let settings = Settings::resolve(config, &[&overrides[..], laws].concat())?;
-        let names = settings.laws()?.map(|law| law.name);
+    let mut seen: Vec<(Laws, &Combination)> = Vec::new();
+    let (mut all, mut lacking) = (Vec::new(), Vec::new());
+    for combination in combinations {
+        let (settings, refused) = resolve_one(config, overrides, combination)?;
+        let names = laws(&settings)?;
         if let Some((_, before)) = seen.iter().find(|(seen, _)| *seen == names) {
-            let differing = before.iter().zip(laws).find(|(before, it)| before != it);
-            let [first, second] = differing.map_or([""; 2], |((_, first), (_, second))| {
-                [first, second].map(|law| law.as_str().unwrap_or_default())
+            let mut pairs = before.iter().zip(combination);
+            let differing = pairs.find(|(before, it)| before != it);
+            let [first, second] = differing.map_or([""; 2], |(first, second)| {
+                [first, second].map(|law| law.as_deref().unwrap_or_default())
             });
-            let [outer, inner, mixer] = names;
+            let name = names.name(true);
             return Err(Failure::usage(format!(
-                "{first} and {second} have one name: both would be called {outer} + {inner} + {mixer}"
+                "{first} and {second} have one name: both would be called {name}"
             ))
             .help("give one of the two laws another name"));
         }
-        seen.push((names, laws));
+        lacking.extend(refused.map(|refused| (names.name(false), refused)));
+        seen.push((names, combination));
         all.push(settings);
+    }
+    if lacking.len() == all.len()
+        && let Some((_, refused)) = lacking.pop()
+    {
+        return Err(refused);
+    }
+    for (name, _) in lacking {
+        say(&format!(
+            "note: {name} does not have the preset, and flies its defaults\n"
+        ));
     }
     Ok(all)
 }
 
+/// The overrides of a combination.
+fn own(combination: &Combination) -> Result<Overrides, Failure> {
+    let mut all = Overrides::new();
+    for (role, law) in [Role::Outer, Role::Inner, Role::Mixer]
+        .into_iter()
+        .zip(combination)
+    {
+        if let Some(law) = law {
+            all.extend(overrides::law(role, law)?);
+        }
+    }
+    Ok(all)
+}
+
+/// The settings of a combination; of one none of whose laws has the preset of the flight, those of its defaults, and why
+/// that preset is refused.
+fn resolve_one(
+    config: Option<&Path>,
+    overrides: &Overrides,
+    combination: &Combination,
+) -> Result<(Settings, Option<Failure>), Failure> {
+    const PRESET: &str = "flight.preset";
+    let mut overrides = [&overrides[..], &own(combination)?].concat();
+    let is_preset = |flag: &&(&'static str, Value)| overrides::parts(flag.0).1 == PRESET;
+    let asked = overrides.iter().rfind(is_preset);
+    let asked = asked.and_then(|(_, preset)| Some(preset.as_str()?.to_owned()));
+    let resolved = match (Settings::resolve(config, &overrides), asked) {
+        (Err(refused), Some(asked)) => {
+            overrides.push((PRESET, DEFAULT_PRESET.into()));
+            let has = |law: &Chosen| law.description().preset(&asked).is_some();
+            match Settings::resolve(config, &overrides) {
+                Ok(settings) if !settings.chosen_laws()?.iter().any(has) => {
+                    (settings, Some(refused))
+                }
+                _ => return Err(refused),
+            }
+        }
+        (resolved, _) => (resolved?, None),
+    };
+    let (mut settings, refused) = resolved;
+    settings.variants = combination.each_ref().map(|law| {
+        let variant = law.as_deref().map(overrides::variant);
+        variant.unwrap_or_default().to_owned()
+    });
+    Ok((settings, refused))
+}
+
 pub fn laws(settings: &Settings) -> Result<Laws, Failure> {
-    let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
+    let names = settings.laws()?.map(|law| law.name);
+    let name = |i: usize| format!("{}{}", names[i], settings.variants[i]);
     Ok(Laws {
-        outer,
-        inner,
-        mixer,
+        outer: name(0),
+        inner: name(1),
+        mixer: name(2),
     })
 }

@@ -1,136 +1,290 @@
 //! Robustness margins: flights with growing outages, delays and message loss, to find what a loop survives.
 //!
-//! Each flight is one of `ironbird simulate` with a `--fault` and the seed of its phase. Phases are independent, so the
-//! result does not depend on the number of CPUs. Start reading in [`measure_all`].
+//! Each flight is one of `ironbird simulate` with a `--fault` and the seed of its phase. All phases fly the same strengths
+//! in rounds, and all limits are judged by the same flights. The result does not depend on the number of CPUs. Start
+//! reading in [`measure_all`].
 
 pub mod flights;
 pub mod limits;
-pub mod measure;
+pub mod prediction;
 pub mod search;
 pub mod table;
 pub mod target;
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use analysis::margin::{Margins, SCHEMA};
+use analysis::margin::{Bounds, Kind, LawMargins, Margins, Point, SCHEMA, SURVIVES, Search};
+use analysis::phrase::name_of;
 use config::Settings;
-use config::law_settings::known;
-use errors::Failure;
+use errors::{Failure, GATE};
 use flight_log::build;
-use messages::role::Role;
+use messages::parameters::Airframe;
 
 use crate::combinations;
 use crate::parallel::all_on_processors;
 use crate::progress::Progress;
 use flights::Flights;
-use limits::{Judged, Phases};
-use measure::Task;
+use limits::Phases;
+use prediction::predicted;
+use search::{Question, SPARSE, asked, left, next, questions};
+use target::Target;
 
-/// Every this many phases, the expensive measurements are made, and monotonicity is checked.
-const SPARSE: usize = 8;
+#[derive(Clone, Debug)]
+pub struct Task {
+    pub targets: Vec<Target>,
+    pub bounds: Bounds,
+    /// Longest outage to try [ticks].
+    pub longest: u64,
+    /// Number of threads.
+    pub jobs: usize,
+}
 
-/// Measures the margins of every combination of laws, on `jobs` threads.
+/// Measures the margins of every combination of laws.
 pub fn measure_all(
-    jobs: usize,
     settings: &[Settings],
     phases: &Phases,
-    task: &Task<'_>,
+    task: &Task,
     stop: &AtomicBool,
 ) -> Result<Margins, Failure> {
-    let number = phases.ticks.len();
-    let items: Vec<(usize, usize)> = (0..settings.len())
-        .flat_map(|law| (0..number).map(move |i| (law, i)))
-        .collect();
-    let with_seed = |law: usize, seed: usize| {
-        let mut settings = settings[law].clone();
-        settings.flight.seed = settings.flight.seed.wrapping_add(seed as u64);
-        settings
+    let first = &settings[0];
+    let (bounds, airframe) = (task.bounds, first.airframe()?);
+    let (questions, searches): (Vec<_>, Vec<_>) = questions(&task.targets, task.longest, &airframe)
+        .into_iter()
+        .unzip();
+    let survey = Survey {
+        settings,
+        phases,
+        task,
+        stop,
+        questions,
+        airframe,
     };
-    // Laws that do not fly are reported before the long part.
-    let judged = with_progress(&items, jobs, "unfaulted flight", |(law, i)| {
-        judge(&with_seed(*law, *i), phases, task, stop)
-    })?;
-    let all = with_progress(&items, jobs, "phase", |(law, i)| {
-        let flights = Flights::new(&with_seed(*law, *i), phases.ticks[*i], stop)?;
-        let limits = &judged[law * number + i];
-        task.phase(&flights, limits)
-            .measure(i.is_multiple_of(SPARSE))
-    })?;
-    // The largest share that all survive was chosen because they did: only other flights can say how probable that is.
-    let shares: Vec<Vec<u64>> = all
-        .chunks(number)
-        .map(|phases| task.shares(phases))
-        .collect();
-    let repeated = with_progress(&items, jobs, "repeated phase", |(law, i)| {
-        let shares = &shares[*law];
-        if shares.iter().all(|share| *share == 0) {
-            return Ok(Vec::new());
-        }
-        let settings = with_seed(*law, number + i);
-        let limits = judge(&settings, phases, task, stop)?;
-        let flights = Flights::new(&settings, phases.ticks[*i], stop)?;
-        task.phase(&flights, &limits).repeat(shares)
-    })?;
-    let phases_s = phases.ticks.iter().map(|tick| *tick as f64 * task.period_s);
-    let phases_s: Vec<f64> = phases_s.collect();
+    let cells = survey.cells(0)?;
     let mut laws = Vec::new();
     for (law, settings) in settings.iter().enumerate() {
-        let own = law * number..(law + 1) * number;
-        let (judged, repeated) = (&judged[own.clone()], &repeated[own.clone()]);
-        let mut margins = task.combine(&phases_s, judged, &all[own], repeated);
-        margins.laws = combinations::laws(settings)?;
-        margins.fingerprint = table::fingerprint(settings)?;
-        laws.push(margins);
+        let own = cells.iter().filter(|cell| cell.law == law);
+        let unfaulted = own.map(|cell| cell.flights().unfaulted);
+        let unfaulted = unfaulted.reduce(Point::worse).unwrap_or_default();
+        laws.push(LawMargins {
+            laws: combinations::laws(settings)?,
+            fingerprint: table::fingerprint(settings)?,
+            unfaulted,
+            qualified: bounds.qualified(&unfaulted),
+            searches: searches.clone(),
+            predicted: Vec::new(),
+            flights: 0,
+        });
     }
-    let first = &settings[0];
-    Ok(Margins {
+    if searches.iter().any(|search| search.kind == Kind::Gain) {
+        let loops = all_on_processors(settings, task.jobs, |it| predicted(it, stop), |_| ())?;
+        let laws = laws.iter_mut().zip(loops);
+        laws.for_each(|(law, loops)| law.predicted = loops);
+    }
+    let mut margins = Margins {
         schema: SCHEMA.into(),
         build: build::executable(),
         trajectory: first.trajectory_name().into(),
         airframe: first.airframe_name().into(),
         preset: first.flight.preset.clone(),
         seed: first.flight.seed,
-        period_s: task.period_s,
-        laws,
-        phases_s,
+        period_s: first.flight.period_s,
+        phases_s: phases
+            .ticks
+            .iter()
+            .map(|tick| *tick as f64 * first.flight.period_s)
+            .collect(),
         span_s: phases.span_s,
         cycle_s: phases.cycle_s,
-        sparse: SPARSE,
         longest_ticks: task.longest,
-        steady_s: task.given.steady_s(),
-        gate: task.given.gate(first),
-    })
+        sparse: SPARSE,
+        bounds,
+        laws,
+    };
+    check(&margins)?;
+    survey.search(&mut margins.laws, &cells)?;
+    survey.repeat(&mut margins.laws)?;
+    Ok(margins)
 }
 
-/// Like [`all_on_processors`], with a progress line.
-fn with_progress<T: Sync, R: Send>(
-    items: &[T],
-    jobs: usize,
-    thing: &'static str,
-    work: impl Fn(&T) -> Result<R, Failure> + Sync,
-) -> Result<Vec<R>, Failure> {
-    let mut progress = Progress::new(items.len() as u64, thing);
-    let results = all_on_processors(items, jobs, work, |done| progress.look(done as u64));
-    progress.clear();
-    results
-}
-
-/// Flies without a fault over all phases with one seed, and derives what counts as survived.
-fn judge(
-    settings: &Settings,
-    phases: &Phases,
-    task: &Task<'_>,
-    stop: &AtomicBool,
-) -> Result<Judged, Failure> {
-    let laws = combinations::laws(settings)?;
-    let name = laws.name(laws.mixer != known(Role::Mixer)[0].name);
-    let (first, last) = (phases.ticks[0], phases.ticks[phases.ticks.len() - 1]);
-    let last = last + task.ticks(task.given.steady_s());
-    let flights = Flights::new(settings, first, stop)?;
-    let fly = |bound_m: f64| flights.fly(&[], first, last, bound_m);
-    let judged = task.given.judge(&fly(f64::INFINITY)?, &name, settings)?;
-    for gates in [&judged.outage, &judged.steady] {
-        limits::check(&name, &fly(gates.recovered_below_m)?, gates)?;
+/// Refuses to go on if no law flies well enough without a fault.
+fn check(margins: &Margins) -> Result<(), Failure> {
+    if margins.laws.iter().any(|law| law.qualified[SURVIVES]) {
+        return Ok(());
     }
-    Ok(judged)
+    let why = margins.laws.iter().map(|law| {
+        let why = match (law.unfaulted.cause, law.unfaulted.peak_m) {
+            (None, Some(peak_m)) => format!("its position error is {peak_m:.4} m"),
+            (cause, _) => format!("its flight is lost ({})", name_of(&cause)),
+        };
+        format!("{}: {why}", margins.name_of(&law.laws))
+    });
+    let bound_m = margins.bounds.recovered_below_m;
+    Err(Failure::new(
+        GATE,
+        format!(
+            "no law keeps its envelope and {bound_m} m without a fault; {}",
+            why.collect::<Vec<_>>().join("; ")
+        ),
+    )
+    .help("choose other laws, another trajectory or preset, or a wider bound such as --gate recovered_below_m=0.2"))
+}
+
+struct Survey<'a> {
+    settings: &'a [Settings],
+    phases: &'a Phases,
+    task: &'a Task,
+    stop: &'a AtomicBool,
+    questions: Vec<Question>,
+    airframe: Airframe,
+}
+
+/// Flights of one combination of laws from one phase on, for some of the questions.
+struct Cell<'a> {
+    law: usize,
+    questions: Vec<usize>,
+    flights: Mutex<Flights<'a>>,
+}
+
+impl<'a> Cell<'a> {
+    fn flights(&self) -> MutexGuard<'_, Flights<'a>> {
+        self.flights.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Survey<'_> {
+    /// Phase i has the flight's seed plus `seed` and i. Questions are spread over as many cells as there are threads.
+    fn cells(&self, seed: usize) -> Result<Vec<Cell<'_>>, Failure> {
+        let (number, groups) = (
+            self.phases.ticks.len(),
+            self.task.jobs.min(self.questions.len()),
+        );
+        let places: Vec<usize> = (0..self.settings.len() * number * groups).collect();
+        let cell = |place: &usize| {
+            let (law, phase, group) = (
+                place / groups / number,
+                place / groups % number,
+                place % groups,
+            );
+            let mut settings = self.settings[law].clone();
+            let flight = &mut settings.flight;
+            flight.seed = flight.seed.wrapping_add((seed + phase) as u64);
+            let from = self.phases.ticks[phase];
+            let flights = Flights::new(&settings, self.task.bounds, from, self.stop)?;
+            Ok(Cell {
+                law,
+                questions: (group..self.questions.len())
+                    .step_by(groups)
+                    .filter(|i| self.questions[*i].is_of(phase))
+                    .collect(),
+                flights: Mutex::new(flights),
+            })
+        };
+        all_on_processors(&places, self.task.jobs, cell, |_| ())
+    }
+
+    /// Flies the strengths that each law and question wants; gives each cell's points with their questions.
+    fn fly(
+        &self,
+        cells: &[Cell<'_>],
+        wanted: &[Vec<Vec<u64>>],
+        look: impl FnMut(usize),
+        flown: &AtomicU64,
+    ) -> Result<Vec<Vec<(usize, Point)>>, Failure> {
+        let tick_ns = self.settings[0].sample_time_ns();
+        let work = |cell: &Cell<'_>| {
+            let flights = cell.flights();
+            let mut points = Vec::new();
+            for i in &cell.questions {
+                let question = &self.questions[*i];
+                for at in &wanted[cell.law][*i] {
+                    let fault = question.fault(*at, flights.from, tick_ns, &self.airframe);
+                    points.push((*i, flights.fly(*at, fault, question.ticks(*at))?));
+                    flown.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+            Ok(points)
+        };
+        all_on_processors(cells, self.task.jobs, work, look)
+    }
+
+    /// Flies in rounds: the flights of one say which strengths the next one needs.
+    fn search(&self, laws: &mut [LawMargins], cells: &[Cell<'_>]) -> Result<(), Failure> {
+        let (bounds, flown) = (&self.task.bounds, AtomicU64::new(0));
+        let phases = |question: &Question| {
+            let phases = 0..self.phases.ticks.len();
+            phases.filter(|phase| question.is_of(*phase)).count() as u64
+        };
+        let expected = |laws: &[LawMargins]| {
+            let of = |law: &LawMargins| -> u64 {
+                let searches = law.searches.iter().zip(&self.questions);
+                let flights = |(search, question): (&Search, &Question)| {
+                    left(search, law.qualified, bounds) * phases(question)
+                };
+                searches.map(flights).sum()
+            };
+            flown.load(Ordering::Relaxed) + laws.iter().map(of).sum::<u64>()
+        };
+        let mut total = expected(laws);
+        let mut progress = Progress::new(total, "flight");
+        loop {
+            let wanted = each(laws, |law, it| next(it, law.qualified, bounds));
+            if wanted.iter().flatten().all(Vec::is_empty) {
+                break;
+            }
+            let look = |_| progress.look(flown.load(Ordering::Relaxed));
+            let results = self.fly(cells, &wanted, look, &flown)?;
+            for (cell, points) in cells.iter().zip(results) {
+                let law = &mut laws[cell.law];
+                law.flights += points.len() as u64;
+                points
+                    .into_iter()
+                    .for_each(|(i, point)| law.searches[i].take(point));
+            }
+            let fewer = total.saturating_sub(expected(laws));
+            total -= fewer;
+            progress.skip(fewer);
+        }
+        progress.clear();
+        for law in laws {
+            for search in &mut law.searches {
+                let asked = asked(search, law.qualified);
+                let limit = |it: usize| asked[it].then(|| search.greatest(it, bounds));
+                search.limits = std::array::from_fn(limit);
+            }
+        }
+        Ok(())
+    }
+
+    /// The share of losses was chosen because all survived it: other seeds say how probable that is.
+    fn repeat(&self, laws: &mut [LawMargins]) -> Result<(), Failure> {
+        let wanted = each(laws, |_, search| {
+            let share = search.limits[SURVIVES].filter(|_| search.kind == Kind::Loss);
+            share.into_iter().filter(|share| *share > 0).collect()
+        });
+        if wanted.iter().flatten().all(Vec::is_empty) {
+            return Ok(());
+        }
+        let cells = self.cells(self.phases.ticks.len())?;
+        let results = self.fly(&cells, &wanted, |_| (), &AtomicU64::new(0))?;
+        for (cell, points) in cells.iter().zip(results) {
+            for (i, point) in points {
+                let law = &mut laws[cell.law];
+                law.flights += 1;
+                let [survived, flights] = law.searches[i].repeated.get_or_insert_default();
+                *survived += u64::from(point.cause.is_none());
+                *flights += 1;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The strengths that are wanted of each search of each law.
+fn each(
+    laws: &[LawMargins],
+    wanted: impl Fn(&LawMargins, &Search) -> Vec<u64>,
+) -> Vec<Vec<Vec<u64>>> {
+    let of = |law: &LawMargins| law.searches.iter().map(|it| wanted(law, it)).collect();
+    laws.iter().map(of).collect()
 }

@@ -83,7 +83,7 @@ impl LogEntry {
     }
 
     /// The signals of its sender's law; none where the sender has no law.
-    pub(crate) const fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+    pub const fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
         match self {
             Self::Setpoint(message) => Some(&mut message.content.telemetry),
             Self::Wrench(message) => Some(&mut message.content.telemetry),

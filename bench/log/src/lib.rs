@@ -10,6 +10,7 @@
 
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::monitor::Monitor;
+use messages::role::Channel;
 use messages::topic::Topic;
 
 pub mod async_writer;
@@ -34,6 +35,14 @@ pub mod writer;
 
 /// Name of the log in a flight's directory: of its first file.
 pub const FILE: &str = "flight.mcap";
+
+/// Where in a flight's directory the log is of a channel and those with the same laws.
+pub fn log_directory(channel: Channel) -> String {
+    match channel {
+        Channel::A => String::new(),
+        channel => format!("channel-{channel}"),
+    }
+}
 
 /// Name of the files of the log: the first has no number.
 pub fn file_name(part: u64) -> String {

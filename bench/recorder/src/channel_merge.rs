@@ -1,4 +1,4 @@
-//! One stream of messages from redundant channels: of each tick, those of the channel whose command is flown.
+//! One stream of messages from channels with the same laws: of each tick, those of the channel whose command is selected.
 //!
 //! The rule is the plant's ([`select`]), applied to the stamps of the messages. Messages of other channels with the same
 //! content add nothing.
@@ -29,6 +29,8 @@ struct TickMessages {
 
 pub struct ChannelMerge {
     channels: usize,
+    /// How many ticks behind the newest state a tick is closed at the least.
+    behind: u64,
     pace: Pace,
     /// In the order of the ticks.
     open: VecDeque<TickMessages>,
@@ -37,9 +39,10 @@ pub struct ChannelMerge {
 }
 
 impl ChannelMerge {
-    pub const fn new(channels: usize, pace: Pace) -> Self {
+    pub const fn new(channels: usize, pace: Pace, behind: u64) -> Self {
         Self {
             channels,
+            behind,
             pace,
             open: VecDeque::new(),
             next: 0,
@@ -100,7 +103,7 @@ impl ChannelMerge {
         let commands = |it: &TickMessages| it.rotor_speeds.iter().flatten().count();
         let first = commands(self.open.front()?);
         Some(if first == self.channels {
-            0
+            self.behind
         } else if self.open.iter().any(|it| commands(it) > 0) {
             CLOSED_AFTER
         } else {
@@ -132,7 +135,7 @@ impl ChannelMerge {
                 Candidate::of(channel, message, effective_tick)
             })
             .collect();
-        select(&candidates).map_or(Channel::A, |it| candidates[it.chosen].channel)
+        select(&candidates).map_or(Channel::A, |it| it.chosen.channel)
     }
 }
 
@@ -203,7 +206,7 @@ mod tests {
     #[test]
     fn of_each_tick_there_is_one_message_a_topic_of_the_channel_that_is_flown() {
         use Channel::{A, B};
-        let mut merge = ChannelMerge::new(2, Pace::Realtime(GRID));
+        let mut merge = ChannelMerge::new(2, Pace::Realtime(GRID), 0);
         take(&mut merge, 1, A, true);
         assert_eq!(closed(&mut merge, Some(1)), [], "b has not sent yet");
         take(&mut merge, 1, B, true);

@@ -8,18 +8,21 @@ use analysis::schema::RoleSection;
 use analysis::theorem::no_theorem;
 use errors::Failure;
 use flight_log::facts::{
-    FAULTS, FORMAT, Facts, HOST, LAWS, POINTS, REALTIME, RUN, Record, SETTINGS, record,
+    CHANNEL, FAULTS, FORMAT, Facts, HOST, LAWS, POINTS, REALTIME, RUN, Record, SETTINGS, record,
 };
 use messages::blackboards;
 use messages::header::LAYOUT;
+use messages::role::Channel;
 
 use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::build;
 
+/// The facts of the log of a channel, and of those with the same laws.
 pub fn metadata(
     run: &blackboards::Run,
     settings: &Settings,
+    channel: Channel,
     instance: &str,
     host: &Host,
     roles: &BTreeMap<String, RoleSection>,
@@ -27,7 +30,8 @@ pub fn metadata(
     let (pace, sample_time_ns) = (run.pace(), run.sample_time_ns);
     let wall_offset_ns = i128::from(run.t0_wall_ns) - i128::from(run.t0_ns);
     let build = build::executable();
-    let run = record(&[
+    let own = settings.of_channel(channel);
+    let mut run = record(&[
         ("format", FORMAT),
         ("version", &build.version),
         ("commit", &build.commit),
@@ -49,6 +53,9 @@ pub fn metadata(
         ("sample_time_ns", &run.sample_time_ns.to_string()),
         ("last_tick", &run.last_tick.to_string()),
     ]);
+    if channel != Channel::A {
+        run.insert(CHANNEL.to_owned(), channel.to_string());
+    }
     let mut texts = record(&[
         ("settings.toml", &settings.commented()?),
         ("shared", &settings.shared_text()?),
@@ -56,7 +63,7 @@ pub fn metadata(
     if let Some(points) = &settings.points {
         texts.insert(POINTS.to_owned(), points.text.clone());
     }
-    let laws = settings
+    let laws = own
         .chosen_laws()?
         .into_iter()
         .flat_map(law_entries)
@@ -77,7 +84,7 @@ pub fn metadata(
         .iter()
         .map(|(role, section)| (role.clone(), granted(section)))
         .collect();
-    let laws_flown = settings.flown_laws()?;
+    let laws_flown = own.flown_laws()?;
     let faults = (1..).zip(settings.injected()?);
     let faults: Record = faults
         .map(|(n, fault)| (format!("{n}"), render::sentences::fault(&fault)))

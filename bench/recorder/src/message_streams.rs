@@ -4,8 +4,8 @@ use analysis::flight_statistics::{FlightStatistics, is_final_command};
 use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::Failure;
 use flight_log::entry::LogEntry;
-use ipc::Wire;
 use ipc::error::Error;
+use ipc::{BlackboardReader, Wire};
 use messages::content::{Stamped, State, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
@@ -18,6 +18,9 @@ use super::pairs::Pairs;
 use super::ports::{ChannelPorts, Ports, Relays, horizon};
 use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
+
+use messages::channels::{Arrangement, Redundancy};
+use messages::telemetry::Telemetry;
 
 /// The report names this if messages could not be passed on to observers.
 const OBSERVERS: &str = "what observers see";
@@ -51,32 +54,57 @@ impl StreamPorts {
 
 pub struct MessageStreams {
     ports: StreamPorts,
-    /// Of a flight with several channels.
-    merge: Option<ChannelMerge>,
+    /// Of a flight with several channels: for each group with the same laws, by its first channel.
+    merges: Vec<(Channel, ChannelMerge)>,
+    redundancy: Option<BlackboardReader<Redundancy>>,
     pub statistics: FlightStatistics,
     pairs: Pairs,
     monitor: FlightMonitor,
     joiner: Joiner,
     parameter_epoch: u64,
+    arrangement: Arrangement,
 }
 
 impl MessageStreams {
     pub fn new(
         ports: StreamPorts,
         pace: Pace,
+        arrangement: Arrangement,
         statistics: FlightStatistics,
         monitor: FlightMonitor,
     ) -> Self {
-        let channels = 1 + ports.others.len();
+        let leaders = arrangement.leaders();
+        // Which group flies is known when the next tick has its state.
+        let behind = if leaders.clone().count() > 1 { 2 } else { 0 };
+        let merge_of = |leader| {
+            let own = Channel::first(arrangement.channels);
+            let own = own.filter(|it| arrangement.are_alike(*it, leader));
+            (leader, ChannelMerge::new(own.count(), pace, behind))
+        };
+        let merges = match arrangement.channels {
+            1 => Vec::new(),
+            _ => leaders.map(merge_of).collect(),
+        };
         Self {
             ports,
-            merge: (channels > 1).then(|| ChannelMerge::new(channels, pace)),
+            merges,
+            arrangement,
+            redundancy: None,
             statistics,
             pairs: Pairs::default(),
             monitor,
             joiner: Joiner::default(),
             parameter_epoch: 0,
         }
+    }
+
+    /// Reads the plant's account of the channels from then on.
+    pub fn follow(&mut self, redundancy: Option<BlackboardReader<Redundancy>>) {
+        self.redundancy = redundancy;
+    }
+
+    pub fn redundancy(&self) -> Option<Redundancy> {
+        self.redundancy.as_ref().map(BlackboardReader::get)
     }
 
     /// Reads every message that has arrived since the last call.
@@ -105,7 +133,9 @@ impl MessageStreams {
                     others,
                     relays,
                 },
-            merge,
+            merges,
+            redundancy,
+            arrangement,
             statistics,
             joiner,
             pairs,
@@ -113,9 +143,22 @@ impl MessageStreams {
             ..
         } = self;
         let mut newest_state = statistics.newest_tick();
-        let mut take = |entry: &LogEntry| {
+        // In the log of a group, or in all, and in everything else if it is flown.
+        let mut take = |entry: &LogEntry, group: Option<Channel>, is_flown: bool| {
+            files.log(entry, group);
+            let mut flown = *entry;
+            if let (Some(telemetry), true) = (
+                flown.telemetry_mut(),
+                group.is_some_and(|it| it != Channel::A),
+            ) {
+                // The report and observers know the signals of channel a.
+                *telemetry = Telemetry::default();
+            }
+            let entry = &flown;
+            if !is_flown {
+                return;
+            }
             files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
-            files.log(entry);
             let tick = entry.envelope().tick;
             match entry {
                 LogEntry::State(message) => {
@@ -143,20 +186,34 @@ impl MessageStreams {
                 LogEntry::Theorem(_) => {}
             }
         };
-        match merge {
-            None => receivers.drain(horizon, take)?,
-            Some(merge) => {
-                receivers.drain(horizon, |entry| {
-                    if !merge.take(Channel::A, entry) {
-                        newest_state = newest_state.max(entry.envelope().tick);
-                        take(entry);
-                    }
-                })?;
-                for ports in others {
-                    let channel = ports.channel;
-                    ports.drain(horizon, |entry| _ = merge.take(channel, entry))?;
+        if merges.is_empty() {
+            receivers.drain(horizon, |entry| take(entry, None, true))?;
+        } else {
+            let mut merge = |channel, entry: &LogEntry| {
+                let group = arrangement.group(channel);
+                let merge = merges.iter_mut().find(|(leader, _)| *leader == group);
+                merge.is_some_and(|(_, merge)| merge.take(channel, entry))
+            };
+            receivers.drain(horizon, |entry| {
+                if !merge(Channel::A, entry) {
+                    newest_state = newest_state.max(entry.envelope().tick);
+                    take(entry, None, true);
                 }
-                merge.close((!ends).then_some(newest_state), take);
+            })?;
+            for ports in others {
+                let channel = ports.channel;
+                ports.drain(horizon, |entry| _ = merge(channel, entry))?;
+            }
+            let redundancy = redundancy.as_ref().map(BlackboardReader::get);
+            let flown = |tick| redundancy.map_or(Channel::A, |it| it.group_at(tick));
+            let mut closed = Vec::new();
+            for (group, merge) in merges {
+                let newest = (!ends).then_some(newest_state);
+                merge.close(newest, |entry| closed.push((*group, *entry)));
+            }
+            closed.sort_by_key(|(_, entry)| entry.envelope().tick);
+            for (group, entry) in &closed {
+                take(entry, Some(*group), flown(entry.envelope().tick) == *group);
             }
         }
         while let Some((wrench, state)) = self.pairs.paired() {
@@ -222,7 +279,7 @@ impl MessageStreams {
                 let entry = LogEntry::Theorem(*message);
                 let relayed = self.ports.relays.pass_on(&entry);
                 files.note(OBSERVERS, relayed.map_err(Failure::from));
-                files.log(&entry);
+                files.log(&entry, None);
                 self.statistics.theorem(message);
             }
             None if self.monitor.applies() => self.statistics.theorem.count_unwatched(),

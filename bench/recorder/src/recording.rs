@@ -11,10 +11,9 @@ use flight_log::facts::record;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use host::Machine;
 use host::sampler::fallen;
-use ipc::BlackboardReader;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
-use messages::channels::{REDUNDANCY, Redundancy};
+use messages::channels::{Arrangement, REDUNDANCY};
 use messages::grid::{NS_PER_S, Pace};
 use messages::role::{Replica, Role};
 use process::rt::UsageMeter;
@@ -53,6 +52,10 @@ pub fn run(
     );
     let (mut roles, mut faults) = (RoleStatuses::default(), InjectedFaults::default());
     let mut redundancy = None;
+    let arrangement = Arrangement {
+        groups: settings.groups(),
+        ..Arrangement::alike(channels)
+    };
     let armed = session.join(|wire, expected, _| {
         // Before the plant takes off: a flight can be over before the recorder has created its files.
         roles = RoleStatuses::open(wire)?;
@@ -82,27 +85,25 @@ pub fn run(
     statistics.set_laws(laws);
     statistics.set_channels(channels);
     statistics.begin_autopsy(host.is_virtual(), host.has_cpu());
-    let metadata = metadata(
-        &armed.run.get(),
-        settings,
-        instance.name(),
-        &host.host,
-        &roles.sections(),
-    )?;
+    let metadata = |channel| {
+        let (run, roles) = (armed.run.get(), roles.sections());
+        metadata(&run, settings, channel, instance.name(), &host.host, &roles)
+    };
+    let logs = arrangement
+        .leaders()
+        .map(|channel| Ok((channel, metadata(channel)?)));
+    let logs = logs.collect::<Result<Vec<_>, Failure>>()?;
+    let monitor = FlightMonitor::new(settings.theorem()?, channels);
+    let mut streams = MessageStreams::new(ports, armed.pace, arrangement, statistics, monitor);
+    streams.follow(redundancy);
     let recorder = Recorder {
         settings,
         armed: &armed,
-        files: RunFiles::create(files, settings, &metadata, latencies, (tracking, laws))?,
+        files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
-        streams: MessageStreams::new(
-            ports,
-            armed.pace,
-            statistics,
-            FlightMonitor::new(settings.theorem()?, channels),
-        ),
+        streams,
         host,
         roles,
-        redundancy,
         faults,
         seconds: 0,
     };
@@ -118,7 +119,6 @@ struct Recorder<'a> {
     files: RunFiles<'a>,
     host: HostMonitor,
     roles: RoleStatuses,
-    redundancy: Option<BlackboardReader<Redundancy>>,
     faults: InjectedFaults,
     report: ReportBuilder<'a>,
     /// Completed seconds of the flight.
@@ -188,7 +188,7 @@ impl Recorder<'_> {
 
     fn update_faults(&mut self) {
         if let Some(faults) = self.faults.update() {
-            self.files.log_injected(injected_record(faults));
+            self.files.log_injected(&injected_record(faults));
         }
     }
 
@@ -258,7 +258,7 @@ impl Recorder<'_> {
             files: &self.files,
             host: &self.host,
             roles: &self.roles,
-            redundancy: self.redundancy.as_ref().map(BlackboardReader::get),
+            redundancy: self.streams.redundancy(),
             faults: &self.faults.faults,
         };
         self.report.build(&self.armed.run.get(), &parts, ending)

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use std::time::SystemTime;
 
-use messages::role::ROLES;
+use messages::role::{Channel, MOST_CHANNELS, Replica};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 use toml::Table;
@@ -58,10 +58,10 @@ const FILES: [&str; 11] = [
 
 /// Whether a flight creates a file of this name.
 pub fn is_ours(name: &str) -> bool {
-    let role = name
-        .strip_suffix(".log")
-        .and_then(|name| ROLES.into_iter().find(|role| role.name() == name));
-    FILES.contains(&name) || role.is_some() || flight_log::part_of(name).is_some()
+    let of_process = |name: &str| Replica::all(MOST_CHANNELS).any(|it| it.to_string() == name);
+    FILES.contains(&name)
+        || name.strip_suffix(".log").is_some_and(of_process)
+        || flight_log::part_of(name).is_some()
 }
 
 /// Names of the entries of a directory.
@@ -142,6 +142,13 @@ impl RunDirectory {
     pub fn discard(&self) {
         if self.path.join("report.json").exists() || holds_messages(&self.path.join(FILE)) {
             return;
+        }
+        for channel in Channel::ALL.into_iter().skip(1) {
+            let directory = self.path.join(flight_log::log_directory(channel));
+            for log in entries(&directory, |name| flight_log::part_of(name).is_some()) {
+                let _ = fs::remove_file(log);
+            }
+            let _ = fs::remove_dir(directory);
         }
         for path in entries(&self.path, is_ours) {
             // If a file cannot be removed, the directory stays.

@@ -4,6 +4,7 @@
 //! is incomplete, the report gives the first reason, and the flight and the other files go on.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use analysis::laws::FlownLaws;
@@ -16,8 +17,10 @@ use analysis::tracking::Tracking;
 use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
-use flight_log::writer::FlightLog;
+use flight_log::log_directory;
+use flight_log::writer::{Fate, FlightLog};
 use ipc::clock::now_ns;
+use messages::role::Channel;
 use render::files::write_all;
 
 use super::atomic_file::AtomicFileWriter;
@@ -39,8 +42,9 @@ pub struct RunFiles<'a> {
     directory: &'a Path,
     latencies: Hlog<'a>,
     states: Vec<StatesWriter>,
-    /// None if the settings switch it off, or if it broke.
-    log: Option<FlightLog>,
+    /// None if the settings switch them off; without those that broke. Of each group of channels with the same laws, by the
+    /// first one.
+    logs: Vec<(Channel, FlightLog)>,
     log_name: &'static str,
     /// report.json while the flight lasts.
     partial_report: AtomicFileWriter,
@@ -54,7 +58,7 @@ impl<'a> RunFiles<'a> {
     pub fn create(
         files: &'a Files,
         settings: &Settings,
-        metadata: &Facts,
+        facts: &[(Channel, Facts)],
         latencies: Hlog<'a>,
         (tracking, laws): (Tracking, FlownLaws),
     ) -> Result<Self, Failure> {
@@ -64,18 +68,23 @@ impl<'a> RunFiles<'a> {
             .chain(&files.states)
             .map(|path| StatesWriter::create(path, tracking, laws, every, true))
             .collect::<Result<_, _>>()?;
-        let log = match settings.recorder.log {
-            LogName::Off => None,
-            LogName::All | LogName::AroundMisses => Some(FlightLog::create(
-                &directory.join(flight_log::FILE),
-                metadata,
-            )?),
+        let create = |(channel, facts): &(Channel, Facts)| {
+            let directory = directory.join(log_directory(*channel));
+            fs::create_dir_all(&directory).in_file("create", &directory)?;
+            let log = FlightLog::create(&directory.join(flight_log::FILE), facts);
+            Ok((*channel, log?))
+        };
+        let logs = match settings.recorder.log {
+            LogName::Off => Vec::new(),
+            LogName::All | LogName::AroundMisses => {
+                facts.iter().map(create).collect::<Result<_, Failure>>()?
+            }
         };
         Ok(Self {
             directory,
             latencies,
             states,
-            log,
+            logs,
             log_name: settings.recorder.log.name(),
             partial_report: AtomicFileWriter::new(directory.join(REPORT))?,
             is_latest: false,
@@ -92,24 +101,30 @@ impl<'a> RunFiles<'a> {
         }
     }
 
-    pub fn log(&mut self, entry: &LogEntry) {
-        if let Some(log) = &mut self.log {
-            log.take(entry);
+    /// Logs a message of a group of channels; in all logs if it is of none.
+    pub fn log(&mut self, entry: &LogEntry, group: Option<Channel>) {
+        for (of, log) in &mut self.logs {
+            if group.is_none_or(|it| it == *of) {
+                log.take(entry);
+            }
         }
     }
 
-    pub fn log_injected(&mut self, injected: Record) {
-        if let Some(log) = &mut self.log {
-            log.tell_injected(injected);
+    pub fn log_injected(&mut self, injected: &Record) {
+        for (_, log) in &mut self.logs {
+            log.tell_injected(injected.clone());
         }
     }
 
     /// Hands full chunks of the log to the disk; to be called often.
     pub fn flush_log(&mut self) {
-        let kept = self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()));
-        if kept.is_err() {
-            self.log = None;
-        }
+        let mut kept = Ok(());
+        self.logs.retain_mut(|(_, log)| {
+            let is_kept = log.keep(now_ns());
+            let is_sound = is_kept.is_ok();
+            kept = std::mem::replace(&mut kept, Ok(())).and(is_kept);
+            is_sound
+        });
         self.note(flight_log::FILE, kept);
     }
 
@@ -176,9 +191,12 @@ impl<'a> RunFiles<'a> {
     /// Ends the log, then writes the final report.
     pub fn finish(mut self, report: &mut Report, ending: Record) -> Result<(), Failure> {
         // The log is the last file that needs much room; the report says whether it is complete.
-        if let Some(log) = self.log.take() {
-            match log.finish(ending) {
-                Ok(fate) => analysis::gates::take_log(report, self.log_name, &fate),
+        for (channel, log) in std::mem::take(&mut self.logs) {
+            match log.finish(ending.clone()) {
+                Ok(fate) if channel == Channel::A => {
+                    analysis::gates::take_log(report, self.log_name, &fate);
+                }
+                Ok(fate) => self.note(flight_log::FILE, whole(&fate)),
                 Err(failure) => self.note(flight_log::FILE, Err(failure)),
             }
         }
@@ -202,7 +220,16 @@ impl<'a> RunFiles<'a> {
 
     /// What became of the logged messages so far.
     pub fn log_section(&self) -> LogSection {
-        let fate = self.log.as_ref().map(FlightLog::fate).unwrap_or_default();
+        let own = self.logs.iter().find(|(channel, _)| *channel == Channel::A);
+        let fate = own.map(|(_, log)| log.fate()).unwrap_or_default();
         log_section(self.log_name, &fate)
+    }
+}
+
+/// Refuses the log of a channel that lacks messages.
+fn whole(fate: &Fate) -> Result<(), Failure> {
+    match &fate.refused {
+        Some(reason) => Err(Failure::failed(reason.clone())),
+        None => Ok(()),
     }
 }

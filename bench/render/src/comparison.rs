@@ -1,16 +1,15 @@
-//! A comparison of control laws: the document, and the Markdown tables of several comparisons.
+//! A comparison of control laws on one flight.
 
-use crate::document::{Block, Document, Figure, Section, Table, known};
-use crate::plot::{Axis, Chart, LAWS, Layer, through};
+use crate::document::{Block, Document, Figure, Section, Table};
+use crate::plot::{Axis, Chart, LAWS, Layer, braided, through};
 use crate::scale::Scale;
 use analysis::comparison::{
-    Comparison, ErrorFigures, Fault, Figures, Flight, Outcome, POWER, SETTLING_S, STAYING_S,
-    TRUE_ERROR,
+    Comparison, ErrorFigures, Fault, Figures, Flight, Outcome, POWER, STAYING_S, TRUE_ERROR,
 };
 use analysis::traces::Span;
 
 /// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
-const ERROR_MIN_M: f64 = 1e-4;
+const ERROR_MIN_M: f64 = 1e-5;
 
 pub fn document(comparison: &Comparison) -> Document {
     let flight = &comparison.flight;
@@ -20,6 +19,13 @@ pub fn document(comparison: &Comparison) -> Document {
     if !flight.faults.is_empty() {
         lead.push(Block::Items(flight.faults.iter().map(fault).collect()));
     }
+    let lacks = |it: &&Outcome| it.preset != flight.preset;
+    let lacks = comparison.outcomes.iter().filter(lacks);
+    let lacks = lacks.map(|it| {
+        let (name, preset) = (comparison.name_of(&it.laws), &flight.preset);
+        format!("{name} has no preset `{preset}`: flown with its defaults")
+    });
+    lead.push(Block::Items(lacks.collect()));
     let mut sections = vec![over_time(comparison)];
     match (flight.faults.first(), flight.settled_tick()) {
         (Some(first), Some(settled)) => {
@@ -27,6 +33,9 @@ pub fn document(comparison: &Comparison) -> Document {
             let after = format!("from {:.3} s on ", flight.time_s(settled));
             let of_before = |it: &Figures| it.error_before;
             sections.push(errors(comparison, "error-before", &before, of_before));
+            let from = format!("from {:.3} s on ", first.time_s);
+            let of_all = |it: &Figures| it.error_from_fault;
+            sections.push(errors(comparison, "error-from-fault", &from, of_all));
             let of_after = |it: &Figures| it.error_after;
             sections.push(errors(comparison, "error-after", &after, of_after));
         }
@@ -73,7 +82,7 @@ pub fn document(comparison: &Comparison) -> Document {
     }
 }
 
-fn conditions(flight: &Flight) -> String {
+pub(crate) fn conditions(flight: &Flight) -> String {
     let length_s = flight.time_s(flight.last_tick);
     let (airframe, seed) = (&flight.airframe, flight.seed);
     let flown = crate::flight::conditions(&flight.trajectory, &flight.preset, airframe);
@@ -85,9 +94,19 @@ fn table(
     columns: impl IntoIterator<Item = impl ToString>,
     cells: impl Fn(&Outcome) -> Vec<String>,
 ) -> Block {
-    let rows = comparison.outcomes.iter();
-    let rows = rows.map(|it| (comparison.name_of(&it.laws), cells(it)));
-    Block::Table(Table::named("laws", columns, rows))
+    let is_any_lost = comparison.outcomes.iter().any(|it| it.lost_s.is_some());
+    let lost = |it: &Outcome| {
+        it.lost_s
+            .map_or("-".into(), |time_s| format!("{time_s:.3} s"))
+    };
+    let rows = comparison.outcomes.iter().map(|it| {
+        let lost = is_any_lost.then(|| lost(it));
+        let cells = lost.into_iter().chain(cells(it)).collect();
+        (comparison.name_of(&it.laws), cells)
+    });
+    let columns = columns.into_iter().map(|column| column.to_string());
+    let lost = is_any_lost.then(|| "lost at".to_owned());
+    Block::Table(Table::named("laws", lost.into_iter().chain(columns), rows))
 }
 
 /// The true position errors of a part of the flight, `when`.
@@ -135,7 +154,7 @@ fn over_time(comparison: &Comparison) -> Section {
     let names = names.map(|outcome| comparison.name_of(&outcome.laws));
     let keys: Vec<(&'static str, String)> = LAWS.into_iter().zip(names).collect();
     let note = "Each line is drawn through the smallest and the largest value of its stretches; it ends where the flight \
-                did. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
+                ended or was lost. Lines that coincide take turns on top. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
                 multiple of that in hover.";
     let (error, power) = (error_chart(comparison), power_chart(comparison));
     let figures = vec![
@@ -143,7 +162,7 @@ fn over_time(comparison: &Comparison) -> Section {
         Figure::new("power", "Rotor power", keys, power),
     ];
     let blocks = vec![
-        Block::Legend(vec![("mark swap", "fault")]),
+        Block::Legend(vec![("mark swap", "fault".into())]),
         Block::WideFigures(figures),
         Block::Note(note.into()),
     ];
@@ -169,23 +188,39 @@ fn lines(comparison: &Comparison, channel: &str, least: f64) -> (Vec<Layer>, Vec
     let flight = &comparison.flight;
     let mut values = Vec::new();
     let line = |(outcome, class): (&Outcome, &'static str)| {
-        let trace = &outcome.figures.trace;
-        let last = trace.every_ticks.saturating_sub(1);
+        let trace = outcome.figures.trace.iter();
+        let last = trace
+            .clone()
+            .map(|trace| trace.every_ticks)
+            .sum::<u64>()
+            .saturating_sub(1);
         let ends_s = |tick| [flight.time_s(tick), flight.time_s(tick + last)];
-        let spans = trace.spans(channel).map(|span| Span {
-            min: span.min.max(least),
-            max: span.max.max(least),
-            ..span
-        });
+        let spans = trace
+            .flat_map(|trace| trace.spans(channel))
+            .map(|span| Span {
+                min: span.min.max(least),
+                max: span.max.max(least),
+                ..span
+            });
         let points = through(spans, ends_s);
         values.extend(points.iter().map(|point| point.1));
-        Layer::Line(class, points)
+        (class, points)
     };
     let lines = comparison.outcomes.iter().zip(LAWS).map(line).collect();
-    (lines, values)
+    (braided(lines, 0.0, end_s(comparison)), values)
 }
 
-/// A chart over the whole plan of the flight, with its faults below what it shows.
+/// End of the last flight, or of the last one that was not lost [s].
+fn end_s(comparison: &Comparison) -> f64 {
+    let flight = &comparison.flight;
+    let ends = comparison.outcomes.iter().map(|it| {
+        let last = it.ticks.saturating_sub(1);
+        it.lost_s.unwrap_or(flight.time_s(last))
+    });
+    ends.fold(0.0, f64::max)
+}
+
+/// A chart up to the end of the last flight, with its faults below what it shows.
 fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
     let flight = &comparison.flight;
     let words = |it: &Fault| {
@@ -194,7 +229,7 @@ fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) 
     };
     let faults = Layer::verticals("swap", flight.faults.iter().map(words));
     let layers = [faults].into_iter().chain(layers).collect();
-    let x = Scale::time(0.0, flight.time_s(flight.last_tick));
+    let x = Scale::time(0.0, end_s(comparison));
     let (x, y) = (Axis::new(x, "time [s]"), Axis::new(scale, label));
     Chart::new(format!("{label} over time"), x, y, layers)
 }
@@ -226,7 +261,7 @@ pub fn millimetres(length_m: f64) -> String {
 }
 
 /// A number with about three digits that count, and without an exponent.
-fn significant(value: f64) -> String {
+pub(crate) fn significant(value: f64) -> String {
     let digits = match value.abs() {
         100.0.. => 0,
         10.0.. => 1,
@@ -234,95 +269,4 @@ fn significant(value: f64) -> String {
         _ => 3,
     };
     format!("{value:.digits$}")
-}
-
-/// Rows in which no law changes its commands by more are left out of what tells of that [rad/s].
-const QUIET_RAD_S: f64 = 0.1;
-
-/// What a combination made of a question in words, and what the best of a row has least of.
-type Answer = (String, Option<f64>);
-type Measure = fn(&Outcome) -> Answer;
-
-/// The Markdown tables of comparisons of the same laws, each with the name of its row; what is best in its row is bold.
-pub fn tables(rows: &[(String, Comparison)]) -> String {
-    let Some((_, first)) = rows.first() else {
-        return String::new();
-    };
-    let bound_m = first.flight.bound_m;
-    let error = format!(
-        "worst true position error from {SETTLING_S} s after the fault on [mm] / time until it stays below {bound_m} m [s]"
-    );
-    let change = format!(
-        "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
-    );
-    let questions: [(String, Measure, Option<f64>); 2] = [
-        (error, tracking, None),
-        (change, agitation, Some(QUIET_RAD_S)),
-    ];
-    let group = |outcome: &Outcome| (outcome.laws.outer.clone(), outcome.laws.mixer.clone());
-    let mut groups: Vec<(String, String)> = first.outcomes.iter().map(group).collect();
-    groups.dedup();
-    let mut tables = Vec::new();
-    for (question, answer, least) in &questions {
-        for of in &groups {
-            let is_of = |outcome: &&Outcome| group(outcome) == *of;
-            let rows = rows.iter().filter_map(|(name, comparison)| {
-                let outcomes = comparison.outcomes.iter().filter(is_of);
-                table_row(name, &outcomes.map(answer).collect::<Vec<_>>(), *least)
-            });
-            let laws = first.outcomes.iter().filter(is_of);
-            let laws = laws.map(|it| format!("`{}`", it.laws.inner));
-            let table = Table::named("fault", laws, rows);
-            let (outer, mixer) = of;
-            let mixer = match first.mixers_differ() {
-                true => format!(", mixer `{mixer}`"),
-                false => String::new(),
-            };
-            let table = table.markdown();
-            tables.push(format!("Outer law `{outer}`{mixer}: {question}\n\n{table}"));
-        }
-    }
-    tables.join("\n")
-}
-
-/// A row, unless none of its figures is above `least`.
-fn table_row(name: &str, answers: &[Answer], least: Option<f64>) -> Option<(String, Vec<String>)> {
-    let figures = || answers.iter().filter_map(|(_, figure)| *figure);
-    if least.is_some_and(|least| !figures().any(|figure| figure > least)) {
-        return None;
-    }
-    // Figures that print alike are both the best.
-    let best = figures().min_by(f64::total_cmp).map(significant);
-    let cells = answers.iter();
-    let cells = cells.map(|(text, figure)| match figure.map(significant) {
-        Some(figure) if Some(&figure) == best.as_ref() => format!("**{text}**"),
-        _ => text.clone(),
-    });
-    Some((name.replace('|', "\\|"), cells.collect()))
-}
-
-fn tracking(outcome: &Outcome) -> Answer {
-    let figures = &outcome.figures;
-    if let Some(time_s) = outcome.ended_early_s {
-        return (format!("lost at {time_s:.1} s"), None);
-    }
-    if outcome.lost.is_some() {
-        return ("below ground".into(), None);
-    }
-    // A row without a fault tells of the whole flight; one whose flight was over too soon, of nothing.
-    let whole = figures.recovery_s.is_empty().then_some(figures.error);
-    let error = figures.error_after.or(whole);
-    let error_mm = error.map(|error| 1e3 * error.worst_m);
-    let recovery_s = figures.recovery_s.last().copied().flatten();
-    let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
-    let error = known(error_mm.map(significant));
-    (format!("{error} / {recovery}"), error_mm)
-}
-
-fn agitation(outcome: &Outcome) -> Answer {
-    let agitation_rad_s = outcome.figures.effort.agitation_rad_s;
-    match outcome.lost {
-        Some(_) => ("lost".into(), None),
-        None => (significant(agitation_rad_s), Some(agitation_rad_s)),
-    }
 }

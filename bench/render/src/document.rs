@@ -51,7 +51,7 @@ pub enum Block {
     KeyFigures(Vec<(String, String, String)>),
     Note(String),
     PageHeading(&'static str),
-    Legend(Vec<(&'static str, &'static str)>),
+    Legend(Vec<(&'static str, String)>),
     Figures(Vec<Figure>),
     WideFigures(Vec<Figure>),
     Details(String, Vec<Block>),

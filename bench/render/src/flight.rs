@@ -11,8 +11,9 @@ use analysis::host::{Host, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
-    ChannelOutage, FlightStatus, LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases,
-    RedundancySection, Report, RoleSection, RunSection, Speed, TimingVerdict, sum,
+    ChannelOutage, CommandDifference, FlightStatus, LawSection, LogSection, LoopUsage,
+    ProcessFailure, RecoveryPhases, RedundancySection, Report, RoleSection, RunSection, Speed,
+    Switchover, TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -364,6 +365,31 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
         ),
     };
     blocks.push(Block::Fact("Commands that differed", contradicted));
+    for (channel, difference) in &section.differences {
+        let CommandDifference {
+            ticks,
+            rms_rad_s,
+            max_rad_s,
+        } = difference;
+        blocks.push(Block::Fact(
+            "Other laws",
+            format!(
+                "a rotor's command of channel {channel} differed from the one that flew by {rms_rad_s:.2} rad/s (rms), at most \
+                 {max_rad_s:.2}, in {}",
+                count(*ticks, "tick")
+            ),
+        ));
+    }
+    let switched = |it: &Switchover| {
+        format!(
+            "channel {} took over from {} at tick {} ({:.3} s): {}; a rotor's command changed by {:.2} rad/s",
+            it.to, it.from, it.tick, it.time_s, it.reason, it.command_step_rad_s
+        )
+    };
+    let switchovers: Vec<String> = section.switchovers.iter().map(switched).collect();
+    if !switchovers.is_empty() {
+        blocks.push(Block::Items(switchovers));
+    }
     let line = |outage: &ChannelOutage| {
         let ChannelOutage {
             channel,
@@ -750,9 +776,11 @@ fn tracking(report: &Report) -> Vec<Block> {
             true => "live swap",
             false => "live swap, fault",
         };
-        let legend = vec![("mark swap", swap), ("mark missed", "missed deadline")];
+        let legend = [("mark swap", swap), ("mark missed", "missed deadline")];
         let stretch = count(figures.traces.flight.every_ticks, "tick");
-        blocks.push(Block::Legend(legend));
+        blocks.push(Block::Legend(
+            legend.map(|(class, word)| (class, word.into())).into(),
+        ));
         blocks.push(Block::Figures(figures.flight()));
         blocks.push(Block::Note(format!(
             "Each line over time is drawn through the smallest and the largest value of {stretch}. Paths show at most \

@@ -8,6 +8,7 @@
 //! data too: a [`plot::Chart`] says what to draw, and [`plot`] draws it.
 
 pub mod brief;
+pub mod cases;
 pub mod comparison;
 pub mod diff;
 pub mod document;

@@ -1,35 +1,37 @@
-//! Robustness margins: a row or a line per combination of laws for each question.
+//! Robustness margins: the limits of each combination of laws as tables, then what its flights did as curves.
 
 use crate::comparison::millimetres;
 use crate::document::{Block, Document, Figure, Section, Table, known};
 use crate::plot::{Axis, Chart, LAWS, Layer};
 use crate::scale::Scale;
 use analysis::margin::{
-    LawMargins, Margins, OutageMargin, Point, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M,
-    SteadyMargin,
+    Kind, LIMITS, LawMargins, LoopMargin, Margins, Point, RECOVERS, SURVIVES, Search, UNNOTICED,
 };
-use analysis::phrase::count;
+use analysis::phrase::{count, name_of};
 
 /// Errors below are drawn as this [m].
 const ERROR_MIN_M: f64 = 1e-4;
 
 pub fn document(margins: &Margins) -> Document {
-    let survived = format!("survived: {}", criteria(margins));
-    let lead = [conditions(margins), phases(margins), survived];
-    let sections = [
-        unfaulted(margins),
-        outages(margins),
-        lateness(margins),
-        losses(margins),
-        patterns(margins),
-        exceptions(margins),
+    let lead = [conditions(margins), phases(margins)].into_iter();
+    let lead = lead.chain(criteria(margins)).map(Block::Paragraph);
+    let curves = [
+        ("outage", "Outages", Kind::Outage, "length [ticks]"),
+        ("lag", "Steady lag", Kind::Lag, "lag [ticks]"),
+        ("delay", "Steady delay", Kind::Delay, "delay [ticks]"),
+        ("loss", "Random losses", Kind::Loss, "messages lost [%]"),
     ];
+    let curves = curves.map(|(id, title, kind, label)| curves_of(margins, id, title, kind, label));
+    let sections = [limits(margins), predicted(margins)];
+    let sections = sections
+        .into_iter()
+        .chain([unfaulted(margins), exceptions(margins)]);
     Document {
         title: format!("margins, {}", conditions(margins)),
         heading: "Robustness of the loop".into(),
         build: margins.build.to_string(),
-        lead: lead.map(Block::Paragraph).into(),
-        sections: sections.into_iter().flatten().collect(),
+        lead: lead.collect(),
+        sections: sections.chain(curves).flatten().collect(),
         footer: ". Each flight is one of `ironbird simulate --fault`.".into(),
         ..Document::default()
     }
@@ -50,34 +52,30 @@ fn phases(margins: &Margins) -> String {
         Some(_) => ", one period of the trajectory".into(),
         None => ", of a trajectory that does not repeat".into(),
     };
-    let phases = count(margins.phases_s.len() as u64, "phase");
+    let phases = phases_of(margins, 1);
     let span_s = margins.span_s;
     format!("{phases} over {span_s:.3} s from {first_s:.3} s on{of}")
 }
 
-fn criteria(margins: &Margins) -> String {
-    let (limits, recovery_max_s) = (&margins.gate.limits, margins.gate.recovery_max_s);
-    let tracked_below_m = margins.gate.tracked_below_m;
-    let below = match margins.gate.recovered_below_m {
-        Some(bound_m) => format!("{bound_m} m"),
-        None => format!(
-            "twice the largest error without a fault and at least {SMALLEST_BOUND_M} m, under a steady fault \
-             {tracked_below_m} m"
-        ),
-    };
-    let saturated = match limits.iter().any(|(name, _)| name == SATURATED) {
-        true => String::new(),
-        false => format!(
-            "; under a steady fault saturated in at most {SATURATED_MORE_PERCENT} % more of the ticks"
-        ),
-    };
-    let more = limits.iter();
-    let more: String = more
-        .map(|(name, most)| format!("; {name} up to {most}"))
-        .collect();
-    format!(
-        "envelope kept, position error below {below} within {recovery_max_s} s and for at least 1 s{saturated}{more}"
-    )
+fn criteria(margins: &Margins) -> [String; 2] {
+    let it = &margins.bounds;
+    let limits = format!(
+        "limits: {}; the flight keeps its envelope and its position error is below {} m (unnoticed), or below {} m from \
+         {} s (recovers) or {} s (survives) on, after an outage or the beginning of a steady fault, which saturates the \
+         rotors in at most {} % more of the ticks",
+        LIMITS.join(" / "),
+        it.unnoticed_below_m,
+        it.recovered_below_m,
+        it.recovery_max_s,
+        it.survival_max_s,
+        it.saturated_more_percent,
+    );
+    let words = format!(
+        "behind them why the next flight fails: ground, tilt, position, diverged: lost; error: it flies on, above {} m; \
+         saturated: a limit cycle. +: no more was tried. -: not qualified, its error without a fault is above the bound",
+        it.recovered_below_m
+    );
+    [limits, words]
 }
 
 fn table(
@@ -91,263 +89,344 @@ fn table(
     Block::Table(Table::named("laws", columns, rows))
 }
 
-/// A number of ticks, or that the longest that was tried was survived.
-fn ticks(ticks: u64, margins: &Margins) -> String {
-    match ticks >= margins.longest_ticks {
-        true => format!("> {ticks}"),
-        false => ticks.to_string(),
-    }
-}
-
-fn ticks_of(margins: &Margins) -> String {
-    format!("[ticks of {} ms]", margins.period_s * 1e3)
-}
-
-fn inputs<T>(
-    margins: &Margins,
-    of: fn(&LawMargins) -> &[T],
-    name: fn(&T) -> &String,
-) -> Vec<String> {
+/// The searches of a kind, by what they are of.
+fn searches(margins: &Margins, kind: Kind) -> Vec<&String> {
     let first = margins.laws.first().into_iter();
-    first.flat_map(of).map(name).cloned().collect()
+    let all = first.flat_map(|law| &law.searches);
+    all.filter(|it| it.kind == kind).map(|it| &it.of).collect()
 }
 
-fn sparse(margins: &Margins) -> String {
-    let phases = margins.phases_s.len().div_ceil(margins.sparse);
-    count(phases as u64, "phase")
+fn phases_of(margins: &Margins, sparse: usize) -> String {
+    count(margins.phases_s.len().div_ceil(sparse) as u64, "phase")
 }
 
-fn keys(margins: &Margins) -> Vec<(&'static str, String)> {
-    let names = margins.laws.iter().map(|law| margins.name_of(&law.laws));
-    LAWS.into_iter().zip(names).collect()
+fn is_input(of: &str) -> bool {
+    of.contains('.')
+}
+
+/// A strength that a limit allows.
+fn strength(search: &Search, limit: usize) -> String {
+    let number = |at: u64| {
+        let more = if at >= search.most { "+" } else { "" };
+        match search.kind {
+            Kind::Gain => format!("{:.1}{more}", 1.0 + at as f64 / 10.0),
+            _ => format!("{at}{more}"),
+        }
+    };
+    known(search.limits[limit].map(number))
+}
+
+/// Why the first flight beyond the last limit fails.
+fn ending(search: &Search) -> String {
+    let beyond = search.limits[SURVIVES].and_then(|it| search.beyond(it));
+    let cause = beyond.and_then(|point| point.cause);
+    cause.map_or_else(String::new, |cause| format!(" {}", name_of(&cause)))
+}
+
+fn cell(search: &Search) -> String {
+    let limits: Vec<String> = (0..LIMITS.len()).map(|it| strength(search, it)).collect();
+    let repeated = search
+        .repeated
+        .map(|[survived, all]| format!(" ({survived} of {all})"));
+    let repeated = repeated.unwrap_or_default();
+    limits.join(" / ") + &ending(search) + &repeated
+}
+
+fn limits(margins: &Margins) -> Option<Section> {
+    let ticks = format!("[ticks of {} ms]", margins.period_s * 1e3);
+    let all = phases_of(margins, 1);
+    let tables = [
+        (
+            Kind::Outage,
+            false,
+            format!("Longest outage {ticks}; least of {all}"),
+        ),
+        (
+            Kind::Outage,
+            true,
+            format!("Longest loss of all messages {ticks}; least of {all}"),
+        ),
+        (
+            Kind::Lag,
+            true,
+            format!("Longest steady lag {ticks}: in time, but so old (dead time); least of {all}"),
+        ),
+        (
+            Kind::Delay,
+            true,
+            format!(
+                "Longest steady delay {ticks}: so late, and known as stale; least of {all}. The outer and the inner loop \
+                 ignore every late state: 1 tick loses the flight, which is no margin of the loop"
+            ),
+        ),
+        (
+            Kind::Loss,
+            true,
+            format!(
+                "Largest share of random losses [%]; least of {all} (how many flights with other seeds survive the last \
+                 share)"
+            ),
+        ),
+    ];
+    let mut blocks = Vec::new();
+    for (kind, of_inputs, title) in tables {
+        let mut columns = searches(margins, kind);
+        columns.retain(|of| is_input(of) == of_inputs);
+        if !columns.is_empty() {
+            let cells = |law: &LawMargins| {
+                let searches = columns.iter().filter_map(|of| law.search(kind, of));
+                searches.map(cell).collect()
+            };
+            blocks.extend([Block::Heading(title), table(margins, &columns, cells)]);
+        }
+    }
+    blocks.extend(patterns(margins));
+    (!blocks.is_empty()).then(|| Section::new("limits", "Limits", blocks))
+}
+
+/// For each length of a pattern, how many messages in a row may be lost of every so many.
+fn patterns(margins: &Margins) -> Vec<Block> {
+    let inputs = searches(margins, Kind::Lag);
+    let pattern = |search: &Search| match search.kind {
+        Kind::Pattern(length) => Some(length),
+        _ => None,
+    };
+    let all = margins.laws.iter().flat_map(|law| &law.searches);
+    let mut lengths: Vec<u64> = all.filter_map(pattern).collect();
+    lengths.sort_unstable();
+    lengths.dedup();
+    if lengths.is_empty() {
+        return Vec::new();
+    }
+    let cells = |law: &LawMargins| {
+        let most = |of: &&String| {
+            let searches = lengths
+                .iter()
+                .filter_map(|it| law.search(Kind::Pattern(*it), of));
+            let most = searches.map(|it| known(it.limits[SURVIVES]));
+            most.collect::<Vec<_>>().join(" ")
+        };
+        inputs.iter().map(most).collect()
+    };
+    let lengths: Vec<String> = lengths.iter().map(u64::to_string).collect();
+    let title = format!(
+        "Patterns: how many messages in a row of every {} may be lost (survives); least of {}",
+        lengths.join(", "),
+        phases_of(margins, margins.sparse)
+    );
+    vec![Block::Heading(title), table(margins, &inputs, cells)]
+}
+
+fn predicted(margins: &Margins) -> Option<Section> {
+    let gains = searches(margins, Kind::Gain);
+    let of = gains.first()?;
+    let columns = [
+        "delay: predicted",
+        "measured",
+        "gain: predicted",
+        "measured",
+        "crossover [rad/s]",
+        "phase margin [deg]",
+        "axis",
+    ];
+    let least = |law: &LawMargins, of: fn(&LoopMargin) -> Option<f64>| {
+        let axes = law
+            .predicted
+            .iter()
+            .filter_map(move |it| Some((of(it)?, it.clone())));
+        axes.min_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let table = table(margins, &columns, |law| {
+        let measured = |kind| {
+            let search = law.search(kind, of)?;
+            Some(strength(search, SURVIVES) + &ending(search))
+        };
+        let delay = least(law, |it| it.delay_ticks);
+        let of_delay = |of: fn(&LoopMargin) -> Option<f64>| {
+            known(
+                delay
+                    .as_ref()
+                    .and_then(|(_, it)| Some(format!("{:.1}", of(it)?))),
+            )
+        };
+        vec![
+            known(delay.as_ref().map(|(ticks, _)| format!("{ticks:.2}"))),
+            known(measured(Kind::Lag)),
+            known(least(law, |it| it.gain).map(|(gain, _)| format!("{gain:.2}"))),
+            known(measured(Kind::Gain)),
+            of_delay(|it| it.crossover_rad_s),
+            of_delay(|it| it.phase_margin_deg),
+            known(delay.as_ref().map(|(_, it)| &it.axis)),
+        ]
+    });
+    let title = format!(
+        "Stability margins of the loop through {of}: predicted for hover, measured as the lag and the gain that are \
+         survived (delay in ticks; a gain of 2 halves inertia and rotational drag)"
+    );
+    Some(Section::new("predicted", title, vec![table]))
 }
 
 fn unfaulted(margins: &Margins) -> Option<Section> {
-    let columns = [
-        "error [mm]",
-        "saturated [%]",
-        "recovered below [mm]",
-        "flights",
-    ];
+    let columns = ["error [mm]", "saturated [%]", "qualified for", "flights"];
     let table = table(margins, &columns, |law| {
-        let saturated = format!("{:.1}", law.unfaulted_saturated_percent);
-        let error = millimetres(law.unfaulted_error_m);
-        let below = millimetres(law.recovered_below_m);
-        vec![error, saturated, below, law.flights.to_string()]
+        let it = &law.unfaulted;
+        let qualified = LIMITS.into_iter().zip(law.qualified);
+        let qualified: Vec<&str> = qualified.filter(|it| it.1).map(|it| it.0).collect();
+        let cause = it
+            .cause
+            .map(|cause| format!("no limit: {}", name_of(&cause)));
+        let qualified = match qualified.is_empty() {
+            true => cause.unwrap_or_else(|| "no limit".into()),
+            false => qualified.join(", "),
+        };
+        let saturated = format!("{:.1}", it.saturated_percent);
+        vec![
+            known(it.peak_m.map(millimetres)),
+            saturated,
+            qualified,
+            law.flights.to_string(),
+        ]
     });
     Some(Section::new("unfaulted", "Without a fault", vec![table]))
 }
 
-fn outages(margins: &Margins) -> Option<Section> {
-    let of = inputs(margins, |law| &law.outages, |it| &it.of);
-    if of.is_empty() {
-        return None;
-    }
-    let figure = |(i, name): (usize, &String)| {
-        let chart = outage_chart(margins, i, name);
-        Figure::new(format!("outage-{i}"), name, keys(margins), chart)
-    };
-    let note = format!(
-        "The longest outage that a flight survived, by when it began. A stage that is out works nothing; machine is all \
-         four at once; an input as inner.state loses all messages. Outages of more than {} ticks were not tried.",
-        margins.longest_ticks
-    );
-    let mut blocks = vec![
-        Block::Note(note),
-        Block::WideFigures(of.iter().enumerate().map(figure).collect()),
-    ];
-    let phases = count(margins.phases_s.len() as u64, "phase");
-    for (title, is_input) in [
-        ("Longest outage survived", false),
-        ("Longest loss of all messages survived", true),
-    ] {
-        let is_it = |of: &str| of.contains('.') == is_input;
-        let columns: Vec<&String> = of.iter().filter(|of| is_it(of)).collect();
-        if columns.is_empty() {
-            continue;
-        }
-        let cell = |it: &OutageMargin| {
-            let [least, median] = [it.least(), it.median()].map(|it| ticks(it, margins));
-            format!("{least} / {median}")
-        };
-        let title = format!("{title} {}: least / median of {phases}", ticks_of(margins));
-        blocks.push(Block::Heading(title));
-        let cells = |law: &LawMargins| {
-            let outages = law.outages.iter().filter(|it| is_it(&it.of));
-            outages.map(cell).collect()
-        };
-        blocks.push(table(margins, &columns, cells));
-    }
-    Some(Section::new("outage", "Outages", blocks))
-}
+/// What curves show of a point, its label, and the limits that are levels of it.
+type Quantity = (
+    &'static str,
+    fn(&Point) -> Option<f64>,
+    Vec<(f64, &'static str)>,
+);
 
-fn outage_chart(margins: &Margins, i: usize, name: &str) -> Chart {
-    let mut values = Vec::new();
-    let line = |(law, class): (&LawMargins, &'static str)| {
-        let ticks = law.outages.get(i)?.ticks.iter();
-        let ticks = ticks.map(|ticks| (*ticks as f64).max(0.5));
-        values.extend(ticks.clone());
-        let points = margins.phases_s.iter().copied().zip(ticks).collect();
-        Some(Layer::Line(class, points))
-    };
-    let layers = margins.laws.iter().zip(LAWS).filter_map(line).collect();
-    let first_s = margins.phases_s.first().copied().unwrap_or_default();
-    let x = Scale::time(first_s, first_s + margins.span_s);
-    let x = Axis::new(x, "begin of the outage [s]");
-    let y = Axis::new(Scale::log(values.into_iter()), "survived [ticks]");
-    let title = format!("longest outage of {name} survived, over its begin");
-    Chart::new(title, x, y, layers)
-}
-
-/// A picture per input: a line per combination through what its flights survived.
-fn over(
+/// Curves of the worst flight of each strength; outages of inputs are folded away below those of stages.
+fn curves_of(
     margins: &Margins,
-    (name, label): (&str, &str),
-    inputs: &[String],
-    points: impl Fn(&LawMargins, usize) -> Option<&[Point]>,
-    at: impl Fn(f64) -> f64,
-) -> Block {
-    let figure = |(i, input): (usize, &String)| {
-        let mut layers = Vec::new();
-        let (mut values, mut last) = (Vec::new(), 1.0_f64);
-        for (law, class) in margins.laws.iter().zip(LAWS) {
-            let points = points(law, i).unwrap_or_default();
-            let place = |it: &Point| Some((at(it.at), it.error_m?.max(ERROR_MIN_M)));
-            let line: Vec<(f64, f64)> = points.iter().map_while(place).collect();
-            last = points.iter().map(|it| at(it.at)).fold(last, f64::max);
-            values.extend(line.iter().map(|(_, error_m)| *error_m));
-            let failed = points.iter().zip(line.clone());
-            let failed = failed.filter(|(it, _)| it.survived < it.flights);
-            let word = |it: &Point| format!("{} of {} flights survived", it.survived, it.flights);
-            let dots = failed.map(|(it, place)| (place, word(it))).collect();
-            layers.extend([Layer::Line(class, line), Layer::Dots(class, dots)]);
-        }
-        let x = Axis::new(Scale::time(0.0, last), label);
-        let y = Scale::log(values.into_iter());
-        let y = Axis::new(y, "largest error of the last 5 s [m]");
-        let title = format!("largest position error over {label} of {input}");
-        let chart = Chart::new(title, x, y, layers);
-        Figure::new(format!("{name}-{i}"), input, keys(margins), chart)
+    id: &'static str,
+    title: &str,
+    kind: Kind,
+    label: &str,
+) -> Option<Section> {
+    let bounds = &margins.bounds;
+    let peak: Quantity = (
+        "peak error [m]",
+        |it| it.peak_m.map(|peak_m| peak_m.max(ERROR_MIN_M)),
+        vec![(bounds.unnoticed_below_m, LIMITS[UNNOTICED])],
+    );
+    let recovery: Quantity = (
+        "recovery time [s]",
+        |it| it.recovery_s,
+        vec![
+            (bounds.recovery_max_s, LIMITS[RECOVERS]),
+            (bounds.survival_max_s, LIMITS[SURVIVES]),
+        ],
+    );
+    let mut quantities = vec![peak];
+    // A steady fault is not recovered from.
+    quantities.extend((kind == Kind::Outage).then_some(recovery));
+    let figures = |of: &[&String]| -> Vec<Figure> {
+        let figure = |of: &String, it: &Quantity| {
+            let chart = chart(margins, (kind, of), label, it);
+            Figure::new(format!("curve-{id}-{of}"), of, Vec::new(), chart)
+        };
+        let each = |of: &&String| {
+            quantities
+                .iter()
+                .map(|it| figure(of, it))
+                .collect::<Vec<_>>()
+        };
+        of.iter().flat_map(each).collect()
     };
-    Block::WideFigures(inputs.iter().enumerate().map(figure).collect())
+    let all = searches(margins, kind);
+    let (mut folded, mut shown): (Vec<&String>, Vec<&String>) =
+        all.iter().partition(|of| is_input(of));
+    if shown.is_empty() {
+        std::mem::swap(&mut shown, &mut folded);
+    }
+    if shown.is_empty() {
+        return None;
+    }
+    let names = margins.laws.iter().map(|law| margins.name_of(&law.laws));
+    let note = "The worst flight of all phases. A line ends with a dot at the last strength that the law survives. Earlier \
+                lines are wider, so that equal ones show.";
+    let mut blocks = vec![
+        Block::Legend(LAWS.into_iter().zip(names).collect()),
+        Block::Note(note.into()),
+        Block::WideFigures(figures(&shown)),
+    ];
+    if !folded.is_empty() {
+        let inputs = Block::WideFigures(figures(&folded));
+        let summary = "Inputs that lose all messages".into();
+        blocks.push(Block::Details(summary, vec![inputs]));
+    }
+    Some(Section::new(id, title, blocks))
 }
 
-const DOTS: &str = "A dot is where not every flight survived. A line ends where one left its envelope, or where the \
-                    first phase had missed so often in a row that it was flown no further.";
-
-fn lateness(margins: &Margins) -> Option<Section> {
-    let longest = |title: String, of: fn(&LawMargins) -> &[SteadyMargin]| {
-        let more = |it: &SteadyMargin| if it.is_most { " and more" } else { "" };
-        let cell = |it: &SteadyMargin| format!("{}{}", it.ticks, more(it));
-        let columns = inputs(margins, of, |it| &it.input);
-        let table = table(margins, &columns, |law| of(law).iter().map(cell).collect());
-        [
-            Block::Heading(format!("{title}; least of {}", sparse(margins))),
-            table,
-        ]
+/// A line for each combination, up to the greatest strength that it survives.
+fn chart(
+    margins: &Margins,
+    (kind, of): (Kind, &str),
+    label: &str,
+    (value_label, value, levels): &Quantity,
+) -> Chart {
+    let mut layers = Vec::new();
+    let mut all: Vec<(f64, f64)> = Vec::new();
+    for (law, class) in margins.laws.iter().zip(LAWS) {
+        let search = law.search(kind, of);
+        let Some((search, limit)) = search.and_then(|it| Some((it, it.limits[SURVIVES]?))) else {
+            continue;
+        };
+        let points = search.points.iter().take_while(|point| point.at <= limit);
+        let points = points.filter_map(|point| Some((point.at as f64, value(point)?)));
+        let line: Vec<(f64, f64)> = points.collect();
+        let word = format!("{} survives {limit}", margins.name_of(&law.laws));
+        let dot = line.last().map(|end| (*end, word));
+        all.extend(&line);
+        layers.extend([
+            Layer::Line(class, line),
+            Layer::Dots(class, dot.into_iter().collect()),
+        ]);
+    }
+    let (strengths, values): (Vec<f64>, Vec<f64>) = all.into_iter().unzip();
+    let scale = |values: Vec<f64>, is_log: bool| match is_log {
+        true => Scale::log(values.into_iter()),
+        false => Scale::time(0.0, values.into_iter().fold(1.0, f64::max)),
     };
-    let lags = inputs(margins, |law| &law.lags, |it| &it.input);
-    if lags.is_empty() {
-        return None;
-    }
-    let tick = ticks_of(margins);
-    let name = ("lag", "lag [ticks]");
-    let figures = over(
-        margins,
-        name,
-        &lags,
-        |law, i| Some(&law.lags.get(i)?.points),
-        |it| it,
-    );
-    let mut blocks = vec![Block::Note(DOTS.into()), figures];
-    let title = format!("Longest steady lag {tick}: in time, but so old (dead time)");
-    blocks.extend(longest(title, |law| &law.lags));
-    let title = format!("Longest steady delay {tick}: so late, and known as stale");
-    blocks.extend(longest(title, |law| &law.delays));
-    Some(Section::new("lateness", "Lateness", blocks))
+    let x = scale(strengths, kind == Kind::Outage);
+    let y = scale(values, value_label.ends_with("[m]"));
+    let shown = levels
+        .iter()
+        .filter(|(level, _)| (y.low..=y.high).contains(level));
+    layers.extend(shown.map(|(level, name)| Layer::Level("floor", *level, name)));
+    let title = format!("{value_label} over {label} of {of}");
+    Chart::new(
+        title,
+        Axis::new(x, label),
+        Axis::new(y, *value_label),
+        layers,
+    )
 }
 
-fn losses(margins: &Margins) -> Option<Section> {
-    let inputs = inputs(margins, |law| &law.losses, |it| &it.input);
-    if inputs.is_empty() {
-        return None;
-    }
-    let flights = count(margins.phases_s.len() as u64, "flight");
-    let title = format!(
-        "Largest share of random losses [%]: all of {flights} survived (of as many with other seeds: probability of \
-         survival at 95 %) / half did"
-    );
-    let table = table(margins, &inputs, |law| {
-        let each = law.losses.iter().map(|it| {
-            let [low, high] = it.survival.map(|it| 100.0 * it);
-            let (share, half) = (100.0 * it.share, 100.0 * it.median_share);
-            let survived = format!("{} of {}: {low:.1} to {high:.0} %", it.survived, it.flights);
-            format!("{share:.0} ({survived}) / {half:.0}")
-        });
-        each.collect()
-    });
-    let percent = |share: f64| 100.0 * share;
-    let name = ("loss", "messages lost [%]");
-    let figures = over(
-        margins,
-        name,
-        &inputs,
-        |law, i| Some(&law.losses.get(i)?.points),
-        percent,
-    );
-    let note =
-        format!("A share of the messages is lost at random, by another seed at each phase. {DOTS}");
-    let blocks = vec![Block::Note(note), figures, Block::Heading(title), table];
-    Some(Section::new("loss", "Losses", blocks))
-}
-
-fn patterns(margins: &Margins) -> Option<Section> {
-    let inputs = inputs(margins, |law| &law.patterns, |it| &it.input);
-    if inputs.is_empty() {
-        return None;
-    }
-    let title = format!(
-        "Weakest (m, k): m of any k messages may be lost, in a row; least of {}",
-        sparse(margins)
-    );
-    let weakest = table(margins, &inputs, |law| {
-        let weakest = law.patterns.iter().map(|it| it.weakest());
-        let cells = weakest.map(|it| known(it.map(|[m, k]| format!("({m}, {k})"))));
-        cells.collect()
-    });
-    let pattern = |[m, k]: &[u64; 2]| format!("{m} of {k}");
-    let each = table(margins, &inputs, |law| {
-        let patterns = law.patterns.iter();
-        let patterns = patterns.map(|it| it.most.iter().map(pattern).collect::<Vec<_>>());
-        patterns.map(|most| most.join(", ")).collect()
-    });
-    let summary = "For each k the largest m up to which the flights survived".into();
-    let blocks = vec![weakest, Block::Details(summary, vec![each])];
-    Some(Section::new("patterns", title, blocks))
-}
-
-/// What was found against the order of things; says also that nothing was.
+/// Outages that were survived although a shorter one was not; says also that there were none.
 fn exceptions(margins: &Margins) -> Option<Section> {
     const SHOWN: usize = 6;
     let mut all = Vec::new();
     for law in &margins.laws {
-        let outages = law.outages.iter();
-        let exceptions = outages.flat_map(|of| of.exceptions.iter().map(move |it| (&of.of, it)));
-        for (of, it) in exceptions {
-            let what = match it.survived {
-                true => "survived, where a shorter one was not",
-                false => "lost, where a longer one was survived",
+        let outages = law.searches.iter().filter(|it| it.kind == Kind::Outage);
+        for search in outages {
+            let Some(limit) = search.limits[SURVIVES] else {
+                continue;
             };
-            let (name, ticks) = (margins.name_of(&law.laws), count(it.ticks, "tick"));
-            let phase_s = it.phase_s;
-            all.push(format!(
-                "{name}: {of} out for {ticks} at {phase_s:.3} s: {what}"
-            ));
+            let survived = |point: &&Point| point.at > limit && point.cause.is_none();
+            all.extend(search.points.iter().filter(survived).map(|point| {
+                let (name, ticks) = (margins.name_of(&law.laws), count(point.at, "tick"));
+                format!(
+                    "{name}: {} out for {ticks} is survived, a shorter outage is not",
+                    search.of
+                )
+            }));
         }
     }
     if all.is_empty() {
-        let none =
-            "No outage that was tried beyond a margin was survived, and none within it was lost";
+        let none = "No outage that was tried beyond a limit was survived";
         return Some(Section::new("exceptions", none, Vec::new()));
     }
     let more = all.len().saturating_sub(SHOWN);
@@ -355,6 +434,7 @@ fn exceptions(margins: &Margins) -> Option<Section> {
     if more > 0 {
         all.push(format!("and {more} more, in --format json"));
     }
-    let title = "Against the order of things (a margin is the longest outage up to which none that was tried was lost)";
+    let title =
+        "Exceptions (a limit is the longest outage up to which none that was tried was lost)";
     Some(Section::new("exceptions", title, vec![Block::Items(all)]))
 }

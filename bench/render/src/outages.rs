@@ -28,13 +28,15 @@ pub fn blocks(report: &Report) -> Vec<Block> {
     if outages.worst.is_empty() {
         return blocks;
     }
-    blocks.push(Block::Legend(vec![
+    let legend = [
         ("block deadline", "worked: from waking to sending"),
         ("block stale deadline", "without the input of its tick"),
         ("deadline", "due, and not awake yet"),
         ("late", "the delay that it is put down to"),
         ("block band late", "its command missed the deadline"),
-    ]));
+    ];
+    let legend = legend.map(|(class, word)| (class, word.into()));
+    blocks.push(Block::Legend(legend.into()));
     let tick_us = report.run.wall_period_us;
     let figure = |(i, case): (usize, &OutageCase)| {
         let title = with_stage(case.class.words(), case.stage.as_deref());

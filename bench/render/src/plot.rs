@@ -70,6 +70,8 @@ pub type Ends = [(f64, f64); 2];
 #[derive(Clone, Debug)]
 pub enum Layer {
     Line(&'static str, Vec<(f64, f64)>),
+    /// A part of a line, once more: on top of others.
+    Again(&'static str, Vec<(f64, f64)>),
     /// From, to and height of each bin, in order.
     Steps(&'static str, Vec<(f64, f64, f64)>),
     /// Dots, each with a word for who points at it.
@@ -205,6 +207,10 @@ impl Chart {
                 let d = path(points.iter().map(|point| at(*point)));
                 html! { path.line.(class) d=(d) {} }
             }
+            Layer::Again(class, points) => {
+                let d = path(points.iter().map(|point| at(*point)));
+                html! { path.again.(class) d=(d) {} }
+            }
             Layer::Steps(class, bins) => {
                 let bin =
                     |(from, to, y): &(f64, f64, f64)| (at((*from, *y)), self.at_x(frame, *to));
@@ -273,6 +279,27 @@ pub fn through(
         points.extend(ends_s(span.tick).into_iter().zip(values));
     }
     points
+}
+
+/// Lines over an axis from `low` to `high`, each of which lies on top in some of its stretches: where they coincide, all
+/// of them can be seen.
+pub fn braided(lines: Vec<(&'static str, Vec<(f64, f64)>)>, low: f64, high: f64) -> Vec<Layer> {
+    const STRETCHES: usize = 48;
+    let part = |(class, points): &(&'static str, Vec<(f64, f64)>), stretch: usize| {
+        let end = |i: usize| low + (high - low) * i as f64 / STRETCHES as f64;
+        let from = points.partition_point(|point| point.0 < end(stretch));
+        let to = points.partition_point(|point| point.0 < end(stretch + 1));
+        let from = from.saturating_sub(1);
+        Layer::Again(class, points[from..(to + 1).min(points.len())].to_vec())
+    };
+    let several = if lines.len() > 1 { STRETCHES } else { 0 };
+    let again: Vec<Layer> = (0..several)
+        .map(|stretch| part(&lines[stretch % lines.len()], stretch))
+        .collect();
+    let whole = lines
+        .into_iter()
+        .map(|(class, points)| Layer::Line(class, points));
+    whole.chain(again).collect()
 }
 
 /// Path through points in pixels, without those that make no difference.

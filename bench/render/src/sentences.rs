@@ -225,13 +225,16 @@ fn margin_of_flight(margin: &MarginSection) -> String {
         let each = each.map(|(stage, it)| format!("{stage} {}{}", most(it), it.ticks));
         let each = each.collect::<Vec<_>>().join(", ");
         return format!(
-            "no stage had an outage in this flight; this loop tolerates, in ticks: {each} (least of {phases}){by}"
+            "no stage had an outage in this flight; this loop survives, in ticks: {each} (least of {phases}){by}"
         );
     };
     let least = if tolerated.is_most { "at least " } else { "" };
+    let recovers = margin.recovers.get(stage);
+    let recovers = recovers.map(|it| format!("recovers in time from {}{}, ", most(it), it.ticks));
     format!(
-        "worst outage in this flight {} ({stage}); this loop tolerates {}{} (least of {phases}): margin {least}{:.1}{by}",
+        "worst outage in this flight {} ({stage}); this loop {}survives {}{} (least of {phases}): margin {least}{:.1}{by}",
         count(*outage, "tick"),
+        recovers.unwrap_or_default(),
         most(tolerated),
         tolerated.ticks,
         margin.margin.unwrap_or_default()
@@ -283,6 +286,7 @@ mod tests {
         };
         let known = MarginSection {
             tolerated: [("outer", 2000), ("inner", 118)].map(tolerated).into(),
+            recovers: [("inner", 71)].map(tolerated).into(),
             phases: 32,
             ..MarginSection::default()
         };
@@ -300,13 +304,13 @@ mod tests {
         for (section, sentence) in [
             (
                 near("outer", 1, 2000.0),
-                "worst outage in this flight 1 tick (outer); this loop tolerates more than 2000 (least of 32 phases): \
+                "worst outage in this flight 1 tick (outer); this loop survives more than 2000 (least of 32 phases): \
                  margin at least 2000.0",
             ),
             (
                 other,
-                "worst outage in this flight 47 ticks (inner); this loop tolerates 118 (least of 32 phases): margin 2.5; \
-                 measured by another build, 7fa27a4-release; not in it: 2 outages, of which messages were lost",
+                "worst outage in this flight 47 ticks (inner); this loop recovers in time from 71, survives 118 (least of \
+                 32 phases): margin 2.5; measured by another build, 7fa27a4-release; not in it: 2 outages, of which messages were lost",
             ),
         ] {
             assert_eq!(margin_of_flight(&section), sentence);

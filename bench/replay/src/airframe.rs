@@ -167,6 +167,7 @@ fn begun<'a>(
 
 #[cfg(test)]
 mod tests {
+    use messages::role::Channel;
     use messages::telemetry::Signals;
     use plant::PlantSettings;
 
@@ -204,7 +205,7 @@ mod tests {
         (0..TICK).for_each(|tick| commands.push(command(tick)));
         for (first, more) in [(0, 0), (1, 0), (1, 1), (2, 0), (1, 5), (9, 2), (0, 3)] {
             let mut airframe = AirframeReplay::new(&settings, Pace::Lockstep, &none);
-            let mut comparison = ReplayComparison::from(0, Signals::default());
+            let mut comparison = ReplayComparison::from(0, Channel::A, Signals::default());
             for state in flown(first, room + more) {
                 let replayed = airframe.step(&state, &commands, &mut comparison).unwrap();
                 let tick = state.envelope.tick;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use messages::role::Role;
+use messages::role::{Channel, Replica};
 use messages::telemetry::{Signals, TELEMETRY, Telemetry};
 
 use flight_log::codec::Logged;
@@ -13,7 +13,7 @@ use flight_log::telemetry::topic;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Divergence {
     pub tick: u64,
-    pub stage: Role,
+    pub stage: Replica,
     pub topic: &'static str,
     pub field: String,
     pub recorded: String,
@@ -31,21 +31,30 @@ impl fmt::Display for Divergence {
 }
 
 /// Compares from a tick on and keeps the first difference.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct ReplayComparison {
     from_tick: u64,
+    channel: Channel,
     signals: Signals,
     pub values: u64,
     pub first: Option<Divergence>,
 }
 
 impl ReplayComparison {
-    pub fn from(from_tick: u64, signals: Signals) -> Self {
+    pub fn from(from_tick: u64, channel: Channel, signals: Signals) -> Self {
         Self {
             from_tick,
+            channel,
             signals,
-            ..Self::default()
+            values: 0,
+            first: None,
         }
+    }
+
+    /// Adds what was compared in another channel.
+    pub fn add(&mut self, other: Self) {
+        self.values += other.values;
+        self.first = self.first.take().or(other.first);
     }
 
     pub fn compare<C: Logged>(&mut self, tick: u64, recorded: &C, replayed: &C) {
@@ -111,7 +120,7 @@ impl ReplayComparison {
     ) {
         self.first.get_or_insert(Divergence {
             tick,
-            stage: C::SENDER,
+            stage: Replica::new(C::SENDER, self.channel),
             topic,
             field,
             recorded,
@@ -142,7 +151,7 @@ mod tests {
                 inner: INNER,
                 ..Signals::default()
             };
-            let mut comparison = ReplayComparison::from(3, signals);
+            let mut comparison = ReplayComparison::from(3, Channel::A, signals);
             let (mut recorded, replayed) = (Wrench::default(), Wrench::default());
             recorded.telemetry.value[place] = 0.5;
             comparison.compare(2, &recorded, &replayed);

@@ -10,21 +10,23 @@
 
 pub mod airframe;
 pub mod batches;
+pub mod channel_commands;
 pub mod comparison;
 pub mod inputs;
 pub mod log_check;
 pub mod loops;
 pub mod summary;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Instant;
 
 use messages::grid::Pace;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 
 use crate::airframe::AirframeReplay;
 use crate::batches::{Batch, FromLog, batches};
+use crate::channel_commands::ChannelCommands;
 use crate::comparison::ReplayComparison;
 use crate::inputs::{Inputs, Next, of};
 use crate::log_check::{LogCheck, LogValidator};
@@ -70,6 +72,8 @@ pub struct ReplayResult {
     pub survey: LogCheck,
     pub comparison: ReplayComparison,
     pub summary: Summary,
+    /// The logs of channels with other laws.
+    other_logs: Vec<PathBuf>,
 }
 
 impl ReplayResult {
@@ -87,7 +91,20 @@ pub fn fly_again(
     stops: bool,
     moved: &Moved,
 ) -> Result<ReplayResult, Failure> {
-    replay_log(path, from_tick, stops, moved).map_err(|failure| {
+    let replayed = replay_log(path, from_tick, stops, moved).and_then(|mut replayed| {
+        for log in replayed.other_logs.split_off(0) {
+            if stops && replayed.comparison.first.is_some() {
+                break;
+            }
+            let other = replay_log(&log, from_tick, stops, moved)?;
+            replayed.comparison.add(other.comparison);
+            if other.survey.end != End::Complete {
+                replayed.survey.end = other.survey.end;
+            }
+        }
+        Ok(replayed)
+    });
+    replayed.map_err(|failure| {
         let name = path.display().to_string();
         if failure.to_string().contains(&name) {
             failure
@@ -105,9 +122,18 @@ fn replay_log(
 ) -> Result<ReplayResult, Failure> {
     let surveyor = LogValidator::open(path, moved)?;
     let settings = surveyor.settings.clone();
+    let channel = surveyor.channel;
+    let other_logs = match channel {
+        Channel::A => other_logs(&settings, path),
+        _ => Vec::new(),
+    };
+    let commands = match channel {
+        Channel::A => ChannelCommands::open(&settings, &other_logs)?.map(FlownBy::Channels),
+        _ => Some(FlownBy::Others),
+    };
     let replayed = surveyor
         .pace()
-        .and_then(|pace| ReplayRun::new(&settings, pace, from_tick));
+        .and_then(|pace| ReplayRun::new(&settings, pace, from_tick, channel, commands));
     let (survey, replayed) = thread::scope(|scope| -> Result<_, Failure> {
         let (mut to_flight, from_log) = batches();
         let fly = move || replayed.and_then(|replayed| replayed.fly(from_log, stops));
@@ -133,7 +159,21 @@ fn replay_log(
         survey,
         comparison: replayed.comparison,
         summary: replayed.summary,
+        other_logs: other_logs.into_iter().map(|(_, log)| log).collect(),
     })
+}
+
+/// The logs of the channels that fly other laws than channel a, by the first of each.
+fn other_logs(settings: &Settings, log: &Path) -> Vec<(Channel, PathBuf)> {
+    let groups = settings.groups();
+    let leaders = Channel::first(settings.rt.channels).filter(|it| groups[*it as usize] == *it);
+    leaders
+        .skip(1)
+        .map(|channel| {
+            let directory = log.with_file_name(flight_log::log_directory(channel));
+            (channel, directory.join(flight_log::FILE))
+        })
+        .collect()
 }
 
 fn verdict(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
@@ -202,21 +242,38 @@ struct ReplayRun {
     inputs: Inputs,
     /// Messages that were read and not replayed yet.
     ahead: usize,
+    /// Of a flight whose channels fly different laws.
+    commands: Option<FlownBy>,
+}
+
+/// Whose commands the plant took.
+enum FlownBy {
+    /// Now this channel's, now another one's.
+    Channels(ChannelCommands),
+    /// The replay is of another channel than a, and leaves out the plant.
+    Others,
 }
 
 impl ReplayRun {
-    fn new(settings: &Settings, pace: Pace, from_tick: u64) -> Result<Self, Failure> {
+    fn new(
+        settings: &Settings,
+        pace: Pace,
+        from_tick: u64,
+        channel: Channel,
+        commands: Option<FlownBy>,
+    ) -> Result<Self, Failure> {
         let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
         let faults = settings.planned()?.loops.messages;
         Ok(Self {
             from_tick,
             airframe: AirframeReplay::new(&settings.plant()?, pace, &faults),
             loops: Box::new(LoopsReplay::new(settings)?),
-            comparison: ReplayComparison::from(from_tick, settings.flown_laws()?.signals),
+            comparison: ReplayComparison::from(from_tick, channel, settings.flown_laws()?.signals),
             summary: Summary::new(tracking, from_tick),
             restarts_before: 0,
             inputs: Inputs::new(settings.theorem()?.is_some(), pace, &faults),
             ahead: 0,
+            commands,
         })
     }
 
@@ -260,7 +317,8 @@ impl ReplayRun {
     /// Whether the next state includes a swap whose record has not been read yet.
     fn waits_for_swap(&self) -> bool {
         let state = self.inputs.states.next();
-        self.ahead < LOOKAHEAD_FOR_SWAPS
+        !matches!(self.commands, Some(FlownBy::Others))
+            && self.ahead < LOOKAHEAD_FOR_SWAPS
             && state.is_some_and(|state| !self.airframe.knows_swaps_of(&state.content))
     }
 
@@ -284,11 +342,19 @@ impl ReplayRun {
         match stage {
             Role::Plant => {
                 let message = of(&inputs.states, tick)?;
-                let state = self
-                    .airframe
-                    .step(message, &inputs.rotor_speeds, comparison)?;
-                outputs.take(tick, &state);
-                self.summary.state(tick, &state);
+                let commands = match &mut self.commands {
+                    None => Some(&inputs.rotor_speeds),
+                    Some(FlownBy::Channels(commands)) => {
+                        let last = message.content.command_taken_tick;
+                        Some(commands.up_to(last, &inputs.rotor_speeds)?)
+                    }
+                    Some(FlownBy::Others) => None,
+                };
+                if let Some(commands) = commands {
+                    let state = self.airframe.step(message, commands, comparison)?;
+                    outputs.take(tick, &state);
+                    self.summary.state(tick, &state);
+                }
                 self.loops.take_state(of(&inputs.states, tick)?);
                 inputs.states.advance();
             }

@@ -6,6 +6,7 @@ use faults::live::FaultKind;
 use messages::content::SwapRecord;
 use messages::grid::Pace;
 use messages::header::{Header, LAYOUT, Message};
+use messages::role::Channel;
 use messages::settings_text::fingerprint;
 
 use analysis::phrase::count;
@@ -17,7 +18,7 @@ use faults::grammar::{Change, Fault};
 use flight_log::TOPICS;
 use flight_log::build::Build;
 use flight_log::entry::{Counts, LogEntry};
-use flight_log::facts::{INJECTED, POINTS, RUN, SETTINGS};
+use flight_log::facts::{CHANNEL, INJECTED, POINTS, RUN, SETTINGS};
 use flight_log::fault_record::injected;
 use flight_log::reader::{End, LogReader};
 use sim::recorded_timing::check_whole;
@@ -37,7 +38,10 @@ pub struct LogCheck {
 /// Checks a log while reading it.
 pub struct LogValidator {
     reader: LogReader,
+    /// As the processes of the log's channel had them.
     pub settings: Settings,
+    /// Of whose messages it is, and of those with the same laws.
+    pub channel: Channel,
     expected: ExpectedMessages,
     swaps: Vec<Message<SwapRecord>>,
     first: LogEntry,
@@ -53,10 +57,17 @@ impl LogValidator {
         let mut settings = settings_of(&reader)?;
         take_moved(&mut settings, moved)?;
         take_injected(&mut settings, &reader, path)?;
+        let channel = reader.fact(RUN, CHANNEL).ok();
+        let channel = Channel::ALL
+            .into_iter()
+            .find(|it| Some(it.name()) == channel);
+        let channel = channel.unwrap_or(Channel::A);
+        let settings = settings.of_channel(channel);
         let expected = ExpectedMessages::new(&reader, settings.rt.channels)?;
         Ok(Self {
             reader,
             settings,
+            channel,
             expected,
             swaps: Vec::new(),
             first,
@@ -132,15 +143,17 @@ pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// Adds message faults injected in flight as if they had been planned. Process faults show in the ticks that the processes
-/// ran.
+/// Adds message faults and switchovers of the flight as if they had been planned. Process faults show in the ticks that the
+/// processes ran.
 fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Result<(), Failure> {
     for text in injected(path)? {
         let fault: Fault = text
             .parse()
             .map_err(|e| reader.damaged(&format!("its record `{INJECTED}` has `{text}`: {e}")))?;
         let mut kinds = fault.changes.iter().flat_map(Change::kinds);
-        if kinds.any(|(kind, _)| matches!(kind, FaultKind::Messages { .. })) {
+        if kinds
+            .any(|(kind, _)| matches!(kind, FaultKind::Messages { .. } | FaultKind::Switch { .. }))
+        {
             settings.flight.faults.push(text);
         }
     }

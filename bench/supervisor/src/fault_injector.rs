@@ -175,7 +175,9 @@ impl FaultInjector {
             self.cancel(&fault);
         }
         let ahead_ns = match fault.kind {
-            FaultKind::Messages { .. } | FaultKind::Late { .. } => return,
+            FaultKind::Messages { .. } | FaultKind::Late { .. } | FaultKind::Switch { .. } => {
+                return;
+            }
             FaultKind::Hog { .. } | FaultKind::Load { .. } if !fault.ends => START_AHEAD_NS,
             _ => 0,
         };
@@ -259,7 +261,7 @@ impl FaultInjector {
                 let pids = players.signal(fault, Signal::KILL)?;
                 self.killed.extend(pids.into_iter().map(|pid| (pid, tick)));
             }
-            FaultKind::Messages { .. } | FaultKind::Late { .. } => {}
+            FaultKind::Messages { .. } | FaultKind::Late { .. } | FaultKind::Switch { .. } => {}
         }
         Ok(())
     }

@@ -1,11 +1,13 @@
 //! The faults of a flight, planned and injected, and the blackboard of the latter.
 
-use faults::live::{Acts, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
+use std::ops::RangeInclusive;
+
+use faults::live::{Acts, FaultKind, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
 use faults::{FaultRefusal, MessageFaults, Span};
 use ipc::clock::busy_wait;
 use ipc::error::Error;
 use ipc::{Blackboard, Wire};
-use messages::role::Role;
+use messages::role::{Channel, Role};
 
 /// The faults of a flight, as its plant has them.
 #[allow(
@@ -19,6 +21,7 @@ pub struct Injection {
     board: Blackboard<LiveBlackboard>,
     /// Whether the plant itself is late in some tick.
     is_late: bool,
+    has_switches: bool,
     /// How much longer than in flight a tick takes on the clock.
     pub slowdown: u64,
     /// The last tick of the flight: no fault begins after it.
@@ -36,6 +39,7 @@ impl Injection {
             live,
             board,
             is_late: false,
+            has_switches: false,
             slowdown: 1,
             last_tick: u64::MAX,
         })
@@ -44,6 +48,8 @@ impl Injection {
     pub fn plan(&mut self, faults: &LoopFaults, acts: &Acts) {
         (self.faults, self.acts) = (*faults, *acts);
         self.is_late = !faults.late.of_role(Role::Plant).is_empty();
+        let is_switch = |it: &LiveFault| matches!(it.kind, FaultKind::Switch { .. });
+        self.has_switches = acts.begun().any(is_switch);
     }
 
     pub const fn messages(&self) -> &MessageFaults {
@@ -79,6 +85,33 @@ impl Injection {
         self.live = live;
         self.board.put(live);
         Ok(span)
+    }
+
+    /// The last channel that is requested to fly from one of these ticks on.
+    pub fn switch(&self, ticks: RangeInclusive<u64>) -> Option<Channel> {
+        if !self.has_switches {
+            return None;
+        }
+        let switches = self.acts.begun().filter_map(|fault| match fault.kind {
+            FaultKind::Switch { channel } => Some((fault.span.from, channel)),
+            _ => None,
+        });
+        let due = switches.filter(|(from, _)| ticks.contains(from));
+        due.max_by_key(|(from, _)| *from)
+            .map(|(_, channel)| channel)
+    }
+
+    /// Records a switchover that nobody requested, in the words that request it: a replay needs no other.
+    #[cold]
+    pub fn record_switch(&mut self, channel: Channel, tick: u64) {
+        let fault = LiveFault {
+            kind: FaultKind::Switch { channel },
+            ends: false,
+            span: Span::new(tick, tick + 1),
+        };
+        // Without room the flight goes on; a log says nothing of it then.
+        let _ = self.live.push(&fault);
+        self.board.put(self.live);
     }
 
     /// Computes for as much longer as a fault says.

@@ -39,6 +39,10 @@ pub enum FaultKind {
     Load {
         share: f64,
     },
+    /// The laws of a channel fly from then on. No fault, but it has a tick, an answer and a record as faults do.
+    Switch {
+        channel: Channel,
+    },
 }
 
 /// The longest time that a stage stops or is late [ns]: the airframe is lost long before.
@@ -60,6 +64,7 @@ impl FaultKind {
             Self::Kill { role, .. } => role != Role::Plant,
             Self::Hog { priority } => (1..=HIGHEST_PRIORITY).contains(&priority),
             Self::Load { share } => is_share(share),
+            Self::Switch { .. } => true,
         }
     }
 
@@ -71,6 +76,7 @@ impl FaultKind {
             Self::Kill { .. } => FaultId::Kill,
             Self::Hog { .. } => FaultId::Hog,
             Self::Load { .. } => FaultId::Load,
+            Self::Switch { .. } => FaultId::Switch,
         }
     }
 
@@ -85,7 +91,9 @@ impl FaultKind {
             Self::Late { role, .. } | Self::Stop { role, .. } | Self::Kill { role, .. } => {
                 Some(role)
             }
-            Self::Messages { .. } | Self::Hog { .. } | Self::Load { .. } => None,
+            Self::Messages { .. } | Self::Hog { .. } | Self::Load { .. } | Self::Switch { .. } => {
+                None
+            }
         }
     }
 
@@ -95,6 +103,7 @@ impl FaultKind {
             Self::Late { channel, .. }
             | Self::Stop { channel, .. }
             | Self::Kill { channel, .. } => channel,
+            Self::Switch { channel } => Some(channel),
             Self::Messages { .. } | Self::Hog { .. } | Self::Load { .. } => None,
         }
     }
@@ -161,6 +170,8 @@ pub enum Scope {
     Stage,
     /// `cpu.hog`.
     Processor,
+    /// `b.switch`.
+    Channel,
 }
 
 /// How the value of a fault is written.
@@ -188,7 +199,7 @@ pub struct FaultSpec {
 }
 
 /// Every kind of fault. Two rows of one name are two ways to write its value; the first is tried first.
-pub const FAULTS: [FaultSpec; 13] = {
+pub const FAULTS: [FaultSpec; 14] = {
     use FaultId::*;
     use Scope::{Message, Number, Processor, Stage};
     use ValueType as V;
@@ -206,6 +217,7 @@ pub const FAULTS: [FaultSpec; 13] = {
         spec(Kill, "kill", Stage, V::None),
         spec(Hog, "hog", Processor, V::Integer),
         spec(Load, "load", Processor, V::Share),
+        spec(Switch, "switch", Scope::Channel, V::None),
     ]
 };
 
@@ -219,7 +231,7 @@ const fn spec(what: FaultId, name: &'static str, scope: Scope, value: ValueType)
 }
 
 const fn is_once(id: FaultId) -> bool {
-    matches!(id, FaultId::Stop | FaultId::Kill)
+    matches!(id, FaultId::Stop | FaultId::Kill | FaultId::Switch)
 }
 
 impl FaultSpec {
@@ -245,7 +257,7 @@ impl FaultSpec {
             FaultId::Stop => "a time above 0 and up to 1m, as in WHAT=20ms",
             FaultId::Hog => "a SCHED_FIFO priority from 1 to 99, as in WHAT=90",
             FaultId::Load => "a share above 0 and up to 1, as in WHAT=0.5",
-            FaultId::Freeze | FaultId::Nan | FaultId::Kill => "",
+            FaultId::Freeze | FaultId::Nan | FaultId::Kill | FaultId::Switch => "",
         }
     }
 
@@ -300,6 +312,7 @@ impl FaultCode {
             FaultKind::Kill { role, .. } => (role as u64, None, [0, 0]),
             FaultKind::Hog { priority } => (0, None, [priority, 0]),
             FaultKind::Load { share } => (0, None, [share.to_bits(), 0]),
+            FaultKind::Switch { .. } => (0, None, [0, 0]),
         };
         let channel = kind.channel().map(|channel| channel as usize);
         let axis = target.and_then(|place| place.axis).or(channel);
@@ -357,6 +370,7 @@ impl FaultCode {
             },
             FaultId::Hog => FaultKind::Hog { priority: first },
             FaultId::Load => FaultKind::Load { share: number },
+            FaultId::Switch => FaultKind::Switch { channel: channel? },
         };
         let of_plant = of_plant && kind.role().is_some();
         let is_fault =
@@ -420,7 +434,8 @@ mod tests {
         }
         for broken in [
             [0, 0, 0, 0, share(0.1), 0, 0],
-            [14, 0, 0, 0, share(0.1), 0, 0],
+            [14, 0, 0, 0, 0, 0, 0],
+            [15, 0, 0, 0, share(0.1), 0, 0],
             [1, 5, 0, 0, share(0.1), 0, 0],
             [1, 0, 0, 0, share(1.5), 0, 0],
             [1, 0, 0, 0, share(f64::NAN), 0, 0],

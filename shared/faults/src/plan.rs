@@ -124,7 +124,7 @@ impl Planned {
         let taken = self.loops.take(fault).and_then(|()| self.table.take(fault));
         taken.map_err(|reason| refused(reason, fault, period_s))?;
         match fault.kind {
-            FaultKind::Messages { .. } | FaultKind::Late { .. } => {}
+            FaultKind::Messages { .. } | FaultKind::Late { .. } | FaultKind::Switch { .. } => {}
             _ => self.acts.push(*fault),
         }
         Ok(())
@@ -166,7 +166,10 @@ impl Planned {
             FaultKind::Kill { role, .. } => {
                 (role, StageTicks::Anew, out(periods(RESTART_NS).max(1.0)))
             }
-            FaultKind::Messages { .. } | FaultKind::Hog { .. } | FaultKind::Load { .. } => {
+            FaultKind::Messages { .. }
+            | FaultKind::Hog { .. }
+            | FaultKind::Load { .. }
+            | FaultKind::Switch { .. } => {
                 return Ok(());
             }
         };
@@ -207,6 +210,9 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
         }
         (FaultRefusal::AfterTheEnd, _) => format!(
             "{what} never takes effect: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
+        ),
+        (FaultRefusal::NotReady, _) => format!(
+            "{what}: the channel has no fresh command now; `ironbird watch` shows its processes"
         ),
         (FaultRefusal::NothingToEnd, _) => format!("{what}=off: it is not active then or later"),
         (FaultRefusal::Contradiction, FaultKind::Messages { port, kind }) => format!(

@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use crate::content::RotorSpeeds;
+use crate::content::{ROTORS, RotorSpeeds};
 use crate::header::Message;
 use crate::layout::{Visit as _, layout, wire_enum, zeroed};
 use crate::role::{Channel, MOST_CHANNELS, Role};
@@ -48,10 +48,10 @@ impl Candidate {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Selection {
-    /// Place of the command that is flown among the candidates.
-    pub chosen: usize,
+    /// The command that is flown.
+    pub chosen: Candidate,
     /// Whether two usable commands differ in a bit.
     pub differs: bool,
     /// The channel that two others contradict.
@@ -74,15 +74,231 @@ pub fn select(candidates: &[Candidate]) -> Option<Selection> {
     let first = |it: &Candidate| rank(it) == best;
     let place = candidates.iter().position(chosen);
     // Where all three differ, none has a majority.
-    let chosen = place.or_else(|| candidates.iter().position(first))?;
-    let is_usable = candidates[chosen].is_usable();
-    let differs = is_usable && rivals().any(|it| !same(it, &candidates[chosen]));
+    let chosen = candidates[place.or_else(|| candidates.iter().position(first))?];
+    let differs = chosen.is_usable() && rivals().any(|it| !same(it, &chosen));
     let outvoted = rivals().find(|it| place.is_some() && differs && is_contradicted(it));
     Some(Selection {
         chosen,
         differs,
         outvoted: outvoted.map(|it| it.channel),
     })
+}
+
+/// The channels of a flight, and which of them fly the same laws.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrangement {
+    pub channels: usize,
+    /// Of each channel, the first one with the same laws: they are a group, whose commands are the same.
+    pub groups: [Channel; MOST_CHANNELS],
+    /// Where another group takes over; nothing if it only does so on request.
+    pub envelope: Option<Envelope>,
+}
+
+impl Arrangement {
+    /// Channels with the same laws.
+    pub const fn alike(channels: usize) -> Self {
+        Self {
+            channels,
+            groups: [Channel::A; MOST_CHANNELS],
+            envelope: None,
+        }
+    }
+
+    pub const fn group(&self, channel: Channel) -> Channel {
+        self.groups[channel as usize]
+    }
+
+    /// The first channel of each group.
+    pub fn leaders(self) -> impl Iterator<Item = Channel> + Clone {
+        Channel::first(self.channels).filter(move |it| self.group(*it) == *it)
+    }
+
+    /// Whether two channels fly the same laws.
+    pub fn are_alike(&self, one: Channel, other: Channel) -> bool {
+        self.group(one) == self.group(other)
+    }
+}
+
+/// Limits of a flight; beyond one of them, another group takes over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Envelope {
+    /// Angle between the measured body z axis and the vertical [rad].
+    pub tilt_max_rad: f64,
+    /// Magnitude of the measured body rate [rad/s].
+    pub rate_max_rad_s: f64,
+    /// Distance of the measured position from the reference [m].
+    pub error_max_m: f64,
+    /// Change of a rotor's command from one tick to the next [rad/s].
+    pub command_step_max_rad_s: f64,
+}
+
+/// What an [`Envelope`] limits, in a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Excursion {
+    pub tilt_rad: f64,
+    pub rate_rad_s: f64,
+    pub error_m: f64,
+}
+
+impl Envelope {
+    /// The limit that is exceeded. A number that is not finite exceeds its limit.
+    fn exceeded(&self, at: &Excursion, command_step_rad_s: f64) -> Option<SwitchoverReason> {
+        [
+            (at.tilt_rad, self.tilt_max_rad, SwitchoverReason::Tilt),
+            (at.rate_rad_s, self.rate_max_rad_s, SwitchoverReason::Rate),
+            (
+                at.error_m,
+                self.error_max_m,
+                SwitchoverReason::PositionError,
+            ),
+            (
+                command_step_rad_s,
+                self.command_step_max_rad_s,
+                SwitchoverReason::CommandStep,
+            ),
+        ]
+        .into_iter()
+        .find(|(value, limit, _)| !value.is_finite() || value > limit)
+        .map(|(.., reason)| reason)
+    }
+}
+
+wire_enum! {
+    /// Why another group of channels took over.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum SwitchoverReason {
+        Requested = 0 => "requested",
+        Silent = 1 => "no fresh command on time",
+        Tilt = 2 => "tilt",
+        Rate = 3 => "body rate",
+        PositionError = 4 => "position error",
+        CommandStep = 5 => "command step",
+    }
+}
+
+layout! {
+    /// A group of channels that took over from another one.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    #[repr(C)]
+    pub struct Switchover {
+        /// The first tick whose command is the new group's.
+        pub tick: u64,
+        /// First channels of the groups, as places among [`Channel::ALL`].
+        pub from: u64,
+        pub to: u64,
+        /// A [`SwitchoverReason`] as number.
+        pub reason: u64,
+        /// Largest change of a rotor's command from the tick before [rad/s].
+        pub command_step_rad_s: f64,
+    }
+}
+
+/// Switchovers that are kept each; later ones are only counted.
+pub const SWITCHOVERS_KEPT: usize = 16;
+
+/// Chooses the group that flies, and its command of each tick.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupSelection {
+    pub arrangement: Arrangement,
+    active: Channel,
+    /// The first tick of the active group, and the group before.
+    since: u64,
+    before: Channel,
+    flown_rad_s: Option<[f64; ROTORS]>,
+}
+
+impl GroupSelection {
+    pub const fn new(arrangement: Arrangement) -> Self {
+        Self {
+            arrangement,
+            active: Channel::A,
+            since: 0,
+            before: Channel::A,
+            flown_rad_s: None,
+        }
+    }
+
+    /// The group whose command of a tick is flown, as far as is known.
+    pub const fn group_at(&self, tick: u64) -> Channel {
+        if tick < self.since {
+            self.before
+        } else {
+            self.active
+        }
+    }
+
+    /// The selection among the commands of a group.
+    pub fn of_group(&self, group: Channel, candidates: &[Candidate]) -> Option<Selection> {
+        let is_own = |it: &&Candidate| self.arrangement.group(it.channel) == group;
+        let own: heapless::Vec<Candidate, MOST_CHANNELS> =
+            candidates.iter().filter(is_own).copied().collect();
+        select(&own)
+    }
+
+    /// Decides who flies from a tick on, of which these are the commands; gives the switchover, if there is one.
+    ///
+    /// A group that takes over needs a usable command, and is the next one after the active one: nobody hands back but on
+    /// request.
+    pub fn decide(
+        &mut self,
+        tick: u64,
+        candidates: &[Candidate],
+        requested: Option<Channel>,
+        excursion: &Excursion,
+    ) -> Option<Switchover> {
+        let usable = |group| {
+            self.of_group(group, candidates)
+                .filter(|it| it.chosen.is_usable())
+        };
+        let step = |selection: &Selection| self.command_step_rad_s(selection);
+        let takes_over = match requested.map(|it| self.arrangement.group(it)) {
+            Some(group) => (group != self.active).then_some((group, SwitchoverReason::Requested)),
+            None => self.arrangement.envelope.and_then(|envelope| {
+                let reason = match usable(self.active) {
+                    None => SwitchoverReason::Silent,
+                    Some(own) => envelope.exceeded(excursion, step(&own))?,
+                };
+                let mut others = self.arrangement.leaders().filter(|it| *it > self.active);
+                Some((others.find(|it| usable(*it).is_some())?, reason))
+            }),
+        };
+        let switchover = takes_over.map(|(group, reason)| Switchover {
+            tick,
+            from: self.active as u64,
+            to: group as u64,
+            reason: reason as u64,
+            command_step_rad_s: usable(group).as_ref().map_or(0.0, step),
+        });
+        if let Some((group, _)) = takes_over {
+            (self.before, self.active, self.since) = (self.active, group, tick);
+        }
+        if let Some(flown) = self.of_group(self.active, candidates) {
+            self.flown_rad_s = Some(flown.chosen.command.speed_rad_s);
+        }
+        switchover
+    }
+
+    fn command_step_rad_s(&self, selection: &Selection) -> f64 {
+        let command = selection.chosen.command.speed_rad_s;
+        self.flown_rad_s
+            .map_or(0.0, |flown| largest_difference(&flown, &command))
+    }
+
+    /// Whether a channel's group has a usable command among these.
+    pub fn is_ready(&self, channel: Channel, candidates: &[Candidate]) -> bool {
+        let group = self.arrangement.group(channel);
+        self.of_group(group, candidates)
+            .is_some_and(|it| it.chosen.is_usable())
+    }
+}
+
+/// The largest difference between the commands of a rotor [rad/s].
+fn largest_difference(one: &[f64; ROTORS], other: &[f64; ROTORS]) -> f64 {
+    let pairs = one.iter().zip(other);
+    pairs
+        .map(|(one, other)| (one - other).abs())
+        .fold(0.0, f64::max)
 }
 
 wire_enum! {
@@ -119,7 +335,7 @@ pub const OUTAGES_KEPT: usize = 64;
 
 layout! {
     /// The plant's account of the channels.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[derive(Clone, Copy, Debug, PartialEq)]
     #[repr(C)]
     pub struct Redundancy {
         pub channels: u64,
@@ -130,7 +346,7 @@ layout! {
         /// Ticks for which fewer than two channels had a command that could be flown.
         pub unprotected: u64,
         pub longest_unprotected: u64,
-        /// Ticks in which another channel than a had the fresh command on time that was flown.
+        /// Ticks in which a group flew with the fresh command on time of another channel than its first.
         pub masked: u64,
         /// Ticks without a fresh command on time from any channel.
         pub not_fresh: u64,
@@ -144,6 +360,26 @@ layout! {
         pub handovers: u64,
         pub outage_count: u64,
         pub outages: [Outage; OUTAGES_KEPT],
+        pub switchover_count: u64,
+        pub switchovers: [Switchover; SWITCHOVERS_KEPT],
+        /// Ticks in which each channel had another usable command than the one flown, by laws of its own; the largest
+        /// difference of a rotor's command then [rad/s], and the sum of the squares of that of each tick [rad^2/s^2].
+        pub compared: [u64; MOST_CHANNELS],
+        pub difference_max_rad_s: [f64; MOST_CHANNELS],
+        pub difference_square_sum_rad2_s2: [f64; MOST_CHANNELS],
+    }
+}
+
+impl Redundancy {
+    pub fn switchovers(&self) -> &[Switchover] {
+        let kept = (self.switchover_count as usize).min(SWITCHOVERS_KEPT);
+        &self.switchovers[..kept]
+    }
+
+    /// The first channel of the group that flies a tick.
+    pub fn group_at(&self, tick: u64) -> Channel {
+        let last = self.switchovers().iter().rfind(|it| it.tick <= tick);
+        last.map_or(Channel::A, |it| Channel::ALL[it.to as usize])
     }
 }
 
@@ -157,26 +393,46 @@ impl Default for Redundancy {
 #[derive(Clone, Copy, Debug)]
 pub struct RedundancyAccount {
     pub redundancy: Redundancy,
+    arrangement: Arrangement,
     /// Place of each channel's present outage among those that are counted.
     open: [Option<u64>; MOST_CHANNELS],
     unprotected_run: u64,
 }
 
 impl RedundancyAccount {
-    pub fn new(channels: usize) -> Self {
+    pub fn new(arrangement: Arrangement) -> Self {
         Self {
             redundancy: Redundancy {
-                channels: channels as u64,
+                channels: arrangement.channels as u64,
                 ..Redundancy::default()
             },
+            arrangement,
             open: [None; MOST_CHANNELS],
             unprotected_run: 0,
         }
     }
 
-    /// Enters a tick: what there was of it when its command was chosen.
-    pub fn enter(&mut self, tick: u64, candidates: &[Candidate], selection: Option<Selection>) {
+    /// Enters that another group flies from a tick on.
+    pub fn switch(&mut self, switchover: Switchover) {
         let account = &mut self.redundancy;
+        if let Some(place) = account
+            .switchovers
+            .get_mut(account.switchover_count as usize)
+        {
+            *place = switchover;
+        }
+        account.switchover_count += 1;
+    }
+
+    /// Enters a tick that a group flew: what there was of it when its command was chosen.
+    pub fn enter(
+        &mut self,
+        tick: u64,
+        candidates: &[Candidate],
+        group: Channel,
+        selection: Option<Selection>,
+    ) {
+        let (account, arrangement) = (&mut self.redundancy, self.arrangement);
         let flown_before = account.active;
         let mut usable = 0;
         let outvoted = selection.and_then(|it| it.outvoted);
@@ -189,7 +445,8 @@ impl RedundancyAccount {
                 Some(_) if outvoted == Some(channel) => Some(OutageReason::Outvoted),
                 Some(_) => None,
             };
-            usable += u64::from(reason.is_none());
+            let can_fly = arrangement.envelope.is_some() || arrangement.group(channel) == group;
+            usable += u64::from(reason.is_none() && can_fly);
             let place = channel as usize;
             let Some(reason) = reason else {
                 self.open[place] = None;
@@ -223,13 +480,27 @@ impl RedundancyAccount {
             account.not_fresh += 1;
             return;
         };
-        let chosen = &candidates[selection.chosen];
+        let chosen = &selection.chosen;
+        for other in candidates
+            .iter()
+            .filter(|it| it.is_usable() && chosen.is_usable())
+        {
+            if !arrangement.are_alike(other.channel, chosen.channel) {
+                let place = other.channel as usize;
+                let difference =
+                    largest_difference(&other.command.speed_rad_s, &chosen.command.speed_rad_s);
+                account.compared[place] += 1;
+                account.difference_max_rad_s[place] =
+                    account.difference_max_rad_s[place].max(difference);
+                account.difference_square_sum_rad2_s2[place] += difference * difference;
+            }
+        }
         let active = chosen.channel as u64;
         account.handovers += u64::from(active != flown_before);
         account.active = active;
         account.flown[chosen.channel as usize] += 1;
         account.not_fresh += u64::from(!chosen.is_usable());
-        account.masked += u64::from(chosen.is_usable() && chosen.channel != Channel::A);
+        account.masked += u64::from(chosen.is_usable() && chosen.channel != group);
         if selection.differs {
             if account.mismatches == 0 {
                 account.first_mismatch = tick;
@@ -301,7 +572,7 @@ mod tests {
             (vec![usable(A, 0.0), usable(B, -0.0)], Some((A, true, None))),
         ] {
             let selected = select(&candidates);
-            let found = selected.map(|it| (candidates[it.chosen].channel, it.differs, it.outvoted));
+            let found = selected.map(|it| (it.chosen.channel, it.differs, it.outvoted));
             assert_eq!(found, expected, "{candidates:?}");
         }
     }
@@ -309,7 +580,7 @@ mod tests {
     #[test]
     fn the_account_has_outages_handovers_and_the_time_without_redundancy() {
         use Channel::{A, B};
-        let mut account = RedundancyAccount::new(2);
+        let mut account = RedundancyAccount::new(Arrangement::alike(2));
         let usable = |channel| candidate(channel, true, true, 1.0);
         for tick in 0..20 {
             let mut candidates = vec![usable(A), usable(B)];
@@ -319,7 +590,7 @@ mod tests {
                 15 => candidates.clear(),
                 _ => {}
             }
-            account.enter(tick, &candidates, select(&candidates));
+            account.enter(tick, &candidates, A, select(&candidates));
         }
         let it = &account.redundancy;
         assert_eq!((it.flown, it.masked, it.not_fresh), ([16, 3, 0], 3, 1));
@@ -337,5 +608,91 @@ mod tests {
             (1, 15, 1, 0, 0),
         ];
         assert_eq!(found, expected);
+    }
+
+    /// Two channels with laws of their own.
+    fn apart(envelope: Option<Envelope>) -> GroupSelection {
+        GroupSelection::new(Arrangement {
+            groups: [Channel::A, Channel::B, Channel::C],
+            envelope,
+            ..Arrangement::alike(2)
+        })
+    }
+
+    #[test]
+    fn another_group_flies_beyond_the_envelope_or_on_request_and_hands_back_on_request_alone() {
+        use Channel::{A, B};
+        let envelope = Envelope {
+            tilt_max_rad: 0.5,
+            rate_max_rad_s: 5.0,
+            error_max_m: 0.5,
+            command_step_max_rad_s: 50.0,
+        };
+        let command = |channel, is_fresh, speed: f64| {
+            let mut it = candidate(channel, true, is_fresh, 1.0);
+            it.command.speed_rad_s = [speed; ROTORS];
+            it
+        };
+        let both = |speed_a| [command(A, true, speed_a), command(B, true, 300.0)];
+        let excursion = |tilt_rad, error_m| Excursion {
+            tilt_rad,
+            error_m,
+            ..Excursion::default()
+        };
+        let (inside, tilted, far) = (
+            excursion(0.1, 0.1),
+            excursion(0.6, 0.1),
+            excursion(0.1, 0.6),
+        );
+        for (commands, excursion, reason) in [
+            (both(300.0).to_vec(), inside, None),
+            (both(300.0).to_vec(), tilted, Some(SwitchoverReason::Tilt)),
+            (
+                both(300.0).to_vec(),
+                far,
+                Some(SwitchoverReason::PositionError),
+            ),
+            (
+                both(300.0).to_vec(),
+                excursion(f64::NAN, 0.0),
+                Some(SwitchoverReason::Tilt),
+            ),
+            (
+                both(400.0).to_vec(),
+                inside,
+                Some(SwitchoverReason::CommandStep),
+            ),
+            (
+                vec![command(B, true, 300.0)],
+                inside,
+                Some(SwitchoverReason::Silent),
+            ),
+            // Nobody is there to take over.
+            (
+                vec![command(A, true, 300.0), command(B, false, 300.0)],
+                tilted,
+                None,
+            ),
+        ] {
+            let mut guarded = apart(Some(envelope));
+            assert_eq!(guarded.decide(1, &both(310.0), None, &inside), None);
+            let found = guarded.decide(2, &commands, None, &excursion);
+            assert_eq!(found.map(|it| it.reason), reason.map(|it| it as u64));
+            assert_eq!(guarded.group_at(2), if reason.is_some() { B } else { A });
+            assert_eq!(guarded.group_at(1), A);
+            assert_eq!(
+                guarded.decide(3, &both(300.0), None, &inside),
+                None,
+                "no way back"
+            );
+            let mut shadow = apart(None);
+            assert_eq!(shadow.decide(2, &commands, None, &excursion), None);
+        }
+        let mut guarded = apart(Some(envelope));
+        let to_b = guarded.decide(1, &both(320.0), Some(B), &inside).unwrap();
+        assert_eq!((to_b.tick, to_b.from, to_b.to, to_b.reason), (1, 0, 1, 0));
+        let to_a = guarded.decide(2, &both(320.0), Some(A), &tilted).unwrap();
+        assert_eq!((to_a.to, to_a.command_step_rad_s), (0, 20.0));
+        assert!(guarded.is_ready(B, &both(1.0)) && !guarded.is_ready(B, &both(1.0)[..1]));
     }
 }

@@ -20,6 +20,7 @@ wire_enum! {
         Kill = 11,
         Hog = 12,
         Load = 13,
+        Switch = 14,
     }
 }
 
@@ -36,5 +37,7 @@ wire_enum! {
         AfterTheEnd = 4,
         /// It stops a stage for less than a tick.
         UnderATick = 5,
+        /// The channel has no fresh command on time.
+        NotReady = 6,
     }
 }

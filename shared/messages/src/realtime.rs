@@ -5,6 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::layout::{layout, wire_enum};
+use crate::role::{Channel, MOST_CHANNELS};
 
 /// How much the user insists on real time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,6 +30,8 @@ pub struct RealtimeSettings {
     pub loop_cpus: usize,
     /// Control channels, of which each is a complete chain of outer loop, inner loop and mixer.
     pub channels: usize,
+    /// Of each channel, the first one that flies the same laws.
+    pub groups: [Channel; MOST_CHANNELS],
     /// How many processors the channels share: 1, or 2 for channel a and the plant on one and the others on the next.
     pub channel_cpus: usize,
     /// How far ahead of its tick the plant's timer is set.
@@ -45,6 +48,7 @@ impl RealtimeSettings {
         cpu: None,
         loop_cpus: 1,
         channels: 1,
+        groups: [Channel::A; MOST_CHANNELS],
         channel_cpus: 1,
         lead: LeadSetting::Fixed(0),
         rehearse: false,

@@ -59,7 +59,7 @@ pub const CHANNEL_ROLES: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
 
 impl Channel {
     /// The first `count` channels.
-    pub fn first(count: usize) -> impl Iterator<Item = Self> {
+    pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
         Self::ALL.into_iter().take(count)
     }
 

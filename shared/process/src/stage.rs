@@ -323,7 +323,7 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     let mut stage = StageLoop::new(wire, stage, wakes, flight)?;
     let armed = session.join(|wire, expected, epoch| {
         if let Some(continuity) = &mut stage.continuity {
-            continuity.arm(wire, replica, rt.channels, expected.run_id)?;
+            continuity.arm(wire, replica, &rt, expected.run_id)?;
         }
         stage.arm(wire, expected, epoch)
     })?;

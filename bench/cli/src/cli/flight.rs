@@ -37,6 +37,10 @@ pub struct TrajectoryArgs {
     /// Settings file (TOML); flags override it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Setting by its key, as in inner.alpha_1_s=150; may be repeated. It overrides the settings file; other flags
+    /// override it. `--print-config` of `fly` lists the keys.
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = values::setting)]
+    pub set: Vec<(&'static str, Value)>,
     /// Fault to inject: 'WHAT=VALUE[,WHAT=VALUE]@8s' or '...@tick8000', with an end as in @8s..9s; may be repeated.
     /// A parameter takes a number, `nominal`, or +30% of nominal; ~2s after it makes a 2 s ramp.
     /// `ironbird params` and `ironbird faults` list what can be changed.
@@ -48,7 +52,7 @@ impl TrajectoryArgs {
     pub fn overrides(&self) -> Overrides {
         let faults = (!self.faults.is_empty())
             .then(|| self.faults.iter().map(Fault::to_string).collect::<Vec<_>>());
-        overrides([
+        let flags = overrides([
             set("flight.trajectory", self.trajectory.clone()),
             set("flight.airframe", self.airframe.clone()),
             set("flight.preset", self.preset.clone()),
@@ -59,7 +63,8 @@ impl TrajectoryArgs {
             set("flight.period_s", self.rate),
             set("flight.seed", self.seed),
             set("flight.faults", faults),
-        ])
+        ]);
+        [self.set.clone(), flags].concat()
     }
 }
 
@@ -330,6 +335,12 @@ pub struct FlyArgs {
     /// Show the dashboard in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
+    /// Fly another law in channel b or c, for example b:inner=pid. It flies on request (`ironbird switch`), or with --simplex.
+    #[arg(long, value_name = "LETTER:ROLE=LAW")]
+    pub channel: Vec<String>,
+    /// Let a channel with other laws take over when the present one sends nothing or leaves the limits of [simplex].
+    #[arg(long)]
+    pub simplex: bool,
     /// What to do when a process dies or hangs in flight [default: end; restart with more than one channel].
     #[arg(long, value_enum, value_name = "WHAT")]
     pub on_death: Option<OnDeath>,
@@ -351,6 +362,21 @@ pub struct FlyArgs {
     pub rt: RtArgs,
     #[command(flatten)]
     pub recorder: RecorderArgs,
+}
+
+impl FlyArgs {
+    pub fn channel_overrides(&self) -> Overrides {
+        let laws: Vec<Value> = self
+            .channel
+            .iter()
+            .map(String::as_str)
+            .map(Value::from)
+            .collect();
+        overrides([
+            set("channel.laws", (!laws.is_empty()).then_some(laws)),
+            set("simplex.enabled", self.simplex.then_some(true)),
+        ])
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

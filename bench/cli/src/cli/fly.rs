@@ -51,6 +51,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         args.flight.overrides(),
         args.rt.overrides(),
         args.recorder.overrides(),
+        args.channel_overrides(),
     ];
     let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides.concat())?;

@@ -6,6 +6,7 @@ use clap::{Args, Subcommand};
 
 use crate::cli::values;
 use faults::grammar::{Change, FaultError};
+use messages::role::Channel;
 
 #[derive(Clone, Debug, Args)]
 pub struct WatchArgs {
@@ -79,6 +80,31 @@ pub struct InjectArgs {
     /// Name of the instance.
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub instance: String,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct SwitchArgs {
+    /// The channel whose laws are to fly: a, b or c.
+    #[arg(long, value_name = "LETTER", value_parser = values::channel)]
+    pub to: Channel,
+    /// Switch at this tick of the flight.
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::tick)]
+    pub at_tick: Option<u64>,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+impl From<SwitchArgs> for InjectArgs {
+    fn from(args: SwitchArgs) -> Self {
+        Self {
+            changes: vec![format!("{}.switch", args.to)],
+            at_tick: args.at_tick,
+            lasts: None,
+            after: None,
+            instance: args.instance,
+        }
+    }
 }
 
 impl InjectArgs {

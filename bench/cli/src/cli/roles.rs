@@ -32,7 +32,7 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
     let settings = resolve(args, &[role], Overrides::new())?;
     settings.check_faults_of_processes(args.launcher.is_some())?;
-    let stage = Stage::new(role, &settings)?;
+    let stage = Stage::new(role, &settings.of_channel(args.channel))?;
     let session = RoleSession::take(role, start_config(role, args, &settings, begun_ns)?)?;
     let (instance, stop) = (session.wire().instance().clone(), session.stop_flag());
     let flown = stage.run(session, &settings);
@@ -103,7 +103,9 @@ impl Stage {
                     wall_period_ns: settings.wall_period_ns(),
                 };
                 let of_loop = (&faults.loops, &faults.table);
-                plant::process::run(session, &plant, plan, &faults.swaps, of_loop)?;
+                let route = settings.course()?.route(settings.flight.period_s);
+                let envelope = settings.envelope().map(|envelope| (envelope, route));
+                plant::process::run(session, &plant, plan, &faults.swaps, of_loop, envelope)?;
             }
             Self::Outer(outer) => {
                 let error_max_m = settings.flight.position_error_max_m;

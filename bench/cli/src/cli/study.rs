@@ -3,25 +3,27 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use campaign::gates::METRICS;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 
 use crate::cli::{DiffFormat, TrajectoryArgs, values};
-use experiments::margin::limits::{GateLimit, RECOVERED_BELOW};
+use crate::compare;
+use experiments::margin::limits::{BOUNDS, BoundName};
 use experiments::margin::target;
 
 /// The laws to fly: every outer law with every inner law and every mixer.
 #[derive(Clone, Debug, Args)]
 pub struct LawSetArgs {
     /// Law of the outer loop; may be repeated [default: pd]. Every combination of the named laws is flown.
-    #[arg(long, value_name = "LAW|FILE")]
+    ///
+    /// A law may have a preset and settings of its own, as in adaptive:soft,alpha_1_s=150.
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub outer: Vec<String>,
     /// Law of the inner loop; may be repeated [default: adaptive].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub inner: Vec<String>,
     /// Law of the mixer; may be repeated [default: priority].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub mixer: Vec<String>,
 }
 
@@ -31,18 +33,31 @@ pub struct CompareArgs {
     pub course: TrajectoryArgs,
     #[command(flatten)]
     pub laws: LawSetArgs,
-    /// A flight has recovered from a fault when its true position error stays below this [m].
-    #[arg(long, value_name = "M", default_value_t = 0.05, allow_hyphen_values = true, value_parser = values::limit)]
-    pub recovered_below: f64,
+    /// A flight has recovered from a fault when its true position error stays below this [m] [default: 0.05].
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = values::limit)]
+    pub recovered_below: Option<f64>,
     /// Output format.
     #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
     pub format: DiffFormat,
     /// Also write the comparison to this file, as a page with plots.
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
-    /// Fly once per row of this file, each a [[row]] with `name` and `faults`, and print Markdown tables.
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["faults", "format", "page"])]
+    /// JSON: include the curves of the page.
+    #[arg(long)]
+    pub traces: bool,
+    /// Fly once per row of this file, each a [[row]] with `name` and `faults`, and print Markdown tables. Without
+    /// --inner, all built-in inner laws fly.
+    #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format"])]
     pub table: Option<PathBuf>,
+    /// Fly a built-in table: robustness (docs/robustness.md).
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(compare::suites()), group = "cases", conflicts_with_all = ["faults", "format"])]
+    pub suite: Option<String>,
+    /// Also draw the table to this file.
+    #[arg(long, value_name = "FILE.svg", requires = "cases")]
+    pub picture: Option<PathBuf>,
+    /// Also write the figures of all flights of the table to this file.
+    #[arg(long, value_name = "FILE.csv", requires = "cases")]
+    pub csv: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug, Args)]
@@ -51,12 +66,13 @@ pub struct MarginArgs {
     pub course: TrajectoryArgs,
     #[command(flatten)]
     pub laws: LawSetArgs,
-    /// When a flight counts as survived, besides staying in its envelope: recovered_below_m=0.05, recovery_max_s=3, or
-    /// another limit of a campaign's [success], judged from the fault on; may be repeated.
-    #[arg(long = "gate", value_name = "NAME=MAX", value_parser = gate_limit)]
-    pub gates: Vec<GateLimit>,
-    /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration.
-    #[arg(long, value_name = "N", default_value_t = 32, allow_hyphen_values = true, value_parser = values::phases)]
+    /// Another bound for the limits: unnoticed_below_m (0.02), recovered_below_m (flight.tracking_error_max_m),
+    /// recovery_max_s (5), survival_max_s (20), saturated_more_percent (10); may be repeated.
+    #[arg(long = "gate", value_name = "NAME=MAX", value_parser = bound)]
+    pub gates: Vec<(BoundName, f64)>,
+    /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration. 1 is a
+    /// quick look.
+    #[arg(long, value_name = "N", default_value_t = 4, allow_hyphen_values = true, value_parser = values::phases)]
     pub phases: u32,
     /// Measure only this: a stage, all stages at once (machine), or the inputs of a topic; may be repeated. With --only,
     /// --gate or --duration, no table is stored for flight reports.
@@ -205,23 +221,14 @@ pub struct CampaignFlyArgs {
     pub instance: Option<String>,
 }
 
-fn gate_limit(text: &str) -> Result<GateLimit, String> {
-    let names = || {
-        METRICS
-            .iter()
-            .map(|metric| metric.name)
-            .filter(|name| *name != "flown_s")
-            .chain([RECOVERED_BELOW])
-    };
-    let known = || names().collect::<Vec<_>>().join(", ");
+fn bound(text: &str) -> Result<(BoundName, f64), String> {
+    let known = || BOUNDS.map(|(name, _)| name).join(", ");
     let (name, most) = text
         .split_once('=')
         .ok_or_else(|| format!("write NAME=MOST; names are {}", known()))?;
-    let name = names()
-        .find(|it| *it == name.trim())
-        .ok_or_else(|| format!("no gate has this name; there are {}", known()))?;
-    Ok(GateLimit {
-        name,
-        most: values::limit(most.trim())?,
-    })
+    let mut bounds = BOUNDS.into_iter();
+    let bound = bounds
+        .find(|(it, _)| *it == name.trim())
+        .ok_or_else(|| format!("no bound has this name; there are {}", known()))?;
+    Ok((bound, values::limit(most.trim())?))
 }

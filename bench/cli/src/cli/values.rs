@@ -9,12 +9,14 @@ use crate::cli::{NumberOrAuto, Shard};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 use config::law_settings::preset_names;
+use config::overrides;
 use config::trajectory::is_file;
 use control_api::PERIODS_S;
 use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
 use messages::role::{Channel, MOST_CHANNELS};
+use toml::Value;
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.
@@ -118,6 +120,11 @@ pub(crate) fn period_s(text: &str) -> Result<f64, String> {
         ));
     }
     Ok(period_ns / 1e9)
+}
+
+/// A setting by its key.
+pub(crate) fn setting(text: &str) -> Result<(&'static str, Value), String> {
+    overrides::set("--set", text)
 }
 
 pub(crate) fn limit(text: &str) -> Result<f64, String> {

@@ -1,16 +1,17 @@
-//! Tries how many CPUs the four loops should share, in a short flight for each number.
+//! Tries how many CPUs the four loops should share, and how many channels fly, in a short flight for each number.
 
 use std::time::Duration;
 
 use errors::Failure;
 use messages::realtime::LOOP_CPUS;
+use messages::role::MOST_CHANNELS;
 use process::rt::{loop_processors, loops_cpu};
 
 use crate::floor::flight_runner::{FlightRunner, series};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    cpus: usize,
+    number: usize,
     loop_p99_us: f64,
     /// Ticks without a fresh command on time.
     late: u64,
@@ -18,20 +19,36 @@ pub struct Trial {
 
 /// Flies on each number of CPUs that this process has, on `first` before all others.
 pub fn fly_each(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, Failure> {
-    let runner = FlightRunner::new()?;
     let cpu = first.unwrap_or_else(loops_cpu);
-    let fly = |cpus: usize| {
+    let here = |cpus: &usize| loop_processors(cpu, *cpus).len() == *cpus;
+    let numbers = LOOP_CPUS.into_iter().filter(here);
+    fly_with("--loop-cpus", numbers, cpu, duration)
+}
+
+/// Flies each number of channels on one CPU.
+pub fn fly_channels(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, Failure> {
+    let cpu = first.unwrap_or_else(loops_cpu);
+    fly_with("--channels", 1..=MOST_CHANNELS, cpu, duration)
+}
+
+fn fly_with(
+    flag: &str,
+    numbers: impl Iterator<Item = usize>,
+    cpu: usize,
+    duration: Duration,
+) -> Result<Vec<Trial>, Failure> {
+    let runner = FlightRunner::new()?;
+    let fly = |number: usize| {
         let ms = duration.as_millis().max(2);
-        let flags = format!("--log off --cpu {cpu} --loop-cpus {cpus} --duration {ms}ms");
+        let flags = format!("--log off --cpu {cpu} {flag} {number} --duration {ms}ms");
         let report = runner.fly(&flags.split(' ').collect::<Vec<_>>())?;
         Ok(Trial {
-            cpus,
+            number,
             loop_p99_us: series(&report, "loop")?.p99_us,
             late: report.deadlines.not_fresh.map_or(0, |it| it.ticks),
         })
     };
-    let here = |cpus: &usize| loop_processors(cpu, *cpus).len() == *cpus;
-    LOOP_CPUS.into_iter().filter(here).map(fly).collect()
+    numbers.map(fly).collect()
 }
 
 /// The number with the shortest loop at the 99th percentile of those that are late no more often than one CPU is.
@@ -39,25 +56,25 @@ pub fn recommended(trials: &[Trial]) -> usize {
     let late = trials.first().map_or(0, |one| one.late);
     let fit = trials.iter().filter(|it| it.late <= late);
     let best = fit.min_by(|a, b| a.loop_p99_us.total_cmp(&b.loop_p99_us));
-    best.map_or(1, |it| it.cpus)
+    best.map_or(1, |it| it.number)
 }
 
 /// What is recommended, and the figures behind it.
 pub fn text(trials: &[Trial]) -> String {
+    format!("--loop-cpus {} ({})", recommended(trials), figures(trials))
+}
+
+/// The figures of each flight.
+pub fn figures(trials: &[Trial]) -> String {
     let figures = trials.iter().map(|it| {
         let Trial {
-            cpus,
+            number,
             loop_p99_us,
             late,
         } = it;
-        format!("{cpus}: loop p99 {loop_p99_us:.1} us, {late} late")
+        format!("{number}: loop p99 {loop_p99_us:.1} us, {late} late")
     });
-    let figures: Vec<String> = figures.collect();
-    format!(
-        "--loop-cpus {} ({})",
-        recommended(trials),
-        figures.join("; ")
-    )
+    figures.collect::<Vec<_>>().join("; ")
 }
 
 #[cfg(test)]
@@ -74,8 +91,8 @@ mod tests {
             (&[(1, 20.0, 0), (2, 9.0, 0), (4, 2.0, 0)], 4),
             (&[(1, 20.0, 1), (2, 9.0, 1), (4, 2.0, 3)], 2),
         ] {
-            let trial = |(cpus, loop_p99_us, late)| Trial {
-                cpus,
+            let trial = |(number, loop_p99_us, late)| Trial {
+                number,
                 loop_p99_us,
                 late,
             };

@@ -1,19 +1,21 @@
 //! Flights with a fault that begins at a phase. The part before the fault is flown once and copied, if the laws allow it.
 
-use std::cell::Cell;
 use std::sync::atomic::AtomicBool;
 
+use analysis::comparison::STAYING_S;
+use analysis::margin::{Bounds, Cause, Point};
 use analysis::tracking::Tracking;
-use campaign::gates::Outcome;
-use campaign::metrics::Metrics;
 use faults::LONGEST_DELAY;
-use messages::parameters::Airframe;
+use plant::EnvelopeViolation;
 
 use crate::parallel::check_stop;
 use config::Settings;
 use errors::Failure;
-use sim::simulate;
+use sim::simulate::Judge;
 use sim::simulator::Simulator;
+
+/// A flight ends when its error has been below the bound for this time after an outage [s].
+const CALM_S: f64 = 5.0;
 
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
 const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
@@ -23,81 +25,130 @@ const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
 pub struct Flights<'a> {
     settings: Settings,
     tracking: Tracking,
-    airframe: Airframe,
+    bounds: Bounds,
     stop: &'a AtomicBool,
     pub from: u64,
     /// The flight up to shortly before the fault; none if its laws cannot be copied.
     base: Option<Box<Simulator>>,
-    pub count: Cell<u64>,
+    /// The flight without a fault.
+    pub unfaulted: Point,
+    /// Ticks with saturated rotors that a steady fault may cause [%].
+    saturated_max_percent: f64,
+}
+
+/// A flight up to shortly before the faults that begin at tick `from`; none if its laws cannot be copied.
+pub fn base(
+    settings: &Settings,
+    from: u64,
+    stop: &AtomicBool,
+) -> Result<Option<Box<Simulator>>, Failure> {
+    let mut base = Box::new(Simulator::of(settings)?);
+    if base.branch(settings)?.is_none() {
+        return Ok(None);
+    }
+    while base.next_tick() + LEAD_TICKS < from {
+        check_stop(stop)?;
+        base.tick();
+    }
+    Ok(Some(base))
+}
+
+/// A flight with the faults of its settings: a copy of the base, or one from the ground.
+pub fn rig(base: Option<&Simulator>, settings: &Settings) -> Result<Box<Simulator>, Failure> {
+    let branch = base.map(|base| base.branch(settings)).transpose()?;
+    let Some(mut rig) = branch.flatten() else {
+        return Ok(Box::new(Simulator::of(settings)?));
+    };
+    for swap in settings.planned()?.swaps {
+        let scheduled = rig.plant_mut().schedule(swap);
+        scheduled.map_err(|e| Failure::usage(format!("fault: {e}")))?;
+    }
+    Ok(rig)
 }
 
 impl<'a> Flights<'a> {
-    /// Flies without a fault up to shortly before tick `from`.
-    pub fn new(settings: &Settings, from: u64, stop: &'a AtomicBool) -> Result<Self, Failure> {
+    /// Flies without a fault.
+    pub fn new(
+        settings: &Settings,
+        bounds: Bounds,
+        from: u64,
+        stop: &'a AtomicBool,
+    ) -> Result<Self, Failure> {
         let mut flights = Self {
             settings: settings.clone(),
             tracking: Tracking::along(settings.course()?, settings.flight.period_s),
-            airframe: settings.airframe()?,
+            bounds,
             stop,
             from,
-            base: None,
-            count: Cell::new(0),
+            base: base(settings, from, stop)?,
+            unfaulted: Point::default(),
+            saturated_max_percent: bounds.saturated_more_percent,
         };
-        let mut base = Box::new(Simulator::of(settings)?);
-        // Skip this flight if its laws cannot be copied.
-        if base.branch(settings)?.is_some() {
-            while base.next_tick() + LEAD_TICKS < from {
-                check_stop(stop)?;
-                base.tick();
-            }
-            flights.base = Some(base);
-        }
+        flights.unfaulted = flights.point(0, Vec::new(), from, f64::INFINITY)?;
+        flights.saturated_max_percent += flights.unfaulted.saturated_percent;
         Ok(flights)
     }
 
-    /// Flies with faults up to `last_tick`. Metrics cover the ticks since the fault began; recovery below `bound_m` is
-    /// measured from tick `recovers_from` on.
-    pub fn fly(
-        &self,
-        faults: &[String],
-        recovers_from: u64,
-        last_tick: u64,
-        bound_m: f64,
-    ) -> Result<Outcome, Failure> {
-        self.count.update(|count| count + 1);
+    /// Flies with a fault for `ticks` ticks, or with a steady one.
+    pub fn fly(&self, at: u64, fault: String, ticks: Option<u64>) -> Result<Point, Failure> {
+        let calm_s = ticks.map_or(f64::INFINITY, |_| CALM_S);
+        let point = self.point(at, vec![fault], self.from + ticks.unwrap_or(0), calm_s)?;
+        let is_saturated = ticks.is_none() && point.saturated_percent > self.saturated_max_percent;
+        let cause = point.cause.or(is_saturated.then_some(Cause::Saturated));
+        Ok(Point { cause, ..point })
+    }
+
+    /// Flies until the error has been below the bound for `calm_s`, or until it can no longer be in time. The recovery is
+    /// measured from tick `end` on.
+    fn point(&self, at: u64, faults: Vec<String>, end: u64, calm_s: f64) -> Result<Point, Failure> {
         let mut settings = self.settings.clone();
-        let period_s = settings.flight.period_s;
-        settings.flight.faults = faults.to_vec();
-        settings.flight.duration_s = last_tick as f64 * period_s;
-        let branch = match &self.base {
-            Some(base) => base.branch(&settings)?,
-            None => None,
-        };
-        let mut rig = match branch {
-            Some(rig) => rig,
-            None => Box::new(Simulator::of(&settings)?),
-        };
-        let recovers_from = vec![recovers_from];
-        let mut metrics = Metrics::new(
-            self.tracking,
-            &self.airframe,
-            recovers_from,
-            last_tick,
-            bound_m,
-        );
-        let flown = simulate::fly(&mut rig, &settings, |rig| {
+        let flight = &mut settings.flight;
+        let period_s = flight.period_s;
+        let last_s = self.bounds.survival_max_s + STAYING_S;
+        flight.duration_s = end as f64 * period_s + last_s;
+        flight.faults = faults;
+        let mut rig = rig(self.base.as_deref(), &settings)?;
+        let mut judge = Judge::new(&settings)?;
+        let (mut peak_m, mut back, mut states, mut saturated) = (0.0_f64, end, 0, 0);
+        let mut is_low = false;
+        let is_calm = |back: u64, tick: u64| tick.saturating_sub(back) as f64 * period_s > calm_s;
+        while judge.goes_on(&rig) && !is_low && !is_calm(back, rig.next_tick()) {
             check_stop(self.stop)?;
-            let (tick, state) = (rig.flown_tick(), rig.state());
-            if tick >= self.from {
-                metrics.take(tick, state, rig.setpoint(), rig.rotor_speeds());
-            }
-            Ok(())
-        })?;
-        Ok(Outcome {
-            lost: flown.departure,
-            metrics: metrics.values(),
-            telemetry: Vec::new(),
-            outputs: flown.outputs.to_string(),
+            rig.tick();
+            judge.take(&rig, |rig| {
+                let (tick, state) = (rig.flown_tick(), rig.state());
+                if tick < self.from {
+                    return Ok(());
+                }
+                let error_m = match rig.setpoint() {
+                    Some(setpoint) => setpoint.position_error_m(state),
+                    None => self.tracking.error_m(tick, state),
+                };
+                peak_m = peak_m.max(error_m);
+                if error_m > self.bounds.recovered_below_m {
+                    back = back.max(tick + 1);
+                }
+                states += 1;
+                saturated += rig.rotor_speeds().saturated;
+                is_low = state.truth.position_w_m[2] < settings.flight.ground_z_m;
+                Ok(())
+            })?;
+        }
+        let recovery_s = (back - end) as f64 * period_s;
+        let is_back = recovery_s <= self.bounds.survival_max_s;
+        let lost = match rig.envelope() {
+            Err(EnvelopeViolation::Tilt { .. }) => Some(Cause::Tilt),
+            Err(EnvelopeViolation::NotFinite { .. }) => Some(Cause::Diverged),
+            Err(EnvelopeViolation::Crash(_)) => Some(Cause::Ground),
+            Ok(()) if is_low => Some(Cause::Ground),
+            Ok(()) => judge.end().departure.map(|_| Cause::Position),
+        };
+        Ok(Point {
+            at,
+            peak_m: lost.is_none().then_some(peak_m),
+            recovery_s: (lost.is_none() && is_back).then_some(recovery_s),
+            saturated_percent: 100.0 * saturated as f64 / f64::from(states.max(1)),
+            cause: lost.or((!is_back).then_some(Cause::Error)),
         })
     }
 }
@@ -105,13 +156,12 @@ impl<'a> Flights<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::margin::limits::bounds;
     use toml::Value;
 
-    /// Bits of the metrics, and why the flight was lost.
+    /// The point of a flight, to the bit.
     fn end(flights: &Flights<'_>, fault: &str) -> String {
-        let outcome = flights.fly(&[fault.to_owned()], 2100, 4000, 0.05).unwrap();
-        let metrics = outcome.metrics.map(|metric| metric.map(f64::to_bits));
-        format!("{metrics:?} {:?}", outcome.lost)
+        format!("{:?}", flights.fly(1, fault.to_owned(), Some(100)).unwrap())
     }
 
     #[test]
@@ -130,10 +180,11 @@ mod tests {
                 motor_time_constant_s = 0.01
             };
             let settings = Settings::of(noise, &laws_set).unwrap();
-            let branched = Flights::new(&settings, 2000, &stop).unwrap();
+            let bounds = bounds(&[], &settings).unwrap();
+            let branched = Flights::new(&settings, bounds, 2000, &stop).unwrap();
             let base = branched.base.as_ref().unwrap();
             assert_eq!(base.next_tick(), 2000 - LEAD_TICKS);
-            let mut whole = Flights::new(&settings, 2000, &stop).unwrap();
+            let mut whole = Flights::new(&settings, bounds, 2000, &stop).unwrap();
             whole.base = None;
             for fault in [
                 "inner.stop=20ms@tick2000",
@@ -146,6 +197,7 @@ mod tests {
                 "plant.rotor_speeds.delay=3@tick2000",
                 "wrench.drop=0.3@tick2000",
                 "plant.rotor_speeds.drop=3/5@tick2000",
+                "inertia_x_kg_m2=0.001@tick2000",
             ] {
                 assert_eq!(end(&branched, fault), end(&whole, fault), "{laws}, {fault}");
             }

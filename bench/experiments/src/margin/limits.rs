@@ -1,36 +1,15 @@
-//! When faults begin, and what counts as survived.
+//! When faults begin, and the bounds of the limits.
 
 use std::time::Duration;
 
-use analysis::comparison::{SETTLING_S, STAYING_S};
-use analysis::margin::{
-    Gate, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M, TIMES_UNFAULTED,
-};
-use campaign::gates::{Gates, METRICS, Outcome};
+use analysis::comparison::SETTLING_S;
+use analysis::margin::Bounds;
 
 use config::Settings;
-use errors::{Failure, GATE};
+use errors::Failure;
 
-/// Default time within which the flight must have recovered [s].
-const RECOVERY_MAX_S: f64 = 5.0;
 /// For a trajectory that does not repeat: the span in which faults begin [s].
 const NO_CYCLE_S: f64 = 10.0;
-/// Minimum length of a flight under a steady fault [s].
-const STEADY_S: f64 = 10.0;
-
-const RECOVERY: &str = "recovery_max_s";
-
-/// A limit that a flight must hold to count as survived.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GateLimit {
-    /// A metric of a campaign's `[success]`.
-    pub name: &'static str,
-    pub most: f64,
-}
-
-/// The bound below which a flight has recovered: a parameter of a metric, not a metric.
-pub const RECOVERED_BELOW: &str = "recovered_below_m";
-
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phases {
     /// First ticks of the faults, ascending; at least one.
@@ -76,133 +55,41 @@ impl Phases {
     }
 }
 
-/// The limits given on the command line.
-#[derive(Clone, Debug)]
-pub struct GivenLimits(Vec<GateLimit>);
+/// A bound of the limits, by its name in `--gate`.
+pub type BoundName = (&'static str, fn(&mut Bounds) -> &mut f64);
 
-/// Limits for certain laws and one seed, and the flight without a fault that they follow from.
-#[derive(Clone, Debug)]
-pub struct Judged {
-    /// Largest position error without a fault, from the first phase on [m].
-    pub unfaulted_error_m: f64,
-    /// Ticks without a fault in which the rotors were saturated [%].
-    pub unfaulted_saturated_percent: f64,
-    pub outage: Gates,
-    pub steady: Gates,
-    /// Largest share of saturated ticks under a steady fault [%].
-    pub saturated_max_percent: f64,
-}
+pub const BOUNDS: [BoundName; 5] = [
+    ("unnoticed_below_m", |it| &mut it.unnoticed_below_m),
+    ("recovered_below_m", |it| &mut it.recovered_below_m),
+    ("recovery_max_s", |it| &mut it.recovery_max_s),
+    ("survival_max_s", |it| &mut it.survival_max_s),
+    ("saturated_more_percent", |it| {
+        &mut it.saturated_more_percent
+    }),
+];
 
-impl GivenLimits {
-    pub fn new(limits: &[GateLimit]) -> Result<Self, Failure> {
-        for (i, limit) in limits.iter().enumerate() {
-            if limits[..i].iter().any(|other| other.name == limit.name) {
-                let what = format!("--gate {} is given twice", limit.name);
-                return Err(Failure::usage(what).help("give each limit once"));
-            }
-        }
-        Ok(Self(limits.to_vec()))
-    }
-
-    fn limit(&self, name: &str) -> Option<f64> {
-        let limit = self.0.iter().find(|limit| limit.name == name);
-        limit.map(|limit| limit.most)
-    }
-
-    /// Time within which the flight must have recovered [s].
-    fn recovery_max_s(&self) -> f64 {
-        self.limit(RECOVERY).unwrap_or(RECOVERY_MAX_S)
-    }
-
-    /// Flight time after an outage [s].
-    pub fn after_s(&self) -> f64 {
-        self.recovery_max_s() + STAYING_S
-    }
-
-    /// Length of a flight under a steady fault [s].
-    pub fn steady_s(&self) -> f64 {
-        STEADY_S.max(self.after_s())
-    }
-
-    pub fn gate(&self, settings: &Settings) -> Gate {
-        let is_other = |limit: &&GateLimit| ![RECOVERED_BELOW, RECOVERY].contains(&limit.name);
-        let others = self.0.iter().filter(is_other);
-        Gate {
-            recovered_below_m: self.limit(RECOVERED_BELOW),
-            tracked_below_m: settings.flight.tracking_error_max_m,
-            recovery_max_s: self.recovery_max_s(),
-            limits: others.map(|it| (it.name.into(), it.most)).collect(),
-        }
-    }
-
-    /// All limits: those that are given, then the defaults.
-    fn gates(&self, bound_m: f64, saturated: Option<f64>) -> Gates {
-        let given = self.0.iter().map(|limit| (limit.name, limit.most));
-        let recovery = self.limit(RECOVERY).is_none();
-        let recovery = recovery.then_some((RECOVERY, RECOVERY_MAX_S));
-        let saturated = saturated.map(|most| (SATURATED, most));
-        let limits = given.chain(recovery).chain(saturated);
-        Gates {
-            limits: limits
-                .filter_map(|(name, most)| Some((place(name)?, most)))
-                .collect(),
-            recovered_below_m: bound_m,
-            telemetry: Vec::new(),
-        }
-    }
-
-    /// The limits for laws that fly like this without a fault.
-    pub fn judge(
-        &self,
-        unfaulted: &Outcome,
-        name: &str,
-        settings: &Settings,
-    ) -> Result<Judged, Failure> {
-        if let Some(why) = &unfaulted.lost {
-            return Err(unflyable(name, why));
-        }
-        let error_m = metric(unfaulted, "position_error_max_m").unwrap_or_default();
-        let saturated_percent = metric(unfaulted, SATURATED).unwrap_or_default();
-        let bound_m = self.limit(RECOVERED_BELOW);
-        let recovered_m = bound_m.unwrap_or((TIMES_UNFAULTED * error_m).max(SMALLEST_BOUND_M));
-        let tracked_m = bound_m.unwrap_or(settings.flight.tracking_error_max_m.max(recovered_m));
-        let given = self.limit(SATURATED);
-        let saturated = saturated_percent + SATURATED_MORE_PERCENT;
-        Ok(Judged {
-            unfaulted_error_m: error_m,
-            unfaulted_saturated_percent: saturated_percent,
-            outage: self.gates(recovered_m, None),
-            steady: self.gates(tracked_m, given.is_none().then_some(saturated)),
-            saturated_max_percent: given.unwrap_or(saturated),
-        })
-    }
-}
-
-fn place(name: &str) -> Option<usize> {
-    METRICS.iter().position(|metric| metric.name == name)
-}
-
-pub fn metric(outcome: &Outcome, name: &str) -> Option<f64> {
-    outcome.metrics[place(name)?]
-}
-
-/// Refuses laws that miss the limits even without a fault.
-pub fn check(name: &str, outcome: &Outcome, gates: &Gates) -> Result<(), Failure> {
-    let mut held = gates.limits.iter().zip(gates.held(outcome));
-    let Some(((place, most), _)) = held.find(|(_, held)| *held == Some(false)) else {
-        return Ok(());
+/// The defaults, with what was given on the command line.
+pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds, Failure> {
+    let mut bounds = Bounds {
+        unnoticed_below_m: 0.02,
+        recovered_below_m: settings.flight.tracking_error_max_m,
+        recovery_max_s: 5.0,
+        survival_max_s: 20.0,
+        saturated_more_percent: 10.0,
     };
-    let metric = METRICS[*place];
-    let bound_m = gates.recovered_below_m;
-    let value = outcome.metrics[*place].map_or_else(
-        || format!("the position error does not stay below {bound_m} m"),
-        |value| format!("{value} {}", metric.unit),
-    );
-    let why = format!("{}: {}, allowed are {most}", metric.name, value.trim_end());
-    Err(unflyable(name, &why))
-}
-
-fn unflyable(name: &str, why: &str) -> Failure {
-    Failure::new(GATE, format!("{name} does not hold the gate without a fault: {why}"))
-        .help("choose other laws, another trajectory or preset, or a wider limit such as --gate recovered_below_m=0.2")
+    for (i, ((name, bound), most)) in given.iter().enumerate() {
+        if given[..i].iter().any(|((other, _), _)| other == name) {
+            let what = format!("--gate {name} is given twice");
+            return Err(Failure::usage(what).help("give each bound once"));
+        }
+        *bound(&mut bounds) = *most;
+    }
+    let (recovery_s, survival_s) = (bounds.recovery_max_s, bounds.survival_max_s);
+    if recovery_s > survival_s {
+        let what = format!(
+            "--gate recovery_max_s={recovery_s}: allowed are 0 to survival_max_s, {survival_s}"
+        );
+        return Err(Failure::usage(what).help("set survival_max_s, too"));
+    }
+    Ok(bounds)
 }

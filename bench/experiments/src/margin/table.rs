@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use analysis::json;
-use analysis::margin::{Margins, SCHEMA};
+use analysis::margin::{Margins, SCHEMA, SURVIVES};
 use analysis::phrase::count;
 use analysis::schema::{MarginSection, Report};
 use campaign::chunk::write_whole;
@@ -21,13 +21,12 @@ use flight_log::build;
 pub const DIRECTORY: &str = "margins";
 
 /// Shared settings without effect on margins, which choose their own faults and fly in simulated time.
-const LEFT_OUT: [&str; 6] = [
+const LEFT_OUT: [&str; 5] = [
     "flight.duration_s",
     "flight.pace",
     "flight.slowdown",
     "flight.seed",
     "flight.faults",
-    "flight.tracking_error_max_m",
 ];
 
 /// Laws, gains, airframe, trajectory, sample time, envelope and version.
@@ -57,11 +56,11 @@ pub fn check(out: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Writes one table per combination of laws, unless the same build has already written a larger one; returns a line for
-/// each.
+/// Writes one table per qualified combination of laws, unless the same build has already written a larger one; returns a
+/// line for each.
 pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
     let mut lines = Vec::new();
-    for law in &margins.laws {
+    for law in margins.laws.iter().filter(|law| law.qualified[SURVIVES]) {
         let path = path(out, &law.fingerprint);
         let place = path.display();
         let known = read(out, &law.fingerprint);
@@ -157,6 +156,7 @@ mod tests {
             ("flight.period_s", Value::from(0.002), true),
             ("flight.trajectory", Value::from("hover"), true),
             ("flight.position_error_max_m", Value::from(5.0), true),
+            ("flight.tracking_error_max_m", Value::from(0.2), true),
             ("inner.law", Value::from("indi"), true),
             ("inner.alpha_1_s", Value::from(150.0), true),
             ("plant.mass_kg", Value::from(0.53), true),

@@ -92,6 +92,8 @@ pub(super) static TARGETS: LazyLock<Vec<FaultTarget>> = LazyLock::new(|| {
             };
             add(format!("{channel}.{role}"), Scope::Stage, code, false);
         }
+        let code = FaultCode { axis, ..at(0) };
+        add(channel.to_string(), Scope::Channel, code, false);
     }
     add("cpu".into(), Scope::Processor, at(0), false);
     targets
@@ -373,7 +375,8 @@ fn read_value(of: ValueType, text: &str) -> Option<[u64; 2]> {
 
 /// All names of faults of the loop, except those of single numbers of a field.
 pub(super) fn known() -> impl Iterator<Item = String> {
-    let fields = TARGETS.iter().filter(|target| target.code.axis == 0);
+    let is_field = |target: &&FaultTarget| target.code.axis == 0 || target.scope == Scope::Channel;
+    let fields = TARGETS.iter().filter(is_field);
     fields.flat_map(|target| {
         FaultSpec::names(target.scope)
             .map(|name| format!("{}.{name}", target.name))

@@ -199,10 +199,11 @@ impl Engaged {
     /// Leaves the loops' processor and SCHED_FIFO: what it takes to join a flight costs the loops nothing.
     fn leave_loop(&self) {
         if let Some((_, others)) = &self.place {
+            // First, so that it does not wait on the loops' processor for one that is busy there.
+            let _ = sched_setaffinity(None, others);
             if self.loop_thread != 0 {
                 let _ = sys::set_other(self.loop_thread);
             }
-            let _ = sched_setaffinity(None, others);
         }
     }
 

@@ -14,6 +14,7 @@ use control_api::SavedState;
 use ipc::error::Error;
 use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::StageState;
+use messages::realtime::RealtimeSettings;
 use messages::role::{Channel, Replica};
 
 use super::Stage;
@@ -68,17 +69,19 @@ impl Continuity {
         })
     }
 
-    /// Opens the states of the other channels.
+    /// Opens the states of the other channels with the same laws.
     pub(super) fn arm(
         &mut self,
         wire: &Wire,
         replica: Replica,
-        channels: usize,
+        rt: &RealtimeSettings,
         run_id: u64,
     ) -> Result<(), Error> {
         self.state.run_id = run_id;
         self.twins.clear();
-        for channel in Channel::first(channels).filter(|it| *it != replica.channel) {
+        let group = rt.groups[replica.channel as usize];
+        let is_twin = |it: &Channel| *it != replica.channel && rt.groups[*it as usize] == group;
+        for channel in Channel::first(rt.channels).filter(is_twin) {
             let twin = Replica::new(replica.role, channel);
             self.twins
                 .extend(wire.blackboard_reader(&state_board(twin))?);

@@ -1,0 +1,81 @@
+//! Settings that the command line sets one by one: `--set inner.alpha_1_s=150`, `--inner adaptive:soft,alpha_1_s=150`.
+
+use std::path::Path;
+
+use errors::Failure;
+use messages::role::Role;
+use toml::{Table, Value};
+
+/// Keys of the settings that are set on the command line, with their values; a later one overrides an earlier one.
+///
+/// A key that the user typed follows the name of its flag and a space, for errors: `--set inner.alpha_1_s`.
+pub type Overrides = Vec<(&'static str, Value)>;
+
+/// Key that selects the preset of one law; it is no setting.
+pub(super) const PRESET: &str = "preset";
+
+/// The name of the flag and the key of an override; no name if the flag stands for this key alone.
+pub fn parts(flag: &'static str) -> (Option<&'static str>, &'static str) {
+    match flag.split_once(' ') {
+        Some((flag, key)) => (Some(flag), key),
+        None => (None, flag),
+    }
+}
+
+/// The value of `SECTION.KEY=VALUE`, by the rules of a settings file; a word needs no quotes.
+pub fn set(flag: &str, text: &str) -> Result<(&'static str, Value), String> {
+    let set = text.split_once('=').filter(|(key, _)| {
+        let parts = key.split_once('.');
+        parts.is_some_and(|(section, key)| !section.is_empty() && !key.is_empty())
+    });
+    let (key, value) = set.ok_or("write SECTION.KEY=VALUE, as in inner.alpha_1_s=150")?;
+    let as_in_a_file = format!("it = {value}").parse::<Table>().ok();
+    let as_in_a_file = as_in_a_file.filter(|table| table.len() == 1);
+    let read = as_in_a_file.and_then(|mut table| table.remove("it"));
+    let value = read.unwrap_or_else(|| Value::from(value));
+    // Flags last as long as the process.
+    Ok((Box::leak(format!("{flag} {key}").into_boxed_str()), value))
+}
+
+/// The law of a role with settings of its own: `NAME|FILE[:PRESET][,KEY=VALUE...]`.
+pub fn law(role: Role, text: &str) -> Result<Overrides, Failure> {
+    let key = match role {
+        Role::Outer => "outer.law",
+        Role::Mixer => "mixer.law",
+        _ => "inner.law",
+    };
+    let (name, own) = name_and_own(text);
+    let mut all = vec![(key, Value::from(name))];
+    for own in own {
+        let with_key = match own.contains('=') {
+            true => format!("{role}.{own}"),
+            false => format!("{role}.{PRESET}={own}"),
+        };
+        let set = set(&format!("--{role}"), &with_key).map_err(|_| {
+            Failure::usage(format!("--{role} {text}: `{own}` is no setting")).help(
+                "write LAW:PRESET,KEY=VALUE, as in adaptive:soft,alpha_1_s=150; either may be left out",
+            )
+        })?;
+        all.push(set);
+    }
+    Ok(all)
+}
+
+/// A law's name or file, and what follows the colon; lists keep their commas.
+fn name_and_own(text: &str) -> (&str, Vec<&str>) {
+    let Some((name, own)) = text.split_once(':').filter(|_| !Path::new(text).exists()) else {
+        return (text, Vec::new());
+    };
+    let mut depth = 0_i32;
+    let parts = own.split(|character| {
+        depth += i32::from(character == '[') - i32::from(character == ']');
+        character == ',' && depth == 0
+    });
+    (name, parts.collect())
+}
+
+/// What a law's name is shown with: the settings of its own, as they were typed.
+pub fn variant(text: &str) -> &str {
+    let (name, _) = name_and_own(text);
+    &text[name.len()..]
+}

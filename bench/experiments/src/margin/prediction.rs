@@ -1,0 +1,167 @@
+//! Predicted margins: the frequency response of the sampled loop at hover, cut at the rotor commands.
+//!
+//! An impulse d is added to the rotor commands along one axis, in two flights of opposite sign. Half of the difference of
+//! the commands that the mixer computes, per d, is the response C of the closed loop, and L = -C / (1 + C) the open one.
+//! It contains all that a law does for small signals, so it needs no knowledge of the law.
+
+use std::f64::consts::{PI, TAU};
+use std::sync::atomic::AtomicBool;
+
+use analysis::margin::LoopMargin;
+use errors::Failure;
+use nalgebra::Complex;
+
+use crate::margin::flights::{base, rig};
+use crate::parallel::check_stop;
+use config::{Settings, TrajectorySection};
+
+/// Rotors that an axis speeds up or slows down.
+const AXES: [(&str, [f64; 4]); 3] = [
+    ("roll", [1.0, -1.0, -1.0, 1.0]),
+    ("pitch", [1.0, 1.0, -1.0, -1.0]),
+    ("yaw", [1.0, -1.0, 1.0, -1.0]),
+];
+/// When the loop is settled [s].
+const FROM_S: f64 = 15.0;
+/// How long the response is recorded [s].
+const LENGTH_S: f64 = 8.0;
+/// The impulse, as a share of the rotor speed in hover.
+const IMPULSE: f64 = 1e-4;
+/// Share of the response's peak that may be left at its end.
+const REST: f64 = 0.02;
+/// The lowest frequency: below are the position loops [rad/s].
+const LOWEST_RAD_S: f64 = 2.0;
+const FREQUENCIES: i32 = 300;
+
+/// The margins of each axis; none of those whose response does not decay.
+pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargin>, Failure> {
+    let mut settings = settings.clone();
+    settings.flight.trajectory = "hover".into();
+    settings.trajectory = TrajectorySection::default();
+    settings.points = None;
+    settings.flight.duration_s = FROM_S + LENGTH_S;
+    let period_s = settings.flight.period_s;
+    let from = (FROM_S / period_s).round() as u64;
+    let impulse = IMPULSE * settings.airframe()?.hover_speed_rad_s();
+    let base = base(&settings, from, stop)?;
+    let mut commands = |signs: [f64; 4], impulse: f64| -> Result<Vec<f64>, Failure> {
+        let biases = (1..)
+            .zip(signs)
+            .map(|(i, sign)| format!("rotor_speeds.speed_rad_s.{i}.bias={}", sign * impulse));
+        let biases = biases.collect::<Vec<_>>().join(",");
+        settings.flight.faults = vec![format!("{biases}@tick{from}..tick{}", from + 1)];
+        let mut rig = rig(base.as_deref(), &settings)?;
+        let mut commands = Vec::new();
+        while rig.next_tick() <= settings.last_tick() {
+            check_stop(stop)?;
+            rig.tick();
+            if rig.flown_tick() >= from {
+                let speeds = rig.rotor_speeds().speed_rad_s.into_iter();
+                commands.push(
+                    speeds
+                        .zip(signs)
+                        .map(|(speed, sign)| sign * speed / 4.0)
+                        .sum(),
+                );
+            }
+        }
+        Ok(commands)
+    };
+    let mut all = Vec::new();
+    for (axis, signs) in AXES {
+        let pair = commands(signs, impulse)?
+            .into_iter()
+            .zip(commands(signs, -impulse)?);
+        let response: Vec<f64> = pair.map(|(a, b)| (a - b) / (2.0 * impulse)).collect();
+        all.push(margin(axis, &response, period_s));
+    }
+    Ok(all)
+}
+
+/// The margins of a loop, from the closed loop's response to an impulse at its first tick.
+fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
+    let mut margin = LoopMargin {
+        axis: axis.into(),
+        ..LoopMargin::default()
+    };
+    let peak = |part: &[f64]| part.iter().fold(0.0_f64, |most, it| most.max(it.abs()));
+    let end = response.len() - response.len() / 10;
+    // Also where a flight diverged.
+    if !(peak(&response[end..]) <= REST * peak(response)) {
+        return margin;
+    }
+    // Frequencies in radians per tick.
+    let open = |w: f64| {
+        let z = Complex::from_polar(1.0, -w);
+        let sum = |sum: Complex<f64>, it: &f64| sum * z + it;
+        let closed = response.iter().rev().fold(Complex::default(), sum);
+        -closed / (closed + 1.0)
+    };
+    let lowest = LOWEST_RAD_S * period_s;
+    let frequency = |i: i32| lowest * (PI / lowest).powf(f64::from(i) / f64::from(FREQUENCIES));
+    let curve: Vec<(f64, Complex<f64>)> = (0..=FREQUENCIES)
+        .map(|i| (frequency(i), open(frequency(i))))
+        .collect();
+    let crossings = |of: fn(Complex<f64>) -> f64| {
+        let pairs = curve
+            .windows(2)
+            .filter(move |pair| of(pair[0].1) * of(pair[1].1) < 0.0);
+        let root = move |pair: &[(f64, Complex<f64>)]| {
+            let (mut low, mut high) = (pair[0].0, pair[1].0);
+            for _ in 0..30 {
+                let middle = (low + high) / 2.0;
+                match of(open(middle)) * of(pair[0].1) > 0.0 {
+                    true => low = middle,
+                    false => high = middle,
+                }
+            }
+            (low, open(low))
+        };
+        pairs.map(root)
+    };
+    let delay = |(w, l): (f64, Complex<f64>)| (w, (l.arg() + PI).rem_euclid(TAU));
+    let crossovers = crossings(|l| l.norm() - 1.0).map(delay);
+    if let Some((w, phase)) = crossovers.min_by(|a, b| (a.1 / a.0).total_cmp(&(b.1 / b.0))) {
+        margin.crossover_rad_s = Some(w / period_s);
+        margin.phase_margin_deg = Some(phase.to_degrees());
+        margin.delay_ticks = Some(phase / w);
+    }
+    let real = crossings(|l| l.im).chain([(PI, open(PI))]);
+    let gains = real
+        .filter(|(_, l)| l.re < 0.0 && l.norm() < 1.0)
+        .map(|(_, l)| 1.0 / l.norm());
+    margin.gain = gains.min_by(f64::total_cmp);
+    margin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rate loop of docs/paper.md: an integrator of gain c per tick, and a delay of d ticks.
+    #[test]
+    fn the_margins_of_a_delayed_integrator_are_those_of_its_rule() {
+        for (c, d) in [(0.1813, 1), (0.3, 2), (0.05, 8)] {
+            let mut response: Vec<f64> = Vec::new();
+            let mut rate = vec![0.0];
+            for k in 0..8000_usize {
+                // The command of d ticks ago acts, with the impulse at the first tick.
+                let command = -c * k.checked_sub(d).map_or(0.0, |it| rate[it]);
+                let impulse = if k == 0 { 1.0 } else { 0.0 };
+                response.push(command);
+                rate.push(rate[k] + command + impulse);
+            }
+            let found = margin("roll", &response, 1e-3);
+            let limit = |d: f64| 2.0 * (PI / (2.0 * (2.0 * d + 1.0))).sin();
+            let gain = limit(d as f64) / c;
+            // At d and the delay margin, c is the limit.
+            let delay = (PI / (2.0 * (c / 2.0_f64).asin()) - 1.0) / 2.0 - d as f64;
+            let close = |found: Option<f64>, of: f64| (found.unwrap() / of - 1.0).abs() < 1e-6;
+            assert!(close(found.gain, gain), "{found:?}, gain {gain}");
+            assert!(close(found.delay_ticks, delay), "{found:?}, delay {delay}");
+        }
+        // An oscillation that stays is no response to an impulse.
+        let rings: Vec<f64> = (0..8000).map(|k| f64::from(k).sin()).collect();
+        assert_eq!(margin("yaw", &rings, 1e-3).gain, None);
+    }
+}

@@ -1,0 +1,282 @@
+//! Flights of the same laws in several cases: Markdown tables, a page, a picture, and CSV.
+
+use crate::comparison::{conditions, millimetres, significant};
+use crate::document::{Block, Cell, Document, Section, Table, known};
+use crate::plot::STYLE;
+use analysis::comparison::{Comparison, ErrorFigures, Laws, Outcome, SETTLING_S};
+use maud::{Markup, PreEscaped, html};
+
+/// Rows in which no law changes its commands by more are left out of what tells of that [rad/s].
+const QUIET_RAD_S: f64 = 0.1;
+
+pub struct Cases {
+    pub title: String,
+    /// Whether errors count from the fault on; else from [`SETTLING_S`] after it.
+    pub from_fault: bool,
+    /// Flights of the same laws, each with the name of its case.
+    pub rows: Vec<(String, Comparison)>,
+}
+
+/// What a combination made of a question in words, and what the best of a row has least of.
+type Answer = (String, Option<f64>);
+
+struct Question {
+    title: String,
+    answer: fn(&Outcome) -> Answer,
+    /// Rows without a larger figure are left out.
+    least: Option<f64>,
+}
+
+impl Cases {
+    fn questions(&self) -> Vec<Question> {
+        let bound_m = self.rows.first().map_or(0.0, |(_, it)| it.flight.bound_m);
+        let recovery = format!("time until it stays below {bound_m} m [s]");
+        let (title, answer): (String, fn(&Outcome) -> Answer) = match self.from_fault {
+            true => {
+                let error = "true position error from the fault on, rms / peak [mm]";
+                (format!("{error} / {recovery}"), from_fault)
+            }
+            false => {
+                let error = "worst true position error from";
+                let title = format!("{error} {SETTLING_S} s after the fault on [mm] / {recovery}");
+                (title, lasting)
+            }
+        };
+        let change = format!(
+            "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
+        );
+        let error = Question {
+            title,
+            answer,
+            least: None,
+        };
+        let change = Question {
+            title: change,
+            answer: agitation,
+            least: Some(QUIET_RAD_S),
+        };
+        vec![error, change]
+    }
+
+    /// A table for each question and each outer law with its mixer; `bold` marks what is best in its row.
+    fn tables(&self, bold: fn(&str) -> String) -> Vec<(String, Table)> {
+        let Some((_, first)) = self.rows.first() else {
+            return Vec::new();
+        };
+        let group = |laws: &Laws| (laws.outer.clone(), laws.mixer.clone());
+        let mut groups: Vec<_> = first.outcomes.iter().map(|it| group(&it.laws)).collect();
+        groups.dedup();
+        let mut tables = Vec::new();
+        for question in self.questions() {
+            for of in &groups {
+                let is_of = |outcome: &&Outcome| group(&outcome.laws) == *of;
+                let rows = self.rows.iter().filter_map(|(name, comparison)| {
+                    let outcomes = comparison.outcomes.iter().filter(is_of);
+                    let answers: Vec<Answer> = outcomes.map(question.answer).collect();
+                    let cells = cells(&answers, question.least, bold)?;
+                    Some([Cell::from(name)].into_iter().chain(cells).collect())
+                });
+                let laws = first.outcomes.iter().filter(is_of);
+                let laws = laws.map(|it| format!("`{}`", it.laws.inner));
+                let columns = ["fault".to_owned()].into_iter().chain(laws);
+                let (outer, mixer) = of;
+                let mixer = match first.mixers_differ() {
+                    true => format!(", mixer `{mixer}`"),
+                    false => String::new(),
+                };
+                let title = format!("Outer law `{outer}`{mixer}: {}", question.title);
+                tables.push((title, Table::new(columns, rows)));
+            }
+        }
+        tables
+    }
+
+    pub fn markdown(&self) -> String {
+        let tables = self.tables(|text| format!("**{text}**")).into_iter();
+        let tables = tables.map(|(title, mut table)| {
+            for row in &mut table.rows {
+                row[0].text = row[0].text.replace('|', "\\|");
+            }
+            let table = format!("\n{}", table.markdown()).replace(" | ", "|");
+            let table = table.replace("\n| ", "\n|").replace(" |\n", "|\n");
+            format!("{title}\n{table}")
+        });
+        tables.collect::<Vec<_>>().join("\n")
+    }
+
+    pub fn document(&self) -> Document {
+        let first = self.rows.first().map(|(_, first)| first);
+        let flown = first.map_or(String::new(), |it| conditions(&it.flight));
+        let note = "A cell is the darker the larger its figure is beside the best of its row: the darkest are 100 times \
+                    as large, or lost.";
+        let tables = self.tables(str::to_owned).into_iter();
+        let ids = ["error", "effort"].into_iter().cycle();
+        let mut sections: Vec<Section> = ids
+            .zip(tables)
+            .map(|(id, (title, mut table))| {
+                for column in &mut table.columns {
+                    *column = column.replace('`', "");
+                }
+                Section::new(id, title.replace('`', ""), vec![Block::Table(table)])
+            })
+            .collect();
+        let case = |(name, comparison): &(String, Comparison)| {
+            let flight = &comparison.flight;
+            let faults = flight.faults.iter();
+            let faults = faults.map(|it| format!("{} at {:.3} s", it.what, it.time_s));
+            let faults = faults.collect::<Vec<_>>().join(", ");
+            format!("{name}: {}; {faults}", conditions(flight))
+        };
+        let items = Block::Items(self.rows.iter().map(case).collect());
+        sections.push(Section::new("cases", "Cases", vec![items]));
+        Document {
+            title: format!("{}, {flown}", self.title),
+            heading: self.title.clone(),
+            build: first.map_or(String::new(), |it| it.build.to_string()),
+            lead: vec![Block::Note(note.into())],
+            sections,
+            ..Document::default()
+        }
+    }
+
+    /// The first table as a picture, with the first figure of each cell.
+    pub fn picture(&self) -> String {
+        const NAME: f64 = 200.0;
+        const WIDTH: f64 = 78.0;
+        const ROW: f64 = 22.0;
+        const TOP: f64 = 76.0;
+        let Some((title, table)) = self.tables(str::to_owned).into_iter().next() else {
+            return String::new();
+        };
+        let (width, height) = (
+            NAME + WIDTH * (table.columns.len() - 1) as f64 + 16.0,
+            TOP + ROW * table.rows.len() as f64 + 16.0,
+        );
+        let cell = |x: usize, y: usize, cell: &Cell| -> Markup {
+            let (x, y) = (NAME + WIDTH * x as f64, TOP + ROW * y as f64);
+            let shade = cell.shade.unwrap_or_default();
+            let text = cell.text.split('/').next().unwrap_or_default();
+            html! {
+                rect x=(x) y=(y) width=(WIDTH - 2.0) height=(ROW - 2.0)
+                    style=(format!("fill:rgb(213 94 0 / {shade:.0}%)")) {}
+                text.below x=(x + WIDTH / 2.0) y=(y + 14.0) { (text) }
+            }
+        };
+        let picture = html! {
+            svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) {
+                style { (PreEscaped(STYLE)) ".card { fill: var(--card); } svg text { fill: var(--ink); }" }
+                rect.card x="0" y="0" width=(width) height=(height) {}
+                text x="12" y="22" style="font-size:15px;font-weight:600" { (self.title) }
+                text x="12" y="42" { (title.replace('`', "").split(" / peak").next().unwrap_or_default()) " [mm]" }
+                @for (x, column) in table.columns.iter().skip(1).enumerate() {
+                    text.below x=(NAME + WIDTH * (x as f64 + 0.5)) y=(TOP - 8.0) { (column.replace('`', "")) }
+                }
+                @for (y, row) in table.rows.iter().enumerate() {
+                    text x="12" y=(TOP + ROW * y as f64 + 14.0) { (row[0].text) }
+                    @for (x, it) in row.iter().skip(1).enumerate() { (cell(x, y, it)) }
+                }
+            }
+        };
+        picture.into_string()
+    }
+
+    pub fn csv(&self) -> String {
+        let mut text = "case,trajectory,preset,outer,inner,mixer,lost_s,rms_m,worst_m,rms_from_fault_m,\
+                        worst_from_fault_m,worst_after_5s_m,recovery_s,agitation_rad_s,saturated_percent,power_hover,outputs\n"
+            .to_owned();
+        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+        let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+        for (name, comparison) in &self.rows {
+            for outcome in &comparison.outcomes {
+                let (it, laws) = (&outcome.figures, &outcome.laws);
+                let of = |error: Option<ErrorFigures>, of: fn(&ErrorFigures) -> f64| {
+                    number(error.as_ref().map(of))
+                };
+                let cells = [
+                    quoted(name),
+                    quoted(&comparison.flight.trajectory),
+                    quoted(&outcome.preset),
+                    quoted(&laws.outer),
+                    quoted(&laws.inner),
+                    quoted(&laws.mixer),
+                    number(outcome.lost_s),
+                    number(Some(it.error.rms_m)),
+                    number(Some(it.error.worst_m)),
+                    of(it.error_from_fault, |it| it.rms_m),
+                    of(it.error_from_fault, |it| it.worst_m),
+                    of(it.error_after, |it| it.worst_m),
+                    number(it.recovery_s.last().copied().flatten()),
+                    number(Some(it.effort.agitation_rad_s)),
+                    number(Some(it.effort.saturated_percent)),
+                    number(Some(it.effort.power)),
+                    outcome.outputs.clone(),
+                ];
+                text += &(cells.join(",") + "\n");
+            }
+        }
+        text
+    }
+}
+
+/// The cells of a row, unless none of its figures is above `least`.
+fn cells(answers: &[Answer], least: Option<f64>, bold: fn(&str) -> String) -> Option<Vec<Cell>> {
+    /// How dark a cell is whose figure is ten times the best [%].
+    const TENFOLD: f64 = 35.0;
+    let figures = || answers.iter().filter_map(|(_, figure)| *figure);
+    if least.is_some_and(|least| !figures().any(|figure| figure > least)) {
+        return None;
+    }
+    let best = figures().min_by(f64::total_cmp).unwrap_or_default();
+    let cell = |(text, figure): &Answer| match figure {
+        // Figures that print alike are both the best.
+        Some(figure) if significant(*figure) == significant(best) => bold(text).into(),
+        figure => {
+            let times = figure.map_or(f64::INFINITY, |figure| figure / best);
+            Cell {
+                text: text.clone(),
+                shade: Some((TENFOLD * times.log10()).clamp(0.0, 2.0 * TENFOLD)),
+                ..Cell::default()
+            }
+        }
+    };
+    Some(answers.iter().map(cell).collect())
+}
+
+fn tracking(
+    outcome: &Outcome,
+    error: Option<ErrorFigures>,
+    of: &[fn(&ErrorFigures) -> f64],
+) -> Answer {
+    let figures = &outcome.figures;
+    if let Some(time_s) = outcome.lost_s {
+        return (format!("lost at {time_s:.1} s"), None);
+    }
+    // A row without a fault tells of the whole flight; one whose flight was over too soon, of nothing.
+    let whole = figures.recovery_s.is_empty().then_some(figures.error);
+    let error = error.or(whole);
+    let errors = of
+        .iter()
+        .map(|of| known(error.as_ref().map(of).map(millimetres)));
+    let recovery_s = figures.recovery_s.last().copied().flatten();
+    let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
+    let text: Vec<String> = errors.chain([recovery]).collect();
+    let figure_mm = error.as_ref().map(|error| 1e3 * of[0](error));
+    (text.join("/"), figure_mm)
+}
+
+fn lasting(outcome: &Outcome) -> Answer {
+    tracking(outcome, outcome.figures.error_after, &[|it| it.worst_m])
+}
+
+fn from_fault(outcome: &Outcome) -> Answer {
+    let error = outcome.figures.error_from_fault;
+    tracking(outcome, error, &[|it| it.rms_m, |it| it.worst_m])
+}
+
+fn agitation(outcome: &Outcome) -> Answer {
+    let agitation_rad_s = outcome.figures.effort.agitation_rad_s;
+    match outcome.lost {
+        Some(_) => ("lost".into(), None),
+        None => (significant(agitation_rad_s), Some(agitation_rad_s)),
+    }
+}
