@@ -131,7 +131,7 @@ fn margins_are_those_of_theory_and_of_the_prediction() {
         let flown = 1 + survives(&margins, "lag", "plant.rotor_speeds");
         let flown_gain = 1.0 + survives(&margins, "gain", "plant.rotor_speeds") as f64 / 10.0;
         println!("  1 % less: flown {flown} ticks, gain predicted {gain:.3}, flown {flown_gain}");
-        assert_eq!(flown, delay.into());
+        assert_eq!(flown, u64::from(delay));
         assert!((gain - 0.12..gain * 1.01).contains(&flown_gain));
         let c = sampled_gain(0.99 * alpha_1_s, 1e-3) * 1e-3;
         let limit = (1..60)
