@@ -4,7 +4,7 @@
 
 use crate::c_laws::misbehaving;
 use crate::rig::{Rig, not_tested, rounds};
-use ipc::clock::now_ns;
+use ipc::clock::busy_wait;
 use process::rt::{fifo_refusal, loops_cpu, take_stand};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -33,8 +33,7 @@ fn hog(time_ns: u64) {
         .name("hog".into())
         .spawn(move || {
             assert_eq!(take_stand(cpu, 99).priority, 99);
-            let until_ns = now_ns() + time_ns;
-            while now_ns() < until_ns {}
+            busy_wait(time_ns);
         });
     hog.unwrap().join().unwrap();
 }

@@ -4,7 +4,7 @@ use crate::rig::{Rig, Running, files_below, is_gone, process_of, read_log, send,
 use controller::laws::adaptive::estimate;
 use flight_log::entry::LogEntry;
 use ipc::Wire;
-use ipc::clock::{now_ns, sleep_until};
+use ipc::clock::sleep_through;
 use messages::blackboards::{RolePhase, Run, Status};
 use messages::grid::Pace;
 use messages::role::Role::{self, Inner, Mixer, Outer};
@@ -32,9 +32,7 @@ pub(crate) fn await_begin(run: &Run, tick: u64) {
     let Pace::Realtime(grid) = run.pace() else {
         panic!("a flight in lockstep has no clock")
     };
-    while now_ns() < grid.begin_of(tick) {
-        sleep_until(grid.begin_of(tick));
-    }
+    sleep_through(grid.begin_of(tick));
 }
 
 /// Kills a role at a tick; its process.
