@@ -6,7 +6,6 @@ mod bridge;
 mod build_identity;
 mod c_laws;
 mod campaign;
-mod channels;
 mod compare;
 mod comparisons;
 mod directories;
