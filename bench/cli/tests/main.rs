@@ -26,7 +26,6 @@ mod laws;
 mod margin;
 mod message_faults;
 mod miss_analysis_flights;
-mod new_law;
 mod paper_facts;
 mod python;
 mod recorded;
