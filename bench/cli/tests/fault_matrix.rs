@@ -6,8 +6,8 @@
 use crate::c_laws::{hostile, misbehaving};
 use crate::restarts::{await_begin, in_the_air};
 use crate::rig::{
-    Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, table,
-    wait_until,
+    Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, signal_of,
+    table, wait_until,
 };
 use analysis::outages::OutageCase;
 use analysis::schema::FlightStatus;
@@ -67,18 +67,6 @@ impl Row {
     fn fault(&self) -> [&'static str; 3] {
         let mut words = self.fault.split(' ');
         std::array::from_fn(|_| words.next().unwrap_or_default())
-    }
-
-    fn signal(&self) -> Signal {
-        match self.fault()[0] {
-            "KILL" => Signal::KILL,
-            "STOP" | "pause" => Signal::STOP,
-            "TERM" => Signal::TERM,
-            "INT" => Signal::INT,
-            "HUP" => Signal::HUP,
-            "QUIT" => Signal::QUIT,
-            other => panic!("{}: no signal {other}", self.name),
-        }
     }
 
     /// Flies with the fault, and demands the outcome.
@@ -191,8 +179,9 @@ impl Row {
             }
             _ => panic!("{}: no instant {}", self.name, self.at),
         }
-        send(pid, self.signal());
-        if kind == "pause" {
+        let is_pause = kind == "pause";
+        send(pid, signal_of(if is_pause { "STOP" } else { kind }));
+        if is_pause {
             sleep(Duration::from_millis(pause_ms.parse().unwrap()));
             send(pid, Signal::CONT);
         }

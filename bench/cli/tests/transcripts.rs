@@ -13,10 +13,9 @@ use crate::miss_analysis_flights::TRACEFS;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
     Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
-    send, squeezed, stop_for, wait_until,
+    send, signal_of, squeezed, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
-use rustix::process::Signal;
 use serde_json::Value;
 
 struct Scenario<'a> {
@@ -308,21 +307,11 @@ impl Stage {
                 stop_for(self.rig.processes_of(name)[0], time);
             }
             "signal" => {
-                let signal = match last {
-                    "INT" => Signal::INT,
-                    "TERM" => Signal::TERM,
-                    "HUP" => Signal::HUP,
-                    "QUIT" => Signal::QUIT,
-                    "STOP" => Signal::STOP,
-                    "USR1" => Signal::USR1,
-                    "KILL" => Signal::KILL,
-                    other => panic!("no signal {other}"),
-                };
                 let pid = match self.running.get(name) {
                     Some(process) => process.pid(),
                     None => self.rig.processes_of(name)[0],
                 };
-                send(pid, signal);
+                send(pid, signal_of(last));
             }
             "end" => {
                 self.close();

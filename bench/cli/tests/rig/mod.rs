@@ -29,8 +29,10 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 pub use role_process::{Ended, Running, squeezed};
-use system::{command_line, hear_signals, names, processes};
-pub use system::{files_below, is_gone, send, stop_for, wait_until};
+pub use system::{
+    command_line, files_below, is_gone, processes, send, signal_of, stop_for, wait_until,
+};
+use system::{hear_signals, names};
 
 /// The executable under test: the one that the variable IRONBIRD named when the tests were compiled (an absolute path),
 /// such as the release build; otherwise the one that cargo built beside the tests.
