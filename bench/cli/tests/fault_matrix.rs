@@ -3,7 +3,7 @@
 //! `cargo test` runs the first row of each outcome, the gate all rows. `IRONBIRD_ROWS=kill,hang.inner` chooses rows by
 //! name, or several by the beginning of their names, and `IRONBIRD_ROUNDS=n` runs each n times, at other instants each time.
 
-use crate::c_laws::{hostile, misbehaving};
+use crate::c_laws::harmful;
 use crate::restarts::{await_begin, in_the_air};
 use crate::rig::{
     Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, signal_of,
@@ -86,8 +86,8 @@ impl Row {
         }
         // Nobody hits the ground while a stage is missing.
         let config = match kind {
-            "law" => misbehaving(&rig, what, 300),
-            "hostile" => hostile(&rig, what, 300),
+            "law" => harmful(&rig, "misbehaving", what, 300),
+            "hostile" => harmful(&rig, "hostile", what, 300),
             _ => in_the_air(&rig, 1),
         };
         if kind == "plan" {

@@ -2,7 +2,7 @@
 //!
 //! `miss_analysis.rs` tests each cause on constructed evidence.
 
-use crate::c_laws::misbehaving;
+use crate::c_laws::harmful;
 use crate::rig::{Rig, not_tested, rounds};
 use ipc::clock::busy_wait;
 use process::rt::{fifo_refusal, loops_cpu, take_stand};
@@ -113,7 +113,7 @@ fn soak_of_causes() {
     // Something else may take the processor meanwhile and pass for the cause, but not every time.
     while round < rounds() || (round < 4 && !is_named(&found)) {
         let rig = Rig::new("causes");
-        let config = misbehaving(&rig, "fault", 650);
+        let config = harmful(&rig, "misbehaving", "fault", 650);
         let settings = fs::read_to_string(&config).unwrap();
         let slow = "[flight]\nslowdown = 10\n";
         fs::write(&config, settings.replace("[flight]\n", slow)).unwrap();
