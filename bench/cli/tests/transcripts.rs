@@ -345,7 +345,9 @@ impl Stage {
         let variables: Vec<&str> = line.split(' ').take_while(is_variable).collect();
         let mut words = line.split(' ').skip(variables.len());
         let command = words.next().unwrap();
-        let mut process = self.rig.command(command, words.collect::<Vec<_>>());
+        let mut process = self
+            .rig
+            .command(command, words.collect::<Vec<_>>().join(" "));
         process.envs(variables.iter().filter_map(|it| it.split_once('=')));
         self.rig.launch(process)
     }

@@ -57,41 +57,6 @@ pub fn copy_executable(to: &Path) {
     assert!(copied.success());
 }
 
-/// Arguments of a command: a line of words, or a list where a word has blanks.
-pub trait Args {
-    fn list(&self) -> Vec<String>;
-}
-
-impl Args for str {
-    fn list(&self) -> Vec<String> {
-        self.split_whitespace().map(str::to_owned).collect()
-    }
-}
-
-impl Args for String {
-    fn list(&self) -> Vec<String> {
-        self.as_str().list()
-    }
-}
-
-impl<S: AsRef<str>> Args for Vec<S> {
-    fn list(&self) -> Vec<String> {
-        self.iter().map(|arg| arg.as_ref().to_owned()).collect()
-    }
-}
-
-impl<S: AsRef<str>, const N: usize> Args for [S; N] {
-    fn list(&self) -> Vec<String> {
-        self.iter().map(|arg| arg.as_ref().to_owned()).collect()
-    }
-}
-
-impl<A: Args + ?Sized> Args for &A {
-    fn list(&self) -> Vec<String> {
-        (**self).list()
-    }
-}
-
 pub struct Rig {
     executable: &'static str,
     directory: TempDir,
@@ -175,16 +140,10 @@ impl Rig {
     }
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
-    pub fn command(&self, command: &str, args: impl Args) -> Command {
-        self.command_by(&[], command, args)
-    }
-
-    /// `ironbird COMMAND`, started by another program that its arguments precede.
-    pub fn command_by(&self, program: &[&str], command: &str, args: impl Args) -> Command {
-        let words = [program, &[self.executable, command]].concat();
-        let mut process = Command::new(words[0]);
+    pub fn command(&self, command: &str, args: impl AsRef<str>) -> Command {
+        let mut process = Command::new(self.executable);
         process
-            .args(&words[1..])
+            .arg(command)
             .args(self.own_args(command, args))
             .env("IRONBIRD_ROOT", self.root());
         process
@@ -195,7 +154,7 @@ impl Rig {
         &self,
         (mount, probe): (&str, &str),
         command: &str,
-        args: impl Args,
+        args: impl AsRef<str>,
     ) -> Option<Command> {
         let mut process = in_own_mounts(mount, probe, self.executable)?;
         process
@@ -206,8 +165,9 @@ impl Rig {
     }
 
     /// What a command is given besides `args`.
-    pub fn own_args(&self, command: &str, args: impl Args) -> Vec<String> {
-        let mut all = args.list();
+    pub fn own_args(&self, command: &str, args: impl AsRef<str>) -> Vec<String> {
+        let words = args.as_ref().split_whitespace();
+        let mut all: Vec<String> = words.map(str::to_owned).collect();
         // What stands behind `--` are no flags.
         let end = all.iter().position(|arg| arg == "--").unwrap_or(all.len());
         let mut default = |flag: &str, value: &str| {
@@ -229,7 +189,7 @@ impl Rig {
         all
     }
 
-    pub fn start(&self, command: &str, args: impl Args) -> Running {
+    pub fn start(&self, command: &str, args: impl AsRef<str>) -> Running {
         self.launch(self.command(command, args))
     }
 
@@ -251,7 +211,7 @@ impl Rig {
     }
 
     /// Starts a process and waits for its end.
-    pub fn run(&self, command: &str, args: impl Args) -> Ended {
+    pub fn run(&self, command: &str, args: impl AsRef<str>) -> Ended {
         self.start(command, args).end()
     }
 
@@ -287,7 +247,7 @@ impl Rig {
 
     pub fn await_flight(&self) {
         wait_until("the instance to fly", || {
-            let params = self.run("params", ["--json"]);
+            let params = self.run("params", "--json");
             (params.code == Some(0) && !params.json()[0]["in_force"].is_null()).then_some(())
         });
     }
@@ -310,7 +270,7 @@ impl Rig {
     }
 
     /// Starts a flight and waits until its parameters are in force: up to 200 ms before tick 0.
-    pub fn take_off(&self, args: impl Args) -> Running {
+    pub fn take_off(&self, args: impl AsRef<str>) -> Running {
         let flight = self.start("fly", args);
         self.await_flight();
         flight
