@@ -23,8 +23,8 @@ pub struct ChannelSelection {
     groups: GroupSelection,
     /// The channel that was requested to fly.
     requested: Option<Channel>,
-    /// Channels whose group had a usable command of the last tick.
-    ready: [bool; MOST_CHANNELS],
+    /// The commands of the last tick.
+    last: Vec<Candidate, MOST_CHANNELS>,
     account: RedundancyAccount,
 }
 
@@ -33,7 +33,7 @@ impl ChannelSelection {
         Self {
             groups: GroupSelection::new(arrangement),
             requested: None,
-            ready: [false; MOST_CHANNELS],
+            last: Vec::new(),
             waiting: Vec::new(),
             published: 0,
             untaken: 0,
@@ -45,15 +45,12 @@ impl ChannelSelection {
         &self.account.redundancy
     }
 
-    pub const fn has_envelope(&self) -> bool {
-        self.groups.arrangement.envelope.is_some()
+    /// Whether a channel's laws can fly: a channel with them had a fresh command of the last tick on time.
+    pub fn is_ready(&self, channel: Channel) -> bool {
+        self.groups.is_ready(channel, &self.last)
     }
 
-    pub const fn is_ready(&self, channel: Channel) -> bool {
-        self.ready[channel as usize]
-    }
-
-    /// This channel's laws fly from the tick on that is decided on next.
+    /// Requests that this channel's laws fly from the next decision on.
     pub const fn request(&mut self, channel: Channel) {
         self.requested = Some(channel);
     }
@@ -93,15 +90,18 @@ impl ChannelSelection {
                 switchover = self
                     .groups
                     .decide(made_for, &candidates, requested, excursion);
-                self.ready = Channel::ALL.map(|it| self.groups.is_ready(it, &candidates));
             }
             let group = self.groups.group_at(made_for);
             let selection = self.groups.of_group(group, &candidates);
+            if let Some(selection) = &selection {
+                self.groups.fly(selection);
+            }
             if is_published {
                 if let Some(switchover) = switchover {
                     self.account.switch(switchover);
                 }
                 self.account.enter(made_for, &candidates, group, selection);
+                self.last = candidates;
             }
             if let Some(selection) = selection.filter(|_| made_for >= self.untaken) {
                 let chosen = &selection.chosen;

@@ -106,7 +106,7 @@ struct PlantProcess<'a> {
     route: Option<Route>,
     /// That of the last state.
     excursion: Excursion,
-    /// The first tick whose request to switch has not been looked for.
+    /// The first tick that was not searched for a request to switch.
     next_switch: u64,
     event: WakeEvent,
     in_force: Blackboard<ActiveParameters>,
@@ -178,7 +178,7 @@ impl<'a> PlantProcess<'a> {
         self.plant.change_faults(&faults.messages, None);
     }
 
-    /// Has the commands of several channels selected.
+    /// Prepares the selection of a command among several channels.
     fn arrange(
         &mut self,
         session: &RoleSession,

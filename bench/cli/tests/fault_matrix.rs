@@ -120,6 +120,15 @@ impl Row {
                 assert_eq!(ended.result()["lost"], "0", "{what}");
                 rig.assert_replayed();
             }
+            "masked" => {
+                let report = rig.final_report();
+                let channels = report.redundancy.as_ref().unwrap();
+                assert_eq!(channels.ticks_not_fresh, 0, "{what}: {channels:?}");
+                let out = channels.outages.iter().map(|it| it.ticks).max();
+                assert!(out.is_some(), "{what}: {channels:?}");
+                figures = json!({"ticks a channel is out": out});
+                rig.assert_replayed();
+            }
             "aborted" => self.demand_aborted(&rig, ended),
             "interrupted" => {
                 assert_eq!(ended.result()["status"], "INTERRUPTED", "{what}");

@@ -143,7 +143,7 @@ impl MessageStreams {
             ..
         } = self;
         let mut newest_state = statistics.newest_tick();
-        // In the log of a group, or in all, and in everything else if it is flown.
+        // Logs the message for its group, or for all groups; the rest sees only what is flown.
         let mut take = |entry: &LogEntry, group: Option<Channel>, is_flown: bool| {
             files.log(entry, group);
             let mut flown = *entry;

@@ -248,9 +248,8 @@ struct ReplayRun {
 
 /// Whose commands the plant took.
 enum FlownBy {
-    /// Now this channel's, now another one's.
     Channels(ChannelCommands),
-    /// The replay is of another channel than a, and leaves out the plant.
+    /// The log is that of a channel with other laws than channel a: its replay leaves out the plant.
     Others,
 }
 

@@ -101,7 +101,7 @@ impl Injection {
             .map(|(_, channel)| channel)
     }
 
-    /// Records a switchover that nobody requested, in the words that request it: a replay needs no other.
+    /// Records a switchover that was not requested as if it had been: a replay then needs no other information.
     #[cold]
     pub fn record_switch(&mut self, channel: Channel, tick: u64) {
         let fault = LiveFault {
@@ -109,7 +109,7 @@ impl Injection {
             ends: false,
             span: Span::new(tick, tick + 1),
         };
-        // Without room the flight goes on; a log says nothing of it then.
+        // If the blackboard is full, the flight continues, and its replay lacks the switchover.
         let _ = self.live.push(&fault);
         self.board.put(self.live);
     }

@@ -219,7 +219,7 @@ impl GroupSelection {
         }
     }
 
-    /// The group whose command of a tick is flown, as far as is known.
+    /// The group that flies a tick, as of the last decision.
     pub const fn group_at(&self, tick: u64) -> Channel {
         if tick < self.since {
             self.before
@@ -236,10 +236,9 @@ impl GroupSelection {
         select(&own)
     }
 
-    /// Decides who flies from a tick on, of which these are the commands; gives the switchover, if there is one.
+    /// Decides which group flies from a tick on, whose commands are the candidates. Returns the switchover, if there is one.
     ///
-    /// A group that takes over needs a usable command, and is the next one after the active one: nobody hands back but on
-    /// request.
+    /// Without a request, only a group after the active one takes over, and only with a usable command.
     pub fn decide(
         &mut self,
         tick: u64,
@@ -273,10 +272,12 @@ impl GroupSelection {
         if let Some((group, _)) = takes_over {
             (self.before, self.active, self.since) = (self.active, group, tick);
         }
-        if let Some(flown) = self.of_group(self.active, candidates) {
-            self.flown_rad_s = Some(flown.chosen.command.speed_rad_s);
-        }
         switchover
+    }
+
+    /// Takes the command that is flown.
+    pub const fn fly(&mut self, selection: &Selection) {
+        self.flown_rad_s = Some(selection.chosen.command.speed_rad_s);
     }
 
     fn command_step_rad_s(&self, selection: &Selection) -> f64 {
@@ -346,7 +347,7 @@ layout! {
         /// Ticks for which fewer than two channels had a command that could be flown.
         pub unprotected: u64,
         pub longest_unprotected: u64,
-        /// Ticks in which a group flew with the fresh command on time of another channel than its first.
+        /// Ticks in which the usable command was not that of the first channel of the group that flew.
         pub masked: u64,
         /// Ticks without a fresh command on time from any channel.
         pub not_fresh: u64,
@@ -362,8 +363,9 @@ layout! {
         pub outages: [Outage; OUTAGES_KEPT],
         pub switchover_count: u64,
         pub switchovers: [Switchover; SWITCHOVERS_KEPT],
-        /// Ticks in which each channel had another usable command than the one flown, by laws of its own; the largest
-        /// difference of a rotor's command then [rad/s], and the sum of the squares of that of each tick [rad^2/s^2].
+        /// Per channel, the ticks in which its usable command and the one flown came from different laws; the largest
+        /// difference of a rotor's command in them [rad/s], and the sum over them of the square of the tick's largest
+        /// difference [rad^2/s^2].
         pub compared: [u64; MOST_CHANNELS],
         pub difference_max_rad_s: [f64; MOST_CHANNELS],
         pub difference_square_sum_rad2_s2: [f64; MOST_CHANNELS],
@@ -424,7 +426,7 @@ impl RedundancyAccount {
         account.switchover_count += 1;
     }
 
-    /// Enters a tick that a group flew: what there was of it when its command was chosen.
+    /// Enters a tick that a group flew, with the commands that there were when one was selected.
     pub fn enter(
         &mut self,
         tick: u64,
@@ -667,7 +669,7 @@ mod tests {
                 inside,
                 Some(SwitchoverReason::Silent),
             ),
-            // Nobody is there to take over.
+            // No other group has a usable command.
             (
                 vec![command(A, true, 300.0), command(B, false, 300.0)],
                 tilted,
@@ -676,6 +678,7 @@ mod tests {
         ] {
             let mut guarded = apart(Some(envelope));
             assert_eq!(guarded.decide(1, &both(310.0), None, &inside), None);
+            guarded.fly(&select(&both(310.0)[..1]).unwrap());
             let found = guarded.decide(2, &commands, None, &excursion);
             assert_eq!(found.map(|it| it.reason), reason.map(|it| it as u64));
             assert_eq!(guarded.group_at(2), if reason.is_some() { B } else { A });
@@ -691,6 +694,7 @@ mod tests {
         let mut guarded = apart(Some(envelope));
         let to_b = guarded.decide(1, &both(320.0), Some(B), &inside).unwrap();
         assert_eq!((to_b.tick, to_b.from, to_b.to, to_b.reason), (1, 0, 1, 0));
+        guarded.fly(&select(&both(320.0)[1..]).unwrap());
         let to_a = guarded.decide(2, &both(320.0), Some(A), &tilted).unwrap();
         assert_eq!((to_a.to, to_a.command_step_rad_s), (0, 20.0));
         assert!(guarded.is_ready(B, &both(1.0)) && !guarded.is_ready(B, &both(1.0)[..1]));
