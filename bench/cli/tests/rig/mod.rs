@@ -11,11 +11,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{LazyLock, Mutex};
-use std::thread::sleep;
-use std::time::Duration;
 
 use analysis::schema::Report;
-use config::Settings;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use ipc::Wire;
@@ -23,7 +20,6 @@ use ipc::instance::Instance;
 use messages::blackboards::{RUN, Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::role::Role;
-use process::session::{RoleSession, StartConfig};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -141,12 +137,7 @@ impl Rig {
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
     pub fn command(&self, command: &str, args: impl AsRef<str>) -> Command {
-        let mut process = Command::new(self.executable);
-        process
-            .arg(command)
-            .args(self.own_args(command, args))
-            .env("IRONBIRD_ROOT", self.root());
-        process
+        self.given(Command::new(self.executable), command, args)
     }
 
     /// `ironbird COMMAND` in a mount namespace of its own ([`in_own_mounts`]).
@@ -156,16 +147,12 @@ impl Rig {
         command: &str,
         args: impl AsRef<str>,
     ) -> Option<Command> {
-        let mut process = in_own_mounts(mount, probe, self.executable)?;
-        process
-            .arg(command)
-            .args(self.own_args(command, args))
-            .env("IRONBIRD_ROOT", self.root());
-        Some(process)
+        let process = in_own_mounts(mount, probe, self.executable)?;
+        Some(self.given(process, command, args))
     }
 
-    /// What a command is given besides `args`.
-    pub fn own_args(&self, command: &str, args: impl AsRef<str>) -> Vec<String> {
+    /// The program with what a command is given, besides `args`.
+    pub fn given(&self, mut program: Command, command: &str, args: impl AsRef<str>) -> Command {
         let words = args.as_ref().split_whitespace();
         let mut all: Vec<String> = words.map(str::to_owned).collect();
         // What stands behind `--` are no flags.
@@ -186,7 +173,9 @@ impl Rig {
         if is_in(WITH_OUTPUT) {
             default("--out", self.out().to_str().unwrap());
         }
-        all
+        program.arg(command).args(all);
+        program.env("IRONBIRD_ROOT", self.root());
+        program
     }
 
     pub fn start(&self, command: &str, args: impl AsRef<str>) -> Running {

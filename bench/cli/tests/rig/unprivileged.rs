@@ -34,11 +34,6 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl AsRef<str>) -> Option<C
         }
     }
     let mut process = Command::new("setpriv");
-    process
-        .args(as_nobody)
-        .arg(executable)
-        .arg(command)
-        .args(rig.own_args(command, args))
-        .env("IRONBIRD_ROOT", rig.root());
-    Some(process)
+    process.args(as_nobody).arg(executable);
+    Some(rig.given(process, command, args))
 }
