@@ -12,7 +12,7 @@ use std::thread;
 use faults::FaultRefusal;
 use faults::live::{Acts, FaultKind, LiveFault, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
-use ipc::clock::{Horizon as _, now_ns, sleep_until};
+use ipc::clock::{Horizon as _, now_ns, sleep_through, sleep_until};
 use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
@@ -242,7 +242,7 @@ impl<'a> PlantProcess<'a> {
     ) -> Result<EndReason, Error> {
         let pace = opened.pace;
         if pace == Pace::Lockstep {
-            wait_until(opened.run.t0_ns);
+            sleep_through(opened.run.t0_ns);
         }
         let mut next_tick = 0;
         loop {
@@ -362,7 +362,7 @@ impl<'a> PlantProcess<'a> {
         let (begin_ns, lead_ns) = (grid.begin_of(tick), self.lead.lead_ns());
         // Where the tick before took longer than until then, no timer is set, and none is late.
         let timer_ns = begin_ns.saturating_sub(lead_ns).max(now_ns());
-        let mut now = wait_until(timer_ns);
+        let mut now = sleep_through(timer_ns);
         let timer_late_ns = now - timer_ns;
         let mut rehearsal_ns = 0;
         if tick <= last_tick && self.lead.allows_rehearsal(begin_ns.saturating_sub(now)) {
@@ -586,17 +586,6 @@ impl Waking {
             wake_ns,
             lead_ns: 0,
             timer_late_ns: 0,
-        }
-    }
-}
-
-/// Sleeps until an instant, through signals; gives when it woke.
-fn wait_until(instant_ns: u64) -> u64 {
-    loop {
-        sleep_until(instant_ns);
-        let now = now_ns();
-        if now >= instant_ns {
-            return now;
         }
     }
 }

@@ -21,7 +21,6 @@ const LEFT_FREE_BYTES: u64 = 1 << 20;
 const COLUMNS: &str = "t,x,y,z,vx,vy,vz,phi,theta,psi,p,q,r,IR_hat,kr_hat,delta_hat,w1,w2,w3,w4,u,\
                        tau_p,tau_q,tau_r,e_p,e_q,e_r,xd,yd,zd,psid";
 
-#[allow(missing_debug_implementations, reason = "what it writes to has none")]
 pub struct StatesWriter {
     csv: csv::Writer<Box<dyn Write>>,
     /// What stands before the disk, where the file has something there.

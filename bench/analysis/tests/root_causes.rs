@@ -118,7 +118,7 @@ impl Evidence {
         self.sampled(from, |sample| change(&mut sample.stages[role as usize]));
     }
 
-    /// Applies a change of [`CASES`].
+    /// Applies a change of `root_causes.txt`.
     fn apply(&mut self, change: &str) {
         let words: Vec<&str> = change.split_whitespace().collect();
         let number = |i: usize| words[i].parse::<u64>().unwrap();
@@ -261,63 +261,6 @@ impl Evidence {
     }
 }
 
-/// What is changed in a good flight; the cause, the stage that it is due to, and a part of the evidence.
-///
-/// Ticks are counted from the first missed one, times are in us; samples are numbered, and the fourth is the first after
-/// the begin of the missed tick.
-const CASES: &str = "
-stall 2                                                | ProcessorStalled - although others were due
-late mixer 0 1600, late plant 1 640                    | ProcessorStalled - mixer woke 1600 us later
-computes inner 0 1600, late plant 1 640                | ProcessorStalled - inner computed 1600 us longer
-stall 20, busy 5 2                                     | CannotTell - the processor was busy
-# Too short for any other stage to have been due.
-late plant 0 930, late plant 1 60                      | CannotTell - nothing else was due to show it
-late plant 0 930, late plant 1 60, hardware            | WakeLate plant plant woke 930 us later
-# Two jiffies of 20 ms; one jiffy by chance is a third of 30 ms.
-stall 20, stolen 5 2                                   | HostStall - the host took 20 ms
-stall 30, stolen 5 1                                   | ProcessorStalled - no stage ran
-# A stage that was ready had no processor because the host had it; it may also have been another processor.
-stall 20, stolen 5 2, waited 5 plant 20000             | HostStall - the host took 20 ms
-stall 20, stolen 5 2, apart                            | CannotTell - do not share a processor
-late mixer 0 1500                                      | WakeLate mixer others ran meanwhile
-# On processors of their own, the timing of one stage says nothing about another.
-late mixer 0 1500, apart                               | CannotTell - do not share a processor
-# Woken by its own timer, the mixer of the higher priority works in between.
-computes inner 0 1600, mixer-at 0 900 1001             | ComputedLong inner others ran meanwhile
-computes mixer -10 960, computes mixer 0 960, computes mixer 7 960 | ComputedLong mixer in other ticks around
-# No other stage can run while the stage of the highest priority does: the kernel's counters tell.
-computes mixer 0 1960, late plant 1 1000, hardware     | ProcessorStalled - no stage ran
-computes mixer 0 1960, late plant 1 1000, hardware, ran 4 mixer 1900 | ComputedLong mixer it ran for
-# The mixer rejected the wrench, say, waited until its cut-off and was a little late itself.
-mixer-at 0 990 1010                                    | NotUsed inner what inner had sent in time was waited for
-# Counters of the late stage go before other evidence.
-late mixer 0 1500, faults 4 mixer 3                    | PageFault mixer 3 page faults
-late mixer 0 1500, faults 4 outer 3                    | WakeLate mixer others ran
-late mixer 0 1500, faults 2 mixer 3                    | WakeLate mixer others ran
-stall 2, waited 4 plant 400                            | ProcessorStalled - although others were due
-stall 2, waited 4 plant 2000                           | ReadyNotRun plant no other program was seen running
-stall 2, waited 4 plant 2000, switched plant           | Preempted plant 2000 us without the processor, 1 involuntary
-# When the host stops a virtual machine, the thread on its processor seems to run.
-stall 2, waited 4 plant 2000, busy 4 1                 | ReadyNotRun plant no other program was seen running
-stall 2, waited 4 plant 2000, busy 4 1, hardware       | Preempted plant which was busy for 10 ms
-# Two thirds of the ticks are as bad: the good ones show what is usual.
-stall 2, waited 1 plant 5000, waited 2 plant 5000, waited 4 plant 5000, waited 5 plant 5000, waited 7 plant 5000 | ReadyNotRun plant without the processor
-# The mixer got the processor with the plant, too late for its tick, and found no input in the next one.
-stall 2, gone mixer 2, gone mixer 3, sends-later inner 2 1000, waited 4 plant 2300 | ReadyNotRun plant plant woke 2100 us later
-silent mixer 20, stopped mixer                         | StoppedOrDead mixer its process was stopped
-silent mixer 32, dead mixer                            | StoppedOrDead mixer its process has ended
-silent mixer 20, replaced mixer                        | StoppedOrDead mixer its process has ended, and process 900 took its place
-silent mixer 20, replaced mixer, stopped mixer         | StoppedOrDead mixer its process was stopped and has ended, and process 900
-# The mixer worked at its cut-off, a little late; the stage that it waited for was stopped.
-silent inner 20, mixer-at 0 1050 1060, stopped inner   | StoppedOrDead inner its process was stopped
-# The cause is that of most of the outage, not that of its begin.
-late plant 0 700, late plant 1 600, silent mixer 20, stopped mixer | StoppedOrDead mixer its process was stopped
-# Evidence that does not decide names no cause.
-stall 2, lost 5 1                                      | CannotTell - lost messages
-late plant 0 240, late outer 0 240, late inner 0 240, late mixer 0 240 | CannotTell - none accounts for most
-good                                                   | CannotTell - no stage was later than usual
-";
-
 /// The stage of a name; none of `-`.
 fn stage(name: &str) -> Option<Role> {
     STAGES.into_iter().find(|role| role.name() == name)
@@ -325,10 +268,8 @@ fn stage(name: &str) -> Option<Role> {
 
 #[test]
 fn each_case_has_its_cause() {
-    let cases = CASES
-        .lines()
-        .filter(|line| !line.is_empty() && !line.starts_with('#'));
-    for case in cases {
+    let lines = include_str!("root_causes.txt").lines();
+    for case in lines.filter(|line| !line.starts_with('#')) {
         let (changes, expected) = case.split_once(" | ").unwrap();
         let mut evidence = good();
         changes

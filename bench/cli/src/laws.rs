@@ -142,7 +142,6 @@ fn try_library(library: &'static Library) -> Result<u8, Failure> {
     Ok(if passes { OK } else { GATE })
 }
 
-#[must_use]
 pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool) -> String {
     let place = |bad: &BadAnswer| {
         let BadAnswer { input, index, .. } = *bad;

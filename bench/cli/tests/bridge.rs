@@ -330,33 +330,20 @@ fn parameters_are_read_and_changed_and_every_client_is_notified() {
         answer.starts_with("\"setpoint.drop=0.1 from tick "),
         "{answer}"
     );
-    let unknown = BTreeMap::new;
-    for (name, value, why, active) in [
-        (
-            "mass_kg",
-            json!(50),
-            "mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg",
-            mass(0.55),
-        ),
-        (
-            "mass_kg",
-            json!("heavy"),
-            "mass_kg = `heavy` is not a number",
-            mass(0.55),
-        ),
-        (
-            "mas_kg",
-            json!(0.6),
-            "unknown parameter `mas_kg`; did you mean `mass_kg`?",
-            unknown(),
-        ),
-        (
-            "inject",
-            json!("setpoint.dorp=1"),
-            "did you mean `setpoint.drop`?",
-            unknown(),
-        ),
-    ] {
+    for case in "mass_kg | 50 | mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg
+        mass_kg | \"heavy\" | mass_kg = `heavy` is not a number
+        mas_kg | 0.6 | unknown parameter `mas_kg`; did you mean `mass_kg`?
+        inject | \"setpoint.dorp=1\" | did you mean `setpoint.drop`?"
+        .lines()
+    {
+        let [name, value, why] = case.trim().split(" | ").collect::<Vec<_>>()[..] else {
+            panic!("{case}")
+        };
+        let value = serde_json::from_str(value).unwrap();
+        let active = match name {
+            "mass_kg" => mass(0.55),
+            _ => BTreeMap::new(),
+        };
         assert_eq!(client.refused(name, &value, why), active);
     }
     client.send(&json!({"op": "getParameters", "parameterNames": ["mas_kg"], "id": "get"}));

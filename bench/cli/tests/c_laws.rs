@@ -43,11 +43,3 @@ pub fn harmful(rig: &Rig, law: &str, harm: &str, from_tick: u64) -> String {
         "trajectory = \"hover\"\n[inner]\nlaw = \"lib{law}.so\"\n{setting} = \"{harm}\"\nfrom_tick = {from_tick}\n"
     ))
 }
-
-pub fn misbehaving(rig: &Rig, how: &str, from_tick: u64) -> String {
-    harmful(rig, "misbehaving", how, from_tick)
-}
-
-pub fn hostile(rig: &Rig, how: &str, from_tick: u64) -> String {
-    harmful(rig, "hostile", how, from_tick)
-}

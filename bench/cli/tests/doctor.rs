@@ -1,7 +1,6 @@
 //! The doctor: what it finds on machines that are made up, and that this machine gets a verdict.
 
-use crate::rig::unprivileged::unprivileged;
-use crate::rig::{Rig, not_tested, table};
+use crate::rig::table;
 use analysis::finding::{Finding, Level, RealtimeClass};
 use host::doctor::{Examination, examine};
 use host::{Answers, Machine};
@@ -150,27 +149,4 @@ fn a_cgroup_without_real_time_is_named_with_the_file_that_changes_it() {
     assert_eq!(level, Level::Blocks);
     assert!(group.contains("/user.slice/session-1.scope"), "{group}");
     assert_eq!(found(&[], refused).0, Level::Ok);
-}
-
-#[test]
-fn a_user_without_rights_is_shown_what_is_refused_and_how_to_get_it() {
-    let rig = Rig::new("rights");
-    if !rustix::process::geteuid().is_root() {
-        return not_tested("only root can become a user without rights");
-    }
-    let rtprio = rustix::process::getrlimit(rustix::process::Resource::Rtprio);
-    if rtprio.current.is_none_or(|limit| limit > 0) {
-        return not_tested("any user may use SCHED_FIFO here");
-    }
-    let Some(command) = unprivileged(&rig, "doctor", "--seconds 0.05") else {
-        return;
-    };
-    let ended = rig.launch(command).end().expect(3);
-    ended
-        .says("VERDICT not real-time here")
-        .says("SCHED_FIFO refused")
-        .says("(1: loop p99 ")
-        .says("limits.d")
-        .says("\n  without root the same laws fly in lockstep (--pace lockstep), in slow motion (flight.slowdown), and in")
-        .says("SCHED_OTHER on processor");
 }

@@ -1,7 +1,7 @@
 //! How flights end: signals, closed terminals, limits; and what processes hold when they end.
 
 use crate::fault_matrix::await_gone;
-use crate::rig::{Rig, Running, not_tested, send, wait_until};
+use crate::rig::{Rig, Running, not_tested};
 use ipc::{SwapOrder, SwapOutcome, Wire};
 use messages::blackboards::{RUN, Run, RunPhase};
 use messages::parameters::Parameter;
@@ -14,32 +14,6 @@ use std::time::Duration;
 const LONG: Duration = Duration::from_secs(60);
 
 const STAGES: [&str; 4] = ["plant", "outer", "inner", "mixer"];
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
-    let rig = Rig::new("over");
-    let flight = rig.start("fly", rig.slowly(5, "50ms"));
-    let roles = flight.roles();
-    let wire = Wire::open(&rig.known()).unwrap();
-    // From then on no process waits for the recorder, which has armed.
-    wait_until("the plant to keep to its t_0", || {
-        let board = wire.blackboard_reader::<Run>(RUN).unwrap()?;
-        (board.get().phase() == RunPhase::Flying).then_some(())
-    });
-    send(roles["record"], Signal::STOP);
-    await_gone(STAGES.map(|role| roles[role]));
-    drop(wire);
-    send(roles["record"], Signal::CONT);
-    flight.end().expect(0);
-    let report = rig.final_report();
-    for role in STAGES {
-        let role = &report.roles[role];
-        assert!(role.landed && role.ticks_run > 0, "{role:?}");
-    }
-    assert!(report.ticks.identity_holds, "{:?}", report.ticks);
-    rig.assert_nothing_left();
-}
 
 /// Whether SCHED_FIFO is granted here; says so where it is not.
 fn fifo_is_granted() -> bool {

@@ -3,11 +3,11 @@
 //! `cargo test` runs the first row of each outcome, the gate all rows. `IRONBIRD_ROWS=kill,hang.inner` chooses rows by
 //! name, or several by the beginning of their names, and `IRONBIRD_ROUNDS=n` runs each n times, at other instants each time.
 
-use crate::c_laws::{hostile, misbehaving};
+use crate::c_laws::harmful;
 use crate::restarts::{await_begin, in_the_air};
 use crate::rig::{
-    Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, table,
-    wait_until,
+    Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, signal_of,
+    table, wait_until,
 };
 use analysis::outages::OutageCase;
 use analysis::schema::FlightStatus;
@@ -69,18 +69,6 @@ impl Row {
         std::array::from_fn(|_| words.next().unwrap_or_default())
     }
 
-    fn signal(&self) -> Signal {
-        match self.fault()[0] {
-            "KILL" => Signal::KILL,
-            "STOP" | "pause" => Signal::STOP,
-            "TERM" => Signal::TERM,
-            "INT" => Signal::INT,
-            "HUP" => Signal::HUP,
-            "QUIT" => Signal::QUIT,
-            other => panic!("{}: no signal {other}", self.name),
-        }
-    }
-
     /// Flies with the fault, and demands the outcome.
     fn run(&self, round: u64) {
         let [kind, what, _] = self.fault();
@@ -98,8 +86,8 @@ impl Row {
         }
         // Nobody hits the ground while a stage is missing.
         let config = match kind {
-            "law" => misbehaving(&rig, what, 300),
-            "hostile" => hostile(&rig, what, 300),
+            "law" => harmful(&rig, "misbehaving", what, 300),
+            "hostile" => harmful(&rig, "hostile", what, 300),
             _ => in_the_air(&rig, 1),
         };
         if kind == "plan" {
@@ -200,8 +188,9 @@ impl Row {
             }
             _ => panic!("{}: no instant {}", self.name, self.at),
         }
-        send(pid, self.signal());
-        if kind == "pause" {
+        let is_pause = kind == "pause";
+        send(pid, signal_of(if is_pause { "STOP" } else { kind }));
+        if is_pause {
             sleep(Duration::from_millis(pause_ms.parse().unwrap()));
             send(pid, Signal::CONT);
         }

@@ -1,8 +1,8 @@
 //! Laws that do what no law should: the report names each, the other roles end in order, and nothing is left.
 //!
-//! `law_matrix.md` has one row per harm; harms that need more than a row are tested below.
+//! `law_matrix.md` has one row per harm; harms that need more than a row are in `transcripts/law_files.md`.
 
-use crate::c_laws::{harmful, misbehaving};
+use crate::c_laws::harmful;
 use crate::rig::{Rig, in_parallel, lacks_feature, not_tested, table};
 use std::fs;
 
@@ -70,33 +70,4 @@ fn an_endless_law_is_ended_under_real_time_scheduling() {
 #[ignore = "long: part of the gate"]
 fn a_law_that_never_returns_is_named_and_ended() {
     run_rows(&["long"], false);
-}
-
-#[test]
-fn slow_laws_and_page_faults_are_found_in_the_report() {
-    let rig = Rig::new("slow");
-    let config = misbehaving(&rig, "slow", 0);
-    rig.ok(&format!("fly --config {config} --duration 900ms --rt off"));
-    let report = rig.report();
-    let causes = report["autopsy"]["classes"].as_array().unwrap();
-    // On a busy machine the law also waits for a processor.
-    let mut causes = causes.iter();
-    assert!(causes.any(|it| it["class"] == "computed_long" && it["stage"] == "inner"));
-
-    let config = misbehaving(&rig, "fault", 300);
-    rig.ok(&format!("fly --config {config} --duration 900ms"));
-    let inner = &rig.report()["roles"]["inner"];
-    let is_granted = |name: &str| {
-        let mut steps = inner["realtime"].as_array().unwrap().iter();
-        steps.any(|step| step["step"] == name && step["granted"] == true)
-    };
-    if !is_granted("memory_lock") || !is_granted("prefault") {
-        return not_tested("memory could not be locked");
-    }
-    assert!(
-        inner["usage"]["minor_faults"].as_u64() >= Some(300),
-        "{inner}"
-    );
-    rig.ok("report --full")
-        .tells("in flight, although its memory was locked");
 }

@@ -2,9 +2,9 @@
 //!
 //! `miss_analysis.rs` tests each cause on constructed evidence.
 
-use crate::c_laws::misbehaving;
+use crate::c_laws::harmful;
 use crate::rig::{Rig, not_tested, rounds};
-use ipc::clock::now_ns;
+use ipc::clock::busy_wait;
 use process::rt::{fifo_refusal, loops_cpu, take_stand};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -33,8 +33,7 @@ fn hog(time_ns: u64) {
         .name("hog".into())
         .spawn(move || {
             assert_eq!(take_stand(cpu, 99).priority, 99);
-            let until_ns = now_ns() + time_ns;
-            while now_ns() < until_ns {}
+            busy_wait(time_ns);
         });
     hog.unwrap().join().unwrap();
 }
@@ -114,7 +113,7 @@ fn soak_of_causes() {
     // Something else may take the processor meanwhile and pass for the cause, but not every time.
     while round < rounds() || (round < 4 && !is_named(&found)) {
         let rig = Rig::new("causes");
-        let config = misbehaving(&rig, "fault", 650);
+        let config = harmful(&rig, "misbehaving", "fault", 650);
         let settings = fs::read_to_string(&config).unwrap();
         let slow = "[flight]\nslowdown = 10\n";
         fs::write(&config, settings.replace("[flight]\n", slow)).unwrap();

@@ -13,10 +13,9 @@ use crate::miss_analysis_flights::TRACEFS;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
     Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
-    send, squeezed, stop_for, wait_until,
+    send, signal_of, squeezed, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
-use rustix::process::Signal;
 use serde_json::Value;
 
 struct Scenario<'a> {
@@ -86,7 +85,7 @@ macro_rules! pages {
     };
 }
 
-pages! { airframes campaigns directories export flights gates laws law_files machines processes reports runs studies watch }
+pages! { airframes campaigns channels directories export flights gates laws law_files machines processes reports runs studies watch }
 
 /// Settings of a flight that nothing ends early, however busy the machine is.
 const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
@@ -308,21 +307,11 @@ impl Stage {
                 stop_for(self.rig.processes_of(name)[0], time);
             }
             "signal" => {
-                let signal = match last {
-                    "INT" => Signal::INT,
-                    "TERM" => Signal::TERM,
-                    "HUP" => Signal::HUP,
-                    "QUIT" => Signal::QUIT,
-                    "STOP" => Signal::STOP,
-                    "USR1" => Signal::USR1,
-                    "KILL" => Signal::KILL,
-                    other => panic!("no signal {other}"),
-                };
                 let pid = match self.running.get(name) {
                     Some(process) => process.pid(),
                     None => self.rig.processes_of(name)[0],
                 };
-                send(pid, signal);
+                send(pid, signal_of(last));
             }
             "end" => {
                 self.close();
@@ -356,7 +345,9 @@ impl Stage {
         let variables: Vec<&str> = line.split(' ').take_while(is_variable).collect();
         let mut words = line.split(' ').skip(variables.len());
         let command = words.next().unwrap();
-        let mut process = self.rig.command(command, words.collect::<Vec<_>>());
+        let mut process = self
+            .rig
+            .command(command, words.collect::<Vec<_>>().join(" "));
         process.envs(variables.iter().filter_map(|it| it.split_once('=')));
         self.rig.launch(process)
     }

@@ -113,9 +113,9 @@ fn check(margins: &Margins) -> Result<(), Failure> {
         return Ok(());
     }
     let why = margins.laws.iter().map(|law| {
-        let why = match (law.unfaulted.cause, law.unfaulted.peak_m) {
-            (None, Some(peak_m)) => format!("its position error is {peak_m:.4} m"),
-            (cause, _) => format!("its flight is lost ({})", name_of(&cause)),
+        let why = match law.unfaulted.peak_m {
+            Some(peak_m) => format!("its position error is {peak_m:.4} m"),
+            None => format!("its flight is lost ({})", name_of(&law.unfaulted.cause)),
         };
         format!("{}: {why}", margins.name_of(&law.laws))
     });

@@ -16,7 +16,6 @@ pub fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
     }
 }
 
-#[must_use]
 pub fn processors() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }

@@ -18,7 +18,6 @@ pub struct Progress {
 
 impl Progress {
     /// For `total` items, each called `thing`, such as `flight`.
-    #[must_use]
     pub fn new(total: u64, thing: &'static str) -> Self {
         let now = Instant::now();
         Self {
@@ -58,7 +57,6 @@ impl Progress {
         }
     }
 
-    #[must_use]
     pub fn rate(&self, done: u64) -> f64 {
         done as f64 / self.begun.elapsed().as_secs_f64().max(1e-9)
     }

@@ -25,10 +25,6 @@ pub use recorder::ports::DRAIN_EVERY;
 /// How long after the end of a flight the recorder may still pass messages on.
 const LAST_MESSAGES: Duration = Duration::from_millis(200);
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Observation {
     ports: Ports,
     theorem: Receiver<Monitor>,
@@ -84,29 +80,24 @@ impl Observation {
     }
 
     /// The run as its plant publishes it.
-    #[must_use]
     pub fn run(&self) -> Run {
         self.run.get()
     }
 
-    #[must_use]
     pub fn active_parameters(&self) -> ActiveParameters {
         self.active.get()
     }
 
-    #[must_use]
     pub fn statuses(&self) -> BTreeMap<Replica, Status> {
         self.statuses.statuses()
     }
 
     /// Whether the role's process is alive; its blackboard outlives it.
-    #[must_use]
     pub fn lives(&self, role: Role) -> bool {
         self.wire.instance().is_occupied(role)
     }
 
     /// How the flight ended, if it has.
-    #[must_use]
     pub fn ending(&self) -> Option<EndReason> {
         let run = self.run();
         match run.phase() {

@@ -149,7 +149,6 @@ fn print_lines(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<
 }
 
 /// The state of the flight in one line.
-#[must_use]
 pub fn line(flight: &WatchedFlight) -> String {
     let (tick, statistics) = (flight.tick(), &flight.statistics);
     let time_s = flight.run.flight_time_s(tick);

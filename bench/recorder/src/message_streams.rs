@@ -29,7 +29,7 @@ const OBSERVERS: &str = "what observers see";
 pub struct StreamPorts {
     receivers: Ports,
     /// Of the channels after the first.
-    others: Vec<ChannelPorts>,
+    others: Vec<(Channel, ChannelPorts)>,
     relays: Relays,
 }
 
@@ -37,17 +37,17 @@ impl StreamPorts {
     pub fn open(wire: &Wire, channels: usize) -> Result<Self, Error> {
         let others = Channel::first(channels).skip(1);
         Ok(Self {
-            receivers: Ports::new(wire)?,
+            receivers: Ports::new(wire, Channel::A)?,
             others: others
-                .map(|channel| ChannelPorts::new(wire, channel))
-                .collect::<Result<_, _>>()?,
+                .map(|channel| Ok((channel, ChannelPorts::new(wire, channel)?)))
+                .collect::<Result<_, Error>>()?,
             relays: Relays::new(wire)?,
         })
     }
 
     pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
         let mut others = self.others.iter_mut();
-        others.try_for_each(|ports| ports.arm(expected))?;
+        others.try_for_each(|(_, ports)| ports.arm(expected))?;
         self.receivers.arm(expected)
     }
 }
@@ -56,6 +56,7 @@ pub struct MessageStreams {
     ports: StreamPorts,
     /// Of a flight with several channels: for each group with the same laws, by its first channel.
     merges: Vec<(Channel, ChannelMerge)>,
+    /// The plant's account of the channels.
     redundancy: Option<BlackboardReader<Redundancy>>,
     pub statistics: FlightStatistics,
     pairs: Pairs,
@@ -70,6 +71,7 @@ impl MessageStreams {
         ports: StreamPorts,
         pace: Pace,
         arrangement: Arrangement,
+        redundancy: Option<BlackboardReader<Redundancy>>,
         statistics: FlightStatistics,
         monitor: FlightMonitor,
     ) -> Self {
@@ -89,7 +91,7 @@ impl MessageStreams {
             ports,
             merges,
             arrangement,
-            redundancy: None,
+            redundancy,
             statistics,
             pairs: Pairs::default(),
             monitor,
@@ -98,27 +100,12 @@ impl MessageStreams {
         }
     }
 
-    /// Reads the plant's account of the channels from then on.
-    pub fn follow(&mut self, redundancy: Option<BlackboardReader<Redundancy>>) {
-        self.redundancy = redundancy;
-    }
-
     pub fn redundancy(&self) -> Option<Redundancy> {
         self.redundancy.as_ref().map(BlackboardReader::get)
     }
 
-    /// Reads every message that has arrived since the last call.
+    /// Reads every message that has arrived since the last call; if it `ends`, no message arrives any more.
     pub fn drain(
-        &mut self,
-        pace: Pace,
-        run: &JoinedRun,
-        files: &mut RunFiles<'_>,
-    ) -> Result<(), Failure> {
-        self.drain_until(pace, run, files, false)
-    }
-
-    /// The same; if it `ends`, no message arrives any more.
-    fn drain_until(
         &mut self,
         pace: Pace,
         run: &JoinedRun,
@@ -200,9 +187,8 @@ impl MessageStreams {
                     take(entry, None, true);
                 }
             })?;
-            for ports in others {
-                let channel = ports.channel;
-                ports.drain(horizon, |entry| _ = merge(channel, entry))?;
+            for (channel, ports) in others {
+                ports.drain(horizon, |entry| _ = merge(*channel, entry))?;
             }
             let redundancy = redundancy.as_ref().map(BlackboardReader::get);
             let flown = |tick| redundancy.map_or(Channel::A, |it| it.group_at(tick));
@@ -231,16 +217,6 @@ impl MessageStreams {
         self.statistics.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
     }
 
-    /// Takes the last messages; no message arrives any more.
-    pub fn finish(
-        &mut self,
-        pace: Pace,
-        run: &JoinedRun,
-        files: &mut RunFiles<'_>,
-    ) -> Result<(), Failure> {
-        self.drain_until(pace, run, files, true)
-    }
-
     /// Passes the last wrenches to the monitor; no state arrives any more.
     pub fn finish_monitor(&mut self, files: &mut RunFiles<'_>) {
         while let Some((wrench, state)) = self.pairs.rest() {
@@ -258,8 +234,9 @@ impl MessageStreams {
 
     /// Messages that did not pass inspection.
     pub fn rejections(&self) -> Rejections {
-        let others = self.ports.others.iter().map(ChannelPorts::rejections);
-        others.fold(self.ports.receivers.rejections(), |all, it| all.and(&it))
+        let others = self.ports.others.iter();
+        let own = self.ports.receivers.rejections();
+        others.fold(own, |all, (_, ports)| all.and(&ports.rejections()))
     }
 
     pub const fn incomplete_ticks(&self) -> u64 {

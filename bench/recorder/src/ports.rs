@@ -19,26 +19,19 @@ pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
 /// Share of a tick after which its stages have normally finished [%].
 const LOOPS_DONE_PERCENT: u64 = 15;
 
-/// Defines the ports of all topics, which are listed in the order of the data flow.
-macro_rules! ports {
-    ($($topic:ident: $entry:ident($content:ty)),+ $(,)?) => {
-        /// A receiver for each topic.
-        pub struct Ports {
+/// Defines receivers of topics, which are listed in the order of the data flow.
+macro_rules! receivers {
+    ($(#[$meta:meta])* $ports:ident { $($topic:ident: $entry:ident($content:ty)),+ $(,)? }) => {
+        $(#[$meta])*
+        pub struct $ports {
             $($topic: Receiver<$content>,)+
         }
 
-        impl Ports {
-            /// The recorder's ports, with queues deep enough for its longest pause.
-            pub fn new(wire: &Wire) -> Result<Self, Error> {
+        impl $ports {
+            /// The recorder's ports of a channel, with queues deep enough for its longest pause.
+            pub fn new(wire: &Wire, channel: Channel) -> Result<Self, Error> {
                 Ok(Self {
-                    $($topic: wire.receiver(DEEP)?,)+
-                })
-            }
-
-            /// An observer's ports, to which the recorder passes messages on.
-            pub fn observing(wire: &Wire) -> Result<Self, Error> {
-                Ok(Self {
-                    $($topic: wire.observer()?,)+
+                    $($topic: wire.receiver_of(channel, DEEP)?,)+
                 })
             }
 
@@ -60,6 +53,34 @@ macro_rules! ports {
             /// Messages that did not pass inspection.
             pub fn rejections(&self) -> Rejections {
                 Rejections::default()$(.and(self.$topic.rejections()))+
+            }
+        }
+    };
+}
+
+receivers! {
+    /// What a further channel sends.
+    ChannelPorts {
+        setpoints: Setpoint(Setpoint),
+        wrenches: Wrench(Wrench),
+        rotor_speeds: RotorSpeeds(RotorSpeeds),
+    }
+}
+
+/// Defines the ports of all topics.
+macro_rules! ports {
+    ($($topic:ident: $entry:ident($content:ty)),+ $(,)?) => {
+        receivers! {
+            /// A receiver for each topic.
+            Ports { $($topic: $entry($content)),+ }
+        }
+
+        impl Ports {
+            /// An observer's ports, to which the recorder passes messages on.
+            pub fn observing(wire: &Wire) -> Result<Self, Error> {
+                Ok(Self {
+                    $($topic: wire.observer()?,)+
+                })
             }
         }
 
@@ -85,49 +106,6 @@ macro_rules! ports {
             }
         }
     };
-}
-
-/// The receivers of what a further channel sends.
-pub struct ChannelPorts {
-    pub channel: Channel,
-    setpoints: Receiver<Setpoint>,
-    wrenches: Receiver<Wrench>,
-    rotor_speeds: Receiver<RotorSpeeds>,
-}
-
-impl ChannelPorts {
-    pub fn new(wire: &Wire, channel: Channel) -> Result<Self, Error> {
-        Ok(Self {
-            channel,
-            setpoints: wire.receiver_of(channel, DEEP)?,
-            wrenches: wire.receiver_of(channel, DEEP)?,
-            rotor_speeds: wire.receiver_of(channel, DEEP)?,
-        })
-    }
-
-    pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
-        self.setpoints.arm(expected)?;
-        self.wrenches.arm(expected)?;
-        self.rotor_speeds.arm(expected)
-    }
-
-    pub fn drain(
-        &mut self,
-        horizon: impl Horizon,
-        mut take: impl FnMut(&LogEntry),
-    ) -> Result<(), Error> {
-        self.setpoints
-            .drain(horizon, |it| take(&LogEntry::Setpoint(*it)))?;
-        self.wrenches
-            .drain(horizon, |it| take(&LogEntry::Wrench(*it)))?;
-        self.rotor_speeds
-            .drain(horizon, |it| take(&LogEntry::RotorSpeeds(*it)))
-    }
-
-    pub fn rejections(&self) -> Rejections {
-        let first = self.setpoints.rejections().and(self.wrenches.rejections());
-        first.and(self.rotor_speeds.rejections())
-    }
 }
 
 ports! {

@@ -94,8 +94,14 @@ pub fn run(
         .map(|channel| Ok((channel, metadata(channel)?)));
     let logs = logs.collect::<Result<Vec<_>, Failure>>()?;
     let monitor = FlightMonitor::new(settings.theorem()?, channels);
-    let mut streams = MessageStreams::new(ports, armed.pace, arrangement, statistics, monitor);
-    streams.follow(redundancy);
+    let streams = MessageStreams::new(
+        ports,
+        armed.pace,
+        arrangement,
+        redundancy,
+        statistics,
+        monitor,
+    );
     let recorder = Recorder {
         settings,
         armed: &armed,
@@ -131,7 +137,7 @@ impl Recorder<'_> {
         let closed_ns = now_ns();
         self.update_faults();
         self.wait_for_landing();
-        self.drain()?;
+        self.drain(false)?;
         self.wait_for_swaps()?;
         self.finish(ending, closed_ns)
     }
@@ -140,7 +146,7 @@ impl Recorder<'_> {
     fn record_flight(&mut self, session: &mut RoleSession) -> Result<EndReason, Failure> {
         loop {
             rest(self.armed.pace);
-            self.drain()?;
+            self.drain(false)?;
             self.sample_host();
             session.status.ticks_run = self.streams.statistics.newest_tick();
             session.pass_on_stop();
@@ -173,9 +179,9 @@ impl Recorder<'_> {
         Ok(())
     }
 
-    fn drain(&mut self) -> Result<(), Failure> {
-        self.streams
-            .drain(self.armed.pace, &self.armed.run, &mut self.files)
+    fn drain(&mut self, ends: bool) -> Result<(), Failure> {
+        let Armed { pace, run, .. } = self.armed;
+        self.streams.drain(*pace, run, &mut self.files, ends)
     }
 
     fn sample_host(&mut self) {
@@ -211,7 +217,7 @@ impl Recorder<'_> {
         let counted = self.armed.run.get().parameter_epoch;
         while !self.streams.has_all_swaps(counted) && now_ns() < until {
             sleep(DRAIN_EVERY);
-            self.drain()?;
+            self.drain(false)?;
         }
         Ok(())
     }
@@ -219,8 +225,7 @@ impl Recorder<'_> {
     /// Completes the statistics and the files, and writes the report.
     fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
         let run = self.armed.run.get();
-        self.streams
-            .finish(self.armed.pace, &self.armed.run, &mut self.files)?;
+        self.drain(true)?;
         self.streams.finish_monitor(&mut self.files);
         let statistics = &mut self.streams.statistics;
         statistics.finish(&run, closed_ns);

@@ -59,23 +59,23 @@ fn phases(margins: &Margins) -> String {
 
 fn criteria(margins: &Margins) -> [String; 2] {
     let it = &margins.bounds;
-    let limits = format!(
-        "limits: {}; the flight keeps its envelope and its position error is below {} m (unnoticed), or below {} m from \
-         {} s (recovers) or {} s (survives) on, after an outage or the beginning of a steady fault, which saturates the \
-         rotors in at most {} % more of the ticks",
-        LIMITS.join(" / "),
+    let meaning = format!(
+        "unnoticed: the position error stays below {} m; recovers, survives: it is below {} m from {} s or {} s on, after \
+         the end of an outage or the beginning of a steady fault; always: envelope kept, and under a steady fault rotors \
+         saturated in at most {} % more of the ticks",
         it.unnoticed_below_m,
         it.recovered_below_m,
         it.recovery_max_s,
         it.survival_max_s,
         it.saturated_more_percent,
     );
-    let words = format!(
-        "behind them why the next flight fails: ground, tilt, position, diverged: lost; error: it flies on, above {} m; \
-         saturated: a limit cycle. +: no more was tried. -: not qualified, its error without a fault is above the bound",
+    let cells = format!(
+        "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error (flies on, above {} \
+         m); saturated (limit cycle). 60+: more was not tried. -: not qualified, the error without a fault is too large",
+        LIMITS.join(" / "),
         it.recovered_below_m
     );
-    [limits, words]
+    [meaning, cells]
 }
 
 fn table(
@@ -155,8 +155,8 @@ fn limits(margins: &Margins) -> Option<Section> {
             Kind::Delay,
             true,
             format!(
-                "Longest steady delay {ticks}: so late, and known as stale; least of {all}. The outer and the inner loop \
-                 ignore every late state: 1 tick loses the flight, which is no margin of the loop"
+                "Longest steady delay {ticks}: late, and known as stale; least of {all}. Without inputs of the state: \
+                 stages ignore a late one, so that 1 tick loses the flight, which is no margin of the loop"
             ),
         ),
         (
@@ -221,9 +221,9 @@ fn predicted(margins: &Margins) -> Option<Section> {
     let gains = searches(margins, Kind::Gain);
     let of = gains.first()?;
     let columns = [
-        "delay: predicted",
+        "predicted delay [ticks]",
         "measured",
-        "gain: predicted",
+        "predicted gain",
         "measured",
         "crossover [rad/s]",
         "phase margin [deg]",
@@ -260,8 +260,9 @@ fn predicted(margins: &Margins) -> Option<Section> {
         ]
     });
     let title = format!(
-        "Stability margins of the loop through {of}: predicted for hover, measured as the lag and the gain that are \
-         survived (delay in ticks; a gain of 2 halves inertia and rotational drag)"
+        "Stability margins of the loop through {of}: predicted at hover; measured as the steady lag and the gain that are \
+         survived (inertia and rotational drag divided by it); least of {}",
+        phases_of(margins, 1)
     );
     Some(Section::new("predicted", title, vec![table]))
 }

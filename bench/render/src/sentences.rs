@@ -222,7 +222,8 @@ fn margin_of_flight(margin: &MarginSection) -> String {
         nearest.and_then(|it| Some((it, margin.tolerated.get(it)?, margin.outages.get(it)?)));
     let Some((stage, tolerated, outage)) = nearest else {
         let each = margin.tolerated.iter();
-        let each = each.map(|(stage, it)| format!("{stage} {}{}", most(it), it.ticks));
+        let more = |it: &RobustnessMargin| if it.is_most { "> " } else { "" };
+        let each = each.map(|(stage, it)| format!("{stage} {}{}", more(it), it.ticks));
         let each = each.collect::<Vec<_>>().join(", ");
         return format!(
             "no stage had an outage in this flight; this loop survives, in ticks: {each} (least of {phases}){by}"
@@ -230,13 +231,14 @@ fn margin_of_flight(margin: &MarginSection) -> String {
     };
     let least = if tolerated.is_most { "at least " } else { "" };
     let recovers = margin.recovers.get(stage);
-    let recovers = recovers.map(|it| format!("recovers in time from {}{}, ", most(it), it.ticks));
+    let recovers =
+        recovers.map(|it| format!(" and recovers in time from {}{}", most(it), it.ticks));
     format!(
-        "worst outage in this flight {} ({stage}); this loop {}survives {}{} (least of {phases}): margin {least}{:.1}{by}",
+        "worst outage in this flight {} ({stage}); this loop survives {}{}{} (least of {phases}): margin {least}{:.1}{by}",
         count(*outage, "tick"),
-        recovers.unwrap_or_default(),
         most(tolerated),
         tolerated.ticks,
+        recovers.unwrap_or_default(),
         margin.margin.unwrap_or_default()
     )
 }
@@ -309,8 +311,8 @@ mod tests {
             ),
             (
                 other,
-                "worst outage in this flight 47 ticks (inner); this loop recovers in time from 71, survives 118 (least of \
-                 32 phases): margin 2.5; measured by another build, 7fa27a4-release; not in it: 2 outages, of which messages were lost",
+                "worst outage in this flight 47 ticks (inner); this loop survives 118 and recovers in time from 71 (least \
+                 of 32 phases): margin 2.5; measured by another build, 7fa27a4-release; not in it: 2 outages, of which messages were lost",
             ),
         ] {
             assert_eq!(margin_of_flight(&section), sentence);

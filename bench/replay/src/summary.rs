@@ -10,13 +10,8 @@ use analysis::faults::AppliedSwap;
 use analysis::phrase::count;
 use analysis::tracking::{Tracking, TrackingError};
 
-const MODES: [(Mode, &str); 5] = [
-    (Mode::Fresh, "fresh"),
-    (Mode::Held, "held"),
-    (Mode::Fallback, "fallback"),
-    (Mode::Idle, "idle"),
-    (Mode::NotFinite, "not finite"),
-];
+/// How many ticks a stage was in each mode.
+type Modes = [u64; Mode::ALL.len()];
 
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
@@ -30,8 +25,8 @@ pub struct Summary {
     before: [u64; 2],
     newest: Option<(u64, State)>,
     error: TrackingError,
-    inner: [u64; MODES.len()],
-    mixer: [u64; MODES.len()],
+    inner: Modes,
+    mixer: Modes,
     saturated: u64,
     estimate: [f64; 3],
     /// Over all replayed outputs.
@@ -48,8 +43,8 @@ impl Summary {
             before: [0; 2],
             newest: None,
             error: TrackingError::default(),
-            inner: [0; MODES.len()],
-            mixer: [0; MODES.len()],
+            inner: [0; Mode::ALL.len()],
+            mixer: [0; Mode::ALL.len()],
             saturated: 0,
             estimate: [0.0; 3],
             outputs: OutputHash::default(),
@@ -129,16 +124,16 @@ impl Summary {
     }
 }
 
-fn take(counts: &mut [u64; MODES.len()], mode: u64) {
-    if let Some(place) = MODES.iter().position(|(known, _)| *known as u64 == mode) {
-        counts[place] += 1;
+fn take(counts: &mut Modes, mode: u64) {
+    if let Some(mode) = Mode::from_wire(mode) {
+        counts[mode as usize] += 1;
     }
 }
 
-fn modes(counts: &[u64; MODES.len()]) -> String {
-    let modes = MODES.iter().zip(counts);
+fn modes(counts: &Modes) -> String {
+    let modes = Mode::ALL.iter().zip(counts);
     let modes: Vec<String> = modes
-        .map(|((_, name), count)| format!("{name} {count}"))
+        .map(|(mode, count)| format!("{} {count}", mode.name()))
         .collect();
     modes.join(", ")
 }

@@ -11,7 +11,6 @@ use plant::{Plant, PlantSettings};
 
 /// Plant, outer loop, inner loop and mixer with the gains `flight`, standing between two ticks, and what the stages put
 /// out last.
-#[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub struct Laws {
     pub plant: Plant,
     outer: GuardedOuter,

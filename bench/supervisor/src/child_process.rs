@@ -142,10 +142,6 @@ impl ChildWatch {
         });
     }
 
-    fn forget(&mut self, pid: u32) {
-        self.0.retain(|watched| watched.pid != pid);
-    }
-
     /// Sends a signal to a child. Fails if the child has ended.
     pub(super) fn signal(&self, pid: u32, signal: Signal) -> io::Result<()> {
         let watched = self.0.iter().find(|watched| watched.pid == pid);
@@ -191,7 +187,7 @@ impl ChildWatch {
         }
         let status = child.try_wait()?;
         if status.is_some() {
-            self.forget(child.id());
+            self.0.retain(|watched| watched.pid != child.id());
         }
         Ok(status)
     }

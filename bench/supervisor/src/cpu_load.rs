@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use ipc::clock::{busy_wait, now_ns, sleep_until};
+use ipc::clock::{busy_wait, now_ns, sleep_through, sleep_until};
 use process::rt::take_stand;
 use process::signals::end_with_launcher;
 
@@ -20,9 +20,7 @@ pub fn cpu_load(
     launcher: u32,
 ) -> Result<u8, Failure> {
     end_with_launcher(Some(launcher))?;
-    while now_ns() < time_ns.start {
-        sleep_until(time_ns.start);
-    }
+    sleep_through(time_ns.start);
     let standing = take_stand(cpu, priority);
     if standing.priority != priority || !standing.refused.is_empty() {
         return Err(Failure::failed(format!(

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
-use ipc::clock::{now_ns, sleep_until};
+use ipc::clock::{now_ns, sleep_through};
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::{Run, RunPhase};
@@ -218,7 +218,7 @@ impl FaultInjector {
                     }
                 }
                 Action::Continue(pid) => {
-                    wait_until(at);
+                    sleep_through(at);
                     if let Some(place) = self.stopped.iter().position(|known| *known == pid) {
                         self.stopped.swap_remove(place);
                         // It may have ended since.
@@ -241,13 +241,13 @@ impl FaultInjector {
         let begin_ns = grid.begin_of(tick);
         match &fault.kind {
             kind @ (FaultKind::Hog { .. } | FaultKind::Load { .. }) if fault.ends => {
-                wait_until(begin_ns);
+                sleep_through(begin_ns);
                 self.end_loads(|other| other.kind.is_like(kind) && other.span.from < tick);
             }
             FaultKind::Hog { priority } => self.load(fault, *priority, 1.0, run, grid)?,
             FaultKind::Load { share } => self.load(fault, 0, *share, run, grid)?,
             FaultKind::Stop { for_ns, .. } => {
-                wait_until(begin_ns);
+                sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::STOP)?;
                 // The time is flight time, which may pass slower than the clock.
                 let slowdown = run.period_ns / run.sample_time_ns.max(1);
@@ -257,7 +257,7 @@ impl FaultInjector {
                 self.stopped.extend(pids);
             }
             FaultKind::Kill { .. } => {
-                wait_until(begin_ns);
+                sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::KILL)?;
                 self.killed.extend(pids.into_iter().map(|pid| (pid, tick)));
             }
@@ -338,13 +338,6 @@ fn delay(fault: &LiveFault, tick: u64) -> Option<String> {
     Some(format!(
         "the fault {what} begins {ticks} ticks late: the supervisor was notified, or scheduled, late\n"
     ))
-}
-
-fn wait_until(instant_ns: u64) {
-    while now_ns() < instant_ns {
-        // A signal to this process may end the sleep.
-        sleep_until(instant_ns);
-    }
 }
 
 #[cfg(test)]

@@ -10,10 +10,6 @@ use ipc::{Blackboard, Wire};
 use messages::role::{Channel, Role};
 
 /// The faults of a flight, as its plant has them.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handle has none"
-)]
 pub struct Injection {
     faults: LoopFaults,
     acts: Acts,

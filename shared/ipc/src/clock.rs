@@ -25,6 +25,17 @@ pub fn sleep_until(instant_ns: u64) -> bool {
     clock_nanosleep_absolute(ClockId::Monotonic, &timespec(instant_ns)).is_ok()
 }
 
+/// Sleeps until an instant, through signals; gives when it woke.
+pub fn sleep_through(instant_ns: u64) -> u64 {
+    loop {
+        sleep_until(instant_ns);
+        let now = now_ns();
+        if now >= instant_ns {
+            return now;
+        }
+    }
+}
+
 /// Keeps the processor busy for a time [ns], without a system call that could give it away.
 pub fn busy_wait(ns: u64) {
     let until_ns = now_ns().saturating_add(ns);

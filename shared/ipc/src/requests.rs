@@ -17,7 +17,7 @@ use crate::sys::Sealed;
 use faults::FaultRefusal;
 use faults::code::FaultCode;
 use messages::enum_registry::Fingerprint as _;
-use messages::layout::{FNV_OFFSET, Layout, fnv1a, from_wire, layout};
+use messages::layout::{Layout, hash_of, layout, wire_enum};
 use messages::parameters::{PARAMETERS, Parameter};
 
 const CLIENTS: usize = 8;
@@ -30,30 +30,24 @@ pub trait Order: Layout + Debug {
     type Answer: Layout + Debug;
 }
 
-/// A change of parameters.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub struct SwapOrder {
-    /// First tick with the new values; `NO_TICK` if the tick is counted from now.
-    pub at_tick: u64,
-    /// With `at_tick == NO_TICK`: ticks from the plant's present one.
-    pub in_ticks: u64,
-    /// How many of the following entries are used.
-    pub count: u64,
-    /// Parameters, as indices of the table [`messages::parameters::SPECS`].
-    pub parameter: [u64; PARAMETERS],
-    pub value: [f64; PARAMETERS],
-    /// Number of equal steps to the value, one a tick; 1 is at once.
-    pub steps: [u64; PARAMETERS],
+layout! {
+    /// A change of parameters.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[repr(C)]
+    pub struct SwapOrder {
+        /// First tick with the new values; `NO_TICK` if the tick is counted from now.
+        pub at_tick: u64,
+        /// With `at_tick == NO_TICK`: ticks from the plant's present one.
+        pub in_ticks: u64,
+        /// How many of the following entries are used.
+        pub count: u64,
+        /// Parameters, as indices of the table [`messages::parameters::SPECS`].
+        pub parameter: [u64; PARAMETERS],
+        pub value: [f64; PARAMETERS],
+        /// Number of equal steps to the value, one a tick; 1 is at once.
+        pub steps: [u64; PARAMETERS],
+    }
 }
-layout!(SwapOrder {
-    at_tick,
-    in_ticks,
-    count,
-    parameter,
-    value,
-    steps
-});
 
 impl SwapOrder {
     /// An order of `changes`: parameter, value and number of steps. There is room for [`PARAMETERS`] of them.
@@ -74,47 +68,35 @@ impl SwapOrder {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub struct SwapAnswer {
-    /// A [`SwapOutcome`] as number.
-    pub verdict: u64,
-    /// Applied: the first tick with the new values. Refused: the plant's tick.
-    pub tick: u64,
-    pub parameter_epoch: u64,
-    /// Refused for one parameter: its index.
-    pub parameter: u64,
-    /// Values before the change, in the order of the request.
-    pub old: [f64; PARAMETERS],
-}
-layout!(SwapAnswer {
-    verdict,
-    tick,
-    parameter_epoch,
-    parameter,
-    old
-});
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum SwapOutcome {
-    Applied = 0,
-    UnknownParameter = 1,
-    OutOfRange = 2,
-    /// It has no parameter, too many, or one twice; or a ramp has no step, or more than a flight has ticks.
-    Malformed = 3,
-    QueueFull = 4,
-    Ended = 5,
+layout! {
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[repr(C)]
+    pub struct SwapAnswer {
+        /// A [`SwapOutcome`] as number.
+        pub verdict: u64,
+        /// Applied: the first tick with the new values. Refused: the plant's tick.
+        pub tick: u64,
+        pub parameter_epoch: u64,
+        /// Refused for one parameter: its index.
+        pub parameter: u64,
+        /// Values before the change, in the order of the request.
+        pub old: [f64; PARAMETERS],
+    }
 }
 
-from_wire!(SwapOutcome {
-    Applied,
-    UnknownParameter,
-    OutOfRange,
-    Malformed,
-    QueueFull,
-    Ended
-});
+wire_enum! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum SwapOutcome {
+        Applied = 0,
+        UnknownParameter = 1,
+        OutOfRange = 2,
+        /// It has no parameter, too many, or one twice; or a ramp has no step, or more than a flight has ticks.
+        Malformed = 3,
+        QueueFull = 4,
+        Ended = 5,
+    }
+}
 
 impl Order for SwapOrder {
     const SERVICE: &'static str = "parameters";
@@ -125,44 +107,35 @@ impl Order for SwapOrder {
 /// Faults in one request, each counted as often as it has inputs.
 pub const MOST_AT_ONCE: usize = 16;
 
-/// Faults that begin in one tick, which the plant chooses. The ticks inside of them are not used.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub struct FaultOrder {
-    /// First tick with the faults; `NO_TICK` if the tick is counted from now.
-    pub at_tick: u64,
-    /// With `at_tick == NO_TICK`: ticks from the plant's present one.
-    pub in_ticks: u64,
-    /// For how many ticks; `Span::FOR_GOOD` without an end.
-    pub for_ticks: u64,
-    pub count: u64,
-    pub faults: [FaultCode; MOST_AT_ONCE],
+layout! {
+    /// Faults that begin in one tick, which the plant chooses. The ticks inside of them are not used.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[repr(C)]
+    pub struct FaultOrder {
+        /// First tick with the faults; `NO_TICK` if the tick is counted from now.
+        pub at_tick: u64,
+        /// With `at_tick == NO_TICK`: ticks from the plant's present one.
+        pub in_ticks: u64,
+        /// For how many ticks; `Span::FOR_GOOD` without an end.
+        pub for_ticks: u64,
+        pub count: u64,
+        pub faults: [FaultCode; MOST_AT_ONCE],
+    }
 }
-layout!(FaultOrder {
-    at_tick,
-    in_ticks,
-    for_ticks,
-    count,
-    faults
-});
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-pub struct FaultAnswer {
-    /// [`ACCEPTED`] if accepted; else a [`FaultRefusal`], [`MALFORMED`] or [`ENDED`].
-    pub verdict: u64,
-    pub from: u64,
-    /// First tick without the faults; `Span::FOR_GOOD` without an end.
-    pub to: u64,
-    /// Refused: which of them, from 0 on.
-    pub which: u64,
+layout! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(C)]
+    pub struct FaultAnswer {
+        /// [`ACCEPTED`] if accepted; else a [`FaultRefusal`], [`MALFORMED`] or [`ENDED`].
+        pub verdict: u64,
+        pub from: u64,
+        /// First tick without the faults; `Span::FOR_GOOD` without an end.
+        pub to: u64,
+        /// Refused: which of them, from 0 on.
+        pub which: u64,
+    }
 }
-layout!(FaultAnswer {
-    verdict,
-    from,
-    to,
-    which
-});
 
 pub const ACCEPTED: u64 = 0;
 /// Verdict: not a fault, none, or too many.
@@ -199,9 +172,7 @@ type Service<Q> = PortFactory<ipc::Service, Request<Q>, (), Reply<<Q as Order>::
 
 impl Wire {
     fn request_service<Q: Order>(&self) -> Result<Service<Q>, Error> {
-        let layouts = [Q::FINGERPRINT, Q::Answer::FINGERPRINT, Q::NAMES]
-            .into_iter()
-            .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
+        let layouts = hash_of(&[Q::FINGERPRINT, Q::Answer::FINGERPRINT, Q::NAMES]);
         let service = self.service_name(Q::SERVICE)?;
         let (_, layout) = layout_attributes(layouts)?;
         self.open_service(format!("the service `{}`", Q::SERVICE), || {

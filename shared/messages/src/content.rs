@@ -211,14 +211,14 @@ wire_enum! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[repr(u64)]
     pub enum Mode {
-        Fresh = 0,
+        Fresh = 0 => "fresh",
         /// An input was stale, and the last one was held.
-        Held = 1,
+        Held = 1 => "held",
         /// An input was stale for longer; the stage fell back to a safe output.
-        Fallback = 2,
-        Idle = 3,
+        Fallback = 2 => "fallback",
+        Idle = 3 => "idle",
         /// The law's answer was not finite, or one that no airframe can give; the stage put a safe one in its place.
-        NotFinite = 4,
+        NotFinite = 4 => "not finite",
     }
 }
 

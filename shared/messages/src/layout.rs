@@ -344,12 +344,21 @@ macro_rules! layout {
 }
 pub use layout;
 
-/// Gives an enum whose numbers are sent a hash over its variants and their numbers, and its way back from a number:
-/// flags travel as integers, because a forged enum would be undefined behaviour.
+/// Declares an enum whose numbers are sent: its variants with their numbers, and names where it has them. Flags travel as
+/// integers, because a forged enum would be undefined behaviour.
 #[macro_export]
-macro_rules! from_wire {
-    ($type:ident { $($variant:ident),+ $(,)? }) => {
+macro_rules! wire_enum {
+    ($(#[$meta:meta])* pub enum $type:ident {
+        $($(#[$doc:meta])* $variant:ident = $number:literal $(=> $name:literal)?),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        pub enum $type {
+            $($(#[$doc])* $variant = $number),+
+        }
+
         impl $type {
+            pub const ALL: [Self; [$($number),+].len()] = [$(Self::$variant),+];
+
             /// Hash over its variants and their numbers: two builds that number them differently do not connect.
             pub const ENUM_HASH: u64 = {
                 let mut hash = $crate::layout::FNV_OFFSET;
@@ -365,24 +374,6 @@ macro_rules! from_wire {
                 $(if number == Self::$variant as u64 { return Some(Self::$variant); })+
                 None
             }
-        }
-    };
-}
-pub use from_wire;
-
-/// Declares an enum whose numbers are sent: its variants with their numbers, and names where it has them.
-#[macro_export]
-macro_rules! wire_enum {
-    ($(#[$meta:meta])* pub enum $type:ident {
-        $($(#[$doc:meta])* $variant:ident = $number:literal $(=> $name:literal)?),+ $(,)?
-    }) => {
-        $(#[$meta])*
-        pub enum $type {
-            $($(#[$doc])* $variant = $number),+
-        }
-        $crate::layout::from_wire!($type { $($variant),+ });
-        impl $type {
-            pub const ALL: [Self; [$($number),+].len()] = [$(Self::$variant),+];
         }
         $crate::layout::wire_enum!(@names $type { $($variant $(=> $name)?),+ });
     };

@@ -218,6 +218,7 @@ impl TrackedQuantile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ipc::clock::busy_wait;
     use messages::realtime::RealtimeMode;
 
     const PERIOD_NS: u64 = 1_000_000;
@@ -417,8 +418,7 @@ mod tests {
         let mut rehearsed = 0_u64;
         let lead = choose(&settings(LeadSetting::Auto, true), true, &soon(), || {
             rehearsed += 1;
-            let until_ns = now_ns() + 50_000;
-            while now_ns() < until_ns {}
+            busy_wait(50_000);
             Ok(())
         })
         .unwrap();

@@ -57,14 +57,12 @@ pub trait Stage {
     fn rehearse(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
 
     /// Saves what the stage remembers between ticks; false if its law cannot be saved.
-    fn save(&mut self, state: &mut SavedState) -> bool {
-        let _ = state;
+    fn save(&mut self, _state: &mut SavedState) -> bool {
         false
     }
 
     /// Continues from a saved state; false, and nothing is changed, if it is not one of this stage and law.
-    fn load(&mut self, state: &[u8]) -> bool {
-        let _ = state;
+    fn load(&mut self, _state: &[u8]) -> bool {
         false
     }
 

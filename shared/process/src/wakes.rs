@@ -62,14 +62,15 @@ mod tests {
     use super::*;
     use ipc::instance::Instance;
 
-    /// Roles that were notified since the last call: of a message or an early wake-up, and of a rehearsal.
-    fn notified(events: &[ipc::WakeEvent], rehearsals: bool) -> Vec<usize> {
+    /// Places of the roles that were notified since the last call: of a message or an early wake-up, and of a rehearsal.
+    fn notified(events: &[ipc::WakeEvent], rehearsals: bool) -> String {
         let is_due = |event: &ipc::WakeEvent| match rehearsals {
             true => event.rehearsal_is_due(),
             false => event.wait_until(0).unwrap(),
         };
         (0..events.len())
             .filter(|place| is_due(&events[*place]))
+            .map(|place| place.to_string())
             .collect()
     }
 
@@ -80,57 +81,26 @@ mod tests {
         let wire = Wire::open(&instance).unwrap();
         let events = STAGES.map(|role| wire.wake_event(role).unwrap());
         // For each number of processors and each role: whom a message wakes, and whom a rehearsal.
-        for (loop_cpus, woken) in [
-            (
-                1,
-                [
-                    (vec![1], vec![1]),
-                    (vec![2], vec![2]),
-                    (vec![3], vec![3]),
-                    (vec![], vec![]),
-                ],
-            ),
-            (
-                2,
-                [
-                    (vec![1, 2], vec![1, 2]),
-                    (vec![2, 3], vec![3]),
-                    (vec![3], vec![]),
-                    (vec![], vec![]),
-                ],
-            ),
-            (
-                4,
-                [
-                    (vec![1], vec![1, 2, 3]),
-                    (vec![2], vec![]),
-                    (vec![3], vec![]),
-                    (vec![], vec![]),
-                ],
-            ),
+        for (loop_cpus, by_message, by_rehearsal) in [
+            (1, ["1", "2", "3", ""], ["1", "2", "3", ""]),
+            (2, ["12", "23", "3", ""], ["12", "3", "", ""]),
+            (4, ["1", "2", "3", ""], ["123", "", "", ""]),
         ] {
-            for (role, (by_message, by_rehearsal)) in STAGES.into_iter().zip(woken) {
-                let rt = RealtimeSettings {
-                    loop_cpus,
-                    ..RealtimeSettings::OFF
-                };
+            let rt = RealtimeSettings {
+                loop_cpus,
+                ..RealtimeSettings::OFF
+            };
+            for (place, role) in STAGES.into_iter().enumerate() {
                 let wakes = wakes(&wire, role.into(), &rt, false).unwrap();
                 for notifier in wakes.receiver.iter().chain(&wakes.others) {
                     notifier.notify().unwrap();
                 }
-                assert_eq!(
-                    notified(&events, false),
-                    by_message,
-                    "{role} of {loop_cpus}"
-                );
+                let said = format!("{role} of {loop_cpus}");
+                assert_eq!(notified(&events, false), by_message[place], "{said}");
                 for notifier in &wakes.rehearsals {
                     notifier.notify_rehearsal().unwrap();
                 }
-                assert_eq!(
-                    notified(&events, true),
-                    by_rehearsal,
-                    "{role} of {loop_cpus}"
-                );
+                assert_eq!(notified(&events, true), by_rehearsal[place], "{said}");
                 notified(&events, false);
             }
         }

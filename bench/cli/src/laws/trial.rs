@@ -39,7 +39,6 @@ const TICKS: u64 = INPUTS + 2 * REHEARSED + 2 * HOT as u64 + COLD as u64;
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A law of any role, made.
-#[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub enum Candidate {
     Outer(Made<dyn OuterLaw>),
     Inner(Made<dyn InnerLaw>),
@@ -79,7 +78,6 @@ pub struct Findings {
 
 impl Findings {
     /// Whether the law does what every law must; one that promises nothing about its time may also allocate.
-    #[must_use]
     pub const fn passes(&self, not_real_time: bool) -> bool {
         let uses_nothing = matches!(self.usage.counted_allocations(), None | Some(0))
             && self.usage.minor_faults == 0

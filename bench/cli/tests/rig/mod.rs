@@ -29,8 +29,10 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 pub use role_process::{Ended, Running, squeezed};
-use system::{command_line, hear_signals, names, processes};
-pub use system::{files_below, is_gone, send, stop_for, wait_until};
+pub use system::{
+    command_line, files_below, is_gone, processes, send, signal_of, stop_for, wait_until,
+};
+use system::{hear_signals, names};
 
 /// The executable under test: the one that the variable IRONBIRD named when the tests were compiled (an absolute path),
 /// such as the release build; otherwise the one that cargo built beside the tests.
@@ -53,41 +55,6 @@ pub const BUILT_WITH_TESTS: &str = env!("CARGO_BIN_EXE_ironbird");
 pub fn copy_executable(to: &Path) {
     let copied = Command::new("cp").arg(IRONBIRD).arg(to).status().unwrap();
     assert!(copied.success());
-}
-
-/// Arguments of a command: a line of words, or a list where a word has blanks.
-pub trait Args {
-    fn list(&self) -> Vec<String>;
-}
-
-impl Args for str {
-    fn list(&self) -> Vec<String> {
-        self.split_whitespace().map(str::to_owned).collect()
-    }
-}
-
-impl Args for String {
-    fn list(&self) -> Vec<String> {
-        self.as_str().list()
-    }
-}
-
-impl<S: AsRef<str>> Args for Vec<S> {
-    fn list(&self) -> Vec<String> {
-        self.iter().map(|arg| arg.as_ref().to_owned()).collect()
-    }
-}
-
-impl<S: AsRef<str>, const N: usize> Args for [S; N] {
-    fn list(&self) -> Vec<String> {
-        self.iter().map(|arg| arg.as_ref().to_owned()).collect()
-    }
-}
-
-impl<A: Args + ?Sized> Args for &A {
-    fn list(&self) -> Vec<String> {
-        (**self).list()
-    }
 }
 
 pub struct Rig {
@@ -173,16 +140,10 @@ impl Rig {
     }
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
-    pub fn command(&self, command: &str, args: impl Args) -> Command {
-        self.command_by(&[], command, args)
-    }
-
-    /// `ironbird COMMAND`, started by another program that its arguments precede.
-    pub fn command_by(&self, program: &[&str], command: &str, args: impl Args) -> Command {
-        let words = [program, &[self.executable, command]].concat();
-        let mut process = Command::new(words[0]);
+    pub fn command(&self, command: &str, args: impl AsRef<str>) -> Command {
+        let mut process = Command::new(self.executable);
         process
-            .args(&words[1..])
+            .arg(command)
             .args(self.own_args(command, args))
             .env("IRONBIRD_ROOT", self.root());
         process
@@ -193,7 +154,7 @@ impl Rig {
         &self,
         (mount, probe): (&str, &str),
         command: &str,
-        args: impl Args,
+        args: impl AsRef<str>,
     ) -> Option<Command> {
         let mut process = in_own_mounts(mount, probe, self.executable)?;
         process
@@ -204,8 +165,9 @@ impl Rig {
     }
 
     /// What a command is given besides `args`.
-    pub fn own_args(&self, command: &str, args: impl Args) -> Vec<String> {
-        let mut all = args.list();
+    pub fn own_args(&self, command: &str, args: impl AsRef<str>) -> Vec<String> {
+        let words = args.as_ref().split_whitespace();
+        let mut all: Vec<String> = words.map(str::to_owned).collect();
         // What stands behind `--` are no flags.
         let end = all.iter().position(|arg| arg == "--").unwrap_or(all.len());
         let mut default = |flag: &str, value: &str| {
@@ -227,7 +189,7 @@ impl Rig {
         all
     }
 
-    pub fn start(&self, command: &str, args: impl Args) -> Running {
+    pub fn start(&self, command: &str, args: impl AsRef<str>) -> Running {
         self.launch(self.command(command, args))
     }
 
@@ -249,7 +211,7 @@ impl Rig {
     }
 
     /// Starts a process and waits for its end.
-    pub fn run(&self, command: &str, args: impl Args) -> Ended {
+    pub fn run(&self, command: &str, args: impl AsRef<str>) -> Ended {
         self.start(command, args).end()
     }
 
@@ -259,17 +221,18 @@ impl Rig {
     }
 
     /// Flies in lockstep and simulates with the same options: the states are the same to the last bit, of `ticks` ticks.
-    pub fn flies_as_simulated(&self, options: &str, ticks: usize) -> [Ended; 2] {
+    pub fn flies_as_simulated(&self, options: &str, ticks: usize) -> Ended {
         let (flown, simulated) = (self.file("flown.csv"), self.file("simulated.csv"));
         let fly = format!("fly --pace lockstep {options} --every 1 --states {flown}");
         let simulate = format!("simulate {options} --every 1 --states {simulated}");
-        let ended = [self.ok(&fly), self.ok(&simulate)];
+        let flight = self.ok(&fly);
+        self.ok(&simulate);
         assert_same_rows(
             &fs::read(&flown).unwrap(),
             &fs::read(&simulated).unwrap(),
             ticks,
         );
-        ended
+        flight
     }
 
     /// Runs a whole command line, which must be refused as a mistake.
@@ -284,7 +247,7 @@ impl Rig {
 
     pub fn await_flight(&self) {
         wait_until("the instance to fly", || {
-            let params = self.run("params", ["--json"]);
+            let params = self.run("params", "--json");
             (params.code == Some(0) && !params.json()[0]["in_force"].is_null()).then_some(())
         });
     }
@@ -307,7 +270,7 @@ impl Rig {
     }
 
     /// Starts a flight and waits until its parameters are in force: up to 200 ms before tick 0.
-    pub fn take_off(&self, args: impl Args) -> Running {
+    pub fn take_off(&self, args: impl AsRef<str>) -> Running {
         let flight = self.start("fly", args);
         self.await_flight();
         flight

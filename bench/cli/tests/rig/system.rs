@@ -27,6 +27,21 @@ pub fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     }
 }
 
+/// The signal of a name in a page: `INT`.
+pub fn signal_of(name: &str) -> Signal {
+    match name {
+        "INT" => Signal::INT,
+        "TERM" => Signal::TERM,
+        "HUP" => Signal::HUP,
+        "QUIT" => Signal::QUIT,
+        "STOP" => Signal::STOP,
+        "CONT" => Signal::CONT,
+        "USR1" => Signal::USR1,
+        "KILL" => Signal::KILL,
+        other => panic!("no signal {other}"),
+    }
+}
+
 pub fn send(pid: u32, signal: Signal) {
     kill_process(Pid::from_raw(i32::try_from(pid).unwrap()).unwrap(), signal).unwrap();
 }
@@ -59,14 +74,14 @@ pub fn files_below(directory: &Path) -> Vec<PathBuf> {
     names(directory).into_iter().flat_map(below).collect()
 }
 
-pub(super) fn processes() -> impl Iterator<Item = u32> {
+pub fn processes() -> impl Iterator<Item = u32> {
     names(Path::new("/proc"))
         .into_iter()
         .filter_map(|name| name.parse().ok())
 }
 
 /// Empty where the process has ended.
-pub(super) fn command_line(pid: u32) -> Vec<String> {
+pub fn command_line(pid: u32) -> Vec<String> {
     let bytes = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
     bytes
         .split(|byte| *byte == 0)

@@ -4,13 +4,13 @@ use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, chown};
 use std::process::Command;
 
-use super::{Args, Rig, copy_executable, not_tested};
+use super::{Rig, copy_executable, not_tested};
 
 const NOBODY: u32 = 65534;
 
 /// `ironbird COMMAND` of a user without privileges, who owns new directories of the rig; none where there is no way to
 /// become one.
-pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command> {
+pub fn unprivileged(rig: &Rig, command: &str, args: impl AsRef<str>) -> Option<Command> {
     if !rustix::process::geteuid().is_root() {
         return Some(rig.command(command, args));
     }

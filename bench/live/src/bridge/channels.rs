@@ -20,7 +20,6 @@ use flight_log::scene::{self, Placed};
 use flight_log::telemetry::TelemetryTopic;
 use flight_log::units;
 
-#[allow(missing_debug_implementations, reason = "the channels have none")]
 pub(super) struct Channels {
     topics: BTreeMap<&'static str, Arc<RawChannel>>,
     /// The signals of each law, by role.

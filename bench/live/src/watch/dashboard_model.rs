@@ -84,7 +84,6 @@ pub struct ParameterPage {
 }
 
 impl ParameterPage {
-    #[must_use]
     pub fn parameter(&self) -> Parameter {
         SPECS[self.selected].parameter
     }
@@ -106,7 +105,6 @@ pub struct Model {
 }
 
 impl Model {
-    #[must_use]
     pub fn new(instance: &str, launched: bool, colours: bool) -> Self {
         Self {
             instance: instance.into(),
@@ -116,7 +114,6 @@ impl Model {
         }
     }
 
-    #[must_use]
     pub fn is_flying(&self) -> bool {
         matches!(&self.flight, Some(flight) if flight.ending.is_none())
     }
@@ -346,13 +343,11 @@ impl WatchedFlight {
     }
 
     /// Messages that were overwritten before the dashboard read them.
-    #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost_before + self.statistics.lost().iter().sum::<u64>()
     }
 
     /// Tick of the newest state; that of the plant's blackboard before the first.
-    #[must_use]
     pub fn tick(&self) -> u64 {
         match self.state {
             Some(_) => self.statistics.newest_tick(),
@@ -361,13 +356,11 @@ impl WatchedFlight {
     }
 
     /// The latest known tick if the recorder has died since.
-    #[must_use]
     pub fn lost_at(&self) -> Option<u64> {
         (!self.recorder_lives).then(|| self.tick())
     }
 
     /// A setting of the run, as text.
-    #[must_use]
     pub fn setting(&self, key: &str) -> &str {
         self.settings.get(key).map_or("", String::as_str)
     }
@@ -422,7 +415,6 @@ impl WatchedFlight {
     }
 
     /// The three verdicts on the flight so far.
-    #[must_use]
     pub fn verdicts(&self) -> Verdicts {
         let (run, statistics) = (&self.run, &self.statistics);
         // Counted by the plant, from the start of the flight.
@@ -510,7 +502,6 @@ impl Trace {
     }
 
     /// At most `most` newest points, in order of time.
-    #[must_use]
     pub fn newest(&self, most: usize) -> Vec<f64> {
         let present = self.present.map(|(_, largest)| largest);
         let points = self.points.iter().copied().chain(present);

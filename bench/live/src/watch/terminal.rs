@@ -6,10 +6,11 @@ use std::sync::mpsc;
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
+use ipc::clock::timespec;
 use process::signals::stop_signals;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::iterator::Signals;
 
@@ -73,11 +74,7 @@ fn exit_when_terminal_closes() -> Result<(), Failure> {
 fn is_closed() -> bool {
     let stdin = std::io::stdin();
     let mut polled = [PollFd::new(&stdin, PollFlags::empty())];
-    let at_once = Timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
-    };
-    poll(&mut polled, Some(&at_once)).is_ok() && polled[0].revents().contains(PollFlags::HUP)
+    poll(&mut polled, Some(&timespec(0))).is_ok() && polled[0].revents().contains(PollFlags::HUP)
 }
 
 fn show(

@@ -23,7 +23,7 @@ fn settle_by(
     populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
 ) -> Result<(), Error> {
     match populate_mappings(locked, populate) {
-        Err(e) if !is_unknown(&e) => Err(Error::system(
+        Err(e) if e.raw_os_error() != Some(UNKNOWN) => Err(Error::system(
             "cannot make the memory of the process present (memory, or shared memory in /dev/shm, has run out)",
             e,
         )),
@@ -33,10 +33,6 @@ fn settle_by(
 
 /// What is said of a kernel that does not know how to populate memory.
 pub(super) const UNKNOWN: i32 = libc::ENOSYS;
-
-fn is_unknown(refusal: &io::Error) -> bool {
-    refusal.raw_os_error() == Some(UNKNOWN)
-}
 
 /// Asks for a page of which it is certain that there is memory behind it: only a kernel that does not know the question
 /// says then that it is wrong. Of any other range, the same answer speaks of the range.

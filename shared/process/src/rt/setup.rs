@@ -16,7 +16,7 @@ use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
 use super::memory::{UNKNOWN, mappings, populate_mappings, settle};
 use super::sys;
-use super::thread::{Raised, allowed_cpus, loop_processors, loops_cpu, prefault_stack};
+use super::thread::{Raised, allowed_cpus, loop_processors, loops_cpu, of_cpus, prefault_stack};
 use crate::wakes::place;
 use errors::errno_text;
 use ipc::error::Error;
@@ -214,7 +214,7 @@ impl Engaged {
                 // First, so that it does not wait when it moves.
                 let _ = sys::set_fifo(self.priority);
             }
-            let _ = sched_setaffinity(None, &only(*cpu));
+            let _ = sched_setaffinity(None, &of_cpus(&[*cpu]));
         }
     }
 
@@ -236,7 +236,7 @@ impl Engaged {
             let _ = sys::set_fifo(priority);
         }
         let (cpus, cpu) = match ahead {
-            Some(ahead) => (only(ahead.cpu), ahead.cpu),
+            Some(ahead) => (of_cpus(&[ahead.cpu]), ahead.cpu),
             None => cpus_for(replica, settings),
         };
         let affinity = sched_setaffinity(None, &cpus).map_err(Into::into);
@@ -323,7 +323,7 @@ fn cpus_for(replica: Replica, settings: &RealtimeSettings) -> (CpuSet, usize) {
             Channel::A => place(replica.role, settings.loop_cpus.min(loops.len())),
             Channel::B | Channel::C => (settings.channel_cpus - 1).min(loops.len() - 1),
         };
-        return (only(loops[place]), loops[place]);
+        return (of_cpus(&loops[place..=place]), loops[place]);
     }
     // Where channels b and c have a processor of their own, it is shared with everything else.
     let loops = &loops[..settings.loop_cpus.min(loops.len())];
@@ -372,14 +372,6 @@ impl Drop for OffLoops {
     fn drop(&mut self) {
         let _ = sched_setaffinity(None, &self.before);
     }
-}
-
-fn only(cpu: usize) -> CpuSet {
-    let mut set = CpuSet::new();
-    if cpu < CpuSet::MAX_CPU {
-        set.set(cpu);
-    }
-    set
 }
 
 /// Keeps the processors out of deep sleep for as long as the file is open.

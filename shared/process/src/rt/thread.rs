@@ -72,13 +72,9 @@ pub fn take_stand(cpu: usize, priority: i32) -> Standing {
         "timer slack",
         set_current_timer_slack(NonZero::new(1)).map_err(Into::into),
     );
-    let mut own = CpuSet::new();
-    if cpu < CpuSet::MAX_CPU {
-        own.set(cpu);
-    }
     attempt(
         &format!("processor {cpu}"),
-        sched_setaffinity(None, &own).map_err(Into::into),
+        sched_setaffinity(None, &of_cpus(&[cpu])).map_err(Into::into),
     );
     prefault_stack();
     if priority > 0 {
@@ -129,11 +125,16 @@ static ALLOWED: OnceLock<CpuSet> = OnceLock::new();
 
 /// Takes the processors that the launcher may use for those that this process may use.
 pub fn allow_cpus(cpus: &[usize]) {
-    let mut allowed = CpuSet::new();
+    let _ = ALLOWED.set(of_cpus(cpus));
+}
+
+/// The processors that the kernel's sets have room for.
+pub(super) fn of_cpus(cpus: &[usize]) -> CpuSet {
+    let mut set = CpuSet::new();
     for cpu in cpus.iter().filter(|cpu| **cpu < CpuSet::MAX_CPU) {
-        allowed.set(*cpu);
+        set.set(*cpu);
     }
-    let _ = ALLOWED.set(allowed);
+    set
 }
 
 pub(super) fn allowed_cpus() -> CpuSet {
@@ -141,11 +142,7 @@ pub(super) fn allowed_cpus() -> CpuSet {
         return *allowed;
     }
     // Without the list (which cannot fail for the caller itself), processor 0 always exists.
-    sched_getaffinity(None).unwrap_or_else(|_| {
-        let mut first = CpuSet::new();
-        first.set(0);
-        first
-    })
+    sched_getaffinity(None).unwrap_or_else(|_| of_cpus(&[0]))
 }
 
 #[inline(never)]

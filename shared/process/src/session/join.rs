@@ -143,11 +143,9 @@ impl RoleSession {
                 }
             }
             if let Some(board) = plant.take() {
-                let is_from_take_off = armed.is_some();
-                let armed = self.take_off(engaged, board, armed.unwrap_or(run));
                 return Ok(Armed {
-                    is_from_take_off,
-                    ..armed
+                    is_from_take_off: armed.is_some(),
+                    ..self.take_off(engaged, board, armed.unwrap_or(run))
                 });
             }
         }

@@ -113,14 +113,7 @@ fn modes<'a>(flight: &WatchedFlight) -> Line<'a> {
         return line;
     };
     for (stage, mode) in [("inner ", wrench.mode), ("   mixer ", speeds.mode)] {
-        let word = match Mode::from_wire(mode) {
-            Some(Mode::Fresh) => "fresh",
-            Some(Mode::Held) => "held",
-            Some(Mode::Fallback) => "fallback",
-            Some(Mode::Idle) => "idle",
-            Some(Mode::NotFinite) => "not finite",
-            None => "unknown",
-        };
+        let word = Mode::from_wire(mode).map_or("unknown", Mode::name);
         line.push_span(stage);
         line.push_span(Span::styled(word, good_or_bad(word == "fresh")));
     }
