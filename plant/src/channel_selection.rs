@@ -86,10 +86,15 @@ impl ChannelSelection {
             self.waiting.retain(|it| it.tick != made_for);
             let is_published = published.take_if(|it| *it == made_for).is_some();
             if is_published {
-                let requested = self.requested.take();
                 switchover = self
                     .groups
-                    .decide(made_for, &candidates, requested, excursion);
+                    .decide(made_for, &candidates, self.requested, excursion);
+                let is_flown = |it: &mut Channel| {
+                    let arrangement = &self.groups.arrangement;
+                    arrangement.are_alike(*it, self.groups.group_at(made_for))
+                };
+                // Until the channel is ready, the request waits.
+                self.requested.take_if(is_flown);
             }
             let group = self.groups.group_at(made_for);
             let selection = self.groups.of_group(group, &candidates);

@@ -180,6 +180,14 @@ impl Layers<'_> {
         if let Some(given) = self.given.remove(CHANNEL) {
             let channels = given.as_table().into_iter().flatten();
             for (channel, of_channel) in channels {
+                if !of_channel.is_table() {
+                    return Err(here(
+                        place,
+                        format!(
+                            "`{CHANNEL}.{channel}` must be a section: [{CHANNEL}.{channel}.inner]"
+                        ),
+                    ));
+                }
                 for (role, keys) in of_channel.as_table().into_iter().flatten() {
                     let law = named(channel, role).zip(keys.as_table());
                     let ((channel, role), keys) = law.ok_or_else(|| {

@@ -1,6 +1,7 @@
 //! The commands that the plant took in a flight whose channels fly different laws: of each tick, that of the channel that
 //! flew then.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use config::Settings;
@@ -9,14 +10,20 @@ use faults::live::FaultKind;
 use flight_log::entry::LogEntry;
 use flight_log::reader::LogReader;
 use ipc::DEEP;
+use messages::channels::Candidate;
 use messages::content::{NO_TICK, RotorSpeeds};
+use messages::grid::Pace;
 use messages::header::Message;
 use messages::message_window::MessageWindow;
-use messages::role::Channel;
+use messages::role::{Channel, Role};
 
 pub struct ChannelCommands {
-    /// From which tick on which group flies, by its first channel.
-    switchovers: Vec<(u64, Channel)>,
+    pace: Pace,
+    /// From which tick on which group is to fly, by its first channel.
+    switchovers: VecDeque<(u64, Channel)>,
+    /// The group that is to fly as soon as it has a usable command.
+    requested: Option<Channel>,
+    active: Channel,
     others: Vec<(Channel, CommandReader)>,
     taken: MessageWindow<RotorSpeeds>,
     next_tick: u64,
@@ -24,7 +31,11 @@ pub struct ChannelCommands {
 
 impl ChannelCommands {
     /// Opens the logs of the channels with other laws; nothing if there are none.
-    pub fn open(settings: &Settings, logs: &[(Channel, PathBuf)]) -> Result<Option<Self>, Failure> {
+    pub fn open(
+        settings: &Settings,
+        pace: Pace,
+        logs: &[(Channel, PathBuf)],
+    ) -> Result<Option<Self>, Failure> {
         if logs.is_empty() {
             return Ok(None);
         }
@@ -41,7 +52,10 @@ impl ChannelCommands {
             Ok((*channel, CommandReader { reader, newest }))
         };
         Ok(Some(Self {
-            switchovers,
+            pace,
+            switchovers: switchovers.into(),
+            requested: None,
+            active: Channel::A,
             others: logs.iter().map(open).collect::<Result<_, Failure>>()?,
             taken: MessageWindow::keeping(DEEP),
             next_tick: 0,
@@ -56,19 +70,40 @@ impl ChannelCommands {
     ) -> Result<&MessageWindow<RotorSpeeds>, Failure> {
         while last != NO_TICK && self.next_tick <= last {
             let tick = self.next_tick;
-            let switchover = self.switchovers.iter().rfind(|(from, _)| *from <= tick);
-            let group = switchover.map_or(Channel::A, |(_, group)| *group);
-            let command = match self.others.iter_mut().find(|(of, _)| *of == group) {
-                Some((_, commands)) => commands.of(tick)?,
-                None => own.of(tick).copied(),
-            };
-            if let Some(command) = command {
+            while let Some((_, group)) = self.switchovers.pop_front_if(|(from, _)| *from <= tick) {
+                self.requested = Some(group);
+            }
+            if let Some(requested) = self.requested
+                && let Some(command) = self.command(requested, tick, own)?
+                && self.is_usable(requested, &command)
+            {
+                (self.active, self.requested) = (requested, None);
+            }
+            if let Some(command) = self.command(self.active, tick, own)? {
                 self.taken.push(command);
                 self.taken.advance();
             }
             self.next_tick += 1;
         }
         Ok(&self.taken)
+    }
+
+    fn command(
+        &mut self,
+        group: Channel,
+        tick: u64,
+        own: &MessageWindow<RotorSpeeds>,
+    ) -> Result<Option<Message<RotorSpeeds>>, Failure> {
+        match self.others.iter_mut().find(|(of, _)| *of == group) {
+            Some((_, commands)) => commands.of(tick),
+            None => Ok(own.of(tick).copied()),
+        }
+    }
+
+    fn is_usable(&self, group: Channel, command: &Message<RotorSpeeds>) -> bool {
+        let sent_ns = command.envelope.stamps_of(Role::Mixer).send_ns;
+        let effective_tick = self.pace.effective_tick(command.envelope.tick, sent_ns);
+        Candidate::of(group, command, effective_tick).is_some_and(|it| it.is_usable())
     }
 }
 

@@ -96,7 +96,17 @@ pub fn fly_again(
             if stops && replayed.comparison.first.is_some() {
                 break;
             }
-            let other = replay_log(&log, from_tick, stops, moved)?;
+            let of_log = format!(" (flight log {})", log.display());
+            let other = replay_log(&log, from_tick, stops, moved);
+            let other = other.map_err(|failure| failure.append(&of_log))?;
+            if other.survey.run_id != replayed.survey.run_id {
+                return Err(Failure::failed(format!(
+                    "{} is of another flight than {}",
+                    log.display(),
+                    path.display()
+                ))
+                .help("the logs of a flight belong together: copy its whole directory"));
+            }
             replayed.comparison.add(other.comparison);
             if other.survey.end != End::Complete {
                 replayed.survey.end = other.survey.end;
@@ -128,7 +138,9 @@ fn replay_log(
         _ => Vec::new(),
     };
     let commands = match channel {
-        Channel::A => ChannelCommands::open(&settings, &other_logs)?.map(FlownBy::Channels),
+        Channel::A => {
+            ChannelCommands::open(&settings, surveyor.pace()?, &other_logs)?.map(FlownBy::Channels)
+        }
         _ => Some(FlownBy::Others),
     };
     let replayed = surveyor
@@ -353,6 +365,8 @@ impl ReplayRun {
                     let state = self.airframe.step(message, commands, comparison)?;
                     outputs.take(tick, &state);
                     self.summary.state(tick, &state);
+                } else {
+                    self.summary.state(tick, &message.content);
                 }
                 self.loops.take_state(of(&inputs.states, tick)?);
                 inputs.states.advance();

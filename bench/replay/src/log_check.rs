@@ -28,6 +28,7 @@ pub use sim::recorded_timing::first_of;
 #[derive(Clone, Debug)]
 pub struct LogCheck {
     pub build: Build,
+    pub run_id: u64,
     pub settings: Settings,
     pub pace: Pace,
     pub swaps: Vec<Message<SwapRecord>>,
@@ -105,6 +106,7 @@ impl LogValidator {
         )?;
         Ok(LogCheck {
             build: reader.build(),
+            run_id: self.expected.run_id,
             settings: self.settings,
             pace: reader.pace()?,
             swaps,

@@ -88,7 +88,7 @@ impl LoopsReplay {
             outer.tick(tick, &inputs.states.input(tick)?).map(drop)
         };
         let make = || self.settings.outer_stage();
-        let sent = Sent::of(&message.envelope, 0..=0);
+        let sent = Sent::of(&message.envelope, 0..=0, self.settings.rt.channels);
         let outer = of_epoch(&mut self.outer, &sent, &mut 0, make, is_it, redo)?;
         let replayed = outer.work(&sent, |outer| outer.tick(tick, &state));
         match &replayed {
@@ -121,7 +121,7 @@ impl LoopsReplay {
             Some(())
         };
         let make = || self.settings.inner_stage();
-        let sent = Sent::of(envelope, 0..=1);
+        let sent = Sent::of(envelope, 0..=1, self.settings.rt.channels);
         let mut handovers = 0;
         let (inner, restarts) = match self.settings.rt.channels {
             1 => (&mut self.inner, &mut self.restarts),
@@ -155,7 +155,7 @@ impl LoopsReplay {
             Some(())
         };
         let make = || self.settings.mixer_stage();
-        let sent = Sent::of(&message.envelope, 2..=2);
+        let sent = Sent::of(&message.envelope, 2..=2, self.settings.rt.channels);
         let mixer = of_epoch(&mut self.mixer, &sent, &mut 0, make, is_it, redo)?;
         let replayed = mixer.work(&sent, |mixer| match is_final {
             true => mixer.idle(),
@@ -205,16 +205,19 @@ struct Sent {
     tick: u64,
     /// Whether all of its inputs are of its tick.
     is_fresh: bool,
+    /// Whether the flight has several channels.
+    is_of_channels: bool,
 }
 
 impl Sent {
-    fn of(header: &Header, inputs: RangeInclusive<usize>) -> Self {
+    fn of(header: &Header, inputs: RangeInclusive<usize>, channels: usize) -> Self {
         Self {
             epoch: header.epoch,
             tick: header.tick,
             is_fresh: header.input_tick[inputs]
                 .iter()
                 .all(|it| *it == header.tick),
+            is_of_channels: channels > 1,
         }
     }
 }
@@ -236,7 +239,7 @@ fn of_epoch<'a, L: CopyState + ?Sized, M: Field + Clone>(
     if let Some(last) = replayed.as_mut().filter(|last| last.epoch != sent.epoch) {
         *restarts += 1;
         let mut now = SavedState::new();
-        last.stage.save(&mut now);
+        let is_saved = last.stage.save(&mut now);
         let (fresh, fresh_tick) = &last.fresh;
         let none = sent.tick..sent.tick;
         let candidates = [
@@ -261,7 +264,10 @@ fn of_epoch<'a, L: CopyState + ?Sized, M: Field + Clone>(
                 began = build()?;
             }
         }
-        last.stage = began.map_or_else(&make, Ok)?;
+        // A process whose law cannot be saved is not replaced: the message is of another channel, undisturbed like this one.
+        if is_saved || !sent.is_of_channels {
+            last.stage = began.map_or_else(&make, Ok)?;
+        }
         last.epoch = sent.epoch;
         last.common_from = sent.tick;
     }

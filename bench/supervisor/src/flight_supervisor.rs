@@ -66,6 +66,10 @@ pub(super) struct FlightSupervisor {
     children: Vec<RoleProcess>,
     child_watch: ChildWatch,
     channels: usize,
+    /// Of each channel, the first one with the same laws.
+    groups: [Channel; MOST_CHANNELS],
+    /// Whether a channel with other laws takes over.
+    is_guarded: bool,
     restarts_roles: bool,
     restart_limits: BTreeMap<Replica, RestartLimit>,
     /// Failed processes whose roles are to be restarted, and when.
@@ -167,6 +171,8 @@ impl FlightSupervisor {
             children: Vec::new(),
             child_watch: ChildWatch::default(),
             channels: settings.rt.channels,
+            groups: settings.groups(),
+            is_guarded: settings.simplex.enabled,
             restarts_roles: options.restarts_roles,
             restart_limits: Replica::all(settings.rt.channels)
                 .map(|replica| (replica, RestartLimit::new(now)))
@@ -346,7 +352,12 @@ impl FlightSupervisor {
         };
         let replica = exit.replica;
         let is_covered = CHANNEL_ROLES.contains(&replica.role)
-            && Channel::first(self.channels).any(|it| it != replica.channel && is_whole(it));
+            && Channel::first(self.channels)
+                .filter(|it| {
+                    self.is_guarded
+                        || self.groups[*it as usize] == self.groups[replica.channel as usize]
+                })
+                .any(|it| it != replica.channel && is_whole(it));
         if is_covered {
             say(&format!(
                 "{}; the flight goes on without channel {}\n",

@@ -137,10 +137,8 @@ impl observed::Observer for Observer {
             let s = period_s / (1.0 + period_s * period_s * (g_nu * ph * ph + g_1));
             let decay = self.mu * eps.abs();
             let (a, d) = (self.a[i], self.d[i]);
-            self.a[i] = (a + s * g_nu * (ph * eps - decay * a))
-                .max(A_MIN)
-                .min(A_MAX);
-            self.d[i] = (d + s * g_1 * (eps - decay * d)).max(-D_MAX).min(D_MAX);
+            self.a[i] = (a + s * g_nu * (ph * eps - decay * a)).clamp(A_MIN, A_MAX);
+            self.d[i] = (d + s * g_1 * (eps - decay * d)).clamp(-D_MAX, D_MAX);
             self.eps[i] = eps;
         }
     }

@@ -151,7 +151,7 @@ fn gains(settings: &Settings) -> Gains {
 pub fn suited(settings: &Settings, rig: &Rig, observers: &[(&Setting, i32)]) -> Settings {
     let (suited, slowed) = gains::suited_of(settings, &gains(settings), rig);
     observers.iter().fold(suited, |suited, (setting, power)| {
-        let factor = slowed.powi(*power);
+        let factor = (0..*power).fold(1.0, |factor, _| factor * slowed);
         let value = match suited.value(setting) {
             Value::Number(number) => Value::Number(factor * number),
             Value::Three(numbers) => Value::Three(numbers.map(|number| factor * number)),

@@ -43,7 +43,8 @@ impl Candidate {
         self.effective_tick == self.tick + 1
     }
 
-    const fn is_usable(&self) -> bool {
+    /// Whether it is fresh and on time.
+    pub const fn is_usable(&self) -> bool {
         self.is_on_time() && self.is_fresh
     }
 }
@@ -238,7 +239,8 @@ impl GroupSelection {
 
     /// Decides which group flies from a tick on, whose commands are the candidates. Returns the switchover, if there is one.
     ///
-    /// Without a request, only a group after the active one takes over, and only with a usable command.
+    /// A group takes over only with a usable command. Without a request, that is a group after the active one; if the active
+    /// one has no usable command, it may be any.
     pub fn decide(
         &mut self,
         tick: u64,
@@ -252,13 +254,18 @@ impl GroupSelection {
         };
         let step = |selection: &Selection| self.command_step_rad_s(selection);
         let takes_over = match requested.map(|it| self.arrangement.group(it)) {
-            Some(group) => (group != self.active).then_some((group, SwitchoverReason::Requested)),
+            Some(group) => (group != self.active && usable(group).is_some())
+                .then_some((group, SwitchoverReason::Requested)),
             None => self.arrangement.envelope.and_then(|envelope| {
                 let reason = match usable(self.active) {
                     None => SwitchoverReason::Silent,
                     Some(own) => envelope.exceeded(excursion, step(&own))?,
                 };
-                let mut others = self.arrangement.leaders().filter(|it| *it > self.active);
+                let leaders = self.arrangement.leaders();
+                let later = leaders.clone().filter(|it| *it > self.active);
+                let earlier =
+                    leaders.filter(|it| *it < self.active && reason == SwitchoverReason::Silent);
+                let mut others = later.chain(earlier);
                 Some((others.find(|it| usable(*it).is_some())?, reason))
             }),
         };
@@ -326,7 +333,7 @@ layout! {
         pub ticks: u64,
         /// An [`OutageReason`] as number: that of the first tick.
         pub reason: u64,
-        /// 1 where the channel flew until then, so that another one took over.
+        /// 1 where the channel flew until then, and another one took over.
         pub is_handover: u64,
     }
 }
@@ -465,7 +472,10 @@ impl RedundancyAccount {
                         tick,
                         ticks: 0,
                         reason: reason as u64,
-                        is_handover: u64::from(flown_before == place as u64),
+                        is_handover: u64::from(
+                            flown_before == place as u64
+                                && selection.is_some_and(|it| it.chosen.channel != channel),
+                        ),
                     };
                 }
                 outage.ticks += 1;
@@ -606,7 +616,7 @@ mod tests {
         let expected = [
             (0, 5, 3, 0, 1),
             (1, 10, 1, 2, 0),
-            (0, 15, 1, 0, 1),
+            (0, 15, 1, 0, 0),
             (1, 15, 1, 0, 0),
         ];
         assert_eq!(found, expected);

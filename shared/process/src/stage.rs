@@ -365,6 +365,12 @@ fn fly<S: Stage>(
                 session.status.rehearsals += u64::from(is_rehearsed && tick > 0);
                 continue;
             }
+            WakeReason::Skipped => {
+                // A stage below the plant may run in no tick while it waits: it does not hang.
+                session.status.ticks_skipped = pacer.skipped;
+                session.publish_status();
+                continue;
+            }
             WakeReason::Silence { tick, receive_ns } => {
                 if let Some(next) = armed.run.successor() {
                     return Err(Error::TooLate {

@@ -18,6 +18,7 @@ use process::stage::{self, Flight};
 use crate::cli::flight::check_clock_flags;
 use crate::cli::{NumberOrAuto, RecordArgs, RoleArgs};
 use crate::report_command::ended;
+use analysis::phrase::count;
 use config::{Overrides, PaceName, Settings};
 use errors::output::print;
 use errors::{Failure, OK, check_writable};
@@ -211,9 +212,10 @@ fn channel(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Channel, 
     }
     if channel as usize >= channels {
         return Err(Failure::usage(format!(
-            "--channel {channel}: the flight has {channels} channels"
+            "--channel {channel}: the flight has {}",
+            count(channels as u64, "channel")
         ))
-        .help("start every role with the same number of channels: --channels 2"));
+        .help("start every role with as many channels: --channels 3 has a, b and c"));
     }
     Ok(channel)
 }

@@ -105,6 +105,7 @@ impl RoleSession {
         let mut states = Vec::new();
         let statuses = loop {
             let statuses = self.await_ready(&blackboard, &mut run, &mut log)?;
+            states.clear();
             for (replica, _) in &statuses {
                 states.extend(self.wire.blackboard_reader(&state_board(*replica))?);
             }

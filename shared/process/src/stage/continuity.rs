@@ -29,11 +29,10 @@ pub(super) struct Continuity {
     state: StageState,
     /// What the process before this one left.
     left: Option<StageState>,
-    twins: Vec<BlackboardReader<StageState>>,
+    twins: Vec<(Channel, BlackboardReader<StageState>)>,
     /// The tick that the own state is ready for; nothing in a process that joins and has no state yet.
     next: Option<u64>,
-    /// Whether it is in channel a.
-    is_first: bool,
+    channel: Channel,
     /// Whether the own state may differ from that of other channels.
     is_doubtful: bool,
     waited: u32,
@@ -41,6 +40,9 @@ pub(super) struct Continuity {
     pub(super) resumed_at: u64,
     pub(super) is_saved: bool,
 }
+
+/// A channel works as long as its last state is no older.
+const WORKS_TICKS: u64 = 3;
 
 /// What to do with a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +63,7 @@ impl Continuity {
             state: StageState::default(),
             twins: Vec::new(),
             next: None,
-            is_first: replica.channel == Channel::A,
+            channel: replica.channel,
             is_doubtful: false,
             waited: 0,
             resumed_at: 0,
@@ -83,8 +85,8 @@ impl Continuity {
         let is_twin = |it: &Channel| *it != replica.channel && rt.groups[*it as usize] == group;
         for channel in Channel::first(rt.channels).filter(is_twin) {
             let twin = Replica::new(replica.role, channel);
-            self.twins
-                .extend(wire.blackboard_reader(&state_board(twin))?);
+            let board = wire.blackboard_reader(&state_board(twin))?;
+            self.twins.extend(board.map(|board| (channel, board)));
         }
         Ok(())
     }
@@ -103,7 +105,7 @@ impl Continuity {
     /// Continues from the newest state there is, or from the initial one.
     fn resume<S: Stage>(&mut self, stage: &mut S, tick: u64) {
         let run_id = self.state.run_id;
-        let twins = self.twins.iter().map(BlackboardReader::get);
+        let twins = self.twins.iter().map(|(_, board)| board.get());
         let states = twins.chain(self.left.take());
         let newest = states
             .filter(|it| it.run_id == run_id && it.length > 0 && it.tick < tick)
@@ -125,7 +127,7 @@ impl Continuity {
         } else {
             tick
         };
-        let twins = self.twins.iter().map(BlackboardReader::get);
+        let twins = self.twins.iter().map(|(_, board)| board.get());
         let sound = twins.filter(|it| it.run_id == run_id && it.is_fresh == 1 && it.tick >= least);
         let mut newest: Option<StageState> = None;
         for state in sound {
@@ -163,9 +165,20 @@ impl Continuity {
             }
             self.resume(stage, tick);
         }
-        // If all channels were disturbed, the others continue from the first.
-        self.is_doubtful = !(self.is_first && is_fresh && self.is_doubtful);
+        // If all channels were disturbed, the others continue from the first that works.
+        self.is_doubtful = !(is_fresh && self.is_doubtful && self.is_first(tick));
         TickPlan::Work
+    }
+
+    /// Whether no channel before this one works its ticks.
+    fn is_first(&self, tick: u64) -> bool {
+        let run_id = self.state.run_id;
+        let works = |board: &BlackboardReader<StageState>| {
+            let state = board.get();
+            state.run_id == run_id && state.tick + WORKS_TICKS >= tick
+        };
+        let mut before = self.twins.iter().filter(|(it, _)| *it < self.channel);
+        !before.any(|(_, board)| works(board))
     }
 
     /// Publishes the state after a tick that was worked.

@@ -65,6 +65,8 @@ pub(super) enum WakeReason {
     Rehearsal {
         tick: u64,
     },
+    /// The deadline of a tick and its end have passed before the stage got to run.
+    Skipped,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -188,6 +190,7 @@ impl Pacer {
 
     /// What to do at `now` with an input of tick `newest`; `None` is to wait on.
     fn decide(&mut self, now: u64, newest: u64) -> Option<WakeReason> {
+        let before = self.skipped;
         if let Pace::Realtime(grid) = self.pace {
             let current = grid.tick_at(now).max(self.next_tick);
             self.skipped += current - self.next_tick;
@@ -202,7 +205,7 @@ impl Pacer {
             });
         }
         if now < self.deadline() {
-            return None;
+            return (self.skipped > before).then_some(WakeReason::Skipped);
         }
         let tick = self.next_tick;
         // In lockstep no tick ends before it was worked.
