@@ -154,7 +154,7 @@ fn flags_go_before_the_file_and_the_file_before_the_preset() {
     let fixed = from_file("[flight]\npreset = \"soft\"\n[inner]\nlaw = \"fixed\"\n").unwrap();
     assert_eq!(
         (fixed.inner["alpha_1_s"].as_float(), fixed.inner.len()),
-        (Some(40.0), 5)
+        (Some(40.0), 6)
     );
     let flag = [("flight.duration_s", Value::from(7.0))];
     let settings = with_flags("[flight]\nduration_s = 5\n", &flag).unwrap();
