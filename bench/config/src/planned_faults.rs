@@ -128,12 +128,10 @@ impl Settings {
 /// Refuses a fault in a channel that the flight does not have; `what` is how it was typed.
 pub fn check_channel(kind: &FaultKind, what: &str, channels: usize) -> Result<(), Failure> {
     match kind.channel() {
-        Some(channel) if channels == 1 && kind.role().is_none() => Err(Failure::usage(format!(
+        Some(_) if channels == 1 && kind.role().is_none() => Err(Failure::usage(format!(
             "{what}: the flight has one channel"
         ))
-        .help(format!(
-            "fly with more channels: --channels 2 --channel {channel}:inner=pid"
-        ))),
+        .help("another channel needs laws of its own: ironbird fly --channels 2 --channel b:inner=pid")),
         Some(channel) if channels == 1 => Err(Failure::usage(format!(
             "{what}: the flight has one channel, so that a stage needs no letter"
         ))
