@@ -87,7 +87,7 @@ fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
     let peak = |part: &[f64]| part.iter().fold(0.0_f64, |most, it| most.max(it.abs()));
     let end = response.len() - response.len() / 10;
     // Also where a flight diverged.
-    if !(peak(&response[end..]) <= REST * peak(response)) {
+    if peak(&response[end..]) > REST * peak(response) {
         return margin;
     }
     // Frequencies in radians per tick.
