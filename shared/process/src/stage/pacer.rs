@@ -268,7 +268,8 @@ mod tests {
 
         // After a pause of the machine, tick 9 may still get its input.
         let mut paused = pacer(5);
-        assert_eq!(paused.decide(at(9, 100), 4), None);
+        assert_eq!(paused.decide(at(9, 100), 4), Some(WakeReason::Skipped));
+        assert_eq!(paused.decide(at(9, 150), 4), None);
         assert_eq!((paused.next_tick, paused.skipped), (9, 4));
         assert_eq!(paused.decide(at(9, 200), 9), work(9, at(9, 200)));
 
