@@ -72,7 +72,7 @@ fn criteria(margins: &Margins) -> [String; 2] {
     let cells = format!(
         "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error (flies on, above {} \
          m); saturated (limit cycle). 60+: more was not tried. -: not qualified, the error without a fault is too large",
-        LIMITS.join(" / "),
+        LIMITS.join("/"),
         it.recovered_below_m
     );
     [meaning, cells]
@@ -129,7 +129,7 @@ fn cell(search: &Search) -> String {
         .repeated
         .map(|[survived, all]| format!(" ({survived} of {all})"));
     let repeated = repeated.unwrap_or_default();
-    limits.join(" / ") + &ending(search) + &repeated
+    limits.join("/") + &ending(search) + &repeated
 }
 
 fn limits(margins: &Margins) -> Option<Section> {
