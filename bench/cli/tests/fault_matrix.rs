@@ -113,7 +113,9 @@ impl Row {
                 let channels = report.redundancy.as_ref().unwrap();
                 assert_eq!(channels.ticks_not_fresh, 0, "{what}: {channels:?}");
                 let out = channels.outages.iter().map(|it| it.ticks).max();
-                assert!(out.is_some(), "{what}: {channels:?}");
+                // A process may be back within a long tick.
+                let out = out.unwrap_or(0);
+                assert!(out > 0 || !report.deaths.is_empty(), "{what}");
                 figures = json!({"ticks a channel is out": out});
                 rig.assert_replayed();
             }
