@@ -16,6 +16,8 @@ use crate::adaptation::Adaptation;
 
 /// Share of a sample in the low-pass below which it counts as forgotten.
 const FORGOTTEN: f64 = 1e-9;
+/// Share of the error of the measured rates that changes in a tick if it is noise.
+const NOISY: f64 = 0.1;
 /// Ticks for which a saturated or stale command shows in the rate error: it acts for one, a tick later.
 const RATE_LOOP_TICKS: u64 = 2;
 
@@ -29,6 +31,15 @@ const MODELLED: [Parameter; 6] = [
     Parameter::InertiaZ,
 ];
 
+/// What explains a rise of V_th, in order of precedence.
+pub const EXCUSES: [Cause; 5] = [
+    Cause::LiveSwap,
+    Cause::OutOfBounds,
+    Cause::BrokenModel,
+    Cause::GyroNoise,
+    Cause::MotorLag,
+];
+
 #[derive(Clone, Debug)]
 pub struct Assumptions {
     model: Airframe,
@@ -38,6 +49,8 @@ pub struct Assumptions {
     /// Tick at which each cause was seen last.
     seen: [Option<u64>; CAUSES],
     newest: Option<Known>,
+    /// Measured less true body rates [rad/s].
+    rate_error: Vector3<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +86,7 @@ impl Assumptions {
             faded_ticks,
             seen: [None; CAUSES],
             newest: None,
+            rate_error: Vector3::zeros(),
         }
     }
 
@@ -100,6 +114,11 @@ impl Assumptions {
             Some(_) => Moved::Swapped,
             None => Moved::Not,
         };
+        // Noise changes from tick to tick. A bias or a lag stays: neither explains a rise, wherever it comes from.
+        let measured = Vector3::from(state.measured.rate_b_rad_s);
+        let error = measured - Vector3::from(truth.rate_b_rad_s);
+        let before = std::mem::replace(&mut self.rate_error, error);
+        let is_noisy = (error - before).norm() > NOISY * error.norm();
         let skipped = known.is_some_and(|known| known.ticks_skipped != ticks_skipped);
         let theta = Vector3::from(theta);
         for (cause, holds) in [
@@ -109,7 +128,7 @@ impl Assumptions {
                 theta.sup(&self.lo).inf(&self.hi) != theta,
             ),
             (Cause::BrokenModel, self.model_is_broken(truth)),
-            (Cause::GyroNoise, Airframe::gyro_errs(&truth.parameter)),
+            (Cause::GyroNoise, is_noisy),
             (
                 Cause::MotorLag,
                 truth.get(Parameter::MotorTimeConstant) > 0.0,
@@ -162,11 +181,7 @@ impl Assumptions {
 
     /// What explains a rise of V_th; [`Cause::Unexplained`] where (A), (B) and (C) hold.
     pub fn cause_of_rise(&self, tick: u64) -> Cause {
-        use Cause::{BrokenModel, GyroNoise, LiveSwap, MotorLag, OutOfBounds};
-        self.first(
-            [LiveSwap, OutOfBounds, BrokenModel, GyroNoise, MotorLag],
-            tick,
-        )
+        self.first(EXCUSES, tick)
     }
 
     /// What explains that V changes by more than its bound.

@@ -1,6 +1,7 @@
 //! Feeds the theorem's monitor from a flight's messages, through restarts of the inner loop.
 
 use crate::TheoremMonitor;
+use crate::innovation::Innovation;
 use messages::content::{Stamped, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
@@ -33,6 +34,12 @@ impl FlightMonitor {
 
     pub const fn applies(&self) -> bool {
         self.begin.is_some()
+    }
+
+    /// What the steps of the present process show without ground truth.
+    pub fn innovation(&self) -> Innovation {
+        let monitor = self.monitor.as_ref();
+        monitor.map_or(Innovation::default(), |monitor| *monitor.innovation())
     }
 
     /// The monitor message for a wrench and the state it was computed from; none if a message was missed.

@@ -20,6 +20,7 @@ pub mod feasibility;
 pub mod flatness;
 pub mod flight_monitor;
 pub mod gains;
+pub mod innovation;
 pub mod laws;
 pub mod limits;
 pub mod lyapunov;

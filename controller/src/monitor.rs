@@ -25,6 +25,7 @@ use crate::adaptation::{Adaptation, Evidence, LastTick, Regression};
 use crate::assumptions::{Assumptions, Moved};
 use crate::excitation::Excitation;
 use crate::gains::Gains;
+use crate::innovation::Innovation;
 use crate::laws::adaptive;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
 
@@ -52,6 +53,7 @@ pub struct TheoremMonitor {
     evidence: Evidence,
     assumptions: Assumptions,
     excitation: Excitation,
+    innovation: Innovation,
     rate_weight: RateWeight,
     /// Error of the trapezoidal rule in Y, as it is estimated [rad/s^2].
     trapezoid_rad_s2: f64,
@@ -86,6 +88,7 @@ impl TheoremMonitor {
             evidence: Evidence::new(rig, gains),
             assumptions: Assumptions::new(&adaptation, &rig.airframe),
             excitation: Excitation::new(period_s),
+            innovation: Innovation::default(),
             rate_weight: RateWeight::new(&adaptation),
             trapezoid_rad_s2: 0.0,
             trapezoid_sum: 0.0,
@@ -128,6 +131,11 @@ impl TheoremMonitor {
         }
         self.shown = now;
         &self.shown
+    }
+
+    /// What the steps so far show without ground truth.
+    pub const fn innovation(&self) -> &Innovation {
+        &self.innovation
     }
 
     fn compare(
@@ -234,6 +242,13 @@ impl TheoremMonitor {
         let mismatch = y - x * theta;
         let zb = step.left_of(&(y - x * was.estimate));
         let zb_exact = step.left_of(&(-x * before));
+        self.innovation.take(
+            &self.adaptation,
+            regression,
+            &was.estimate,
+            &zb,
+            self.rate_kept,
+        );
         let rounding = ROUNDING * now.v_th_start + self.rise_of(ROUNDING_RAD_S2);
         let trapezoid = self.trapezoid(last, theta);
         self.trapezoid_rad_s2 += (1.0 - self.adaptation.p) * (trapezoid - self.trapezoid_rad_s2);

@@ -6,6 +6,7 @@
 
 use crate::distribution::PERCENTS;
 use crate::host::STEAL_LIMIT_PERCENT;
+use crate::phrase::name_of;
 use crate::report_file::RunFacts;
 use crate::schema::{FlightStatus, Report};
 use crate::statistics::{Groups, median, permutation_test};
@@ -19,7 +20,7 @@ const SCHEMA: &str = "ironbird-report-diff/2";
 const LEVEL: f64 = 0.05;
 /// The same with three a side, which can be dealt out in 20 ways alone: a tenth is the least that they can show. Such
 /// groups must therefore lie further apart as well than the wider one of them is wide.
-const LEVEL_OF_THREE: f64 = 0.1;
+pub const LEVEL_OF_THREE: f64 = 0.1;
 /// Flights a side without which nothing can be judged.
 const FLIGHTS_NEEDED: usize = 3;
 /// Share of a figure by which two groups must differ at the least: less is no news to anybody.
@@ -50,6 +51,8 @@ pub enum Conclusion {
         differ: usize,
         judged: usize,
         level: f64,
+        /// Figure with the largest ratio that is not said to differ, and the ratio.
+        largest: Option<(String, f64)>,
     },
 }
 
@@ -63,7 +66,7 @@ pub struct Side {
     pub skipped: u64,
     pub missed: u64,
     pub steal_percent: f64,
-    pub theorem: &'static str,
+    pub theorem: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -120,7 +123,7 @@ impl ComparedRun {
             skipped: report.ticks.skipped,
             missed: report.deadlines.missed,
             steal_percent: report.steal.percent,
-            theorem: report.theorem.verdict(),
+            theorem: name_of(&report.words.theorem.word),
         }
     }
 
@@ -224,10 +227,17 @@ pub fn compare(a: &[ComparedRun], b: &[ComparedRun]) -> Diff {
                 figures.iter().filter(is_it).count()
             };
             let differ = of(&[Says::More, Says::Less]);
+            let size = |ratio: &f64| ratio.ln().abs();
+            let same = figures.iter().filter_map(|(of, it)| {
+                let is_same = *of == subject && it.says == Says::NoDifference;
+                let ratio = it.ratio.filter(|ratio| is_same && *ratio > 0.0)?;
+                Some((it.name.clone(), ratio))
+            });
             Conclusion::Judged {
                 differ,
                 judged: differ + of(&[Says::NoDifference]),
                 level,
+                largest: same.max_by(|a, b| size(&a.1).total_cmp(&size(&b.1))),
             }
         }
     };

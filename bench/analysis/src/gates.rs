@@ -35,7 +35,15 @@ pub struct RequestedGates {
     pub max_tracking_error_m: Option<f64>,
     /// What the host may take of the loops' processor at the most [%].
     pub max_steal_percent: Option<f64>,
-    pub theorem: bool,
+    pub theorem: Option<TheoremGate>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TheoremGate {
+    /// A broken assumption excuses a rise of V_th.
+    Excusing,
+    /// Every step must be judged, and V_th may rise in none.
+    Strict,
 }
 
 const ENVELOPE: &str = "flight envelope";
@@ -61,7 +69,8 @@ pub fn judge(
         Some(EndReason::Interrupted) => FlightStatus::Interrupted,
         Some(EndReason::Failed) => FlightStatus::Aborted,
         _ if held && report.lost() > 0 => FlightStatus::Incomplete,
-        _ if held => FlightStatus::Pass,
+        _ if held && gates.iter().any(|gate| gate.asked) => FlightStatus::Pass,
+        _ if held => FlightStatus::Completed,
         _ => FlightStatus::Fail,
     };
     report.verdict = AcceptanceResult {
@@ -96,7 +105,8 @@ fn gates(report: &Report, ending: Option<EndReason>, requested: &RequestedGates)
     for (lost, limit, measured) in limits {
         gates.extend(limit.map(|limit| unless_lost(lost, at_most(limit, measured))));
     }
-    let theorem = requested.theorem.then(|| Gate::theorem(&report.theorem));
+    let theorem = requested.theorem;
+    let theorem = theorem.map(|gate| Gate::theorem(&report.theorem, gate));
     gates.extend(theorem.map(|gate| unless_lost(lost, gate)));
     gates
 }
@@ -242,22 +252,36 @@ fn steal(report: &Report) -> Measured {
 }
 
 impl Gate {
-    pub fn theorem(theorem: &Theorem) -> Self {
+    pub fn theorem(theorem: &Theorem, gate: TheoremGate) -> Self {
         let Explained { word, why } = stability_verdict(theorem);
-        let unwatched = theorem.ticks_unwatched;
+        let mut value = theorem.summary();
+        if theorem.ticks_unwatched > 0 {
+            value += &format!(", {} not watched", count(theorem.ticks_unwatched, "tick"));
+        }
+        let (name, limit, held) = match gate {
+            TheoremGate::Excusing => {
+                let held = matches!(word, StabilityVerdict::Holds | StabilityVerdict::NotJudged);
+                ("theorem", "0 unexplained, estimates live", held)
+            }
+            TheoremGate::Strict => {
+                value = format!("{value}, {}", theorem.counts());
+                let is_judged = theorem.ticks_judged == theorem.ticks_checked;
+                let held = word == StabilityVerdict::Holds && is_judged && theorem.rises() == 0;
+                (
+                    "theorem=strict",
+                    "V_th judged in every step, 0 rises, estimates live",
+                    held,
+                )
+            }
+        };
         Self {
-            name: "theorem".into(),
-            limit: "0 unexplained, estimates live".into(),
+            name: name.into(),
+            limit: limit.into(),
             value: match word {
                 StabilityVerdict::NotApplicable => nothing(why),
-                _ if unwatched == 0 => theorem.summary(),
-                _ => format!(
-                    "{}, {} not watched",
-                    theorem.summary(),
-                    count(unwatched, "tick")
-                ),
+                _ => value,
             },
-            held: word == StabilityVerdict::Holds,
+            held,
             asked: true,
         }
     }
@@ -305,7 +329,7 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) 
 /// Puts in what became of the messages on their way to the flight log. A flight that lacks some is no plain PASS.
 pub fn take_log(report: &mut Report, kept: &str, fate: &Fate) {
     report.recorder.log = crate::sections::log_section(kept, fate);
-    if report.unlogged() > 0 && report.verdict.status == FlightStatus::Pass {
+    if report.unlogged() > 0 && report.verdict.status.is_good() {
         report.verdict.status = FlightStatus::Incomplete;
     }
 }
@@ -326,7 +350,7 @@ mod tests {
         max_loop_p999_us: Some(51.0),
         max_tracking_error_m: Some(0.01),
         max_steal_percent: Some(0.0),
-        theorem: true,
+        theorem: Some(TheoremGate::Excusing),
     };
 
     /// What was measured for the gates that a changed flight does not hold.

@@ -30,7 +30,10 @@ pub(crate) fn good() -> Report {
             "runs": [],
         },
         "flight": { "states": 20_000, "recent_error_max_m": 0.01, "recent_s": 5.0 },
-        "theorem": { "holds": true, "is_live": true, "ticks_checked": 20_000, "steps_adapted": 19_999 },
+        "theorem": {
+            "holds": true, "is_live": true, "ticks": 20_000, "ticks_checked": 20_000, "ticks_judged": 20_000,
+            "steps_adapted": 19_999,
+        },
         "swaps": [],
         "series": series,
         "roles": { "outer": stage, "inner": stage, "mixer": stage },

@@ -552,6 +552,8 @@ pub enum StabilityVerdict {
     Holds,
     /// It does where it was watched; it was not at every tick.
     PartlyWatched,
+    /// Nothing contradicts it, but in most ticks an assumption was broken.
+    NotJudged,
     /// It does not, and no cause is known.
     Broken,
 }
@@ -577,6 +579,8 @@ pub enum FlightStatus {
     #[default]
     Flying,
     Pass,
+    /// The same without a requested gate.
+    Completed,
     /// It held its gates as far as it was seen; not all was, or not all was logged.
     Incomplete,
     Fail,
@@ -587,7 +591,7 @@ pub enum FlightStatus {
 impl FlightStatus {
     pub const fn exit_code(self) -> u8 {
         match self {
-            Self::Flying | Self::Pass | Self::Incomplete => OK,
+            Self::Flying | Self::Pass | Self::Completed | Self::Incomplete => OK,
             Self::Fail => GATE,
             Self::Interrupted => INTERRUPTED,
             Self::Aborted => FAILED,
@@ -595,7 +599,11 @@ impl FlightStatus {
     }
 
     pub const fn is_over(self) -> bool {
-        matches!(self, Self::Pass | Self::Incomplete | Self::Fail)
+        self.is_good() || matches!(self, Self::Incomplete | Self::Fail)
+    }
+
+    pub const fn is_good(self) -> bool {
+        matches!(self, Self::Pass | Self::Completed)
     }
 }
 

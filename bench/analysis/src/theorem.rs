@@ -3,7 +3,9 @@
 //! docs/theorem.md explains how to read it.
 
 use crate::phrase::count;
+use controller::assumptions::EXCUSES;
 use controller::excitation::EXCITING;
+use controller::innovation::Innovation;
 use controller::laws::may_have_theorem;
 use messages::monitor::{CAUSES, Cause, Monitor};
 use messages::parameters::{Airframe, ESTIMATED};
@@ -13,6 +15,11 @@ use std::collections::BTreeMap;
 
 /// Share of a parameter's size, or of what its estimate was off by first, within which it counts as found.
 pub const FOUND: f64 = 0.01;
+
+/// Share of the steps in which a bound may hold an estimate back without a warning: it does while the estimates learn.
+const AT_BOUND: f64 = 0.1;
+/// Share of the sample that the estimates may leave unexplained.
+const UNEXPLAINED: f64 = 0.02;
 
 /// Name of no cause among the largest rises; the last in the alphabet of causes.
 pub const NO_CAUSE: &str = "none";
@@ -24,7 +31,11 @@ pub struct Theorem {
     pub holds: bool,
     /// The inner law, where it has no theorem with its settings.
     pub law_without: Option<String>,
+    /// Ticks with a wrench: 0 in reports of earlier versions.
+    pub ticks: u64,
     pub ticks_checked: u64,
+    /// Steps at which every assumption of V_th held, so that a rise has no excuse.
+    pub ticks_judged: u64,
     /// Wrenches that nothing can be said of, because a message before them was lost.
     pub ticks_unwatched: u64,
     /// Steps at which V_th rose, or fell by less than the step owes, by cause.
@@ -57,6 +68,7 @@ pub struct Theorem {
     /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
     pub excitation: f64,
     pub excitation_least: f64,
+    pub innovation: InnovationSection,
     /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
     pub broken: Vec<String>,
     /// Whether (18) held: every estimate was found.
@@ -75,20 +87,41 @@ impl Theorem {
         unexplained.copied().unwrap_or(0)
     }
 
-    /// How many steps were checked, and how often V rose in one.
+    /// In how many ticks V_th could be judged, and how often it rose.
     pub fn counts(&self) -> String {
-        let violations = self.violations.values();
-        let violations = violations.fold(0, |sum: u64, count| sum.saturating_add(*count));
-        let unexplained = self.unexplained();
-        let mut checked = format!("{} checked", count(self.ticks_checked, "step"));
+        let ticks = count(self.ticks, "tick");
+        let mut counts = format!("V_th judged in {} of {ticks}", self.ticks_judged);
+        if self.ticks_judged < self.ticks_checked && !self.broken.is_empty() {
+            counts += &format!(" ({} in the others)", self.broken.join(", "));
+        }
         if self.ticks_unwatched > 0 {
             let unwatched = self.ticks_unwatched;
-            checked += &format!(", {unwatched} not watched after a lost message");
+            counts += &format!(", {unwatched} not watched after a lost message");
         }
-        match violations {
-            0 => format!("{checked}, V rose in none"),
-            _ => format!("{checked}, V rose in {violations}, {unexplained} of them unexplained"),
+        counts += &match self.rises() {
+            0 => "; it rose in none".to_owned(),
+            rises => format!(
+                "; it rose in {rises}, {} of them unexplained",
+                self.unexplained()
+            ),
+        };
+        for (name, steps) in &self.innovation.steps_at_bound {
+            if *steps as f64 > AT_BOUND * self.ticks_checked as f64 {
+                counts += &format!("; {name} at its bound in {}", count(*steps, "step"));
+            }
         }
+        counts
+    }
+
+    /// Steps at which V_th rose, or fell by less than the step owes.
+    pub fn rises(&self) -> u64 {
+        let rises = self.violations.values();
+        rises.fold(0, |sum: u64, count| sum.saturating_add(*count))
+    }
+
+    /// Whether V_th could be judged in so few steps that nothing good is said of it.
+    pub const fn is_hardly_judged(&self) -> bool {
+        self.ticks > 0 && self.ticks_judged < self.ticks / 2
     }
 
     pub fn summary(&self) -> String {
@@ -97,16 +130,6 @@ impl Theorem {
             false => "do not move as predicted",
         };
         format!("{} unexplained, estimates {live}", self.unexplained())
-    }
-
-    pub fn verdict(&self) -> &'static str {
-        match (self.holds, self.violations.values().sum::<u64>()) {
-            _ if self.law_without.is_some() => "not applicable",
-            _ if self.ticks_checked == 0 => "not watched",
-            (false, _) => "DOES NOT HOLD",
-            (true, 0) => "holds",
-            (true, _) => "holds where its assumptions do",
-        }
     }
 
     /// Writes the section; of a law without a theorem, why there is none.
@@ -143,6 +166,60 @@ pub struct Rise {
     pub relative: f64,
 }
 
+/// What shows without ground truth whether the estimates explain the flight.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct InnovationSection {
+    /// |Y - X th_hat|, what the estimates leave unexplained: root mean square over the last second or so [rad/s^2].
+    pub rms_rad_s2: f64,
+    /// |Y|, what there was to explain [rad/s^2].
+    pub sample_rms_rad_s2: f64,
+    /// Correlation of the unfiltered innovation with that of the step before: noise has none, a missing cause has.
+    pub correlation: f64,
+    pub says: Explains,
+    /// Steps of the present process in which a bound held an estimate back, where there are any.
+    pub steps_at_bound: BTreeMap<String, u64>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Explains {
+    #[default]
+    NotKnown,
+    /// Less than 2 % of the sample is left.
+    Explained,
+    /// What is left is noise.
+    Noise,
+    /// What is left has a cause: the estimates still learn, or the model lacks it.
+    MissingCause,
+}
+
+impl InnovationSection {
+    fn of(innovation: &Innovation) -> Self {
+        /// Correlation from which on the innovation is no noise.
+        const LASTING: f64 = 0.5;
+        let names = ESTIMATED.map(|parameter| parameter.name().to_owned());
+        let (rms, sample) = (innovation.rms_rad_s2(), innovation.sample_rms_rad_s2());
+        let correlation = innovation.correlation();
+        Self {
+            rms_rad_s2: rms,
+            sample_rms_rad_s2: sample,
+            correlation,
+            says: match rms / sample {
+                share if share.is_nan() => Explains::NotKnown,
+                ..UNEXPLAINED => Explains::Explained,
+                _ if correlation < LASTING => Explains::Noise,
+                _ => Explains::MissingCause,
+            },
+            steps_at_bound: names
+                .into_iter()
+                .zip(innovation.steps_at_bound)
+                .filter(|(_, steps)| *steps > 0)
+                .collect(),
+        }
+    }
+}
+
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Watched {
     pub name: String,
@@ -169,7 +246,10 @@ pub struct TheoremStatistics {
     built: [f64; 3],
     /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
     broken: u64,
+    ticks: u64,
+    judged: u64,
     unwatched: u64,
+    innovation: Innovation,
     /// The inner law, where it has no theorem.
     law_without: Option<&'static str>,
 }
@@ -189,7 +269,10 @@ impl Default for TheoremStatistics {
             theta: [0.0; 3],
             built,
             broken: 0,
+            ticks: 0,
+            judged: 0,
             unwatched: 0,
+            innovation: Innovation::default(),
             law_without: None,
         }
     }
@@ -215,7 +298,12 @@ impl TheoremStatistics {
 
     /// Counts a wrench that nothing is said of.
     pub fn count_unwatched(&mut self) {
+        self.ticks += 1;
         self.unwatched += 1;
+    }
+
+    pub const fn innovation(&mut self, innovation: &Innovation) {
+        self.innovation = *innovation;
     }
 
     /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
@@ -229,6 +317,13 @@ impl TheoremStatistics {
         if monitor.causes & Cause::LiveSwap.bit() != 0 {
             self.broken = 0;
         }
+        let known = self.newest.filter(|(known, _)| *known == epoch);
+        let checked = known.map_or(0, |(_, last)| last.ticks_checked);
+        let is_excused = EXCUSES
+            .iter()
+            .any(|cause| monitor.causes & cause.bit() != 0);
+        self.ticks += 1;
+        self.judged += u64::from(monitor.ticks_checked > checked && !is_excused);
         self.broken |= monitor.causes;
         self.newest = Some((epoch, *monitor));
     }
@@ -241,7 +336,10 @@ impl TheoremStatistics {
         let law_without = self.law_without.filter(|_| section.is_none());
         Theorem {
             law_without: law_without.map(str::to_owned),
+            ticks: self.ticks,
+            ticks_judged: self.judged,
             ticks_unwatched: self.unwatched,
+            innovation: InnovationSection::of(&self.innovation),
             ..section.unwrap_or_default()
         }
     }
@@ -305,9 +403,7 @@ impl Theorem {
         let is_live = monitor.is_live == 1;
         Self {
             holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
-            law_without: None,
             ticks_checked: monitor.ticks_checked,
-            ticks_unwatched: 0,
             violations: by_cause(&monitor.violations),
             largest_rise: rises.filter_map(rise).collect(),
             v_th_start: monitor.v_th_start,
@@ -329,6 +425,7 @@ impl Theorem {
             estimates,
             excitation: monitor.excitation,
             excitation_least: monitor.excitation_least,
+            ..Self::default()
         }
     }
 }
@@ -421,7 +518,7 @@ mod tests {
             (monitor(0, 0), "do not move as predicted"),
         ] {
             let theorem = theorem(monitor);
-            assert_eq!(theorem.verdict(), "DOES NOT HOLD");
+            assert!(!theorem.holds);
             assert!(theorem.summary().contains(found), "{theorem:?}");
         }
     }
@@ -481,7 +578,21 @@ mod tests {
         statistics.count_unwatched();
         assert_eq!(statistics.section().ticks_unwatched, 2);
         statistics.take(1, &monitor(0, 1));
-        let counts = "10 steps checked, 2 not watched after a lost message, V rose in none";
+        let counts =
+            "V_th judged in 1 of 3 ticks, 2 not watched after a lost message; it rose in none";
         assert_eq!(statistics.section().counts(), counts);
+        let excused = Monitor {
+            ticks_checked: 11,
+            causes: Cause::MotorLag.bit() | Cause::Delay.bit(),
+            ..monitor(0, 1)
+        };
+        statistics.take(1, &excused);
+        let section = statistics.section();
+        assert!(section.is_hardly_judged(), "{section:?}");
+        assert!(
+            section
+                .counts()
+                .starts_with("V_th judged in 1 of 4 ticks (motor_lag in the others)")
+        );
     }
 }

@@ -118,7 +118,7 @@ pub fn timing_verdict(
 pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     let unexplained = theorem.unexplained();
     let counts = theorem.counts();
-    use StabilityVerdict::{Broken, Holds, NotApplicable, PartlyWatched};
+    use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};
     let (word, why) = if let Some(why) = theorem.inapplicable() {
         (NotApplicable, why)
     } else if theorem.ticks_checked == 0 {
@@ -127,8 +127,9 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
         let why = "no estimate moved: adaptation is off, or its bounds pin it";
         (NotApplicable, why.into())
     } else if theorem.holds && theorem.ticks_unwatched > 0 {
-        let unwatched = count(theorem.ticks_unwatched, "tick");
-        (PartlyWatched, format!("{counts}, {unwatched} not watched"))
+        (PartlyWatched, counts)
+    } else if theorem.holds && theorem.is_hardly_judged() {
+        (NotJudged, counts)
     } else if theorem.holds {
         (Holds, counts)
     } else if unexplained == 0 {
@@ -222,6 +223,7 @@ mod tests {
         ];
         check(2, "broken", &broken);
         check(2, "partly watched", &[|it| it.theorem.ticks_unwatched = 1]);
+        check(2, "not judged", &[|it| it.theorem.ticks_judged = 9_999]);
         let lost = Verdicts::of(&good(), Some(EndReason::Position), &LIMITS);
         assert_eq!(words(&lost)[0], "lost");
     }

@@ -72,9 +72,32 @@ fn successes(results: &CampaignResults) -> Section {
     });
     let columns = "arm;successes;rate;interval;lost;gates that failed".split(';');
     let note = "A lost flight was not flown to its end within its envelope.";
-    let blocks = vec![Block::Note(note.into()), table(columns, rows)];
+    let mut blocks = vec![Block::Note(note.into()), table(columns, rows)];
+    blocks.extend(conclusion(results).map(Block::Paragraph));
     let title = format!("Success, with its {} interval at 95 %", results.intervals);
     Section::new("success", title, blocks)
+}
+
+/// Which arm succeeds most often, and which might be as good.
+fn conclusion(results: &CampaignResults) -> Option<String> {
+    let rate = |arm: &VariantResults| arm.successes as f64 / arm.flights.max(1) as f64;
+    let best = results
+        .arms
+        .iter()
+        .max_by(|a, b| rate(a).total_cmp(&rate(b)))?;
+    let is_as_good =
+        |arm: &&VariantResults| arm.name != best.name && arm.interval.high >= best.interval.low;
+    let as_good = results.arms.iter().filter(is_as_good);
+    let as_good: Vec<&str> = as_good.map(|arm| arm.name.as_str()).collect();
+    let others = match &as_good[..] {
+        _ if results.arms.len() == 1 => return None,
+        [] => "above all others".to_owned(),
+        as_good => format!("not shown to be above {}", as_good.join(", ")),
+    };
+    let (name, rate) = (&best.name, percent(rate(best)));
+    Some(format!(
+        "Most successful: {name} with {rate}, {others} by these intervals; pairs tell more."
+    ))
 }
 
 fn pairs(results: &CampaignResults) -> Option<Section> {
@@ -138,7 +161,7 @@ fn factors(results: &CampaignResults) -> Option<Section> {
             row([&factor.name, &arm.name, &success, &error, &known(spread)])
         })
     });
-    let columns = "factor;arm;success;largest error;success from, to".split(';');
+    let columns = "factor;arm;success;log of largest error;success from, to".split(';');
     let note = "Share of the variance that a factor alone accounts for, less what it would by chance; below, success over \
                 its range.";
     let mut blocks = vec![table(columns, rows), Block::Note(note.into())];
@@ -159,7 +182,7 @@ fn factors(results: &CampaignResults) -> Option<Section> {
         let title = format!("Success over {}", factor.name);
         blocks.push(Block::Details(title, vec![table(columns, rows)]));
     }
-    let title = "What matters: share of the variance of success (of the largest error) that a factor alone accounts for";
+    let title = "What matters: share of the variance of success (of the logarithm of the largest error) that a factor alone accounts for";
     Some(Section::new("factors", title, blocks))
 }
 
@@ -198,7 +221,11 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
             layers.push(Layer::Line(class, points));
         }
     }
-    let x = Axis::new(x, &factor.name);
+    let label = match factor.name.starts_with("fault.") {
+        true => &factor.meaning,
+        false => &factor.name,
+    };
+    let x = Axis::new(x, label);
     let y = Axis::new(Scale::time(0.0, 105.0), "success [%]");
     let chart = Chart::new(format!("success over {}", factor.name), x, y, layers);
     let keys = keys(results);
@@ -265,7 +292,7 @@ fn distributions(results: &CampaignResults) -> Section {
     });
     let columns = ["metric", "arm", "quantiles", "max", "flights"];
     let note =
-        "The share of flights that a value is not exceeded in; each nine takes as much space.";
+        "The share of flights that a value is not exceeded in; the axis is logarithmic in 1 - p.";
     let figure = |i: &usize| distribution(results, *i, &METRICS[*i]);
     let figures = varying.iter().map(figure).collect();
     let blocks = vec![

@@ -49,7 +49,7 @@ fn a_flight_without_misses_is_the_simulated_one_byte_for_byte() {
     assert_same_rows(&flown, &fs::read(&simulated).unwrap(), 151);
     assert_eq!(rig.flown("states.csv").as_bytes(), flown, "both copies");
     let report = rig.report();
-    assert_eq!(report["verdict"]["status"], "PASS");
+    assert_eq!(report["verdict"]["status"], "COMPLETED");
     assert_eq!(report["recorder"]["incomplete_ticks"], 0);
     assert_eq!(report["deadlines"]["missed_by_stamps"], 0);
     assert_eq!(report["ticks"]["run"], 151);

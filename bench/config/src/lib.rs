@@ -18,7 +18,7 @@ mod validation;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use analysis::gates::RequestedGates;
+use analysis::gates::{RequestedGates, TheoremGate};
 use analysis::verdicts::TrackingLimits;
 use controller::trajectory::UnknownTrajectory;
 use controller::{ScaledTrajectory, Trajectory};
@@ -196,6 +196,8 @@ pub struct RecorderSettings {
     pub max_tracking_error_m: f64,
     pub max_steal_percent: f64,
     pub gate_theorem: bool,
+    #[serde(default)]
+    pub gate_theorem_strict: bool,
     pub trace: bool,
 }
 
@@ -407,7 +409,7 @@ impl Settings {
             max_loop_p999_us: limit(recorder.max_loop_p999_us),
             max_tracking_error_m: limit(recorder.max_tracking_error_m),
             max_steal_percent: limit(recorder.max_steal_percent),
-            theorem: recorder.gate_theorem,
+            theorem: recorder.theorem_gate(),
         }
     }
 }
@@ -415,6 +417,14 @@ impl Settings {
 /// The last part of a path, or a name.
 pub fn last_name(path: &str) -> &str {
     path.rsplit_once('/').map_or(path, |(_, file)| file)
+}
+
+impl RecorderSettings {
+    pub fn theorem_gate(&self) -> Option<TheoremGate> {
+        let excusing = self.gate_theorem.then_some(TheoremGate::Excusing);
+        let strict = self.gate_theorem_strict.then_some(TheoremGate::Strict);
+        strict.or(excusing)
+    }
 }
 
 impl LogName {

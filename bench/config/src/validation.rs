@@ -197,11 +197,15 @@ impl Settings {
                 own.check_law(role, makes).map_err(what)?;
             }
         }
-        if self.recorder.gate_theorem
+        if self.recorder.theorem_gate().is_some()
             && let Some(law) = self.law_without_theorem()?
         {
+            let key = match self.recorder.gate_theorem {
+                true => "gate_theorem",
+                false => "gate_theorem_strict",
+            };
             return Err(Failure::usage(format!(
-                "recorder.gate_theorem = true: the inner law `{law}` has no theorem with these settings"
+                "recorder.{key} = true: the inner law `{law}` has no theorem with these settings"
             ))
             .help("fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem"));
         }

@@ -15,6 +15,7 @@ pub mod channel_merge;
 pub mod hlog;
 pub mod host_monitor;
 pub mod injected_faults;
+mod inner_states;
 pub mod kernel_trace;
 pub mod log_metadata;
 pub mod message_streams;

@@ -14,6 +14,7 @@ use messages::role::Channel;
 use process::session::JoinedRun;
 
 use super::channel_merge::ChannelMerge;
+use super::inner_states::InnerStates;
 use super::pairs::Pairs;
 use super::ports::{ChannelPorts, Ports, Relays, horizon};
 use super::run_files::RunFiles;
@@ -60,6 +61,7 @@ pub struct MessageStreams {
     redundancy: Option<BlackboardReader<Redundancy>>,
     pub statistics: FlightStatistics,
     pairs: Pairs,
+    inner_states: InnerStates,
     monitor: FlightMonitor,
     joiner: Joiner,
     parameter_epoch: u64,
@@ -73,6 +75,7 @@ impl MessageStreams {
         arrangement: Arrangement,
         redundancy: Option<BlackboardReader<Redundancy>>,
         statistics: FlightStatistics,
+        inner_states: InnerStates,
         monitor: FlightMonitor,
     ) -> Self {
         let leaders = arrangement.leaders();
@@ -94,6 +97,7 @@ impl MessageStreams {
             redundancy,
             statistics,
             pairs: Pairs::default(),
+            inner_states,
             monitor,
             joiner: Joiner::default(),
             parameter_epoch: 0,
@@ -126,6 +130,7 @@ impl MessageStreams {
             statistics,
             joiner,
             pairs,
+            inner_states,
             parameter_epoch,
             ..
         } = self;
@@ -151,7 +156,7 @@ impl MessageStreams {
                 LogEntry::State(message) => {
                     *parameter_epoch = message.content.parameter_epoch;
                     statistics.state(message);
-                    pairs.state(message);
+                    pairs.state(&inner_states.seen(message));
                     joiner.take(tick, LoopMessage::State(message.content));
                 }
                 LogEntry::Setpoint(message) => {
@@ -258,6 +263,8 @@ impl MessageStreams {
                 files.note(OBSERVERS, relayed.map_err(Failure::from));
                 files.log(&entry, None);
                 self.statistics.theorem(message);
+                let innovation = self.monitor.innovation();
+                self.statistics.theorem.innovation(&innovation);
             }
             None if self.monitor.applies() => self.statistics.theorem.count_unwatched(),
             None => {}

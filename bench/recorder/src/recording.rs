@@ -22,6 +22,7 @@ use process::session::{Armed, RoleSession};
 use super::hlog::{Hlog, Lines};
 use super::host_monitor::HostMonitor;
 use super::injected_faults::{InjectedFaults, injected_record};
+use super::inner_states::InnerStates;
 use super::log_metadata::metadata;
 use super::message_streams::{MessageStreams, StreamPorts};
 use super::ports::{DRAIN_EVERY, rest};
@@ -30,6 +31,7 @@ use super::role_statuses::RoleStatuses;
 use super::run_files::{Files, RunFiles};
 use config::Settings;
 use controller::flight_monitor::FlightMonitor;
+use faults::live::LIVE;
 
 /// How long the recorder waits for the final status of the other processes.
 const LANDING_TIMEOUT: Duration = Duration::from_secs(2);
@@ -51,7 +53,7 @@ pub fn run(
         settings.realtime()?.cpu,
     );
     let (mut roles, mut faults) = (RoleStatuses::default(), InjectedFaults::default());
-    let mut redundancy = None;
+    let (mut redundancy, mut injected) = (None, None);
     let arrangement = Arrangement {
         groups: settings.groups(),
         ..Arrangement::alike(channels)
@@ -60,6 +62,7 @@ pub fn run(
         // Before the plant takes off: a flight can be over before the recorder has created its files.
         roles = RoleStatuses::open(wire)?;
         faults = InjectedFaults::open(wire)?;
+        injected = wire.blackboard_reader(LIVE)?;
         if channels > 1 {
             redundancy = wire.blackboard_reader(REDUNDANCY)?;
         }
@@ -100,6 +103,7 @@ pub fn run(
         arrangement,
         redundancy,
         statistics,
+        InnerStates::new(settings.planned()?.loops, injected),
         monitor,
     );
     let recorder = Recorder {

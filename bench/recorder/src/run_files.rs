@@ -200,9 +200,7 @@ impl<'a> RunFiles<'a> {
                 Err(failure) => self.note(flight_log::FILE, Err(failure)),
             }
         }
-        if self.incomplete.contains_key(flight_log::FILE)
-            && report.verdict.status == FlightStatus::Pass
-        {
+        if self.incomplete.contains_key(flight_log::FILE) && report.verdict.status.is_good() {
             report.verdict.status = FlightStatus::Incomplete;
         }
         report.recorder.unwritten = self.incomplete();

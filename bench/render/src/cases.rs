@@ -20,42 +20,30 @@ pub struct Cases {
 /// What a combination made of a question in words, and what the best of a row has least of.
 type Answer = (String, Option<f64>);
 
-struct Question {
-    title: String,
-    answer: fn(&Outcome) -> Answer,
-    /// Rows without a larger figure are left out.
-    least: Option<f64>,
-}
+/// A question, its answer, and the figure below which a row is left out.
+struct Question(String, fn(&Outcome) -> Answer, Option<f64>);
 
 impl Cases {
-    fn questions(&self) -> Vec<Question> {
+    fn questions(&self) -> [Question; 2] {
         let bound_m = self.rows.first().map_or(0.0, |(_, it)| it.flight.bound_m);
-        let recovery = format!("time until it stays below {bound_m} m [s]");
-        let (title, answer): (String, fn(&Outcome) -> Answer) = match self.from_fault {
-            true => {
-                let error = "true position error from the fault on, rms / peak [mm]";
-                (format!("{error} / {recovery}"), from_fault)
-            }
+        let (error, answer): (String, fn(&Outcome) -> Answer) = match self.from_fault {
+            true => (
+                "true position error from the fault on [mm]: rms / peak".into(),
+                from_fault,
+            ),
             false => {
-                let error = "worst true position error from";
-                let title = format!("{error} {SETTLING_S} s after the fault on [mm] / {recovery}");
-                (title, lasting)
+                let from = format!("from {SETTLING_S} s after the fault on [mm]");
+                (format!("worst true position error {from}"), lasting)
             }
         };
+        let error = format!("{error} / time until it stays below {bound_m} m [s]");
         let change = format!(
             "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
         );
-        let error = Question {
-            title,
-            answer,
-            least: None,
-        };
-        let change = Question {
-            title: change,
-            answer: agitation,
-            least: Some(QUIET_RAD_S),
-        };
-        vec![error, change]
+        [
+            Question(error, answer, None),
+            Question(change, agitation, Some(QUIET_RAD_S)),
+        ]
     }
 
     /// A table for each question and each outer law with its mixer; `bold` marks what is best in its row.
@@ -67,13 +55,13 @@ impl Cases {
         let mut groups: Vec<_> = first.outcomes.iter().map(|it| group(&it.laws)).collect();
         groups.dedup();
         let mut tables = Vec::new();
-        for question in self.questions() {
+        for Question(question, answer, least) in self.questions() {
             for of in &groups {
                 let is_of = |outcome: &&Outcome| group(&outcome.laws) == *of;
                 let rows = self.rows.iter().filter_map(|(name, comparison)| {
                     let outcomes = comparison.outcomes.iter().filter(is_of);
-                    let answers: Vec<Answer> = outcomes.map(question.answer).collect();
-                    let cells = cells(&answers, question.least, bold)?;
+                    let answers: Vec<Answer> = outcomes.map(answer).collect();
+                    let cells = cells(&answers, least, bold)?;
                     Some([Cell::from(name)].into_iter().chain(cells).collect())
                 });
                 let laws = first.outcomes.iter().filter(is_of);
@@ -84,7 +72,7 @@ impl Cases {
                     true => format!(", mixer `{mixer}`"),
                     false => String::new(),
                 };
-                let title = format!("Outer law `{outer}`{mixer}: {}", question.title);
+                let title = format!("Outer law `{outer}`{mixer}: {question}");
                 tables.push((title, Table::new(columns, rows)));
             }
         }
@@ -141,25 +129,22 @@ impl Cases {
 
     /// The first table as a picture, with the first figure of each cell.
     pub fn picture(&self) -> String {
-        const NAME: f64 = 200.0;
-        const WIDTH: f64 = 78.0;
-        const ROW: f64 = 22.0;
-        const TOP: f64 = 76.0;
+        let [left, column, row_height, top] = [200.0, 78.0, 22.0, 76.0];
         let Some((title, table)) = self.tables(str::to_owned).into_iter().next() else {
             return String::new();
         };
         let (width, height) = (
-            NAME + WIDTH * (table.columns.len() - 1) as f64 + 16.0,
-            TOP + ROW * table.rows.len() as f64 + 16.0,
+            left + column * (table.columns.len() - 1) as f64 + 16.0,
+            top + row_height * table.rows.len() as f64 + 16.0,
         );
         let cell = |x: usize, y: usize, cell: &Cell| -> Markup {
-            let (x, y) = (NAME + WIDTH * x as f64, TOP + ROW * y as f64);
+            let (x, y) = (left + column * x as f64, top + row_height * y as f64);
             let shade = cell.shade.unwrap_or_default();
             let text = cell.text.split('/').next().unwrap_or_default();
             html! {
-                rect x=(x) y=(y) width=(WIDTH - 2.0) height=(ROW - 2.0)
+                rect x=(x) y=(y) width=(column - 2.0) height=(row_height - 2.0)
                     style=(format!("fill:rgb(213 94 0 / {shade:.0}%)")) {}
-                text.below x=(x + WIDTH / 2.0) y=(y + 14.0) { (text) }
+                text.below x=(x + column / 2.0) y=(y + 14.0) { (text) }
             }
         };
         let picture = html! {
@@ -167,12 +152,12 @@ impl Cases {
                 style { (PreEscaped(STYLE)) ".card { fill: var(--card); } svg text { fill: var(--ink); }" }
                 rect.card x="0" y="0" width=(width) height=(height) {}
                 text x="12" y="22" style="font-size:15px;font-weight:600" { (self.title) }
-                text x="12" y="42" { (title.replace('`', "").split(" / peak").next().unwrap_or_default()) " [mm]" }
-                @for (x, column) in table.columns.iter().skip(1).enumerate() {
-                    text.below x=(NAME + WIDTH * (x as f64 + 0.5)) y=(TOP - 8.0) { (column.replace('`', "")) }
+                text x="12" y="42" { (title.replace('`', "").split(" / ").next().unwrap_or_default()) }
+                @for (x, law) in table.columns.iter().skip(1).enumerate() {
+                    text.below x=(left + column * (x as f64 + 0.5)) y=(top - 8.0) { (law.replace('`', "")) }
                 }
                 @for (y, row) in table.rows.iter().enumerate() {
-                    text x="12" y=(TOP + ROW * y as f64 + 14.0) { (row[0].text) }
+                    text x="12" y=(top + row_height * y as f64 + 14.0) { (row[0].text) }
                     @for (x, it) in row.iter().skip(1).enumerate() { (cell(x, y, it)) }
                 }
             }
@@ -181,37 +166,38 @@ impl Cases {
     }
 
     pub fn csv(&self) -> String {
-        let mut text = "case,trajectory,preset,outer,inner,mixer,lost_s,rms_m,worst_m,rms_from_fault_m,\
-                        worst_from_fault_m,worst_after_5s_m,recovery_s,agitation_rad_s,saturated_percent,power_hover,outputs\n"
+        let mut text = "case,trajectory,preset,outer,inner,mixer,outputs,lost_s,rms_m,worst_m,rms_from_fault_m,\
+                        worst_from_fault_m,worst_after_5s_m,recovery_s,agitation_rad_s,saturated_percent,power_hover\n"
             .to_owned();
-        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
-        let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
         for (name, comparison) in &self.rows {
             for outcome in &comparison.outcomes {
                 let (it, laws) = (&outcome.figures, &outcome.laws);
-                let of = |error: Option<ErrorFigures>, of: fn(&ErrorFigures) -> f64| {
-                    number(error.as_ref().map(of))
-                };
-                let cells = [
-                    quoted(name),
-                    quoted(&comparison.flight.trajectory),
-                    quoted(&outcome.preset),
-                    quoted(&laws.outer),
-                    quoted(&laws.inner),
-                    quoted(&laws.mixer),
-                    number(outcome.lost_s),
-                    number(Some(it.error.rms_m)),
-                    number(Some(it.error.worst_m)),
-                    of(it.error_from_fault, |it| it.rms_m),
-                    of(it.error_from_fault, |it| it.worst_m),
-                    of(it.error_after, |it| it.worst_m),
-                    number(it.recovery_s.last().copied().flatten()),
-                    number(Some(it.effort.agitation_rad_s)),
-                    number(Some(it.effort.saturated_percent)),
-                    number(Some(it.effort.power)),
-                    outcome.outputs.clone(),
+                let (trajectory, preset) = (&comparison.flight.trajectory, &outcome.preset);
+                let (outer, inner, mixer) = (&laws.outer, &laws.inner, &laws.mixer);
+                let words = [
+                    name,
+                    trajectory,
+                    preset,
+                    outer,
+                    inner,
+                    mixer,
+                    &outcome.outputs,
                 ];
-                text += &(cells.join(",") + "\n");
+                let words = words.map(|word| format!("\"{}\"", word.replace('"', "\"\"")));
+                let numbers = [
+                    outcome.lost_s,
+                    Some(it.error.rms_m),
+                    Some(it.error.worst_m),
+                    it.error_from_fault.map(|it| it.rms_m),
+                    it.error_from_fault.map(|it| it.worst_m),
+                    it.error_after.map(|it| it.worst_m),
+                    it.recovery_s.last().copied().flatten(),
+                    Some(it.effort.agitation_rad_s),
+                    Some(it.effort.saturated_percent),
+                    Some(it.effort.power),
+                ];
+                let numbers = numbers.map(|it| it.map_or(String::new(), |it| it.to_string()));
+                text += &format!("{},{}\n", words.join(","), numbers.join(","));
             }
         }
         text

@@ -1,9 +1,10 @@
 //! A comparison of two groups of flights as text: what differs first, and at most 80 columns.
 
 use crate::document::{self, Block, known, row, table};
-use analysis::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
+use analysis::diff::{Conclusion, Diff, Difference, FigureDiff, LEVEL_OF_THREE, Says, Side};
 use analysis::phrase::{count, wrap};
 use serde_json::Value;
+use std::ops::RangeInclusive;
 
 pub fn render(diff: &Diff) -> String {
     let (said, rest): (Vec<_>, Vec<_>) = diff
@@ -35,6 +36,9 @@ pub fn render(diff: &Diff) -> String {
     document::text(&blocks)
 }
 
+/// Ratios that need no word.
+const NEAR: RangeInclusive<f64> = 0.5..=2.0;
+
 fn conclusion(subject: &str, conclusion: &Conclusion) -> String {
     let sentence = match conclusion {
         Conclusion::NotJudged { reason } => format!("{subject:<9} not judged: {reason}"),
@@ -42,11 +46,22 @@ fn conclusion(subject: &str, conclusion: &Conclusion) -> String {
             differ,
             judged,
             level,
+            largest,
         } => {
             let found = match differ {
-                0 => format!("no difference in {judged} figures"),
+                0 if *level >= LEVEL_OF_THREE => {
+                    format!(
+                        "too few flights to tell: no difference shown in {judged} figures; fly four a side or more"
+                    )
+                }
+                0 => format!("no difference shown in {judged} figures"),
                 differ => format!("{differ} of {judged} figures DIFFER"),
             };
+            let large = largest.iter().filter(|(_, ratio)| !NEAR.contains(ratio));
+            let large = large.map(|(name, ratio)| {
+                format!("; the largest ratio, {ratio:.3} of {name}, may be chance")
+            });
+            let found = found + &large.collect::<String>();
             format!(
                 "{subject:<9} {found} (probability of even one false difference: {:.0} %)",
                 level * 100.0

@@ -11,9 +11,9 @@ use analysis::host::{Host, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
-    ChannelOutage, CommandDifference, FlightStatus, LawSection, LogSection, LoopUsage,
-    ProcessFailure, RecoveryPhases, RedundancySection, Report, RoleSection, RunSection, Speed,
-    Switchover, TimingVerdict, sum,
+    ChannelOutage, CommandDifference, LawSection, LogSection, LoopUsage, ProcessFailure,
+    RecoveryPhases, RedundancySection, Report, RoleSection, RunSection, Speed, Switchover,
+    TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -74,7 +74,7 @@ pub fn page(report: &Report) -> String {
     let sections = rest
         .iter()
         .map(|(id, title, blocks)| Section::new(id, *title, blocks(report)));
-    let failed = verdict.status != FlightStatus::Pass && !run.in_flight;
+    let failed = !verdict.status.is_good() && !run.in_flight;
     let document = Document {
         title: title(run),
         heading: run_conditions(run),

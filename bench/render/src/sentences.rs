@@ -2,8 +2,8 @@
 
 use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
 use analysis::schema::{
-    AcceptanceResult, FlightStatus, Gate, LawSection, MarginSection, Report, RobustnessMargin,
-    RoleSection, Speed, Verdicts, sum,
+    AcceptanceResult, Gate, LawSection, MarginSection, Report, RobustnessMargin, RoleSection,
+    Speed, Verdicts, sum,
 };
 use flight_log::facts::OFF;
 use messages::role::Role;
@@ -79,7 +79,7 @@ pub fn gate(gate: &Gate) -> String {
 pub fn acceptance(result: &AcceptanceResult) -> String {
     let status = result.status;
     match result.requested() {
-        (_, 0) if status == FlightStatus::Pass => format!("{status}: no gate was requested"),
+        (_, 0) if status.is_good() => format!("{status}: no gate was requested"),
         (_, 0) => status.to_string(),
         (held, requested) => format!("{status}: {held} of {requested} gates held"),
     }

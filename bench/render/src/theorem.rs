@@ -2,8 +2,10 @@
 
 use crate::document::{self, Block, Cell, Table, known, row, table};
 use crate::figures::Figures;
-use analysis::phrase::count;
-use analysis::theorem::{NO_CAUSE, Theorem, Watched};
+use analysis::phrase::{count, name_of};
+use analysis::schema::Explained;
+use analysis::theorem::{Explains, NO_CAUSE, Theorem, Watched};
+use analysis::verdicts::stability_verdict;
 use messages::monitor::Cause;
 use std::collections::BTreeMap;
 
@@ -38,12 +40,13 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         }
         _ => {}
     }
-    let mut blocks = fact(format!("{}: {}", theorem.verdict(), theorem.counts()));
+    let Explained { word, why } = stability_verdict(theorem);
+    let mut blocks = fact(format!("{}: {why}", name_of(&word)));
     let moved = match theorem.is_live {
         true => "the estimates move as predicted",
         false => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
     };
-    blocks.push(Block::Items(vec![
+    let mut items = vec![
         format!(
             "V_th {:.3e} rad^2/s^2 at the start, {:.3e} at the end",
             theorem.v_th_start, theorem.v_th_end
@@ -72,7 +75,14 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             theorem.excitation, theorem.excitation_least
         ),
         theorem.convergence.clone(),
-    ]));
+        format!(
+            "V, with the rate error, was above its bound in {}: not judged, because its inequality is proven without \
+             delay alone",
+            count(theorem.v_above_bound.values().sum(), "step")
+        ),
+    ];
+    items.extend(innovation(theorem));
+    blocks.push(Block::Items(items));
     blocks.push(Block::Table(causes(theorem)));
     let columns = [
         "estimate",
@@ -97,6 +107,26 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         blocks.push(Block::Note(note.into()));
     }
     blocks
+}
+
+/// What the estimates leave unexplained, and which of them a bound held back: both are known without ground truth.
+fn innovation(theorem: &Theorem) -> Vec<String> {
+    let it = &theorem.innovation;
+    let says = match it.says {
+        Explains::NotKnown => "not known",
+        Explains::Explained => "the estimates explain it",
+        Explains::Noise => "the rest is noise",
+        Explains::MissingCause => "the rest has a cause that the estimates do not have, or not yet",
+    };
+    let residual = format!(
+        "residual |Y - X th_hat| {:.2e} of |Y| {:.2e} rad/s^2 in the last second, correlation {:.2}: {says}",
+        it.rms_rad_s2, it.sample_rms_rad_s2, it.correlation
+    );
+    let bounded = it.steps_at_bound.iter().filter(|(_, steps)| **steps > 0);
+    let bounded = bounded.map(|(name, steps)| format!("{name} in {}", count(*steps, "step")));
+    let bounded: Vec<String> = bounded.collect();
+    let bounded = (!bounded.is_empty()).then(|| format!("at a bound: {}", bounded.join(", ")));
+    [residual].into_iter().chain(bounded).collect()
 }
 
 /// Every cause in force at some rise, with its counts; V above its bound is not judged.
@@ -138,7 +168,7 @@ fn explanation(cause: &str) -> &'static str {
         "live_swap" => "samples from before a live swap had not faded",
         "out_of_bounds" => "a true value lies outside the bounds of its estimate",
         "broken_model" => "a parameter that is not estimated is not the model's",
-        "gyro_noise" => "the gyro is noisy",
+        "gyro_noise" => "the measured rates are noisy",
         "motor_lag" => "the motors lag",
         "saturation" => "the rotors could not deliver the demand; excuses V alone",
         "stale_input" => "a state, a set-point or a command was not of its tick; excuses V alone",

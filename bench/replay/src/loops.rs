@@ -30,6 +30,8 @@ pub struct LoopsReplay {
     inner_setpoint: RecordedInput<Setpoint>,
     mixer_wrench: RecordedInput<Wrench>,
     theorem: FlightMonitor,
+    /// The state that the inner loop worked with last, as its faults left it.
+    inner_saw: Stamped<State>,
     /// Restarts of the inner loop in flight.
     pub restarts: u64,
 }
@@ -52,6 +54,7 @@ impl LoopsReplay {
             inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint),
             mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench),
             theorem: FlightMonitor::new(settings.theorem()?, settings.rt.channels),
+            inner_saw: Stamped::never(),
             restarts: 0,
         })
     }
@@ -108,6 +111,7 @@ impl LoopsReplay {
         let state =
             self.inner_state
                 .input(&inputs.states, envelope.input_tick[0], envelope.tick)?;
+        self.inner_saw = state;
         let setpoint =
             self.inner_setpoint
                 .input(&inputs.setpoints, envelope.input_tick[1], envelope.tick)?;
@@ -173,7 +177,10 @@ impl LoopsReplay {
     ) -> Result<(), Failure> {
         let tick = message.envelope.tick;
         let wrench = of(&inputs.wrenches, tick)?;
-        let state = input(&inputs.states, wrench.envelope.input_tick[0], tick)?;
+        let mut state = input(&inputs.states, wrench.envelope.input_tick[0], tick)?;
+        if state.tick == self.inner_saw.tick {
+            state.content.measured = self.inner_saw.content.measured;
+        }
         match self.theorem.watch(wrench, Some(&state)) {
             Some(replayed) => comparison.compare(tick, &message.content, &replayed.content),
             None => comparison.lacks::<Monitor>(tick, "ticks_checked"),

@@ -17,7 +17,7 @@ use analysis::schema::Gate;
 use analysis::states::StatesWriter;
 use analysis::theorem::TheoremStatistics;
 use analysis::tracer::Tracer;
-use analysis::tracking::Tracking;
+use analysis::tracking::{RecentStates, Tracking};
 use config::Settings;
 use config::law_settings::Chosen;
 use errors::output::print;
@@ -45,7 +45,7 @@ pub fn report(
     let create = |path| StatesWriter::create(path, tracking, laws, every, false);
     let mut states = leaves.states.map(create).transpose()?;
     let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?);
-    let mut observations = Observations::new(settings)?;
+    let mut observations = Observations::new(settings, tracking)?;
     let start = Instant::now();
     let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
     tracer.iter_mut().for_each(|tracer| tracer.set_laws(laws));
@@ -76,12 +76,11 @@ pub fn report(
         states.flush()?;
     }
     let theorem = observations.theorem.section();
-    let gate = settings
-        .recorder
-        .gate_theorem
-        .then(|| Gate::theorem(&theorem));
+    let gate = settings.recorder.theorem_gate();
+    let gate = gate.map(|gate| Gate::theorem(&theorem, gate));
     let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
     let mut lines = observations.unusable.sentences(settings)?;
+    lines.extend(observations.off_track(settings));
     for fault in settings.injected()? {
         lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
@@ -101,10 +100,10 @@ pub fn report(
     for line in lines {
         text += &(line + "\n");
     }
-    let status = if passes {
-        FlightStatus::Pass
-    } else {
-        FlightStatus::Fail
+    let status = match (passes, &gate) {
+        (true, Some(_)) => FlightStatus::Pass,
+        (true, None) => FlightStatus::Completed,
+        (false, _) => FlightStatus::Fail,
     };
     let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
     text += &format!(
@@ -146,10 +145,12 @@ struct Observations {
     /// Estimate and true value of each parameter.
     newest: Option<[(f64, f64); ESTIMATED.len()]>,
     unusable: InvalidOutputs,
+    tracking: Tracking,
+    recent: RecentStates,
 }
 
 impl Observations {
-    fn new(settings: &Settings) -> Result<Self, Failure> {
+    fn new(settings: &Settings, tracking: Tracking) -> Result<Self, Failure> {
         let mut theorem = TheoremStatistics::default();
         theorem.set_airframe(&settings.airframe()?);
         let law_without = settings.law_without_theorem()?;
@@ -161,11 +162,25 @@ impl Observations {
             has_estimates: law_without.is_none(),
             newest: None,
             unusable: InvalidOutputs::default(),
+            tracking,
+            recent: RecentStates::new(tracking.period_s()),
+        })
+    }
+
+    /// Where the flight was at its end, if that was off its track.
+    fn off_track(&self, settings: &Settings) -> Option<String> {
+        let limit_m = settings.flight.tracking_error_max_m;
+        let (error_m, recent_s) = (self.recent.error_max_m(), self.recent.length_s());
+        (error_m > limit_m).then(|| {
+            format!("off track: position error up to {error_m:.4} m in the last {recent_s:.1} s, limit {limit_m} m")
         })
     }
 
     fn take(&mut self, rig: &Simulator) {
         self.unusable.take(rig);
+        let (tick, state) = (rig.flown_tick(), rig.state());
+        let error_m = self.tracking.error_m(tick, state);
+        self.recent.take(tick, state.truth.position_w_m[2], error_m);
         let actual = rig.state().truth.theta();
         self.theorem.truth(actual);
         let Some(wrench) = rig.new_wrench() else {
@@ -173,6 +188,7 @@ impl Observations {
         };
         if let Some(monitor) = rig.monitor() {
             self.theorem.take(0, monitor);
+            self.theorem.innovation(rig.innovation());
         }
         if self.has_estimates {
             let estimate = adaptive::estimate(&wrench.telemetry);

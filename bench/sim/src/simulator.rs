@@ -16,6 +16,7 @@ use std::mem::replace;
 use analysis::states::Joined;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use controller::TheoremMonitor;
+use controller::innovation::Innovation;
 use errors::Failure;
 use faults::gate::{FaultFilter, FaultyInput};
 use faults::live::FaultKind;
@@ -46,6 +47,7 @@ pub struct Simulator {
     envelope: Result<(), EnvelopeViolation>,
     theorem: Option<TheoremMonitor>,
     monitor: Option<Monitor>,
+    innovation: Innovation,
     /// Message and stage faults; none takes the fast path.
     faulted: Option<Box<Faulted>>,
 }
@@ -71,6 +73,7 @@ impl Simulator {
             envelope: Ok(()),
             theorem: None,
             monitor: None,
+            innovation: Innovation::default(),
             faulted: None,
         }
     }
@@ -209,6 +212,7 @@ impl Simulator {
         plant.offer(rotor_speeds, tick + 1);
         if let Some(theorem) = &mut self.theorem {
             self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
+            self.innovation = *theorem.innovation();
         }
         self.tick += 1;
     }
@@ -302,6 +306,11 @@ impl Simulator {
         self.monitor.as_ref()
     }
 
+    /// What the monitor knows without ground truth.
+    pub const fn innovation(&self) -> &Innovation {
+        &self.innovation
+    }
+
     /// Whether the last state is inside the model's envelope.
     pub const fn envelope(&self) -> Result<(), EnvelopeViolation> {
         self.envelope
@@ -342,7 +351,7 @@ struct Faulted {
     mixer_wrench: FaultyInput<Wrench>,
     /// Rotor commands sent to the plant, each with the first tick in which it may act.
     commands: VecDeque<(Stamped<RotorSpeeds>, u64)>,
-    /// True states, for the theorem's monitor.
+    /// States, for the theorem's monitor: their truth is that of their tick.
     states: VecDeque<Stamped<State>>,
     /// The true state that the inner loop worked with last.
     used: Stamped<State>,
@@ -494,7 +503,13 @@ impl Faulted {
             {
                 self.used = self.states.pop_front().unwrap_or(self.used);
             }
-            rig.monitor = Some(*theorem.watch(tick, &self.used, &rig.wrench.content));
+            // As the law saw it: a fault of the measurement is one, wherever it comes from.
+            let mut seen = self.used;
+            if seen.tick == state.tick {
+                seen.content.measured = state.content.measured;
+            }
+            rig.monitor = Some(*theorem.watch(tick, &seen, &rig.wrench.content));
+            rig.innovation = *theorem.innovation();
         }
     }
 

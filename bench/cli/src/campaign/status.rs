@@ -12,6 +12,7 @@ use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs};
 use crate::report_command::publish;
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{Plan, plan_of};
+use render::document::Block;
 
 const MERGED: &str = "merged.parquet";
 
@@ -115,7 +116,14 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     }
     let rows = Rows::new(&args.directory, whole);
     let results = aggregate::of(&plan.campaign, &plan.identity, &rows)?;
-    let document = document(&results, &place.to_string());
+    let mut document = document(&results, &place.to_string());
+    let lines = plan.text.lines().map(str::trim_end);
+    let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let lines = Block::Items(lines.map(str::to_owned).collect());
+    let title = "The campaign's file: what is drawn, and what counts as success";
+    document
+        .lead
+        .push(Block::Details(title.into(), vec![lines]));
     publish(&document, &results, args.format, args.page.as_deref())?;
     Ok(OK)
 }

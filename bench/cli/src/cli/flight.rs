@@ -257,11 +257,14 @@ pub struct GateArgs {
 pub enum GateName {
     /// No unexplained violation of the theorem, and estimates that move as predicted.
     Theorem,
+    /// The same, and no assumption of the theorem may be broken in any step.
+    #[value(name = "theorem=strict")]
+    TheoremStrict,
 }
 
 impl GateArgs {
     pub fn overrides(&self) -> Overrides {
-        overrides([
+        let limits = overrides([
             set("recorder.max_miss_rate_ppm", self.max_miss_rate),
             set("recorder.max_skip_rate_ppm", self.max_skip_rate),
             set("recorder.max_stale_rate_ppm", self.max_stale_rate),
@@ -269,16 +272,17 @@ impl GateArgs {
             set("recorder.max_loop_p999_us", self.max_loop_p999),
             set("recorder.max_tracking_error_m", self.max_tracking_error),
             set("recorder.max_steal_percent", self.max_steal),
-            theorem_gate(&self.gates),
-        ])
+        ]);
+        [limits, theorem_gates(&self.gates)].concat()
     }
 }
 
-fn theorem_gate(gates: &[GateName]) -> Option<(&'static str, Value)> {
-    set(
-        "recorder.gate_theorem",
-        gates.contains(&GateName::Theorem).then_some(true),
-    )
+fn theorem_gates(gates: &[GateName]) -> Overrides {
+    let asked = |key, gate| set(key, gates.contains(&gate).then_some(true));
+    overrides([
+        asked("recorder.gate_theorem", GateName::Theorem),
+        asked("recorder.gate_theorem_strict", GateName::TheoremStrict),
+    ])
 }
 
 /// What the recorder writes, and the acceptance criteria.
@@ -443,10 +447,7 @@ pub struct SimulateArgs {
 
 impl SimulateArgs {
     pub fn overrides(&self) -> Overrides {
-        let own = overrides([
-            set("recorder.states_every_ticks", self.every),
-            theorem_gate(&self.gates),
-        ]);
-        [self.flight.overrides(), own].concat()
+        let own = overrides([set("recorder.states_every_ticks", self.every)]);
+        [self.flight.overrides(), own, theorem_gates(&self.gates)].concat()
     }
 }

@@ -144,6 +144,7 @@ impl Timed {
         (wrench.envelope.epoch, wrench.envelope.seq) = (event.epoch, seq);
         let result = self.theorem.watch(&wrench, Some(state));
         rig.monitor = result.map(|message| message.content);
+        rig.innovation = self.theorem.innovation();
     }
 }
 
