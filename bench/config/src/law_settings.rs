@@ -164,7 +164,7 @@ pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<C
     match known.iter().find(|law| law.name == text) {
         Some(law) => Ok(Chosen::BuiltIn(law)),
         None => Err(refused(format!(
-            "there is no {role} law of that name; there are {}; a law of a file is named as ./{text}",
+            "there is no {role} law of that name; there are {}; write ./{text} for a file",
             nearest_first(text, known.iter().map(|law| law.name).collect())
         ))),
     }

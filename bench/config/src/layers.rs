@@ -207,6 +207,7 @@ impl Layers<'_> {
                 .split_once('=')
                 .and_then(|(of, law)| Some((of.split_once(':')?, law)));
             let law = parts.and_then(|((channel, role), law)| Some((named(channel, role)?, law)));
+            let law = law.filter(|(_, law)| !law.is_empty());
             let ((channel, role), law) = law.ok_or_else(|| {
                 Failure::usage(format!("--channel {text}: write LETTER:ROLE=LAW, with b or c, and outer, inner or mixer"))
                     .help("for example --channel b:inner=pid")
@@ -218,6 +219,23 @@ impl Layers<'_> {
                 Table::from_iter([(LAW.to_owned(), Value::from(law))]),
             ));
         }
+        self.overrides.retain(|(flag, value)| {
+            let key = overrides::parts(flag).1.strip_prefix("channel.");
+            let [channel, role, key] = key.map_or([""; 3], |key| {
+                let mut parts = key.splitn(3, '.');
+                std::array::from_fn(|_| parts.next().unwrap_or_default())
+            });
+            let Some((channel, role)) = named(channel, role).filter(|_| !key.is_empty()) else {
+                return true;
+            };
+            let is_it = |law: &(Channel, Role, Table)| (law.0, law.1) == (channel, role);
+            let place = laws.iter().position(is_it).unwrap_or_else(|| {
+                laws.push((channel, role, Table::new()));
+                laws.len() - 1
+            });
+            laws[place].2.insert(key.into(), value.clone());
+            false
+        });
         Ok(laws)
     }
 

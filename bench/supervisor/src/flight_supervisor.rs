@@ -374,6 +374,14 @@ impl FlightSupervisor {
             let is_late = since.elapsed() > GETTING_READY;
             if is_late && !std::mem::replace(is_reported, is_late) {
                 say("still waiting for all processes to be ready; plant.log says for which\n");
+                for process in &self.children {
+                    if is_stopped(process.child.id()) {
+                        say(&format!(
+                            "the {} process is stopped (SIGSTOP)\n",
+                            process.replica
+                        ));
+                    }
+                }
             }
             if run.is_some_and(has_taken_off) {
                 self.outcome.flown = true;

@@ -21,9 +21,7 @@ use toml::Value;
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.
     let tick = text.parse().ok().filter(|tick| *tick != u64::MAX);
-    tick.ok_or_else(|| {
-        "write the number of a tick, from 0 on, as in 8000; --in takes a time".into()
-    })
+    tick.ok_or_else(|| "write the number of a tick, from 0 on, as in 8000".into())
 }
 
 /// One of some names, which shells complete, or another text that `takes` allows.
