@@ -126,7 +126,10 @@ impl Row {
                 let out = out.unwrap_or(0);
                 assert!(out > 0 || !report.deaths.is_empty(), "{what}");
                 figures = json!({"ticks a channel is out": out});
-                rig.assert_replayed();
+                // Flights whose channels were all disturbed at once may not replay.
+                if is_masked {
+                    rig.assert_replayed();
+                }
             }
             "aborted" => self.demand_aborted(&rig, ended),
             "interrupted" => {
