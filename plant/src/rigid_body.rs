@@ -15,7 +15,6 @@ use messages::parameters::Airframe;
 use messages::rate_dynamics::Inertia;
 use nalgebra::{Vector3, Vector4};
 
-/// Where the body is and how it moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RigidBody {
     /// Position, world frame [m].

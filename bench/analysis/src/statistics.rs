@@ -374,7 +374,6 @@ const MEAN_RESAMPLINGS: usize = 1000;
 /// other allow.
 const BLOCKS: usize = 2000;
 
-/// A mean and where it may be, at 95 %.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MeanInterval {
     pub count: u64,

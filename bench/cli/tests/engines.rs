@@ -13,7 +13,6 @@ use rustix::process::{Pid, Signal, kill_process};
 
 const CAMPAIGN: &str = include_str!("campaigns/shards.toml");
 
-/// A script of the repository that brings an engine up.
 fn script(name: &str) -> PathBuf {
     repository("bench/campaign/engines").join(name)
 }
@@ -96,7 +95,6 @@ impl Slurm {
         [("SLURM_CONF", config.display().to_string())]
     }
 
-    /// The jobs of the queue.
     fn jobs(&self) -> String {
         let mut command = Command::new("squeue");
         let command = command.arg("--noheader").envs(self.environment());

@@ -17,7 +17,6 @@ fn latest(rig: &Rig, file: &str) -> PathBuf {
     rig.out().join("latest").join(file)
 }
 
-/// A count in a JSON text.
 fn count(value: &Value, pointer: &str) -> u64 {
     let number = value.pointer(pointer).and_then(Value::as_u64);
     number.unwrap_or_else(|| panic!("no count at {pointer} of {value}"))

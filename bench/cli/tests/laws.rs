@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use crate::rig::Rig;
 
-/// The columns of a CSV file of the newest flight.
 fn columns(rig: &Rig, file: &str) -> BTreeMap<String, Vec<String>> {
     let text = rig.flown(file);
     let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned));

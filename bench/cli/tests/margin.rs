@@ -7,14 +7,12 @@ use controller::rate_loop::loop_gain_limit;
 use serde_json::Value;
 use std::fs;
 
-/// A search of the first law.
 fn search<'a>(margins: &'a Value, kind: &str, of: &str) -> &'a Value {
     let mut searches = margins["laws"][0]["searches"].as_array().unwrap().iter();
     let search = searches.find(|it| it["kind"] == kind && it["of"] == of);
     search.unwrap()
 }
 
-/// The greatest strength that is survived.
 fn survives(margins: &Value, kind: &str, of: &str) -> u64 {
     search(margins, kind, of)["limits"][2].as_u64().unwrap()
 }

@@ -90,13 +90,11 @@ pages! { airframes campaigns channels directories export flights gates laws law_
 /// Settings of a flight that nothing ends early, however busy the machine is.
 const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
 
-/// A scenario while it is played.
 struct Stage {
     rig: Rig,
     values: BTreeMap<String, String>,
     /// Processes in the background, by their command.
     running: BTreeMap<String, Running>,
-    /// The last process that has ended.
     ended: Option<Ended>,
     /// No step has checked its exit code yet.
     is_open: bool,

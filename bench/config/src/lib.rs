@@ -77,7 +77,6 @@ pub struct Settings {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub channel: BTreeMap<Channel, BTreeMap<Role, Table>>,
     pub recorder: RecorderSettings,
-    /// The points of the trajectory, if it has some.
     #[serde(skip)]
     pub points: Option<PointsFile>,
     /// Where files of laws are now.
@@ -248,7 +247,6 @@ impl Settings {
         resolved(overrides).map_err(|failure| validation::blamed(failure, overrides, resolved))
     }
 
-    /// The settings of a table that has every key.
     fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
         validation::check_texts("", &table)?;
         let ranges = validation::check_ranges(&table);
@@ -392,7 +390,6 @@ impl Settings {
         }
     }
 
-    /// The gates that the flight must pass.
     pub fn gates_asked(&self) -> RequestedGates {
         let limit = |limit: f64| (limit >= 0.0).then_some(limit);
         let recorder = &self.recorder;

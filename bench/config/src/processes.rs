@@ -119,12 +119,10 @@ impl Settings {
         })
     }
 
-    /// Whether channels fly different laws.
     pub fn has_several_laws(&self) -> bool {
         self.groups() != [Channel::A; MOST_CHANNELS]
     }
 
-    /// The law of a role, with its settings.
     pub(super) fn chosen(&self, role: Role) -> Result<(Chosen, description::Settings), Failure> {
         let section = match role {
             Role::Outer => &self.outer,
@@ -143,7 +141,6 @@ impl Settings {
         ])
     }
 
-    /// The descriptions of the chosen laws: outer, inner, mixer.
     pub fn laws(&self) -> Result<[&'static Description; 3], Failure> {
         Ok(self.chosen_laws()?.map(Chosen::description))
     }
@@ -160,7 +157,6 @@ impl Settings {
         Ok(options.join(" "))
     }
 
-    /// The outer loop before tick 0.
     pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Outer)?);
         let law = match law {
@@ -173,7 +169,6 @@ impl Settings {
         Ok(GuardedOuter::new(law.map_err(refused)?, route, &rig))
     }
 
-    /// The inner loop before tick 0.
     pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
         let law = match law {
@@ -249,7 +244,6 @@ impl Settings {
         Ok(self.flown_laws()?.without_theorem)
     }
 
-    /// What the report knows of the chosen laws.
     pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
         let (inner, settings) = self.chosen(Role::Inner)?;
         let (outer, mixer) = (self.chosen(Role::Outer)?.0, self.chosen(Role::Mixer)?.0);

@@ -325,7 +325,6 @@ fn deadlines(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// What the redundant channels did.
 fn redundancy(section: &RedundancySection) -> Vec<Block> {
     let of_each = |ticks: &BTreeMap<String, u64>| {
         let of = |(channel, ticks): (&String, &u64)| format!("{channel} {ticks}");
@@ -547,7 +546,6 @@ fn floors(report: &Report) -> Vec<Block> {
     ]
 }
 
-/// A process with the name of its role.
 type Process<'a> = (&'static str, &'a RoleSection);
 
 /// The processes of the loop, in the order of the data's way.

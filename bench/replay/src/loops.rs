@@ -30,7 +30,6 @@ pub struct LoopsReplay {
     inner_setpoint: RecordedInput<Setpoint>,
     mixer_wrench: RecordedInput<Wrench>,
     theorem: FlightMonitor,
-    /// Restarts of the inner loop in flight.
     pub restarts: u64,
 }
 
@@ -189,7 +188,6 @@ const GETTING_IN_STEP_TICKS: u64 = 10;
 struct Replayed<S> {
     epoch: u64,
     stage: S,
-    /// The state before the last message.
     before: SavedState,
     /// The last state that all channels had, and its tick: after a message that was made from fresh inputs, if none was stale
     /// or left out shortly before.

@@ -35,7 +35,6 @@ pub struct Event {
     pub source: Source,
 }
 
-/// The inputs of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     State {
@@ -60,7 +59,6 @@ pub enum Source {
 }
 
 impl Timing {
-    /// Reads the timing of a flight from its log.
     pub fn read(path: &Path) -> Result<Self, Failure> {
         let mut reader = LogReader::open(path)?;
         let mut events = Vec::new();

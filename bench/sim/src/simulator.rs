@@ -32,7 +32,6 @@ use plant::{EnvelopeViolation, Plant};
 use config::Settings;
 use faults::plan::{Lateness, Planned, StageFault, StageTicks};
 
-/// A simulated flight between two ticks.
 pub struct Simulator {
     plant: Plant,
     outer: GuardedOuter,
@@ -51,7 +50,6 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// A flight before tick 0.
     pub fn new(
         plant: &plant::PlantSettings,
         outer: GuardedOuter,
@@ -235,7 +233,6 @@ impl Simulator {
         self.tick
     }
 
-    /// Tick of the newest state.
     pub const fn state_tick(&self) -> u64 {
         self.state.tick
     }
@@ -265,12 +262,10 @@ impl Simulator {
         (self.setpoint.tick == self.flown_tick()).then_some(&self.setpoint.content)
     }
 
-    /// The newest wrench.
     pub const fn wrench(&self) -> &Wrench {
         &self.wrench.content
     }
 
-    /// The newest rotor command.
     pub const fn rotor_speeds(&self) -> &RotorSpeeds {
         &self.rotor_speeds.content
     }
@@ -307,7 +302,6 @@ impl Simulator {
         self.envelope
     }
 
-    /// The plant: parameters, applied swaps, envelope.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }

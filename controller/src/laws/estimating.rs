@@ -44,7 +44,6 @@ settings! {
     TILT_MAX = "tilt_max_rad", "rad", number(35_f64.to_radians(), 0.001, 1.5), "largest angle between the thrust asked for and the vertical";
 }
 
-/// The law, with what it has learnt.
 #[derive(Clone, Debug)]
 pub struct Estimating {
     rig: Rig,

@@ -43,7 +43,6 @@ settings! {
     DAMPING = "filter_damping", "", number(0.55, 0.3, 2.0), "zeta of that filter";
 }
 
-/// The law: two filters and the last measurement.
 #[derive(Clone, Debug)]
 pub struct Indi {
     period_s: f64,

@@ -48,7 +48,6 @@ settings! {
     FILTER = "filter_rad_s", "rad/s", number(190.0, 1.0, 5000.0), "bandwidth of the low-pass of the angular acceleration";
 }
 
-/// The law: integrator, filter, and the last measurement.
 #[derive(Clone, Debug)]
 pub struct Pid {
     rig: Rig,

@@ -25,7 +25,6 @@ pub fn fly_each(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, 
     fly_with("--loop-cpus", numbers, cpu, duration)
 }
 
-/// Flies each number of channels on one CPU.
 pub fn fly_channels(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, Failure> {
     let cpu = first.unwrap_or_else(loops_cpu);
     fly_with("--channels", 1..=MOST_CHANNELS, cpu, duration)
@@ -59,12 +58,10 @@ pub fn recommended(trials: &[Trial]) -> usize {
     best.map_or(1, |it| it.number)
 }
 
-/// What is recommended, and the figures behind it.
 pub fn text(trials: &[Trial]) -> String {
     format!("--loop-cpus {} ({})", recommended(trials), figures(trials))
 }
 
-/// The figures of each flight.
 pub fn figures(trials: &[Trial]) -> String {
     let figures = trials.iter().map(|it| {
         let Trial {

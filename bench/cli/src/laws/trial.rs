@@ -33,12 +33,10 @@ pub const HOT: usize = 10_000;
 const COLD: usize = 101;
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
-/// Ticks of a whole trial.
 const TICKS: u64 = INPUTS + 2 * REHEARSED + 2 * HOT as u64 + COLD as u64;
 /// How long a tick may take before the trial is ended.
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A law of any role, made.
 pub enum Candidate {
     Outer(Made<dyn OuterLaw>),
     Inner(Made<dyn InnerLaw>),
@@ -49,7 +47,6 @@ pub enum Candidate {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadAnswer {
     pub input: u64,
-    /// Index in the answer.
     pub index: usize,
     pub values: [f64; 2],
 }
@@ -91,7 +88,6 @@ impl Findings {
     }
 }
 
-/// The inputs of a tick; each role takes its part.
 #[derive(Clone, Copy, Debug)]
 struct Input {
     tick: u64,
@@ -125,7 +121,6 @@ impl Candidate {
         }
     }
 
-    /// The law and its twin.
     fn both(&mut self) -> (&mut dyn CopyState, &mut dyn CopyState) {
         match self {
             Self::Outer(made) => (&mut *made.law, &mut *made.twin),

@@ -61,7 +61,6 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A rig whose executable has the features of the tests.
     pub fn with_features(name: &str) -> Self {
         let mut rig = Self::new(name);
         rig.executable = BUILT_WITH_TESTS;
@@ -109,7 +108,6 @@ impl Rig {
         self.path("out")
     }
 
-    /// Writes a settings file and gives its path.
     pub fn settings(&self, text: &str) -> String {
         let path = self.file(&format!(
             "settings{}.toml",
@@ -199,7 +197,6 @@ impl Rig {
         }
     }
 
-    /// Starts a process and waits for its end.
     pub fn run(&self, command: &str, args: impl AsRef<str>) -> Ended {
         self.start(command, args).end()
     }
@@ -252,7 +249,6 @@ impl Rig {
         })
     }
 
-    /// Waits until the recorder has written its first report.
     pub fn await_report(&self) {
         let report = self.out().join("latest/report.json");
         wait_until("the first report", || report.exists().then_some(()));
@@ -265,12 +261,10 @@ impl Rig {
         flight
     }
 
-    /// A file of the newest flight.
     pub fn flown(&self, file: &str) -> String {
         fs::read_to_string(self.out().join("latest").join(file)).unwrap()
     }
 
-    /// The newest flight's report, as written to its directory.
     pub fn report(&self) -> Value {
         serde_json::from_str(&self.flown("report.json")).unwrap()
     }
@@ -453,7 +447,6 @@ pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command>
     Some(command)
 }
 
-/// All that a log holds, from its first file on.
 pub fn read_log(log: &Path) -> (Vec<LogEntry>, End) {
     let mut reader = LogReader::open(log).unwrap();
     let mut entries = Vec::new();
