@@ -18,9 +18,8 @@
 //! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal};
-use control_api::law::{Desired, Fields, Law, OuterLaw, Rig};
+use control_api::law::{Desired, Fields, Law, OuterInput, OuterLaw, Rig};
 use control_api::saved_state::saved_fields;
-use messages::content::{Measured, Reference};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
@@ -143,14 +142,14 @@ impl Estimating {
 }
 
 impl OuterLaw for Estimating {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Measured,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> Desired {
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired {
         let (airframe, rotor) = (self.rig.airframe, self.rig.rotor);
+        let OuterInput {
+            tick,
+            measured,
+            reference,
+        } = input;
+        let tick = *tick;
         let p = Vector3::from(measured.position_w_m);
         let v = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);
