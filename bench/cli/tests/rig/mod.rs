@@ -206,21 +206,6 @@ impl Rig {
         self.line(line).expect(0)
     }
 
-    /// Flies in lockstep and simulates with the same options: the states are the same to the last bit, of `ticks` ticks.
-    pub fn flies_as_simulated(&self, options: &str, ticks: usize) -> Ended {
-        let (flown, simulated) = (self.file("flown.csv"), self.file("simulated.csv"));
-        let fly = format!("fly --pace lockstep {options} --every 1 --states {flown}");
-        let simulate = format!("simulate {options} --every 1 --states {simulated}");
-        let flight = self.ok(&fly);
-        self.ok(&simulate);
-        assert_same_rows(
-            &fs::read(&flown).unwrap(),
-            &fs::read(&simulated).unwrap(),
-            ticks,
-        );
-        flight
-    }
-
     /// Runs a whole command line, which must be refused as a mistake.
     pub fn refused(&self, line: &str) -> Ended {
         self.line(line).expect(2)
@@ -364,16 +349,6 @@ impl Drop for Rig {
                 .status();
         }
     }
-}
-
-/// Two tables of states are the same, byte for byte, and have a header and a row per tick.
-#[track_caller]
-pub fn assert_same_rows(flown: &[u8], simulated: &[u8], ticks: usize) {
-    let lines = |bytes| str::from_utf8(bytes).unwrap().lines();
-    let differs = lines(flown).zip(lines(simulated)).find(|(a, b)| a != b);
-    assert_eq!(differs, None, "another flight");
-    assert_eq!(lines(simulated).count(), ticks + 1);
-    assert!(flown == simulated, "{} lines flown", lines(flown).count());
 }
 
 /// What messages call the process of a role.
