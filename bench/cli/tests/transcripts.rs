@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use crate::c_laws::{library, root};
 use crate::miss_analysis_flights::TRACEFS;
+use crate::python::python_with;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
     Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
@@ -223,6 +224,14 @@ impl Stage {
                 self.close();
                 let process = self.shell(rest);
                 self.end(process);
+            }
+            "python" => {
+                self.close();
+                let (packages, script) = rest.split_once(": ").unwrap();
+                match python_with(packages, &format!("not run: {script}")) {
+                    Some(python) => self.end(self.shell(&format!("{python} {script}"))),
+                    None => self.is_refused = true,
+                }
             }
             "bg" => {
                 self.close();
