@@ -375,18 +375,12 @@ impl Settings {
     }
 
     pub fn log_plan(&self) -> LogPlan {
-        let RecorderSettings {
-            log,
-            log_around_s,
-            log_file_mb,
-            log_files,
-            ..
-        } = self.recorder;
-        let around_ticks = (log_around_s / self.flight.period_s).round() as u64;
+        let recorder = &self.recorder;
+        let around_ticks = (recorder.log_around_s / self.flight.period_s).round() as u64;
         LogPlan {
-            around_ticks: (log == LogName::AroundMisses).then_some(around_ticks),
-            file_bytes: log_file_mb * 1_000_000,
-            files: (log_files > 0).then_some(log_files),
+            around_ticks: (recorder.log == LogName::AroundMisses).then_some(around_ticks),
+            file_bytes: recorder.log_file_mb * 1_000_000,
+            files: Some(recorder.log_files).filter(|files| *files > 0),
         }
     }
 

@@ -17,7 +17,7 @@ use toml::{Table, Value};
 use super::airframe::built;
 use super::law_settings::{self, Chosen};
 use super::validation::refused;
-use super::{PaceName, Settings, SimplexSection};
+use super::{PaceName, Settings};
 use analysis::laws::FlownLaws;
 use analysis::phrase::count;
 use analysis::theorem::SEVERAL_LAWS;
@@ -105,13 +105,8 @@ impl Settings {
             return [Channel::A; MOST_CHANNELS];
         }
         let laws = Channel::ALL.map(|channel| {
-            let Self {
-                outer,
-                inner,
-                mixer,
-                ..
-            } = self.of_channel(channel);
-            [outer, inner, mixer]
+            let own = self.of_channel(channel);
+            [own.outer, own.inner, own.mixer]
         });
         Channel::ALL.map(|channel| {
             let is_like = |it: &Channel| laws[*it as usize] == laws[channel as usize];
@@ -182,18 +177,12 @@ impl Settings {
 
     /// Where a channel with other laws takes over.
     pub fn envelope(&self) -> Option<Envelope> {
-        let SimplexSection {
-            enabled,
-            tilt_max_rad,
-            rate_max_rad_s,
-            error_max_m,
-            command_step_max_rad_s,
-        } = self.simplex;
-        enabled.then_some(Envelope {
-            tilt_max_rad,
-            rate_max_rad_s,
-            error_max_m,
-            command_step_max_rad_s,
+        let simplex = &self.simplex;
+        simplex.enabled.then_some(Envelope {
+            tilt_max_rad: simplex.tilt_max_rad,
+            rate_max_rad_s: simplex.rate_max_rad_s,
+            error_max_m: simplex.error_max_m,
+            command_step_max_rad_s: simplex.command_step_max_rad_s,
         })
     }
 

@@ -140,18 +140,13 @@ impl Simulator {
     /// at least 60 ticks later (some look back). None if a law cannot be copied.
     pub fn branch(&self, settings: &Settings) -> Result<Option<Box<Self>>, Failure> {
         let mut rig = Box::new(Self::of(settings)?);
-        let Self {
-            plant,
-            outer,
-            inner,
-            mixer,
-            ..
-        } = self;
-        if !(rig.outer.copy_from(outer) && rig.inner.copy_from(inner) && rig.mixer.copy_from(mixer))
-        {
+        let is_copied = rig.outer.copy_from(&self.outer)
+            && rig.inner.copy_from(&self.inner)
+            && rig.mixer.copy_from(&self.mixer);
+        if !is_copied {
             return Ok(None);
         }
-        rig.plant.clone_from(plant);
+        rig.plant.clone_from(&self.plant);
         if let Some(faulted) = &mut rig.faulted {
             rig.plant.gate(faulted.plant_gate());
             faulted.take_over(self);

@@ -144,12 +144,7 @@ impl Estimating {
 impl OuterLaw for Estimating {
     fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired {
         let (airframe, rotor) = (self.rig.airframe, self.rig.rotor);
-        let OuterInput {
-            tick,
-            measured,
-            reference,
-        } = input;
-        let tick = *tick;
+        let (tick, measured, reference) = (input.tick, &input.measured, &input.reference);
         let p = Vector3::from(measured.position_w_m);
         let v = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);

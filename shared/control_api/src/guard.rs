@@ -369,28 +369,20 @@ impl InnerMemory {
 
     /// What the rotor command gives that was in force when a state was measured, by the nominal model.
     fn given(&self, state: &Stamped<State>) -> Stamped<Given> {
-        let State {
-            measured,
-            command_tick,
-            command_saturated,
-            ..
-        } = &state.content;
-        let k = self.rig.airframe.k();
-        let f = Vector4::from(measured.rotor_speed_command_rad_s).map(|w| k * w * w);
+        let (k, content) = (self.rig.airframe.k(), &state.content);
+        let commanded = Vector4::from(content.measured.rotor_speed_command_rad_s);
+        let f = commanded.map(|w| k * w * w);
         let (thrust_n, torque) = self.allocation.wrench(&f);
         let given = Given {
             thrust_n,
             torque_b_nm: torque.into(),
-            saturated: *command_saturated,
+            saturated: content.command_saturated,
         };
-        Stamped::new(
-            if state.tick == NO_TICK {
-                NO_TICK
-            } else {
-                *command_tick
-            },
-            given,
-        )
+        let tick = match state.tick {
+            NO_TICK => NO_TICK,
+            _ => content.command_tick,
+        };
+        Stamped::new(tick, given)
     }
 
     /// Whether something was longer ago than it is held for, or never was.

@@ -64,11 +64,7 @@ pub fn text(trials: &[Trial]) -> String {
 
 pub fn figures(trials: &[Trial]) -> String {
     let figures = trials.iter().map(|it| {
-        let Trial {
-            number,
-            loop_p99_us,
-            late,
-        } = it;
+        let (number, loop_p99_us, late) = (it.number, it.loop_p99_us, it.late);
         format!("{number}: loop p99 {loop_p99_us:.1} us, {late} late")
     });
     figures.collect::<Vec<_>>().join("; ")

@@ -162,12 +162,7 @@ impl Ended {
 
 impl std::fmt::Display for Ended {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self {
-            what,
-            stdout,
-            stderr,
-            ..
-        } = self;
+        let (what, stdout, stderr) = (&self.what, &self.stdout, &self.stderr);
         write!(f, "{what}\n--- stdout\n{stdout}\n--- stderr\n{stderr}")
     }
 }
