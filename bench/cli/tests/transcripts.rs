@@ -13,8 +13,8 @@ use crate::miss_analysis_flights::TRACEFS;
 use crate::python::python_with;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
-    Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
-    send, signal_of, squeezed, stop_for, wait_until,
+    BUILT_WITH_TESTS, Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool,
+    not_tested, rounds, send, signal_of, squeezed, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
 use serde_json::Value;
@@ -163,6 +163,7 @@ impl Scenario<'_> {
             ("instance", rig.instance.clone()),
             ("repository", root().display().to_string()),
             ("ironbird", rig.executable().to_owned()),
+            ("built", BUILT_WITH_TESTS.to_owned()),
             ("round", round.to_string()),
             ("random", format!("{random:03}")),
         ];
