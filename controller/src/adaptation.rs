@@ -212,7 +212,6 @@ pub struct Learnt {
 }
 
 impl Adaptation {
-    /// The adaptation of gains on a rig.
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
         let w_e = gains.regressor_filter_rad_s;
         Self {

@@ -95,7 +95,6 @@ impl AttitudeLoop {
         self.filter.advance(&self.win, &self.tick_passes)
     }
 
-    /// Ends a tick.
     pub fn end(&mut self, tick: u64) {
         self.filter = self.next();
         self.filter_tick = tick + 1;

@@ -181,14 +181,8 @@ impl Demand {
 
 impl fmt::Display for Excess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            demanded,
-            first_s,
-            worst_s,
-            worst,
-            allowed,
-            limited_by,
-        } = self;
+        let (demanded, worst, allowed) = (self.demanded, self.worst, self.allowed);
+        let (first_s, worst_s) = (self.first_s, self.worst_s);
         let (what, unit, key) = match demanded {
             Demanded::Jump => {
                 return write!(
@@ -206,7 +200,7 @@ impl fmt::Display for Excess {
         if first_s != worst_s {
             write!(f, ", too much from {first_s:.2} s on")?;
         }
-        match (demanded, limited_by) {
+        match (demanded, self.limited_by) {
             (Demanded::Climb | Demanded::Descent | Demanded::Tilt, Some(role)) => {
                 write!(f, "; {role}.{key} is {allowed:.4}")
             }

@@ -5,14 +5,14 @@
 
 use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, rig};
 use control_api::description::{Settings, Value};
-use control_api::law::{Desired, InnerLaw, Law, WrenchSetpoint};
+use control_api::law::{InnerInput, InnerLaw, Law, WrenchSetpoint};
 use controller::Trajectory;
 use controller::laws::{
     Adaptive, AdaptiveResidual, Estimating, Fixed, Geometric, Indi, L1, Mrac, Pid, Sliding,
 };
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
-use messages::content::{Measured, NO_TICK, Reference, RotorSpeeds, Stamped};
+use messages::content::{RotorSpeeds, Stamped};
 use messages::parameters::Parameter::{
     DisturbanceGain, GyroNoise, InertiaX, InertiaY, Mass, MotorTimeConstant, RotationalDrag,
     RotorEfficiency1, TranslationalDrag,
@@ -220,37 +220,23 @@ fn estimating_learns_the_drag_of_a_vehicle_that_moves() {
 /// A law that was never shown the vehicle, then one that is not shown it any more.
 fn coasts<L: Law + InnerLaw>(overrides_thrust: bool) {
     let mut law = L::new(&rig(), &Settings::default()).expect("the defaults go together");
-    let mut ask = |tick, measured_tick| {
-        let measured = Measured {
-            rate_b_rad_s: [1.0; 3],
-            ..Measured::default()
-        };
-        let desired = Desired {
-            thrust_n: 4.0,
-            ..Desired::default()
-        };
-        let (measured, desired) = (
-            Stamped::new(measured_tick, measured),
-            Stamped::new(tick, desired),
-        );
-        let (reference, mut telemetry) = (Reference::default(), Telemetry::default());
-        let given = Stamped::never();
-        law.tick(
+    let mut ask = |tick, measured_age| {
+        let mut input = InnerInput {
             tick,
-            &measured,
-            &given,
-            &desired,
-            &reference,
-            &mut telemetry,
-        )
+            measured_age,
+            ..InnerInput::default()
+        };
+        input.measured.rate_b_rad_s = [1.0; 3];
+        input.wanted.thrust_n = 4.0;
+        law.tick(&input, &mut Telemetry::default())
     };
     let no_torque = |thrust_n| WrenchSetpoint {
         thrust_n,
         ..WrenchSetpoint::default()
     };
     let weight_n = rig().airframe.m() * rig().airframe.g();
-    assert_eq!(ask(0, NO_TICK), no_torque(weight_n));
-    let shown = ask(1, 1);
+    assert_eq!(ask(0, u64::MAX), no_torque(weight_n));
+    let shown = ask(1, 0);
     assert!(shown.torque_b_nm.iter().all(|tau| *tau < 0.0), "{shown:?}");
     assert!(overrides_thrust || shown.thrust_n == 4.0, "{shown:?}");
     assert_eq!(ask(2, 1), no_torque(shown.thrust_n));
@@ -294,17 +280,13 @@ fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
         left_m: 0.0,
     };
     for tick in 0..10_000 {
-        let measured = Stamped::new(tick, plant.begin(tick).measured);
-        let wanted = Stamped::new(tick, Desired::default());
-        let (reference, mut telemetry) = (Reference::default(), Telemetry::default());
-        let demand = law.tick(
+        let measured = plant.begin(tick).measured;
+        let input = InnerInput {
             tick,
-            &measured,
-            &Stamped::never(),
-            &wanted,
-            &reference,
-            &mut telemetry,
-        );
+            measured,
+            ..InnerInput::default()
+        };
+        let demand = law.tick(&input, &mut Telemetry::default());
         let tau = demand.torque_b_nm.into();
         let (f_min, f_max) = (rig.rotor.f_min(k), rig.rotor.f_max(k));
         let mixed = mix(&allocation, demand.thrust_n, &tau, f_min, f_max);
@@ -314,8 +296,8 @@ fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
         };
         plant.offer(&Stamped::new(tick, command), tick + 1);
         plant.finish();
-        let position = Vector3::from(measured.content.position_w_m);
-        let z_b = Attitude::of_wxyz(measured.content.attitude_quaternion).to_world(&Vector3::z());
+        let position = Vector3::from(measured.position_w_m);
+        let z_b = Attitude::of_wxyz(measured.attitude_quaternion).to_world(&Vector3::z());
         if z_b.z < 10_f64.to_radians().cos() {
             recovery.upright_s = tick as f64 * rig.period_s;
         }

@@ -3,9 +3,8 @@
 //! `vectors/laws.py` and `vectors/observers.py` make them from the formulas of the sources; they are run by hand.
 
 use control_api::description::{SettingKind, Settings, Value};
-use control_api::law::{Desired, InnerLaw, Law, OuterLaw, Rig};
+use control_api::law::{Desired, InnerInput, InnerLaw, Law, OuterInput, OuterLaw, Rig};
 use controller::laws::{AdaptiveResidual, Estimating, Geometric, Indi, L1, Mrac, Pid, Sliding};
-use messages::content::{Measured, Reference, Stamped};
 use messages::layout::{Field, Visit, VisitorMut};
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter};
@@ -133,17 +132,15 @@ fn inner<L: Law + InnerLaw>() {
     each_case::<L>(
         |law, row, telemetry| {
             let (tick, measured_tick) = (tick_of(&row["tick"]), tick_of(&row["measured_tick"]));
-            let measured = Stamped::new(measured_tick, read(&row["measured"]));
-            let wanted = Stamped::new(tick, read(&row["wanted"]));
-            let reference = read(&row["reference"]);
-            let demand = law.tick(
+            let input = InnerInput {
                 tick,
-                &measured,
-                &Stamped::never(),
-                &wanted,
-                &reference,
-                telemetry,
-            );
+                measured_age: tick - measured_tick,
+                measured: read(&row["measured"]),
+                wanted: read(&row["wanted"]),
+                reference: read(&row["reference"]),
+                ..InnerInput::default()
+            };
+            let demand = law.tick(&input, telemetry);
             [&[demand.thrust_n], &demand.torque_b_nm[..]].concat()
         },
         |out| {
@@ -167,9 +164,12 @@ fn in_a_row(wanted: &Desired) -> Vec<f64> {
 fn estimating() {
     each_case::<Estimating>(
         |law, row, telemetry| {
-            let (measured, reference): (Measured, Reference) =
-                (read(&row["measured"]), read(&row["reference"]));
-            in_a_row(&law.tick(tick_of(&row["tick"]), &measured, &reference, telemetry))
+            let input = OuterInput {
+                tick: tick_of(&row["tick"]),
+                measured: read(&row["measured"]),
+                reference: read(&row["reference"]),
+            };
+            in_a_row(&law.tick(&input, telemetry))
         },
         |out| in_a_row(&read(out)),
     );
@@ -204,24 +204,10 @@ fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
     let settings = Settings::new(vec![("attitude_rad_s", Value::Three([14.0, 14.0, gain]))]);
     let mut law = Geometric::new(&rig, &settings).expect("the settings go together");
     // Turned about z, at rest where it should be: (1/2) (R_d^T R - R^T R_d)^vee is the sine of the angle, and no more.
-    let measured = Measured {
-        attitude_rad: [0.0, 0.0, angle],
-        attitude_quaternion: [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()],
-        ..Measured::default()
-    };
-    let (reference, mut telemetry) = (Reference::default(), Telemetry::default());
-    let (measured, wanted) = (
-        Stamped::new(0, measured),
-        Stamped::new(0, Desired::default()),
-    );
-    let demand = law.tick(
-        0,
-        &measured,
-        &Stamped::never(),
-        &wanted,
-        &reference,
-        &mut telemetry,
-    );
+    let mut input = InnerInput::default();
+    input.measured.attitude_rad = [0.0, 0.0, angle];
+    input.measured.attitude_quaternion = [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()];
+    let demand = law.tick(&input, &mut Telemetry::default());
     let expected = -rig.airframe.i_m()[2] * gain * gain * angle.sin();
     let torque = demand.torque_b_nm[2];
     assert!(

@@ -1,7 +1,7 @@
 //! The law `priority`: thrust first, then roll and pitch, then yaw; see [`crate::mix`].
 
 use control_api::description::{Description, Refused, Settings, signal};
-use control_api::law::{Fields, Law, MixerLaw, Rig, WrenchSetpoint};
+use control_api::law::{Fields, Law, MixerInput, MixerLaw, Rig};
 use messages::allocation::Allocation;
 use messages::content::ROTORS;
 use messages::role::Role;
@@ -49,16 +49,11 @@ impl Law for Priority {
 }
 
 impl MixerLaw for Priority {
-    fn tick(
-        &mut self,
-        _: u64,
-        demand: &WrenchSetpoint,
-        telemetry: &mut Telemetry,
-    ) -> ([f64; ROTORS], bool) {
+    fn tick(&mut self, input: &MixerInput, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
         let mix = mix(
             &self.allocation,
-            demand.thrust_n,
-            &demand.torque_b_nm.into(),
+            input.demand.thrust_n,
+            &input.demand.torque_b_nm.into(),
             self.f_min,
             self.f_max,
         );

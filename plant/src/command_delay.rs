@@ -33,7 +33,6 @@ impl CommandDelay {
         delay
     }
 
-    /// Takes over the delay of the parameters.
     pub fn tune(&mut self, airframe: &Airframe) {
         let ticks = (airframe.get(Parameter::CommandDelay) / self.period_s).round() as usize;
         self.ticks = ticks.min(self.on_their_way.len() - 1);

@@ -30,7 +30,6 @@ pub fn pending_commands(period_s: f64) -> usize {
     ((PENDING_S / period_s).round() as usize).clamp(PENDING_COMMANDS, PENDING_MAX)
 }
 
-/// A command that waits for its tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pending {
     tick: u64,

@@ -313,7 +313,6 @@ impl Plant {
         self.state().measured
     }
 
-    /// The state as it would be published now.
     pub fn state(&self) -> State {
         let mut state = State::default();
         self.show(&mut state);

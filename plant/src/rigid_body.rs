@@ -15,7 +15,6 @@ use messages::parameters::Airframe;
 use messages::rate_dynamics::Inertia;
 use nalgebra::{Vector3, Vector4};
 
-/// Where the body is and how it moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RigidBody {
     /// Position, world frame [m].
@@ -85,13 +84,7 @@ impl Dynamics {
     pub(crate) fn numbers(&self) -> [f64; 18] {
         let [a, b, c, d, e, f, h, i, j] = self.inertia.numbers();
         let ([x, y], r) = (self.gyroscopic, &self.rate_drag);
-        let Self {
-            g,
-            per_mass,
-            drag,
-            delta,
-            ..
-        } = *self;
+        let (g, per_mass, drag, delta) = (self.g, self.per_mass, self.drag, self.delta);
         [
             g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r.x, r.y, r.z, delta,
         ]

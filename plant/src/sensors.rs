@@ -16,7 +16,6 @@ use nalgebra::Vector3;
 use crate::noise::Stream;
 use crate::rigid_body::RigidBody;
 
-/// The sensors of an airframe, at a tick.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     period_s: f64,
@@ -148,7 +147,6 @@ impl Positioning {
         receiver
     }
 
-    /// Takes over delay and rate of the parameters.
     fn tune(&mut self, airframe: &Airframe) {
         let ticks = |time_s: f64| (time_s / self.period_s).round() as usize;
         let rate_hz = airframe.get(Parameter::PositionRate);

@@ -19,7 +19,6 @@ pub enum DeadlineOutcome {
     Late(u64),
 }
 
-/// A tick with what became of its deadline.
 pub type Judged = (u64, DeadlineOutcome);
 
 #[derive(Clone, Debug)]
@@ -69,7 +68,6 @@ impl Deadlines {
 #[derive(Clone, Debug, Default)]
 pub struct LateCommands {
     pub count: u64,
-    /// The first [`KEPT`] stretches.
     pub stretches: Vec<LateStretchSection>,
     last: Option<u64>,
     pub left_out: u64,

@@ -18,7 +18,6 @@ pub struct Bucket {
 /// Points of the curve per halving of the distance to 100 %.
 const CURVE_STEPS: u32 = 4;
 
-/// The distribution of a series; part of the final report.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Distribution {
     pub name: String,

@@ -13,7 +13,6 @@ pub fn to_string(value: &impl Serialize) -> serde_json::Result<String> {
     String::from_utf8(bytes).map_err(serde::ser::Error::custom)
 }
 
-/// Writes a value to standard output.
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = to_string(value).map_err(|e| Failure::failed(e.to_string()))?;
     print(&(text + "\n"))

@@ -119,7 +119,6 @@ pub struct Point {
     pub cause: Option<Cause>,
 }
 
-/// Why a flight did not survive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Cause {
@@ -149,7 +148,6 @@ pub struct LoopMargin {
 }
 
 impl Bounds {
-    /// Whether a point holds a limit.
     pub fn hold(&self, limit: usize, point: &Point) -> bool {
         let within = |value: Option<f64>, most: f64| value.is_some_and(|value| value <= most);
         point.cause.is_none()
@@ -173,7 +171,6 @@ impl Bounds {
 }
 
 impl Point {
-    /// The worse of two flights.
     pub fn worse(self, other: Self) -> Self {
         let max = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
         Self {
@@ -187,7 +184,6 @@ impl Point {
 }
 
 impl Search {
-    /// Adds a flight.
     pub fn take(&mut self, point: Point) {
         match self.points.binary_search_by_key(&point.at, |it| it.at) {
             Ok(i) => self.points[i] = self.points[i].worse(point),
@@ -201,7 +197,6 @@ impl Search {
         held.last().map_or(0, |it| it.at)
     }
 
-    /// The first point that was flown beyond a strength.
     pub fn beyond(&self, strength: u64) -> Option<&Point> {
         self.points.iter().find(|point| point.at > strength)
     }

@@ -17,7 +17,6 @@ pub struct RunFacts {
     #[serde(default)]
     pub build: Build,
     pub instance: String,
-    /// The settings that were flown, by section and key.
     pub settings: Value,
     pub host: Host,
 }

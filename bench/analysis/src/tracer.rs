@@ -222,7 +222,6 @@ impl Merge for u64 {
     }
 }
 
-/// Smallest and largest value; empty at first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Range {
     min: f64,

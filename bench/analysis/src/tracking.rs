@@ -217,14 +217,11 @@ mod tests {
             content.measured.position_w_m = [1.0, -2.0, 0.5];
             content.truth.position_w_m = [1.5, -2.0, 0.5];
             let setpoint = outer.tick(tick, &Stamped { tick, content }).unwrap();
-            let Reference {
-                position_w_m,
-                yaw_rad,
-                ..
-            } = setpoint.reference;
+            let reference = setpoint.reference;
             let bits = |[x, y, z]: [f64; 3], yaw: f64| [x, y, z, yaw].map(f64::to_bits);
             let found = bits(tracking.position_w_m(tick), tracking.yaw_rad(tick));
-            assert_eq!(found, bits(position_w_m, yaw_rad), "tick {tick}");
+            let expected = bits(reference.position_w_m, reference.yaw_rad);
+            assert_eq!(found, expected, "tick {tick}");
             let error_m = setpoint.position_error_m(&content).to_bits();
             assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
             content.measured = Measured::default();

@@ -79,7 +79,6 @@ fn good() -> Evidence {
     }
 }
 
-/// Publishes a message if there is a header for it.
 fn stamp<C: Topic>(analysis: &mut MissAnalysis, header: Option<Header>) {
     if let Some(envelope) = header {
         let content = C::default();

@@ -30,7 +30,6 @@ pub enum State {
     Missing,
     /// All of its rows are there.
     Whole,
-    /// It cannot be used, and why.
     Refused(String),
 }
 

@@ -32,7 +32,6 @@ const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "subm
 const NOISE_SEED: &str = "flight.seed";
 const TIMING: &str = "timing";
 const RECORDED: &str = "a recorded flight, its directory or its log";
-/// Keys of a fault.
 const PARTS: [&str; 5] = ["what", "value", "at_s", "over_s", "for_s"];
 const KINDS: &str = "fixed, choice, grid, uniform, normal, loguniform, latin, sobol";
 

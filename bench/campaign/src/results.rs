@@ -74,7 +74,6 @@ pub struct FactorResults {
     pub arms: Vec<Effect>,
 }
 
-/// What a factor does to an arm, by itself.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Effect {
     /// Share of the variance of success that it accounts for; none where all flights ended alike.

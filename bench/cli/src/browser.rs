@@ -11,7 +11,6 @@ use errors::{Failure, InFile as _};
 /// How long to wait for an error of the program that opens files. If it still runs then, it shows the page.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Opens the page of a flight and prints its path.
 pub fn open_page(directory: &Path) -> Result<(), Failure> {
     let page = directory.join("report.html");
     if !page.is_file() {

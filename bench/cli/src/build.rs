@@ -5,7 +5,6 @@ use std::sync::LazyLock;
 use flight_log::build::Build;
 use messages::checks::IS_MUTANT;
 
-/// This executable as `--version` names it.
 pub static VERSION: LazyLock<String> = LazyLock::new(|| here().to_string());
 
 /// This executable.

@@ -12,7 +12,6 @@ use errors::Failure;
 
 use crate::cli::CampaignCommand;
 
-/// Runs a command.
 pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
     match command {
         CampaignCommand::Run(args) => run::run(args),

@@ -200,7 +200,6 @@ fn faults(settings: &Settings) -> Result<Vec<Fault>, Failure> {
     Ok(faults)
 }
 
-/// Flies all plans on all CPUs.
 fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
     let flights = plans.iter();
     let flights: Vec<(&Flight, &Settings)> = flights
@@ -247,7 +246,6 @@ fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
     })
 }
 
-/// Tables that are built in.
 const SUITES: [(&str, &str); 1] = [("robustness", include_str!("../../../docs/robustness.toml"))];
 
 /// The cases of `--table` or `--suite`.

@@ -89,7 +89,6 @@ fn explanation(law: &Description) -> String {
     text + "\nTelemetry\n" + &or_none(signals.collect(), "  none\n")
 }
 
-/// A value as a settings file has it.
 fn toml_text(value: &Value) -> String {
     match value {
         Value::Number(number) => toml::Value::from(*number),
@@ -194,7 +193,6 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
     )
 }
 
-/// What the number at an index of an answer is.
 fn number_name(law: &Description, index: usize) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
     const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];

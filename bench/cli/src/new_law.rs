@@ -146,7 +146,6 @@ pub fn new(NewCommand::Law(args): &NewCommand) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// Refuses a name that a law cannot have.
 fn check(name: &str) -> Result<(), Failure> {
     let is_allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     let starts_with_letter = name.starts_with(|first: char| first.is_ascii_lowercase());
@@ -185,7 +184,6 @@ impl LawRole {
     }
 }
 
-/// The files of the folder: paths and texts.
 fn files(args: &NewLawArgs) -> Result<Vec<(&'static str, String)>, Failure> {
     let role = args.role.role().name();
     let (language, source) = match args.lang {

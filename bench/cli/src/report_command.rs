@@ -94,7 +94,6 @@ fn abandon(report: &mut Report, directory: &Path) {
     break_off(report, FlightStatus::Aborted, ending);
 }
 
-/// Reads the report in a run directory.
 pub fn read(directory: &Path) -> Result<Report, Failure> {
     let path = directory.join("report.json");
     if path.exists() {
@@ -106,7 +105,6 @@ pub fn read(directory: &Path) -> Result<Report, Failure> {
     ))
 }
 
-/// Compares two flights, or two groups of flights.
 fn diff(args: &DiffArgs) -> Result<u8, Failure> {
     let (a, b) = groups(args)?;
     let directories = |runs: &[PathBuf]| -> Result<Vec<PathBuf>, Failure> {

@@ -44,7 +44,6 @@ struct RecordedRun {
     /// Size of all files [bytes].
     bytes: u64,
     is_latest: bool,
-    /// Whether one of its processes still runs.
     #[serde(skip)]
     is_alive: bool,
 }
@@ -242,7 +241,6 @@ fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure> {
         .help("remove the files named above yourself, or run this as the user who recorded them"))
 }
 
-/// Why a flight must not be removed.
 fn reason_to_keep(run: &RecordedRun) -> Option<String> {
     if run.is_latest {
         return Some("`latest` points to it".into());

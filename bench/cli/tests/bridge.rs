@@ -120,7 +120,6 @@ impl Client {
         }
     }
 
-    /// The texts of the server until it closes the connection.
     fn last_texts(mut self) -> String {
         let mut texts = String::new();
         loop {
@@ -166,7 +165,6 @@ impl Client {
         by_name(&answer)
     }
 
-    /// The names of a topic's fields, from its schema.
     fn fields(&self, topic: &str) -> Vec<String> {
         let set = self.descriptors(topic);
         let fields = set.file[0].message_type[0].field.iter();
@@ -219,7 +217,6 @@ fn open(rig: &Rig, args: &str) -> (Running, u16) {
     (bridge, port.parse().unwrap())
 }
 
-/// A flight of these laws, with a bridge to it.
 fn flown(name: &str, laws: &str, args: &str) -> (Rig, Running, Running, u16) {
     let rig = Rig::with_features(name);
     let flight = rig.take_off(format!("--rt off --duration 600s {laws}"));

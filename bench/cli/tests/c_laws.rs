@@ -4,7 +4,6 @@ use crate::rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The directory of the repository.
 pub fn root() -> PathBuf {
     let mut ancestors = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
     ancestors.nth(2).unwrap().to_owned()

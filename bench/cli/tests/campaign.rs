@@ -1,15 +1,11 @@
-//! Campaigns: other implementations read their rows, memory, refused timings. `transcripts/campaigns.md` has the rest.
+//! Campaigns: memory, refused timings. `transcripts/campaigns.md` has the rest.
 
-use crate::python::{python_with, run_python};
 use crate::rig::{Ended, Rig, table};
-use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
-
-const SMALL: &str = include_str!("campaigns/small.toml");
 
 /// Whole files, of rows and merged, by name.
 pub fn chunks(directory: &str) -> BTreeMap<String, Vec<u8>> {
@@ -20,42 +16,6 @@ pub fn chunks(directory: &str) -> BTreeMap<String, Vec<u8>> {
     chunks
         .map(|path| (name(&path), fs::read(&path).unwrap()))
         .collect()
-}
-
-#[test]
-fn other_implementations_read_the_rows() {
-    let rig = Rig::new("readers");
-    let (file, rows) = (rig.settings(SMALL), rig.file("rows"));
-    rig.ok(&format!("campaign run {file} --out {rows}"));
-    rig.ok(&format!("campaign merge {rows}"));
-    let report = rig
-        .ok(&format!("campaign report {rows} --format json"))
-        .json();
-    let packages = "duckdb, pandas, polars, pyarrow.parquet";
-    let purpose = "rows of campaigns are not read by other implementations";
-    let Some(python) = python_with(packages, purpose) else {
-        return;
-    };
-    let merged = Path::new(&rows).join("merged.parquet");
-    let read = run_python(&python, "bench/cli/tests/read_rows.py", &[&merged]);
-    let read: Value = serde_json::from_slice(&read).unwrap();
-    assert_eq!(read["unit"], "kg");
-    assert_eq!(read["told"]["ironbird.schema"], "ironbird-campaign/1");
-    let arms = report["arms"].as_array().unwrap().iter();
-    let successes: u64 = arms.map(|arm| arm["successes"].as_u64().unwrap()).sum();
-    for reader in ["duckdb", "polars", "pandas"] {
-        assert_eq!(
-            (&read[reader][0], &read[reader][1]),
-            (&46.into(), &successes.into())
-        );
-        for i in [2, 3] {
-            let [sum, other] = [&read[reader], &read["duckdb"]].map(|it| it[i].as_f64().unwrap());
-            assert!(
-                (sum / other - 1.0).abs() < 1e-12,
-                "{reader}: {sum}, {other}"
-            );
-        }
-    }
 }
 
 /// The most memory that a campaign of so many flights takes [kB], as far as it is seen before the end.

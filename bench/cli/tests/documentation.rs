@@ -115,7 +115,6 @@ fn run_python(script: &str, argument: &str) -> Vec<u8> {
     crate::python::run_python("python3", script, &[Path::new(argument)])
 }
 
-/// The rows as the drill lists them.
 fn rows() -> Vec<Value> {
     serde_json::from_slice(&run_python("bench/drill/run", "--list")).unwrap()
 }

@@ -2,7 +2,7 @@
 
 use crate::campaign::chunks;
 use crate::python::{python_with, repository};
-use crate::rig::{self, Rig, Running, command_line, lacks_tool, processes, wait_until};
+use crate::rig::{Rig, Running, command_line, lacks_tool, processes, wait_until};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -13,7 +13,6 @@ use rustix::process::{Pid, Signal, kill_process};
 
 const CAMPAIGN: &str = include_str!("campaigns/shards.toml");
 
-/// A script of the repository that brings an engine up.
 fn script(name: &str) -> PathBuf {
     repository("bench/campaign/engines").join(name)
 }
@@ -96,7 +95,6 @@ impl Slurm {
         [("SLURM_CONF", config.display().to_string())]
     }
 
-    /// The jobs of the queue.
     fn jobs(&self) -> String {
         let mut command = Command::new("squeue");
         let command = command.arg("--noheader").envs(self.environment());
@@ -220,40 +218,5 @@ fn hyperqueue_loses_a_shard_and_then_all_and_the_rows_are_the_same() {
         .end()
         .expect(0)
         .says("shards: 48 flights, each by 2 arms");
-    assert_same(&rig, &out);
-}
-
-#[test]
-fn rows_of_another_build_are_named_and_flown_again() {
-    let rig = Rig::with_features("builds");
-    let (file, out) = (rig.settings(CAMPAIGN), rig.file("rows"));
-    rig.ok(&format!("campaign run {file} --out {out} --shard 1/2"));
-    // The same executable with other words in the place of its version and commit: to the rows, another build.
-    let facts = fs::read_to_string(Path::new(&out).join("campaign.json")).unwrap();
-    let facts: serde_json::Value = serde_json::from_str(&facts).unwrap();
-    let build = facts["build"].as_str().unwrap();
-    let commit = build.split(' ').nth(1).unwrap().split('-').next().unwrap();
-    let zeros = "0".repeat(commit.len());
-    let script =
-        "LC_ALL=C sed \"s/$1/$2/g\" \"$0\" >ironbird; chmod 755 ironbird; cmp -s \"$0\" ironbird";
-    let mut edit = Command::new("sh");
-    edit.args(["-c", script, rig::BUILT_WITH_TESTS, commit, &zeros]);
-    // A process of its own writes the file: a child of another test must not hold it open. The files differ.
-    rig.launch(edit).end().expect(1);
-    let other = rig.path("ironbird");
-    let mut command = Command::new(&other);
-    command.args(["campaign", "run", &file, "--out", &out, "--shard", "1/2"]);
-    let mixed = rig.launch(command).end().expect(0);
-    mixed
-        .complains(&format!("another build flew it: {build}; flying it again"))
-        .says("flown=48");
-    let status = rig.run("campaign", format!("status {out}")).expect(3);
-    status
-        .says("0 of 48 flights")
-        .says("another build flew it: ");
-    rig.run("campaign", format!("merge {out}"))
-        .expect(1)
-        .complains("nothing to merge yet");
-    rig.ok(&format!("campaign run {file} --out {out}"));
     assert_same(&rig, &out);
 }

@@ -13,7 +13,6 @@ use crate::rig::{IRONBIRD, Rig};
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
-/// The lines of a file in `golden/`, without comments.
 fn lines(file: &str) -> Vec<String> {
     let text = fs::read_to_string(Path::new(GOLDEN).join(file)).unwrap();
     text.lines()
@@ -144,7 +143,6 @@ fn exit_codes_stay() {
     }
 }
 
-/// The flags and subcommands that `--help` lists.
 fn listed(help: &str) -> (BTreeSet<String>, Vec<String>) {
     let mut flags = BTreeSet::new();
     let mut commands = Vec::new();

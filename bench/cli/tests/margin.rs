@@ -1,20 +1,16 @@
-//! Margins are those of single flights and of theory, and do not depend on the number of processors.
+//! Margins are those of single flights and of theory. `transcripts/studies.md` has the rest.
 
-use crate::c_laws::root;
 use crate::rig::{Ended, Rig};
 use controller::rate_law::sampled_gain;
 use controller::rate_loop::loop_gain_limit;
 use serde_json::Value;
-use std::fs;
 
-/// A search of the first law.
 fn search<'a>(margins: &'a Value, kind: &str, of: &str) -> &'a Value {
     let mut searches = margins["laws"][0]["searches"].as_array().unwrap().iter();
     let search = searches.find(|it| it["kind"] == kind && it["of"] == of);
     search.unwrap()
 }
 
-/// The greatest strength that is survived.
 fn survives(margins: &Value, kind: &str, of: &str) -> u64 {
     search(margins, kind, of)["limits"][2].as_u64().unwrap()
 }
@@ -80,25 +76,6 @@ fn the_longest_outage_flies_in_simulate_and_one_tick_more_does_not() {
 }
 
 #[test]
-fn one_processor_and_two_measure_the_same_bytes() {
-    let rig = Rig::new("jobs");
-    let run = |jobs: u32| {
-        let laws = "--inner adaptive --inner indi --only machine --only setpoint";
-        let length = "--phases 3 --longest 100ms --duration 20s";
-        rig.ok(&format!(
-            "margin {laws} {length} --jobs {jobs} --format json"
-        ))
-        .stdout
-    };
-    let one = run(1);
-    assert_eq!(one, run(2));
-    let margins: Value = serde_json::from_str(&one).unwrap();
-    let laws = margins["laws"].as_array().unwrap();
-    assert_eq!(laws.len(), 2);
-    assert_ne!(laws[0]["fingerprint"], laws[1]["fingerprint"]);
-}
-
-#[test]
 fn margins_are_those_of_theory_and_of_the_prediction() {
     let rig = Rig::new("theory");
     // The largest alpha at a delay, by the eigenvalues of the rate loop with its drag.
@@ -138,33 +115,5 @@ fn margins_are_those_of_theory_and_of_the_prediction() {
             .take_while(|delay| c < loop_gain_limit(*delay))
             .last();
         assert_eq!(limit, Some(delay), "the rule of docs/paper.md");
-    }
-}
-
-#[test]
-fn the_document_quotes_what_was_measured() {
-    let docs = root().join("docs");
-    let document = fs::read_to_string(docs.join("margins.md")).unwrap();
-    let measured = fs::read_to_string(docs.join("margins.txt")).unwrap();
-    let (_, results) = document.split_once("\n## All built-in laws\n").unwrap();
-    assert!(results.contains("(margins.txt)"), "{results}");
-    let quoted = results.lines().filter_map(|line| line.strip_prefix("    "));
-    let quoted: Vec<&str> = quoted.map(str::trim_end).collect();
-    assert!(quoted.len() > 20, "{quoted:?}");
-    for line in quoted {
-        assert!(
-            measured.lines().any(|it| it.trim_end() == line),
-            "not measured: {line}"
-        );
-    }
-    let pictures = document.lines().filter(|line| line.starts_with("!["));
-    let pictures: Vec<&str> = pictures.collect();
-    assert_eq!(pictures.len(), 3);
-    for line in pictures {
-        let (_, name) = line.trim_end_matches(')').rsplit_once('(').unwrap();
-        assert!(
-            fs::read(docs.join(name)).unwrap().starts_with(b"\x89PNG"),
-            "{name}"
-        );
     }
 }

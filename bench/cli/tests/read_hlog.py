@@ -1,7 +1,11 @@
-"""Prints what another implementation reads in an interval log: per tag the values over all intervals, as JSON."""
+"""Compares what another implementation reads in an interval log with the report of its flight.
+
+python read_hlog.py latency.hlog report.json
+"""
 
 import json
 import math
+import re
 import sys
 
 from hdrh.histogram import HdrHistogram
@@ -19,35 +23,46 @@ def value_at(histogram, quantile):
     raise ValueError("a histogram of fewer values than it says")
 
 
-def main(path):
-    reference = HdrHistogram(1, 10_000_000_000, 3)
-    reader = HistogramLogReader(path, reference)
+def header(path, name):
+    """The number of a comment such as `#[StartTime: 12.345 (seconds since epoch)]`."""
+    with open(path) as log:
+        return float(re.search(rf"^#\[{name}: ([^ \]]+)", log.read(), re.MULTILINE)[1])
+
+
+def main(path, report):
+    with open(report) as file:
+        report = json.load(file)
+    start_s = header(path, "StartTime")
+    # The run is numbered when the roles are ready, and t_0 announced after that; starts of intervals count from t_0.
+    assert start_s >= report["run"]["run_id"] / 1e9 - 1e-3, start_s
+    assert header(path, "BaseTime") == start_s
+    # Maxima of intervals are in milliseconds.
+    assert header(path, "MaxValueDivisor") == 1e6
+    reader = HistogramLogReader(path, HdrHistogram(1, 10_000_000_000, 3))
     total, intervals = {}, {}
     while (histogram := reader.get_next_interval_histogram()) is not None:
         tag = histogram.get_tag()
         total.setdefault(tag, HdrHistogram(1, 10_000_000_000, 3)).add(histogram)
-        intervals.setdefault(tag, []).append(
-            {
-                "start_ms": histogram.get_start_time_stamp(),
-                "end_ms": histogram.get_end_time_stamp(),
-                "count": histogram.total_count,
-                "max_ns": histogram.get_max_value(),
-            }
-        )
-    tags = {
-        tag: {
-            "count": histogram.total_count,
-            "min_ns": histogram.get_min_value(),
-            "p50_ns": value_at(histogram, 0.5),
-            "p90_ns": value_at(histogram, 0.9),
-            "p99_ns": value_at(histogram, 0.99),
-            "max_ns": histogram.get_max_value(),
-            "intervals": intervals[tag],
-        }
-        for tag, histogram in total.items()
-    }
-    json.dump({"start_s": reader.get_start_time_sec(), "tags": tags}, sys.stdout)
+        intervals.setdefault(tag, []).append(histogram)
+    assert reader.get_start_time_sec() == start_s
+    assert set(total) == {series["name"] for series in report["series"]}, total
+    for series in report["series"]:
+        name, read, parts = series["name"], total[series["name"]], intervals[series["name"]]
+        assert read.total_count == series["count"] == sum(part.total_count for part in parts), name
+        # Both fill the same buckets, so that not even the precision of the histogram lies between them.
+        for key, read_ns in {
+            "min_us": read.get_min_value(),
+            "p50_us": value_at(read, 0.5),
+            "p90_us": value_at(read, 0.9),
+            "p99_us": value_at(read, 0.99),
+            "max_us": read.get_max_value(),
+        }.items():
+            assert abs(read_ns / 1e3 - series[key]) < 1e-6, (name, key, read_ns, series[key])
+        assert max(part.get_max_value() for part in parts) == read.get_max_value(), name
+        for part in parts:
+            begin_ms, end_ms = part.get_start_time_stamp(), part.get_end_time_stamp()
+            assert start_s * 1e3 - 1 <= begin_ms < end_ms, (name, begin_ms, end_ms)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

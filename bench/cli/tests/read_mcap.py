@@ -2,7 +2,7 @@
 
 python read_mcap.py flight.mcap EXPORT_DIRECTORY
 
-Prints as JSON: messages per channel, the schema and the metadata of each, the metadata records, the first messages.
+Prints as JSON: messages per channel, the schema and the metadata of each, the metadata records. A `/` in a name is a `.`.
 """
 
 import json
@@ -28,7 +28,7 @@ def plain(message):
 
 
 def main(log, exported):
-    counts, first = {}, {}
+    counts = {}
     lines = {path.stem: path.open() for path in Path(exported).glob("*.jsonl")}
     with open(log, "rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
@@ -60,7 +60,10 @@ def main(log, exported):
                     sampled = read["envelope"]["sample_ns"]
                     if sampled and message.log_time != sampled:
                         sys.exit(f"{topic}: log time {message.log_time}, sampled {sampled}")
-            first.setdefault(topic, str(decoded))
+            if channel.metadata.get("telemetry") and "telemetry" in str(decoded):
+                sys.exit(f"{topic}: what its law shows has a channel of its own, and is in {decoded}")
+            if topic.startswith("pose/") and decoded.frame_id != "world":
+                sys.exit(f"{topic}: its frame is {decoded.frame_id}")
         records = {record.name: record.metadata for record in reader.iter_metadata()}
     for topic, rest in lines.items():
         if rest.readline():
@@ -68,7 +71,10 @@ def main(log, exported):
     for topic in channels:
         if channels[topic]["messages"] != counts.get(topic, 0):
             sys.exit(f"{topic}: {counts.get(topic, 0)} messages, its summary says {channels[topic]['messages']}")
-    json.dump({"channels": channels, "records": records, "first": first}, sys.stdout)
+    if records["settings"]["settings.toml"] != (Path(log).parent / "settings.toml").read_text():
+        sys.exit("the log has other settings than settings.toml")
+    channels = {topic.replace("/", "."): channel for topic, channel in channels.items()}
+    json.dump({"channels": channels, "records": records}, sys.stdout)
 
 
 if __name__ == "__main__":

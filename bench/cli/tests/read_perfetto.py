@@ -1,14 +1,20 @@
 #!/usr/bin/env python3
-"""Prints as JSON what the classes of the package `perfetto` read from a trace: tracks, slices, instants."""
+"""Compares what the classes of the package `perfetto` read from a trace with the exported messages and the report of its flight.
+
+python read_perfetto.py flight.perfetto-trace EXPORT_DIRECTORY report.json
+"""
 import collections
 import json
 import sys
+from pathlib import Path
 
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace, TrackEvent
 
+STAGES = {"plant": "state", "outer": "setpoint", "inner": "wrench", "mixer": "rotor_speeds"}
+
+path, exported, report = map(Path, sys.argv[1:])
 trace = Trace()
-with open(sys.argv[1], "rb") as file:
-    trace.ParseFromString(file.read())
+trace.ParseFromString(path.read_bytes())
 tracks, slices, instants, open_since = {}, collections.defaultdict(list), [], {}
 for packet in trace.packet:
     if packet.HasField("track_descriptor"):
@@ -25,4 +31,20 @@ for packet in trace.packet:
     else:
         instants.append([name, packet.timestamp, said])
 assert not open_since, f"slices without an end: {open_since}"
-print(json.dumps({"tracks": list(tracks.values()), "slices": slices, "instants": instants}))
+assert list(tracks.values()) == ["ironbird", *STAGES, "deadlines missed", "swaps"], tracks
+for place, (stage, topic) in enumerate(STAGES.items()):
+    expected = []
+    for line in (exported / f"{topic}.jsonl").read_text().splitlines():
+        envelope = json.loads(line)["envelope"]
+        stamps = envelope["stamps"][place]
+        is_stale = place > 0 and envelope["input_tick"][place - 1] != envelope["tick"]
+        name = stage + (" (stale input)" if is_stale else "")
+        if stamps["receive_ns"] > 0:
+            expected.append([envelope["tick"], stamps["receive_ns"], stamps["send_ns"], name])
+    assert len(expected) > 100 and slices[stage] == expected, f"{stage}: {slices[stage]} {expected}"
+missed = sum(said["count"] for track, _, said in instants if track == "deadlines missed")
+# Misses before the first state, and after the last state, are in no state.
+reported = json.loads(report.read_text())["deadlines"]["missed"]
+assert 21 <= missed <= reported, f"{missed} of {reported}"
+swaps = [said for track, _, said in instants if track == "swaps"]
+assert [swap["rotational_drag_nm_s"] for swap in swaps] == ["0.105 -> 0.2"], swaps

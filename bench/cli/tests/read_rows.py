@@ -1,6 +1,10 @@
-"""Prints what three public readers make of a campaign's rows: per reader the same numbers, as JSON."""
+"""Compares what three public readers make of a campaign's rows with each other and with its report.
+
+python read_rows.py merged.parquet REPORT.json
+"""
 
 import json
+import math
 import sys
 
 import duckdb
@@ -9,36 +13,25 @@ import polars
 import pyarrow.parquet
 
 
-def main(path):
+def main(path, report):
     metadata = pyarrow.parquet.read_metadata(path).metadata
+    assert metadata[b"unit.plant.mass_kg"] == b"kg", metadata
+    assert metadata[b"ironbird.schema"] == b"ironbird-campaign/1", metadata
+    with open(report) as file:
+        successes = sum(arm["successes"] for arm in json.load(file)["arms"])
     frame = pandas.read_parquet(path)
     lazy = polars.scan_parquet(path)
-    (rows, successes, error, mass), = duckdb.sql(
+    (of_duckdb,) = duckdb.sql(
         f"""select count(*), count(*) filter (success), sum("position_error_max_m"), sum("plant.mass_kg") from '{path}'"""
     ).fetchall()
-    columns = lazy.select(
+    of_polars = lazy.select(
         polars.len(), polars.col("success").sum(), polars.col("position_error_max_m").sum(), polars.col("plant.mass_kg").sum()
     ).collect().row(0)
-    print(
-        json.dumps(
-            {
-                "duckdb": [rows, successes, error, mass],
-                "polars": list(columns),
-                "pandas": [
-                    len(frame),
-                    int(frame["success"].sum()),
-                    float(frame["position_error_max_m"].sum()),
-                    float(frame["plant.mass_kg"].sum()),
-                ],
-                "unit": metadata[b"unit.plant.mass_kg"].decode(),
-                "told": {
-                    key.decode(): value.decode()
-                    for key, value in metadata.items()
-                    if key.startswith(b"ironbird.")
-                },
-            }
-        )
-    )
+    of_pandas = len(frame), frame["success"].sum(), frame["position_error_max_m"].sum(), frame["plant.mass_kg"].sum()
+    for read in of_duckdb, of_polars, of_pandas:
+        assert tuple(read[:2]) == (46, successes), (read, successes)
+        for ours, other in zip(read[2:], of_duckdb[2:]):
+            assert math.isclose(ours, other, rel_tol=1e-12), (read, of_duckdb)
 
 
-main(sys.argv[1])
+main(*sys.argv[1:])

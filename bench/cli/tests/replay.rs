@@ -20,7 +20,6 @@ const NOISY: &str = "[flight]\nduration_s = 0.4\ntrajectory = \"fast\"\nfaults =
     \"rotational_drag_nm_s=0.525,mass_kg=0.6@60ms\", \"rotor_efficiency_3=0.5@tick200\", \"mass_kg=0.5@tick400\"]\n\
     [rotor]\nmax_rad_s = 220.0\n";
 
-/// A log in a directory of its own.
 struct Recording {
     directory: TempDir,
     log: PathBuf,
@@ -44,7 +43,6 @@ fn noisy() -> Recording {
 }
 
 impl Recording {
-    /// Another file beside the log.
     fn path(&self, name: &str) -> PathBuf {
         self.directory.path().join(name)
     }
@@ -61,7 +59,6 @@ fn assert_identical(path: &Path) -> ReplayResult {
     replayed
 }
 
-/// The log is refused with these words.
 #[track_caller]
 fn assert_refused(path: &Path, words: &str) {
     let said = verify(path).unwrap_err().to_string();

@@ -29,7 +29,6 @@ const HOSTILE: &str = "</title></svg><script>throw 1</script>\"'&<b>";
 /// Two swaps, one of which the theorem does not cover.
 const SWAPS: &str = "--duration 2s --fault gyro_noise_rad_s=0.01@tick500 --fault rotational_drag_nm_s=0.525@tick1000";
 
-/// A flight in lockstep.
 fn lockstep_flight(rig: &Rig) -> PathBuf {
     rig.ok(&format!("fly --pace lockstep {SWAPS}"));
     rig.out().join("latest")
@@ -69,7 +68,6 @@ fn hostile_page(directory: &Path) -> String {
     flight::page(&report)
 }
 
-/// Chromium, if it is installed.
 fn chromium() -> Option<String> {
     let starts = |name: &&str| {
         let version = Command::new(name).arg("--version").output();

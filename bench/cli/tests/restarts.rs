@@ -34,7 +34,6 @@ pub(crate) fn await_begin(run: &Run, tick: u64) {
     sleep_through(grid.begin_of(tick));
 }
 
-/// Kills a role at a tick; its process.
 fn kill(rig: &Rig, run: &Run, tick: u64, role: Role) -> u32 {
     await_begin(run, tick);
     let pid = rig.known().pid_of(role).unwrap();

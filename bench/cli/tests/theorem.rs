@@ -37,7 +37,6 @@ fn lissajous() -> Flight {
     Flight::new(Trajectory::Lissajous, "flight", 12)
 }
 
-/// The causes that were counted.
 fn causes(counts: &BTreeMap<String, u64>) -> Vec<&str> {
     let counted = counts.iter().filter(|(_, count)| **count > 0);
     counted.map(|(cause, _)| cause.as_str()).collect()

@@ -10,10 +10,11 @@ use std::time::Duration;
 
 use crate::c_laws::{library, root};
 use crate::miss_analysis_flights::TRACEFS;
+use crate::python::python_with;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
-    Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool, not_tested, rounds,
-    send, signal_of, squeezed, stop_for, wait_until,
+    BUILT_WITH_TESTS, Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool,
+    not_tested, rounds, send, signal_of, squeezed, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
 use serde_json::Value;
@@ -90,13 +91,11 @@ pages! { airframes campaigns channels directories export flights gates laws law_
 /// Settings of a flight that nothing ends early, however busy the machine is.
 const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
 
-/// A scenario while it is played.
 struct Stage {
     rig: Rig,
     values: BTreeMap<String, String>,
     /// Processes in the background, by their command.
     running: BTreeMap<String, Running>,
-    /// The last process that has ended.
     ended: Option<Ended>,
     /// No step has checked its exit code yet.
     is_open: bool,
@@ -164,6 +163,7 @@ impl Scenario<'_> {
             ("instance", rig.instance.clone()),
             ("repository", root().display().to_string()),
             ("ironbird", rig.executable().to_owned()),
+            ("built", BUILT_WITH_TESTS.to_owned()),
             ("round", round.to_string()),
             ("random", format!("{random:03}")),
         ];
@@ -225,6 +225,14 @@ impl Stage {
                 self.close();
                 let process = self.shell(rest);
                 self.end(process);
+            }
+            "python" => {
+                self.close();
+                let (packages, script) = rest.split_once(": ").unwrap();
+                match python_with(packages, &format!("not run: {script}")) {
+                    Some(python) => self.end(self.shell(&format!("{python} {script}"))),
+                    None => self.is_refused = true,
+                }
             }
             "bg" => {
                 self.close();

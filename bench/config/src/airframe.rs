@@ -23,10 +23,8 @@ const BUILT_IN: [(&str, &str); 3] = [
     ("x500", include_str!("../airframes/x500.toml")),
 ];
 
-/// Name of the paper's airframe, which is the default.
 pub const PAPER: &str = "paper";
 
-/// An airframe as it was built, with its rotors.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Design {
     pub airframe: Airframe,
@@ -37,7 +35,6 @@ pub(super) struct Design {
     pub sha256: String,
 }
 
-/// The airframe of a name or of a file.
 pub(super) fn design(name: &str) -> Result<Design, Failure> {
     let (text, sha256) = match BUILT_IN.iter().find(|(known, _)| *known == name) {
         Some((_, text)) => ((*text).to_owned(), String::new()),
@@ -280,7 +277,6 @@ impl Design {
     }
 }
 
-/// The airframe that a section `[airframe]` of the settings describes.
 pub fn built(values: &BTreeMap<String, f64>) -> Result<Airframe, ParameterError> {
     let mut array = *Airframe::nominal().values();
     for (name, value) in values {

@@ -21,7 +21,6 @@ use analysis::schema::{LawSection, SignalSection};
 use analysis::theorem::SEVERAL_LAWS;
 use errors::Failure;
 
-/// The sections of laws, each with its role.
 pub const SECTIONS: [(&str, Role); 3] = [
     ("outer", Role::Outer),
     ("inner", Role::Inner),
@@ -52,7 +51,6 @@ pub fn known(role: Role) -> Vec<&'static Description> {
     }
 }
 
-/// Names of all presets of all laws.
 pub fn preset_names() -> Vec<&'static str> {
     let mut names = vec![DEFAULT_PRESET];
     for (_, role) in SECTIONS {
@@ -103,7 +101,6 @@ impl Chosen {
         }
     }
 
-    /// What a report says of it.
     pub fn section(self, not_finite: NotFinite, telemetry: Vec<SignalSection>) -> LawSection {
         let Description { name, version, .. } = *self.description();
         let library = self.library();

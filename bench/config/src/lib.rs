@@ -77,7 +77,6 @@ pub struct Settings {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub channel: BTreeMap<Channel, BTreeMap<Role, Table>>,
     pub recorder: RecorderSettings,
-    /// The points of the trajectory, if it has some.
     #[serde(skip)]
     pub points: Option<PointsFile>,
     /// Where files of laws are now.
@@ -250,7 +249,6 @@ impl Settings {
         resolved(overrides).map_err(|failure| validation::blamed(failure, overrides, resolved))
     }
 
-    /// The settings of a table that has every key.
     fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
         validation::check_texts("", &table)?;
         let ranges = validation::check_ranges(&table);
@@ -379,22 +377,15 @@ impl Settings {
     }
 
     pub fn log_plan(&self) -> LogPlan {
-        let RecorderSettings {
-            log,
-            log_around_s,
-            log_file_mb,
-            log_files,
-            ..
-        } = self.recorder;
-        let around_ticks = (log_around_s / self.flight.period_s).round() as u64;
+        let recorder = &self.recorder;
+        let around_ticks = (recorder.log_around_s / self.flight.period_s).round() as u64;
         LogPlan {
-            around_ticks: (log == LogName::AroundMisses).then_some(around_ticks),
-            file_bytes: log_file_mb * 1_000_000,
-            files: (log_files > 0).then_some(log_files),
+            around_ticks: (recorder.log == LogName::AroundMisses).then_some(around_ticks),
+            file_bytes: recorder.log_file_mb * 1_000_000,
+            files: Some(recorder.log_files).filter(|files| *files > 0),
         }
     }
 
-    /// The gates that the flight must pass.
     pub fn gates_asked(&self) -> RequestedGates {
         let limit = |limit: f64| (limit >= 0.0).then_some(limit);
         let recorder = &self.recorder;

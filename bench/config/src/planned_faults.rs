@@ -13,7 +13,6 @@ use faults::grammar::{Change, Fault, FaultError};
 use faults::plan::Planned;
 
 impl Settings {
-    /// The faults in ticks.
     pub fn planned(&self) -> Result<Planned, Failure> {
         let airframe = self.airframe()?;
         let (period_s, seed) = (self.flight.period_s, self.flight.seed);

@@ -17,7 +17,7 @@ use toml::{Table, Value};
 use super::airframe::built;
 use super::law_settings::{self, Chosen};
 use super::validation::refused;
-use super::{PaceName, Settings, SimplexSection};
+use super::{PaceName, Settings};
 use analysis::laws::FlownLaws;
 use analysis::phrase::count;
 use analysis::theorem::SEVERAL_LAWS;
@@ -105,13 +105,8 @@ impl Settings {
             return [Channel::A; MOST_CHANNELS];
         }
         let laws = Channel::ALL.map(|channel| {
-            let Self {
-                outer,
-                inner,
-                mixer,
-                ..
-            } = self.of_channel(channel);
-            [outer, inner, mixer]
+            let own = self.of_channel(channel);
+            [own.outer, own.inner, own.mixer]
         });
         Channel::ALL.map(|channel| {
             let is_like = |it: &Channel| laws[*it as usize] == laws[channel as usize];
@@ -119,12 +114,10 @@ impl Settings {
         })
     }
 
-    /// Whether channels fly different laws.
     pub fn has_several_laws(&self) -> bool {
         self.groups() != [Channel::A; MOST_CHANNELS]
     }
 
-    /// The law of a role, with its settings.
     pub(super) fn chosen(&self, role: Role) -> Result<(Chosen, description::Settings), Failure> {
         let section = match role {
             Role::Outer => &self.outer,
@@ -143,7 +136,6 @@ impl Settings {
         ])
     }
 
-    /// The descriptions of the chosen laws: outer, inner, mixer.
     pub fn laws(&self) -> Result<[&'static Description; 3], Failure> {
         Ok(self.chosen_laws()?.map(Chosen::description))
     }
@@ -160,7 +152,6 @@ impl Settings {
         Ok(options.join(" "))
     }
 
-    /// The outer loop before tick 0.
     pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Outer)?);
         let law = match law {
@@ -173,7 +164,6 @@ impl Settings {
         Ok(GuardedOuter::new(law.map_err(refused)?, route, &rig))
     }
 
-    /// The inner loop before tick 0.
     pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
         let law = match law {
@@ -187,18 +177,12 @@ impl Settings {
 
     /// Where a channel with other laws takes over.
     pub fn envelope(&self) -> Option<Envelope> {
-        let SimplexSection {
-            enabled,
-            tilt_max_rad,
-            rate_max_rad_s,
-            error_max_m,
-            command_step_max_rad_s,
-        } = self.simplex;
-        enabled.then_some(Envelope {
-            tilt_max_rad,
-            rate_max_rad_s,
-            error_max_m,
-            command_step_max_rad_s,
+        let simplex = &self.simplex;
+        simplex.enabled.then_some(Envelope {
+            tilt_max_rad: simplex.tilt_max_rad,
+            rate_max_rad_s: simplex.rate_max_rad_s,
+            error_max_m: simplex.error_max_m,
+            command_step_max_rad_s: simplex.command_step_max_rad_s,
         })
     }
 
@@ -249,7 +233,6 @@ impl Settings {
         Ok(self.flown_laws()?.without_theorem)
     }
 
-    /// What the report knows of the chosen laws.
     pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
         let (inner, settings) = self.chosen(Role::Inner)?;
         let (outer, mixer) = (self.chosen(Role::Outer)?.0, self.chosen(Role::Mixer)?.0);

@@ -10,7 +10,6 @@ use toml::{Table, Value};
 
 use super::DEFAULT;
 
-/// The commented default as a table.
 pub(super) static DEFAULT_TABLE: LazyLock<Table> =
     LazyLock::new(|| DEFAULT.parse().unwrap_or_default());
 

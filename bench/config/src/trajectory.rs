@@ -55,10 +55,8 @@ impl Default for TrajectorySection {
     }
 }
 
-/// The points of a file, read.
 #[derive(Clone, PartialEq)]
 pub struct PointsFile {
-    /// The file, as it was read.
     pub text: String,
     pub sha256: String,
     pub course: ScaledTrajectory,

@@ -46,7 +46,6 @@ const RANGES: [(&str, &str, f64, f64); 24] = [
     ("recorder", "states_every_ticks", 1.0, 1e9),
 ];
 
-/// Refuses a value outside of its range.
 pub(super) fn check_ranges(table: &Table) -> Result<(), Failure> {
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
     for (section, key, min, max) in RANGES {
@@ -92,12 +91,10 @@ fn check_gates(table: &Table) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A law refused a setting.
 pub(super) fn refused(e: Refused) -> Failure {
     Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")
 }
 
-/// Refuses a value that is not from `min` to `max`.
 pub(super) fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {
     if (min..=max).contains(&value) {
         return Ok(());
@@ -215,7 +212,6 @@ impl Settings {
         self.check_length()
     }
 
-    /// Refuses a flight that begins in the ground.
     fn check_start(&self) -> Result<(), Failure> {
         // What rounding leaves of a start on the ground.
         const ROUNDING_M: f64 = 1e-9;

@@ -40,7 +40,6 @@ pub struct Task {
     pub jobs: usize,
 }
 
-/// Measures the margins of every combination of laws.
 pub fn measure_all(
     settings: &[Settings],
     phases: &Phases,

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use errors::{Failure, INTERRUPTED};
 
-/// Fails as interrupted once the flag is set.
 pub fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
     match stop.load(Ordering::Relaxed) {
         true => Err(Failure::new(INTERRUPTED, "interrupted")),

@@ -43,7 +43,6 @@ const FINAL_STATUS: Duration = Duration::from_millis(200);
 /// Messages that a slow client may fall behind before it loses the oldest: a second of all topics.
 const BACKLOG: usize = 4096;
 
-/// How a flight is served.
 #[derive(Clone, Debug)]
 pub struct FoxgloveOptions {
     pub instance: String,
@@ -56,7 +55,6 @@ pub struct FoxgloveOptions {
     pub allow_origin: Vec<String>,
 }
 
-/// Serves a flight until it ends.
 pub fn foxglove(options: &FoxgloveOptions) -> Result<u8, Failure> {
     let instance = Instance::new(&options.instance)?;
     let stop = stop_flag()?;
@@ -119,7 +117,6 @@ fn join(instance: &Instance) -> Result<Observation, Failure> {
     }
 }
 
-/// Starts the server, and the proxy in front of it.
 fn start(
     options: &FoxgloveOptions,
     context: &Arc<Context>,

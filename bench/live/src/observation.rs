@@ -79,7 +79,6 @@ impl Observation {
         }))
     }
 
-    /// The run as its plant publishes it.
     pub fn run(&self) -> Run {
         self.run.get()
     }
@@ -97,7 +96,6 @@ impl Observation {
         self.wire.instance().is_occupied(role)
     }
 
-    /// How the flight ended, if it has.
     pub fn ending(&self) -> Option<EndReason> {
         let run = self.run();
         match run.phase() {

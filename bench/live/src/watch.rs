@@ -64,7 +64,6 @@ impl Feed {
         }
     }
 
-    /// Updates the model with everything new.
     fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
         let is_due = Instant::now() >= self.next_look;
         if is_due {

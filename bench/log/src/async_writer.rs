@@ -74,7 +74,6 @@ struct Queue {
 
 #[derive(Debug, Default)]
 struct SpoolState {
-    /// The piece that is being made.
     piece: Vec<u8>,
     pieces: VecDeque<Vec<u8>>,
     handed: u64,

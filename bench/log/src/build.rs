@@ -80,18 +80,12 @@ impl Default for Build {
 
 impl fmt::Display for Build {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            version,
-            commit,
-            dirty,
-            profile,
-            rustc,
-            ..
-        } = self;
+        let (version, rustc) = (&self.version, &self.rustc);
+        let (commit, profile) = (&self.commit, &self.profile);
         if commit == UNKNOWN && profile == UNKNOWN {
             return write!(f, "{version} (build unknown)");
         }
-        let dirty = if *dirty { " dirty" } else { "" };
+        let dirty = if self.dirty { " dirty" } else { "" };
         write!(f, "{version} ({commit}{dirty}, {profile}, rustc {rustc})")
     }
 }

@@ -18,7 +18,6 @@ pub(crate) struct Chunk {
 }
 
 impl Chunk {
-    /// An empty chunk.
     pub fn new() -> std::io::Result<Self> {
         Ok(Self {
             decompressor: Decompressor::new()?,

@@ -32,7 +32,6 @@ const fn is_called_telemetry(name: &str) -> bool {
     fnv1a(FNV_OFFSET, name.as_bytes()) == TELEMETRY
 }
 
-/// Appends a message.
 pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     let begin = out.len();
     out.resize(begin + <C as LoggedLength>::MESSAGE, 0);

@@ -2,7 +2,7 @@
 //!
 //! The well-known schemas define the field names and numbers: <https://docs.foxglove.dev/docs/sdk/schemas>.
 
-use messages::content::{Measured, Setpoint, State};
+use messages::content::{Setpoint, State};
 use messages::frames::quaternion_wb;
 use messages::grid::NS_PER_S;
 use prost::Message as _;
@@ -50,33 +50,23 @@ pub struct Placed {
 
 impl Placed {
     pub const fn airframe(at_ns: u64, state: &State) -> Self {
-        let Measured {
-            position_w_m,
-            attitude_rad,
-            ..
-        } = state.measured;
         Self {
             pose: 0,
             frame: BODY,
             at_ns,
-            position_w_m,
-            attitude_rad,
+            position_w_m: state.measured.position_w_m,
+            attitude_rad: state.measured.attitude_rad,
         }
     }
 
     /// Where it should be by a setpoint.
     pub const fn reference(at_ns: u64, setpoint: &Setpoint) -> Self {
-        let Setpoint {
-            ref reference,
-            attitude_rad,
-            ..
-        } = *setpoint;
         Self {
             pose: 1,
             frame: REFERENCE,
             at_ns,
-            position_w_m: reference.position_w_m,
-            attitude_rad,
+            position_w_m: setpoint.reference.position_w_m,
+            attitude_rad: setpoint.attitude_rad,
         }
     }
 

@@ -92,7 +92,6 @@ impl TelemetryTopic {
         }
     }
 
-    /// Its schema, as the bytes stand in the log.
     pub fn descriptor_set(&self) -> Vec<u8> {
         let mut field = vec![plain(TICK, TICK_NUMBER, None, Type::Fixed64)];
         for ((name, _), number) in self.signals.iter().zip(TICK_NUMBER + 1..) {
@@ -115,7 +114,6 @@ impl TelemetryTopic {
         metadata
     }
 
-    /// Appends the numbers of a tick.
     pub fn encode(&self, tick: u64, telemetry: &Telemetry, out: &mut Vec<u8>) {
         put_word(TICK_NUMBER, tick, out);
         let values = &telemetry.value[..self.signals.len()];

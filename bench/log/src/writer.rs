@@ -40,7 +40,6 @@ pub struct Fate {
     pub refused: Option<String>,
 }
 
-/// The log of a flight in the air.
 pub struct FlightLog {
     first_path: PathBuf,
     facts: Facts,

@@ -34,7 +34,6 @@ pub struct ChannelMerge {
     pace: Pace,
     /// In the order of the ticks.
     open: VecDeque<TickMessages>,
-    /// The first tick that is not closed.
     next: u64,
 }
 

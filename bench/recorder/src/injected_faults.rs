@@ -38,7 +38,6 @@ pub fn injected_record(faults: &[LiveFault]) -> Record {
         .collect()
 }
 
-/// Injected faults for the report.
 pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
     let mut ended = live.to_vec();
     for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {

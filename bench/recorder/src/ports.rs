@@ -67,11 +67,9 @@ receivers! {
     }
 }
 
-/// Defines the ports of all topics.
 macro_rules! ports {
     ($($topic:ident: $entry:ident($content:ty)),+ $(,)?) => {
         receivers! {
-            /// A receiver for each topic.
             Ports { $($topic: $entry($content)),+ }
         }
 

@@ -29,7 +29,6 @@ use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::wall_time::utc;
 
-/// Parts of the recorder that the report is built from.
 pub struct RecordedParts<'a> {
     pub streams: &'a MessageStreams,
     pub files: &'a RunFiles<'a>,

@@ -15,7 +15,6 @@ use analysis::sections::role_section;
 pub struct RoleStatuses(BTreeMap<Replica, BlackboardReader<Status>>);
 
 impl RoleStatuses {
-    /// Opens the existing blackboards.
     pub fn open(wire: &Wire) -> Result<Self, Error> {
         let mut boards = BTreeMap::new();
         for replica in Replica::all(MOST_CHANNELS) {

@@ -64,13 +64,11 @@ pub fn is_ours(name: &str) -> bool {
         || flight_log::part_of(name).is_some()
 }
 
-/// Names of the entries of a directory.
 fn names(directory: &Path) -> impl Iterator<Item = String> {
     let entries = fs::read_dir(directory).into_iter().flatten();
     entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok())
 }
 
-/// Entries of a directory by name.
 pub fn entries(directory: &Path, is_wanted: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     let wanted = names(directory).filter(|name| is_wanted(name));
     wanted.map(|name| directory.join(name)).collect()

@@ -48,7 +48,6 @@ pub struct RunFiles<'a> {
     log_name: &'static str,
     /// report.json while the flight lasts.
     partial_report: AtomicFileWriter,
-    /// Whether the link `latest` points to this flight.
     is_latest: bool,
     /// Incomplete files, each with the first reason.
     incomplete: BTreeMap<&'static str, String>,
@@ -92,7 +91,6 @@ impl<'a> RunFiles<'a> {
         })
     }
 
-    /// Remembers why a file is incomplete.
     pub fn note(&mut self, file: &'static str, written: Result<(), Failure>) {
         if let Err(failure) = written {
             self.incomplete
@@ -216,7 +214,6 @@ impl<'a> RunFiles<'a> {
             .collect()
     }
 
-    /// What became of the logged messages so far.
     pub fn log_section(&self) -> LogSection {
         let own = self.logs.iter().find(|(channel, _)| *channel == Channel::A);
         let fate = own.map(|(_, log)| log.fate()).unwrap_or_default();

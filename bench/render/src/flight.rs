@@ -7,13 +7,12 @@ use crate::figures::Figures;
 use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
 use analysis::baseline::Baseline;
-use analysis::host::{Host, InterruptCount, InterruptKind};
+use analysis::host::{InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
-    ChannelOutage, CommandDifference, LawSection, LogSection, LoopUsage, ProcessFailure,
-    RecoveryPhases, RedundancySection, Report, RoleSection, RunSection, Speed, Switchover,
-    TimingVerdict, sum,
+    ChannelOutage, LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases,
+    RedundancySection, Report, RoleSection, RunSection, Speed, Switchover, TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -199,14 +198,8 @@ fn head(report: &Report) -> Vec<Block> {
     if !run.laws.is_empty() {
         say(format!("laws {}", laws(&run.laws)));
     }
-    let Host {
-        kernel,
-        preemption,
-        cpus,
-        cpu,
-        ..
-    } = host;
-    let below = host.below();
+    let (kernel, preemption) = (&host.kernel, &host.preemption);
+    let (cpus, cpu, below) = (host.cpus, &host.cpu, host.below());
     say(format!("{kernel} ({preemption}), {cpus} x {cpu}{below}"));
     say(format!(
         "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} % of {})",
@@ -325,7 +318,6 @@ fn deadlines(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// What the redundant channels did.
 fn redundancy(section: &RedundancySection) -> Vec<Block> {
     let of_each = |ticks: &BTreeMap<String, u64>| {
         let of = |(channel, ticks): (&String, &u64)| format!("{channel} {ticks}");
@@ -365,18 +357,14 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
         ),
     };
     blocks.push(Block::Fact("Commands that differed", contradicted));
-    for (channel, difference) in &section.differences {
-        let CommandDifference {
-            ticks,
-            rms_rad_s,
-            max_rad_s,
-        } = difference;
+    for (channel, it) in &section.differences {
+        let (rms_rad_s, max_rad_s) = (it.rms_rad_s, it.max_rad_s);
         blocks.push(Block::Fact(
             "Other laws",
             format!(
                 "a rotor's command of channel {channel} differed from the one that flew by {rms_rad_s:.2} rad/s (rms), at most \
                  {max_rad_s:.2}, in {}",
-                count(*ticks, "tick")
+                count(it.ticks, "tick")
             ),
         ));
     }
@@ -390,21 +378,13 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
     if !switchovers.is_empty() {
         blocks.push(Block::Items(switchovers));
     }
-    let line = |outage: &ChannelOutage| {
-        let ChannelOutage {
-            channel,
-            time_s,
-            tick,
-            ticks,
-            reason,
-            handover,
-        } = outage;
-        let handover = if *handover {
-            ", another channel took over"
-        } else {
-            ""
+    let line = |it: &ChannelOutage| {
+        let (channel, tick, time_s, reason) = (&it.channel, it.tick, it.time_s, &it.reason);
+        let handover = match it.handover {
+            true => ", another channel took over",
+            false => "",
         };
-        let ticks = count(*ticks, "tick");
+        let ticks = count(it.ticks, "tick");
         format!(
             "channel {channel} out for {ticks} from tick {tick} ({time_s:.3} s): {reason}{handover}"
         )
@@ -547,7 +527,6 @@ fn floors(report: &Report) -> Vec<Block> {
     ]
 }
 
-/// A process with the name of its role.
 type Process<'a> = (&'static str, &'a RoleSection);
 
 /// The processes of the loop, in the order of the data's way.

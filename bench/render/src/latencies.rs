@@ -275,7 +275,6 @@ fn miss_runs(report: &Report) -> Figure {
     Figure::new("miss-runs", title, Vec::new(), chart)
 }
 
-/// The percentiles of all series.
 fn percentiles(report: &Report) -> Vec<Block> {
     let columns: [Column<Statistics>; 9] = [
         ("Latencies [us]", |it| it.name.clone()),

@@ -89,7 +89,6 @@ fn table(
     Block::Table(Table::named("laws", columns, rows))
 }
 
-/// The searches of a kind, by what they are of.
 fn searches(margins: &Margins, kind: Kind) -> Vec<&String> {
     let first = margins.laws.first().into_iter();
     let all = first.flat_map(|law| &law.searches);

@@ -28,7 +28,6 @@ pub struct AirframeReplay {
     pace: Pace,
     /// Swaps that were read and are not applied yet.
     swaps: VecDeque<Message<SwapRecord>>,
-    /// Number of swaps read so far.
     swaps_known: u64,
     /// Commands taken up to the previous state.
     commands_taken: u64,
@@ -53,7 +52,6 @@ impl AirframeReplay {
         }
     }
 
-    /// Takes the record of the next swap.
     pub fn push_swap(&mut self, swap: &Message<SwapRecord>) {
         self.swaps.push_back(*swap);
         self.swaps_known += 1;

@@ -9,7 +9,6 @@ use flight_log::codec::Logged;
 use flight_log::rows::{named, words};
 use flight_log::telemetry::topic;
 
-/// The first value that differs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Divergence {
     pub tick: u64,
@@ -51,7 +50,6 @@ impl ReplayComparison {
         }
     }
 
-    /// Adds what was compared in another channel.
     pub fn add(&mut self, other: Self) {
         self.values += other.values;
         self.first = self.first.take().or(other.first);

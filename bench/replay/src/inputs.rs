@@ -77,7 +77,6 @@ impl Inputs {
         }
     }
 
-    /// The earliest message not replayed yet.
     pub fn earliest(&self) -> Option<Next> {
         fn next<C: Topic>(window: &MessageWindow<C>) -> Option<&Header> {
             window.next().map(|message| &message.envelope)
@@ -159,7 +158,6 @@ pub struct RecordedInput<C> {
 }
 
 impl<C: Faulty> RecordedInput<C> {
-    /// An input that has received nothing.
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
             gate: FaultFilter::new(faults, port),
@@ -168,7 +166,6 @@ impl<C: Faulty> RecordedInput<C> {
         }
     }
 
-    /// Takes the next message of the topic.
     pub fn take(&mut self, message: &Message<C>) {
         let Some(gate) = &mut self.gate else { return };
         let tick = message.envelope.tick;

@@ -242,7 +242,6 @@ fn print_summary(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// A replay in progress.
 struct ReplayRun {
     from_tick: u64,
     airframe: AirframeReplay,

@@ -24,7 +24,6 @@ use flight_log::reader::{End, LogReader};
 use sim::recorded_timing::check_whole;
 pub use sim::recorded_timing::first_of;
 
-/// A log that can be replayed.
 #[derive(Clone, Debug)]
 pub struct LogCheck {
     pub build: Build,
@@ -36,7 +35,6 @@ pub struct LogCheck {
     pub last_tick: Option<u64>,
 }
 
-/// Checks a log while reading it.
 pub struct LogValidator {
     reader: LogReader,
     /// As the processes of the log's channel had them.
@@ -223,11 +221,9 @@ struct ExpectedMessages {
     messages: Counts,
     /// With several channels, the messages of a topic are of changing processes, and not all of any.
     channels: usize,
-    /// The newest message per topic.
     newest: [Option<Sent>; TOPICS.len()],
 }
 
-/// Epoch and sequence number.
 #[derive(Clone, Copy)]
 struct Sent {
     epoch: u64,

@@ -32,7 +32,6 @@ pub struct LoopsReplay {
     theorem: FlightMonitor,
     /// The state that the inner loop worked with last, as its faults left it.
     inner_saw: Stamped<State>,
-    /// Restarts of the inner loop in flight.
     pub restarts: u64,
 }
 
@@ -196,7 +195,6 @@ const GETTING_IN_STEP_TICKS: u64 = 10;
 struct Replayed<S> {
     epoch: u64,
     stage: S,
-    /// The state before the last message.
     before: SavedState,
     /// The last state that all channels had, and its tick: after a message that was made from fresh inputs, if none was stale
     /// or left out shortly before.

@@ -16,10 +16,8 @@ type Modes = [u64; Mode::ALL.len()];
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
     tracking: Tracking,
-    /// First counted tick.
     from_tick: u64,
     pub ticks: u64,
-    /// Restarts of the inner loop in flight.
     pub restarts: u64,
     /// Ticks skipped and deadlines missed before the first counted tick.
     before: [u64; 2],

@@ -9,7 +9,7 @@ use std::path::Path;
 use analysis::flight_statistics::is_final_command;
 use analysis::phrase::count;
 use flight_log::entry::LogEntry;
-use flight_log::reader::{End, Kept, LogReader};
+use flight_log::reader::{End, LogReader};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::Role;
@@ -35,7 +35,6 @@ pub struct Event {
     pub source: Source,
 }
 
-/// The inputs of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     State {
@@ -60,7 +59,6 @@ pub enum Source {
 }
 
 impl Timing {
-    /// Reads the timing of a flight from its log.
     pub fn read(path: &Path) -> Result<Self, Failure> {
         let mut reader = LogReader::open(path)?;
         let mut events = Vec::new();
@@ -201,11 +199,9 @@ pub fn first_of(reader: &mut LogReader) -> Result<LogEntry, Failure> {
 
 /// Refuses partial logs, whose initial state is unknown.
 pub fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
-    let Kept {
-        around_ticks,
-        files_before,
-    } = reader.kept()?;
-    let what = match around_ticks {
+    let kept = reader.kept()?;
+    let files_before = kept.files_before;
+    let what = match kept.around_ticks {
         Some(ticks) => format!(
             "it keeps excerpts, {} before and after each event",
             count(ticks, "tick")

@@ -26,7 +26,6 @@ use flight_log::wall_time::speed;
 use render::figures::Figures;
 use render::picture;
 
-/// Files to write.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OutputFiles<'a> {
     pub states: Option<&'a Path>,

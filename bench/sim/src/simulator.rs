@@ -33,7 +33,6 @@ use plant::{EnvelopeViolation, Plant};
 use config::Settings;
 use faults::plan::{Lateness, Planned, StageFault, StageTicks};
 
-/// A simulated flight between two ticks.
 pub struct Simulator {
     plant: Plant,
     outer: GuardedOuter,
@@ -53,7 +52,6 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// A flight before tick 0.
     pub fn new(
         plant: &plant::PlantSettings,
         outer: GuardedOuter,
@@ -145,18 +143,13 @@ impl Simulator {
     /// at least 60 ticks later (some look back). None if a law cannot be copied.
     pub fn branch(&self, settings: &Settings) -> Result<Option<Box<Self>>, Failure> {
         let mut rig = Box::new(Self::of(settings)?);
-        let Self {
-            plant,
-            outer,
-            inner,
-            mixer,
-            ..
-        } = self;
-        if !(rig.outer.copy_from(outer) && rig.inner.copy_from(inner) && rig.mixer.copy_from(mixer))
-        {
+        let is_copied = rig.outer.copy_from(&self.outer)
+            && rig.inner.copy_from(&self.inner)
+            && rig.mixer.copy_from(&self.mixer);
+        if !is_copied {
             return Ok(None);
         }
-        rig.plant.clone_from(plant);
+        rig.plant.clone_from(&self.plant);
         if let Some(faulted) = &mut rig.faulted {
             rig.plant.gate(faulted.plant_gate());
             faulted.take_over(self);
@@ -239,7 +232,6 @@ impl Simulator {
         self.tick
     }
 
-    /// Tick of the newest state.
     pub const fn state_tick(&self) -> u64 {
         self.state.tick
     }
@@ -269,12 +261,10 @@ impl Simulator {
         (self.setpoint.tick == self.flown_tick()).then_some(&self.setpoint.content)
     }
 
-    /// The newest wrench.
     pub const fn wrench(&self) -> &Wrench {
         &self.wrench.content
     }
 
-    /// The newest rotor command.
     pub const fn rotor_speeds(&self) -> &RotorSpeeds {
         &self.rotor_speeds.content
     }
@@ -316,7 +306,6 @@ impl Simulator {
         self.envelope
     }
 
-    /// The plant: parameters, applied swaps, envelope.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }

@@ -41,7 +41,6 @@ pub(super) fn log_path(directory: &Path, replica: Replica) -> PathBuf {
     directory.join(format!("{replica}.log"))
 }
 
-/// Starts the processes of a flight.
 pub(super) struct Spawner {
     pub(super) executable: PathBuf,
     instance: String,
@@ -200,7 +199,6 @@ pub(super) fn reap_left(pid: u32) -> bool {
     !matches!(waited, Some(Ok(None)))
 }
 
-/// Asks a child to end in order.
 pub(super) fn terminate(child: &Child) {
     if let Some(pid) = pid_of(child.id()) {
         // It may have ended meanwhile; its number is not reused before it is reaped.
@@ -213,7 +211,6 @@ pub(super) fn kill(child: &mut Child) {
     let _ = child.kill();
 }
 
-/// Kills a child and reaps it.
 pub(super) fn kill_and_reap(child: &mut Child) {
     kill(child);
     let _ = child.wait();

@@ -27,7 +27,6 @@ pub struct Outcome {
     pub(super) stopped: Option<ProcessExit>,
     /// Whether a signal to the supervisor requested the end.
     pub(super) interrupted: bool,
-    /// Whether the plant has taken off.
     pub(super) flown: bool,
     /// Processes that the supervisor killed because they did not end on request.
     pub(super) killed: Vec<Replica>,
@@ -47,17 +46,14 @@ pub struct ProcessExit {
     pub(super) interrupted: bool,
     /// Why the supervisor killed it.
     pub(super) killed: Option<KillReason>,
-    /// Why its role is not restarted.
     pub(super) not_restarted: Option<String>,
 }
 
-/// Why the supervisor killed a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KillReason {
     Hang,
     /// Two channels contradicted its own.
     Outvoted,
-    /// It did not end with the flight.
     AfterFlight,
     /// A fault of this tick.
     Fault(u64),

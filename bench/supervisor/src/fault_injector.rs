@@ -104,7 +104,6 @@ impl FaultInjector {
         })
     }
 
-    /// The tick in which a fault killed a process.
     pub(super) fn killed(&self, pid: u32) -> Option<u64> {
         let killed = self.killed.iter().find(|(known, _)| *known == pid);
         killed.map(|(_, tick)| *tick)
@@ -298,7 +297,6 @@ impl FaultInjector {
         Ok(())
     }
 
-    /// Forgets a child that has ended.
     pub(super) fn forget(&mut self, pid: u32) {
         self.stopped.retain(|stopped| *stopped != pid);
     }

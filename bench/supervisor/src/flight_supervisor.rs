@@ -103,7 +103,6 @@ pub(super) struct FlightSupervisor {
 struct RoleProcess {
     replica: Replica,
     child: Child,
-    /// Why the supervisor has killed it.
     killed: Option<KillReason>,
     /// A restarted process that was ready too late for the flight and is being ended.
     is_dismissed: bool,
@@ -127,7 +126,6 @@ impl RoleProcess {
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// The processes get ready.
     Starting {
         since: Instant,
         is_reported: bool,
@@ -137,16 +135,13 @@ enum Phase {
     Landing {
         since: Instant,
     },
-    /// The processes were asked to end.
     Stopping {
         since: Instant,
     },
-    /// The processes were killed.
     Killing,
 }
 
 impl Phase {
-    /// Whether the supervisor ends the processes.
     const fn is_ending(self) -> bool {
         matches!(self, Self::Stopping { .. } | Self::Killing)
     }
@@ -595,7 +590,6 @@ impl FlightSupervisor {
         None
     }
 
-    /// Restarts the roles that are due.
     fn restart_due(&mut self) -> Result<(), Failure> {
         let now = Instant::now();
         for (exit, _) in self.due.extract_if(.., |(_, due)| *due <= now) {
@@ -697,7 +691,6 @@ fn is_over(run: &Run) -> bool {
     is_ours(run) && (run.phase() == RunPhase::Closed || is_past)
 }
 
-/// Whether a signal has stopped a child.
 fn is_stopped(pid: u32) -> bool {
     Look::at(u64::from(pid)).is_some_and(Look::is_stopped)
 }

@@ -30,10 +30,8 @@ use recorder::kernel_trace::remove_leftovers;
 use recorder::run_directory::RunDirectory;
 use stop_requests::StopRequests;
 
-/// How a flight is supervised.
 #[derive(Clone, Debug)]
 pub struct FlightOptions {
-    /// Name of the instance.
     pub instance: String,
     /// Whether roles that fail in flight are restarted.
     pub restarts_roles: bool,

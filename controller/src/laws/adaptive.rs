@@ -7,9 +7,9 @@
 //! Without a measurement the loop learns nothing, and the attitude loop's filter runs on.
 
 use control_api::description::{Description, Refused, Setting, Settings, Signal, signal};
-use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::net_speed;
-use messages::content::{Measured, Reference, Stamped};
+use messages::content::Measured;
 use messages::role::Role;
 use messages::telemetry::{self, Telemetry};
 use nalgebra::Vector3;
@@ -186,19 +186,12 @@ impl Law for Adaptive {
 }
 
 impl InnerLaw for Adaptive {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        _: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        _: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
         let newest = self.evidence.samples().newest_tick();
-        let measured = (measured.tick == tick).then_some(&measured.content);
+        let (tick, wanted) = (input.tick, &input.wanted);
+        let measured = (input.measured_age == 0).then_some(&input.measured);
         let restarts = measured.filter(|_| self.attitude.is_lost(newest, tick));
-        self.attitude.begin(tick, &wanted.content, restarts);
+        self.attitude.begin(tick, wanted, restarts);
         let (tau, e) = match measured {
             Some(measured) => self.control(tick, measured),
             // The rate error is unknown.
@@ -211,7 +204,7 @@ impl InnerLaw for Adaptive {
             telemetry.value[6..9].copy_from_slice(residual.left().as_slice());
         }
         WrenchSetpoint {
-            thrust_n: wanted.content.thrust_n,
+            thrust_n: wanted.thrust_n,
             torque_b_nm: tau.into(),
         }
     }
@@ -251,24 +244,8 @@ impl Law for Fixed {
 }
 
 impl InnerLaw for Fixed {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        given: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
         // What it shows beyond the rate error, the guard leaves out.
-        InnerLaw::tick(
-            &mut self.0,
-            tick,
-            measured,
-            given,
-            wanted,
-            reference,
-            telemetry,
-        )
+        self.0.tick(input, telemetry)
     }
 }

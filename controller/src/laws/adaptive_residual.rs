@@ -17,8 +17,7 @@
 use control_api::description::{
     Description, Refused, Setting, Settings, Value, number, settings, signal,
 };
-use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
-use messages::content::{Measured, Reference, Stamped};
+use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::math::exp;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -159,23 +158,7 @@ impl Law for AdaptiveResidual {
 }
 
 impl InnerLaw for AdaptiveResidual {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        given: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
-        InnerLaw::tick(
-            &mut self.0,
-            tick,
-            measured,
-            given,
-            wanted,
-            reference,
-            telemetry,
-        )
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
+        self.0.tick(input, telemetry)
     }
 }

@@ -18,9 +18,8 @@
 //! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal};
-use control_api::law::{Desired, Fields, Law, OuterLaw, Rig};
+use control_api::law::{Desired, Fields, Law, OuterInput, OuterLaw, Rig};
 use control_api::saved_state::saved_fields;
-use messages::content::{Measured, Reference};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
@@ -44,7 +43,6 @@ settings! {
     TILT_MAX = "tilt_max_rad", "rad", number(35_f64.to_radians(), 0.001, 1.5), "largest angle between the thrust asked for and the vertical";
 }
 
-/// The law, with what it has learnt.
 #[derive(Clone, Debug)]
 pub struct Estimating {
     rig: Rig,
@@ -144,14 +142,9 @@ impl Estimating {
 }
 
 impl OuterLaw for Estimating {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Measured,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> Desired {
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired {
         let (airframe, rotor) = (self.rig.airframe, self.rig.rotor);
+        let (tick, measured, reference) = (input.tick, &input.measured, &input.reference);
         let p = Vector3::from(measured.position_w_m);
         let v = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);

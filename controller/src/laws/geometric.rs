@@ -26,10 +26,10 @@
 use std::f64::consts::SQRT_2;
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
-use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
-use messages::content::{Measured, Reference, Stamped};
+use messages::content::{Measured, Reference};
 use messages::math::sin_cos;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -237,19 +237,11 @@ impl Geometric {
 
 impl InnerLaw for Geometric {
     /// Without a measurement of this tick: no torque, and the last thrust.
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        _: &Stamped<Given>,
-        _wanted: &Stamped<Desired>,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
-        if measured.tick != tick {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
+        if input.measured_age != 0 {
             return cascade::no_torque(self.f);
         }
-        let state = &measured.content;
+        let (state, reference) = (&input.measured, &input.reference);
         let r = Attitude::of_wxyz(state.attitude_quaternion).rot_wb();
         let omega = Vector3::from(state.rate_b_rad_s);
         let j = Vector3::from(self.rig.airframe.i_m());

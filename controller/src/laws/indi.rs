@@ -25,10 +25,10 @@
 use control_api::description::{
     Description, Preset, Refused, Settings, Value, number, settings, signal, three,
 };
-use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
-use messages::content::{Measured, ROTORS, Reference, Stamped};
+use messages::content::ROTORS;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use nalgebra::{Vector3, Vector4};
@@ -43,7 +43,6 @@ settings! {
     DAMPING = "filter_damping", "", number(0.55, 0.3, 2.0), "zeta of that filter";
 }
 
-/// The law: two filters and the last measurement.
 #[derive(Clone, Debug)]
 pub struct Indi {
     period_s: f64,
@@ -136,23 +135,15 @@ impl Indi {
 
 impl InnerLaw for Indi {
     /// Without a measurement of this tick: no torque, and the last thrust.
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        _: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        _reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
-        if measured.tick != tick {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
+        if input.measured_age != 0 {
             return cascade::no_torque(self.thrust_n);
         }
-        let state = &measured.content;
+        let state = &input.measured;
         let nu2 = Vector3::from(state.rate_b_rad_s);
-        self.take(tick, &nu2, &state.rotor_speed_squared_mean_rad2_s2);
+        self.take(input.tick, &nu2, &state.rotor_speed_squared_mean_rad2_s2);
 
-        let desired = DesiredAttitude::of(&wanted.content);
+        let desired = DesiredAttitude::of(&input.wanted);
         let q_e = Attitude::of_wxyz(state.attitude_quaternion)
             .inverse()
             .times(&desired.attitude)
@@ -162,7 +153,7 @@ impl InnerLaw for Indi {
         let (tau_f, dnu2_f) = (self.torque.output(), self.acceleration.output());
         let tau = tau_f + self.i_m.component_mul(&(nu - dnu2_f));
 
-        self.thrust_n = wanted.content.thrust_n;
+        self.thrust_n = input.wanted.thrust_n;
         let disturbance = dnu2_f - tau_f.component_div(&self.i_m);
         for (shown, vector) in
             telemetry

@@ -13,8 +13,8 @@
 //! rates, and after more than 100 ms it has forgotten the disturbance too.
 
 use control_api::description::{Description, Refused, Setting, Settings, Value, number, settings};
-use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
-use messages::content::{Measured, Reference, Stamped};
+use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
+use messages::content::Measured;
 use messages::rate_dynamics::Inertia;
 use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
@@ -117,23 +117,16 @@ impl<O: Observer> Law for Observed<O> {
 }
 
 impl<O: Observer> InnerLaw for Observed<O> {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        _: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        _: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
         let newest = self.samples.newest_tick();
-        let measured = (measured.tick == tick).then_some(&measured.content);
+        let (tick, wanted) = (input.tick, &input.wanted);
+        let measured = (input.measured_age == 0).then_some(&input.measured);
         let restarts = measured.filter(|_| self.attitude.is_lost(newest, tick));
-        self.attitude.begin(tick, &wanted.content, restarts);
+        self.attitude.begin(tick, wanted, restarts);
         let tau = measured.map(|measured| self.control(tick, measured, telemetry));
         self.attitude.end(tick);
         WrenchSetpoint {
-            thrust_n: wanted.content.thrust_n,
+            thrust_n: wanted.thrust_n,
             torque_b_nm: tau.unwrap_or_default().into(),
         }
     }

@@ -10,8 +10,7 @@
 use control_api::description::{
     Description, Refused, SettingKind, Settings, number, settings, signal,
 };
-use control_api::law::{Desired, Fields, Law, OuterLaw, Rig};
-use messages::content::{Measured, Reference};
+use control_api::law::{Desired, Fields, Law, OuterInput, OuterLaw, Rig};
 use messages::frames::RollPitch;
 use messages::limits::RotorLimits;
 use messages::parameters::Airframe;
@@ -107,14 +106,8 @@ impl Law for Pd {
 }
 
 impl OuterLaw for Pd {
-    fn tick(
-        &mut self,
-        _: u64,
-        measured: &Measured,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> Desired {
-        let model = &self.model;
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired {
+        let (model, measured, reference) = (&self.model, &input.measured, &input.reference);
         let position = Vector3::from(measured.position_w_m);
         let velocity = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);

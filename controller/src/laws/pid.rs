@@ -22,10 +22,9 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use control_api::description::{Description, Refused, Settings, number, settings, signal, three};
-use control_api::law::{Desired, Fields, Given, InnerLaw, Law, Rig, WrenchSetpoint};
+use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
 use messages::attitude::Attitude;
-use messages::content::{Measured, Reference, Stamped};
 use messages::math::{atan2, sin_cos};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
@@ -48,7 +47,6 @@ settings! {
     FILTER = "filter_rad_s", "rad/s", number(190.0, 1.0, 5000.0), "bandwidth of the low-pass of the angular acceleration";
 }
 
-/// The law: integrator, filter, and the last measurement.
 #[derive(Clone, Debug)]
 pub struct Pid {
     rig: Rig,
@@ -182,23 +180,15 @@ impl Pid {
 
 impl InnerLaw for Pid {
     /// Without a measurement of this tick: no torque, and the last thrust.
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        _: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        _reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
-        if measured.tick != tick {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
+        if input.measured_age != 0 {
             return cascade::no_torque(self.thrust_n);
         }
-        let state = &measured.content;
+        let state = &input.measured;
         let nu2 = Vector3::from(state.rate_b_rad_s);
-        self.take(tick, &nu2);
+        self.take(input.tick, &nu2);
 
-        let desired = DesiredAttitude::of(&wanted.content);
+        let desired = DesiredAttitude::of(&input.wanted);
         let q_d = desired.attitude;
         let q = Attitude::of_wxyz(state.attitude_quaternion);
         let q_e = q
@@ -219,7 +209,7 @@ impl InnerLaw for Pid {
             .i_m
             .component_mul(&(self.p.component_mul(&e) + self.integral - damping));
 
-        self.thrust_n = wanted.content.thrust_n;
+        self.thrust_n = input.wanted.thrust_n;
         let saturated = self.saturates(self.thrust_n, &tau);
         self.integral = self.integrated(&e, &tau, saturated);
         let i = &self.integral;

@@ -2,7 +2,7 @@
 
 use control_api::GuardedMixer;
 use control_api::description::{Settings, Value};
-use control_api::law::{InnerLaw, Law, OuterLaw, Rig, WrenchSetpoint};
+use control_api::law::{InnerInput, InnerLaw, Law, OuterInput, OuterLaw, Rig, WrenchSetpoint};
 use controller::Trajectory;
 use messages::content::{Stamped, Wrench};
 use messages::parameters::Parameter;
@@ -128,13 +128,23 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
             .skip_every
             .is_none_or(|every| tick % every != every - 1)
         {
-            let wanted = outer.tick(tick, &measured, &reference, &mut telemetry);
-            let (measured, wanted) = (Stamped::new(tick, measured), Stamped::new(tick, wanted));
-            let (given, mut unseen) = (Stamped::never(), Telemetry::default());
+            let input = OuterInput {
+                tick,
+                measured,
+                reference,
+            };
+            let wanted = outer.tick(&input, &mut telemetry);
+            let input = InnerInput {
+                tick,
+                measured,
+                wanted,
+                reference,
+                ..InnerInput::default()
+            };
             let WrenchSetpoint {
                 thrust_n,
                 torque_b_nm,
-            } = inner.tick(tick, &measured, &given, &wanted, &reference, &mut unseen);
+            } = inner.tick(&input, &mut Telemetry::default());
             let wrench = Wrench {
                 thrust_n,
                 torque_b_nm,

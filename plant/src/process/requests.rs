@@ -35,7 +35,6 @@ const _: () = assert!(OUTBOX > PENDING_SWAPS + INBOX);
 const IDLE_NS: u64 = 20_000_000;
 const BUSY_NS: u64 = 1_000_000;
 
-/// A request on its way to the loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
     pub id: u64,

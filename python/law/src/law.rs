@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use control_api::law::{CopyState, InnerLaw, OuterLaw};
 use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
-use messages::content::{self, Stamped};
+use messages::content;
 use messages::telemetry::Telemetry;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -156,20 +156,9 @@ impl CopyState for Flying {
 }
 
 impl OuterLaw for Flying {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &content::Measured,
-        reference: &content::Reference,
-        telemetry: &mut Telemetry,
-    ) -> content::Desired {
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> content::Desired {
         let Self(law, raised) = self;
-        let input = OuterInput {
-            tick,
-            measured: *measured,
-            reference: *reference,
-        };
-        let desired = raised.or_keep(|py| law.outer(py, &input, telemetry));
+        let desired = raised.or_keep(|py| law.outer(py, input, telemetry));
         desired.unwrap_or(content::Desired {
             thrust_n: f64::NAN,
             ..content::Desired::default()
@@ -178,27 +167,9 @@ impl OuterLaw for Flying {
 }
 
 impl InnerLaw for Flying {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<content::Measured>,
-        given: &Stamped<content::Given>,
-        wanted: &Stamped<content::Desired>,
-        reference: &content::Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
         let Self(law, raised) = self;
-        let input = InnerInput {
-            tick,
-            measured_age: measured.age(tick),
-            wanted_age: wanted.age(tick),
-            given_age: given.age(tick),
-            measured: measured.content,
-            wanted: wanted.content,
-            reference: *reference,
-            given: given.content,
-        };
-        let wrench = raised.or_keep(|py| law.inner(py, &input, telemetry));
+        let wrench = raised.or_keep(|py| law.inner(py, input, telemetry));
         wrench.unwrap_or(WrenchSetpoint {
             thrust_n: f64::NAN,
             ..WrenchSetpoint::default()

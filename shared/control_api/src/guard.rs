@@ -20,7 +20,10 @@ use messages::telemetry::Telemetry;
 use messages::topic::Topic as _;
 use nalgebra::Vector4;
 
-use crate::law::{CopyState, Desired, Given, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use crate::law::{
+    CopyState, Desired, Given, InnerInput, InnerLaw, MixerInput, MixerLaw, OuterInput, OuterLaw,
+    Rig, WrenchSetpoint,
+};
 use crate::registry::Made;
 use crate::saved_state::{Field, Fields, SavedState, saved_fields};
 
@@ -225,12 +228,12 @@ impl OuterMemory {
     /// Completes a setpoint that has its reference.
     fn tick(&mut self, law: &mut dyn OuterLaw, tick: u64, state: &State, setpoint: &mut Setpoint) {
         setpoint.telemetry.forget(self.signals);
-        let wanted = law.tick(
+        let input = OuterInput {
             tick,
-            &state.measured,
-            &setpoint.reference,
-            &mut setpoint.telemetry,
-        );
+            measured: state.measured,
+            reference: setpoint.reference,
+        };
+        let wanted = law.tick(&input, &mut setpoint.telemetry);
         setpoint.telemetry.truncate(self.signals);
         write_setpoint(&wanted, Mode::Fresh, setpoint);
         if setpoint.plausible() {
@@ -317,10 +320,6 @@ impl InnerMemory {
         setpoint: &Stamped<Setpoint>,
         wrench: &mut Wrench,
     ) {
-        let measured = Stamped {
-            tick: state.tick,
-            content: state.content.measured,
-        };
         let given = self.given(state);
         let is_fresh = state.tick == tick;
         let is_lost = self.is_past(self.measured_at, tick);
@@ -337,8 +336,18 @@ impl InnerMemory {
         let signals = self.signals;
         let (wanted, reference, mode) = self.order(tick, state, setpoint);
         wrench.telemetry.forget(signals);
-        let telemetry = &mut wrench.telemetry;
-        let demand = law.tick(tick, &measured, &given, &wanted, reference, telemetry);
+        let input = InnerInput {
+            tick,
+            // A state of a later tick is not fresh either.
+            measured_age: state.age(tick).max(u64::from(!is_fresh)),
+            wanted_age: setpoint.age(tick),
+            given_age: given.age(tick),
+            measured: state.content.measured,
+            wanted,
+            reference,
+            given: given.content,
+        };
+        let demand = law.tick(&input, &mut wrench.telemetry);
         wrench.telemetry.truncate(signals);
         write_wrench(&demand, mode, wrench);
         let is_usable = wrench.plausible();
@@ -360,28 +369,20 @@ impl InnerMemory {
 
     /// What the rotor command gives that was in force when a state was measured, by the nominal model.
     fn given(&self, state: &Stamped<State>) -> Stamped<Given> {
-        let State {
-            measured,
-            command_tick,
-            command_saturated,
-            ..
-        } = &state.content;
-        let k = self.rig.airframe.k();
-        let f = Vector4::from(measured.rotor_speed_command_rad_s).map(|w| k * w * w);
+        let (k, content) = (self.rig.airframe.k(), &state.content);
+        let commanded = Vector4::from(content.measured.rotor_speed_command_rad_s);
+        let f = commanded.map(|w| k * w * w);
         let (thrust_n, torque) = self.allocation.wrench(&f);
         let given = Given {
             thrust_n,
             torque_b_nm: torque.into(),
-            saturated: *command_saturated,
+            saturated: content.command_saturated,
         };
-        Stamped::new(
-            if state.tick == NO_TICK {
-                NO_TICK
-            } else {
-                *command_tick
-            },
-            given,
-        )
+        let tick = match state.tick {
+            NO_TICK => NO_TICK,
+            _ => content.command_tick,
+        };
+        Stamped::new(tick, given)
     }
 
     /// Whether something was longer ago than it is held for, or never was.
@@ -390,16 +391,12 @@ impl InnerMemory {
     }
 
     /// The setpoint and reference to follow in this tick.
-    fn order<'a>(
-        &'a mut self,
+    fn order(
+        &mut self,
         tick: u64,
         state: &Stamped<State>,
-        setpoint: &'a Stamped<Setpoint>,
-    ) -> (Stamped<Desired>, &'a Reference, Mode) {
-        let stamped = |content| Stamped {
-            tick: setpoint.tick,
-            content,
-        };
+        setpoint: &Stamped<Setpoint>,
+    ) -> (Desired, Reference, Mode) {
         let content = &setpoint.content;
         if setpoint.age(tick) <= self.hold_ticks || !is_on(Check::Stale) {
             self.stays = None;
@@ -415,7 +412,7 @@ impl InnerMemory {
                 attitude_acceleration_rad_s2: content.attitude_acceleration_rad_s2,
                 limited: content.limited,
             };
-            return (stamped(desired), &content.reference, mode);
+            return (desired, content.reference, mode);
         }
         let yaw = if setpoint.tick == NO_TICK {
             self.began.yaw_rad
@@ -426,7 +423,7 @@ impl InnerMemory {
             NO_TICK => self.began,
             _ => rest_at(&state.content, yaw),
         });
-        (stamped(level(&self.rig, yaw)), stays, Mode::Fallback)
+        (level(&self.rig, yaw), *stays, Mode::Fallback)
     }
 
     /// No torque and the last thrust, or hover thrust if that is too old.
@@ -559,7 +556,7 @@ impl Rotors {
             demand.torque_b_nm = [0.0; 3];
             Mode::Fallback
         };
-        let (speed, saturated) = law.tick(tick, &demand, &mut speeds.telemetry);
+        let (speed, saturated) = law.tick(&MixerInput { tick, demand }, &mut speeds.telemetry);
         speeds.telemetry.truncate(self.signals);
         if speed.iter().all(|w| w.is_finite()) {
             let inside = speed.map(|w| w.clamp(self.slowest, self.fastest));

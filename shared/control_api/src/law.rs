@@ -2,10 +2,10 @@
 
 use std::any::Any;
 
-use messages::content::{Measured, ROTORS, Reference, Stamped};
+use messages::content::ROTORS;
 use messages::telemetry::Telemetry;
 
-pub use ironbird_law::{Desired, Given, WrenchSetpoint};
+pub use ironbird_law::{Desired, Given, InnerInput, MixerInput, OuterInput, WrenchSetpoint};
 
 use crate::description::{Description, Refused, Settings};
 pub use crate::rig::Rig;
@@ -64,41 +64,19 @@ impl<L: Law + Clone + Send + 'static> CopyState for L {
 
 /// The position loop: the setpoint of a tick from the measurement and reference of the same tick.
 pub trait OuterLaw: CopyState {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Measured,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> Desired;
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired;
 }
 
 /// The attitude and rate loop; or both loops in one, which follows the reference and overrides the desired thrust.
 ///
-/// It is called in every tick, with the newest inputs; their ticks tell their age. The rig replaces a setpoint that is
+/// It is called in every tick, with the newest inputs and their ages. The rig replaces a setpoint that is
 /// too old, and commands no torque in a tick without a fresh measurement.
 pub trait InnerLaw: CopyState {
-    /// Thrust and torque of a tick. `wanted` and `reference` are of one tick, which `wanted` names. `given` is what the
-    /// rotor command in force gives, with the tick that the mixer made it for: less than the law's demand of that tick
-    /// where the mixer had to cut it.
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        given: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint;
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint;
 }
 
 /// The mixer: thrust and torque to rotor speeds.
 pub trait MixerLaw: CopyState {
     /// Speed of each rotor [rad/s], and whether the demand could not be met in full.
-    fn tick(
-        &mut self,
-        tick: u64,
-        demand: &WrenchSetpoint,
-        telemetry: &mut Telemetry,
-    ) -> ([f64; ROTORS], bool);
+    fn tick(&mut self, input: &MixerInput, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool);
 }

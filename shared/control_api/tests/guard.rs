@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use control_api::description::{Description, Refused, Settings, Signal, signal};
-use control_api::law::{Desired, Given, InnerLaw, Law, MixerLaw, OuterLaw, WrenchSetpoint};
+use control_api::law::{
+    Desired, InnerInput, InnerLaw, Law, MixerInput, MixerLaw, OuterInput, OuterLaw, WrenchSetpoint,
+};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig, SavedState};
 use messages::content::{
     Measured, Mode, NO_TICK, ROTORS, Reference, Setpoint, Stamped, State, Wrench,
@@ -80,17 +82,11 @@ impl Law for Fixed {
 }
 
 impl OuterLaw for Fixed {
-    fn tick(
-        &mut self,
-        tick: u64,
-        _: &Measured,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> Desired {
-        let thrust_n = (self.wrong)(tick).unwrap_or(4.0);
-        let [a, b, c, d] = self
-            .call(telemetry)
-            .unwrap_or([thrust_n, 0.1, 0.2, reference.yaw_rad]);
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired {
+        let thrust_n = (self.wrong)(input.tick).unwrap_or(4.0);
+        let [a, b, c, d] =
+            self.call(telemetry)
+                .unwrap_or([thrust_n, 0.1, 0.2, input.reference.yaw_rad]);
         Desired {
             thrust_n: a,
             attitude_rad: [b, c, d],
@@ -105,33 +101,25 @@ impl OuterLaw for Fixed {
 }
 
 impl InnerLaw for Fixed {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        given: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
         let age = |age: u64| if age == u64::MAX { -1.0 } else { age as f64 };
-        let ages = [measured.age(tick), wanted.age(tick), given.age(tick)].map(age);
-        let yaw = wanted.content.attitude_rad[2];
+        let ages = [input.measured_age, input.wanted_age, input.given_age].map(age);
+        let (wanted, given) = (&input.wanted, &input.given);
         let shown = [
             ages[0],
             ages[1],
-            yaw,
-            reference.position_w_m[0],
+            wanted.attitude_rad[2],
+            input.reference.position_w_m[0],
             f64::NAN,
             ages[2],
-            given.content.thrust_n,
-            given.content.torque_b_nm[1],
-            given.content.saturated as f64,
+            given.thrust_n,
+            given.torque_b_nm[1],
+            given.saturated as f64,
             9.0,
         ];
         telemetry.value[1..11].copy_from_slice(&shown);
-        let torque = (self.wrong)(tick).unwrap_or(0.01);
-        let usual = [wanted.content.thrust_n, 0.0, torque, 0.0];
+        let torque = (self.wrong)(input.tick).unwrap_or(0.01);
+        let usual = [wanted.thrust_n, 0.0, torque, 0.0];
         let [thrust_n, x, y, z] = self.call(telemetry).unwrap_or(usual);
         WrenchSetpoint {
             thrust_n,
@@ -141,13 +129,8 @@ impl InnerLaw for Fixed {
 }
 
 impl MixerLaw for Fixed {
-    fn tick(
-        &mut self,
-        tick: u64,
-        _: &WrenchSetpoint,
-        telemetry: &mut Telemetry,
-    ) -> ([f64; ROTORS], bool) {
-        let first = (self.wrong)(tick).unwrap_or(200.0);
+    fn tick(&mut self, input: &MixerInput, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
+        let first = (self.wrong)(input.tick).unwrap_or(200.0);
         let usual = [first, 200.0, 210.0, 200.0];
         (self.call(telemetry).unwrap_or(usual), false)
     }

@@ -174,7 +174,6 @@ pub enum Scope {
     Channel,
 }
 
-/// How the value of a fault is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ValueType {
     None,

@@ -180,7 +180,6 @@ pub struct FaultyInput<C: Faulty> {
 }
 
 impl<C: Faulty> FaultyInput<C> {
-    /// An input that nothing has come to.
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
             gate: FaultFilter::new(faults, port),

@@ -226,7 +226,6 @@ impl Span {
     }
 }
 
-/// A fault of the messages at an input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MessageFault {
     pub port: Port,

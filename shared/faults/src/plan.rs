@@ -17,7 +17,6 @@ use crate::grammar::{Change, Fault, FaultError};
 /// How long a stage that was killed takes until it works again.
 pub const RESTART: Duration = Duration::from_nanos(RESTART_NS);
 
-/// The faults of a flight, in ticks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
     pub swaps: Vec<Swap>,
@@ -31,7 +30,6 @@ pub struct Planned {
     pub stages: Vec<StageFault>,
 }
 
-/// A fault of a stage, in ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageFault {
     pub role: Role,

@@ -124,12 +124,8 @@ impl Swap {
             return Err(SwapError::Empty);
         }
         for (i, target) in self.targets.iter().enumerate() {
-            let Target {
-                parameter,
-                value,
-                steps,
-            } = *target;
-            parameter.widest().check(parameter, value)?;
+            let (parameter, steps) = (target.parameter, target.steps);
+            parameter.widest().check(parameter, target.value)?;
             if !(1..=STEPS_MAX).contains(&steps) {
                 return Err(SwapError::Steps { parameter, steps });
             }

@@ -22,7 +22,6 @@ use messages::parameters::{PARAMETERS, Parameter};
 
 const CLIENTS: usize = 8;
 
-/// A kind of request.
 pub trait Order: Layout + Debug {
     const SERVICE: &'static str;
     /// Hash over the names that the reply's numbers stand for.
@@ -31,7 +30,6 @@ pub trait Order: Layout + Debug {
 }
 
 layout! {
-    /// A change of parameters.
     #[derive(Clone, Copy, Debug, PartialEq)]
     #[repr(C)]
     pub struct SwapOrder {
@@ -272,7 +270,6 @@ pub struct RequestClient<Q: Order> {
 }
 
 impl<Q: Order> RequestClient<Q> {
-    /// Sends a request and waits for its reply.
     pub fn request(&self, order: Q, timeout: Duration) -> Result<Q::Answer, Error> {
         let sent_ns = now_ns();
         let order = Sealed::new(order);

@@ -42,7 +42,6 @@ pub struct Sealed<T> {
 unsafe impl<T: Layout> ZeroCopySend for Sealed<T> {}
 
 impl<T: Layout> Sealed<T> {
-    /// Adds the check word.
     #[inline]
     pub fn new(content: T) -> Self {
         Self {

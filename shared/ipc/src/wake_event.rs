@@ -31,7 +31,6 @@ const BACK_STOP_NS: u64 = 10_000_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
     Role(Replica),
-    /// The plant's server of requests.
     Requests,
 }
 

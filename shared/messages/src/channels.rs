@@ -10,7 +10,6 @@ use crate::role::{Channel, MOST_CHANNELS, Role};
 /// Name of the plant's blackboard with the [`Redundancy`].
 pub const REDUNDANCY: &str = "redundancy";
 
-/// A channel's command of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     pub channel: Channel,
@@ -51,7 +50,6 @@ impl Candidate {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Selection {
-    /// The command that is flown.
     pub chosen: Candidate,
     /// Whether two usable commands differ in a bit.
     pub differs: bool,

@@ -180,7 +180,6 @@ layout! {
     }
 }
 
-/// A parameter's value before and after a swap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
     pub parameter: Parameter,

@@ -23,7 +23,6 @@ pub struct Inspector {
 }
 
 impl Inspector {
-    /// An inspector that has seen nothing yet.
     pub const fn new(expected: Expected) -> Self {
         Self {
             expected,

@@ -275,7 +275,6 @@ impl Airframe {
         }
     }
 
-    /// The value of a parameter, in its unit.
     #[inline]
     pub const fn get(&self, parameter: Parameter) -> f64 {
         self.values[parameter as usize]
@@ -332,7 +331,6 @@ impl Airframe {
         }
     }
 
-    /// The range of a parameter of this airframe.
     pub fn range(&self, parameter: Parameter) -> Range {
         parameter.range_of(self.built[parameter as usize])
     }

@@ -35,11 +35,7 @@ impl Inertia {
     /// What [`Self::coupling`] and [`Self::acceleration`] are made of, to lay it beside that of other airframes.
     #[inline]
     pub fn numbers(&self) -> [f64; 9] {
-        let Self {
-            i_m,
-            inverse,
-            ratio,
-        } = self;
+        let (i_m, inverse, ratio) = (&self.i_m, &self.inverse, &self.ratio);
         [
             i_m.x, i_m.y, i_m.z, inverse.x, inverse.y, inverse.z, ratio.x, ratio.y, ratio.z,
         ]

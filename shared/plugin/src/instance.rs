@@ -11,15 +11,13 @@ use std::sync::atomic::Ordering;
 
 use control_api::description::{Refused, Setting, Settings};
 use control_api::law::{
-    CopyState, Desired, Given, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
+    CopyState, Desired, InnerInput, InnerLaw, MixerInput, MixerLaw, OuterInput, OuterLaw, Rig,
+    WrenchSetpoint,
 };
 use control_api::registry::Made;
 use control_api::saved_state::Fields;
-use ironbird_law::abi::{
-    IRONBIRD_NEVER, IRONBIRD_STATE_BYTES, IronbirdInnerInput, IronbirdMixerInput,
-    IronbirdOuterInput, IronbirdRotorSpeeds, IronbirdValue,
-};
-use messages::content::{Measured, ROTORS, Reference, Stamped};
+use ironbird_law::abi::{IRONBIRD_NEVER, IRONBIRD_STATE_BYTES, IronbirdRotorSpeeds, IronbirdValue};
+use messages::content::ROTORS;
 use messages::telemetry::Telemetry;
 
 use crate::Library;
@@ -183,18 +181,7 @@ impl CopyState for Instance {
 }
 
 impl OuterLaw for Instance {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Measured,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> Desired {
-        let input = IronbirdOuterInput {
-            tick,
-            measured: *measured,
-            reference: *reference,
-        };
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired {
         let mut wanted = Desired {
             thrust_n: f64::NAN,
             attitude_rad: [f64::NAN; 3],
@@ -202,10 +189,10 @@ impl OuterLaw for Instance {
             attitude_acceleration_rad_s2: [f64::NAN; 3],
             limited: 0,
         };
-        self.call(tick, telemetry, |law, telemetry| {
+        self.call(input.tick, telemetry, |law, telemetry| {
             if let Some(tick) = self.library.table.tick_outer {
                 // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
-                unsafe { tick(law, &raw const input, &raw mut wanted, telemetry) };
+                unsafe { tick(law, input, &raw mut wanted, telemetry) };
             }
         });
         wanted.limited = u64::from(wanted.limited != 0);
@@ -214,33 +201,15 @@ impl OuterLaw for Instance {
 }
 
 impl InnerLaw for Instance {
-    fn tick(
-        &mut self,
-        tick: u64,
-        measured: &Stamped<Measured>,
-        given: &Stamped<Given>,
-        wanted: &Stamped<Desired>,
-        reference: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
-        let input = IronbirdInnerInput {
-            tick,
-            measured_age: measured.age(tick),
-            wanted_age: wanted.age(tick),
-            given_age: given.age(tick),
-            measured: measured.content,
-            wanted: wanted.content,
-            reference: *reference,
-            given: given.content,
-        };
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
         let mut demand = WrenchSetpoint {
             thrust_n: f64::NAN,
             torque_b_nm: [f64::NAN; 3],
         };
-        self.call(tick, telemetry, |law, telemetry| {
+        self.call(input.tick, telemetry, |law, telemetry| {
             if let Some(tick) = self.library.table.tick_inner {
                 // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
-                unsafe { tick(law, &raw const input, &raw mut demand, telemetry) };
+                unsafe { tick(law, input, &raw mut demand, telemetry) };
             }
         });
         demand
@@ -248,24 +217,15 @@ impl InnerLaw for Instance {
 }
 
 impl MixerLaw for Instance {
-    fn tick(
-        &mut self,
-        tick: u64,
-        demand: &WrenchSetpoint,
-        telemetry: &mut Telemetry,
-    ) -> ([f64; ROTORS], bool) {
-        let input = IronbirdMixerInput {
-            tick,
-            demand: *demand,
-        };
+    fn tick(&mut self, input: &MixerInput, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
         let mut speeds = IronbirdRotorSpeeds {
             speed_rad_s: [f64::NAN; ROTORS],
             saturated: 0,
         };
-        self.call(tick, telemetry, |law, telemetry| {
+        self.call(input.tick, telemetry, |law, telemetry| {
             if let Some(tick) = self.library.table.tick_mixer {
                 // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
-                unsafe { tick(law, &raw const input, &raw mut speeds, telemetry) };
+                unsafe { tick(law, input, &raw mut speeds, telemetry) };
             }
         });
         (speeds.speed_rad_s, speeds.saturated != 0)

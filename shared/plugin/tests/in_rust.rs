@@ -6,8 +6,7 @@ use std::process::Command;
 
 use control_api::SavedState;
 use control_api::description::{Setting, Settings, Value};
-use control_api::law::{Desired, Fields, Rig};
-use messages::content::{Measured, Reference, Stamped};
+use control_api::law::{Fields, InnerInput, Rig};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use plugin::{Library, open};
@@ -40,26 +39,13 @@ fn build(directory: &Path) -> PathBuf {
 }
 
 fn tick(made: &mut dyn control_api::law::InnerLaw) -> ([f64; 3], f64) {
-    let measured = Stamped {
+    let mut input = InnerInput {
         tick: 7,
-        content: Measured {
-            attitude_rad: [0.1, -0.2, 0.3],
-            ..Measured::default()
-        },
+        ..InnerInput::default()
     };
-    let wanted = Stamped {
-        tick: 7,
-        content: Desired::default(),
-    };
+    input.measured.attitude_rad = [0.1, -0.2, 0.3];
     let mut telemetry = Telemetry::default();
-    let demand = made.tick(
-        7,
-        &measured,
-        &Stamped::never(),
-        &wanted,
-        &Reference::default(),
-        &mut telemetry,
-    );
+    let demand = made.tick(&input, &mut telemetry);
     (demand.torque_b_nm, telemetry.value[0])
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use control_api::description::{Settings, Value};
-use control_api::law::{Fields, Rig};
+use control_api::law::{Fields, OuterInput, Rig};
 use control_api::{SAVED_STATE_BYTES, SavedState};
 use errors::Failure;
 use messages::content::{Measured, Reference};
@@ -70,7 +70,12 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
         ..Reference::default()
     };
     let mut telemetry = Telemetry { value: [99.0; 32] };
-    let wanted = made.law.tick(123, &measured, &reference, &mut telemetry);
+    let input = |tick| OuterInput {
+        tick,
+        measured,
+        reference,
+    };
+    let wanted = made.law.tick(&input(123), &mut telemetry);
     assert_eq!(
         (wanted.thrust_n, wanted.attitude_rad, wanted.limited),
         (44.0, [0.1, 0.2, 0.3], 1)
@@ -88,7 +93,7 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     let mut other = library.outer(&rig, &settings).unwrap().law;
     assert!(!other.transfer(&mut Fields::Read(&state[1..])));
     assert!(other.transfer(&mut Fields::Read(&state)));
-    other.tick(4, &measured, &reference, &mut telemetry);
+    other.tick(&input(4), &mut telemetry);
     assert_eq!(telemetry.value[30], 127.0, "the sum of its ticks");
     let mut full = SavedState::from([0; SAVED_STATE_BYTES]);
     assert!(!other.transfer(&mut Fields::Write(&mut full)));

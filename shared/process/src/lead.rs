@@ -135,17 +135,14 @@ impl ActiveLead {
 
     /// The lead at take-off, which follows the flight where the setting leaves it to the rig and it is not none.
     pub fn new(at_take_off: &Lead, setting: LeadSetting, period_ns: u64) -> Self {
-        let Lead {
-            lead_ns,
-            rehearsal_ns,
-            timer_p90_ns,
-        } = *at_take_off;
+        let (lead_ns, rehearsal_ns) = (at_take_off.lead_ns, at_take_off.rehearsal_ns);
+        let timer_ns = TIMERS * at_take_off.timer_p90_ns;
         let is_automatic = setting == LeadSetting::Auto && lead_ns > 0;
         let most_ns = is_automatic.then(|| most(period_ns, rehearsal_ns > 0));
         let longest_ns = most_ns.unwrap_or(lead_ns);
         Self {
             lead_ns,
-            timer: TrackedQuantile::new(TIMERS * timer_p90_ns, TIMERS_LATER, longest_ns),
+            timer: TrackedQuantile::new(timer_ns, TIMERS_LATER, longest_ns),
             rehearsal: TrackedQuantile::new(
                 REHEARSALS * rehearsal_ns,
                 REHEARSALS_LONGER,

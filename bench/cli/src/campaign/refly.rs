@@ -17,7 +17,6 @@ use replay::fly_again;
 use sim::recorded_timing::Timing;
 use sim::simulate::{OutputFiles, report};
 
-/// Columns of a row, by name.
 type Row = BTreeMap<String, String>;
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.

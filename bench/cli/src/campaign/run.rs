@@ -151,13 +151,7 @@ impl Ended {
             true => "INTERRUPTED",
             false => "COMPLETE",
         };
-        let Self {
-            flown,
-            kept,
-            chunks,
-            rate,
-            ..
-        } = self;
+        let (flown, kept, chunks, rate) = (self.flown, self.kept, self.chunks, self.rate);
         let (all, campaign) = (plan.campaign.chunks(), &plan.identity.campaign);
         let out = out.display();
         let result = format!(

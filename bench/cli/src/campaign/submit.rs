@@ -10,7 +10,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
 use analysis::phrase::count;
-use campaign::campaign::{Campaign, Submission};
+use campaign::campaign::Campaign;
 use campaign::chunk::path_of;
 use errors::{Failure, GATE, INTERRUPTED, InFile as _, OK};
 use host::own_executable;
@@ -265,23 +265,23 @@ impl Array {
             ))
             .help("choose a directory without control characters in its path"));
         }
-        let Submission {
-            partition,
-            time_limit,
-            requeue,
-            processors,
-        } = &plan.campaign.submission;
+        let submission = &plan.campaign.submission;
+        let processors = submission.processors;
         // A shard without a chunk would do nothing.
         let shards = args.shards.unwrap_or(SHARDS).min(plan.campaign.chunks());
         let name = format!("ironbird-{}", plan.campaign.name);
-        let limit_s = time_limit.map(|limit| limit.as_secs());
+        let limit_s = submission.time_limit.map(|limit| limit.as_secs());
         let of_array = format!(" --shard auto/{shards} --jobs {processors}");
         let log = |task: &str| out.join(format!("shard-{task}.log"));
         let mut options = Vec::new();
         let (submit, shell, cancel, of_array) = match args.on {
             Engine::Slurm => {
                 let log = quoted(&log("%a"));
-                let requeue = if *requeue { "requeue" } else { "no-requeue" };
+                let requeue = if submission.requeue {
+                    "requeue"
+                } else {
+                    "no-requeue"
+                };
                 options = vec![
                     format!("job-name={name}"),
                     format!("output={log}"),
@@ -289,7 +289,8 @@ impl Array {
                     format!("cpus-per-task={processors}"),
                     requeue.into(),
                 ];
-                options.extend(partition.iter().map(|it| format!("partition={it}")));
+                let partition = submission.partition.iter();
+                options.extend(partition.map(|it| format!("partition={it}")));
                 // A number alone is minutes.
                 let minutes = limit_s.map(|limit_s| limit_s.div_ceil(60));
                 options.extend(minutes.map(|minutes| format!("time={minutes}")));
@@ -304,7 +305,7 @@ impl Array {
                 submit.push(format!("--name={name}"));
                 submit.push(format!("--cpus={processors}"));
                 submit.extend(limit_s.map(|limit_s| format!("--time-limit={limit_s}s")));
-                submit.extend((!requeue).then(|| "--crash-limit=1".to_owned()));
+                submit.extend((!submission.requeue).then(|| "--crash-limit=1".to_owned()));
                 submit.extend(["stdout", "stderr"].map(|which| format!("--{which}={log}")));
                 (submit, Some("sh"), &["hq", "job", "cancel"][..], of_array)
             }

@@ -130,7 +130,6 @@ fn compared(comparison: &FloorComparison) -> Vec<Cell> {
     ])
 }
 
-/// The name of a set on the command line.
 pub fn set_name(set: Set) -> String {
     set.to_possible_value()
         .map_or_else(String::new, |value| value.get_name().to_owned())

@@ -62,20 +62,15 @@ pub fn take(
         cpu: realtime.cpu,
         priority,
     };
-    let MachineFloor {
-        timer,
-        ring,
-        refused,
-        steal,
-    } = MachineFloor::measure(&schedule, work_like(report)?, executable)?;
+    let floor = MachineFloor::measure(&schedule, work_like(report)?, executable)?;
     Ok(Baseline {
         seconds: duration.as_secs_f64(),
-        scheduling: timer.standing.scheduling(),
-        refused,
-        steal,
+        scheduling: floor.timer.standing.scheduling(),
+        refused: floor.refused,
+        steal: floor.steal,
         floors: vec![
-            SeriesBaseline::of("wake.plant", "bare timer", &timer.lateness),
-            SeriesBaseline::of("loop", "raw futex ring", &ring.chain),
+            SeriesBaseline::of("wake.plant", "bare timer", &floor.timer.lateness),
+            SeriesBaseline::of("loop", "raw futex ring", &floor.ring.chain),
         ],
     })
 }

@@ -25,7 +25,6 @@ pub fn fly_each(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, 
     fly_with("--loop-cpus", numbers, cpu, duration)
 }
 
-/// Flies each number of channels on one CPU.
 pub fn fly_channels(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, Failure> {
     let cpu = first.unwrap_or_else(loops_cpu);
     fly_with("--channels", 1..=MOST_CHANNELS, cpu, duration)
@@ -59,19 +58,13 @@ pub fn recommended(trials: &[Trial]) -> usize {
     best.map_or(1, |it| it.number)
 }
 
-/// What is recommended, and the figures behind it.
 pub fn text(trials: &[Trial]) -> String {
     format!("--loop-cpus {} ({})", recommended(trials), figures(trials))
 }
 
-/// The figures of each flight.
 pub fn figures(trials: &[Trial]) -> String {
     let figures = trials.iter().map(|it| {
-        let Trial {
-            number,
-            loop_p99_us,
-            late,
-        } = it;
+        let (number, loop_p99_us, late) = (it.number, it.loop_p99_us, it.late);
         format!("{number}: loop p99 {loop_p99_us:.1} us, {late} late")
     });
     figures.collect::<Vec<_>>().join("; ")

@@ -8,13 +8,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use control_api::law::{
-    CopyState, Desired, Fields, Given, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint,
+    CopyState, Desired, Fields, Given, InnerInput, InnerLaw, MixerInput, MixerLaw, OuterInput,
+    OuterLaw, Rig, WrenchSetpoint,
 };
 use control_api::registry::Made;
 use control_api::saved_state::{GUARD_BYTES, SavedState};
 use errors::{Failure, GATE};
 use messages::attitude::Attitude;
-use messages::content::{Measured, Reference, Stamped};
+use messages::content::{Measured, Reference};
 use messages::realtime::Usage;
 use messages::telemetry::{TELEMETRY, Telemetry};
 use nalgebra::Vector3;
@@ -33,12 +34,10 @@ pub const HOT: usize = 10_000;
 const COLD: usize = 101;
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
-/// Ticks of a whole trial.
 const TICKS: u64 = INPUTS + 2 * REHEARSED + 2 * HOT as u64 + COLD as u64;
 /// How long a tick may take before the trial is ended.
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A law of any role, made.
 pub enum Candidate {
     Outer(Made<dyn OuterLaw>),
     Inner(Made<dyn InnerLaw>),
@@ -49,7 +48,6 @@ pub enum Candidate {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadAnswer {
     pub input: u64,
-    /// Index in the answer.
     pub index: usize,
     pub values: [f64; 2],
 }
@@ -91,16 +89,6 @@ impl Findings {
     }
 }
 
-/// The inputs of a tick; each role takes its part.
-#[derive(Clone, Copy, Debug)]
-struct Input {
-    tick: u64,
-    measured: Stamped<Measured>,
-    desired: Stamped<Desired>,
-    reference: Reference,
-    wrench: WrenchSetpoint,
-}
-
 /// Numbers that other stages read: of the role with most.
 pub const ANSWER: usize = 10;
 
@@ -117,7 +105,8 @@ fn instance<L: ?Sized>(made: &mut Made<L>, is_twin: bool) -> &mut L {
 }
 
 impl Candidate {
-    fn tick(&mut self, input: &Input, is_twin: bool) -> Answer {
+    /// Answers the input of an inner loop; the other roles take their part of it, and a mixer what is `given`.
+    fn tick(&mut self, input: &InnerInput, is_twin: bool) -> Answer {
         match self {
             Self::Outer(made) => tick_outer(instance(made, is_twin), input),
             Self::Inner(made) => tick_inner(instance(made, is_twin), input),
@@ -125,7 +114,6 @@ impl Candidate {
         }
     }
 
-    /// The law and its twin.
     fn both(&mut self) -> (&mut dyn CopyState, &mut dyn CopyState) {
         match self {
             Self::Outer(made) => (&mut *made.law, &mut *made.twin),
@@ -135,10 +123,14 @@ impl Candidate {
     }
 }
 
-fn tick_outer(law: &mut dyn OuterLaw, input: &Input) -> Answer {
+fn tick_outer(law: &mut dyn OuterLaw, input: &InnerInput) -> Answer {
     let mut telemetry = Telemetry::default();
-    let (tick, measured) = (input.tick, &input.measured.content);
-    let desired = law.tick(tick, measured, &input.reference, &mut telemetry);
+    let input = OuterInput {
+        tick: input.tick,
+        measured: input.measured,
+        reference: input.reference,
+    };
+    let desired = law.tick(&input, &mut telemetry);
     let vectors = [
         desired.attitude_rad,
         desired.attitude_rate_rad_s,
@@ -148,29 +140,23 @@ fn tick_outer(law: &mut dyn OuterLaw, input: &Input) -> Answer {
     answer(numbers.chain(vectors.into_iter().flatten()), &telemetry)
 }
 
-fn tick_inner(law: &mut dyn InnerLaw, input: &Input) -> Answer {
+fn tick_inner(law: &mut dyn InnerLaw, input: &InnerInput) -> Answer {
     let mut telemetry = Telemetry::default();
-    let Input {
-        measured,
-        desired,
-        reference,
-        wrench,
-        tick,
-    } = input;
-    let given = Given {
-        thrust_n: wrench.thrust_n,
-        torque_b_nm: wrench.torque_b_nm,
-        saturated: tick % 2,
-    };
-    let given = Stamped::new(tick.saturating_sub(1), given);
-    let wrench = law.tick(*tick, measured, &given, desired, reference, &mut telemetry);
+    let wrench = law.tick(input, &mut telemetry);
     let [x, y, z] = wrench.torque_b_nm;
     answer([wrench.thrust_n, x, y, z], &telemetry)
 }
 
-fn tick_mixer(law: &mut dyn MixerLaw, input: &Input) -> Answer {
+fn tick_mixer(law: &mut dyn MixerLaw, input: &InnerInput) -> Answer {
     let mut telemetry = Telemetry::default();
-    let ([a, b, c, d], is_saturated) = law.tick(input.tick, &input.wrench, &mut telemetry);
+    let input = MixerInput {
+        tick: input.tick,
+        demand: WrenchSetpoint {
+            thrust_n: input.given.thrust_n,
+            torque_b_nm: input.given.torque_b_nm,
+        },
+    };
+    let ([a, b, c, d], is_saturated) = law.tick(&input, &mut telemetry);
     answer([a, b, c, d, f64::from(is_saturated)], &telemetry)
 }
 
@@ -202,10 +188,10 @@ pub fn trial<E>(
         })?;
     }
     let mut candidate = make()?;
-    let hover = Input::hover(rig);
+    let hover = hover(rig);
     let mut time = |first_tick: usize, times_ns: &mut [u64]| {
         for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
-            let input = black_box(hover.at(tick));
+            let input = black_box(InnerInput { tick, ..hover });
             let begun = Instant::now();
             black_box(candidate.tick(&input, false));
             *time_ns = begun.elapsed().as_nanos() as u64;
@@ -265,7 +251,7 @@ fn compare<E>(
     inputs: u64,
     make: &impl Fn() -> Result<Candidate, E>,
     alive: &impl Fn(),
-    mut before: impl FnMut(&mut Candidate, &Input) -> Result<bool, E>,
+    mut before: impl FnMut(&mut Candidate, &InnerInput) -> Result<bool, E>,
 ) -> Result<[Option<BadAnswer>; 2], E> {
     // Always the same inputs.
     let mut rng = fastrand::Rng::with_seed(1);
@@ -281,7 +267,7 @@ fn compare<E>(
     };
     for life in 0..inputs / INPUTS_PER_LIFE {
         let (mut one, mut other) = (make()?, make()?);
-        let mut input = Input::hover(rig);
+        let mut input = hover(rig);
         for number in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
             draw_next(&mut input, &mut rng, rig);
             if !before(&mut other, &input)? {
@@ -349,66 +335,50 @@ fn watch(ticks: &AtomicU64, law: &str) {
     }
 }
 
-impl Input {
-    /// Level in the origin, where the reference is too.
-    fn hover(rig: &Rig) -> Self {
-        let Rig { airframe, .. } = rig;
-        let (thrust_n, speed) = (airframe.m() * airframe.g(), airframe.hover_speed_rad_s());
-        let measured = Measured {
+/// Level in the origin, where the reference is too.
+fn hover(rig: &Rig) -> InnerInput {
+    let Rig { airframe, .. } = rig;
+    let (thrust_n, speed) = (airframe.m() * airframe.g(), airframe.hover_speed_rad_s());
+    InnerInput {
+        given_age: 1,
+        measured: Measured {
             specific_force_b_m_s2: [0.0, 0.0, airframe.g()],
             rotor_speed_mean_rad_s: [speed; 4],
             rotor_speed_squared_mean_rad2_s2: [speed * speed; 4],
             rotor_speed_command_rad_s: [speed; 4],
             ..Measured::default()
-        };
-        let desired = Desired {
+        },
+        wanted: Desired {
             thrust_n,
             ..Desired::default()
-        };
-        let tick = 0;
-        let (content, reference) = (measured, Reference::default());
-        let measured = Stamped { tick, content };
-        let content = desired;
-        let desired = Stamped { tick, content };
-        Self {
-            tick,
-            measured,
-            desired,
-            reference,
-            wrench: WrenchSetpoint {
-                thrust_n,
-                torque_b_nm: [0.0; 3],
-            },
-        }
-    }
-
-    const fn at(mut self, tick: u64) -> Self {
-        self.tick = tick;
-        self.measured.tick = tick;
-        self.desired.tick = tick;
-        self
+        },
+        given: Given {
+            thrust_n,
+            ..Given::default()
+        },
+        ..InnerInput::default()
     }
 }
 
 /// Draws the next input as a flight could have it: each number within its physical range, some ticks skipped, some
 /// inputs held.
-fn draw_next(input: &mut Input, rng: &mut fastrand::Rng, rig: &Rig) {
+fn draw_next(input: &mut InnerInput, rng: &mut fastrand::Rng, rig: &Rig) {
     let is_skipped = rng.u8(..) < 16;
     let skipped = if is_skipped { rng.u64(1..500) } else { 0 };
-    let tick = input.tick + 1 + skipped;
-    input.tick = tick;
+    input.tick += 1 + skipped;
+    input.measured_age += 1 + skipped;
+    input.wanted_age += 1 + skipped;
     if rng.u8(..) >= 16 {
-        let content = measured(rng, rig);
-        input.measured = Stamped { tick, content };
+        (input.measured_age, input.measured) = (0, measured(rng, rig));
     }
     if rng.u8(..) >= 16 {
-        let content = desired(rng, rig);
-        input.desired = Stamped { tick, content };
+        (input.wanted_age, input.wanted) = (0, desired(rng, rig));
         input.reference = reference(rng);
     }
-    input.wrench = WrenchSetpoint {
-        thrust_n: input.desired.content.thrust_n,
+    input.given = Given {
+        thrust_n: input.wanted.thrust_n,
         torque_b_nm: numbers(rng, 10.0),
+        saturated: input.tick % 2,
     };
 }
 

@@ -111,7 +111,6 @@ fn overwrite(bytes: &mut [u8], at: usize, with: &[u8]) {
     }
 }
 
-/// Writes another number where one is, or many digits.
 fn number(dice: &mut Dice, bytes: &mut Vec<u8>) {
     let is_digit = |byte: &u8| byte.is_ascii_digit() || b".+-eE".contains(byte);
     let start = place(dice, bytes);
@@ -142,7 +141,6 @@ fn line(dice: &mut Dice, bytes: &mut Vec<u8>) {
     *bytes = lines.concat();
 }
 
-/// A JSON text with other values in some places.
 pub fn json(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     let mut tree: Value = serde_json::from_slice(file).ok()?;
     for _ in 0..=dice.roll(4) {
@@ -154,7 +152,6 @@ pub fn json(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     serde_json::to_vec(&tree).ok()
 }
 
-/// A place in a tree; most are leaves.
 fn somewhere<'a>(dice: &mut Dice, tree: &'a mut Value) -> &'a mut Value {
     let inside = match &*tree {
         Value::Array(values) => values.len(),
@@ -283,7 +280,6 @@ fn bytes_of(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
     bytes(dice, data, &[data.to_vec()])
 }
 
-/// Changes a word among the facts of a log.
 fn words(dice: &mut Dice, facts: &mut BTreeMap<String, String>) {
     let at = dice.roll(facts.len().max(1) as u64) as usize;
     let Some((name, word)) = facts.iter().nth(at).map(|(k, v)| (k.clone(), v.clone())) else {

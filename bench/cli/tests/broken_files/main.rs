@@ -56,7 +56,6 @@ fn flies(settings: Settings) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Files whose bytes are changed.
 fn try_bytes(
     kind: &'static str,
     file: &'static str,
@@ -89,7 +88,6 @@ fn try_parts(
     trial.run();
 }
 
-/// A flight with one setting, the path of the file.
 fn flies_with(key: &'static str, path: &Path) -> Result<(), Failure> {
     let named = Value::from(path.to_str().unwrap());
     flies(Settings::resolve(None, &vec![(key, named)])?)

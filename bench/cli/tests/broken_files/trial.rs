@@ -28,15 +28,12 @@ fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A kind of file, and how it is read.
 pub struct Trial<'a> {
     pub kind: &'static str,
-    /// The name of a file of this kind.
     pub file: &'static str,
     /// Files that are read as they are.
     pub good: &'a [Vec<u8>],
     pub change: &'a dyn Fn(&mut Dice, &[u8]) -> Vec<u8>,
-    /// Reads a file, and does with it what commands do.
     pub read: &'a dyn Fn(&Path) -> Result<(), Failure>,
 }
 
@@ -153,7 +150,6 @@ impl Trial<'_> {
         (answer.unwrap_or(Ok(())), grown)
     }
 
-    /// What is wrong with a refusal.
     fn bad_refusal(&self, failure: &Failure) -> Option<String> {
         let said = failure.text();
         let start: String = said.chars().take(300).collect();

@@ -32,10 +32,8 @@ pub const GRID: Grid = Grid {
 };
 const EPOCH: u64 = 1_000_000;
 
-/// What goes wrong in a tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TickFaults {
-    /// Stages that do nothing, by role.
     pub silent: [bool; 4],
     /// The plant wakes only when the others have given up waiting.
     pub plant_is_late: bool,
@@ -45,7 +43,6 @@ pub struct TickFaults {
     pub inner_restarts: bool,
 }
 
-/// Everything that was published, by topic.
 #[derive(Clone, Debug, Default)]
 pub struct Published {
     pub states: Vec<Message<State>>,
@@ -126,7 +123,6 @@ struct Flight<'a> {
     last_sent_ns: u64,
 }
 
-/// The header with a stage's stamps.
 fn stamped(mut header: Header, role: Role, receive_ns: u64, send_ns: u64) -> Header {
     header.stamps[role as usize] = Stamps {
         receive_ns,
@@ -304,7 +300,6 @@ pub fn rewrite(
     log.finish(record(landing)).unwrap();
 }
 
-/// Pseudorandom numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Dice(pub u64);
 

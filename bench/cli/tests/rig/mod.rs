@@ -61,7 +61,6 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A rig whose executable has the features of the tests.
     pub fn with_features(name: &str) -> Self {
         let mut rig = Self::new(name);
         rig.executable = BUILT_WITH_TESTS;
@@ -109,7 +108,6 @@ impl Rig {
         self.path("out")
     }
 
-    /// Writes a settings file and gives its path.
     pub fn settings(&self, text: &str) -> String {
         let path = self.file(&format!(
             "settings{}.toml",
@@ -199,7 +197,6 @@ impl Rig {
         }
     }
 
-    /// Starts a process and waits for its end.
     pub fn run(&self, command: &str, args: impl AsRef<str>) -> Ended {
         self.start(command, args).end()
     }
@@ -207,21 +204,6 @@ impl Rig {
     /// Runs a whole command line, which must succeed.
     pub fn ok(&self, line: &str) -> Ended {
         self.line(line).expect(0)
-    }
-
-    /// Flies in lockstep and simulates with the same options: the states are the same to the last bit, of `ticks` ticks.
-    pub fn flies_as_simulated(&self, options: &str, ticks: usize) -> Ended {
-        let (flown, simulated) = (self.file("flown.csv"), self.file("simulated.csv"));
-        let fly = format!("fly --pace lockstep {options} --every 1 --states {flown}");
-        let simulate = format!("simulate {options} --every 1 --states {simulated}");
-        let flight = self.ok(&fly);
-        self.ok(&simulate);
-        assert_same_rows(
-            &fs::read(&flown).unwrap(),
-            &fs::read(&simulated).unwrap(),
-            ticks,
-        );
-        flight
     }
 
     /// Runs a whole command line, which must be refused as a mistake.
@@ -252,7 +234,6 @@ impl Rig {
         })
     }
 
-    /// Waits until the recorder has written its first report.
     pub fn await_report(&self) {
         let report = self.out().join("latest/report.json");
         wait_until("the first report", || report.exists().then_some(()));
@@ -265,12 +246,10 @@ impl Rig {
         flight
     }
 
-    /// A file of the newest flight.
     pub fn flown(&self, file: &str) -> String {
         fs::read_to_string(self.out().join("latest").join(file)).unwrap()
     }
 
-    /// The newest flight's report, as written to its directory.
     pub fn report(&self) -> Value {
         serde_json::from_str(&self.flown("report.json")).unwrap()
     }
@@ -372,16 +351,6 @@ impl Drop for Rig {
     }
 }
 
-/// Two tables of states are the same, byte for byte, and have a header and a row per tick.
-#[track_caller]
-pub fn assert_same_rows(flown: &[u8], simulated: &[u8], ticks: usize) {
-    let lines = |bytes| str::from_utf8(bytes).unwrap().lines();
-    let differs = lines(flown).zip(lines(simulated)).find(|(a, b)| a != b);
-    assert_eq!(differs, None, "another flight");
-    assert_eq!(lines(simulated).count(), ticks + 1);
-    assert!(flown == simulated, "{} lines flown", lines(flown).count());
-}
-
 /// What messages call the process of a role.
 pub fn process_of(role: &str) -> String {
     if role == "record" {
@@ -453,7 +422,6 @@ pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command>
     Some(command)
 }
 
-/// All that a log holds, from its first file on.
 pub fn read_log(log: &Path) -> (Vec<LogEntry>, End) {
     let mut reader = LogReader::open(log).unwrap();
     let mut entries = Vec::new();

@@ -33,24 +33,20 @@ impl Running {
         self.child.try_wait().unwrap().is_none()
     }
 
-    /// What it has said on standard error so far.
     pub fn stderr(&self) -> String {
         fs::read_to_string(&self.stderr).unwrap()
     }
 
-    /// Waits until it says something on standard error.
     pub fn await_words(&self, words: &str) {
         wait_until(&format!("{} to say `{words}`", self.what), || {
             self.stderr().contains(words).then_some(())
         });
     }
 
-    /// What it has said on standard output so far.
     pub fn stdout(&self) -> String {
         fs::read_to_string(&self.stdout).unwrap()
     }
 
-    /// Waits until it says something on standard output.
     pub fn await_output(&self, words: &str) {
         wait_until(&format!("{} to print `{words}`", self.what), || {
             self.stdout().contains(words).then_some(())
@@ -82,7 +78,6 @@ impl Running {
         }
     }
 
-    /// Interrupts it, and waits for its end.
     pub fn interrupt(self) -> Ended {
         self.signal(Signal::INT);
         self.end()
@@ -167,12 +162,7 @@ impl Ended {
 
 impl std::fmt::Display for Ended {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self {
-            what,
-            stdout,
-            stderr,
-            ..
-        } = self;
+        let (what, stdout, stderr) = (&self.what, &self.stdout, &self.stderr);
         write!(f, "{what}\n--- stdout\n{stdout}\n--- stderr\n{stderr}")
     }
 }

@@ -104,7 +104,6 @@ pub(super) fn children(pid: u32) -> Vec<u32> {
         .collect()
 }
 
-/// Stops a process for a time.
 pub fn stop_for(pid: u32, time: Duration) {
     send(pid, Signal::STOP);
     sleep(time);

@@ -123,7 +123,6 @@ fn route(flown: &[&mut Flown<'_>]) -> Option<(ScaledTrajectory, f64)> {
     flown.iter().all(|it| it.route == first).then_some(first)
 }
 
-/// A flight in progress.
 struct Flown<'a> {
     rig: Box<Simulator>,
     judge: Judge,

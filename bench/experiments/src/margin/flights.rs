@@ -30,7 +30,6 @@ pub struct Flights<'a> {
     pub from: u64,
     /// The flight up to shortly before the fault; none if its laws cannot be copied.
     base: Option<Box<Simulator>>,
-    /// The flight without a fault.
     pub unfaulted: Point,
     /// Ticks with saturated rotors that a steady fault may cause [%].
     saturated_max_percent: f64,

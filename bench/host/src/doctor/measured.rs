@@ -55,12 +55,8 @@ impl Measurement {
     }
 
     fn finding(&self, subject: &str, what: &str, why: &str) -> Finding {
-        let Statistics {
-            count,
-            p50_us,
-            p99_us,
-            ..
-        } = self.statistics;
+        let all = &self.statistics;
+        let (count, p50_us, p99_us) = (all.count, all.p50_us, all.p99_us);
         let (late, limit_us) = (self.late, LATE_NS / 1000);
         let found = format!(
             "p50 {p50_us:.1} us, p99 {p99_us:.1} us; {late} of {count} {what} than {limit_us} us"

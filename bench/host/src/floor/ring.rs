@@ -97,11 +97,7 @@ pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, 
         let refusal = refusal.map(|reason| format!("SCHED_FIFO {highest}: {reason}"));
         standing.refused.extend(refusal);
         let _awake = stay_awake(&mut standing);
-        let RingSettings {
-            by_eventfd,
-            polls_ns,
-            ..
-        } = settings;
+        let (by_eventfd, polls_ns) = (settings.by_eventfd, settings.polls_ns);
         let mut link = Link::new(by_eventfd, [&ends[0], &ends[1]], 0, processes, polls_ns)?;
         let measured = go_around(&mut link, &settings, standing);
         drop(others);

@@ -130,7 +130,6 @@ impl Channels {
     }
 }
 
-/// Creates a channel for messages of a schema.
 fn channel(
     context: &Arc<Context>,
     topic: &str,

@@ -24,7 +24,6 @@ use errors::output::say;
 const APP: &str = "https://app.foxglove.dev";
 /// Longest head of a request [bytes].
 const HEAD_BYTES: usize = 16 << 10;
-/// How long a request may take to arrive.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long clients may take to receive the server's final messages.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(1);

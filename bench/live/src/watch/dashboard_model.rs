@@ -59,7 +59,6 @@ impl Tab {
     ];
 }
 
-/// The action that a key requests.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     None,
@@ -100,7 +99,6 @@ pub struct Model {
     /// Row of the table of latencies.
     pub series: usize,
     pub parameters: ParameterPage,
-    /// The current or last flight.
     pub flight: Option<WatchedFlight>,
 }
 
@@ -127,7 +125,6 @@ impl Model {
         Ok(())
     }
 
-    /// Takes the plant's answer to an injection.
     pub fn answer(&mut self, answer: Result<String, Failure>) {
         self.parameters.waits = false;
         let in_one_line = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -254,7 +251,6 @@ impl Model {
 /// A flight since the dashboard joined it.
 #[derive(Debug)]
 pub struct WatchedFlight {
-    /// The run as its plant publishes it.
     pub run: Run,
     /// Settings shared by all roles, by key.
     settings: BTreeMap<String, String>,
@@ -270,7 +266,6 @@ pub struct WatchedFlight {
     pub setpoint: Option<Setpoint>,
     pub wrench: Option<Wrench>,
     pub rotor_speeds: Option<RotorSpeeds>,
-    /// The monitor's latest result.
     pub monitor: Option<Monitor>,
     /// Position error [m].
     pub position_error: Trace,
@@ -280,7 +275,6 @@ pub struct WatchedFlight {
     pub active: ActiveParameters,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
-    /// The airframe as it was built.
     pub airframe: Airframe,
     pub laws: FlownLaws,
     /// The loops' CPU and its times when the dashboard first knew that CPU, and what the hypervisor took since.
@@ -360,7 +354,6 @@ impl WatchedFlight {
         (!self.recorder_lives).then(|| self.tick())
     }
 
-    /// A setting of the run, as text.
     pub fn setting(&self, key: &str) -> &str {
         self.settings.get(key).map_or("", String::as_str)
     }
@@ -414,7 +407,6 @@ impl WatchedFlight {
         }
     }
 
-    /// The three verdicts on the flight so far.
     pub fn verdicts(&self) -> Verdicts {
         let (run, statistics) = (&self.run, &self.statistics);
         // Counted by the plant, from the start of the flight.
@@ -446,7 +438,6 @@ impl WatchedFlight {
     }
 }
 
-/// The reference trajectory of a flight, from its shared settings.
 fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
     let setting = |key: &str| settings.get(key).map_or("", String::as_str);
     let name = setting("flight.trajectory");

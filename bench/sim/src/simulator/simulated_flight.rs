@@ -11,13 +11,10 @@ use analysis::tracking::{Tracking, TrackingError};
 use config::Settings;
 use errors::Failure;
 
-/// A finished simulation.
 #[derive(Clone, Debug)]
 pub struct SimulatedFlight {
     pub ticks: u64,
-    /// Hash over all outputs of the stages.
     pub outputs: OutputHash,
-    /// Position error.
     pub error: TrackingError,
     pub swaps: Vec<AppliedSwap>,
     /// Why the flight left its envelope, if it did.
@@ -93,7 +90,6 @@ pub fn follow(
     Ok(())
 }
 
-/// Checks a running simulation.
 #[derive(Debug)]
 pub struct Judge {
     last_tick: u64,

@@ -25,7 +25,6 @@ pub struct Timed {
     wrenches: MessageWindow<Wrench>,
     /// Each with the first tick in which it may act.
     commands: VecDeque<(Stamped<RotorSpeeds>, u64)>,
-    /// Commands that the plant has taken.
     taken: u64,
     /// Epochs of the current outer loop, inner loop and mixer.
     epochs: [Option<u64>; 3],

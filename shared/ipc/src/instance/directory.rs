@@ -258,7 +258,6 @@ pub(super) fn not_ours(path: impl Into<PathBuf>, why: impl Into<String>) -> Erro
     }
 }
 
-/// Whether a file is still the one at its path.
 pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     let there = statat(CWD, path, AtFlags::SYMLINK_NOFOLLOW);
     matches!((fstat(file), there), (Ok(ours), Ok(there)) if is_same(&ours, &there))

@@ -142,7 +142,6 @@ fn damage<T>(slot: &mut T, kind: &str, draw: &mut Draw) {
     (begin..end).for_each(|at| flip(slot, at, 1 + draw.below(255) as u8));
 }
 
-/// Flips bits of a byte of a slot.
 fn flip<T>(slot: &mut T, at: u64, bits: u8) {
     assert!(at < size_of::<T>() as u64);
     // SAFETY: a byte of the slot, which is borrowed for writing and consists of numbers.

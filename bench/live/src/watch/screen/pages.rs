@@ -290,7 +290,6 @@ fn decade(ns: u64) -> f64 {
 
 /// V and V_th, estimates compared with true values, violations by cause.
 fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
-    /// Minimum height of the chart.
     const CHART: u16 = 8;
     /// The paper's symbols of [`messages::parameters::ESTIMATED`].
     const SYMBOLS: [&str; 3] = ["I_R kg m^2", "k_r N m s", "delta rad/s^2"];
@@ -561,7 +560,6 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     region.put_wrapped(RealtimeStep::ALL.into_iter().filter_map(refusal).collect());
 }
 
-/// The signals that each law publishes.
 fn laws_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     let width = region.area.width;
     let row = |name: &str, [last, min, max]: [&str; 3], unit: &str| {
