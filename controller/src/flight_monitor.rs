@@ -4,17 +4,21 @@ use crate::TheoremMonitor;
 use crate::innovation::Innovation;
 use messages::content::{Stamped, State, Wrench};
 use messages::header::Message;
-use messages::monitor::Monitor;
+use messages::monitor::{Cause, Monitor};
 
 /// One monitor per process of the inner loop; or one for all channels, whose wrenches are the same.
 ///
-/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts.
+/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts. So
+/// it is for good when a step is unexplained after another channel took over: that channel's state may differ.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
     /// A fresh monitor; none if the law has no theorem.
     begin: Option<TheoremMonitor>,
     channels: usize,
     epoch: Option<u64>,
+    /// Epoch of the process whose wrench came first.
+    sender: Option<u64>,
+    has_changed: bool,
     /// Sequence number of the next wrench.
     next_seq: u64,
     /// None after a missed message.
@@ -27,6 +31,8 @@ impl FlightMonitor {
             begin,
             channels,
             epoch: None,
+            sender: None,
+            has_changed: false,
             next_seq: 0,
             monitor: None,
         }
@@ -65,10 +71,14 @@ impl FlightMonitor {
             self.monitor = None;
         }
         self.next_seq = seq.saturating_add(1);
-        let content = *self
-            .monitor
-            .as_mut()?
-            .watch(envelope.tick, state?, &wrench.content);
+        let sender = *self.sender.get_or_insert(envelope.epoch);
+        self.has_changed |= self.channels > 1 && sender != envelope.epoch;
+        let monitor = self.monitor.as_mut()?;
+        let content = *monitor.watch(envelope.tick, state?, &wrench.content);
+        if self.has_changed && content.violations[Cause::Unexplained as usize] > 0 {
+            self.monitor = None;
+            return None;
+        }
         Some(Message { envelope, content })
     }
 }
@@ -111,6 +121,25 @@ mod tests {
         for lost in [(1, 1, false), (1, 2, true)] {
             let wrenches = [(1, 0, true), lost, (1, 3, true), (2, 0, true)];
             assert_eq!(results(wrenches), [Some(1), None, None, Some(1)]);
+        }
+    }
+
+    #[test]
+    fn an_unexplained_step_is_not_judged_once_another_channel_has_taken_over() {
+        for (sender, violations) in [(1, Some(1)), (2, None)] {
+            let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
+            let mut monitor = FlightMonitor::new(Some(begin), 2);
+            let mut watch = |mut wrench: Message<Wrench>| {
+                let tick = wrench.envelope.tick;
+                if tick != 100 {
+                    wrench.content.telemetry.value.fill(f64::INFINITY);
+                }
+                let state = Stamped::new(tick, State::default());
+                let result = monitor.watch(&wrench, Some(&state))?;
+                Some(result.content.violations[Cause::Unexplained as usize])
+            };
+            assert_eq!(watch(wrench(1, 0)), Some(0));
+            assert_eq!(watch(wrench(sender, 1)), violations, "sender {sender}");
         }
     }
 

@@ -7,11 +7,11 @@ examples/raptor/weights.py --check ./libraptor.so  compares its forward pass wit
 Without a network, put the package's source archive next to this file first.
 """
 
-import ctypes, hashlib, io, pathlib, random, struct, sys, tarfile, urllib.request
+import ctypes, hashlib, io, pathlib, random, struct, subprocess, sys, tarfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 ARCHIVE = HERE / "foundation_policy-1.0.2.tar.gz"
-URL = f"https://files.pythonhosted.org/packages/2e/ff/b80b9215de9df04d50e62c32a2b78d06627407dcfc1bb1808709630bf136/{ARCHIVE.name}"
+PACKAGE = "foundation-policy==1.0.2"
 SHA_256 = "fd869d9603da60eaddbec08f212d32b1e23ca279ff56994a871a89dc1d2242f6"
 CHECKPOINT = "foundation_policy-1.0.2/foundation_policy/blob/checkpoint.h5"
 # Offset [bytes] and length of the arrays in that very file: HDF5, contiguous, little-endian f32, row by row.
@@ -27,10 +27,9 @@ INPUT, OUTPUT, STEPS = 35976, 126024, 500
 
 def checkpoint():
     if not ARCHIVE.exists():
-        try:
-            ARCHIVE.write_bytes(urllib.request.urlopen(URL, timeout=60).read())
-        except OSError as error:
-            sys.exit(f"cannot download {URL}: {error}\nwithout a network, put {ARCHIVE.name} into {HERE}")
+        download = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:", "--dest", HERE, PACKAGE]
+        if subprocess.run(download).returncode or not ARCHIVE.exists():
+            sys.exit(f"cannot download {PACKAGE}: without a network, put {ARCHIVE.name} into {HERE}")
     content = ARCHIVE.read_bytes()
     found = hashlib.sha256(content).hexdigest()
     if found != SHA_256:

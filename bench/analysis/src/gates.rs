@@ -260,7 +260,11 @@ impl Gate {
         }
         let (name, limit, held) = match gate {
             TheoremGate::Excusing => {
-                let held = matches!(word, StabilityVerdict::Holds | StabilityVerdict::NotJudged);
+                let is_judged = theorem.ticks_judged > 0;
+                let held = match word {
+                    StabilityVerdict::NotJudged => is_judged,
+                    word => word == StabilityVerdict::Holds,
+                };
                 ("theorem", "0 unexplained, estimates live", held)
             }
             TheoremGate::Strict => {
@@ -279,6 +283,7 @@ impl Gate {
             limit: limit.into(),
             value: match word {
                 StabilityVerdict::NotApplicable => nothing(why),
+                _ if theorem.ticks > 0 && theorem.ticks_judged == 0 => nothing(theorem.counts()),
                 _ => value,
             },
             held,

@@ -90,18 +90,23 @@ impl Theorem {
     /// In how many ticks V_th could be judged, and how often it rose.
     pub fn counts(&self) -> String {
         let ticks = count(self.ticks, "tick");
-        let mut counts = format!("V_th judged in {} of {ticks}", self.ticks_judged);
-        if self.ticks_judged < self.ticks_checked && !self.broken.is_empty() {
+        let mut counts = match self.ticks {
+            // Of an earlier version.
+            0 => format!("{} checked", count(self.ticks_checked, "step")),
+            _ => format!("V_th judged in {} of {ticks}", self.ticks_judged),
+        };
+        if self.ticks > 0 && self.ticks_judged < self.ticks_checked && !self.broken.is_empty() {
             counts += &format!(" ({} in the others)", self.broken.join(", "));
         }
         if self.ticks_unwatched > 0 {
             let unwatched = self.ticks_unwatched;
-            counts += &format!(", {unwatched} not watched after a lost message");
+            counts +=
+                &format!(", {unwatched} not watched (a message was lost, or channels differed)");
         }
         counts += &match self.rises() {
             0 => "; it rose in none".to_owned(),
             rises => format!(
-                "; it rose in {rises}, {} of them unexplained",
+                "; violated in {rises}, {} of them unexplained",
                 self.unexplained()
             ),
         };
@@ -578,8 +583,7 @@ mod tests {
         statistics.count_unwatched();
         assert_eq!(statistics.section().ticks_unwatched, 2);
         statistics.take(1, &monitor(0, 1));
-        let counts =
-            "V_th judged in 1 of 3 ticks, 2 not watched after a lost message; it rose in none";
+        let counts = "V_th judged in 1 of 3 ticks, 2 not watched (a message was lost, or channels differed); it rose in none";
         assert_eq!(statistics.section().counts(), counts);
         let excused = Monitor {
             ticks_checked: 11,

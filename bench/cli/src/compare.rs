@@ -128,10 +128,10 @@ fn fly_table(
         say(&format!("written: {}\n", path.display()));
         Ok::<(), Failure>(())
     };
+    print(&flown.markdown())?;
     write(&args.page, &|| flown.document().html())?;
     write(&args.picture, &|| flown.picture())?;
     write(&args.csv, &|| flown.csv())?;
-    print(&flown.markdown())?;
     Ok(OK)
 }
 
@@ -307,6 +307,20 @@ impl CaseTable {
         let mut names = BTreeSet::new();
         if let Some(twice) = cases.row.iter().find(|row| !names.insert(&row.name)) {
             return Err(refused(format!("two rows have the name `{}`", twice.name)));
+        }
+        let is_text = |name: &str| !name.trim().is_empty() && !name.contains(char::is_control);
+        if let Some(row) = cases.row.iter().find(|row| !is_text(&row.name)) {
+            return Err(refused(format!(
+                "{:?} is no name of a row: write a line of text",
+                row.name
+            )));
+        }
+        if let Some(bound) = cases.recovered_below_m
+            && !(bound.is_finite() && bound >= 0.0)
+        {
+            return Err(refused(format!(
+                "recovered_below_m = {bound}: write a number of 0 or more"
+            )));
         }
         match cases.row.len() {
             0 => Err(refused("it has no row".into())),

@@ -62,14 +62,15 @@ pub fn publish(
     format: DiffFormat,
     page: Option<&Path>,
 ) -> Result<(), Failure> {
+    match format {
+        DiffFormat::Text => print(&document.text()),
+        DiffFormat::Json => print_json(values),
+    }?;
     if let Some(path) = page {
         write_text(path, &document.html())?;
         say(&format!("written: {}\n", path.display()));
     }
-    match format {
-        DiffFormat::Text => print(&document.text()),
-        DiffFormat::Json => print_json(values),
-    }
+    Ok(())
 }
 
 /// A summary of a flight, with the paths of the page and the log.

@@ -56,6 +56,11 @@ pub fn law(role: Role, text: &str) -> Result<Overrides, Failure> {
                 "write LAW:PRESET,KEY=VALUE, as in adaptive:soft,alpha_1_s=150; either may be left out",
             )
         })?;
+        let key_of = |set: &(&'static str, Value)| parts(set.0).1;
+        if all.iter().any(|other| key_of(other) == key_of(&set)) {
+            let what = format!("--{role} {text}: `{}` is given twice", key_of(&set));
+            return Err(Failure::usage(what).help("leave one out"));
+        }
         all.push(set);
     }
     Ok(all)

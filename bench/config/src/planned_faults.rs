@@ -86,6 +86,11 @@ impl Settings {
         for (fault, Span { from, to }) in self.spans()? {
             for (kind, _) in fault.of_the_loop().flat_map(Change::kinds) {
                 check_channel(&kind, &fault.to_string(), self.rt.channels)?;
+                if matches!(kind, FaultKind::Switch { .. }) && !self.has_several_laws() {
+                    let what = format!("{fault}: all channels fly the same laws");
+                    return Err(Failure::usage(what)
+                        .help("name another law for a channel: --channel b:inner=pid"));
+                }
             }
             if from > last_tick {
                 return Err(Failure::usage(format!(

@@ -1,5 +1,6 @@
 //! Checks resolved settings: ranges, gates, laws, faults, start and length.
 
+use analysis::theorem::no_theorem;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use control_api::Rig;
@@ -201,10 +202,11 @@ impl Settings {
                 true => "gate_theorem",
                 false => "gate_theorem_strict",
             };
-            return Err(Failure::usage(format!(
-                "recorder.{key} = true: the inner law `{law}` has no theorem with these settings"
-            ))
-            .help("fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem"));
+            return Err(
+                Failure::usage(format!("recorder.{key} = true: {}", no_theorem(law))).help(
+                    "fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem",
+                ),
+            );
         }
         self.check_faults()?;
         self.check_start()?;

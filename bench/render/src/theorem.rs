@@ -42,9 +42,10 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
     }
     let Explained { word, why } = stability_verdict(theorem);
     let mut blocks = fact(format!("{}: {why}", name_of(&word)));
-    let moved = match theorem.is_live {
-        true => "the estimates move as predicted",
-        false => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
+    let moved = match (theorem.is_live, theorem.descent_predicted) {
+        (true, 0.0) => "nothing to compare",
+        (true, _) => "the estimates move as predicted",
+        (false, _) => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
     };
     let mut items = vec![
         format!(
@@ -116,17 +117,17 @@ fn innovation(theorem: &Theorem) -> Vec<String> {
         Explains::NotKnown => "not known",
         Explains::Explained => "the estimates explain it",
         Explains::Noise => "the rest is noise",
-        Explains::MissingCause => "the rest has a cause that the estimates do not have, or not yet",
+        Explains::MissingCause => "the three parameters do not explain it, or are not learned yet",
     };
-    let residual = format!(
-        "residual |Y - X th_hat| {:.2e} of |Y| {:.2e} rad/s^2 in the last second, correlation {:.2}: {says}",
-        it.rms_rad_s2, it.sample_rms_rad_s2, it.correlation
-    );
+    let residual = (it.sample_rms_rad_s2 > 0.0).then(|| format!(
+        "residual |Y - X th_hat| is {:.2} % of |Y|, {:.2e} rad/s^2, in the last second, correlation {:.2}: {says}",
+        100.0 * it.rms_rad_s2 / it.sample_rms_rad_s2, it.sample_rms_rad_s2, it.correlation
+    ));
     let bounded = it.steps_at_bound.iter().filter(|(_, steps)| **steps > 0);
     let bounded = bounded.map(|(name, steps)| format!("{name} in {}", count(*steps, "step")));
     let bounded: Vec<String> = bounded.collect();
     let bounded = (!bounded.is_empty()).then(|| format!("at a bound: {}", bounded.join(", ")));
-    [residual].into_iter().chain(bounded).collect()
+    residual.into_iter().chain(bounded).collect()
 }
 
 /// Every cause in force at some rise, with its counts; V above its bound is not judged.

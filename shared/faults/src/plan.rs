@@ -210,7 +210,7 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
             "{what} never takes effect: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
         ),
         (FaultRefusal::NotReady, _) => format!(
-            "{what}: the channel has no fresh command now; `ironbird watch` shows its processes"
+            "{what}: the channel has no fresh command now, or all channels fly the same laws"
         ),
         (FaultRefusal::NothingToEnd, _) => format!("{what}=off: it is not active then or later"),
         (FaultRefusal::Contradiction, FaultKind::Messages { port, kind }) => format!(

@@ -294,8 +294,10 @@ impl GroupSelection {
     /// Whether a channel's group has a usable command among these.
     pub fn is_ready(&self, channel: Channel, candidates: &[Candidate]) -> bool {
         let group = self.arrangement.group(channel);
-        self.of_group(group, candidates)
-            .is_some_and(|it| it.chosen.is_usable())
+        self.arrangement.leaders().count() > 1
+            && self
+                .of_group(group, candidates)
+                .is_some_and(|it| it.chosen.is_usable())
     }
 }
 

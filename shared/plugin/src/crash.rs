@@ -76,11 +76,17 @@ pub(crate) fn name_laws() {
                 limit.rlim_cur = limit.rlim_cur.min(RUNAWAY_US);
                 libc::setrlimit(libc::RLIMIT_RTTIME, &raw const limit);
             }
-            libc::atexit(name_exit);
+            // Each thread that calls exit() takes one of them.
+            for _ in 0..EXITS {
+                libc::atexit(name_exit);
+            }
             at_quick_exit(name_quick_exit);
         }
     });
 }
+
+/// Threads in which a law may call exit() at once.
+const EXITS: usize = 32;
 
 extern "C" fn name_and_die(signal: i32, info: *const libc::siginfo_t, context: *const c_void) {
     // SAFETY: the system hands over a siginfo that lives as long as the handler runs.

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | of tick k or later | taken over; nothing is sent |
 //! | of tick k-1, and the own inputs are fresh | taken over; tick k is worked from it |
+//! | of an earlier tick, but newer than the own state | the same: no channel has worked the ticks between |
 //! | none of these, or two that differ | tick k is worked from the own state; a process that joins waits for a state of another channel first |
 
 use control_api::SavedState;
@@ -128,7 +129,9 @@ impl Continuity {
             tick
         };
         let twins = self.twins.iter().map(|(_, board)| board.get());
-        let sound = twins.filter(|it| it.run_id == run_id && it.is_fresh == 1 && it.tick >= least);
+        let is_ahead = |it: &StageState| self.next.is_some_and(|next| it.tick >= next);
+        let is_sound = |it: &StageState| it.run_id == run_id && it.is_fresh == 1;
+        let sound = twins.filter(|it| is_sound(it) && (it.tick >= least || is_ahead(it)));
         let mut newest: Option<StageState> = None;
         for state in sound {
             match &newest {
