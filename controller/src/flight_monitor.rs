@@ -8,16 +8,17 @@ use messages::monitor::{Cause, Monitor};
 
 /// One monitor per process of the inner loop; or one for all channels, whose wrenches are the same.
 ///
-/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts. So
-/// it is for good when a step is unexplained after another channel took over: that channel's state may differ.
+/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts. With
+/// several channels, it is silent from the first unexplained step after another channel took over: the state of that
+/// channel may differ.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
     /// A fresh monitor; none if the law has no theorem.
     begin: Option<TheoremMonitor>,
     channels: usize,
+    /// Of the process that sent the newest wrench.
     epoch: Option<u64>,
-    /// Epoch of the process whose wrench came first.
-    sender: Option<u64>,
+    /// Another channel has taken over.
     has_changed: bool,
     /// Sequence number of the next wrench.
     next_seq: u64,
@@ -31,7 +32,6 @@ impl FlightMonitor {
             begin,
             channels,
             epoch: None,
-            sender: None,
             has_changed: false,
             next_seq: 0,
             monitor: None,
@@ -57,22 +57,19 @@ impl FlightMonitor {
         state: Option<&Stamped<State>>,
     ) -> Option<Message<Monitor>> {
         let envelope = wrench.envelope;
-        let (epoch, seq) = match self.channels {
-            1 => (envelope.epoch, envelope.seq),
-            // Whichever channel sent it: what one has lost comes from another.
-            _ => (0, self.next_seq),
-        };
-        if self.epoch != Some(epoch) {
-            self.epoch = Some(epoch);
-            self.next_seq = 0;
-            self.monitor.clone_from(&self.begin);
+        let before = self.epoch.replace(envelope.epoch);
+        if before != Some(envelope.epoch) {
+            self.has_changed = before.is_some() && self.channels > 1;
+            if !self.has_changed {
+                self.next_seq = 0;
+                self.monitor.clone_from(&self.begin);
+            }
         }
-        if seq != self.next_seq || state.is_none() {
+        // With several channels, what one has lost comes from another.
+        if (self.channels == 1 && envelope.seq != self.next_seq) || state.is_none() {
             self.monitor = None;
         }
-        self.next_seq = seq.saturating_add(1);
-        let sender = *self.sender.get_or_insert(envelope.epoch);
-        self.has_changed |= self.channels > 1 && sender != envelope.epoch;
+        self.next_seq = envelope.seq.saturating_add(1);
         let monitor = self.monitor.as_mut()?;
         let content = *monitor.watch(envelope.tick, state?, &wrench.content);
         if self.has_changed && content.violations[Cause::Unexplained as usize] > 0 {

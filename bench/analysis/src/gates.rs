@@ -41,7 +41,7 @@ pub struct RequestedGates {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TheoremGate {
     /// A broken assumption excuses a rise of V_th.
-    Excusing,
+    Lenient,
     /// Every step must be judged, and V_th may rise in none.
     Strict,
 }
@@ -254,12 +254,9 @@ fn steal(report: &Report) -> Measured {
 impl Gate {
     pub fn theorem(theorem: &Theorem, gate: TheoremGate) -> Self {
         let Explained { word, why } = stability_verdict(theorem);
-        let mut value = theorem.summary();
-        if theorem.ticks_unwatched > 0 {
-            value += &format!(", {} not watched", count(theorem.ticks_unwatched, "tick"));
-        }
+        let unwatched = theorem.ticks_unwatched;
         let (name, limit, held) = match gate {
-            TheoremGate::Excusing => {
+            TheoremGate::Lenient => {
                 let is_judged = theorem.ticks_judged > 0;
                 let held = match word {
                     StabilityVerdict::NotJudged => is_judged,
@@ -268,24 +265,29 @@ impl Gate {
                 ("theorem", "0 unexplained, estimates live", held)
             }
             TheoremGate::Strict => {
-                value = format!("{value}, {}", theorem.counts());
                 let is_judged = theorem.ticks_judged == theorem.ticks_checked;
                 let held = word == StabilityVerdict::Holds && is_judged && theorem.rises() == 0;
-                (
-                    "theorem=strict",
-                    "V_th judged in every step, 0 rises, estimates live",
-                    held,
-                )
+                let limit = "V_th judged in every step, 0 rises, estimates live";
+                ("theorem=strict", limit, held)
             }
+        };
+        let value = match word {
+            StabilityVerdict::NotApplicable => nothing(why),
+            _ if theorem.ticks > 0 && theorem.ticks_judged == 0 => nothing(theorem.counts()),
+            _ if gate == TheoremGate::Strict => {
+                format!("{}, {}", theorem.summary(), theorem.counts())
+            }
+            _ if unwatched > 0 => format!(
+                "{}, {} not watched",
+                theorem.summary(),
+                count(unwatched, "tick")
+            ),
+            _ => theorem.summary(),
         };
         Self {
             name: name.into(),
             limit: limit.into(),
-            value: match word {
-                StabilityVerdict::NotApplicable => nothing(why),
-                _ if theorem.ticks > 0 && theorem.ticks_judged == 0 => nothing(theorem.counts()),
-                _ => value,
-            },
+            value,
             held,
             asked: true,
         }
@@ -355,7 +357,7 @@ mod tests {
         max_loop_p999_us: Some(51.0),
         max_tracking_error_m: Some(0.01),
         max_steal_percent: Some(0.0),
-        theorem: Some(TheoremGate::Excusing),
+        theorem: Some(TheoremGate::Lenient),
     };
 
     /// What was measured for the gates that a changed flight does not hold.

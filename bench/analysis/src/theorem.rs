@@ -36,7 +36,7 @@ pub struct Theorem {
     pub ticks_checked: u64,
     /// Steps at which every assumption of V_th held, so that a rise has no excuse.
     pub ticks_judged: u64,
-    /// Wrenches that nothing can be said of, because a message before them was lost.
+    /// Wrenches that were not judged, because a message before them was lost or the channels differed.
     pub ticks_unwatched: u64,
     /// Steps at which V_th rose, or fell by less than the step owes, by cause.
     pub violations: BTreeMap<String, u64>,
@@ -181,14 +181,14 @@ pub struct InnovationSection {
     pub sample_rms_rad_s2: f64,
     /// Correlation of the unfiltered innovation with that of the step before: noise has none, a missing cause has.
     pub correlation: f64,
-    pub says: Explains,
+    pub says: ResidualCause,
     /// Steps of the present process in which a bound held an estimate back, where there are any.
     pub steps_at_bound: BTreeMap<String, u64>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Explains {
+pub enum ResidualCause {
     #[default]
     NotKnown,
     /// Less than 2 % of the sample is left.
@@ -211,10 +211,10 @@ impl InnovationSection {
             sample_rms_rad_s2: sample,
             correlation,
             says: match rms / sample {
-                share if share.is_nan() => Explains::NotKnown,
-                ..UNEXPLAINED => Explains::Explained,
-                _ if correlation < LASTING => Explains::Noise,
-                _ => Explains::MissingCause,
+                share if share.is_nan() => ResidualCause::NotKnown,
+                ..UNEXPLAINED => ResidualCause::Explained,
+                _ if correlation < LASTING => ResidualCause::Noise,
+                _ => ResidualCause::MissingCause,
             },
             steps_at_bound: names
                 .into_iter()

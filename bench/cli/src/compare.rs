@@ -18,6 +18,7 @@ use toml::Value;
 
 use crate::build;
 use crate::cli::CompareArgs;
+use crate::cli::values::limit;
 use crate::report_command::publish;
 use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
@@ -315,12 +316,9 @@ impl CaseTable {
                 row.name
             )));
         }
-        if let Some(bound) = cases.recovered_below_m
-            && !(bound.is_finite() && bound >= 0.0)
-        {
-            return Err(refused(format!(
-                "recovered_below_m = {bound}: write a number of 0 or more"
-            )));
+        if let Some(bound) = cases.recovered_below_m {
+            let checked = limit(&bound.to_string());
+            checked.map_err(|e| refused(format!("recovered_below_m = {bound}: {e}")))?;
         }
         match cases.row.len() {
             0 => Err(refused("it has no row".into())),

@@ -119,7 +119,7 @@ impl Scenario<'_> {
             ("mounts", ("mount -t tmpfs tmpfs /mnt", "true")),
             ("tracefs", TRACEFS),
             (
-                "nobody",
+                "unprivileged",
                 (
                     "true",
                     "setpriv --reuid=65534 --regid=65534 --clear-groups true",
@@ -214,7 +214,7 @@ impl Stage {
                 let command = rest.split(' ').find(|word| !word.contains('='));
                 self.running.insert(command.unwrap().to_owned(), process);
             }
-            "nobody" => {
+            "unprivileged" => {
                 self.close();
                 match unprivileged(&self.rig, name, last) {
                     Some(command) => self.end(self.rig.launch(command)),
@@ -270,6 +270,11 @@ impl Stage {
                 assert_eq!(self.ended().result()[key], value, "{}", self.ended());
             }
             "report" => compare(&self.rig.report(), rest),
+            "unless-stalled" => {
+                if !self.rig.has_stalled() {
+                    self.step(rest);
+                }
+            }
             "json" => compare(&self.ended().json(), rest),
             "has" | "lacks" => {
                 let (file, words) = rest.split_once(": ").unwrap();

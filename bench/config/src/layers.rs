@@ -149,10 +149,12 @@ impl Layers<'_> {
             law_settings::identify(&mut table, section, law);
         }
         let mut channels = Table::new();
-        for (channel, role, given) in of_channels {
+        for (channel, role, mut given) in of_channels {
             let law = law_settings::named(role, given.get(LAW), &Moved::new())
                 .map_err(|failure| failure.append(&format!(" (channel {channel})")))?;
             let mut section = law_settings::section(law, &preset, &rig);
+            let place = format!("channel {channel}");
+            check_section(role.name(), &mut given, &section, &place)?;
             section.extend(given);
             let own = channels
                 .entry(channel.name())
@@ -177,6 +179,14 @@ impl Layers<'_> {
             let role = SECTIONS.into_iter().find(|(section, _)| *section == role);
             channel.zip(role.map(|(_, role)| role))
         };
+        let unknown = |place: &str, channel: &str, role: &str| {
+            here(
+                place,
+                format!(
+                    "unknown section [{CHANNEL}.{channel}.{role}]: channels b and c have [{CHANNEL}.b.inner] and the like"
+                ),
+            )
+        };
         if let Some(given) = self.given.remove(CHANNEL) {
             let channels = given.as_table().into_iter().flatten();
             for (channel, of_channel) in channels {
@@ -190,9 +200,8 @@ impl Layers<'_> {
                 }
                 for (role, keys) in of_channel.as_table().into_iter().flatten() {
                     let law = named(channel, role).zip(keys.as_table());
-                    let ((channel, role), keys) = law.ok_or_else(|| {
-                        here(place, format!("unknown section [{CHANNEL}.{channel}.{role}]: channels b and c have [{CHANNEL}.b.inner] and the like"))
-                    })?;
+                    let ((channel, role), keys) =
+                        law.ok_or_else(|| unknown(place, channel, role))?;
                     let mut keys = keys.clone();
                     if let Some(law) = keys.get_mut(LAW) {
                         *law = beside(self.file, law);
@@ -219,23 +228,21 @@ impl Layers<'_> {
                 Table::from_iter([(LAW.to_owned(), Value::from(law))]),
             ));
         }
-        self.overrides.retain(|(flag, value)| {
-            let key = overrides::parts(flag).1.strip_prefix("channel.");
-            let [channel, role, key] = key.map_or([""; 3], |key| {
-                let mut parts = key.splitn(3, '.');
-                std::array::from_fn(|_| parts.next().unwrap_or_default())
-            });
-            let Some((channel, role)) = named(channel, role).filter(|_| !key.is_empty()) else {
-                return true;
+        for (flag, value) in std::mem::take(&mut self.overrides) {
+            let parts: Vec<&str> = overrides::parts(flag).1.splitn(4, '.').collect();
+            let [CHANNEL, channel, role, key] = parts[..] else {
+                self.overrides.push((flag, value));
+                continue;
             };
+            let (channel, role) =
+                named(channel, role).ok_or_else(|| unknown("--set", channel, role))?;
             let is_it = |law: &(Channel, Role, Table)| (law.0, law.1) == (channel, role);
             let place = laws.iter().position(is_it).unwrap_or_else(|| {
                 laws.push((channel, role, Table::new()));
                 laws.len() - 1
             });
-            laws[place].2.insert(key.into(), value.clone());
-            false
-        });
+            laws[place].2.insert(key.into(), value);
+        }
         Ok(laws)
     }
 
@@ -459,18 +466,30 @@ fn check_keys(given: &mut Table, place: &str, default: &Table) -> Result<(), Fai
         let Some(keys) = keys.as_table_mut() else {
             return Err(here(format!("`{section}` must be a section: [{section}]")));
         };
-        for (key, value) in keys {
-            let Some(expected) = known.get(key) else {
-                let law = known.get(LAW).map(|law| format!(" of the law {law}"));
-                return Err(here(format!(
-                    "unknown key `{section}.{key}`{}{}",
-                    law.unwrap_or_default(),
-                    nearest(key, known.keys())
-                )));
-            };
-            *value = coerce(value, expected)
-                .ok_or_else(|| here(unexpected(&format!("{section}.{key}"), value, expected)))?;
-        }
+        check_section(section, keys, known, place)?;
+    }
+    Ok(())
+}
+
+/// The same for the keys of a section.
+fn check_section(
+    section: &str,
+    keys: &mut Table,
+    known: &Table,
+    place: &str,
+) -> Result<(), Failure> {
+    let here = |what: String| here(place, what);
+    for (key, value) in keys {
+        let Some(expected) = known.get(key) else {
+            let law = known.get(LAW).map(|law| format!(" of the law {law}"));
+            return Err(here(format!(
+                "unknown key `{section}.{key}`{}{}",
+                law.unwrap_or_default(),
+                nearest(key, known.keys())
+            )));
+        };
+        *value = coerce(value, expected)
+            .ok_or_else(|| here(unexpected(&format!("{section}.{key}"), value, expected)))?;
     }
     Ok(())
 }

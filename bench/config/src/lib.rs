@@ -412,7 +412,7 @@ pub fn last_name(path: &str) -> &str {
 
 impl RecorderSettings {
     pub fn theorem_gate(&self) -> Option<TheoremGate> {
-        let excusing = self.gate_theorem.then_some(TheoremGate::Excusing);
+        let excusing = self.gate_theorem.then_some(TheoremGate::Lenient);
         let strict = self.gate_theorem_strict.then_some(TheoremGate::Strict);
         strict.or(excusing)
     }

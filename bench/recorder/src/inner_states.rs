@@ -1,4 +1,4 @@
-//! States as the inner loop sees them: with the faults at its input, planned or injected, for the Lyapunov monitor.
+//! States with the faults of the inner loop's input, planned or injected, for the Lyapunov monitor.
 
 use faults::Port;
 use faults::gate::FaultFilter;
@@ -24,22 +24,22 @@ impl InnerStates {
         }
     }
 
-    /// A state with the measurement that the inner loop got, and its own truth.
+    /// Applies the faults to the measurement, not to the truth.
     ///
     /// The plant publishes an injected fault before the first state that it acts on.
-    pub fn seen(&mut self, message: &Message<State>) -> Message<State> {
+    pub fn with_faults(&mut self, message: &Message<State>) -> Message<State> {
         let news = self.injected.as_mut().and_then(BlackboardReader::news);
         if let Some(injected) = news {
             let messages = self.planned.with(&injected).messages;
             self.filter.change(&messages, Port::InnerState, self.newest);
         }
-        let mut seen = *message;
+        let mut faulty = *message;
         if self.filter.has_faults()
             && let Some(passed) = self.filter.pass(message.envelope.tick, &message.content)
         {
-            seen.content.measured = passed.content.measured;
+            faulty.content.measured = passed.content.measured;
         }
         self.newest = Some(message.content);
-        seen
+        faulty
     }
 }

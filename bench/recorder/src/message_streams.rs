@@ -156,7 +156,7 @@ impl MessageStreams {
                 LogEntry::State(message) => {
                     *parameter_epoch = message.content.parameter_epoch;
                     statistics.state(message);
-                    pairs.state(&inner_states.seen(message));
+                    pairs.state(&inner_states.with_faults(message));
                     joiner.take(tick, LoopMessage::State(message.content));
                 }
                 LogEntry::Setpoint(message) => {

@@ -4,7 +4,7 @@ use crate::document::{self, Block, Cell, Table, known, row, table};
 use crate::figures::Figures;
 use analysis::phrase::{count, name_of};
 use analysis::schema::Explained;
-use analysis::theorem::{Explains, NO_CAUSE, Theorem, Watched};
+use analysis::theorem::{NO_CAUSE, ResidualCause, Theorem, Watched};
 use analysis::verdicts::stability_verdict;
 use messages::monitor::Cause;
 use std::collections::BTreeMap;
@@ -114,16 +114,18 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
 fn innovation(theorem: &Theorem) -> Vec<String> {
     let it = &theorem.innovation;
     let says = match it.says {
-        Explains::NotKnown => "not known",
-        Explains::Explained => "the estimates explain it",
-        Explains::Noise => "the rest is noise",
-        Explains::MissingCause => "the three parameters do not explain it, or are not learned yet",
+        ResidualCause::NotKnown => "not known",
+        ResidualCause::Explained => "the estimates explain it",
+        ResidualCause::Noise => "the rest is noise",
+        ResidualCause::MissingCause => {
+            "the three parameters do not explain it, or are not learned yet"
+        }
     };
     let residual = (it.sample_rms_rad_s2 > 0.0).then(|| format!(
         "residual |Y - X th_hat| is {:.2} % of |Y|, {:.2e} rad/s^2, in the last second, correlation {:.2}: {says}",
         100.0 * it.rms_rad_s2 / it.sample_rms_rad_s2, it.sample_rms_rad_s2, it.correlation
     ));
-    let bounded = it.steps_at_bound.iter().filter(|(_, steps)| **steps > 0);
+    let bounded = it.steps_at_bound.iter();
     let bounded = bounded.map(|(name, steps)| format!("{name} in {}", count(*steps, "step")));
     let bounded: Vec<String> = bounded.collect();
     let bounded = (!bounded.is_empty()).then(|| format!("at a bound: {}", bounded.join(", ")));

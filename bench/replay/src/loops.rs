@@ -30,8 +30,8 @@ pub struct LoopsReplay {
     inner_setpoint: RecordedInput<Setpoint>,
     mixer_wrench: RecordedInput<Wrench>,
     theorem: FlightMonitor,
-    /// The state that the inner loop worked with last, as its faults left it.
-    inner_saw: Stamped<State>,
+    /// The inner loop's newest state, after the faults of its input.
+    inner_input: Stamped<State>,
     pub restarts: u64,
 }
 
@@ -53,7 +53,7 @@ impl LoopsReplay {
             inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint),
             mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench),
             theorem: FlightMonitor::new(settings.theorem()?, settings.rt.channels),
-            inner_saw: Stamped::never(),
+            inner_input: Stamped::never(),
             restarts: 0,
         })
     }
@@ -110,7 +110,7 @@ impl LoopsReplay {
         let state =
             self.inner_state
                 .input(&inputs.states, envelope.input_tick[0], envelope.tick)?;
-        self.inner_saw = state;
+        self.inner_input = state;
         let setpoint =
             self.inner_setpoint
                 .input(&inputs.setpoints, envelope.input_tick[1], envelope.tick)?;
@@ -177,8 +177,8 @@ impl LoopsReplay {
         let tick = message.envelope.tick;
         let wrench = of(&inputs.wrenches, tick)?;
         let mut state = input(&inputs.states, wrench.envelope.input_tick[0], tick)?;
-        if state.tick == self.inner_saw.tick {
-            state.content.measured = self.inner_saw.content.measured;
+        if state.tick == self.inner_input.tick {
+            state.content.measured = self.inner_input.content.measured;
         }
         match self.theorem.watch(wrench, Some(&state)) {
             Some(replayed) => comparison.compare(tick, &message.content, &replayed.content),

@@ -492,12 +492,12 @@ impl Faulted {
             {
                 self.used = self.states.pop_front().unwrap_or(self.used);
             }
-            // As the law saw it: a fault of the measurement is one, wherever it comes from.
-            let mut seen = self.used;
-            if seen.tick == state.tick {
-                seen.content.measured = state.content.measured;
+            // With the faults of the inner loop's input: their origin does not matter to the verdict.
+            let mut input = self.used;
+            if input.tick == state.tick {
+                input.content.measured = state.content.measured;
             }
-            rig.monitor = Some(*theorem.watch(tick, &seen, &rig.wrench.content));
+            rig.monitor = Some(*theorem.watch(tick, &input, &rig.wrench.content));
             rig.innovation = *theorem.innovation();
         }
     }

@@ -274,9 +274,12 @@ fn the_law_is_told_what_the_mixer_made_of_its_demand() {
     let mut state = state(9);
     state.content.measured.rotor_speed_command_rad_s = speeds.speed_rad_s;
     (state.content.command_tick, state.content.command_saturated) = (6, 1);
-    let told = guarded.tick(10, &state, &setpoint(10)).telemetry;
+    let published = guarded.tick(10, &state, &setpoint(10)).telemetry;
     let [_, pitch_nm, _] = speeds.torque_b_nm;
-    assert_eq!(told.value[6..10], [4.0, speeds.thrust_n, pitch_nm, 1.0]);
+    assert_eq!(
+        published.value[6..10],
+        [4.0, speeds.thrust_n, pitch_nm, 1.0]
+    );
     assert!(pitch_nm < 0.0, "the front pushes more: {pitch_nm}");
 }
 

@@ -16,7 +16,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::Site;
 
-const NOBODY: u32 = 65534;
+const OTHER_USER: u32 = 65534;
 const HANGS: Duration = Duration::from_secs(60);
 const LINK: &str = "it is a symbolic link";
 
@@ -35,7 +35,7 @@ fn entries(directory: &Path) -> impl Iterator<Item = PathBuf> {
 
 /// Gives a path to another user; false, and a message, if this user cannot.
 fn give_away(path: &Path) -> bool {
-    let is_given = chown(path, Some(NOBODY), Some(NOBODY)).is_ok();
+    let is_given = chown(path, Some(OTHER_USER), Some(OTHER_USER)).is_ok();
     if !is_given {
         let path = path.display();
         eprintln!("skipped: only root gives {path} away");
@@ -117,7 +117,7 @@ fn what_others_may_write_is_not_used() {
         assert!(entries(&directory).next().is_none());
     }
     fs::remove_dir(&directory).unwrap();
-    // A root that everybody may write is good enough if nobody may replace what another user has made, as in /tmp.
+    // A root that all users may write is accepted if none may replace the files of another user, as in /tmp.
     set_mode(site.root(), 0o777);
     assert_refused(instance.prepare(), site.root(), &others_may(0o777));
     set_mode(site.root(), 0o1777);
@@ -130,7 +130,7 @@ fn what_others_may_write_is_not_used() {
     fs::remove_file(&lock).unwrap();
     fs::write(&page, "").unwrap();
     set_mode(&page, 0o666);
-    // Nobody uses it, so it is removed as a leftover.
+    // It is not in use, so it is removed as a leftover.
     drop(Wire::open(instance).unwrap());
     let _wire = Wire::open(instance).unwrap();
     set_mode(&page, 0o666);
@@ -143,7 +143,7 @@ fn what_belongs_to_another_user_is_not_used() {
     let instance = &site.instance;
     let directory = instance.directory();
     let user = rustix::process::geteuid().as_raw();
-    let theirs = format!("it belongs to user {NOBODY}, and this process is user {user}");
+    let theirs = format!("it belongs to user {OTHER_USER}, and this process is user {user}");
     fs::create_dir(&directory).unwrap();
     if !give_away(&directory) {
         return;
@@ -205,7 +205,7 @@ fn a_lock_that_somebody_keeps_is_an_error_and_no_wait_for_ever() {
         drop(site.wire());
         &site.instance
     });
-    // Somebody uses the memory, so that the page is no leftover.
+    // The memory is in use, so that the page is no leftover.
     let user = File::open(lock_file(paged, "in_use")).unwrap();
     flock(&user, FlockOperation::NonBlockingLockShared).unwrap();
     fs::write(page(paged), "").unwrap();

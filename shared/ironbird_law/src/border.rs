@@ -47,7 +47,7 @@ macro_rules! of_role {
             output: *mut $output,
             telemetry: *mut IronbirdTelemetry,
         ) {
-            // SAFETY: the instance is one that `create` gave; the rest is valid, and nobody else's, for the time of this
+            // SAFETY: the instance is one that `create` gave; the rest is valid and not shared for the time of this
             // call.
             unsafe { *output = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
         }

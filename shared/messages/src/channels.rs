@@ -708,5 +708,7 @@ mod tests {
         let to_a = guarded.decide(2, &both(320.0), Some(A), &tilted).unwrap();
         assert_eq!((to_a.to, to_a.command_step_rad_s), (0, 20.0));
         assert!(guarded.is_ready(B, &both(1.0)) && !guarded.is_ready(B, &both(1.0)[..1]));
+        let alike = GroupSelection::new(Arrangement::alike(2));
+        assert!(!alike.is_ready(B, &both(1.0)), "it would change nothing");
     }
 }

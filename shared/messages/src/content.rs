@@ -54,7 +54,7 @@ layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     #[repr(C)]
     pub struct State {
-        /// What a law is told of it.
+        /// What a law is given of it.
         pub measured: Measured,
         /// Tick of the command in force; [`NO_TICK`] while none has arrived.
         pub command_tick: u64,

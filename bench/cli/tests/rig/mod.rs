@@ -261,6 +261,20 @@ impl Rig {
         wait_until("the final report", read)
     }
 
+    /// Whether the machine woke the plant of the last flight more than half a tick late. It then kept its stages from
+    /// their processor as well, and what a channel lost cannot be told from that: says that it was not tested.
+    pub fn has_stalled(&self) -> bool {
+        let report = self.final_report();
+        let late_us = report.series("wake.plant").map_or(0.0, |it| it.max_us);
+        let has_stalled = late_us > 0.5 * report.run.wall_period_us;
+        if has_stalled {
+            not_tested(&format!(
+                "ticks without a command: the machine woke the plant {late_us} us late"
+            ));
+        }
+        has_stalled
+    }
+
     /// A replay has every bit of the log.
     pub fn assert_replayed(&self) {
         self.ok("replay --verify").says("identical");

@@ -46,7 +46,7 @@ pub fn send(pid: u32, signal: Signal) {
     kill_process(Pid::from_raw(i32::try_from(pid).unwrap()).unwrap(), signal).unwrap();
 }
 
-/// Whether a process is no more; one that nobody has waited for yet counts as gone.
+/// Whether a process is no more; one that was not waited for yet counts as gone.
 pub fn is_gone(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit_once(')')

@@ -15,8 +15,11 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl AsRef<str>) -> Option<C
         return Some(rig.command(command, args));
     }
     let id = NOBODY.to_string();
-    let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
-    let probe = Command::new("setpriv").args(as_nobody).arg("true").status();
+    let as_other_user = ["--reuid", &id, "--regid", &id, "--clear-groups"];
+    let probe = Command::new("setpriv")
+        .args(as_other_user)
+        .arg("true")
+        .status();
     if !probe.is_ok_and(|status| status.success()) {
         not_tested("setpriv (util-linux) is not there, or may not become another user");
         return None;
@@ -34,6 +37,6 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl AsRef<str>) -> Option<C
         }
     }
     let mut process = Command::new("setpriv");
-    process.args(as_nobody).arg(executable);
+    process.args(as_other_user).arg(executable);
     Some(rig.given(process, command, args))
 }

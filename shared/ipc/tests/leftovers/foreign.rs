@@ -13,7 +13,7 @@ use messages::role::Role;
 use crate::common::Site;
 use crate::{hold_everything_and_be_killed, segments};
 
-const NOBODY: u32 = 65534;
+const OTHER_USER: u32 = 65534;
 
 /// Puts into a directory what a user may have there: a tree, a file, a socket, a pipe, links.
 fn furnish(directory: &Path) {
@@ -89,8 +89,8 @@ fn in_shared_memory_only_files_of_this_user_are_removed() {
         |what: &str| Path::new(SHARED_MEMORY).join(format!("{}{what}", site.instance.prefix()));
     symlink("/nowhere", name("link")).unwrap();
     fs::create_dir(name("directory")).unwrap();
-    fs::write(name("file"), "of nobody").unwrap();
-    let is_nobodys = chown(name("file"), Some(NOBODY), Some(NOBODY)).is_ok();
+    fs::write(name("file"), "of another user").unwrap();
+    let is_of_other_user = chown(name("file"), Some(OTHER_USER), Some(OTHER_USER)).is_ok();
     let removed = BTreeSet::from_iter(site.instance.remove_leftovers().unwrap());
     let exists = |what| name(what).symlink_metadata().is_ok();
     let kept = ["link", "directory", "file"].map(exists);
@@ -99,7 +99,7 @@ fn in_shared_memory_only_files_of_this_user_are_removed() {
     fs::remove_dir(name("directory")).unwrap();
     let _ = fs::remove_file(name("file"));
     assert!(ours.is_subset(&removed) && ours.iter().all(|path| !path.exists()));
-    assert_eq!(kept, [true, true, is_nobodys]);
+    assert_eq!(kept, [true, true, is_of_other_user]);
     let error = refused.unwrap_err();
     assert!(
         error

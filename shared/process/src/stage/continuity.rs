@@ -8,7 +8,7 @@
 //! |---|---|
 //! | of tick k or later | taken over; nothing is sent |
 //! | of tick k-1, and the own inputs are fresh | taken over; tick k is worked from it |
-//! | of an earlier tick, but newer than the own state | the same: no channel has worked the ticks between |
+//! | of an earlier tick, but newer than the own state | taken over; tick k is worked from it |
 //! | none of these, or two that differ | tick k is worked from the own state; a process that joins waits for a state of another channel first |
 
 use control_api::SavedState;
@@ -154,8 +154,9 @@ impl Continuity {
                 self.resumed_at = state.tick + 1;
             }
             self.next = Some(state.tick + 1);
-            self.is_doubtful = false;
-            return if state.tick >= tick {
+            let is_worked = state.tick >= tick;
+            self.is_doubtful = !is_worked && !is_fresh;
+            return if is_worked {
                 TickPlan::Skip
             } else {
                 TickPlan::Work
