@@ -7,6 +7,7 @@ use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use messages::header::Message;
+use messages::role::Channel;
 use messages::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
@@ -99,23 +100,17 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     let path = directory.join(perfetto::FILE);
     let file = replace(&path)?;
     let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
-    let read = loop {
-        let entry = match reader.next_entry() {
-            Ok(Some(entry)) => entry,
-            Ok(None) => break Ok(()),
-            // Everything before the damage is exported.
-            Err(failure) => break Err(failure),
-        };
-        match entry {
-            LogEntry::State(message) => writer.state(message),
-            LogEntry::Setpoint(message) => writer.work(message),
-            LogEntry::Wrench(message) => writer.work(message),
-            LogEntry::RotorSpeeds(message) => writer.work(message),
-            LogEntry::Swap(message) => writer.swap(message),
-            LogEntry::Theorem(_) => Ok(()),
+    let mut read = trace_log(reader, &mut writer, &path, true)?;
+    for channel in Channel::ALL {
+        let directory = reader
+            .path()
+            .with_file_name(flight_log::log_directory(channel));
+        let log = directory.join(flight_log::FILE);
+        if read.is_ok() && log.exists() {
+            writer.begin_channel(channel).in_file("write", &path)?;
+            read = trace_log(&mut LogReader::open(&log)?, &mut writer, &path, false)?;
         }
-        .in_file("write", &path)?;
-    };
+    }
     writer.finish().in_file("write", &path)?;
     let (slices, instants, path) = (writer.slices, writer.instants, path.display());
     print(&format!(
@@ -124,6 +119,29 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     read?;
     print_missing(reader)?;
     Ok(OK)
+}
+
+/// Adds the stages of a log to a trace, with the plant or without it. Everything before a damaged part is exported; the
+/// inner result is the damage.
+fn trace_log(
+    reader: &mut LogReader,
+    writer: &mut PerfettoWriter<impl Write>,
+    path: &Path,
+    has_plant: bool,
+) -> Result<Result<(), Failure>, Failure> {
+    loop {
+        match reader.next_entry() {
+            Ok(Some(LogEntry::State(message))) if has_plant => writer.state(message),
+            Ok(Some(LogEntry::Swap(message))) if has_plant => writer.swap(message),
+            Ok(Some(LogEntry::Setpoint(message))) => writer.work(message),
+            Ok(Some(LogEntry::Wrench(message))) => writer.work(message),
+            Ok(Some(LogEntry::RotorSpeeds(message))) => writer.work(message),
+            Ok(Some(_)) => Ok(()),
+            Ok(None) => return Ok(Ok(())),
+            Err(failure) => return Ok(Err(failure)),
+        }
+        .in_file("write", path)?;
+    }
 }
 
 fn create_directory(directory: &Path) -> Result<(), Failure> {

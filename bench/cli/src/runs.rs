@@ -274,10 +274,9 @@ type IsOurs = fn(&str) -> bool;
 /// The directories in that of a flight, and which files in them are its own.
 fn directories_inside() -> Vec<(String, IsOurs)> {
     let is_log: IsOurs = |name| flight_log::part_of(name).is_some();
-    let logs = Channel::ALL.into_iter().skip(1);
-    let logs = logs.map(|channel| (flight_log::log_directory(channel), is_log));
+    let logs = Channel::ALL.map(|channel| (flight_log::log_directory(channel), is_log));
     let exported: (String, IsOurs) = (export::DIRECTORY.into(), export::is_ours);
-    logs.chain([exported]).collect()
+    logs.into_iter().chain([exported]).collect()
 }
 
 /// The first entry of a directory, by name, that ironbird did not create.

@@ -9,7 +9,7 @@ use messages::telemetry::Signals;
 pub const FORMAT: &str = "ironbird-log/1";
 /// Name of the record that says which run it is, and how its clocks go.
 pub const RUN: &str = "run";
-/// What [`RUN`] calls the channel whose messages the log has, if it is not channel a.
+/// What [`RUN`] calls the channel whose messages the log has; the log of a flight does not say.
 pub const CHANNEL: &str = "channel";
 pub const SETTINGS: &str = "settings";
 /// What [`SETTINGS`] calls the points of the trajectory, where it has some: the file as it was read.

@@ -36,12 +36,9 @@ pub mod writer;
 /// Name of the log in a flight's directory: of its first file.
 pub const FILE: &str = "flight.mcap";
 
-/// Where in a flight's directory the log is of a channel and those with the same laws.
+/// Directory of a channel's own log in that of a flight with several channels.
 pub fn log_directory(channel: Channel) -> String {
-    match channel {
-        Channel::A => String::new(),
-        channel => format!("channel-{channel}"),
-    }
+    format!("channel-{channel}")
 }
 
 /// Name of the files of the log: the first has no number.

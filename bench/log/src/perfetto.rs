@@ -1,4 +1,5 @@
-//! A flight as a Perfetto trace: a track per stage, missed deadlines and swaps as instants.
+//! A flight as a Perfetto trace: a track per stage, missed deadlines and swaps as instants; with several channels, a track
+//! per stage of what was flown, and of each channel.
 //!
 //! The field numbers are those of Perfetto's `trace_packet.proto`, `track_event.proto`, `track_descriptor.proto` and `debug_annotation.proto`.
 
@@ -7,7 +8,7 @@ use std::io::{self, Write};
 
 use messages::content::{Change, State, SwapRecord};
 use messages::header::Message;
-use messages::role::{Role, STAGES};
+use messages::role::{Channel, Role, STAGES};
 use messages::topic::Topic;
 
 use crate::protobuf::Value::{self, Message as Nested, Number, Text};
@@ -16,7 +17,7 @@ use crate::protobuf::message;
 pub const FILE: &str = "flight.perfetto-trace";
 
 const SEQUENCE: u64 = 1;
-/// Tracks beside those of the stages, which have the numbers of [`STAGES`] and one more.
+/// Tracks beside those of the stages, which have the numbers of [`STAGES`] and one more. After them are those of channels.
 const MISSES: u64 = STAGES.len() as u64 + 1;
 const SWAPS: u64 = MISSES + 1;
 const FLIGHT: u64 = SWAPS + 1;
@@ -35,6 +36,8 @@ pub struct PerfettoWriter<W> {
     /// When the first state of each parameter epoch was sampled [ns].
     epochs: BTreeMap<u64, u64>,
     waiting: Vec<Message<SwapRecord>>,
+    /// What the tracks of the present log are numbered from.
+    before: u64,
     pub slices: u64,
     pub instants: u64,
 }
@@ -46,6 +49,7 @@ impl<W: Write> PerfettoWriter<W> {
             deadlines_missed: None,
             epochs: BTreeMap::new(),
             waiting: Vec::new(),
+            before: 0,
             slices: 0,
             instants: 0,
         };
@@ -56,6 +60,16 @@ impl<W: Write> PerfettoWriter<W> {
         writer.track(MISSES, "deadlines missed", Some(FLIGHT))?;
         writer.track(SWAPS, "swaps", Some(FLIGHT))?;
         Ok(writer)
+    }
+
+    /// Begins with the messages that a channel sent.
+    pub fn begin_channel(&mut self, channel: Channel) -> io::Result<()> {
+        self.before = FLIGHT + STAGES.len() as u64 * channel as u64;
+        for stage in STAGES.into_iter().skip(1) {
+            let name = format!("{channel}.{stage}");
+            self.track(self.before + stage as u64 + 1, &name, Some(FLIGHT))?;
+        }
+        Ok(())
     }
 
     /// Takes a state: the plant's work of its tick, and the deadlines that it found missed at the tick's begin.
@@ -88,7 +102,7 @@ impl<W: Write> PerfettoWriter<W> {
         if stamps.receive_ns == 0 {
             return Ok(());
         }
-        let (stage, track) = (C::SENDER as usize, C::SENDER as u64 + 1);
+        let (stage, track) = (C::SENDER as usize, self.before + C::SENDER as u64 + 1);
         let is_fresh = stage
             .checked_sub(1)
             .is_none_or(|input| envelope.input_tick[input] == envelope.tick);

@@ -1,4 +1,4 @@
-//! One stream of messages from channels with the same laws: of each tick, those of the channel whose command is selected.
+//! One stream of messages from several channels: of each tick, those of the channel whose command is flown.
 //!
 //! The rule is the plant's ([`select`]), applied to the stamps of the messages. Messages of other channels with the same
 //! content add nothing.
@@ -6,11 +6,12 @@
 use std::collections::VecDeque;
 
 use flight_log::entry::LogEntry;
-use messages::channels::{Candidate, select};
+use messages::channels::{Arrangement, Candidate, select};
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::{Channel, MOST_CHANNELS, Role};
+use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
 /// How many ticks behind the newest state a tick is closed, if a channel has sent no command of it.
@@ -28,7 +29,7 @@ struct TickMessages {
 }
 
 pub struct ChannelMerge {
-    channels: usize,
+    arrangement: Arrangement,
     /// How many ticks behind the newest state a tick is closed at the least.
     behind: u64,
     pace: Pace,
@@ -38,10 +39,12 @@ pub struct ChannelMerge {
 }
 
 impl ChannelMerge {
-    pub const fn new(channels: usize, pace: Pace, behind: u64) -> Self {
+    pub fn new(arrangement: Arrangement, pace: Pace) -> Self {
+        // Which group flies is known when the next tick has its state.
+        let has_groups = arrangement.leaders().count() > 1;
         Self {
-            channels,
-            behind,
+            arrangement,
+            behind: if has_groups { 2 } else { 0 },
             pace,
             open: VecDeque::new(),
             next: 0,
@@ -85,15 +88,20 @@ impl ChannelMerge {
     }
 
     /// Closes the ticks of which every channel has sent its command, and those far enough behind the newest state; all of
-    /// them without one. Gives the messages of each to `each`.
-    pub fn close(&mut self, newest_state: Option<u64>, mut each: impl FnMut(&LogEntry)) {
+    /// them without one. Gives the messages of each to `each`, of the group that flew by `group_at`.
+    pub fn close(
+        &mut self,
+        newest_state: Option<u64>,
+        group_at: impl Fn(u64) -> Channel,
+        mut each: impl FnMut(&LogEntry),
+    ) {
         while let Some(behind) = self.behind()
             && let Some(closed) = self
                 .open
                 .pop_front_if(|it| newest_state.is_none_or(|newest| it.tick + behind <= newest))
         {
             self.next = closed.tick + 1;
-            self.emit(&closed, &mut each);
+            self.emit(&closed, group_at(closed.tick), &mut each);
         }
     }
 
@@ -101,7 +109,7 @@ impl ChannelMerge {
     fn behind(&self) -> Option<u64> {
         let commands = |it: &TickMessages| it.rotor_speeds.iter().flatten().count();
         let first = commands(self.open.front()?);
-        Some(if first == self.channels {
+        Some(if first == self.arrangement.channels {
             self.behind
         } else if self.open.iter().any(|it| commands(it) > 0) {
             CLOSED_AFTER
@@ -110,31 +118,39 @@ impl ChannelMerge {
         })
     }
 
-    fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
-        let flown = self.flown(closed);
-        if let Some(message) = first(&closed.setpoints, flown, 1) {
-            each(&LogEntry::Setpoint(message));
-        }
-        if let Some(message) = first(&closed.wrenches, flown, 2) {
-            each(&LogEntry::Wrench(message));
-        }
-        if let Some(message) = first(&closed.rotor_speeds, flown, 3) {
-            each(&LogEntry::RotorSpeeds(message));
+    fn emit(&self, closed: &TickMessages, group: Channel, each: &mut impl FnMut(&LogEntry)) {
+        let own: Vec<Channel> = Channel::first(self.arrangement.channels)
+            .filter(|it| self.arrangement.group(*it) == group)
+            .collect();
+        let flown = self.flown(closed, &own);
+        let entries = [
+            first(&closed.setpoints, &own, flown, 1).map(LogEntry::Setpoint),
+            first(&closed.wrenches, &own, flown, 2).map(LogEntry::Wrench),
+            first(&closed.rotor_speeds, &own, flown, 3).map(LogEntry::RotorSpeeds),
+        ];
+        for mut entry in entries.into_iter().flatten() {
+            // The report, the log and observers know the signals of channel a.
+            if group != Channel::A
+                && let Some(telemetry) = entry.telemetry_mut()
+            {
+                *telemetry = Telemetry::default();
+            }
+            each(&entry);
         }
     }
 
-    /// The channel whose command of a tick is flown.
-    fn flown(&self, closed: &TickMessages) -> Channel {
-        let sent = Channel::ALL.into_iter().zip(&closed.rotor_speeds);
-        let candidates: Vec<Candidate> = sent
-            .filter_map(|(channel, message)| {
-                let message = message.as_ref()?;
+    /// The channel whose command of a tick is flown, among these.
+    fn flown(&self, closed: &TickMessages, own: &[Channel]) -> Channel {
+        let candidates: Vec<Candidate> = own
+            .iter()
+            .filter_map(|channel| {
+                let message = closed.rotor_speeds[*channel as usize].as_ref()?;
                 let sent_ns = message.envelope.stamps_of(Role::Mixer).send_ns;
                 let effective_tick = self.pace.effective_tick(closed.tick, sent_ns);
-                Candidate::of(channel, message, effective_tick)
+                Candidate::of(*channel, message, effective_tick)
             })
             .collect();
-        select(&candidates).map_or(Channel::A, |it| it.chosen.channel)
+        select(&candidates).map_or(own[0], |it| it.chosen.channel)
     }
 }
 
@@ -146,13 +162,17 @@ fn is_fresh<C>(message: &Message<C>, inputs: usize) -> bool {
         .all(|tick| *tick == envelope.tick)
 }
 
-/// The message of the channel that is flown; if it has none, one that is fresh, or the first.
-fn first<C: Copy>(messages: &OfChannels<C>, flown: Channel, inputs: usize) -> Option<Message<C>> {
-    let mut others = messages.iter().flatten();
+/// The message of the channel that is flown; if it has none, one of its group that is fresh, or the first.
+fn first<C: Copy>(
+    messages: &OfChannels<C>,
+    own: &[Channel],
+    flown: Channel,
+    inputs: usize,
+) -> Option<Message<C>> {
+    let of = |channel: Channel| messages[channel as usize];
+    let mut others = own.iter().filter_map(|channel| of(*channel));
     let fresh = others.clone().find(|message| is_fresh(message, inputs));
-    messages[flown as usize]
-        .or(fresh.copied())
-        .or_else(|| others.next().copied())
+    of(flown).or(fresh).or_else(|| others.next())
 }
 
 #[cfg(test)]
@@ -195,17 +215,21 @@ mod tests {
     /// Topic, tick and channel of what is closed.
     fn closed(merge: &mut ChannelMerge, newest: Option<u64>) -> Vec<(usize, u64, u64)> {
         let mut closed = Vec::new();
-        merge.close(newest, |entry| {
-            let envelope = entry.envelope();
-            closed.push((entry.topic(), envelope.tick, envelope.seq));
-        });
+        merge.close(
+            newest,
+            |_| Channel::A,
+            |entry| {
+                let envelope = entry.envelope();
+                closed.push((entry.topic(), envelope.tick, envelope.seq));
+            },
+        );
         closed
     }
 
     #[test]
     fn of_each_tick_there_is_one_message_a_topic_of_the_channel_that_is_flown() {
         use Channel::{A, B};
-        let mut merge = ChannelMerge::new(2, Pace::Realtime(GRID), 0);
+        let mut merge = ChannelMerge::new(Arrangement::alike(2), Pace::Realtime(GRID));
         take(&mut merge, 1, A, true);
         assert_eq!(closed(&mut merge, Some(1)), [], "b has not sent yet");
         take(&mut merge, 1, B, true);

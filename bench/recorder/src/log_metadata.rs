@@ -18,11 +18,11 @@ use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::build;
 
-/// The facts of the log of a channel, and of those with the same laws.
+/// The facts of the log of a flight, or of a channel's own.
 pub fn metadata(
     run: &blackboards::Run,
     settings: &Settings,
-    channel: Channel,
+    channel: Option<Channel>,
     instance: &str,
     host: &Host,
     roles: &BTreeMap<String, RoleSection>,
@@ -30,7 +30,7 @@ pub fn metadata(
     let (pace, sample_time_ns) = (run.pace(), run.sample_time_ns);
     let wall_offset_ns = i128::from(run.t0_wall_ns) - i128::from(run.t0_ns);
     let build = build::executable();
-    let own = settings.of_channel(channel);
+    let own = settings.of_channel(channel.unwrap_or(Channel::A));
     let mut run = record(&[
         ("format", FORMAT),
         ("version", &build.version),
@@ -53,7 +53,7 @@ pub fn metadata(
         ("sample_time_ns", &run.sample_time_ns.to_string()),
         ("last_tick", &run.last_tick.to_string()),
     ]);
-    if channel != Channel::A {
+    if let Some(channel) = channel {
         run.insert(CHANNEL.to_owned(), channel.to_string());
     }
     let mut texts = record(&[

@@ -21,7 +21,6 @@ use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
 
 use messages::channels::{Arrangement, Redundancy};
-use messages::telemetry::Telemetry;
 
 /// The report names this if messages could not be passed on to observers.
 const OBSERVERS: &str = "what observers see";
@@ -55,8 +54,8 @@ impl StreamPorts {
 
 pub struct MessageStreams {
     ports: StreamPorts,
-    /// Of a flight with several channels: for each group with the same laws, by its first channel.
-    merges: Vec<(Channel, ChannelMerge)>,
+    /// Of a flight with several channels.
+    merge: Option<ChannelMerge>,
     /// The plant's account of the channels.
     redundancy: Option<BlackboardReader<Redundancy>>,
     pub statistics: FlightStatistics,
@@ -65,7 +64,6 @@ pub struct MessageStreams {
     monitor: FlightMonitor,
     joiner: Joiner,
     parameter_epoch: u64,
-    arrangement: Arrangement,
 }
 
 impl MessageStreams {
@@ -78,22 +76,10 @@ impl MessageStreams {
         inner_states: InnerStates,
         monitor: FlightMonitor,
     ) -> Self {
-        let leaders = arrangement.leaders();
-        // Which group flies is known when the next tick has its state.
-        let behind = if leaders.clone().count() > 1 { 2 } else { 0 };
-        let merge_of = |leader| {
-            let own = Channel::first(arrangement.channels);
-            let own = own.filter(|it| arrangement.are_alike(*it, leader));
-            (leader, ChannelMerge::new(own.count(), pace, behind))
-        };
-        let merges = match arrangement.channels {
-            1 => Vec::new(),
-            _ => leaders.map(merge_of).collect(),
-        };
+        let has_channels = arrangement.channels > 1;
         Self {
             ports,
-            merges,
-            arrangement,
+            merge: has_channels.then(|| ChannelMerge::new(arrangement, pace)),
             redundancy,
             statistics,
             pairs: Pairs::default(),
@@ -124,9 +110,8 @@ impl MessageStreams {
                     others,
                     relays,
                 },
-            merges,
+            merge,
             redundancy,
-            arrangement,
             statistics,
             joiner,
             pairs,
@@ -135,21 +120,9 @@ impl MessageStreams {
             ..
         } = self;
         let mut newest_state = statistics.newest_tick();
-        // Logs the message for its group, or for all groups; the rest sees only what is flown.
-        let mut take = |entry: &LogEntry, group: Option<Channel>, is_flown: bool| {
-            files.log(entry, group);
-            let mut flown = *entry;
-            if let (Some(telemetry), true) = (
-                flown.telemetry_mut(),
-                group.is_some_and(|it| it != Channel::A),
-            ) {
-                // The report and observers know the signals of channel a.
-                *telemetry = Telemetry::default();
-            }
-            let entry = &flown;
-            if !is_flown {
-                return;
-            }
+        // Takes a message of the flight, for everything but the logs of the channels.
+        let mut take = |files: &mut RunFiles<'_>, entry: &LogEntry| {
+            files.log(entry, |of| of.is_none());
             files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
             let tick = entry.envelope().tick;
             match entry {
@@ -178,34 +151,29 @@ impl MessageStreams {
                 LogEntry::Theorem(_) => {}
             }
         };
-        if merges.is_empty() {
-            receivers.drain(horizon, |entry| take(entry, None, true))?;
-        } else {
-            let mut merge = |channel, entry: &LogEntry| {
-                let group = arrangement.group(channel);
-                let merge = merges.iter_mut().find(|(leader, _)| *leader == group);
-                merge.is_some_and(|(_, merge)| merge.take(channel, entry))
-            };
+        if let Some(merge) = merge {
             receivers.drain(horizon, |entry| {
-                if !merge(Channel::A, entry) {
+                let is_of_channel = merge.take(Channel::A, entry);
+                files.log(entry, |of| {
+                    of.is_some_and(|it| it == Channel::A || !is_of_channel)
+                });
+                if !is_of_channel {
                     newest_state = newest_state.max(entry.envelope().tick);
-                    take(entry, None, true);
+                    take(files, entry);
                 }
             })?;
             for (channel, ports) in others {
-                ports.drain(horizon, |entry| _ = merge(*channel, entry))?;
+                ports.drain(horizon, |entry| {
+                    merge.take(*channel, entry);
+                    files.log(entry, |of| of == Some(*channel));
+                })?;
             }
             let redundancy = redundancy.as_ref().map(BlackboardReader::get);
-            let flown = |tick| redundancy.map_or(Channel::A, |it| it.group_at(tick));
-            let mut closed = Vec::new();
-            for (group, merge) in merges {
-                let newest = (!ends).then_some(newest_state);
-                merge.close(newest, |entry| closed.push((*group, *entry)));
-            }
-            closed.sort_by_key(|(_, entry)| entry.envelope().tick);
-            for (group, entry) in &closed {
-                take(entry, Some(*group), flown(entry.envelope().tick) == *group);
-            }
+            let group_at = |tick| redundancy.map_or(Channel::A, |it| it.group_at(tick));
+            let newest = (!ends).then_some(newest_state);
+            merge.close(newest, group_at, |entry| take(files, entry));
+        } else {
+            receivers.drain(horizon, |entry| take(files, entry))?;
         }
         while let Some((wrench, state)) = self.pairs.paired() {
             self.monitor_wrench(&wrench, state.as_ref(), files);
@@ -261,7 +229,7 @@ impl MessageStreams {
                 let entry = LogEntry::Theorem(*message);
                 let relayed = self.ports.relays.pass_on(&entry);
                 files.note(OBSERVERS, relayed.map_err(Failure::from));
-                files.log(&entry, None);
+                files.log(&entry, |of| of.is_none());
                 self.statistics.theorem(message);
                 let innovation = self.monitor.innovation();
                 self.statistics.theorem.innovation(&innovation);

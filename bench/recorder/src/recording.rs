@@ -15,7 +15,7 @@ use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
 use messages::channels::{Arrangement, REDUNDANCY};
 use messages::grid::{NS_PER_S, Pace};
-use messages::role::{Replica, Role};
+use messages::role::{Channel, Replica, Role};
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
@@ -92,8 +92,9 @@ pub fn run(
         let (run, roles) = (armed.run.get(), roles.sections());
         metadata(&run, settings, channel, instance.name(), &host.host, &roles)
     };
-    let logs = arrangement
-        .leaders()
+    let own = Channel::first(channels).filter(|_| channels > 1).map(Some);
+    let logs = std::iter::once(None)
+        .chain(own)
         .map(|channel| Ok((channel, metadata(channel)?)));
     let logs = logs.collect::<Result<Vec<_>, Failure>>()?;
     let monitor = FlightMonitor::new(settings.theorem()?, channels);

@@ -141,7 +141,7 @@ impl RunDirectory {
         if self.path.join("report.json").exists() || holds_messages(&self.path.join(FILE)) {
             return;
         }
-        for channel in Channel::ALL.into_iter().skip(1) {
+        for channel in Channel::ALL {
             let directory = self.path.join(flight_log::log_directory(channel));
             for log in entries(&directory, |name| flight_log::part_of(name).is_some()) {
                 let _ = fs::remove_file(log);

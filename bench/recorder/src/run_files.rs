@@ -42,9 +42,9 @@ pub struct RunFiles<'a> {
     directory: &'a Path,
     latencies: Hlog<'a>,
     states: Vec<StatesWriter>,
-    /// None if the settings switch them off; without those that broke. Of each group of channels with the same laws, by the
-    /// first one.
-    logs: Vec<(Channel, FlightLog)>,
+    /// None if the settings switch them off; without those that broke. That of the flight, and with several channels each
+    /// one's own.
+    logs: Vec<(Option<Channel>, FlightLog)>,
     log_name: &'static str,
     /// report.json while the flight lasts.
     partial_report: AtomicFileWriter,
@@ -57,7 +57,7 @@ impl<'a> RunFiles<'a> {
     pub fn create(
         files: &'a Files,
         settings: &Settings,
-        facts: &[(Channel, Facts)],
+        facts: &[(Option<Channel>, Facts)],
         latencies: Hlog<'a>,
         (tracking, laws): (Tracking, FlownLaws),
     ) -> Result<Self, Failure> {
@@ -67,8 +67,8 @@ impl<'a> RunFiles<'a> {
             .chain(&files.states)
             .map(|path| StatesWriter::create(path, tracking, laws, every, true))
             .collect::<Result<_, _>>()?;
-        let create = |(channel, facts): &(Channel, Facts)| {
-            let directory = directory.join(log_directory(*channel));
+        let create = |(channel, facts): &(Option<Channel>, Facts)| {
+            let directory = directory.join(channel.map_or_else(String::new, log_directory));
             fs::create_dir_all(&directory).in_file("create", &directory)?;
             let log = FlightLog::create(&directory.join(flight_log::FILE), facts);
             Ok((*channel, log?))
@@ -99,10 +99,10 @@ impl<'a> RunFiles<'a> {
         }
     }
 
-    /// Logs a message of a group of channels; in all logs if it is of none.
-    pub fn log(&mut self, entry: &LogEntry, group: Option<Channel>) {
-        for (of, log) in &mut self.logs {
-            if group.is_none_or(|it| it == *of) {
+    /// Writes a message to some of the logs: that of the flight, which is of no channel, or a channel's own.
+    pub fn log(&mut self, entry: &LogEntry, is_wanted: impl Fn(Option<Channel>) -> bool) {
+        for (channel, log) in &mut self.logs {
+            if is_wanted(*channel) {
                 log.take(entry);
             }
         }
@@ -191,7 +191,7 @@ impl<'a> RunFiles<'a> {
         // The log is the last file that needs much room; the report says whether it is complete.
         for (channel, log) in std::mem::take(&mut self.logs) {
             match log.finish(ending.clone()) {
-                Ok(fate) if channel == Channel::A => {
+                Ok(fate) if channel.is_none() => {
                     analysis::gates::take_log(report, self.log_name, &fate);
                 }
                 Ok(fate) => self.note(flight_log::FILE, whole(&fate)),
@@ -215,8 +215,8 @@ impl<'a> RunFiles<'a> {
     }
 
     pub fn log_section(&self) -> LogSection {
-        let own = self.logs.iter().find(|(channel, _)| *channel == Channel::A);
-        let fate = own.map(|(_, log)| log.fate()).unwrap_or_default();
+        let flown = self.logs.iter().find(|(channel, _)| channel.is_none());
+        let fate = flown.map(|(_, log)| log.fate()).unwrap_or_default();
         log_section(self.log_name, &fate)
     }
 }

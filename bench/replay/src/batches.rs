@@ -2,7 +2,6 @@
 
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_channel};
 
-use errors::Failure;
 use flight_log::entry::LogEntry;
 
 /// Batch size [messages]: replaying one takes longer than waking a thread.
@@ -25,6 +24,7 @@ pub struct ToFlight {
 pub struct FromLog {
     full: Receiver<Batch>,
     empty: Sender<Batch>,
+    newest: Batch,
 }
 
 pub fn batches() -> (ToFlight, FromLog) {
@@ -38,6 +38,7 @@ pub fn batches() -> (ToFlight, FromLog) {
     let from_log = FromLog {
         full,
         empty: to_log,
+        newest: Batch::new(),
     };
     (to_flight, from_log)
 }
@@ -69,16 +70,12 @@ impl ToFlight {
 }
 
 impl FromLog {
-    /// Calls `fly` with each batch until it returns false.
-    pub fn each(self, mut fly: impl FnMut(&Batch) -> Result<bool, Failure>) -> Result<(), Failure> {
-        for batch in &self.full {
-            if !fly(&batch)? {
-                break;
-            }
-            // A reader that has finished needs none.
-            let _ = self.empty.send(batch);
-        }
-        Ok(())
+    /// The next batch; none at the end of the log.
+    pub fn next_batch(&mut self) -> Option<&Batch> {
+        let batch = self.full.recv().ok()?;
+        // A reader that has finished needs none.
+        let _ = self.empty.send(std::mem::replace(&mut self.newest, batch));
+        Some(&self.newest)
     }
 }
 
@@ -93,8 +90,8 @@ mod tests {
 
     /// The ticks that a flight gets of a log, if it ends after `batches`.
     fn ticks_until(most_batches: usize) -> Vec<u64> {
-        let (mut to_flight, from_log) = batches();
-        let (mut ticks, mut taken) = (Vec::new(), 0);
+        let (mut to_flight, mut from_log) = batches();
+        let mut ticks = Vec::new();
         std::thread::scope(|scope| {
             scope.spawn(move || {
                 for tick in 0..MESSAGES {
@@ -103,12 +100,13 @@ mod tests {
                 }
                 to_flight.finish();
             });
-            let each = from_log.each(|batch| {
+            for _ in 0..most_batches {
+                let Some(batch) = from_log.next_batch() else {
+                    break;
+                };
                 ticks.extend(batch.iter().map(|entry| entry.envelope().tick));
-                taken += 1;
-                Ok(taken < most_batches)
-            });
-            each.unwrap();
+            }
+            drop(from_log);
         });
         ticks
     }

@@ -152,9 +152,8 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
 #[derive(Clone, Debug)]
 pub struct RecordedInput<C> {
     gate: Option<FaultFilter<C>>,
-    /// Messages that passed the filter and were not used yet.
+    /// The newest messages that passed the filter.
     passed: VecDeque<Stamped<C>>,
-    used: Stamped<C>,
 }
 
 impl<C: Faulty> RecordedInput<C> {
@@ -162,7 +161,6 @@ impl<C: Faulty> RecordedInput<C> {
         Self {
             gate: FaultFilter::new(faults, port),
             passed: VecDeque::new(),
-            used: Stamped::never(),
         }
     }
 
@@ -179,7 +177,7 @@ impl<C: Faulty> RecordedInput<C> {
 
     /// The newest input that the stage had at `tick`, identified by the tick it recorded.
     pub fn input(
-        &mut self,
+        &self,
         messages: &MessageWindow<C>,
         input_tick: u64,
         tick: u64,
@@ -187,11 +185,8 @@ impl<C: Faulty> RecordedInput<C> {
         if self.gate.is_none() || input_tick == NO_TICK {
             return input(messages, input_tick, tick);
         }
-        while self.used.tick != input_tick {
-            let next = self.passed.pop_front_if(|passed| passed.tick <= input_tick);
-            self.used = next.ok_or_else(|| lacks::<C>(input_tick, tick))?;
-        }
-        Ok(self.used)
+        let passed = self.passed.iter().rfind(|it| it.tick == input_tick);
+        passed.copied().ok_or_else(|| lacks::<C>(input_tick, tick))
     }
 }
 
@@ -287,12 +282,12 @@ mod tests {
         let mut input_with_faults = RecordedInput::new(&faults(Kind::Freeze, 2, 5), PORT);
         (0..7).for_each(|tick| input_with_faults.take(&wrench(tick)));
         let none = MessageWindow::keeping(1);
-        let mut thrust = |input_tick| {
+        let thrust = |input_tick| {
             let input = input_with_faults.input(&none, input_tick, 9).ok()?;
             Some(input.content.thrust_n)
         };
         assert_eq!(
-            [NO_TICK, 1, 1, 3, 6].map(&mut thrust),
+            [NO_TICK, 1, 1, 3, 6].map(thrust),
             [Some(0.0), Some(1.0), Some(1.0), Some(1.0), Some(6.0)]
         );
         assert_eq!(thrust(8), None);

@@ -1,44 +1,48 @@
 //! `ironbird replay`: runs the tick functions again, from the flight log alone.
 //!
 //! ```text
-//! flight.mcap --log check--> complete, same version, no gap                                  first thread
-//!             --replay-----> per message: its stage's law on the recorded inputs, compared   second thread
+//! flight.mcap --log check--> complete, same version, no gap                                  a thread per log
+//!             --replay-----> per message: its stage's law on the recorded inputs, compared   another thread
 //! ```
+//!
+//! With several channels, each has a log of its own: the stages are replayed from those, tick by tick together, and the
+//! plant from the log of the flight, whose messages must be among them.
 //!
 //! Every stage, and the theorem's monitor, gets recorded inputs, so a difference shows at the stage that caused it and
 //! does not spread. The log is read once. An error found by the log check takes precedence over one of the replay.
 
 pub mod airframe;
 pub mod batches;
-pub mod channel_commands;
 pub mod comparison;
 pub mod inputs;
 pub mod log_check;
 pub mod loops;
+pub mod stage_states;
 pub mod summary;
 
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Instant;
 
-use messages::grid::Pace;
+use messages::header::Message;
+use messages::message_window::MessageWindow;
 use messages::role::{Channel, Role};
 
 use crate::airframe::AirframeReplay;
-use crate::batches::{Batch, FromLog, batches};
-use crate::channel_commands::ChannelCommands;
+use crate::batches::{FromLog, batches};
 use crate::comparison::ReplayComparison;
-use crate::inputs::{Inputs, Next, of};
+use crate::inputs::{Inputs, of};
 use crate::log_check::{LogCheck, LogValidator};
 use crate::loops::LoopsReplay;
+use crate::stage_states::StageStates;
 use crate::summary::Summary;
 use analysis::flight_statistics::is_final_command;
 use analysis::phrase::count;
 use analysis::tracking::Tracking;
-use config::Settings;
 use config::law_settings::Moved;
 use errors::output::{print, say};
 use errors::{Failure, GATE, OK};
+use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
 use flight_log::reader::End;
 use flight_log::wall_time::speed;
@@ -72,8 +76,6 @@ pub struct ReplayResult {
     pub survey: LogCheck,
     pub comparison: ReplayComparison,
     pub summary: Summary,
-    /// The logs of channels with other laws.
-    other_logs: Vec<PathBuf>,
 }
 
 impl ReplayResult {
@@ -91,101 +93,88 @@ pub fn fly_again(
     stops: bool,
     moved: &Moved,
 ) -> Result<ReplayResult, Failure> {
-    let replayed = replay_log(path, from_tick, stops, moved).and_then(|mut replayed| {
-        for log in replayed.other_logs.split_off(0) {
-            if stops && replayed.comparison.first.is_some() {
-                break;
-            }
-            let of_log = format!(" (flight log {})", log.display());
-            let other = replay_log(&log, from_tick, stops, moved);
-            let other = other.map_err(|failure| failure.append(&of_log))?;
-            if other.survey.run_id != replayed.survey.run_id {
-                return Err(Failure::failed(format!(
-                    "{} is of another flight than {}",
-                    log.display(),
-                    path.display()
-                ))
-                .help("the logs of a flight belong together: copy its whole directory"));
-            }
-            replayed.comparison.add(other.comparison);
-            if other.survey.end != End::Complete {
-                replayed.survey.end = other.survey.end;
+    let logs = open_logs(path, moved)?;
+    let replay = FlightReplay::new(&logs, from_tick).map_err(|e| of_log(path, e));
+    thread::scope(|scope| {
+        let (to_flight, from_logs): (Vec<_>, Vec<_>) = logs.iter().map(|_| batches()).unzip();
+        let flight = scope.spawn(move || replay.and_then(|replay| replay.fly(from_logs, stops)));
+        let checks: Vec<_> = logs
+            .into_iter()
+            .zip(to_flight)
+            .map(|((log, validator), mut to_flight)| {
+                scope.spawn(move || {
+                    let check = validator.look_through(|entry| to_flight.push(entry));
+                    to_flight.finish();
+                    check.map_err(|e| of_log(&log, e))
+                })
+            })
+            .collect();
+        let panicked = |thread: &str| Failure::failed(format!("the {thread} thread panicked"));
+        let mut survey: Option<LogCheck> = None;
+        for check in checks {
+            let check = check.join().unwrap_or_else(|_| Err(panicked("log")))?;
+            match &mut survey {
+                None => survey = Some(check),
+                Some(flown) if check.end != End::Complete => flown.end = check.end,
+                Some(_) => {}
             }
         }
-        Ok(replayed)
-    });
-    replayed.map_err(|failure| {
-        let name = path.display().to_string();
-        if failure.to_string().contains(&name) {
-            failure
-        } else {
-            failure.append(&format!(" (flight log {name})"))
+        let replayed = flight.join().unwrap_or_else(|_| Err(panicked("replay")));
+        let last_tick = survey.as_ref().and_then(|it| it.last_tick).unwrap_or(0);
+        if from_tick > last_tick {
+            return Err(Failure::usage(format!(
+                "--from {from_tick}: the log ends at tick {last_tick}"
+            ))
+            .help(format!("name a tick from 0 to {last_tick}")));
         }
-    })
-}
-
-fn replay_log(
-    path: &Path,
-    from_tick: u64,
-    stops: bool,
-    moved: &Moved,
-) -> Result<ReplayResult, Failure> {
-    let surveyor = LogValidator::open(path, moved)?;
-    let settings = surveyor.settings.clone();
-    let channel = surveyor.channel;
-    let other_logs = match channel {
-        Channel::A => other_logs(&settings, path),
-        _ => Vec::new(),
-    };
-    let commands = match channel {
-        Channel::A => {
-            ChannelCommands::open(&settings, surveyor.pace()?, &other_logs)?.map(FlownBy::Channels)
-        }
-        _ => Some(FlownBy::Others),
-    };
-    let replayed = surveyor
-        .pace()
-        .and_then(|pace| ReplayRun::new(&settings, pace, from_tick, channel, commands));
-    let (survey, replayed) = thread::scope(|scope| -> Result<_, Failure> {
-        let (mut to_flight, from_log) = batches();
-        let fly = move || replayed.and_then(|replayed| replayed.fly(from_log, stops));
-        let flight = thread::Builder::new()
-            .spawn_scoped(scope, fly)
-            .map_err(|e| Failure::failed(format!("cannot start a thread for the replay: {e}")))?;
-        let survey = surveyor.look_through(|entry| to_flight.push(entry))?;
-        to_flight.finish();
-        let replayed = flight
-            .join()
-            .unwrap_or_else(|_| Err(Failure::failed("the replay thread panicked")));
-        Ok((survey, replayed))
-    })?;
-    let last_tick = survey.last_tick.unwrap_or(0);
-    if from_tick > last_tick {
-        return Err(Failure::usage(format!(
-            "--from {from_tick}: the log ends at tick {last_tick}"
-        ))
-        .help(format!("name a tick from 0 to {last_tick}")));
-    }
-    let replayed = replayed?;
-    Ok(ReplayResult {
-        survey,
-        comparison: replayed.comparison,
-        summary: replayed.summary,
-        other_logs: other_logs.into_iter().map(|(_, log)| log).collect(),
-    })
-}
-
-/// The logs of the channels that fly other laws than channel a, by the first of each.
-fn other_logs(settings: &Settings, log: &Path) -> Vec<(Channel, PathBuf)> {
-    let groups = settings.groups();
-    let leaders = Channel::first(settings.rt.channels).filter(|it| groups[*it as usize] == *it);
-    leaders
-        .skip(1)
-        .map(|channel| {
-            let directory = log.with_file_name(flight_log::log_directory(channel));
-            (channel, directory.join(flight_log::FILE))
+        let (comparison, summary) = replayed.map_err(|e| of_log(path, e))?;
+        let survey = survey.ok_or_else(|| panicked("log"))?;
+        Ok(ReplayResult {
+            survey,
+            comparison,
+            summary,
         })
-        .collect()
+    })
+}
+
+/// The log of a flight, and with several channels each one's own.
+fn open_logs(path: &Path, moved: &Moved) -> Result<Vec<(PathBuf, LogValidator)>, Failure> {
+    let open = |log: &Path| LogValidator::open(log, moved).map_err(|e| of_log(log, e));
+    let flown = open(path)?;
+    if let Some(channel) = flown.channel {
+        return Err(Failure::usage(format!(
+            "{} is the log of channel {channel} alone",
+            path.display()
+        ))
+        .help("name the directory of the flight: its channels are replayed together"));
+    }
+    let mut logs = vec![(path.to_owned(), flown)];
+    let channels = logs[0].1.settings.rt.channels;
+    for channel in Channel::first(channels).filter(|_| channels > 1) {
+        let directory = path.with_file_name(flight_log::log_directory(channel));
+        let log = directory.join(flight_log::FILE);
+        let own = open(&log)?;
+        if own.channel != Some(channel) || own.run_id() != logs[0].1.run_id() {
+            return Err(Failure::failed(format!(
+                "{} is not the log of channel {channel} of the flight in {}",
+                log.display(),
+                path.display()
+            ))
+            .help("the logs of a flight belong together: copy its whole directory"));
+        }
+        logs.push((log, own));
+    }
+    Ok(logs)
+}
+
+/// A failure that names the log that it is of.
+fn of_log(log: &Path, failure: Failure) -> Failure {
+    let name = log.display().to_string();
+    if failure.to_string().contains(&name) {
+        failure
+    } else {
+        failure.append(&format!(" (flight log {name})"))
+    }
 }
 
 fn verdict(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
@@ -242,9 +231,71 @@ fn print_summary(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-struct ReplayRun {
+/// All logs of a flight, replayed together.
+struct FlightReplay {
+    flown: LogReplay,
+    /// With several channels, their own logs.
+    channels: Vec<LogReplay>,
+    states: StageStates,
+}
+
+impl FlightReplay {
+    fn new<P>(logs: &[(P, LogValidator)], from_tick: u64) -> Result<Self, Failure> {
+        let new = |(_, log): &(P, LogValidator)| LogReplay::new(log, from_tick);
+        let mut replays = logs.iter().map(new).collect::<Result<Vec<_>, _>>()?;
+        let settings = &logs[0].1.settings;
+        Ok(Self {
+            channels: replays.split_off(1),
+            flown: replays.remove(0),
+            states: StageStates::new(settings.rt.channels, settings.groups()),
+        })
+    }
+
+    /// Replays to the end of the logs, or to the first difference if `stops`.
+    fn fly(
+        mut self,
+        logs: Vec<FromLog>,
+        stops: bool,
+    ) -> Result<(ReplayComparison, Summary), Failure> {
+        let (flown, channels, states) = (&mut self.flown, &mut self.channels, &mut self.states);
+        let mut logs = logs.into_iter();
+        let mut log = logs.next();
+        let mut own_logs: Vec<_> = logs.map(Some).collect();
+        // Alone, a log need not wait for others.
+        let mut until = if channels.is_empty() { u64::MAX } else { 0 };
+        loop {
+            let mut next = None;
+            for (channel, log) in channels.iter_mut().zip(&mut own_logs) {
+                let reached = channel.advance(until, log, stops, states, &[])?;
+                next = [next, reached].into_iter().flatten().min();
+            }
+            let reached = flown.advance(until, &mut log, stops, states, channels)?;
+            match [next, reached].into_iter().flatten().min() {
+                Some(tick) => until = tick,
+                None => break,
+            }
+            let differs = |it: &LogReplay| it.comparison.first.is_some();
+            if stops && (differs(flown) || channels.iter().any(differs)) {
+                break;
+            }
+        }
+        flown.summary.restarts = flown.loops.restarts - flown.restarts_before;
+        for channel in channels {
+            flown.comparison.add(channel.comparison.clone());
+        }
+        Ok((self.flown.comparison, self.flown.summary))
+    }
+}
+
+/// A log that is replayed: of a flight with one channel, of one with several, or a channel's own.
+struct LogReplay {
     from_tick: u64,
-    airframe: AirframeReplay,
+    /// None in a channel's own log.
+    airframe: Option<AirframeReplay>,
+    /// Whether the laws are replayed: not from the log of a flight with several channels.
+    has_stages: bool,
+    /// Whether the commands of all channels are those of the laws of channel a.
+    are_alike: bool,
     loops: Box<LoopsReplay>,
     comparison: ReplayComparison,
     summary: Summary,
@@ -253,148 +304,157 @@ struct ReplayRun {
     inputs: Inputs,
     /// Messages that were read and not replayed yet.
     ahead: usize,
-    /// Of a flight whose channels fly different laws.
-    commands: Option<FlownBy>,
 }
 
-/// Whose commands the plant took.
-enum FlownBy {
-    Channels(ChannelCommands),
-    /// The log is that of a channel with other laws than channel a: its replay leaves out the plant.
-    Others,
-}
-
-impl ReplayRun {
-    fn new(
-        settings: &Settings,
-        pace: Pace,
-        from_tick: u64,
-        channel: Channel,
-        commands: Option<FlownBy>,
-    ) -> Result<Self, Failure> {
+impl LogReplay {
+    fn new(log: &LogValidator, from_tick: u64) -> Result<Self, Failure> {
+        let (settings, pace) = (&log.settings, log.pace()?);
         let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
         let faults = settings.planned()?.loops.messages;
+        let channel = log.channel.unwrap_or(Channel::A);
+        let airframe =
+            || -> Result<_, Failure> { Ok(AirframeReplay::new(&settings.plant()?, pace, &faults)) };
+        let is_whole = log.channel.is_none();
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(&settings.plant()?, pace, &faults),
-            loops: Box::new(LoopsReplay::new(settings)?),
+            airframe: is_whole.then(airframe).transpose()?,
+            has_stages: !is_whole || settings.rt.channels == 1,
+            are_alike: !settings.has_several_laws(),
+            loops: Box::new(LoopsReplay::new(settings, channel)?),
             comparison: ReplayComparison::from(from_tick, channel, settings.flown_laws()?.signals),
             summary: Summary::new(tracking, from_tick),
             restarts_before: 0,
-            inputs: Inputs::new(settings.theorem()?.is_some(), pace, &faults),
+            inputs: Inputs::new(is_whole && settings.theorem()?.is_some(), pace, &faults),
             ahead: 0,
-            commands,
         })
     }
 
-    /// Replays to the end of the log, or to the first difference if `stops`.
-    fn fly(mut self, log: FromLog, stops: bool) -> Result<Self, Failure> {
-        let mut stopped = false;
-        log.each(|batch| {
-            self.take(batch);
-            stopped = self.catch_up(LOOKAHEAD, stops)?;
-            Ok(!stopped)
-        })?;
-        if !stopped && !self.catch_up(0, stops)? {
-            self.summary.restarts = self.loops.restarts - self.restarts_before;
-        }
-        Ok(self)
-    }
-
-    /// Replays all settled messages, then until at most `behind` messages wait; true if it stopped at a difference.
-    fn catch_up(&mut self, behind: usize, stops: bool) -> Result<bool, Failure> {
-        while let Some(Next {
-            tick,
-            stage,
-            is_settled,
-        }) = self.inputs.earliest()
-        {
-            if self.ahead <= behind && !is_settled {
-                break;
+    /// Replays up to a tick, or to the first difference if `stops`; returns the tick of the next message, if there is one.
+    fn advance(
+        &mut self,
+        until: u64,
+        log: &mut Option<FromLog>,
+        stops: bool,
+        states: &mut StageStates,
+        channels: &[Self],
+    ) -> Result<Option<u64>, Failure> {
+        while let Some((tick, stage)) = self.read_next(log) {
+            if tick > until {
+                return Ok(Some(tick));
             }
-            if behind > 0 && stage == Role::Plant && self.waits_for_swap() {
-                break;
-            }
-            self.step(tick, stage)?;
+            self.step(tick, stage, states, channels)?;
             self.ahead -= 1;
             if stops && self.comparison.first.is_some() {
-                return Ok(true);
+                break;
             }
         }
-        Ok(false)
+        Ok(None)
+    }
+
+    /// Reads until it is certain which message is next, or enough have been read; none at the end of the log.
+    fn read_next(&mut self, log: &mut Option<FromLog>) -> Option<(u64, Role)> {
+        loop {
+            let next = self.inputs.earliest();
+            let Some(open) = log else {
+                return next.map(|it| (it.tick, it.stage));
+            };
+            if let Some(next) = next
+                && (next.is_settled || self.ahead > LOOKAHEAD)
+                && !(next.stage == Role::Plant && self.waits_for_swap())
+            {
+                return Some((next.tick, next.stage));
+            }
+            match open.next_batch() {
+                Some(batch) => {
+                    for entry in batch {
+                        match (entry, &mut self.airframe) {
+                            (LogEntry::Swap(swap), Some(airframe)) => airframe.push_swap(swap),
+                            (LogEntry::Swap(_), None) => {}
+                            _ => {
+                                self.inputs.take(entry);
+                                self.ahead += 1;
+                            }
+                        }
+                    }
+                }
+                None => *log = None,
+            }
+        }
     }
 
     /// Whether the next state includes a swap whose record has not been read yet.
     fn waits_for_swap(&self) -> bool {
-        let state = self.inputs.states.next();
-        !matches!(self.commands, Some(FlownBy::Others))
-            && self.ahead < LOOKAHEAD_FOR_SWAPS
-            && state.is_some_and(|state| !self.airframe.knows_swaps_of(&state.content))
+        let (state, airframe) = (self.inputs.states.next(), self.airframe.as_ref());
+        self.ahead < LOOKAHEAD_FOR_SWAPS
+            && state
+                .zip(airframe)
+                .is_some_and(|(state, airframe)| !airframe.knows_swaps_of(&state.content))
     }
 
-    fn take(&mut self, batch: &Batch) {
-        for entry in batch {
-            if let LogEntry::Swap(swap) = entry {
-                self.airframe.push_swap(swap);
-            } else {
-                self.inputs.take(entry);
-                self.ahead += 1;
-            }
-        }
-    }
-
-    fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {
-        let (inputs, comparison, outputs) = (
-            &mut self.inputs,
-            &mut self.comparison,
-            &mut self.summary.outputs,
-        );
+    fn step(
+        &mut self,
+        tick: u64,
+        stage: Role,
+        states: &mut StageStates,
+        channels: &[Self],
+    ) -> Result<(), Failure> {
+        let (inputs, comparison) = (&mut self.inputs, &mut self.comparison);
+        let (loops, outputs) = (&mut self.loops, &mut self.summary.outputs);
+        let are_alike = self.are_alike;
         match stage {
             Role::Plant => {
                 let message = of(&inputs.states, tick)?;
-                let commands = match &mut self.commands {
-                    None => Some(&inputs.rotor_speeds),
-                    Some(FlownBy::Channels(commands)) => {
-                        let last = message.content.command_taken_tick;
-                        Some(commands.up_to(last, &inputs.rotor_speeds)?)
-                    }
-                    Some(FlownBy::Others) => None,
-                };
-                if let Some(commands) = commands {
-                    let state = self.airframe.step(message, commands, comparison)?;
+                if let Some(airframe) = &mut self.airframe {
+                    let state = airframe.step(message, &inputs.rotor_speeds, comparison)?;
                     outputs.take(tick, &state);
                     self.summary.state(tick, &state);
-                } else {
-                    self.summary.state(tick, &message.content);
                 }
-                self.loops.take_state(of(&inputs.states, tick)?);
+                loops.take_state(message);
                 inputs.states.advance();
             }
             Role::Outer => {
                 let message = of(&inputs.setpoints, tick)?;
-                self.loops.take_setpoint(message);
-                if let Some(setpoint) = self.loops.setpoint(message, inputs, comparison)? {
+                loops.take_setpoint(message);
+                let setpoint = if self.has_stages {
+                    loops.setpoint(message, inputs, states, comparison)?
+                } else {
+                    let sent = channels.iter().map(|it| &it.inputs.setpoints);
+                    sent_by_one(message, sent, are_alike, comparison)
+                };
+                if let Some(setpoint) = setpoint {
                     outputs.take(tick, &setpoint);
                 }
                 inputs.setpoints.advance();
             }
             Role::Inner => {
                 let message = of(&inputs.wrenches, tick)?;
-                self.loops.take_wrench(message);
-                let wrench = self.loops.wrench(message, inputs, comparison)?;
-                outputs.take(tick, &wrench);
-                if tick >= self.from_tick {
-                    self.summary.wrench(&wrench);
+                loops.take_wrench(message);
+                let wrench = if self.has_stages {
+                    Some(loops.wrench(message, inputs, states, comparison)?)
                 } else {
-                    self.restarts_before = self.loops.restarts;
+                    let sent = channels.iter().map(|it| &it.inputs.wrenches);
+                    sent_by_one(message, sent, are_alike, comparison)
+                };
+                if let Some(wrench) = wrench {
+                    outputs.take(tick, &wrench);
+                    if tick >= self.from_tick {
+                        self.summary.wrench(&wrench);
+                    } else {
+                        self.restarts_before = loops.restarts;
+                    }
                 }
                 inputs.wrenches.advance();
             }
             Role::Mixer => {
                 let message = of(&inputs.rotor_speeds, tick)?;
-                let speeds = self.loops.rotor_speeds(message, inputs, comparison)?;
+                let speeds = if self.has_stages {
+                    Some(loops.rotor_speeds(message, inputs, states, comparison)?)
+                } else {
+                    let sent = channels.iter().map(|it| &it.inputs.rotor_speeds);
+                    sent_by_one(message, sent, are_alike, comparison)
+                };
                 // After the last tick the mixer stops the rotors; that command answers no state.
-                if !is_final_command(message) {
+                if let Some(speeds) = speeds.filter(|_| !is_final_command(message)) {
                     outputs.take(tick, &speeds);
                     if tick >= self.from_tick {
                         self.summary.rotor_speeds(&speeds);
@@ -403,11 +463,29 @@ impl ReplayRun {
                 inputs.rotor_speeds.advance();
             }
             Role::Record => {
-                self.loops
-                    .theorem(of(&inputs.theorem, tick)?, inputs, comparison)?;
+                loops.theorem(of(&inputs.theorem, tick)?, inputs, comparison)?;
                 inputs.theorem.advance();
             }
         }
         Ok(())
     }
+}
+
+/// The content of a flown message, if a channel sent it: all of it where the channels are alike, else all but the signals.
+fn sent_by_one<'a, C: Logged>(
+    flown: &Message<C>,
+    channels: impl Iterator<Item = &'a MessageWindow<C>>,
+    are_alike: bool,
+    comparison: &mut ReplayComparison,
+) -> Option<C> {
+    let tick = flown.envelope.tick;
+    let is_it = |sent: &Message<C>| {
+        sent.envelope == flown.envelope && (!are_alike || sent.content.is_same(&flown.content))
+    };
+    let mut sent = channels.filter_map(|it| it.of(tick));
+    if !sent.any(is_it) {
+        comparison.lacks::<C>(tick, "message");
+        return None;
+    }
+    Some(flown.content)
 }

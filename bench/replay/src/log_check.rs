@@ -27,7 +27,6 @@ pub use sim::recorded_timing::first_of;
 #[derive(Clone, Debug)]
 pub struct LogCheck {
     pub build: Build,
-    pub run_id: u64,
     pub settings: Settings,
     pub pace: Pace,
     pub swaps: Vec<Message<SwapRecord>>,
@@ -39,8 +38,8 @@ pub struct LogValidator {
     reader: LogReader,
     /// As the processes of the log's channel had them.
     pub settings: Settings,
-    /// Of whose messages it is, and of those with the same laws.
-    pub channel: Channel,
+    /// The channel whose own log it is; none of the log of a flight.
+    pub channel: Option<Channel>,
     expected: ExpectedMessages,
     swaps: Vec<Message<SwapRecord>>,
     first: LogEntry,
@@ -60,9 +59,9 @@ impl LogValidator {
         let channel = Channel::ALL
             .into_iter()
             .find(|it| Some(it.name()) == channel);
-        let channel = channel.unwrap_or(Channel::A);
-        let settings = settings.of_channel(channel);
-        let expected = ExpectedMessages::new(&reader, settings.rt.channels)?;
+        let settings = settings.of_channel(channel.unwrap_or(Channel::A));
+        let has_many_senders = settings.rt.channels > 1 && channel.is_none();
+        let expected = ExpectedMessages::new(&reader, has_many_senders)?;
         Ok(Self {
             reader,
             settings,
@@ -75,6 +74,10 @@ impl LogValidator {
 
     pub fn pace(&self) -> Result<Pace, Failure> {
         self.reader.pace()
+    }
+
+    pub const fn run_id(&self) -> u64 {
+        self.expected.run_id
     }
 
     /// Reads to the end of the log and passes on each valid message.
@@ -104,7 +107,6 @@ impl LogValidator {
         )?;
         Ok(LogCheck {
             build: reader.build(),
-            run_id: self.expected.run_id,
             settings: self.settings,
             pace: reader.pace()?,
             swaps,
@@ -219,8 +221,8 @@ struct ExpectedMessages {
     run_id: u64,
     settings: u64,
     messages: Counts,
-    /// With several channels, the messages of a topic are of changing processes, and not all of any.
-    channels: usize,
+    /// Whether the messages of a topic are of changing channels, and not all of any.
+    has_many_senders: bool,
     newest: [Option<Sent>; TOPICS.len()],
 }
 
@@ -232,7 +234,7 @@ struct Sent {
 }
 
 impl ExpectedMessages {
-    fn new(reader: &LogReader, channels: usize) -> Result<Self, Failure> {
+    fn new(reader: &LogReader, has_many_senders: bool) -> Result<Self, Failure> {
         let text = reader.fact(RUN, "settings")?;
         let no_fingerprint =
             format!("its record `{RUN}` has settings = `{text}`, which is no fingerprint");
@@ -240,7 +242,7 @@ impl ExpectedMessages {
             run_id: reader.number("run_id")?,
             settings: u64::from_str_radix(text, 16).map_err(|_| reader.damaged(&no_fingerprint))?,
             messages: [0; TOPICS.len()],
-            channels,
+            has_many_senders,
             newest: [None; TOPICS.len()],
         })
     }
@@ -292,7 +294,7 @@ impl ExpectedMessages {
         let same_sender = last.filter(|last| last.epoch == epoch);
         let owed = same_sender.map_or(0, |last| last.seq.saturating_add(1));
         let is_of_channels =
-            self.channels > 1 && !matches!(entry, LogEntry::State(_) | LogEntry::Swap(_));
+            self.has_many_senders && !matches!(entry, LogEntry::State(_) | LogEntry::Swap(_));
         if seq != owed && !is_of_channels {
             let missing = count(seq.wrapping_sub(owed), "message");
             return Err(gap(&format!(

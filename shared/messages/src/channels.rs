@@ -193,7 +193,7 @@ layout! {
     }
 }
 
-/// Switchovers that are kept each; later ones are only counted.
+/// Switchovers that are kept: the first ones and the newest. The others are only counted.
 pub const SWITCHOVERS_KEPT: usize = 16;
 
 /// Chooses the group that flies, and its command of each tick.
@@ -424,12 +424,8 @@ impl RedundancyAccount {
     /// Enters that another group flies from a tick on.
     pub fn switch(&mut self, switchover: Switchover) {
         let account = &mut self.redundancy;
-        if let Some(place) = account
-            .switchovers
-            .get_mut(account.switchover_count as usize)
-        {
-            *place = switchover;
-        }
+        let place = (account.switchover_count as usize).min(SWITCHOVERS_KEPT - 1);
+        account.switchovers[place] = switchover;
         account.switchover_count += 1;
     }
 

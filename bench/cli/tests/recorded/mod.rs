@@ -243,15 +243,7 @@ pub fn facts(settings: &Settings) -> Facts {
         ..Run::default()
     };
     let (host, roles) = (Host::default(), BTreeMap::new());
-    recorder::log_metadata::metadata(
-        &run,
-        settings,
-        messages::role::Channel::A,
-        "none",
-        &host,
-        &roles,
-    )
-    .unwrap()
+    recorder::log_metadata::metadata(&run, settings, None, "none", &host, &roles).unwrap()
 }
 
 /// Writes a flight as the recorder does: ten ticks at a time, topic after topic, swaps later than their ticks.
