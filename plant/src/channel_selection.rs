@@ -5,7 +5,7 @@
 
 use heapless::Vec;
 use messages::channels::{
-    Arrangement, Candidate, Excursion, GroupSelection, Redundancy, RedundancyAccount, Switchover,
+    Arrangement, Candidate, Excursion, GroupSelection, Redundancy, RedundancyAccount,
 };
 use messages::content::{RotorSpeeds, Stamped};
 use messages::header::Message;
@@ -67,16 +67,15 @@ impl ChannelSelection {
 
     /// Decides on the commands of all ticks before `tick`, which begins now, and gives those that are taken to `take`, each
     /// with the tick from which on it may act. Nothing is counted for ticks without a state, of which the last one has
-    /// `excursion`. Returns the switchover of its tick, if there is one.
+    /// `excursion`.
     pub fn decide(
         &mut self,
         tick: u64,
         excursion: &Excursion,
         mut take: impl FnMut(&Stamped<RotorSpeeds>, u64),
-    ) -> Option<Switchover> {
+    ) {
         let mut published = (self.published < tick).then_some(self.published);
         self.published = tick;
-        let mut switchover = None;
         while let Some(made_for) = self.first_undecided(published).filter(|it| *it < tick) {
             let mut candidates: Vec<Candidate, MOST_CHANNELS> = Vec::new();
             for channel in Channel::ALL {
@@ -86,9 +85,12 @@ impl ChannelSelection {
             self.waiting.retain(|it| it.tick != made_for);
             let is_published = published.take_if(|it| *it == made_for).is_some();
             if is_published {
-                switchover = self
-                    .groups
-                    .decide(made_for, &candidates, self.requested, excursion);
+                let switchover =
+                    self.groups
+                        .decide(made_for, &candidates, self.requested, excursion);
+                if let Some(switchover) = switchover {
+                    self.account.switch(switchover);
+                }
                 let is_flown = |it: &mut Channel| {
                     let arrangement = &self.groups.arrangement;
                     arrangement.are_alike(*it, self.groups.group_at(made_for))
@@ -102,9 +104,6 @@ impl ChannelSelection {
                 self.groups.fly(selection);
             }
             if is_published {
-                if let Some(switchover) = switchover {
-                    self.account.switch(switchover);
-                }
                 self.account.enter(made_for, &candidates, group, selection);
                 self.last = candidates;
             }
@@ -117,7 +116,6 @@ impl ChannelSelection {
                 self.untaken = made_for + 1;
             }
         }
-        switchover
     }
 
     fn first_undecided(&self, published: Option<u64>) -> Option<u64> {

@@ -16,9 +16,7 @@ use ipc::clock::{Horizon as _, now_ns, sleep_through, sleep_until};
 use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
-use messages::channels::{
-    Arrangement, Envelope, Excursion, REDUNDANCY, Redundancy, SwitchoverReason,
-};
+use messages::channels::{Arrangement, Envelope, Excursion, REDUNDANCY, Redundancy};
 use messages::content::{Measured, Reference, RotorSpeeds, Stamped, State};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
@@ -427,14 +425,9 @@ impl<'a> PlantProcess<'a> {
             selection.request(channel);
         }
         let plant = &mut self.plant;
-        let switchover = selection.decide(tick, &self.excursion, |command, effective_tick| {
+        selection.decide(tick, &self.excursion, |command, effective_tick| {
             plant.offer(command, effective_tick);
         });
-        let unrequested = switchover.filter(|it| it.reason != SwitchoverReason::Requested as u64);
-        if let Some(it) = unrequested {
-            self.injection
-                .record_switch(Channel::ALL[it.to as usize], it.tick);
-        }
     }
 
     /// How far the vehicle is from what the envelope allows, as measured.

@@ -20,7 +20,7 @@ use flight_log::perfetto;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, LogReader};
 use flight_log::{rows, topics};
-use recorder::run_directory::find_log;
+use recorder::run_directory::{find_log, log_files};
 
 pub const DIRECTORY: &str = "export";
 
@@ -102,13 +102,15 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
     let mut read = trace_log(reader, &mut writer, &path, true)?;
     for channel in Channel::ALL {
-        let directory = reader
+        let own = reader
             .path()
             .with_file_name(flight_log::log_directory(channel));
-        let log = directory.join(flight_log::FILE);
-        if read.is_ok() && log.exists() {
+        if let (Ok(()), Some(log)) = (&read, log_files(&own).first()) {
             writer.begin_channel(channel).in_file("write", &path)?;
-            read = trace_log(&mut LogReader::open(&log)?, &mut writer, &path, false)?;
+            read = match LogReader::open(log) {
+                Ok(mut log) => trace_log(&mut log, &mut writer, &path, false)?,
+                Err(failure) => Err(failure),
+            };
         }
     }
     writer.finish().in_file("write", &path)?;

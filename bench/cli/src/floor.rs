@@ -88,7 +88,10 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
 }
 
 fn missing(set: Set) -> Option<String> {
-    if !matches!(set, Set::Flights | Set::Cpus | Set::Rates | Set::Load) {
+    if !matches!(
+        set,
+        Set::Flights | Set::Cpus | Set::Channels | Set::Rates | Set::Load
+    ) {
         return None;
     }
     if let Some(refusal) = fifo_refusal(PRIORITY + STAGES) {
@@ -98,7 +101,7 @@ fn missing(set: Set) -> Option<String> {
         let is_one = loop_processors(loops_cpu(), 2).len() < 2;
         return is_one.then(|| "this process may use one CPU alone".into());
     }
-    if !cyclictest::is_installed() {
+    if set != Set::Channels && !cyclictest::is_installed() {
         return Some("cyclictest (rt-tests) is not installed".into());
     }
     (set == Set::Load && !Stress::is_installed()).then(|| "stress-ng is not installed".into())
@@ -113,6 +116,7 @@ fn measure(
         Set::Rates => return rates::rates(flights, effort),
         Set::Flights => comparison_sets::flights(flights, effort, None),
         Set::Cpus => comparison_sets::cpus(flights, effort),
+        Set::Channels => comparison_sets::channels(flights, effort),
         Set::Load => comparison_sets::flights(flights, effort, Some(&mut Stress::start(flights)?)),
         Set::Lockstep => comparison_sets::lockstep(flights, effort),
         Set::Laws => comparison_sets::laws(effort),

@@ -87,15 +87,15 @@ impl ChannelMerge {
         put(&mut self.open[place]);
     }
 
-    /// Closes the ticks of which every channel has sent its command, and those far enough behind the newest state; all of
-    /// them without one. Gives the messages of each to `each`, of the group that flew by `group_at`.
+    /// Closes the ticks of which every channel of the group that flew has sent its command, and those far enough behind the newest
+    /// state; all of them without one. Gives the messages of each to `each`, of the group that flew by `group_at`.
     pub fn close(
         &mut self,
         newest_state: Option<u64>,
         group_at: impl Fn(u64) -> Channel,
         mut each: impl FnMut(&LogEntry),
     ) {
-        while let Some(behind) = self.behind()
+        while let Some(behind) = self.behind(&group_at)
             && let Some(closed) = self
                 .open
                 .pop_front_if(|it| newest_state.is_none_or(|newest| it.tick + behind <= newest))
@@ -106,10 +106,15 @@ impl ChannelMerge {
     }
 
     /// How many ticks behind the newest state the first open tick is closed.
-    fn behind(&self) -> Option<u64> {
-        let commands = |it: &TickMessages| it.rotor_speeds.iter().flatten().count();
-        let first = commands(self.open.front()?);
-        Some(if first == self.arrangement.channels {
+    fn behind(&self, group_at: impl Fn(u64) -> Channel) -> Option<u64> {
+        let commands = |it: &TickMessages| {
+            let own = self.channels_of(group_at(it.tick));
+            let sent = own.filter(|channel| it.rotor_speeds[*channel as usize].is_some());
+            sent.count()
+        };
+        let first = self.open.front()?;
+        let members = self.channels_of(group_at(first.tick)).count();
+        Some(if commands(first) == members {
             self.behind
         } else if self.open.iter().any(|it| commands(it) > 0) {
             CLOSED_AFTER
@@ -118,10 +123,13 @@ impl ChannelMerge {
         })
     }
 
+    fn channels_of(&self, group: Channel) -> impl Iterator<Item = Channel> {
+        Channel::first(self.arrangement.channels)
+            .filter(move |it| self.arrangement.group(*it) == group)
+    }
+
     fn emit(&self, closed: &TickMessages, group: Channel, each: &mut impl FnMut(&LogEntry)) {
-        let own: Vec<Channel> = Channel::first(self.arrangement.channels)
-            .filter(|it| self.arrangement.group(*it) == group)
-            .collect();
+        let own: Vec<Channel> = self.channels_of(group).collect();
         let flown = self.flown(closed, &own);
         let entries = [
             first(&closed.setpoints, &own, flown, 1).map(LogEntry::Setpoint),
@@ -266,6 +274,25 @@ mod tests {
         assert_eq!(
             closed(&mut merge, None),
             [(1, 10, 0), (2, 10, 0), (3, 10, 0)]
+        );
+    }
+
+    #[test]
+    fn a_late_command_of_the_group_that_flies_is_waited_for_whatever_other_groups_send() {
+        use Channel::{A, B};
+        let arrangement = Arrangement {
+            groups: [A, B, B],
+            ..Arrangement::alike(2)
+        };
+        let mut merge = ChannelMerge::new(arrangement, Pace::Realtime(GRID));
+        for tick in 1..20 {
+            take(&mut merge, tick, B, true);
+            assert_eq!(closed(&mut merge, Some(tick)), []);
+        }
+        take(&mut merge, 1, A, true);
+        assert_eq!(
+            closed(&mut merge, Some(20)),
+            [(1, 1, 0), (2, 1, 0), (3, 1, 0)]
         );
     }
 }

@@ -3,7 +3,7 @@
 //! One policy for all of them: a file that cannot be created refuses the flight. A file that can no longer be written
 //! is incomplete, the report gives the first reason, and the flight and the other files go on.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -44,7 +44,7 @@ pub struct RunFiles<'a> {
     states: Vec<StatesWriter>,
     /// None if the settings switch them off; without those that broke. That of the flight, and with several channels each
     /// one's own.
-    logs: Vec<(Option<Channel>, FlightLog)>,
+    logs: VecDeque<(Option<Channel>, FlightLog)>,
     log_name: &'static str,
     /// report.json while the flight lasts.
     partial_report: AtomicFileWriter,
@@ -74,7 +74,7 @@ impl<'a> RunFiles<'a> {
             Ok((*channel, log?))
         };
         let logs = match settings.recorder.log {
-            LogName::Off => Vec::new(),
+            LogName::Off => VecDeque::new(),
             LogName::All | LogName::AroundMisses => {
                 facts.iter().map(create).collect::<Result<_, Failure>>()?
             }
@@ -114,16 +114,15 @@ impl<'a> RunFiles<'a> {
         }
     }
 
-    /// Hands full chunks of the log to the disk; to be called often.
+    /// Hands full chunks of the next log to the disk; to be called often. More than one at once would disturb the loops.
     pub fn flush_log(&mut self) {
-        let mut kept = Ok(());
-        self.logs.retain_mut(|(_, log)| {
-            let is_kept = log.keep(now_ns());
-            let is_sound = is_kept.is_ok();
-            kept = std::mem::replace(&mut kept, Ok(())).and(is_kept);
-            is_sound
-        });
-        self.note(flight_log::FILE, kept);
+        let Some((channel, mut log)) = self.logs.pop_front() else {
+            return;
+        };
+        match log.keep(now_ns()) {
+            Ok(()) => self.logs.push_back((channel, log)),
+            Err(failure) => self.note(flight_log::FILE, Err(failure)),
+        }
     }
 
     pub fn write_state(&mut self, joined: &Joined) {

@@ -50,9 +50,11 @@ impl ReplayComparison {
         }
     }
 
+    /// Adds what was compared in another log; of two differences in a tick, this one's stays the first.
     pub fn add(&mut self, other: Self) {
         self.values += other.values;
-        self.first = self.first.take().or(other.first);
+        let both = [self.first.take(), other.first].into_iter().flatten();
+        self.first = both.min_by_key(|it| it.tick);
     }
 
     pub fn compare<C: Logged>(&mut self, tick: u64, recorded: &C, replayed: &C) {
@@ -103,9 +105,20 @@ impl ReplayComparison {
 
     /// A message was recorded, and the replay has none; `field` is its first one.
     pub fn lacks<C: Logged>(&mut self, tick: u64, field: &str) {
-        let values = [field, "published", "nothing"].map(str::to_owned);
+        self.note::<C>(tick, [field, "published", "nothing"]);
+    }
+
+    /// A message of the log of a flight is in that of no channel, or differs there.
+    pub fn has_no_sender<C: Logged>(&mut self, tick: u64) {
+        self.note::<C>(
+            tick,
+            ["message", "in flight.mcap", "in the log of no channel"],
+        );
+    }
+
+    fn note<C: Logged>(&mut self, tick: u64, values: [&str; 3]) {
         if tick >= self.from_tick {
-            self.keep::<C>(tick, C::NAME, values);
+            self.keep::<C>(tick, C::NAME, values.map(str::to_owned));
         }
     }
 

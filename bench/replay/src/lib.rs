@@ -1,4 +1,4 @@
-//! `ironbird replay`: runs the tick functions again, from the flight log alone.
+//! `ironbird replay`: runs the tick functions again, from a flight's logs alone.
 //!
 //! ```text
 //! flight.mcap --log check--> complete, same version, no gap                                  a thread per log
@@ -21,12 +21,14 @@ pub mod stage_states;
 pub mod summary;
 
 use std::path::{Path, PathBuf};
-use std::thread;
+use std::thread::{self, Builder};
 use std::time::Instant;
 
+use messages::content::State;
 use messages::header::Message;
 use messages::message_window::MessageWindow;
-use messages::role::{Channel, Role};
+use messages::role::{Channel, MOST_CHANNELS, Role};
+use messages::telemetry::Telemetry;
 
 use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
@@ -50,6 +52,8 @@ use flight_log::wall_time::speed;
 /// How many messages to read ahead while a message may still depend on one that has not been read: more than the recorder
 /// takes at once after its longest absence, since it drains topic after topic.
 pub const LOOKAHEAD: usize = 20_000;
+const TOGETHER: &str = "the logs of a flight belong together: copy its whole directory";
+
 /// How many messages to read ahead while a swap's record is missing. Another thread of the plant writes it, in lockstep any
 /// number of ticks later; this is about one second of lockstep.
 const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
@@ -65,9 +69,9 @@ pub fn replay(path: &Path, from: u64, verify: bool, moved: &Moved) -> Result<u8,
         speed(flown_s, start.elapsed().as_secs_f64())
     ));
     if verify {
-        verdict(path, &replayed)
+        verdict(&replayed)
     } else {
-        print_summary(path, &replayed)
+        print_summary(&replayed)
     }
 }
 
@@ -94,41 +98,51 @@ pub fn fly_again(
     moved: &Moved,
 ) -> Result<ReplayResult, Failure> {
     let logs = open_logs(path, moved)?;
-    let replay = FlightReplay::new(&logs, from_tick).map_err(|e| of_log(path, e));
+    let failed = |e| Failure::failed(format!("cannot start a thread for the replay: {e}"));
+    let panicked = || Failure::failed("a thread of the replay panicked");
     thread::scope(|scope| {
-        let (to_flight, from_logs): (Vec<_>, Vec<_>) = logs.iter().map(|_| batches()).unzip();
-        let flight = scope.spawn(move || replay.and_then(|replay| replay.fly(from_logs, stops)));
-        let checks: Vec<_> = logs
+        let (mut replays, mut checks) = (Vec::new(), Vec::new());
+        for (log, validator) in logs {
+            let (mut to_flight, from_log) = batches();
+            let replay = LogReplay::new(&log, &validator, from_log, from_tick);
+            replays.push(replay.map_err(|e| of_log(&log, e)));
+            let check = move || {
+                let check = validator.look_through(|entry| to_flight.push(entry));
+                to_flight.finish();
+                check.map_err(|e| of_log(&log, e))
+            };
+            checks.push(Builder::new().spawn_scoped(scope, check).map_err(failed)?);
+        }
+        let fly = move || {
+            let replays = replays.into_iter().collect::<Result<Vec<_>, _>>()?;
+            FlightReplay::new(replays).fly(stops)
+        };
+        let flight = Builder::new().spawn_scoped(scope, fly).map_err(failed)?;
+        let mut checks = checks
             .into_iter()
-            .zip(to_flight)
-            .map(|((log, validator), mut to_flight)| {
-                scope.spawn(move || {
-                    let check = validator.look_through(|entry| to_flight.push(entry));
-                    to_flight.finish();
-                    check.map_err(|e| of_log(&log, e))
-                })
-            })
-            .collect();
-        let panicked = |thread: &str| Failure::failed(format!("the {thread} thread panicked"));
-        let mut survey: Option<LogCheck> = None;
+            .map(|check| check.join().unwrap_or_else(|_| Err(panicked())));
+        let mut survey = checks.next().unwrap_or_else(|| Err(panicked()))?;
         for check in checks {
-            let check = check.join().unwrap_or_else(|_| Err(panicked("log")))?;
-            match &mut survey {
-                None => survey = Some(check),
-                Some(flown) if check.end != End::Complete => flown.end = check.end,
-                Some(_) => {}
+            let check = check?;
+            if check.end != End::Complete {
+                (survey.end, survey.log) = (check.end, check.log);
+            } else if survey.end == End::Complete && check.swaps != survey.swaps {
+                return Err(Failure::failed(format!(
+                    "the parameter changes in {} are not those in {}",
+                    check.log.display(),
+                    path.display()
+                )));
             }
         }
-        let replayed = flight.join().unwrap_or_else(|_| Err(panicked("replay")));
-        let last_tick = survey.as_ref().and_then(|it| it.last_tick).unwrap_or(0);
+        let replayed = flight.join().unwrap_or_else(|_| Err(panicked()));
+        let last_tick = survey.last_tick.unwrap_or(0);
         if from_tick > last_tick {
             return Err(Failure::usage(format!(
                 "--from {from_tick}: the log ends at tick {last_tick}"
             ))
             .help(format!("name a tick from 0 to {last_tick}")));
         }
-        let (comparison, summary) = replayed.map_err(|e| of_log(path, e))?;
-        let survey = survey.ok_or_else(|| panicked("log"))?;
+        let (comparison, summary) = replayed?;
         Ok(ReplayResult {
             survey,
             comparison,
@@ -153,14 +167,14 @@ fn open_logs(path: &Path, moved: &Moved) -> Result<Vec<(PathBuf, LogValidator)>,
     for channel in Channel::first(channels).filter(|_| channels > 1) {
         let directory = path.with_file_name(flight_log::log_directory(channel));
         let log = directory.join(flight_log::FILE);
-        let own = open(&log)?;
+        let own = open(&log).map_err(|e| e.help(TOGETHER))?;
         if own.channel != Some(channel) || own.run_id() != logs[0].1.run_id() {
             return Err(Failure::failed(format!(
                 "{} is not the log of channel {channel} of the flight in {}",
                 log.display(),
                 path.display()
             ))
-            .help("the logs of a flight belong together: copy its whole directory"));
+            .help(TOGETHER));
         }
         logs.push((log, own));
     }
@@ -177,11 +191,11 @@ fn of_log(log: &Path, failure: Failure) -> Failure {
     }
 }
 
-fn verdict(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
+fn verdict(replayed: &ReplayResult) -> Result<u8, Failure> {
     let (ticks, values) = (replayed.summary.ticks, replayed.comparison.values);
     say(&builds(&replayed.survey));
     if replayed.survey.end != End::Complete {
-        return Err(truncated(path, replayed));
+        return Err(truncated(replayed));
     }
     if let Some(divergence) = &replayed.comparison.first {
         print(&format!("replay: diverges at {divergence}\n"))?;
@@ -196,7 +210,7 @@ fn verdict(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
 }
 
 /// A log without its end: a difference in it may follow from the missing part.
-fn truncated(path: &Path, replayed: &ReplayResult) -> Failure {
+fn truncated(replayed: &ReplayResult) -> Failure {
     let (ticks, values) = (replayed.summary.ticks, replayed.comparison.values);
     let far = match &replayed.comparison.first {
         None => format!("its {} agree in {values} values", count(ticks, "tick")),
@@ -204,7 +218,8 @@ fn truncated(path: &Path, replayed: &ReplayResult) -> Failure {
             format!("it differs at {divergence}, possibly because of the missing part")
         }
     };
-    Failure::failed(format!("{} is truncated: its end is missing; {far}", path.display())).help(
+    let log = replayed.survey.log.display();
+    Failure::failed(format!("{log} is truncated: its end is missing; {far}")).help(
         "the flight is still running, or its recorder died; only a complete log can be verified. `ironbird export` \
          exports what is there",
     )
@@ -218,10 +233,10 @@ fn builds(survey: &LogCheck) -> String {
     )
 }
 
-fn print_summary(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
+fn print_summary(replayed: &ReplayResult) -> Result<u8, Failure> {
     print(&(replayed.summary.text(&replayed.survey) + &builds(&replayed.survey)))?;
     match &replayed.comparison.first {
-        _ if replayed.survey.end != End::Complete => return Err(truncated(path, replayed)),
+        _ if replayed.survey.end != End::Complete => return Err(truncated(replayed)),
         Some(divergence) => print(&format!("diverges from the record at {divergence}\n"))?,
         None => print(&format!(
             "agrees with the record in {} values\n",
@@ -240,36 +255,32 @@ struct FlightReplay {
 }
 
 impl FlightReplay {
-    fn new<P>(logs: &[(P, LogValidator)], from_tick: u64) -> Result<Self, Failure> {
-        let new = |(_, log): &(P, LogValidator)| LogReplay::new(log, from_tick);
-        let mut replays = logs.iter().map(new).collect::<Result<Vec<_>, _>>()?;
-        let settings = &logs[0].1.settings;
-        Ok(Self {
-            channels: replays.split_off(1),
-            flown: replays.remove(0),
-            states: StageStates::new(settings.rt.channels, settings.groups()),
-        })
+    /// The first log is that of the flight.
+    fn new(mut logs: Vec<LogReplay>) -> Self {
+        let (channels, groups) = (logs[0].channels, logs[0].groups);
+        Self {
+            channels: logs.split_off(1),
+            flown: logs.remove(0),
+            states: StageStates::new(channels, groups),
+        }
     }
 
     /// Replays to the end of the logs, or to the first difference if `stops`.
-    fn fly(
-        mut self,
-        logs: Vec<FromLog>,
-        stops: bool,
-    ) -> Result<(ReplayComparison, Summary), Failure> {
-        let (flown, channels, states) = (&mut self.flown, &mut self.channels, &mut self.states);
-        let mut logs = logs.into_iter();
-        let mut log = logs.next();
-        let mut own_logs: Vec<_> = logs.map(Some).collect();
+    fn fly(mut self, stops: bool) -> Result<(ReplayComparison, Summary), Failure> {
+        let Self {
+            flown,
+            channels,
+            states,
+        } = &mut self;
         // Alone, a log need not wait for others.
         let mut until = if channels.is_empty() { u64::MAX } else { 0 };
         loop {
             let mut next = None;
-            for (channel, log) in channels.iter_mut().zip(&mut own_logs) {
-                let reached = channel.advance(until, log, stops, states, &[])?;
+            for channel in channels.iter_mut() {
+                let reached = channel.advance(until, stops, states, &[])?;
                 next = [next, reached].into_iter().flatten().min();
             }
-            let reached = flown.advance(until, &mut log, stops, states, channels)?;
+            let reached = flown.advance(until, stops, states, channels)?;
             match [next, reached].into_iter().flatten().min() {
                 Some(tick) => until = tick,
                 None => break,
@@ -279,23 +290,34 @@ impl FlightReplay {
                 break;
             }
         }
-        flown.summary.restarts = flown.loops.restarts - flown.restarts_before;
-        for channel in channels {
-            flown.comparison.add(channel.comparison.clone());
+        let mut summary = flown.summary;
+        for it in channels.iter().chain([&*flown]) {
+            summary.restarts += it.loops.restarts - it.restarts_before;
+            summary.takeovers += it.loops.takeovers;
         }
-        Ok((self.flown.comparison, self.flown.summary))
+        // Of differences in one tick, that of a channel is the cause.
+        let channels = self.channels.into_iter().rev();
+        let comparison = channels.fold(self.flown.comparison, |all, mut it| {
+            it.comparison.add(all);
+            it.comparison
+        });
+        Ok((comparison, summary))
     }
 }
 
 /// A log that is replayed: of a flight with one channel, of one with several, or a channel's own.
 struct LogReplay {
+    path: PathBuf,
+    /// None at its end.
+    log: Option<FromLog>,
+    channels: usize,
+    groups: [Channel; MOST_CHANNELS],
     from_tick: u64,
     /// None in a channel's own log.
     airframe: Option<AirframeReplay>,
     /// Whether the laws are replayed: not from the log of a flight with several channels.
     has_stages: bool,
-    /// Whether the commands of all channels are those of the laws of channel a.
-    are_alike: bool,
+    has_other_laws: bool,
     loops: Box<LoopsReplay>,
     comparison: ReplayComparison,
     summary: Summary,
@@ -307,19 +329,29 @@ struct LogReplay {
 }
 
 impl LogReplay {
-    fn new(log: &LogValidator, from_tick: u64) -> Result<Self, Failure> {
-        let (settings, pace) = (&log.settings, log.pace()?);
+    fn new(
+        path: &Path,
+        validator: &LogValidator,
+        log: FromLog,
+        from_tick: u64,
+    ) -> Result<Self, Failure> {
+        let (settings, pace) = (&validator.settings, validator.pace()?);
         let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
         let faults = settings.planned()?.loops.messages;
-        let channel = log.channel.unwrap_or(Channel::A);
+        let channel = validator.channel.unwrap_or(Channel::A);
+        let is_whole = validator.channel.is_none();
+        let groups = validator.groups;
         let airframe =
             || -> Result<_, Failure> { Ok(AirframeReplay::new(&settings.plant()?, pace, &faults)) };
-        let is_whole = log.channel.is_none();
         Ok(Self {
+            path: path.to_owned(),
+            log: Some(log),
+            channels: settings.rt.channels,
+            groups,
             from_tick,
             airframe: is_whole.then(airframe).transpose()?,
             has_stages: !is_whole || settings.rt.channels == 1,
-            are_alike: !settings.has_several_laws(),
+            has_other_laws: groups[channel as usize] != Channel::A,
             loops: Box::new(LoopsReplay::new(settings, channel)?),
             comparison: ReplayComparison::from(from_tick, channel, settings.flown_laws()?.signals),
             summary: Summary::new(tracking, from_tick),
@@ -333,16 +365,16 @@ impl LogReplay {
     fn advance(
         &mut self,
         until: u64,
-        log: &mut Option<FromLog>,
         stops: bool,
         states: &mut StageStates,
         channels: &[Self],
     ) -> Result<Option<u64>, Failure> {
-        while let Some((tick, stage)) = self.read_next(log) {
+        while let Some((tick, stage)) = self.read_next() {
             if tick > until {
                 return Ok(Some(tick));
             }
-            self.step(tick, stage, states, channels)?;
+            let stepped = self.step(tick, stage, states, channels);
+            stepped.map_err(|e| of_log(&self.path, e))?;
             self.ahead -= 1;
             if stops && self.comparison.first.is_some() {
                 break;
@@ -352,32 +384,32 @@ impl LogReplay {
     }
 
     /// Reads until it is certain which message is next, or enough have been read; none at the end of the log.
-    fn read_next(&mut self, log: &mut Option<FromLog>) -> Option<(u64, Role)> {
+    fn read_next(&mut self) -> Option<(u64, Role)> {
         loop {
             let next = self.inputs.earliest();
-            let Some(open) = log else {
+            let waits_for_swap = self.waits_for_swap();
+            let Some(log) = &mut self.log else {
                 return next.map(|it| (it.tick, it.stage));
             };
             if let Some(next) = next
                 && (next.is_settled || self.ahead > LOOKAHEAD)
-                && !(next.stage == Role::Plant && self.waits_for_swap())
+                && !(next.stage == Role::Plant && waits_for_swap)
             {
                 return Some((next.tick, next.stage));
             }
-            match open.next_batch() {
-                Some(batch) => {
-                    for entry in batch {
-                        match (entry, &mut self.airframe) {
-                            (LogEntry::Swap(swap), Some(airframe)) => airframe.push_swap(swap),
-                            (LogEntry::Swap(_), None) => {}
-                            _ => {
-                                self.inputs.take(entry);
-                                self.ahead += 1;
-                            }
-                        }
+            let Some(batch) = log.next_batch() else {
+                self.log = None;
+                continue;
+            };
+            for entry in batch {
+                match (entry, &mut self.airframe) {
+                    (LogEntry::Swap(swap), Some(airframe)) => airframe.push_swap(swap),
+                    (LogEntry::Swap(_), None) => {}
+                    _ => {
+                        self.inputs.take(entry);
+                        self.ahead += 1;
                     }
                 }
-                None => *log = None,
             }
         }
     }
@@ -400,10 +432,16 @@ impl LogReplay {
     ) -> Result<(), Failure> {
         let (inputs, comparison) = (&mut self.inputs, &mut self.comparison);
         let (loops, outputs) = (&mut self.loops, &mut self.summary.outputs);
-        let are_alike = self.are_alike;
         match stage {
             Role::Plant => {
                 let message = of(&inputs.states, tick)?;
+                let differs = |channel: &Self| {
+                    let own = channel.inputs.states.of(tick);
+                    !own.is_some_and(|own| is_same(own, message))
+                };
+                if channels.iter().any(differs) {
+                    comparison.has_no_sender::<State>(tick);
+                }
                 if let Some(airframe) = &mut self.airframe {
                     let state = airframe.step(message, &inputs.rotor_speeds, comparison)?;
                     outputs.take(tick, &state);
@@ -418,8 +456,10 @@ impl LogReplay {
                 let setpoint = if self.has_stages {
                     loops.setpoint(message, inputs, states, comparison)?
                 } else {
-                    let sent = channels.iter().map(|it| &it.inputs.setpoints);
-                    sent_by_one(message, sent, are_alike, comparison)
+                    let sent = channels
+                        .iter()
+                        .map(|it| (&it.inputs.setpoints, it.has_other_laws));
+                    sent_by_one(message, sent, comparison)
                 };
                 if let Some(setpoint) = setpoint {
                     outputs.take(tick, &setpoint);
@@ -432,8 +472,10 @@ impl LogReplay {
                 let wrench = if self.has_stages {
                     Some(loops.wrench(message, inputs, states, comparison)?)
                 } else {
-                    let sent = channels.iter().map(|it| &it.inputs.wrenches);
-                    sent_by_one(message, sent, are_alike, comparison)
+                    let sent = channels
+                        .iter()
+                        .map(|it| (&it.inputs.wrenches, it.has_other_laws));
+                    sent_by_one(message, sent, comparison)
                 };
                 if let Some(wrench) = wrench {
                     outputs.take(tick, &wrench);
@@ -450,8 +492,10 @@ impl LogReplay {
                 let speeds = if self.has_stages {
                     Some(loops.rotor_speeds(message, inputs, states, comparison)?)
                 } else {
-                    let sent = channels.iter().map(|it| &it.inputs.rotor_speeds);
-                    sent_by_one(message, sent, are_alike, comparison)
+                    let sent = channels
+                        .iter()
+                        .map(|it| (&it.inputs.rotor_speeds, it.has_other_laws));
+                    sent_by_one(message, sent, comparison)
                 };
                 // After the last tick the mixer stops the rotors; that command answers no state.
                 if let Some(speeds) = speeds.filter(|_| !is_final_command(message)) {
@@ -471,21 +515,27 @@ impl LogReplay {
     }
 }
 
-/// The content of a flown message, if a channel sent it: all of it where the channels are alike, else all but the signals.
+fn is_same<C: Logged>(one: &Message<C>, other: &Message<C>) -> bool {
+    one.envelope == other.envelope && one.content.is_same(&other.content)
+}
+
+/// The content of a flown message, if a channel sent it: without the signals if its laws are others than those of channel a.
 fn sent_by_one<'a, C: Logged>(
     flown: &Message<C>,
-    channels: impl Iterator<Item = &'a MessageWindow<C>>,
-    are_alike: bool,
+    mut channels: impl Iterator<Item = (&'a MessageWindow<C>, bool)>,
     comparison: &mut ReplayComparison,
 ) -> Option<C> {
     let tick = flown.envelope.tick;
-    let is_it = |sent: &Message<C>| {
-        sent.envelope == flown.envelope && (!are_alike || sent.content.is_same(&flown.content))
-    };
-    let mut sent = channels.filter_map(|it| it.of(tick));
-    if !sent.any(is_it) {
-        comparison.lacks::<C>(tick, "message");
-        return None;
+    let is_sent = channels.any(|(sent, has_other_laws)| {
+        sent.of(tick).copied().is_some_and(|mut sent| {
+            if let Some(signals) = sent.content.telemetry_mut().filter(|_| has_other_laws) {
+                *signals = Telemetry::default();
+            }
+            is_same(&sent, flown)
+        })
+    });
+    if !is_sent {
+        comparison.has_no_sender::<C>(tick);
     }
-    Some(flown.content)
+    is_sent.then_some(flown.content)
 }

@@ -1,12 +1,12 @@
 //! Checks a log while it is read: undamaged, of this version and a single run, without a gap.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use faults::live::FaultKind;
 use messages::content::SwapRecord;
 use messages::grid::Pace;
 use messages::header::{Header, LAYOUT, Message};
-use messages::role::Channel;
+use messages::role::{Channel, MOST_CHANNELS};
 use messages::settings_text::fingerprint;
 
 use analysis::phrase::count;
@@ -26,6 +26,8 @@ pub use sim::recorded_timing::first_of;
 
 #[derive(Clone, Debug)]
 pub struct LogCheck {
+    /// The log, or the first file of a channel's that is truncated.
+    pub log: PathBuf,
     pub build: Build,
     pub settings: Settings,
     pub pace: Pace,
@@ -40,6 +42,8 @@ pub struct LogValidator {
     pub settings: Settings,
     /// The channel whose own log it is; none of the log of a flight.
     pub channel: Option<Channel>,
+    /// Of each channel, the first one with the same laws.
+    pub groups: [Channel; MOST_CHANNELS],
     expected: ExpectedMessages,
     swaps: Vec<Message<SwapRecord>>,
     first: LogEntry,
@@ -59,6 +63,7 @@ impl LogValidator {
         let channel = Channel::ALL
             .into_iter()
             .find(|it| Some(it.name()) == channel);
+        let groups = settings.groups();
         let settings = settings.of_channel(channel.unwrap_or(Channel::A));
         let has_many_senders = settings.rt.channels > 1 && channel.is_none();
         let expected = ExpectedMessages::new(&reader, has_many_senders)?;
@@ -66,6 +71,7 @@ impl LogValidator {
             reader,
             settings,
             channel,
+            groups,
             expected,
             swaps: Vec::new(),
             first,
@@ -106,6 +112,7 @@ impl LogValidator {
             reader.end(),
         )?;
         Ok(LogCheck {
+            log: reader.path().to_owned(),
             build: reader.build(),
             settings: self.settings,
             pace: reader.pace()?,
@@ -145,17 +152,14 @@ pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// Adds message faults and switchovers of the flight as if they had been planned. Process faults show in the ticks that the
-/// processes ran.
+/// Adds message faults of the flight as if they had been planned. Process faults show in the ticks that the processes ran.
 fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Result<(), Failure> {
     for text in injected(path)? {
         let fault: Fault = text
             .parse()
             .map_err(|e| reader.damaged(&format!("its record `{INJECTED}` has `{text}`: {e}")))?;
         let mut kinds = fault.changes.iter().flat_map(Change::kinds);
-        if kinds
-            .any(|(kind, _)| matches!(kind, FaultKind::Messages { .. } | FaultKind::Switch { .. }))
-        {
+        if kinds.any(|(kind, _)| matches!(kind, FaultKind::Messages { .. })) {
             settings.flight.faults.push(text);
         }
     }

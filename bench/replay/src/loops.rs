@@ -33,6 +33,8 @@ pub struct LoopsReplay {
     theorem: FlightMonitor,
     /// Of the inner loop.
     pub restarts: u64,
+    /// Messages that follow only from the state of another channel, or of the process before.
+    pub takeovers: u64,
 }
 
 impl LoopsReplay {
@@ -55,6 +57,7 @@ impl LoopsReplay {
             mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench),
             theorem: FlightMonitor::new(settings.theorem()?, settings.rt.channels),
             restarts: 0,
+            takeovers: 0,
         })
     }
 
@@ -84,19 +87,20 @@ impl LoopsReplay {
         let state = self
             .outer_state
             .input(&inputs.states, envelope.input_tick[0], tick)?;
-        let outer = Replayed::of(&mut self.outer, envelope, || self.settings.outer_stage())?;
-        let replayed = outer.work(
-            Replica::new(Role::Outer, self.channel),
+        let output = Replayed::work(
+            &mut self.outer,
+            (Replica::new(Role::Outer, self.channel), envelope),
             states,
             || self.settings.outer_stage(),
             |outer| outer.tick(tick, &state),
             |output| output.is_some_and(|it| it.is_same(content)),
         )?;
-        match &replayed {
+        self.takeovers += u64::from(output.is_takeover);
+        match &output.content {
             Some(setpoint) => comparison.compare(tick, content, setpoint),
             None => comparison.lacks::<Setpoint>(tick, "thrust_n"),
         }
-        Ok(replayed)
+        Ok(output.content)
     }
 
     pub fn wrench(
@@ -114,17 +118,18 @@ impl LoopsReplay {
         let setpoint =
             self.inner_setpoint
                 .input(&inputs.setpoints, envelope.input_tick[1], tick)?;
-        let inner = Replayed::of(&mut self.inner, envelope, || self.settings.inner_stage())?;
-        self.restarts += u64::from(inner.is_new);
-        let replayed = inner.work(
-            Replica::new(Role::Inner, self.channel),
+        let output = Replayed::work(
+            &mut self.inner,
+            (Replica::new(Role::Inner, self.channel), envelope),
             states,
             || self.settings.inner_stage(),
             |inner| inner.tick(tick, &state, &setpoint),
             |output| output.is_same(content),
         )?;
-        comparison.compare(tick, content, &replayed);
-        Ok(replayed)
+        self.restarts += u64::from(output.is_new);
+        self.takeovers += u64::from(output.is_takeover);
+        comparison.compare(tick, content, &output.content);
+        Ok(output.content)
     }
 
     pub fn rotor_speeds(
@@ -143,9 +148,9 @@ impl LoopsReplay {
             self.mixer_wrench
                 .input(&inputs.wrenches, envelope.input_tick[2], tick)?
         };
-        let mixer = Replayed::of(&mut self.mixer, envelope, || self.settings.mixer_stage())?;
-        let replayed = mixer.work(
-            Replica::new(Role::Mixer, self.channel),
+        let output = Replayed::work(
+            &mut self.mixer,
+            (Replica::new(Role::Mixer, self.channel), envelope),
             states,
             || self.settings.mixer_stage(),
             |mixer| match is_final {
@@ -154,8 +159,9 @@ impl LoopsReplay {
             },
             |output| output.is_same(content),
         )?;
-        comparison.compare(tick, content, &replayed);
-        Ok(replayed)
+        self.takeovers += u64::from(output.is_takeover);
+        comparison.compare(tick, content, &output.content);
+        Ok(output.content)
     }
 
     pub fn theorem(
@@ -181,67 +187,69 @@ impl LoopsReplay {
 /// A stage, and the process that it replays.
 struct Replayed<S> {
     epoch: u64,
-    /// Whether the process has replaced another one, and this is its first message.
-    is_new: bool,
     stage: S,
 }
 
-impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
-    /// The stage of the process that sent a message.
-    fn of<'a>(
-        replayed: &'a mut Option<Self>,
-        header: &Header,
-        make: impl FnOnce() -> Result<Guarded<L, M>, Failure>,
-    ) -> Result<&'a mut Self, Failure> {
-        let epoch = header.epoch;
-        let last = replayed.take();
-        let is_new = last.as_ref().is_some_and(|it| it.epoch != epoch);
-        let stage = last.map_or_else(make, |it| Ok(it.stage))?;
-        Ok(replayed.insert(Self {
-            epoch,
-            is_new,
-            stage,
-        }))
-    }
+/// What a stage sent, replayed.
+struct Output<O> {
+    content: O,
+    /// Whether it is the first message of a process that has replaced another one.
+    is_new: bool,
+    is_takeover: bool,
+}
 
+impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
     /// Replays a message, for which `is_it` is true of the output.
     ///
     /// The log does not say from which state a stage continued that was disturbed or is new: its own, that of the process
     /// before it, or one of another channel. It is the first of them from which the message follows. A new process whose law
     /// cannot be saved begins with the initial state.
     fn work<O>(
-        &mut self,
-        replica: Replica,
+        replayed: &mut Option<Self>,
+        (replica, header): (Replica, &Header),
         states: &mut StageStates,
         make: impl Fn() -> Result<Guarded<L, M>, Failure>,
         tick: impl Fn(&mut Guarded<L, M>) -> O,
         is_it: impl Fn(&O) -> bool,
-    ) -> Result<O, Failure> {
-        let stage = &mut self.stage;
-        if self.is_new && states.of(replica).next().is_none() {
-            *stage = make()?;
-        }
-        let mut output = tick(stage);
-        if !is_it(&output) {
-            let before = states.of(replica).skip(1).filter(|_| self.is_new);
+    ) -> Result<Output<O>, Failure> {
+        let epoch = header.epoch;
+        let last = replayed.take();
+        let is_new = last.as_ref().is_some_and(|it| it.epoch != epoch);
+        let has_own = states.of(replica).next().is_some();
+        let stage = match last {
+            Some(last) if !is_new || has_own => last.stage,
+            _ => make()?,
+        };
+        let stage = &mut replayed.insert(Self { epoch, stage }).stage;
+        let mut content = tick(stage);
+        let mut is_takeover = false;
+        if !is_it(&content) {
+            let before = states.of(replica).skip(1).filter(|_| is_new);
             let mut others = before.chain(states.of_twins(replica));
             let found = others.find_map(|state| {
-                let output = stage.load(state).then(|| tick(stage))?;
-                is_it(&output).then_some(output)
+                let content = stage.load(state).then(|| tick(stage))?;
+                is_it(&content).then_some(content)
             });
-            if let Some(found) = found {
-                output = found;
-            } else if self.is_new {
-                *stage = make()?;
-                output = tick(stage);
-            } else if states.of(replica).next().is_some_and(|own| stage.load(own)) {
-                output = tick(stage);
-            }
+            is_takeover = found.is_some();
+            content = if let Some(found) = found {
+                found
+            } else {
+                // It differs, and goes on from its own state.
+                let own = states.of(replica).next().filter(|_| !is_new);
+                if !own.is_some_and(|own| stage.load(own)) {
+                    *stage = make()?;
+                }
+                tick(stage)
+            };
         }
         let mut state = SavedState::new();
         if stage.save(&mut state) {
             states.push(replica, &state);
         }
-        Ok(output)
+        Ok(Output {
+            content,
+            is_new,
+            is_takeover,
+        })
     }
 }

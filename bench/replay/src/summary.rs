@@ -19,6 +19,7 @@ pub struct Summary {
     from_tick: u64,
     pub ticks: u64,
     pub restarts: u64,
+    pub takeovers: u64,
     /// Ticks skipped and deadlines missed before the first counted tick.
     before: [u64; 2],
     newest: Option<(u64, State)>,
@@ -38,6 +39,7 @@ impl Summary {
             from_tick,
             ticks: 0,
             restarts: 0,
+            takeovers: 0,
             before: [0; 2],
             newest: None,
             error: TrackingError::default(),
@@ -101,6 +103,10 @@ impl Summary {
             modes(&self.mixer),
             self.outputs
         );
+        if survey.settings.rt.channels > 1 {
+            let taken = count(self.takeovers, "state");
+            text += &format!("channels   {taken} taken over from another channel or process\n");
+        }
         let law_without_theorem = survey.settings.law_without_theorem();
         if law_without_theorem.is_ok_and(|law| law.is_none()) {
             let [i_r, k_r, delta] = self.estimate;

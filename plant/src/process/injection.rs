@@ -97,19 +97,6 @@ impl Injection {
             .map(|(_, channel)| channel)
     }
 
-    /// Records a switchover that was not requested as if it had been: a replay then needs no other information.
-    #[cold]
-    pub fn record_switch(&mut self, channel: Channel, tick: u64) {
-        let fault = LiveFault {
-            kind: FaultKind::Switch { channel },
-            ends: false,
-            span: Span::new(tick, tick + 1),
-        };
-        // If the blackboard is full, the flight continues, and its replay lacks the switchover.
-        let _ = self.live.push(&fault);
-        self.board.put(self.live);
-    }
-
     /// Computes for as much longer as a fault says.
     pub fn be_late(&self, tick: u64) {
         if self.is_late {

@@ -387,8 +387,15 @@ impl Redundancy {
 
     /// The first channel of the group that flies a tick.
     pub fn group_at(&self, tick: u64) -> Channel {
-        let last = self.switchovers().iter().rfind(|it| it.tick <= tick);
-        last.map_or(Channel::A, |it| Channel::ALL[it.to as usize])
+        let kept = self.switchovers();
+        let has_gap = self.switchover_count > SWITCHOVERS_KEPT as u64;
+        let group = match kept.iter().rposition(|it| it.tick <= tick) {
+            // Between these two there were others.
+            Some(place) if has_gap && place + 2 == SWITCHOVERS_KEPT => kept[place + 1].from,
+            Some(place) => kept[place].to,
+            None => 0,
+        };
+        Channel::ALL[group as usize]
     }
 }
 

@@ -32,6 +32,8 @@ pub enum Set {
     Flights,
     /// Loop latency and misses of flights on two CPUs.
     Cpus,
+    /// Loop latency and late commands of flights with two channels.
+    Channels,
     /// Wake-ups and misses of flights under CPU load.
     Load,
     /// Misses, loop latency and processor time of flights at 1, 2, 4 and 8 kHz.

@@ -31,6 +31,7 @@ const LEGEND: &str = "\
 * *wake*: from the start of a tick to the plant's wake-up, compared with `cyclictest` on the same processor at the same priority and period. It shows what early wake-up gains; *timer*, from the instant the timer was set to, shows the kernel alone.\n\
 * *loop*: from sampling the state to publishing the rotor command, compared with a raw futex ring of four processes that compute as long. The ring has warm-up runs only in the lines *ring with warm-up runs*.\n\
 * *2 CPUs*: flights with `--loop-cpus 2`, compared with a futex ring with warm-up runs on one CPU, a ring that polls on two, and flights on one.\n\
+* *2 channels*: flights with `--channels 2`, compared with flights with one. A second flight with one channel shows what two equal flights differ by.\n\
 * *misses*: missed deadlines, compared with ticks in which cyclictest woke too late for the median loop or not at all.\n\
 * *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw eventfd ring of four processes under SCHED_OTHER.\n\
 * *laws*: one tick of the four stages, compared with the same equations hand-written for one airframe, with constants that the compiler can fold.\n\

@@ -214,6 +214,45 @@ pub fn cpus(
     Ok(all.chain([misses]).collect())
 }
 
+/// Flights with two channels compared with flights with one, beside one channel compared with itself.
+pub fn channels(
+    runner: &FlightRunner,
+    effort: &MeasuringEffort,
+) -> Result<Vec<FloorComparison>, Failure> {
+    let ratio = |name: &str| FloorComparison::ratio(name, "us", 1.05);
+    let mut all = [
+        (ratio("loop p50, 2 channels against 1"), 0.5),
+        (ratio("loop p99, 2 channels against 1"), 0.99),
+        (ratio("loop p50, 1 channel against itself"), 0.5),
+        (ratio("loop p99, 1 channel against itself"), 0.99),
+    ];
+    let mut not_fresh = FloorComparison::events("ticks not fresh, 2 channels against 1", 1.0);
+    let duration = format!("{}ms", effort.duration.as_millis());
+    let fly = |channels| {
+        let flags = ["--rt", "require", "--channels", channels, "--duration"];
+        runner.fly(&[&flags[..], &[&duration]].concat())
+    };
+    let counted = |report: &Report| Events {
+        count: report.deadlines.not_fresh.unwrap_or_default().ticks,
+        exposure: report.ticks.run + report.ticks.skipped,
+    };
+    for pair in 0..effort.pairs {
+        let both = || Ok((fly("1")?, fly("1")?));
+        let (two, (one, again), steal_percent) = in_turns(pair, None, || fly("2"), both)?;
+        for (place, (comparison, quantile)) in all.iter_mut().enumerate() {
+            let ours = if place < 2 { &two } else { &again };
+            let quantile = |report| Ok(quantile_us(series(report, "loop")?, *quantile));
+            let (ours, floor): (Result<_, Failure>, _) = (quantile(ours), quantile(&one)?);
+            if let (Some(ours), Some(floor)) = (ours?, floor) {
+                comparison.take(ours, floor, steal_percent);
+            }
+        }
+        not_fresh.take_events(counted(&two), counted(&one), steal_percent);
+    }
+    let all = all.into_iter().map(|(comparison, _)| comparison);
+    Ok(all.chain([not_fresh]).collect())
+}
+
 fn rehearsal_of(flown: &Report) -> Option<RingRehearsal> {
     let us = [flown.lead.median_us, flown.lead.rehearsal_us];
     let [lead_ns, needs_ns] = us.map(|us| (us * 1e3) as u64);

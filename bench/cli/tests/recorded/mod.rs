@@ -20,7 +20,7 @@ use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapReco
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Message, Stamps};
 use messages::monitor::Monitor;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use messages::settings_text::fingerprint;
 use messages::topic::Topic;
 use plant::Plant;
@@ -231,7 +231,7 @@ impl Flight<'_> {
     }
 }
 
-pub fn facts(settings: &Settings) -> Facts {
+pub fn facts(settings: &Settings, channel: Option<Channel>) -> Facts {
     let run = Run {
         run_id: 7,
         settings: fingerprint(&settings.shared_text().unwrap()),
@@ -243,13 +243,13 @@ pub fn facts(settings: &Settings) -> Facts {
         ..Run::default()
     };
     let (host, roles) = (Host::default(), BTreeMap::new());
-    recorder::log_metadata::metadata(&run, settings, None, "none", &host, &roles).unwrap()
+    recorder::log_metadata::metadata(&run, settings, channel, "none", &host, &roles).unwrap()
 }
 
 /// Writes a flight as the recorder does: ten ticks at a time, topic after topic, swaps later than their ticks.
 pub fn write(path: &Path, settings: &Settings, published: &Published) {
     const SWAPS_LATER: u64 = 25;
-    let mut log = FlightLog::create(path, &facts(settings)).unwrap();
+    let mut log = FlightLog::create(path, &facts(settings, None)).unwrap();
     let end = settings.last_tick() + 1 + SWAPS_LATER;
     for from in (0..=end).step_by(10) {
         fn of<'a, C: Topic>(
@@ -280,10 +280,22 @@ pub fn rewrite(
     to: &Path,
     text: &str,
     landing: &[(&str, &str)],
+    keep: impl FnMut(&mut LogEntry) -> bool,
+) {
+    rewrite_as(None, from, to, text, landing, keep);
+}
+
+/// The same, as the log of a channel.
+pub fn rewrite_as(
+    channel: Option<Channel>,
+    from: &Path,
+    to: &Path,
+    text: &str,
+    landing: &[(&str, &str)],
     mut keep: impl FnMut(&mut LogEntry) -> bool,
 ) {
     let mut reader = LogReader::open(from).unwrap();
-    let mut log = FlightLog::create(to, &facts(&settings(text))).unwrap();
+    let mut log = FlightLog::create(to, &facts(&settings(text), channel)).unwrap();
     while let Some(mut entry) = reader.next_entry().unwrap().copied() {
         if keep(&mut entry) {
             log.take(&entry);
