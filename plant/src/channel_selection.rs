@@ -113,6 +113,7 @@ impl ChannelSelection {
                     &Stamped::new(made_for, chosen.command),
                     chosen.effective_tick,
                 );
+                self.account.take(made_for, chosen.channel);
                 self.untaken = made_for + 1;
             }
         }

@@ -1,23 +1,20 @@
 //! One stream of messages from several channels: of each tick, those of the channel whose command is flown.
 //!
-//! The rule is the plant's ([`select`]), applied to the stamps of the messages. Messages of other channels with the same
-//! content add nothing.
+//! The plant says whose command it took ([`Redundancy::taken`]).
 
 use std::collections::VecDeque;
 
 use flight_log::entry::LogEntry;
-use messages::channels::{Arrangement, Candidate, select};
+use messages::channels::{Arrangement, Redundancy};
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
-use messages::grid::Pace;
 use messages::header::Message;
-use messages::role::{Channel, MOST_CHANNELS, Role};
+use messages::role::{Channel, MOST_CHANNELS};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
-/// How many ticks behind the newest state a tick is closed, if a channel has sent no command of it.
-const CLOSED_AFTER: u64 = 3;
-/// The same while no channel has sent one, of it or of a later tick: it may be late.
-const EMPTY_CLOSED_AFTER: u64 = 200;
+/// How many ticks behind the newest state a tick is closed, if the plant has taken no command of it or of a later tick: it
+/// may be late.
+const CLOSED_AFTER: u64 = 200;
 
 type OfChannels<C> = [Option<Message<C>>; MOST_CHANNELS];
 
@@ -30,24 +27,20 @@ struct TickMessages {
 
 pub struct ChannelMerge {
     arrangement: Arrangement,
-    /// How many ticks behind the newest state a tick is closed at the least.
-    behind: u64,
-    pace: Pace,
     /// In the order of the ticks.
     open: VecDeque<TickMessages>,
     next: u64,
+    /// The channel whose command was taken last.
+    flown: Channel,
 }
 
 impl ChannelMerge {
-    pub fn new(arrangement: Arrangement, pace: Pace) -> Self {
-        // Which group flies is known when the next tick has its state.
-        let has_groups = arrangement.leaders().count() > 1;
+    pub const fn new(arrangement: Arrangement) -> Self {
         Self {
             arrangement,
-            behind: if has_groups { 2 } else { 0 },
-            pace,
             open: VecDeque::new(),
             next: 0,
+            flown: Channel::A,
         }
     }
 
@@ -87,54 +80,34 @@ impl ChannelMerge {
         put(&mut self.open[place]);
     }
 
-    /// Closes the ticks of which every channel of the group that flew has sent its command, and those far enough behind the newest
-    /// state; all of them without one. Gives the messages of each to `each`, of the group that flew by `group_at`.
+    /// Closes the ticks that the plant has decided on, and those far enough behind the newest state; all of them without one.
+    /// Gives the messages of each to `each`.
     pub fn close(
         &mut self,
         newest_state: Option<u64>,
-        group_at: impl Fn(u64) -> Channel,
+        account: &Redundancy,
         mut each: impl FnMut(&LogEntry),
     ) {
-        while let Some(behind) = self.behind(&group_at)
-            && let Some(closed) = self
-                .open
-                .pop_front_if(|it| newest_state.is_none_or(|newest| it.tick + behind <= newest))
-        {
+        let is_over = |it: &mut TickMessages| {
+            it.tick < account.taken_end
+                || newest_state.is_none_or(|newest| it.tick + CLOSED_AFTER <= newest)
+        };
+        while let Some(closed) = self.open.pop_front_if(is_over) {
             self.next = closed.tick + 1;
-            self.emit(&closed, group_at(closed.tick), &mut each);
+            self.flown = account.taken(closed.tick).unwrap_or(self.flown);
+            self.emit(&closed, &mut each);
         }
     }
 
-    /// How many ticks behind the newest state the first open tick is closed.
-    fn behind(&self, group_at: impl Fn(u64) -> Channel) -> Option<u64> {
-        let commands = |it: &TickMessages| {
-            let own = self.channels_of(group_at(it.tick));
-            let sent = own.filter(|channel| it.rotor_speeds[*channel as usize].is_some());
-            sent.count()
-        };
-        let first = self.open.front()?;
-        let members = self.channels_of(group_at(first.tick)).count();
-        Some(if commands(first) == members {
-            self.behind
-        } else if self.open.iter().any(|it| commands(it) > 0) {
-            CLOSED_AFTER
-        } else {
-            EMPTY_CLOSED_AFTER
-        })
-    }
-
-    fn channels_of(&self, group: Channel) -> impl Iterator<Item = Channel> {
-        Channel::first(self.arrangement.channels)
-            .filter(move |it| self.arrangement.group(*it) == group)
-    }
-
-    fn emit(&self, closed: &TickMessages, group: Channel, each: &mut impl FnMut(&LogEntry)) {
-        let own: Vec<Channel> = self.channels_of(group).collect();
-        let flown = self.flown(closed, &own);
+    fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
+        let group = self.arrangement.group(self.flown);
+        let own: Vec<Channel> = Channel::first(self.arrangement.channels)
+            .filter(|it| self.arrangement.group(*it) == group)
+            .collect();
         let entries = [
-            first(&closed.setpoints, &own, flown, 1).map(LogEntry::Setpoint),
-            first(&closed.wrenches, &own, flown, 2).map(LogEntry::Wrench),
-            first(&closed.rotor_speeds, &own, flown, 3).map(LogEntry::RotorSpeeds),
+            first(&closed.setpoints, &own, self.flown, 1).map(LogEntry::Setpoint),
+            first(&closed.wrenches, &own, self.flown, 2).map(LogEntry::Wrench),
+            first(&closed.rotor_speeds, &own, self.flown, 3).map(LogEntry::RotorSpeeds),
         ];
         for mut entry in entries.into_iter().flatten() {
             // The report, the log and observers know the signals of channel a.
@@ -145,20 +118,6 @@ impl ChannelMerge {
             }
             each(&entry);
         }
-    }
-
-    /// The channel whose command of a tick is flown, among these.
-    fn flown(&self, closed: &TickMessages, own: &[Channel]) -> Channel {
-        let candidates: Vec<Candidate> = own
-            .iter()
-            .filter_map(|channel| {
-                let message = closed.rotor_speeds[*channel as usize].as_ref()?;
-                let sent_ns = message.envelope.stamps_of(Role::Mixer).send_ns;
-                let effective_tick = self.pace.effective_tick(closed.tick, sent_ns);
-                Candidate::of(*channel, message, effective_tick)
-            })
-            .collect();
-        select(&candidates).map_or(own[0], |it| it.chosen.channel)
     }
 }
 
@@ -186,113 +145,77 @@ fn first<C: Copy>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::grid::Grid;
+    use messages::channels::RedundancyAccount;
     use messages::header::Header;
 
-    const GRID: Grid = Grid {
-        t0_ns: 1_000_000,
-        period_ns: 1_000_000,
-    };
-
     /// A message of a tick, which says in its sequence number which channel sent it.
-    fn message<C: Default>(tick: u64, channel: Channel, is_fresh: bool) -> Message<C> {
-        let mut envelope = Header {
+    fn message<C: Default>(tick: u64, channel: Channel) -> Message<C> {
+        let envelope = Header {
             tick,
             seq: channel as u64,
-            input_tick: [if is_fresh { tick } else { 0 }; 3],
+            input_tick: [tick; 3],
             ..Header::new()
         };
-        for stamps in &mut envelope.stamps {
-            stamps.receive_ns = GRID.begin_of(tick) + 1;
-            stamps.send_ns = GRID.begin_of(tick) + 50_000;
-        }
         let content = C::default();
         Message { envelope, content }
     }
 
-    fn take(merge: &mut ChannelMerge, tick: u64, channel: Channel, is_fresh: bool) {
-        for entry in [
-            LogEntry::Setpoint(message(tick, channel, true)),
-            LogEntry::Wrench(message(tick, channel, is_fresh)),
-            LogEntry::RotorSpeeds(message(tick, channel, is_fresh)),
-        ] {
-            assert!(merge.take(channel, &entry));
+    fn take(merge: &mut ChannelMerge, ticks: std::ops::Range<u64>, channel: Channel) {
+        for tick in ticks {
+            for entry in [
+                LogEntry::Setpoint(message(tick, channel)),
+                LogEntry::Wrench(message(tick, channel)),
+                LogEntry::RotorSpeeds(message(tick, channel)),
+            ] {
+                assert!(merge.take(channel, &entry));
+            }
         }
     }
 
     /// Topic, tick and channel of what is closed.
-    fn closed(merge: &mut ChannelMerge, newest: Option<u64>) -> Vec<(usize, u64, u64)> {
+    fn closed(
+        merge: &mut ChannelMerge,
+        newest: Option<u64>,
+        account: &Redundancy,
+    ) -> Vec<(usize, u64, u64)> {
         let mut closed = Vec::new();
-        merge.close(
-            newest,
-            |_| Channel::A,
-            |entry| {
-                let envelope = entry.envelope();
-                closed.push((entry.topic(), envelope.tick, envelope.seq));
-            },
-        );
+        merge.close(newest, account, |entry| {
+            let envelope = entry.envelope();
+            closed.push((entry.topic(), envelope.tick, envelope.seq));
+        });
         closed
     }
 
     #[test]
-    fn of_each_tick_there_is_one_message_a_topic_of_the_channel_that_is_flown() {
+    fn of_each_tick_there_is_one_message_a_topic_of_the_channel_whose_command_was_taken() {
         use Channel::{A, B};
-        let mut merge = ChannelMerge::new(Arrangement::alike(2), Pace::Realtime(GRID));
-        take(&mut merge, 1, A, true);
-        assert_eq!(closed(&mut merge, Some(1)), [], "b has not sent yet");
-        take(&mut merge, 1, B, true);
+        let all = |tick, channel| [1, 2, 3].map(|topic| (topic, tick, channel as u64));
+        let mut merge = ChannelMerge::new(Arrangement::alike(2));
+        let mut account = RedundancyAccount::new(Arrangement::alike(2));
+        take(&mut merge, 1..3, A);
+        take(&mut merge, 1..5, B);
+        assert_eq!(closed(&mut merge, Some(2), &account.redundancy), []);
+        account.take(1, A);
+        account.take(2, B);
+        let expected = [all(1, A), all(2, B)].concat();
+        assert_eq!(closed(&mut merge, Some(2), &account.redundancy), expected);
+        // The plant took no command of tick 3, but a later one.
+        account.take(4, B);
+        let expected = [all(3, B), all(4, B)].concat();
+        assert_eq!(closed(&mut merge, Some(4), &account.redundancy), expected);
+        // A late command is waited for, but not for ever.
+        take(&mut merge, 5..6, B);
+        take(&mut merge, 3..5, A);
+        let newest = 5 + CLOSED_AFTER;
         assert_eq!(
-            closed(&mut merge, Some(1)),
-            [(1, 1, 0), (2, 1, 0), (3, 1, 0)]
+            closed(&mut merge, Some(newest - 1), &account.redundancy),
+            []
         );
-        // The inner loop of a was stopped: its wrench is stale, and so is the command.
-        take(&mut merge, 2, A, false);
-        take(&mut merge, 2, B, true);
         assert_eq!(
-            closed(&mut merge, Some(2)),
-            [(1, 2, 1), (2, 2, 1), (3, 2, 1)]
+            closed(&mut merge, Some(newest), &account.redundancy),
+            all(5, B)
         );
-        take(&mut merge, 3, B, true);
-        assert_eq!(closed(&mut merge, Some(5)), []);
-        assert_eq!(
-            closed(&mut merge, Some(6)),
-            [(1, 3, 1), (2, 3, 1), (3, 3, 1)]
-        );
-        // A tick without a command, as one that the plant skipped, does not hold up later ones.
-        let alone = LogEntry::Setpoint(message(4, A, true));
-        assert!(merge.take(A, &alone));
-        assert_eq!(closed(&mut merge, Some(8)), []);
-        take(&mut merge, 9, A, true);
-        take(&mut merge, 9, B, true);
-        assert_eq!(
-            closed(&mut merge, Some(9)),
-            [(1, 4, 0), (1, 9, 0), (2, 9, 0), (3, 9, 0)]
-        );
-        // Too late to be of use.
-        take(&mut merge, 3, A, true);
-        take(&mut merge, 10, A, true);
-        assert_eq!(
-            closed(&mut merge, None),
-            [(1, 10, 0), (2, 10, 0), (3, 10, 0)]
-        );
-    }
-
-    #[test]
-    fn a_late_command_of_the_group_that_flies_is_waited_for_whatever_other_groups_send() {
-        use Channel::{A, B};
-        let arrangement = Arrangement {
-            groups: [A, B, B],
-            ..Arrangement::alike(2)
-        };
-        let mut merge = ChannelMerge::new(arrangement, Pace::Realtime(GRID));
-        for tick in 1..20 {
-            take(&mut merge, tick, B, true);
-            assert_eq!(closed(&mut merge, Some(tick)), []);
-        }
-        take(&mut merge, 1, A, true);
-        assert_eq!(
-            closed(&mut merge, Some(20)),
-            [(1, 1, 0), (2, 1, 0), (3, 1, 0)]
-        );
+        take(&mut merge, 300..301, A);
+        assert_eq!(closed(&mut merge, None, &account.redundancy), all(300, A));
     }
 }

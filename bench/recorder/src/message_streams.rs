@@ -69,7 +69,6 @@ pub struct MessageStreams {
 impl MessageStreams {
     pub fn new(
         ports: StreamPorts,
-        pace: Pace,
         arrangement: Arrangement,
         redundancy: Option<BlackboardReader<Redundancy>>,
         statistics: FlightStatistics,
@@ -79,7 +78,7 @@ impl MessageStreams {
         let has_channels = arrangement.channels > 1;
         Self {
             ports,
-            merge: has_channels.then(|| ChannelMerge::new(arrangement, pace)),
+            merge: has_channels.then(|| ChannelMerge::new(arrangement)),
             redundancy,
             statistics,
             pairs: Pairs::default(),
@@ -152,6 +151,11 @@ impl MessageStreams {
             }
         };
         if let Some(merge) = merge {
+            // Read first: the messages that it counts have arrived by then.
+            let account = redundancy
+                .as_ref()
+                .map(BlackboardReader::get)
+                .unwrap_or_default();
             receivers.drain(horizon, |entry| {
                 let is_of_channel = merge.take(Channel::A, entry);
                 files.log(entry, |of| {
@@ -168,10 +172,8 @@ impl MessageStreams {
                     files.log(entry, |of| of == Some(*channel));
                 })?;
             }
-            let redundancy = redundancy.as_ref().map(BlackboardReader::get);
-            let group_at = |tick| redundancy.map_or(Channel::A, |it| it.group_at(tick));
             let newest = (!ends).then_some(newest_state);
-            merge.close(newest, group_at, |entry| take(files, entry));
+            merge.close(newest, &account, |entry| take(files, entry));
         } else {
             receivers.drain(horizon, |entry| take(files, entry))?;
         }

@@ -100,7 +100,6 @@ pub fn run(
     let monitor = FlightMonitor::new(settings.theorem()?, channels);
     let streams = MessageStreams::new(
         ports,
-        armed.pace,
         arrangement,
         redundancy,
         statistics,

@@ -193,7 +193,7 @@ layout! {
     }
 }
 
-/// Switchovers that are kept: the first ones and the newest. The others are only counted.
+/// Switchovers that are kept each; later ones are only counted.
 pub const SWITCHOVERS_KEPT: usize = 16;
 
 /// Chooses the group that flies, and its command of each tick.
@@ -341,6 +341,10 @@ layout! {
 /// Outages that are kept each; later ones are only counted.
 pub const OUTAGES_KEPT: usize = 64;
 
+/// Ticks of which the account has whose command was taken.
+const TAKEN_KEPT: u64 = 1024;
+const TICKS_PER_WORD: u64 = 32;
+
 layout! {
     /// The plant's account of the channels.
     #[derive(Clone, Copy, Debug, PartialEq)]
@@ -349,6 +353,10 @@ layout! {
         pub channels: u64,
         /// Place of the channel whose command is in force.
         pub active: u64,
+        /// The tick after the newest one of which a command was taken.
+        pub taken_end: u64,
+        /// Of each of the last ticks, in two bits, the place of the channel whose command was taken, and 1; 0 where none was.
+        pub taken: [u64; (TAKEN_KEPT / TICKS_PER_WORD) as usize],
         /// Ticks whose command was each channel's.
         pub flown: [u64; MOST_CHANNELS],
         /// Ticks for which fewer than two channels had a command that could be flown.
@@ -385,18 +393,37 @@ impl Redundancy {
         &self.switchovers[..kept]
     }
 
-    /// The first channel of the group that flies a tick.
-    pub fn group_at(&self, tick: u64) -> Channel {
-        let kept = self.switchovers();
-        let has_gap = self.switchover_count > SWITCHOVERS_KEPT as u64;
-        let group = match kept.iter().rposition(|it| it.tick <= tick) {
-            // Between these two there were others.
-            Some(place) if has_gap && place + 2 == SWITCHOVERS_KEPT => kept[place + 1].from,
-            Some(place) => kept[place].to,
-            None => 0,
-        };
-        Channel::ALL[group as usize]
+    /// Notes that the plant took a channel's command of a tick, which is later than any before.
+    fn take(&mut self, tick: u64, channel: Channel) {
+        for passed in self.taken_end.max(tick.saturating_sub(TAKEN_KEPT - 1))..tick {
+            self.set_taken(passed, 0);
+        }
+        self.set_taken(tick, channel as u64 + 1);
+        self.taken_end = tick + 1;
     }
+
+    const fn set_taken(&mut self, tick: u64, bits: u64) {
+        let (word, shift) = place_of(tick);
+        self.taken[word] = self.taken[word] & !(3 << shift) | bits << shift;
+    }
+
+    /// The channel whose command of a tick the plant took; none if it took none, if that is not decided, or long ago.
+    pub fn taken(&self, tick: u64) -> Option<Channel> {
+        let (word, shift) = place_of(tick);
+        let is_kept = tick < self.taken_end && tick + TAKEN_KEPT >= self.taken_end;
+        let bits = self.taken[word] >> shift & 3;
+        let channel = bits.checked_sub(1).filter(|_| is_kept)?;
+        Some(Channel::ALL[channel as usize])
+    }
+}
+
+/// Word and bit of [`Redundancy::taken`] where a tick is.
+const fn place_of(tick: u64) -> (usize, u64) {
+    let place = tick % TAKEN_KEPT;
+    (
+        (place / TICKS_PER_WORD) as usize,
+        2 * (place % TICKS_PER_WORD),
+    )
 }
 
 impl Default for Redundancy {
@@ -431,9 +458,18 @@ impl RedundancyAccount {
     /// Enters that another group flies from a tick on.
     pub fn switch(&mut self, switchover: Switchover) {
         let account = &mut self.redundancy;
-        let place = (account.switchover_count as usize).min(SWITCHOVERS_KEPT - 1);
-        account.switchovers[place] = switchover;
+        if let Some(place) = account
+            .switchovers
+            .get_mut(account.switchover_count as usize)
+        {
+            *place = switchover;
+        }
         account.switchover_count += 1;
+    }
+
+    /// Enters that the command of a channel is taken.
+    pub fn take(&mut self, tick: u64, channel: Channel) {
+        self.redundancy.take(tick, channel);
     }
 
     /// Enters a tick that a group flew, with the commands that there were when one was selected.
@@ -531,6 +567,21 @@ impl RedundancyAccount {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_account_knows_whose_command_of_the_last_ticks_was_taken() {
+        let mut account = Redundancy::default();
+        assert_eq!(account.taken(0), None);
+        account.take(0, Channel::C);
+        account.take(5, Channel::B);
+        let taken = |account: &Redundancy, ticks: [u64; 4]| ticks.map(|tick| account.taken(tick));
+        let (b, c) = (Some(Channel::B), Some(Channel::C));
+        assert_eq!(taken(&account, [0, 4, 5, 6]), [c, None, b, None]);
+        account.take(5 + TAKEN_KEPT, Channel::A);
+        let later = [5, 6, 4 + TAKEN_KEPT, 5 + TAKEN_KEPT];
+        let a = Some(Channel::A);
+        assert_eq!(taken(&account, later), [None, None, None, a]);
+    }
 
     fn candidate(channel: Channel, is_on_time: bool, is_fresh: bool, thrust_n: f64) -> Candidate {
         let command = RotorSpeeds {
