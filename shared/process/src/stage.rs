@@ -303,6 +303,16 @@ pub fn outer(
     run(stage, session, flight)
 }
 
+// Not generic, so that this crate is where the loops are compiled and optimised.
+
+pub fn inner(session: RoleSession, law: GuardedInner, flight: &Flight) -> Result<(), Error> {
+    run(law, session, flight)
+}
+
+pub fn mixer(session: RoleSession, law: GuardedMixer, flight: &Flight) -> Result<(), Error> {
+    run(law, session, flight)
+}
+
 /// Flies a stage until the plant closes the run; the mixer wakes the plant in lockstep, which otherwise keeps to the clock.
 pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<(), Error> {
     // These are dropped in the reverse order: real time, which `armed` holds, the ports, the wake-up event, whose alarm

@@ -112,8 +112,8 @@ impl Stage {
                 let error_max_m = settings.flight.position_error_max_m;
                 stage::outer(session, outer, error_max_m, &flight)?;
             }
-            Self::Inner(inner) => stage::run(inner, session, &flight)?,
-            Self::Mixer(mixer) => stage::run(mixer, session, &flight)?,
+            Self::Inner(inner) => stage::inner(session, inner, &flight)?,
+            Self::Mixer(mixer) => stage::mixer(session, mixer, &flight)?,
         }
         Ok(())
     }
