@@ -238,11 +238,6 @@ impl Adaptation {
         }
     }
 
-    /// Whether these are estimates that it could have come by: finite, and within their bounds.
-    pub fn admits(&self, theta: &Vector3<f64>) -> bool {
-        self.clip(theta) == *theta && theta.iter().all(|estimate| estimate.is_finite())
-    }
-
     /// What is known after one more tick.
     pub fn step(&self, learnt: &Learnt, last: &LastTick) -> Learnt {
         let regression = self.regression(&learnt.x, &learnt.y, last);

@@ -217,16 +217,10 @@ mod tests {
     use control_api::description::Settings;
     use control_api::law::Law as _;
 
-    fn found(course: impl Into<ScaledTrajectory>) -> Vec<Excess> {
+    fn found(course: ScaledTrajectory) -> Vec<Excess> {
         let limits = Limits::of(&Pd::DESCRIPTION, &Settings::default()).unwrap();
         let limits = Some((Role::Outer, limits));
-        excesses(
-            &course.into(),
-            &Rig::default(),
-            limits,
-            &Start::default(),
-            30.0,
-        )
+        excesses(&course, &Rig::default(), limits, &Start::default(), 30.0)
     }
 
     fn first(found: &[Excess], demanded: Demanded) -> Option<&Excess> {
@@ -236,7 +230,7 @@ mod tests {
     #[test]
     fn the_built_in_trajectories_are_feasible_but_for_the_step() {
         for trajectory in Trajectory::ALL {
-            match found(trajectory).as_slice() {
+            match found(ScaledTrajectory::of(trajectory)).as_slice() {
                 [jump] if trajectory == Trajectory::Step => {
                     assert_eq!(jump.demanded, Demanded::Jump);
                     assert!((jump.worst - 3_f64.sqrt()).abs() < 1e-12, "{jump}");
@@ -288,7 +282,7 @@ mod tests {
         let hover = rig.airframe.hover_speed_rad_s();
         rig.rotor.max_rad_s = 0.99 * hover;
         let found = excesses(
-            &Trajectory::Hover.into(),
+            &ScaledTrajectory::of(Trajectory::Hover),
             &rig,
             None,
             &Start::default(),

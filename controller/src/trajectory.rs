@@ -16,7 +16,6 @@ use control_api::guard::Route;
 use messages::content::Reference;
 use messages::layout::wire_enum;
 use messages::math::sin_cos_of_each;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Orders of derivative that a reference holds: value, rate, acceleration, jerk, snap.
@@ -27,8 +26,7 @@ const RAMP_S: f64 = 5.0;
 
 wire_enum! {
     /// A reference trajectory of position and yaw; its name is what the user types.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-    #[serde(rename_all = "lowercase")]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
     pub enum Trajectory {
         /// Climb to 1 m and stay.
         Hover = 0 => "hover",
@@ -232,8 +230,7 @@ fn product(a: &[f64; ORDERS], b: &[f64; ORDERS]) -> [f64; ORDERS] {
 }
 
 /// A trajectory with its size and tempo.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(into = "String", try_from = "String")]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaledTrajectory {
     shape: Shape,
     size: f64,
@@ -330,30 +327,6 @@ impl ScaledTrajectory {
             Shape::Named(_) => None,
             Shape::Points(spline) => Some(spline.end_s() * self.period),
         }
-    }
-}
-
-impl From<Trajectory> for ScaledTrajectory {
-    fn from(trajectory: Trajectory) -> Self {
-        Self::of(trajectory)
-    }
-}
-
-impl From<ScaledTrajectory> for String {
-    /// Its name; a curve through points has none that could be read again.
-    fn from(course: ScaledTrajectory) -> Self {
-        match course.shape {
-            Shape::Named(trajectory) => trajectory.name().into(),
-            Shape::Points(_) => "points".into(),
-        }
-    }
-}
-
-impl TryFrom<String> for ScaledTrajectory {
-    type Error = UnknownTrajectory;
-
-    fn try_from(name: String) -> Result<Self, UnknownTrajectory> {
-        name.parse().map(Self::of)
     }
 }
 

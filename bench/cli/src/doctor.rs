@@ -11,6 +11,7 @@ use host::doctor::measured::{MeasuredMachine, TICK_NS};
 use host::doctor::{examine, render};
 use host::floor::timer::Schedule;
 use host::own_executable;
+use messages::parameters::shown;
 use messages::role::{Replica, Role};
 
 use crate::cli::DoctorArgs;
@@ -28,7 +29,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     cpu.map_or(Ok(()), |cpu| check_cpu(&format!("--cpu {cpu}"), cpu))?;
     let machine = Machine::here(priority + Replica::from(Role::Mixer).priority_step(1), cpu);
     if !SECONDS.contains(&args.seconds) {
-        let (least, most, given) = (SECONDS.start(), SECONDS.end(), short(args.seconds));
+        let (least, most, given) = (SECONDS.start(), SECONDS.end(), shown(args.seconds));
         let what = format!("--seconds {given}: allowed are {least} to {most} s");
         return Err(Failure::usage(what).help("for example: --seconds 5"));
     }
@@ -66,12 +67,4 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     }
     let is_realtime = examination.diagnosis.verdict != RealtimeClass::NotRealTime;
     Ok(if is_realtime { OK } else { GATE })
-}
-
-/// A number as text, in scientific notation where digits alone would fill lines.
-fn short(number: f64) -> String {
-    match number.abs() < 1e9 {
-        true => number.to_string(),
-        false => format!("{number:e}"),
-    }
 }

@@ -9,9 +9,10 @@ use control_api::description::{Description, Refused, Value};
 use control_api::law::Rig;
 use ironbird_law::abi::IRONBIRD_LAW_INTERFACE;
 use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
 use plugin::Library;
 
-use config::law_settings::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
+use config::law_settings::{DEFAULT_PRESET, known, nearest_first};
 use errors::output::print;
 use errors::{Failure, GATE, OK};
 use trial::{ANSWER, BadAnswer, Candidate, Findings, HOT, INPUTS, Watchdog};
@@ -26,8 +27,7 @@ pub struct LawsArgs {
 
 /// Prints the list, or the description of one law. The law of a file is also tried: code 3 if it fails.
 pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
-    let sections = SECTIONS.iter();
-    let all: Vec<&Description> = sections.flat_map(|(_, role)| known(*role)).collect();
+    let all: Vec<&Description> = LAW_ROLES.into_iter().flat_map(known).collect();
     match &args.name {
         None => print(&list(&all))?,
         Some(name) if plugin::is_file(name) => {

@@ -172,28 +172,10 @@ impl Client {
     }
 
     fn descriptors(&self, topic: &str) -> FileDescriptorSet {
-        let schema = base64(self.channels[topic]["schema"].as_str().unwrap());
+        let schema = self.channels[topic]["schema"].as_str().unwrap();
+        let schema = data_encoding::BASE64.decode(schema.as_bytes()).unwrap();
         FileDescriptorSet::decode(schema.as_slice()).unwrap()
     }
-}
-
-fn base64(text: &str) -> Vec<u8> {
-    let digit = |c: u8| match c {
-        b'A'..=b'Z' => c - b'A',
-        b'a'..=b'z' => c - b'a' + 26,
-        b'0'..=b'9' => c - b'0' + 52,
-        b'+' => 62,
-        _ => 63,
-    };
-    let digits: Vec<u8> = text.bytes().filter(|c| *c != b'=').map(digit).collect();
-    let decode = |chunk: &[u8]| {
-        let bits = chunk
-            .iter()
-            .fold(0_u32, |bits, d| bits << 6 | u32::from(*d));
-        let bits = bits << (6 * (4 - chunk.len()));
-        bits.to_be_bytes()[1..chunk.len()].to_vec()
-    };
-    digits.chunks(4).flat_map(decode).collect()
 }
 
 /// Values by name, without that of `inject`.

@@ -10,7 +10,7 @@ use control_api::description::{self, Description, Setting, SettingKind, Value as
 use control_api::law::Rig;
 use control_api::registry::Entry;
 use messages::role::Role;
-use messages::telemetry::Signals;
+use messages::telemetry::{LAW_ROLES, Signals};
 use plugin::Library;
 use toml::{Table, Value};
 
@@ -20,12 +20,6 @@ use analysis::laws::{FlownLaws, NotFinite};
 use analysis::schema::{LawSection, SignalSection};
 use analysis::theorem::SEVERAL_LAWS;
 use errors::Failure;
-
-pub const SECTIONS: [(&str, Role); 3] = [
-    ("outer", Role::Outer),
-    ("inner", Role::Inner),
-    ("mixer", Role::Mixer),
-];
 
 /// The key that names the law; the others are the law's.
 pub const LAW: &str = "law";
@@ -53,7 +47,7 @@ pub fn known(role: Role) -> Vec<&'static Description> {
 
 pub fn preset_names() -> Vec<&'static str> {
     let mut names = vec![DEFAULT_PRESET];
-    for (_, role) in SECTIONS {
+    for role in LAW_ROLES {
         for preset in known(role).iter().flat_map(|law| law.presets) {
             if !names.contains(&preset.name) {
                 names.push(preset.name);
@@ -149,7 +143,7 @@ pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<C
             moved.get(&role).map_or(Path::new(text), PathBuf::as_path),
         )?;
         let name = library.description.name;
-        let mut built_in = SECTIONS.iter().flat_map(|(_, role)| self::known(*role));
+        let mut built_in = LAW_ROLES.into_iter().flat_map(self::known);
         if built_in.any(|law| law.name == name) {
             return Err(refused(format!(
                 "its name is `{name}`, and a law of that name is built in"
@@ -375,27 +369,4 @@ pub(super) fn commented(
         text += &format!("{} = {value} # {}{unit}\n", setting.name, setting.meaning);
     }
     Ok(text)
-}
-
-/// Where the keys of sections that laws have taken over are now.
-pub(super) fn moved(section: &str, keys: &Table) -> Option<String> {
-    if !["gains", "limits"].contains(&section) {
-        return None;
-    }
-    let place = |key: &String| {
-        let new_key = match (section, key.as_str()) {
-            ("limits", _) | ("gains", "position_1_s2" | "velocity_1_s") => format!("outer.{key}"),
-            ("gains", "adaptation") => "inner.adaptation_gain".to_owned(),
-            _ => format!("inner.{key}"),
-        };
-        format!("`{section}.{key}` is `{new_key}`")
-    };
-    let mut places: Vec<String> = keys.keys().map(place).collect();
-    if places.is_empty() {
-        places.push("[outer] and [inner]".to_owned());
-    }
-    Some(format!(
-        "there is no section [{section}] any more, its keys are the laws' own: {}",
-        places.join(", ")
-    ))
 }

@@ -10,21 +10,22 @@ use std::sync::LazyLock;
 use control_api::description::Description;
 use control_api::law::Rig;
 use messages::role::{Channel, Role};
+use messages::telemetry::LAW_ROLES;
 use toml::{Table, Value};
 
 use crate::airframe::{self, Design, PAPER};
-use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SECTIONS, SHA256};
+use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256};
 use crate::overrides::{self, PRESET};
 use crate::toml_access::{
     DEFAULT_TABLE, beside, coerce, example, kind, nearest, table, text, text_of,
 };
-use crate::{LAWS, Overrides, Settings};
+use crate::{Overrides, Settings};
 use errors::Failure;
 
 impl Settings {
     /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
     pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
-        Self::over(&LAWS, given, Some(file), &Overrides::new())
+        Self::over(&LAW_ROLES, given, Some(file), &Overrides::new())
     }
 }
 
@@ -176,8 +177,7 @@ impl Layers<'_> {
         let named = |channel: &str, role: &str| {
             let channel = Channel::ALL.into_iter().find(|it| it.name() == channel);
             let channel = channel.filter(|it| *it != Channel::A);
-            let role = SECTIONS.into_iter().find(|(section, _)| *section == role);
-            channel.zip(role.map(|(_, role)| role))
+            channel.zip(LAW_ROLES.into_iter().find(|it| it.name() == role))
         };
         let unknown = |place: &str, channel: &str, role: &str| {
             here(
@@ -248,7 +248,8 @@ impl Layers<'_> {
 
     /// The laws that the flags or the file name, each with its section.
     fn laws(&self) -> Result<Vec<(&'static str, Chosen)>, Failure> {
-        let law = |(section, role)| {
+        let law = |role: Role| {
+            let section = role.name();
             let law = match self.flag(section, LAW) {
                 Some(name) => law_settings::named(role, Some(name), &Moved::new()),
                 None => {
@@ -260,7 +261,7 @@ impl Layers<'_> {
             };
             Ok((section, law?))
         };
-        SECTIONS.into_iter().map(law).collect()
+        LAW_ROLES.into_iter().map(law).collect()
     }
 
     fn check_preset_name(&self, preset: &str, laws: &[(&str, Chosen)]) -> Result<(), Failure> {
@@ -345,7 +346,7 @@ impl Layers<'_> {
         if !OF_ONE_AIRFRAME.iter().any(&is_whole) {
             of_airframe.clear();
         }
-        let laws = SECTIONS.into_iter().map(|(section, _)| section);
+        let laws = LAW_ROLES.into_iter().map(Role::name);
         let of_preset = laws.filter(is_whole).filter(has_settings).collect();
         for (kind, default, sections) in [
             ("airframe", PAPER, of_airframe),
@@ -453,12 +454,6 @@ impl Layers<'_> {
 fn check_keys(given: &mut Table, place: &str, default: &Table) -> Result<(), Failure> {
     let here = |what: String| here(place, what);
     for (section, keys) in given {
-        let moved = keys
-            .as_table()
-            .and_then(|keys| law_settings::moved(section, keys));
-        if let Some(moved) = moved {
-            return Err(here(moved));
-        }
         let Some(known) = table(default, section) else {
             let like = nearest(section, default.keys());
             return Err(here(format!("unknown section [{section}]{like}")));
@@ -559,7 +554,7 @@ pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
 
 /// Whether a key selects the preset of one law.
 fn is_own_preset(section: &str, key: &str) -> bool {
-    key == PRESET && SECTIONS.iter().any(|(law, _)| *law == section)
+    key == PRESET && LAW_ROLES.iter().any(|law| law.name() == section)
 }
 
 /// Whether a key of a law's section is the law's own.

@@ -28,6 +28,7 @@ use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
 use messages::role::{Channel, Role};
+use messages::telemetry::LAW_ROLES;
 use plant::{Ground, Initial};
 use render::flight;
 use serde::{Deserialize, Serialize};
@@ -43,8 +44,6 @@ pub use trajectory::{PointsFile, TrajectorySection};
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
-
-const LAWS: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
 
 /// Sections that all roles of a run must share, in the order of their common text.
 const SHARED_SECTIONS: &str =
@@ -213,7 +212,7 @@ impl Settings {
     /// The settings that result from a file and flags. An error names the key, the value, what is allowed, and where it
     /// came from.
     pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
-        Self::resolve_to_make(&LAWS, file, overrides)
+        Self::resolve_to_make(&LAW_ROLES, file, overrides)
     }
 
     /// As [`Self::resolve`], for a process that creates the laws of these roles alone.
@@ -228,7 +227,7 @@ impl Settings {
 
     /// The settings that result from sections of keys, as a file would have them, and from keys that are set beside them.
     pub fn of(given: Table, beside: &Overrides) -> Result<Self, Failure> {
-        Self::over(&LAWS, given, None, &typed(beside)?)
+        Self::over(&LAW_ROLES, given, None, &typed(beside)?)
     }
 
     fn over(
@@ -271,7 +270,7 @@ impl Settings {
             let commented = airframe::commented(&self.airframe);
             document.insert("airframe", toml_edit::Item::Table(commented));
         }
-        let laws = law_settings::SECTIONS.map(|(section, _)| section);
+        let laws = LAW_ROLES.map(Role::name);
         for section in laws.into_iter().chain(["channel"]) {
             table.remove(section);
         }

@@ -22,21 +22,6 @@ fn default() -> Settings {
 }
 
 #[test]
-fn every_law_of_every_role_names_its_signals_as_it_should() {
-    let all: Vec<_> = law_settings::SECTIONS
-        .into_iter()
-        .flat_map(|(_, role)| law_settings::known(role))
-        .collect();
-    assert!(all.len() > 7, "{all:?}");
-    assert_eq!(
-        all.into_iter()
-            .flat_map(control_api::description::Description::flaws)
-            .collect::<Vec<_>>(),
-        [""; 0]
-    );
-}
-
-#[test]
 fn what_an_observer_knows_of_the_laws_is_what_the_flight_knows() {
     for (text, without) in [
         ("", None),

@@ -12,6 +12,7 @@ use analysis::phrase::count;
 use controller::trajectory::{Point, UnknownTrajectory};
 use controller::{ScaledTrajectory, Spline, Trajectory};
 use errors::{Failure, open_file};
+use faults::grammar::begin_of;
 use messages::parameters::shown;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -183,7 +184,7 @@ fn points(text: &str) -> Result<Vec<Point>, String> {
     if names.join(",") != HEADER {
         return Err(format!(
             "line 1 is `{}`: expected {HEADER}",
-            shortened(header)
+            begin_of(header)
         ));
     }
     let mut points: Vec<Point> = Vec::new();
@@ -230,7 +231,7 @@ fn point(line: usize, text: &str) -> Result<Point, String> {
         let place = format!("line {line}, column {name}");
         let value: f64 = field
             .parse()
-            .map_err(|_| format!("{place}: `{}` is not a number", shortened(field)))?;
+            .map_err(|_| format!("{place}: `{}` is not a number", begin_of(field)))?;
         let most = if *name == "t" { LATEST_S } else { FURTHEST };
         if !(-most..=most).contains(&value) {
             return Err(format!(
@@ -242,11 +243,6 @@ fn point(line: usize, text: &str) -> Result<Point, String> {
     }
     let [t_s, value @ ..] = numbers;
     Ok(Point { t_s, value })
-}
-
-/// The begin of what may be long.
-fn shortened(text: &str) -> String {
-    text.chars().take(40).collect()
 }
 
 #[cfg(test)]

@@ -9,11 +9,12 @@ use errors::Failure;
 use messages::blackboards::SETTINGS_MAX;
 use messages::parameters::shown;
 use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
 use plant::Plant;
 use toml::{Table, Value};
 
 use super::layers::layered;
-use super::{Overrides, Settings, law_settings, overrides};
+use super::{Overrides, Settings, overrides};
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
@@ -185,12 +186,12 @@ impl Settings {
             .help("the newest file may have only just begun; `ironbird fly --print-config` explains every setting"));
         }
         self.rig()?.check().map_err(refused)?;
-        for (_, role) in law_settings::SECTIONS {
+        for role in LAW_ROLES {
             self.check_law(role, makes)?;
         }
         for channel in self.channel.keys() {
             let own = self.of_channel(*channel);
-            for (_, role) in law_settings::SECTIONS {
+            for role in LAW_ROLES {
                 let what = |failure: Failure| failure.append(&format!(" (channel {channel})"));
                 own.check_law(role, makes).map_err(what)?;
             }

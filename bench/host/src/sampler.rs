@@ -118,20 +118,20 @@ fn read(pid: u64, file: &str) -> std::io::Result<String> {
 }
 
 /// A line of /proc/PID/stat behind the name in brackets, which may hold anything: fields from the third on.
-struct Stat<'a>(Vec<&'a str>);
+pub(crate) struct Stat<'a>(Vec<&'a str>);
 
 impl<'a> Stat<'a> {
-    fn of(line: &'a str) -> Self {
+    pub(crate) fn of(line: &'a str) -> Self {
         let (_, fields) = line.rsplit_once(')').unwrap_or_default();
         Self(fields.split_whitespace().collect())
     }
 
-    fn state(&self) -> Option<char> {
+    pub(crate) fn state(&self) -> Option<char> {
         self.0.first()?.chars().next()
     }
 
     /// The field with this number in proc(5); 0 where there is none.
-    fn number(&self, field: usize) -> u64 {
+    pub(crate) fn number(&self, field: usize) -> u64 {
         let number = self.0.get(field - 3);
         number.and_then(|it| it.parse().ok()).unwrap_or(0)
     }

@@ -5,7 +5,8 @@ use std::os::fd::{AsFd as _, OwnedFd};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::Duration;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use ipc::clock::{now_ns, timespec};
 use ipc::instance::Instance;
@@ -25,6 +26,8 @@ use recorder::run_directory::RunDirectory;
 pub(super) const LANDING: Duration = Duration::from_secs(5);
 /// How long processes may take to end after the flight: longer than a recorder waits for a disk that does not respond.
 pub(super) const ENDING: Duration = Duration::from_secs(30);
+
+const LOOK_EVERY: Duration = Duration::from_millis(10);
 
 /// What messages call the process of a role.
 pub(super) fn title(replica: Replica) -> String {
@@ -214,6 +217,26 @@ pub(super) fn kill(child: &mut Child) {
 pub(super) fn kill_and_reap(child: &mut Child) {
     kill(child);
     let _ = child.wait();
+}
+
+/// Ends a child: with SIGTERM, and with SIGKILL if it still runs after `limit`.
+pub fn end(child: &mut Child, limit: Duration) {
+    terminate(child);
+    if wait_at_most(child, limit).is_none() {
+        kill_and_reap(child);
+    }
+}
+
+/// The exit status of a child; none if it still runs after `limit`.
+pub fn wait_at_most(child: &mut Child, limit: Duration) -> Option<ExitStatus> {
+    let until = Instant::now() + limit;
+    loop {
+        match child.try_wait() {
+            Ok(None) if Instant::now() < until => sleep(LOOK_EVERY),
+            Ok(status) => return status,
+            Err(_) => return None,
+        }
+    }
 }
 
 fn pid_of(number: u32) -> Option<Pid> {

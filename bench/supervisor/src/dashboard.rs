@@ -6,8 +6,7 @@
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 use std::process::{Child, Command};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ipc::instance::Instance;
 use ratatui::crossterm::cursor::Show;
@@ -16,12 +15,11 @@ use ratatui::crossterm::terminal::LeaveAlternateScreen;
 use rustix::process::getpgrp;
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr};
 
-use crate::child_process::{kill_and_reap, terminate};
+use crate::child_process::{end, wait_at_most};
 use errors::Failure;
 
 /// How long the dashboard may take to notice the end of the flight and to restore the terminal.
 const EXIT_TIMEOUT: Duration = Duration::from_secs(1);
-const LOOK_EVERY: Duration = Duration::from_millis(10);
 
 #[derive(Debug)]
 pub struct Dashboard {
@@ -63,25 +61,10 @@ impl Dashboard {
 
     /// Waits until the dashboard ends with the flight; otherwise ends it.
     pub fn close(&mut self) {
-        if self.has_left() {
-            return;
+        if wait_at_most(&mut self.child, EXIT_TIMEOUT).is_none() {
+            end(&mut self.child, EXIT_TIMEOUT);
         }
-        terminate(&self.child);
-        if !self.has_left() {
-            kill_and_reap(&mut self.child);
-            self.is_open();
-        }
-    }
-
-    fn has_left(&mut self) -> bool {
-        let until = Instant::now() + EXIT_TIMEOUT;
-        while self.is_open() {
-            if Instant::now() >= until {
-                return false;
-            }
-            sleep(LOOK_EVERY);
-        }
-        true
+        self.is_open();
     }
 }
 

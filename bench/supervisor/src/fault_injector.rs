@@ -437,19 +437,6 @@ mod tests {
     }
 
     #[test]
-    fn it_looks_often_enough_for_the_notice_that_stages_have() {
-        let look_every = |period_ns| {
-            look_every_ns(&Grid {
-                t0_ns: 0,
-                period_ns,
-            })
-        };
-        let periods_ns = [50_000, 100_000, 1_000_000, 10_000_000];
-        let expected_ns = [1_000_000, 1_600_000, 16_000_000, 20_000_000];
-        assert_eq!(periods_ns.map(look_every), expected_ns);
-    }
-
-    #[test]
     fn a_late_fault_is_reported() {
         let (role, for_ns) = (Role::Inner, 20_000_000);
         let fault = LiveFault {

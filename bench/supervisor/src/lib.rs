@@ -4,7 +4,7 @@
 //! faults, and ends the processes with the flight. It does not run any loop itself, does not record (`recorder`), and
 //! prints no report (`ironbird fly`). Start reading in `flight_supervisor`, whose `Phase` is the life of a flight.
 
-mod child_process;
+pub mod child_process;
 pub mod cpu_load;
 pub mod dashboard;
 pub mod exit_report;

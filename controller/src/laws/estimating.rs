@@ -34,6 +34,7 @@ const THRUST_SCALE: (f64, f64) = (0.4, 2.0);
 const DRAG: (f64, f64) = (0.0, 10.0);
 
 settings! {
+    SETTINGS;
     POSITION = "position_1_s2", "1/s^2", number(4.0, 0.01, 100.0), "K_P of the position loop";
     VELOCITY = "velocity_1_s", "1/s", number(3.4, 0.01, 100.0), "K_D of the position loop";
     THRUST_SCALE_GAIN = "thrust_scale_gain_s3_m2", "s^3/m^2", number(0.02, 0.0, 10.0), "g_l, gain of the estimate of the thrust scale; 0 keeps the nominal mass";
@@ -76,15 +77,7 @@ impl Law for Estimating {
         summary: "PD position loop that learns thrust scale and drag: for wrong mass, weak rotors, changed drag",
         source: "Imran, Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle, \
                  (9)-(16); with a normalised-gradient estimate of m and k_t that is not in the paper",
-        settings: &[
-            POSITION,
-            VELOCITY,
-            THRUST_SCALE_GAIN,
-            DRAG_GAIN,
-            ACCELERATION_Z_MIN,
-            ACCELERATION_Z_MAX,
-            TILT_MAX,
-        ],
+        settings: SETTINGS,
         presets: &[],
         suited: Some(|settings, rig| {
             limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)

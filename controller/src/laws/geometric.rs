@@ -40,6 +40,7 @@ use crate::laws::cascade;
 use crate::limits::{self, AccelerationLimits, Limits};
 
 settings! {
+    SETTINGS;
     POSITION = "position_1_s2", "1/s^2", number(4.0, 0.01, 100.0), "k_x/m of the position error";
     VELOCITY = "velocity_1_s", "1/s", number(3.4, 0.01, 100.0), "k_v/m of the velocity error";
     ATTITUDE = "attitude_rad_s", "rad/s", three([14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2], 0.1, 200.0), "root of k_R/J of the attitude error: roll, pitch, yaw";
@@ -76,15 +77,7 @@ impl Law for Geometric {
         summary: "tracking control of position and attitude in one, for all attitudes; overrides the outer law",
         source: "Lee, Leok, McClamroch, Geometric Tracking Control of a Quadrotor UAV on SE(3), CDC 2010, \
                  arXiv:1003.2005",
-        settings: &[
-            POSITION,
-            VELOCITY,
-            ATTITUDE,
-            RATE,
-            ACCELERATION_Z_MIN,
-            ACCELERATION_Z_MAX,
-            TILT_MAX,
-        ],
+        settings: SETTINGS,
         presets: &[],
         suited: Some(|settings, rig| {
             limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)

@@ -23,6 +23,7 @@ use crate::gains::{PRESET_NAMES, preset};
 use crate::limits::{self, AccelerationLimits, Limits};
 
 settings! {
+    SETTINGS;
     pub POSITION_1_S2 = "position_1_s2", "1/s^2", positive(1.0), "K_P";
     pub VELOCITY_1_S = "velocity_1_s", "1/s", positive(1.0), "K_D";
     pub ACCELERATION_Z_MIN_G = "acceleration_z_min_g", "g", positive(0.2), "smallest vertical acceleration that the thrust gives";
@@ -60,13 +61,7 @@ impl Law for Pd {
         summary: "PD position loop with feedforward of acceleration, jerk and snap",
         source: "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
                  Vehicle, (9)-(16); docs/paper.md lists the differences",
-        settings: &[
-            POSITION_1_S2,
-            VELOCITY_1_S,
-            ACCELERATION_Z_MIN_G,
-            ACCELERATION_Z_MAX_G,
-            TILT_MAX_RAD,
-        ],
+        settings: SETTINGS,
         presets: &[
             preset(PRESET_NAMES[0], &[]),
             preset(PRESET_NAMES[1], &[]),

@@ -37,6 +37,7 @@ use crate::laws::low_pass::LowPass;
 const INTEGRATOR_ERROR_MAX: f64 = 400_f64.to_radians();
 
 settings! {
+    SETTINGS;
     ATTITUDE = "attitude_1_s", "1/s", three([8.0, 8.0, 3.0], 0.1, 200.0), "P of the attitude error: roll, pitch, yaw";
     YAW_WEIGHT = "yaw_weight", "", number(0.4, 0.05, 1.0), "share of a yaw error that the attitude error holds; the gain makes up for it, up to the largest rate";
     RATE_MAX = "rate_max_rad_s", "rad/s", three([4.0, 4.0, 3.5], 0.1, 40.0), "largest rates wanted: roll, pitch, yaw";
@@ -74,16 +75,7 @@ impl Law for Pid {
         summary: "attitude P on the quaternion and rate PID, in the structure that flight stacks fly",
         source: "PX4 autopilot, multicopter attitude and rate control; Brescianini, Hehn, D'Andrea, Nonlinear \
                  Quadrocopter Attitude Control, 2013",
-        settings: &[
-            ATTITUDE,
-            YAW_WEIGHT,
-            RATE_MAX,
-            RATE,
-            INTEGRAL,
-            DERIVATIVE,
-            INTEGRAL_MAX,
-            FILTER,
-        ],
+        settings: SETTINGS,
         presets: &[],
         suited: None,
         telemetry: &[

@@ -24,9 +24,14 @@ pub const fn three(default: [f64; 3], min: f64, max: f64) -> SettingKind {
     SettingKind::Three { default, min, max }
 }
 
-/// Declares the settings of a law as constants: name with unit, unit, kind, and meaning.
+/// Declares the settings of a law as constants: name with unit, unit, kind, and meaning; with `NAME;` before them also
+/// the list of all.
 #[macro_export]
 macro_rules! settings {
+    ($all:ident; $($vis:vis $constant:ident = $name:literal, $unit:literal, $kind:expr, $meaning:literal;)+) => {
+        $crate::settings! { $($vis $constant = $name, $unit, $kind, $meaning;)+ }
+        const $all: &[$crate::description::Setting] = &[$($constant),+];
+    };
     ($($vis:vis $constant:ident = $name:literal, $unit:literal, $kind:expr, $meaning:literal;)+) => {
         $($vis const $constant: $crate::description::Setting = $crate::description::Setting {
             name: $name,

@@ -19,7 +19,7 @@ use crate::live::LiveFault;
 use crate::swap::Swap;
 pub use change::{Change, LoopChange};
 pub use error::FaultError;
-pub use error::{duration, typed};
+pub use error::{begin_of, duration, typed};
 use messages::parameters::Airframe;
 pub use parameter::check_once;
 pub use parameter::{Desired, RequestedValue, targets_of};

@@ -288,16 +288,4 @@ mod tests {
         assert_eq!(order, [(3, 0.2), (3, 0.5), (5, 0.1), (5, 0.1 * 3.0)]);
         assert_eq!(queue.pop_due(9).map(|swap| swap.tick), Some(9));
     }
-
-    #[test]
-    fn a_full_queue_refuses_and_keeps_what_it_has() {
-        let mut queue = SwapQueue::default();
-        let swap = |tick| Swap::new(tick, &[(Parameter::Mass, 0.6)]).unwrap();
-        for tick in 0..PENDING_SWAPS as u64 {
-            queue.push(swap(tick)).unwrap();
-        }
-        assert_eq!(queue.push(swap(0)), Err(SwapError::Full));
-        let kept = std::iter::from_fn(|| queue.pop_due(u64::MAX));
-        assert_eq!(kept.count(), PENDING_SWAPS);
-    }
 }

@@ -201,12 +201,6 @@ impl Drop for Alarm {
     }
 }
 
-/// Keeps the alarm's signal from the calling thread.
-#[cfg(test)]
-pub(crate) fn block_alarms() -> io::Result<()> {
-    mask_signals(libc::SIG_BLOCK, &[Alarm::SIGNAL])
-}
-
 /// Changes the calling thread's signal mask: `how` is SIG_BLOCK, SIG_UNBLOCK or SIG_SETMASK.
 pub fn mask_signals(how: i32, signals: &[i32]) -> io::Result<()> {
     let mut set = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();

@@ -284,7 +284,7 @@ impl Drop for WakeFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sys::block_alarms;
+    use crate::sys::mask_signals;
 
     /// One test, because the alarm's signal reaches every alarm of a process.
     #[test]
@@ -303,7 +303,7 @@ mod tests {
                 assert!(!event.wait_until(until).unwrap(), "no alarm");
                 assert!(now_ns() >= until + BACK_STOP_NS);
                 assert!(event.wait_until(until).unwrap(), "an instant that is over");
-                block_alarms().unwrap();
+                mask_signals(libc::SIG_BLOCK, &[libc::SIGALRM]).unwrap();
                 let until = now_ns() + 1_000_000;
                 assert!(!event.wait_until(until).unwrap(), "no notification");
                 assert!(now_ns() >= until + BACK_STOP_NS);

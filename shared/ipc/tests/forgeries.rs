@@ -5,7 +5,7 @@ use ipc::{DEEP, Receiver, Wire};
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::{Header, Message};
 use messages::inspection::Reason;
-use messages::monitor::Monitor;
+use messages::monitor::{CAUSES, Monitor};
 use messages::parameters::PARAMETERS;
 use messages::topic::Topic;
 
@@ -109,7 +109,11 @@ fn no_bad_message_of_any_topic_gets_through() {
         |swap| (swap.count, swap.parameter[0]) = (1, PARAMETERS as u64),
         |swap| (swap.count, swap.steps[0]) = (1, 0),
     ]);
-    assert_all_rejected::<Monitor>(&[]);
+    assert_all_rejected::<Monitor>(&[
+        |monitor| monitor.causes = 1 << CAUSES,
+        |monitor| monitor.is_violation = 2,
+        |monitor| monitor.is_live = 2,
+    ]);
 }
 
 #[test]

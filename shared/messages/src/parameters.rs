@@ -7,7 +7,6 @@
 use std::fmt;
 
 use ironbird_law::abi::IRONBIRD_ROTORS as ROTORS;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The parameters that the inner loop estimates, in the order of theta: I_R, k_r, delta.
@@ -252,9 +251,8 @@ pub enum ParameterError {
 /// A full set of parameters, each within its range, and the values that the airframe was built with.
 ///
 /// The ranges follow from what it was built with ([`Parameter::range_of`]). Indexed by [`Parameter`]; the accessors are the
-/// paper's symbols. As an array of numbers it is the paper's airframe with these values.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(into = "[f64; PARAMETERS]", try_from = "[f64; PARAMETERS]")]
+/// paper's symbols.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Airframe {
     values: [f64; PARAMETERS],
     built: [f64; PARAMETERS],
@@ -344,26 +342,6 @@ impl Airframe {
     #[inline]
     pub fn hover_speed_rad_s(&self) -> f64 {
         (self.m() * self.g() / (4.0 * self.k())).sqrt()
-    }
-}
-
-impl From<Airframe> for [f64; PARAMETERS] {
-    fn from(airframe: Airframe) -> Self {
-        airframe.values
-    }
-}
-
-impl TryFrom<[f64; PARAMETERS]> for Airframe {
-    type Error = ParameterError;
-
-    fn try_from(values: [f64; PARAMETERS]) -> Result<Self, ParameterError> {
-        for (spec, value) in SPECS.iter().zip(values) {
-            spec.parameter.check(value)?;
-        }
-        Ok(Self {
-            values,
-            ..Self::nominal()
-        })
     }
 }
 

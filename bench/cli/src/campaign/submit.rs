@@ -4,7 +4,7 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf, absolute};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
@@ -14,7 +14,6 @@ use campaign::campaign::Campaign;
 use campaign::chunk::path_of;
 use errors::{Failure, GATE, INTERRUPTED, InFile as _, OK};
 use host::own_executable;
-use rustix::process::{Pid, Signal, kill_process};
 
 use super::run;
 use super::status::{chunks, ranges, report};
@@ -23,6 +22,7 @@ use errors::output::{print, say};
 use experiments::campaign::flight_settings::{Plan, open_directory};
 use experiments::progress::Progress;
 use process::signals::stop_flag;
+use supervisor::child_process::{end, wait_at_most};
 
 /// How often the missing shards are submitted. A shard that fails this often always fails.
 const ROUNDS: usize = 3;
@@ -147,7 +147,7 @@ impl Submitted<'_> {
             }
             let mut since = || complete.get_or_insert_with(Instant::now).elapsed();
             if waited.is_empty() && since() > JOB_END_TIMEOUT {
-                end(&mut engine);
+                end(&mut engine, TERMINATION_TIMEOUT);
                 break None;
             }
             waited.retain(|(chunk, before)| {
@@ -177,7 +177,7 @@ impl Submitted<'_> {
 
     /// Ends the engine's job; `output` is what the engine printed of it.
     fn cancelled(&self, engine: &mut Child, output: &str) -> Failure {
-        end(engine);
+        end(engine, TERMINATION_TIMEOUT);
         // Slurm prints the number and, behind a semicolon, the cluster.
         let mut lines = output.lines();
         let job = lines.find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
@@ -191,7 +191,7 @@ impl Submitted<'_> {
             cancelling.is_ok_and(|mut process| {
                 let status = wait_at_most(&mut process, CANCEL_TIMEOUT);
                 if status.is_none() {
-                    end(&mut process);
+                    end(&mut process, TERMINATION_TIMEOUT);
                 }
                 status.is_some_and(|status| status.success())
             })
@@ -212,30 +212,6 @@ fn started(command: &[String], to: File) -> Result<Child, Failure> {
         Failure::failed(format!("cannot start {engine}: {e}"))
             .help("run it where the engine's commands are on the path; --dry-run prints the script")
     })
-}
-
-/// Ends a command: with SIGTERM, and with SIGKILL if it ignores that.
-fn end(process: &mut Child) {
-    if let Some(pid) = i32::try_from(process.id()).ok().and_then(Pid::from_raw) {
-        // It may have ended by itself.
-        let _ = kill_process(pid, Signal::TERM);
-    }
-    if wait_at_most(process, TERMINATION_TIMEOUT).is_none() {
-        let _ = process.kill();
-        let _ = process.wait();
-    }
-}
-
-/// The exit status of a process; none if it still runs after `limit`.
-fn wait_at_most(process: &mut Child, limit: Duration) -> Option<ExitStatus> {
-    let until = Instant::now() + limit;
-    loop {
-        match process.try_wait() {
-            Ok(None) if Instant::now() < until => sleep(POLL_EVERY / 10),
-            Ok(status) => return status,
-            Err(_) => return None,
-        }
-    }
 }
 
 /// Shards where --shards is not given: by default, Slurm takes no more than 1000 in an array.

@@ -70,15 +70,9 @@ impl Target {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use faults::grammar::Fault;
 
     #[test]
     fn an_outage_is_a_fault_as_a_user_types_it() {
-        for target in all() {
-            let typed = target.outage(8000, 47, 1_000_000);
-            let fault: Fault = typed.parse().expect(&typed);
-            assert_eq!(fault.from.tick(0.001), 8000, "{typed}");
-        }
         let stop = |role: &str| format!("{role}.stop=6000000ns");
         let machine = ["plant", "outer", "inner", "mixer"].map(stop).join(",");
         let input = Target::Input(Port::InnerSetpoint);

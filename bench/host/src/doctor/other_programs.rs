@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use crate::sampler::Stat;
 use crate::{Machine, cpu_list};
 use analysis::finding::Finding;
 
@@ -54,23 +55,20 @@ fn competitor(machine: &Machine, cpu: usize, pid: u32) -> Option<Competitor> {
     machine
         .read(&format!("/proc/{pid}/cmdline"))
         .filter(|line| !line.is_empty())?;
-    let stat = machine.read(&format!("/proc/{pid}/stat"))?;
-    // The name in parentheses may itself contain blanks and parentheses.
-    let (head, tail) = stat.rsplit_once(')')?;
-    let (_, name) = head.split_once('(')?;
-    let fields: Vec<&str> = tail.split_whitespace().collect();
-    // Fields 3 (state), 39 (CPU) and 41 (policy) of proc(5).
-    let (state, last_cpu, policy) = (*fields.first()?, fields.get(36)?, fields.get(38)?);
-    if last_cpu.parse() != Ok(cpu) {
+    let line = machine.read(&format!("/proc/{pid}/stat"))?;
+    let (_, name) = line.rsplit_once(')')?.0.split_once('(')?;
+    let stat = Stat::of(&line);
+    // Fields 39 (CPU) and 41 (policy) of proc(5).
+    if stat.number(39) != cpu as u64 {
         return None;
     }
     // SCHED_FIFO, SCHED_RR and SCHED_DEADLINE.
-    let is_realtime = matches!(*policy, "1" | "2" | "6");
+    let is_realtime = matches!(stat.number(41), 1 | 2 | 6);
     let is_pinned = machine
         .field(&format!("/proc/{pid}/status"), "Cpus_allowed_list")
         .is_some_and(|list| cpu_list(&list) == [cpu] && machine.allowed_cpus() != [cpu]);
     let class = if is_realtime { ", real-time" } else { "" };
-    (is_realtime || is_pinned || state == "R").then(|| Competitor {
+    (is_realtime || is_pinned || stat.state() == Some('R')).then(|| Competitor {
         name: format!("{name} ({pid}{class})"),
         is_realtime,
     })

@@ -72,7 +72,7 @@ pub fn duration(text: &str) -> Result<Duration, String> {
 }
 
 /// A text, or the beginning of a long one.
-pub(super) fn begin_of(text: &str) -> String {
+pub fn begin_of(text: &str) -> String {
     const MOST: usize = 40;
     let begin: String = text.chars().take(MOST).collect();
     if begin.len() < text.len() {
