@@ -25,7 +25,7 @@ class Row:
     fault: str
     expected: str
     n: int
-    # Trials with --short; 0 skips the row.
+    # Trials with --short; 0 skips the row unless it is named.
     short: int
     # What a trial is.
     trial: str
@@ -34,6 +34,8 @@ class Row:
     # The system test that plays it, and the variable that names the row.
     test: str
     variable: str
+    # Real-time loops would keep those of another row from their processor.
+    is_alone: bool = False
 
 
 def table(page):
@@ -48,12 +50,12 @@ def rows():
         group = "Messages" if name.split(".")[0] in ("forged", "flipped", "missing", "flood") else "Processes and machine"
         found.append(Row(group, name, fault, expected, int(n), int(short), trial, tuple(guards.split()), "transcripts::drill",
                          "IRONBIRD_SCENARIOS"))
-    for name, fault, at, _, exit_code, outcome, words in table("fault_matrix.md"):
+    for name, fault, at, flags, exit_code, outcome, words in table("fault_matrix.md"):
         guards = ("heartbeat",) if name == "hang.inner" else ()
         when = "" if at == "-" else f", {at}"
         expected = f"{outcome}, code {exit_code}" + (f": `{words}`" if words else "")
-        found.append(Row("Fault matrix", name, fault + when, expected, 20, len(guards), "flight", guards, "fault_matrix::every_row",
-                         "IRONBIRD_ROWS"))
+        found.append(Row("Fault matrix", name, fault + when, expected, 20, 0, "flight", guards, "fault_matrix::every_row",
+                         "IRONBIRD_ROWS", "--rt prefer" in flags))
     return found
 
 

@@ -48,13 +48,13 @@ fn memory_kb(rig: &Rig, flights: u64, chunk: u64) -> u64 {
 
 #[test]
 fn memory_does_not_grow_with_the_number_of_flights() {
-    const MANY: u64 = 16_000;
+    const MANY: u64 = 8_000;
     /// Less than the rows of the longer campaign take if all are kept.
     const GROWTH_MAX_KB: u64 = 2048;
     let rig = Rig::new("memory");
     // Runs of one campaign differ by more than a megabyte.
-    let few = (0..5).map(|_| memory_kb(&rig, 200, 20)).max().unwrap();
-    let many = memory_kb(&rig, MANY, 20);
+    let few = (0..5).map(|_| memory_kb(&rig, 200, 100)).max().unwrap();
+    let many = memory_kb(&rig, MANY, 100);
     // A file of rows is held until it is whole: this is what all rows take.
     let held = memory_kb(&rig, MANY, MANY);
     let said = format!("200 flights {few} kB, {MANY} flights {many} kB, all rows held {held} kB");

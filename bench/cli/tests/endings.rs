@@ -1,7 +1,7 @@
 //! How flights end: signals, closed terminals, limits; and what processes hold when they end.
 
 use crate::fault_matrix::await_gone;
-use crate::rig::{Rig, Running, not_tested};
+use crate::rig::{Rig, Running, in_parallel, not_tested};
 use ipc::{SwapOrder, SwapOutcome, Wire};
 use messages::blackboards::{RUN, Run, RunPhase};
 use messages::parameters::Parameter;
@@ -45,13 +45,13 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
     }
     // Two are there when the process continues: it has no time to end in order.
     let twice = [Signal::STOP, Signal::INT, Signal::TERM, Signal::CONT];
-    for role in STAGES {
+    in_parallel(STAGES.into_iter(), |role| {
         for signals in [&twice[2..3], &twice] {
             let rig = Rig::new("signals");
             let process = rig.start(role, "--rt prefer");
             process.await_words("waiting for");
             // The others take their place in the loop when the flight begins.
-            let has_real_time = u32::from(role == "plant");
+            let has_real_time = u32::from(*role == "plant");
             assert_eq!(policy(&process), has_real_time, "{role}");
             signals.iter().for_each(|it| process.signal(*it));
             ends_without_real_time(process, 130);
@@ -60,7 +60,7 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
             }
             rig.run("clean", "");
         }
-    }
+    });
     let rig = Rig::new("flown");
     let args = format!("--rt prefer --config {} --duration 50ms", rig.slow(5));
     let roles = ["record", "mixer", "inner", "outer", "plant"].map(|role| rig.start(role, &args));
@@ -75,10 +75,9 @@ fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
 }
 
 #[test]
-#[ignore = "long: part of the gate"]
 fn a_change_for_the_tick_after_the_last_is_refused_and_changes_nothing() {
     let rig = Rig::new("late-swap");
-    let flight = rig.take_off("--rt off --duration 4s --max-miss-rate 1000000");
+    let flight = rig.take_off("--rt off --duration 1s --max-miss-rate 1000000");
     {
         let wire = Wire::open(&rig.known()).unwrap();
         let run_of = wire.blackboard_reader::<Run>(RUN).unwrap().unwrap();

@@ -114,14 +114,53 @@ impl Drop for Slurm {
 
 #[test]
 #[ignore = "long: brings Slurm up"]
-fn slurm_loses_a_shard_and_its_node_and_the_rows_are_the_same() {
+fn slurm_is_interrupted_refuses_and_loses_a_shard_and_its_node_and_the_rows_are_the_same() {
     let rig = Rig::new("slurm");
     let Some(slurm) = Slurm::start(&rig) else {
         return;
     };
+    who_interrupts_a_submission_ends_its_job_and_slurm_says_no_in_its_words(&rig, &slurm);
+    loses_a_shard_and_its_node_and_the_rows_are_the_same(&rig, &slurm);
+}
+
+fn who_interrupts_a_submission_ends_its_job_and_slurm_says_no_in_its_words(
+    rig: &Rig,
+    slurm: &Slurm,
+) {
     let out = rig.file("rows");
-    let mut submitted = submit(&rig, CAMPAIGN, "slurm", &out, &slurm.environment());
-    // A shard is killed; then the node's daemon with all that flies there, as by a power cut, and it comes back.
+    let submitted = submit(rig, CAMPAIGN, "slurm", &out, &slurm.environment());
+    wait_until("a shard", || shard(&out));
+    submitted.signal(Signal::TERM);
+    submitted
+        .end()
+        .expect(130)
+        .complains("interrupted")
+        .complains("whole files of rows are kept");
+    wait_until("no job", || slurm.jobs().trim().is_empty().then_some(()));
+    assert_eq!(shard(&out), None);
+    let elsewhere = CAMPAIGN.replace("time_limit_s = 600", "partition = \"nowhere\"");
+    let refused = submit(
+        rig,
+        &elsewhere,
+        "slurm",
+        &rig.file("other"),
+        &slurm.environment(),
+    );
+    refused
+        .end()
+        .expect(1)
+        .complains("sbatch took no job")
+        .complains("invalid partition specified: nowhere");
+    submit(rig, CAMPAIGN, "slurm", &out, &slurm.environment())
+        .end()
+        .expect(0);
+    assert_same(rig, &out);
+}
+
+/// A shard is killed; then the node's daemon with all that flies there, as by a power cut, and it comes back.
+fn loses_a_shard_and_its_node_and_the_rows_are_the_same(rig: &Rig, slurm: &Slurm) {
+    let out = rig.file("lost");
+    let mut submitted = submit(rig, CAMPAIGN, "slurm", &out, &slurm.environment());
     let killed = wait_until("a shard", || shard(&out));
     let _ = kill_process(killed, Signal::KILL);
     await_rows(&out);
@@ -139,7 +178,7 @@ fn slurm_loses_a_shard_and_its_node_and_the_rows_are_the_same() {
         .complains("round 1: 12 of 12 shards: 1-12")
         .complains("all 12 shards are there")
         .says("shards: 48 flights, each by 2 arms");
-    assert_same(&rig, &out);
+    assert_same(rig, &out);
     let script = fs::read_to_string(Path::new(&out).join("submit.sh")).unwrap();
     for asked in [
         "--time=10",
@@ -149,43 +188,6 @@ fn slurm_loses_a_shard_and_its_node_and_the_rows_are_the_same() {
     ] {
         assert!(script.contains(&format!("#SBATCH {asked}\n")), "{script}");
     }
-}
-
-#[test]
-#[ignore = "long: brings Slurm up"]
-fn who_interrupts_a_submission_ends_its_job_and_slurm_says_no_in_its_words() {
-    let rig = Rig::new("cancel");
-    let Some(slurm) = Slurm::start(&rig) else {
-        return;
-    };
-    let out = rig.file("rows");
-    let submitted = submit(&rig, CAMPAIGN, "slurm", &out, &slurm.environment());
-    wait_until("a shard", || shard(&out));
-    submitted.signal(Signal::TERM);
-    submitted
-        .end()
-        .expect(130)
-        .complains("interrupted")
-        .complains("whole files of rows are kept");
-    wait_until("no job", || slurm.jobs().trim().is_empty().then_some(()));
-    assert_eq!(shard(&out), None);
-    let elsewhere = CAMPAIGN.replace("time_limit_s = 600", "partition = \"nowhere\"");
-    let refused = submit(
-        &rig,
-        &elsewhere,
-        "slurm",
-        &rig.file("other"),
-        &slurm.environment(),
-    );
-    refused
-        .end()
-        .expect(1)
-        .complains("sbatch took no job")
-        .complains("invalid partition specified: nowhere");
-    submit(&rig, CAMPAIGN, "slurm", &out, &slurm.environment())
-        .end()
-        .expect(0);
-    assert_same(&rig, &out);
 }
 
 /// The environment with `hq`; nothing where HyperQueue is not installed.

@@ -60,12 +60,24 @@ fn every_row() {
     let is_it =
         |row: &Row, one: &str| row.name == one || !is_name(one) && row.name.starts_with(one);
     let is_chosen = |row: &Row| chosen.split(',').any(|one| is_it(row, one));
-    in_parallel(rows().into_iter().filter(is_chosen), |row| {
-        (0..rounds()).for_each(|round| row.run(round))
+    let run = |row: &Row| (0..rounds()).for_each(|round| row.run(round));
+    // Flights with real-time priority follow one another beside the others.
+    let (alone, others): (Vec<_>, Vec<_>) = rows()
+        .into_iter()
+        .filter(is_chosen)
+        .partition(Row::is_alone);
+    std::thread::scope(|scope| {
+        scope.spawn(|| alone.iter().for_each(run));
+        in_parallel(others.into_iter(), run);
     });
 }
 
 impl Row {
+    /// Flights with real-time priority would keep each other from their processor.
+    fn is_alone(&self) -> bool {
+        self.flags.contains("--rt prefer")
+    }
+
     /// The words of the fault.
     fn fault(&self) -> [&'static str; 3] {
         let mut words = self.fault.split(' ');
@@ -74,8 +86,7 @@ impl Row {
 
     /// Flies with the fault, and demands the outcome.
     fn run(&self, round: u64) {
-        // Flights with real-time priority would keep each other from their processor.
-        let _alone = self.flags.contains("--rt prefer").then(|| ALONE.lock());
+        let _alone = self.is_alone().then(|| ALONE.lock());
         let [kind, what, _] = self.fault();
         // `_exit` of the C library runs no code of ours: only an instrumented executable has its own.
         if self.fault == "hostile exit" && !cfg!(feature = "instrumented") {

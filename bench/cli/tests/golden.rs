@@ -5,10 +5,11 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::sync::Mutex;
 
 use serde_json::Value;
 
-use crate::rig::{IRONBIRD, Rig};
+use crate::rig::{IRONBIRD, Rig, in_parallel};
 
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -90,10 +91,12 @@ fn key_paths(value: &Value, at: &str, paths: &mut BTreeSet<String>) {
 /// Keys may be added. The first line of each file is the flight.
 #[test]
 fn reports_keep_their_json_keys() {
-    let mut missing = Vec::new();
-    let mut files = 0;
-    for entry in fs::read_dir(Path::new(GOLDEN).join("report_keys")).unwrap() {
-        let text = fs::read_to_string(entry.unwrap().path()).unwrap();
+    let missing = Mutex::new(Vec::new());
+    let files = fs::read_dir(Path::new(GOLDEN).join("report_keys")).unwrap();
+    let files: Vec<_> = files.map(|entry| entry.unwrap().path()).collect();
+    assert_eq!(files.len(), 6);
+    in_parallel(files.into_iter(), |path| {
+        let text = fs::read_to_string(path).unwrap();
         let (flight, keys) = text.split_once('\n').unwrap();
         let rig = Rig::new("golden-keys");
         run(&rig, flight.strip_prefix("# ").unwrap());
@@ -102,16 +105,16 @@ fn reports_keep_their_json_keys() {
         key_paths(&report, "", &mut paths);
         let lost: Vec<&str> = keys.lines().filter(|key| !paths.contains(*key)).collect();
         if !lost.is_empty() {
-            missing.push(format!("{flight}:\n  {}", lost.join("\n  ")));
+            let lost = format!("{flight}:\n  {}", lost.join("\n  "));
+            missing.lock().unwrap().push(lost);
         }
-        files += 1;
-    }
+    });
+    let missing = missing.into_inner().unwrap();
     assert!(
         missing.is_empty(),
         "keys are missing\n{}",
         missing.join("\n")
     );
-    assert_eq!(files, 6);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use control_api::description::{Description, Refused, Settings};
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use ironbird::laws::findings_text;
-use ironbird::laws::trial::{Candidate, trial};
+use ironbird::laws::trial::{Candidate, trial, trial_of};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 fn every_built_in_law_passes() {
     let (rig, settings) = (Rig::default(), Settings::default());
     let passes = |name: &str, make: &dyn Fn() -> Result<Candidate, Refused>| {
-        let findings = trial(&rig, make, || ()).unwrap();
+        let findings = trial_of(&rig, [10_000, 1000], 11, make, || ()).unwrap();
         let states = [findings.rehearsed, findings.restored];
         let ticks = [findings.difference, findings.not_finite];
         assert_eq!([states, ticks], [[None; 2]; 2], "{name}");

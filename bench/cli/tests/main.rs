@@ -11,7 +11,6 @@ mod doctor;
 mod documentation;
 mod endings;
 mod engines;
-mod fault_injection;
 mod fault_matrix;
 mod floor;
 mod golden;

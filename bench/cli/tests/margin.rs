@@ -16,6 +16,7 @@ fn survives(margins: &Value, kind: &str, of: &str) -> u64 {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn the_longest_outage_flies_in_simulate_and_one_tick_more_does_not() {
     let rig = Rig::new("simulated");
     let flight = "--trajectory fast --inner indi";
@@ -76,17 +77,18 @@ fn the_longest_outage_flies_in_simulate_and_one_tick_more_does_not() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn margins_are_those_of_theory_and_of_the_prediction() {
     let rig = Rig::new("theory");
     // The largest alpha at a delay, by the eigenvalues of the rate loop with its drag.
-    for (alpha_1_s, delay) in [(582.7, 3), (421.6, 4), (330.5, 5), (200.3, 8), (177.0, 9)] {
-        let measure = |share: f64| {
+    for (alpha_1_s, delay) in [(582.7, 3), (330.5, 5), (177.0, 9)] {
+        let measure = |share: f64, more: &str| {
             let alpha_1_s = share * alpha_1_s;
             let config = rig.settings(&format!(
                 "[flight]\ntrajectory = \"hover\"\n[inner]\nalpha_1_s = {alpha_1_s:.1}\n"
             ));
             let margins = rig.ok(&format!(
-                "margin --config {config} --phases 1 --only rotor_speeds --format json"
+                "margin --config {config} --phases 1 --only rotor_speeds --format json {more}"
             ));
             let margins = margins.json();
             let axes = margins["laws"][0]["predicted"].as_array().unwrap();
@@ -97,14 +99,14 @@ fn margins_are_those_of_theory_and_of_the_prediction() {
             (least("delay_ticks"), least("gain"), margins.clone())
         };
         // The chain's own delay is one tick.
-        let (ticks, ..) = measure(1.0);
+        let (ticks, ..) = measure(1.0, "--longest 1ms --gate survival_max_s=5");
         let predicted = 1.0 + ticks;
         println!("alpha {alpha_1_s}/s: theory {delay} ticks, predicted {predicted:.3}");
         assert!(
             (predicted / f64::from(delay) - 1.0).abs() < 0.005,
             "{predicted}"
         );
-        let (_, gain, margins) = measure(0.99);
+        let (_, gain, margins) = measure(0.99, "");
         let flown = 1 + survives(&margins, "lag", "plant.rotor_speeds");
         let flown_gain = 1.0 + survives(&margins, "gain", "plant.rotor_speeds") as f64 / 10.0;
         println!("  1 % less: flown {flown} ticks, gain predicted {gain:.3}, flown {flown_gain}");

@@ -9,10 +9,6 @@ use process::rt::{fifo_refusal, loops_cpu, take_stand};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
-use std::sync::{Mutex, PoisonError};
-
-/// One flight at a time: on the loops' processor, two keep each other from it.
-static PROCESSOR: Mutex<()> = Mutex::new(());
 
 /// Missed deadlines of a cause in the report; every missed deadline belongs to one.
 fn missed_by(report: &Value, class: &str, stage: &str) -> u64 {
@@ -44,14 +40,19 @@ pub(crate) const TRACEFS: (&str, &str) = (
     "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$",
 );
 
+/// One flight at a time: on the loops' processor, two keep each other from it.
 #[test]
-#[ignore = "long: part of the gate"]
+#[ignore = "long: part of the gate; IRONBIRD_ROUNDS=n counts how often each cause is found"]
+fn soak_of_causes() {
+    loops_that_are_kept_from_their_processor_were_ready_and_a_trace_names_what_ran();
+    each_cause_that_is_provoked_is_found();
+}
+
 fn loops_that_are_kept_from_their_processor_were_ready_and_a_trace_names_what_ran() {
     if fifo_refusal(99).is_some() {
         not_tested("without SCHED_FIFO nothing keeps the loops from their processor for sure");
         return;
     }
-    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     for traced in [false, true] {
         let rig = Rig::new("hogged");
         // In slow motion, so that a stall of the host is no match for it.
@@ -91,18 +92,15 @@ fn loops_that_are_kept_from_their_processor_were_ready_and_a_trace_names_what_ra
 
 /// Faults of a flight in slow motion: the tick, the class and the stage of the outage.
 const PROVOKED: [(&str, u64, &str, &str); 5] = [
-    ("outer.stop=30ms", 150, "stopped_or_dead", "outer"),
-    ("inner.stop=30ms", 250, "stopped_or_dead", "inner"),
-    ("mixer.stop=30ms", 350, "stopped_or_dead", "mixer"),
-    ("plant.stop=30ms", 450, "stopped_or_dead", "plant"),
+    ("outer.stop=30ms", 40, "stopped_or_dead", "outer"),
+    ("inner.stop=30ms", 90, "stopped_or_dead", "inner"),
+    ("mixer.stop=30ms", 140, "stopped_or_dead", "mixer"),
+    ("plant.stop=30ms", 190, "stopped_or_dead", "plant"),
     // With a law that touches a new page in each tick from there on.
-    ("inner.late=1500us", 650, "page_fault", "inner"),
+    ("inner.late=1500us", 260, "page_fault", "inner"),
 ];
 
-#[test]
-#[ignore = "long: part of the gate; IRONBIRD_ROUNDS=n counts how often each cause is found"]
-fn soak_of_causes() {
-    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+fn each_cause_that_is_provoked_is_found() {
     let mut found = BTreeMap::<&str, BTreeMap<String, u64>>::new();
     let is_named = |found: &BTreeMap<&str, BTreeMap<String, u64>>| {
         PROVOKED
@@ -113,14 +111,14 @@ fn soak_of_causes() {
     // Something else may take the processor meanwhile and pass for the cause, but not every time.
     while round < rounds() || (round < 4 && !is_named(&found)) {
         let rig = Rig::new("causes");
-        let config = harmful(&rig, "misbehaving", "fault", 650);
+        let config = harmful(&rig, "misbehaving", "fault", 260);
         let settings = fs::read_to_string(&config).unwrap();
         let slow = "[flight]\nslowdown = 10\n";
         fs::write(&config, settings.replace("[flight]\n", slow)).unwrap();
         let faults = PROVOKED.map(|(fault, tick, ..)| format!(" --fault {fault}@tick{tick}"));
         let faults = faults.concat();
         rig.ok(&format!(
-            "fly --rt prefer --duration 700ms --config {config}{faults}"
+            "fly --rt prefer --duration 300ms --config {config}{faults}"
         ));
         let report = rig.report();
         let cases = report["autopsy"]["worst"].as_array().unwrap();

@@ -464,7 +464,7 @@ fn whatever_bit_of_the_file_is_flipped_the_log_is_never_identical() {
     let flipped_path = flight.path("flipped.mcap");
     let (ends, middle) = (300, whole.len() - 300);
     let places = (0..ends)
-        .chain((ends..middle).step_by(13))
+        .chain((ends..middle).step_by(29))
         .chain(middle..whole.len());
     for place in places {
         let mut flipped = whole.clone();

@@ -3,8 +3,9 @@
 //! The browser is Chromium, named by `IRONBIRD_CHROMIUM` or found; without it, the tests that need it are skipped.
 
 use std::fs::{self};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
+use std::sync::LazyLock;
 
 use crate::rig::{Rig, lacks_tool};
 use analysis::schema::Report;
@@ -29,13 +30,37 @@ const HOSTILE: &str = "</title></svg><script>throw 1</script>\"'&<b>";
 /// Two swaps, one of which the theorem does not cover.
 const SWAPS: &str = "--duration 2s --fault gyro_noise_rad_s=0.01@tick500 --fault rotational_drag_nm_s=0.525@tick1000";
 
-fn lockstep_flight(rig: &Rig) -> PathBuf {
-    rig.ok(&format!("fly --pace lockstep {SWAPS}"));
-    rig.out().join("latest")
+/// What the tests look at of a flight's directory.
+struct Flown {
+    page: String,
+    /// The same, made from report.json alone.
+    again: String,
+    hostile: String,
+    lengths: [(&'static str, u64); 3],
 }
 
+impl Flown {
+    fn of(rig: &Rig) -> Self {
+        let latest = rig.out().join("latest");
+        let length = |file| (file, fs::metadata(latest.join(file)).unwrap().len());
+        Self {
+            page: rig.flown("report.html"),
+            again: rig.ok("report --format html").stdout,
+            hostile: hostile_page(&latest),
+            lengths: ["report.html", "report.json", "flight.svg"].map(length),
+        }
+    }
+}
+
+static IN_LOCKSTEP: LazyLock<Flown> = LazyLock::new(|| {
+    let rig = Rig::new("page");
+    rig.ok(&format!("fly --pace lockstep {SWAPS}"));
+    Flown::of(&rig)
+});
+
 /// A flight in slow motion with two outages, and with baselines of the machine.
-fn late_flight(rig: &Rig) -> PathBuf {
+static LATE: LazyLock<Flown> = LazyLock::new(|| {
+    let rig = Rig::new("page");
     let outages = "--fault inner.stop=20ms@tick700 --fault mixer.stop=20ms@tick1500";
     rig.ok(&format!(
         "fly --config {} --floor 1s {outages} {SWAPS}",
@@ -44,8 +69,8 @@ fn late_flight(rig: &Rig) -> PathBuf {
     .says("\nFloors    at p50, p99, p99.9: wake.plant is ")
     .says("raw futex ring")
     .says("bare timer");
-    rig.out().join("latest")
-}
+    Flown::of(&rig)
+});
 
 /// The page of a flight with hostile words and a refused real-time step.
 fn hostile_page(directory: &Path) -> String {
@@ -133,13 +158,15 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
         return;
     };
     let rig = Rig::new("page");
-    let plain = fs::read_to_string(lockstep_flight(&rig).join("report.html")).unwrap();
-    let hostile = hostile_page(&late_flight(&rig));
-    for (page, has_late) in [(plain, false), (hostile, true)] {
-        let mut grounds = Vec::new();
-        for (width, dark) in [(1400, false), (1400, true), (400, false), (400, true)] {
+    let all = [(1400, false), (400, true), (400, false), (1400, true)];
+    for (page, has_late, cases) in [
+        (&IN_LOCKSTEP.page, false, &all[..]),
+        (&LATE.hostile, true, &all[..3]),
+    ] {
+        let mut grounds = [None, None];
+        for &(width, dark) in cases {
             let case = format!("late: {has_late}, {width} pixels, dark: {dark}");
-            let (found, complaints) = look(&rig, &chromium, &page, width, dark);
+            let (found, complaints) = look(&rig, &chromium, page, width, dark);
             assert_eq!(texts(&found["faults"]), [""; 0], "{case}");
             assert_eq!(complaints, "", "{case}");
             assert_eq!(texts(&found["requests"]), [""; 0], "{case}");
@@ -153,7 +180,8 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
                 words.all(|word| readout.contains(word)),
                 "{case}: {readout}"
             );
-            grounds.push(found["ground"].clone());
+            let ground = grounds[usize::from(dark)].get_or_insert(found["ground"].clone());
+            assert_eq!(*ground, found["ground"], "{case}");
             if has_late {
                 assert!(found["text"].as_str().unwrap().contains(HOSTILE), "{case}");
                 // The lines of missed deadlines can be switched off.
@@ -164,32 +192,30 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
                 }
             }
         }
-        assert_eq!(grounds[..2], grounds[2..]);
         assert_ne!(grounds[0], grounds[1], "day and night look the same");
     }
 }
 
 #[test]
 fn the_page_has_all_plots_comes_from_report_json_alone_and_is_small() {
-    let rig = Rig::new("json");
-    for (directory, other) in [(lockstep_flight(&rig), 1), (late_flight(&rig), 2)] {
-        let written = fs::read_to_string(directory.join("report.html")).unwrap();
-        assert_eq!(rig.ok("report --format html").stdout, written);
+    for (flown, other) in [(&IN_LOCKSTEP, 1), (&LATE, 2)] {
+        let written = &flown.page;
+        assert_eq!(flown.again, *written);
         assert!(written.starts_with("<!DOCTYPE html>"));
         assert!(!written.contains("http://") && !written.contains("https://"));
         for plot in PLOTS[0].split(' ').chain(PLOTS[other].split(' ')) {
             let figures = written.matches(&format!("data-plot=\"{plot}\"")).count();
             assert_eq!(figures, 1, "{plot}");
         }
-        let hostile = hostile_page(&directory);
+        let hostile = &flown.hostile;
         assert_eq!(hostile.matches("<script").count(), 1, "words are escaped");
         assert!(!hostile.contains("throw 1</script>"), "words are escaped");
-        for (file, most) in [
-            ("report.html", 1_500_000),
-            ("report.json", 1_500_000),
-            ("flight.svg", 300_000),
-        ] {
-            let length = fs::metadata(directory.join(file)).unwrap().len();
+        for (file, length) in flown.lengths {
+            let most = if file == "flight.svg" {
+                300_000
+            } else {
+                1_500_000
+            };
             assert!(length < most, "{file} has {length} bytes");
         }
     }

@@ -58,9 +58,9 @@ fn await_successor(rig: &Rig, role: Role, dead: u32) -> u32 {
 fn a_restarted_inner_loop_continues_from_the_state_of_the_one_that_died() {
     let rig = Rig::new("resumes");
     let config = rig.airborne("trajectory = \"lissajous\"\n");
-    let flags = format!("--on-death restart --rt off --duration 4s --config {config}");
+    let flags = format!("--on-death restart --rt off --duration 2s --config {config}");
     let flight = rig.start("fly", flags);
-    kill(&rig, &rig.await_tick(0), 2500, Inner);
+    kill(&rig, &rig.await_tick(0), 1000, Inner);
     flight.end().expect(0);
     let wrench = |entry: &LogEntry| match entry {
         LogEntry::Wrench(it) => Some((it.envelope.epoch, estimate(&it.content.telemetry))),
@@ -91,7 +91,7 @@ fn a_restarted_inner_loop_continues_from_the_state_of_the_one_that_died() {
 fn a_killed_stage_is_started_again_and_its_parts_are_reported() {
     let rig = Rig::new("takes");
     let law = crate::c_laws::cascade(&rig);
-    let (flight, run) = take_off(&rig, &format!("--rt prefer --duration 6s --inner {law}"));
+    let (flight, run) = take_off(&rig, &format!("--rt prefer --duration 2s --inner {law}"));
     let held = || (rig.segments().len(), files_below(&rig.root()).len());
     // The supervisor and the recorder open what they read when the flight has begun.
     await_begin(&run, 300);

@@ -174,11 +174,22 @@ pub fn trial<E>(
     make: impl Fn() -> Result<Candidate, E>,
     alive: impl Fn(),
 ) -> Result<Findings, E> {
-    let [difference, not_finite] = compare(rig, INPUTS, &make, &alive, |_, _| Ok(true))?;
+    trial_of(rig, [INPUTS, REHEARSED], COLD, make, alive)
+}
+
+/// The same with other numbers of inputs, the second one with warm-ups and of replaced instances, and of cold ticks.
+pub fn trial_of<E>(
+    rig: &Rig,
+    [inputs, rehearsed_inputs]: [u64; 2],
+    cold_ticks: usize,
+    make: impl Fn() -> Result<Candidate, E>,
+    alive: impl Fn(),
+) -> Result<Findings, E> {
+    let [difference, not_finite] = compare(rig, inputs, &make, &alive, |_, _| Ok(true))?;
     let (mut is_copied, mut is_saved, mut is_loaded) = (true, true, true);
     let (mut rehearsed, mut restored) = (None, None);
     if difference.is_none() {
-        [rehearsed, _] = compare(rig, REHEARSED, &make, &alive, |law, input| {
+        [rehearsed, _] = compare(rig, rehearsed_inputs, &make, &alive, |law, input| {
             let (flies, twin) = law.both();
             is_copied = flies.copy_into(twin.as_any());
             if is_copied {
@@ -198,7 +209,7 @@ pub fn trial<E>(
             alive();
         }
     };
-    let (mut hot, mut cold) = (vec![0; HOT], vec![0; COLD]);
+    let (mut hot, mut cold) = (vec![0; HOT], vec![0; cold_ticks]);
     time(0, &mut hot);
     let meter = UsageMeter::start();
     time(HOT, &mut hot);
@@ -214,7 +225,7 @@ pub fn trial<E>(
     cold.sort_unstable();
     // Last: the instances made here can cause a page fault in ticks that are timed after them.
     if difference.is_none() {
-        [restored, _] = compare(rig, REHEARSED, &make, &alive, |law, input| {
+        [restored, _] = compare(rig, rehearsed_inputs, &make, &alive, |law, input| {
             if input.tick % 16 > 0 {
                 return Ok(true);
             }
@@ -239,7 +250,7 @@ pub fn trial<E>(
         is_loaded,
         restored,
         hot_ns: [hot[HOT / 2], hot[HOT * 99 / 100]],
-        cold_ns: cold[COLD / 2],
+        cold_ns: cold[cold_ticks / 2],
         usage,
     })
 }

@@ -17,7 +17,7 @@ use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use ipc::Wire;
 use ipc::instance::Instance;
-use messages::blackboards::{RUN, Run, RunPhase};
+use messages::blackboards::{ActiveParameters, IN_FORCE, RUN, Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::role::Role;
 use rustix::process::{Pid, Signal, kill_process};
@@ -216,10 +216,13 @@ impl Rig {
         self.run(command, args)
     }
 
+    /// Waits until the parameters of the flight are in force.
     pub fn await_flight(&self) {
+        let instance = self.known();
         wait_until("the instance to fly", || {
-            let params = self.run("params", "--json");
-            (params.code == Some(0) && !params.json()[0]["in_force"].is_null()).then_some(())
+            let (wire, _) = live::inject::flight(&instance).ok()??;
+            let in_force = wire.blackboard_reader::<ActiveParameters>(IN_FORCE).ok()?;
+            in_force.map(|_| ())
         });
     }
 

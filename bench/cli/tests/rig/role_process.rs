@@ -5,7 +5,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Child;
 use std::thread::sleep;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 use serde_json::Value;
@@ -55,6 +55,8 @@ impl Running {
 
     pub fn end(mut self) -> Ended {
         let until = Instant::now() + PATIENCE;
+        // Many commands end within a few milliseconds.
+        let mut pause = Duration::from_millis(1);
         let code = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
@@ -67,7 +69,8 @@ impl Running {
                 self.stderr(),
                 status.unwrap_or_default()
             );
-            sleep(LOOK_EVERY);
+            sleep(pause);
+            pause = (2 * pause).min(LOOK_EVERY);
         };
         let stdout = fs::read_to_string(&self.stdout).unwrap();
         Ended {
