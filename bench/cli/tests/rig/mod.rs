@@ -19,7 +19,7 @@ use ipc::Wire;
 use ipc::instance::Instance;
 use messages::blackboards::{ActiveParameters, IN_FORCE, RUN, Run, RunPhase};
 use messages::content::NO_TICK;
-use messages::role::Role;
+use messages::role::{Role, STAGES};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -264,15 +264,17 @@ impl Rig {
         wait_until("the final report", read)
     }
 
-    /// Whether the machine woke the plant of the last flight more than half a tick late. It then kept its stages from
+    /// Whether the machine woke a stage of the last flight more than half a tick late. It then kept the others from
     /// their processor as well, and what a channel lost cannot be told from that: says that it was not tested.
     pub fn has_stalled(&self) -> bool {
         let report = self.final_report();
-        let late_us = report.series("wake.plant").map_or(0.0, |it| it.max_us);
+        let wakes = STAGES.map(|stage| report.series(&format!("wake.{stage}")));
+        let late_us = wakes.into_iter().flatten().map(|it| it.max_us);
+        let late_us = late_us.fold(0.0, f64::max);
         let has_stalled = late_us > 0.5 * report.run.wall_period_us;
         if has_stalled {
             not_tested(&format!(
-                "ticks without a command: the machine woke the plant {late_us} us late"
+                "ticks without a command: the machine woke a stage {late_us} us late"
             ));
         }
         has_stalled
