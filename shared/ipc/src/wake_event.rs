@@ -111,7 +111,8 @@ pub struct WakeEvent {
 impl WakeEvent {
     /// Waits until a notification or the instant, on CLOCK_MONOTONIC [ns]; returns whether it was notified.
     ///
-    /// This covers all notifications since the last call, including an alarm's. A signal ends the wait like the instant.
+    /// This covers all notifications since the last call, including an alarm's. A signal ends the wait like the instant; so does
+    /// the wake-up call of a notification that was seen before it.
     pub fn wait_until(&self, instant_ns: u64) -> Result<bool, Error> {
         if self.was_notified() {
             return Ok(true);
