@@ -66,7 +66,7 @@ pub fn integrate(
     )
 }
 
-/// The same, with something that acts on the body after every step, and is told where it began: the ground.
+/// The same, with a function that acts on the body after every step, given where the step began: the ground.
 #[inline(always)]
 pub fn integrate_with(
     body: &RigidBody,

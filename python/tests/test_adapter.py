@@ -37,8 +37,8 @@ class Law:
 """
 
 
-def outputs(told: str) -> str:
-    return re.findall(r"outputs[ =]([0-9a-f]{16})", told)[-1]
+def outputs(result: str) -> str:
+    return re.findall(r"outputs[ =]([0-9a-f]{16})", result)[-1]
 
 
 @pytest.fixture
@@ -78,11 +78,11 @@ def test_a_file_flies_the_same_everywhere(ironbird_command, tmp_path):
 def test_settings_reach_a_law(ironbird_command, law, tmp_path):
     file = law(OUTER)
     (tmp_path / "s.toml").write_text('[outer]\nlaw = "my_law.py"\ngains_1_s2 = [1.0, 1.0, 3.0]\nyaw = "north"\n')
-    told = ironbird_command("simulate", "--config", "s.toml", "--duration", "2s")
-    assert told.returncode == 0, told.stderr
+    result = ironbird_command("simulate", "--config", "s.toml", "--duration", "2s")
+    assert result.returncode == 0, result.stderr
     own = {"gains_1_s2": [1.0, 1.0, 3.0], "yaw": "north"}
     module = ironbird.simulate(duration_s=2, outer=str(file), settings={"outer": own})
-    assert outputs(told.stdout) == module.fingerprint
+    assert outputs(result.stdout) == module.fingerprint
     assert ironbird.simulate(duration_s=2, outer=str(file)).fingerprint != module.fingerprint
     for key, value, said in [
         ("gains_1_s2", "[1.0, 1.0]", "a list of 3 numbers"),
@@ -90,8 +90,8 @@ def test_settings_reach_a_law(ironbird_command, law, tmp_path):
         ("gain", "1.0", "unknown key `outer.gain`"),
     ]:
         (tmp_path / "s.toml").write_text(f'[outer]\nlaw = "my_law.py"\n{key} = {value}\n')
-        told = ironbird_command("simulate", "--config", "s.toml")
-        assert told.returncode == 2 and said in told.stderr, told.stderr
+        result = ironbird_command("simulate", "--config", "s.toml")
+        assert result.returncode == 2 and said in result.stderr, result.stderr
     for key, given, said in [
         ("gains_1_s2", [1.0], r"settings: outer.gains_1_s2 = \[1.0\]: expected three numbers"),
         ("yaw", "south", r"outer.yaw = 'south' is out of range: allowed is 'follow' or 'north'"),
@@ -104,10 +104,10 @@ def test_settings_reach_a_law(ironbird_command, law, tmp_path):
 
 
 def test_a_law_of_a_file_is_explained_and_labelled(ironbird_command, tmp_path):
-    told = ironbird_command("laws", ANGLES).stdout
-    assert "angles: Proportional control of angles and body rates." in told
-    assert "attitude_1_s2 = 100.0 [1/s^2]" in told and "gain of the angles; allowed: 0 to 1000 1/s^2" in told
-    assert "largest_error_rad [rad]" in told and "not real-time" in told
+    result = ironbird_command("laws", ANGLES).stdout
+    assert "angles: Proportional control of angles and body rates." in result
+    assert "attitude_1_s2 = 100.0 [1/s^2]" in result and "gain of the angles; allowed: 0 to 1000 1/s^2" in result
+    assert "largest_error_rad [rad]" in result and "not real-time" in result
     flown = ironbird_command("fly", "--inner", ANGLES, "--duration", "1s", "--rt", "off", "--out", "runs")
     assert "warning: the inner law `angles`" in flown.stderr and "is not real-time" in flown.stderr
     report = tmp_path / "runs" / "latest"
@@ -172,9 +172,9 @@ LEVEL = TICK + "        return wanted.thrust_n, [0, 0, 0]\n"
 )
 def test_what_is_wrong_with_a_file_is_told_before_take_off(ironbird_command, law, text, said):
     file = law(text)
-    told = ironbird_command("simulate", "--inner", file)
-    assert told.returncode == 2 and said in told.stderr, told.stderr
-    assert not told.stdout
+    result = ironbird_command("simulate", "--inner", file)
+    assert result.returncode == 2 and said in result.stderr, result.stderr
+    assert not result.stdout
     # In a notebook an exception of the law's own keeps its type, and its place in the traceback.
     own = "my_law.py:4: AttributeError: "
     with pytest.raises(AttributeError if own in said else ironbird.SettingsError) as raised:
@@ -193,9 +193,9 @@ def test_what_is_wrong_with_a_file_is_told_before_take_off(ironbird_command, law
     ],
 )
 def test_a_broken_file_is_refused_in_few_words(ironbird_command, law, text, said):
-    told = ironbird_command("simulate", "--inner", law(text))
-    assert told.returncode == 2 and said in told.stderr, told.stderr
-    assert len(told.stderr) < 4000
+    result = ironbird_command("simulate", "--inner", law(text))
+    assert result.returncode == 2 and said in result.stderr, result.stderr
+    assert len(result.stderr) < 4000
 
 
 @pytest.mark.parametrize(
@@ -241,14 +241,14 @@ def test_an_exception_in_flight_ends_the_role_with_its_traceback(ironbird_comman
 def test_a_law_continues_from_its_saved_state(ironbird_command, law, keeps, methods, said):
     text = "class Law:\n    role = 'inner'\n    def __init__(self, rig, settings):\n"
     text += f"        self.n, self.kept = 0, {keeps}\n    {methods}\n{TICK}        self.n += 1\n"
-    told = ironbird_command("laws", law(text + "        return wanted.thrust_n, [self.n, 0, 0]\n"))
-    assert said in told.stdout + told.stderr and told.returncode == (3 if "NO" in said else 0), told
+    result = ironbird_command("laws", law(text + "        return wanted.thrust_n, [self.n, 0, 0]\n"))
+    assert said in result.stdout + result.stderr and result.returncode == (3 if "NO" in said else 0), result
 
 
 def test_what_a_law_prints_does_not_mix_with_the_verdict(ironbird_command, law):
     file = law("class Law:\n    role = 'inner'\n" + TICK + "        print('at', tick)\n" + LEVEL.splitlines()[1] + "\n")
-    told = ironbird_command("simulate", "--inner", file, "--duration", "10ms")
-    assert told.stderr.splitlines()[-1] == "at 10" and "at 1" not in told.stdout
+    result = ironbird_command("simulate", "--inner", file, "--duration", "10ms")
+    assert result.stderr.splitlines()[-1] == "at 10" and "at 1" not in result.stdout
 
 
 def test_packages_are_those_of_the_environment(ironbird_command, law, tmp_path, monkeypatch):
@@ -260,8 +260,8 @@ def test_packages_are_those_of_the_environment(ironbird_command, law, tmp_path, 
     monkeypatch.setenv("VIRTUAL_ENV", "/nowhere")
     assert f"law: {sys.prefix}" in ironbird_command("laws", file).stdout
     monkeypatch.setenv("IRONBIRD_PYTHON", "/nowhere/python")
-    told = ironbird_command("laws", file)
-    assert told.returncode == 2 and "IRONBIRD_PYTHON leads to /nowhere/python, which is not there" in told.stderr
+    result = ironbird_command("laws", file)
+    assert result.returncode == 2 and "IRONBIRD_PYTHON leads to /nowhere/python, which is not there" in result.stderr
 
 
 def test_a_python_without_numpy_is_told(ironbird_command, law, tmp_path, monkeypatch):
@@ -269,22 +269,22 @@ def test_a_python_without_numpy_is_told(ironbird_command, law, tmp_path, monkeyp
 
     venv.create(tmp_path / "bare", with_pip=False)
     monkeypatch.setenv("IRONBIRD_PYTHON", str(tmp_path / "bare/bin/python"))
-    told = ironbird_command("laws", ANGLES)
+    result = ironbird_command("laws", ANGLES)
     version = ".".join(map(str, sys.version_info[:3]))
     said = f"Python {version} in {tmp_path / 'bare'} cannot import numpy (ModuleNotFoundError: No module named 'numpy')"
-    assert told.returncode == 2 and said in told.stderr, told.stderr
+    assert result.returncode == 2 and said in result.stderr, result.stderr
 
 
 def test_without_the_adapter_it_is_said_how_to_build_it(ironbird_command, tmp_path, monkeypatch):
     monkeypatch.delenv("IRONBIRD_PYTHON_ADAPTER", raising=False)
     shutil.copy(executable(), tmp_path / "ironbird")
     monkeypatch.setenv("IRONBIRD", str(tmp_path / "ironbird"))
-    told = ironbird_command("laws", ANGLES)
-    assert told.returncode == 2 and "needs libironbird_python.so" in told.stderr and "python/build" in told.stderr
+    result = ironbird_command("laws", ANGLES)
+    assert result.returncode == 2 and "needs libironbird_python.so" in result.stderr and "python/build" in result.stderr
     monkeypatch.setenv("IRONBIRD_PYTHON_ADAPTER", "/nowhere.so")
-    told = ironbird_command("laws", ANGLES)
+    result = ironbird_command("laws", ANGLES)
     said = "error: IRONBIRD_PYTHON_ADAPTER names /nowhere.so, and there is no such file\n help: build it: python/build "
-    assert told.returncode == 2 and told.stderr.startswith(said) and os.path.exists(ANGLES), told.stderr
+    assert result.returncode == 2 and result.stderr.startswith(said) and os.path.exists(ANGLES), result.stderr
 
 
 HASHED = """
@@ -308,8 +308,8 @@ def test_the_hash_of_a_text_is_the_same_in_every_process(ironbird_command, law, 
     simulated = {outputs(ironbird_command("simulate", *flags).stdout) for _ in range(2)}
     script = f"import ironbird; print('outputs', ironbird.simulate('hover', 0.1, inner={str(file)!r}).fingerprint)"
     monkeypatch.setenv("PYTHONHASHSEED", "0")
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
-    assert simulated == {outputs(told)}
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert simulated == {outputs(result)}
 
 
 def test_settings_of_a_recorded_flight_do_not_fly_a_law_that_has_changed(ironbird_command, law, tmp_path):
@@ -319,10 +319,10 @@ def test_settings_of_a_recorded_flight_do_not_fly_a_law_that_has_changed(ironbir
     settings = ironbird.read(tmp_path / "runs" / "latest").settings
     assert ironbird.simulate(settings=settings).settings["inner"] == settings["inner"]
     law(HASHED.replace("0.08", "0.09"))
-    told = ironbird_command("simulate", "--config", tmp_path / "runs" / "latest" / "settings.toml").stderr
+    result = ironbird_command("simulate", "--config", tmp_path / "runs" / "latest" / "settings.toml").stderr
     with pytest.raises(ironbird.SettingsError) as raised:
         ironbird.simulate(settings=settings)
     words = str(raised.value).splitlines()
     assert "its SHA-256 is" in words[0] and [f"error: {words[0]}", *words[1:]] == re.sub(
-        r" \(settings file .*\)", "", told
-    ).splitlines(), told
+        r" \(settings file .*\)", "", result
+    ).splitlines(), result

@@ -18,15 +18,15 @@ BLOCKS = re.findall(r"^```(\w+)(?: file=(\S+))?\n(.*?)^```$", PAGE.read_text(), 
 
 def test_a_python_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setenv("IRONBIRD_PYTHON", "/nowhere/python")
-    told = subprocess.run([ROOT / "python/build"], capture_output=True, text=True)
-    assert told.returncode == 2 and told.stderr == "error: there is no Python: /nowhere/python\n", told
+    result = subprocess.run([ROOT / "python/build"], capture_output=True, text=True)
+    assert result.returncode == 2 and result.stderr == "error: there is no Python: /nowhere/python\n", result
 
 
 def test_what_is_no_python_is_named(monkeypatch):
     monkeypatch.setenv("IRONBIRD_PYTHON", "/bin/ls")
-    told = subprocess.run([ROOT / "python/build"], capture_output=True, text=True)
+    result = subprocess.run([ROOT / "python/build"], capture_output=True, text=True)
     said = "error: /bin/ls is no Python: name one in IRONBIRD_PYTHON, or unset it\n"
-    assert told.returncode == 2 and told.stderr == said, told
+    assert result.returncode == 2 and result.stderr == said, result
 
 
 @needs_adapter
@@ -51,8 +51,8 @@ def test_the_page_does_what_it_shows(ironbird_command, tmp_path, monkeypatch, ca
             if command in ("python/build", "python/measure"):
                 continue
             assert command == "ironbird", line
-            told = ironbird_command(*flags)
-            assert told.returncode == 0, f"{line}\n{told.stderr}"
+            result = ironbird_command(*flags)
+            assert result.returncode == 0, f"{line}\n{result.stderr}"
     assert shown.index("python3 -m venv .venv") < shown.index(". .venv/bin/activate") < shown.index("python/build")
     assert capsys.readouterr().out.startswith("<Flight lissajous, 20001 ticks, estimating + adaptive + priority: completed, ")
     law = next(text for _, file, text in BLOCKS if file)
@@ -88,12 +88,12 @@ def test_the_sweep_draws_or_prints(tmp_path, has_matplotlib):
     example = ROOT / "python" / "examples" / "sweep.py"
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "MPLBACKEND": "svg"}
     command = [sys.executable, str(example)]
-    told = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
-    assert told.returncode == 0, told.stderr
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
     if has_matplotlib:
         assert "estimating" in (tmp_path / "sweep.svg").read_text()
     else:
-        head, *rows = (line.split() for line in told.stdout.splitlines())
+        head, *rows = (line.split() for line in result.stdout.splitlines())
         assert head[2:] == ["-20", "-10", "+0", "+10", "+20", "+30"]
         sags = {law: dict(zip(head[2:], map(float, values), strict=False)) for law, *values in ([*row[:7]] for row in rows)}
         # The outer loop that learns the mass returns to its height.
@@ -107,8 +107,8 @@ def test_loops_are_measured(tmp_path):
     page.write_text("before\n<!-- python/measure -->\nold\n<!-- end -->\nafter\n")
     environment = os.environ | {"IRONBIRD": str(executable())}
     command = [sys.executable, str(ROOT / "python" / "measure"), "--pairs", "1", "--seconds", "1", "--page", str(page)]
-    told = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert told.returncode == 0, told.stderr
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
     text = page.read_text()
     assert text.startswith("before\n<!-- python/measure -->\n| inner law") and text.endswith("<!-- end -->\nafter\n")
     row = next(line for line in text.splitlines() if "angles.py" in line)

@@ -32,9 +32,9 @@ from ironbird import flight as groups
     ],
 )
 def test_a_flight_is_that_of_the_executable(ironbird_command, keywords, flags):
-    told = ironbird_command("simulate", *flags).stdout
+    result = ironbird_command("simulate", *flags).stdout
     flight = ironbird.simulate(**keywords)
-    assert f"ticks={len(flight.t)} outputs={flight.fingerprint} " in told
+    assert f"ticks={len(flight.t)} outputs={flight.fingerprint} " in result
 
 
 def test_arrays_have_a_row_per_tick_and_a_unit():
@@ -106,10 +106,10 @@ def test_why_a_flight_ended_is_told():
     ],
 )
 def test_a_mistake_is_told_as_the_executable_tells_it(ironbird_command, keywords, flags):
-    told = ironbird_command("simulate", *flags)
+    result = ironbird_command("simulate", *flags)
     with pytest.raises(ironbird.SettingsError) as raised:
         ironbird.simulate(**keywords)
-    assert (told.returncode, told.stderr) == (2, f"error: {raised.value}\n")
+    assert (result.returncode, result.stderr) == (2, f"error: {raised.value}\n")
 
 
 @pytest.mark.parametrize(
@@ -127,10 +127,10 @@ def test_a_mistake_is_told_as_the_executable_tells_it(ironbird_command, keywords
 def test_a_setting_is_refused_as_that_of_a_file(ironbird_command, tmp_path, settings):
     lines = [f"[{section}]\n{key} = {value!r}" for section, keys in settings.items() for key, value in keys.items()]
     (tmp_path / "s.toml").write_text("\n".join(lines))
-    told = ironbird_command("simulate", "--config", "s.toml").stderr
+    result = ironbird_command("simulate", "--config", "s.toml").stderr
     with pytest.raises(ironbird.SettingsError) as raised:
         ironbird.simulate(settings=settings)
-    message, _, hint = told.removeprefix("error: ").partition("\n")
+    message, _, hint = result.removeprefix("error: ").partition("\n")
     message = message.replace("settings file s.toml:", "settings:").removesuffix(" (settings file s.toml)")
     assert str(raised.value) == f"{message}\n{hint}".rstrip()
 
@@ -196,8 +196,8 @@ try:
 except MemoryError as error:
     print(error)
 """
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
-    assert told.returncode == 0 and re.match(r"100001 ticks take \d+ bytes, ", told.stdout), told
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0 and re.match(r"100001 ticks take \d+ bytes, ", result.stdout), result
 
 
 def test_settings_of_a_flight_fly_it_again(tmp_path):
@@ -265,7 +265,7 @@ def test_others_run_while_laws_of_the_rig_fly():
 
 
 def test_ctrl_c_ends_a_flight():
-    # Whoever starts the tests in the background has them ignore Ctrl-C.
+    # Tests that run in the background ignore Ctrl-C.
     script = "import signal, ironbird; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     script += "print('flies', flush=True); ironbird.simulate('hover', 5000)"
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -57,7 +57,7 @@ pub struct CounterSample {
     pub stages: [Counters; STAGES.len()],
     /// Time stolen from the loops' processor, or from all of them where they do not share one [`JIFFY_NS`].
     pub stolen: u64,
-    /// Time that somebody ran there, interrupts included [`JIFFY_NS`].
+    /// Time that a process ran there, interrupts included [`JIFFY_NS`].
     pub busy: u64,
     pub lost: u64,
 }
@@ -127,7 +127,7 @@ impl TimingWindow<'_> {
     pub fn usage(&self, suspect: &CandidateCause) -> Usage {
         let stage = suspect.stage as usize;
         let of = |sample: &CounterSample| sample.stages[stage];
-        // Whoever never came back may be seen to have ended long after.
+        // The end of a process that never came back may be seen long after.
         let never_back = suspect.to_ns >= self.until_ns;
         let until_ns = if never_back { u64::MAX } else { suspect.to_ns };
         let is_meanwhile = |it: &&CounterSample| (suspect.from_ns..=until_ns).contains(&it.at_ns);

@@ -29,7 +29,7 @@ pub enum RealtimeClass {
     #[default]
     #[serde(rename = "not real-time here")]
     NotRealTime,
-    /// In time nearly always; now and then something that nobody here controls is in the way.
+    /// In time nearly always; rarely delayed by something outside this machine.
     #[serde(rename = "soft")]
     Soft,
     /// Nothing was found that holds a wake-up off for long.

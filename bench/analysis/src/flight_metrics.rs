@@ -146,7 +146,7 @@ impl ComparedFlight {
         let next = flight.faults.iter().skip(1).map(|next| next.tick);
         let ends = next.chain([flight.last_tick + 1]);
         let recovered = |(fault, end): (&Fault, u64)| {
-            // Of a flight that ended before, nobody knows that it would have stayed.
+            // Whether a flight that ended before would have stayed is unknown.
             let errors = self.error_m.get(fault.tick as usize..end as usize)?;
             let beyond = errors.iter().rposition(|error_m| *error_m > flight.bound_m);
             let back = beyond.map_or(0, |last| last + 1);

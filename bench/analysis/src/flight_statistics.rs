@@ -526,7 +526,7 @@ impl FlightStatistics {
             return;
         };
         if tick < run.tick.min(run.last_tick) {
-            // The end was not seen: nobody knows who was late there.
+            // The end was not recorded: which stage was late there is unknown.
             return;
         }
         let final_command_ns = self.final_command_ns;

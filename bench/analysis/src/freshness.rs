@@ -225,7 +225,7 @@ mod tests {
         state(&mut statistics, 2, 1, 0);
         stages(&mut statistics, 1, [1, 1, 0], FRESH);
         assert_eq!(counts(&statistics), (1, 0));
-        // Ticks 3 to 5 were skipped; nobody had a command for them, and that of tick 2 was on time.
+        // Ticks 3 to 5 were skipped; there was no command for them, and that of tick 2 was on time.
         stages(&mut statistics, 2, [2; 3], FRESH);
         state(&mut statistics, 6, 4, 3);
         assert_eq!(counts(&statistics), (1, 0));
@@ -235,7 +235,7 @@ mod tests {
         stages(&mut statistics, 8, [8, 8, 2], FRESH);
         statistics.finish(9, 6, 4, Some(GRID));
         assert_eq!(counts(&statistics), (2, 1));
-        // Whoever joins counts what was before as far as the plant tells.
+        // A recorder that joins counts earlier ticks as far as the plant reports them.
         let mut joined = FreshnessStatistics::default();
         joined.join(&State {
             deadlines_missed: 7,

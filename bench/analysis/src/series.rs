@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::time::Duration;
 
-/// Smallest value that is told apart [ns].
+/// Resolution [ns].
 const LOWEST_NS: u64 = 1;
 /// Largest value; longer ones count as this [ns].
 pub const HIGHEST_NS: u64 = 10_000_000_000;

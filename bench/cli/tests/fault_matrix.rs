@@ -100,7 +100,7 @@ impl Row {
         if !flags.contains("--rt") && !flags.contains("lockstep") {
             flags += " --rt off";
         }
-        // Nobody hits the ground while a stage is missing.
+        // The airframe does not hit the ground while a stage is missing.
         let config = match kind {
             "law" => harmful(&rig, "misbehaving", what, 300),
             "hostile" => harmful(&rig, "hostile", what, 300),

@@ -184,7 +184,7 @@ fn list_commands(path: &[String], list: &mut Vec<(String, BTreeSet<String>)>) {
     }
 }
 
-/// Whoever adds or renames a command or a flag edits `golden/commands.txt`.
+/// To add or rename a command or a flag, edit `golden/commands.txt`.
 #[test]
 fn help_lists_the_same_commands_and_flags() {
     let mut list = Vec::new();

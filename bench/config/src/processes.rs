@@ -8,7 +8,7 @@ use controller::feasibility::{Start, excesses};
 use controller::{Limits, TheoremMonitor, gains};
 use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
-use messages::channels::Envelope;
+use messages::channels::{Arrangement, Envelope};
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
@@ -112,6 +112,13 @@ impl Settings {
             let is_like = |it: &Channel| laws[*it as usize] == laws[channel as usize];
             Channel::ALL.into_iter().find(is_like).unwrap_or(channel)
         })
+    }
+
+    pub fn arrangement(&self) -> Arrangement {
+        Arrangement {
+            groups: self.groups(),
+            ..Arrangement::alike(self.rt.channels)
+        }
     }
 
     pub fn has_several_laws(&self) -> bool {

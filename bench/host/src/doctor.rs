@@ -282,7 +282,7 @@ fn deep_sleep(machine: &Machine, found: Found) -> Finding {
 fn hypervisor(machine: &Machine, found: Found) -> Finding {
     match machine.hypervisor() {
         Some(true) => found("this is a virtual machine").softens(
-            "fly on the hardware itself; or pin the virtual processors to cores that nobody else uses \
+            "fly on the hardware itself; or pin the virtual processors to cores that nothing else uses \
              (libvirt: virsh vcpupin, with isolcpus on the host)",
         ),
         Some(false) => found("none"),

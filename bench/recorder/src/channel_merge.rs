@@ -100,9 +100,9 @@ impl ChannelMerge {
     }
 
     fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
-        let group = self.arrangement.group(self.flown);
+        let is_own = |it: &Channel| self.arrangement.are_alike(*it, self.flown);
         let own: Vec<Channel> = Channel::first(self.arrangement.channels)
-            .filter(|it| self.arrangement.group(*it) == group)
+            .filter(is_own)
             .collect();
         let entries = [
             first(&closed.setpoints, &own, self.flown, 1).map(LogEntry::Setpoint),
@@ -111,7 +111,7 @@ impl ChannelMerge {
         ];
         for mut entry in entries.into_iter().flatten() {
             // The report, the log and observers know the signals of channel a.
-            if group != Channel::A
+            if !is_own(&Channel::A)
                 && let Some(telemetry) = entry.telemetry_mut()
             {
                 *telemetry = Telemetry::default();

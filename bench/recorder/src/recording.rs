@@ -13,7 +13,7 @@ use host::Machine;
 use host::sampler::fallen;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
-use messages::channels::{Arrangement, REDUNDANCY};
+use messages::channels::REDUNDANCY;
 use messages::grid::{NS_PER_S, Pace};
 use messages::role::{Channel, Replica, Role};
 use process::rt::UsageMeter;
@@ -54,10 +54,7 @@ pub fn run(
     );
     let (mut roles, mut faults) = (RoleStatuses::default(), InjectedFaults::default());
     let (mut redundancy, mut injected) = (None, None);
-    let arrangement = Arrangement {
-        groups: settings.groups(),
-        ..Arrangement::alike(channels)
-    };
+    let arrangement = settings.arrangement();
     let armed = session.join(|wire, expected, _| {
         // Before the plant takes off: a flight can be over before the recorder has created its files.
         roles = RoleStatuses::open(wire)?;

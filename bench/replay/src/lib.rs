@@ -9,7 +9,7 @@
 //! plant from the log of the flight, whose messages must be among them.
 //!
 //! Every stage, and the theorem's monitor, gets recorded inputs, so a difference shows at the stage that caused it and
-//! does not spread. The log is read once. An error found by the log check takes precedence over one of the replay.
+//! does not spread. Each log is read once. An error found by the log check takes precedence over one of the replay.
 
 pub mod airframe;
 pub mod batches;
@@ -24,10 +24,11 @@ use std::path::{Path, PathBuf};
 use std::thread::{self, Builder};
 use std::time::Instant;
 
+use messages::channels::Arrangement;
 use messages::content::State;
 use messages::header::Message;
 use messages::message_window::MessageWindow;
-use messages::role::{Channel, MOST_CHANNELS, Role};
+use messages::role::{Channel, Role};
 use messages::telemetry::Telemetry;
 
 use crate::airframe::AirframeReplay;
@@ -52,8 +53,6 @@ use flight_log::wall_time::speed;
 /// How many messages to read ahead while a message may still depend on one that has not been read: more than the recorder
 /// takes at once after its longest absence, since it drains topic after topic.
 pub const LOOKAHEAD: usize = 20_000;
-const TOGETHER: &str = "the logs of a flight belong together: copy its whole directory";
-
 /// How many messages to read ahead while a swap's record is missing. Another thread of the plant writes it, in lockstep any
 /// number of ticks later; this is about one second of lockstep.
 const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
@@ -150,6 +149,8 @@ pub fn fly_again(
         })
     })
 }
+
+const TOGETHER: &str = "the logs of a flight belong together: copy its whole directory";
 
 /// The log of a flight, and with several channels each one's own.
 fn open_logs(path: &Path, moved: &Moved) -> Result<Vec<(PathBuf, LogValidator)>, Failure> {
@@ -257,11 +258,11 @@ struct FlightReplay {
 impl FlightReplay {
     /// The first log is that of the flight.
     fn new(mut logs: Vec<LogReplay>) -> Self {
-        let (channels, groups) = (logs[0].channels, logs[0].groups);
+        let arrangement = logs[0].arrangement;
         Self {
             channels: logs.split_off(1),
             flown: logs.remove(0),
-            states: StageStates::new(channels, groups),
+            states: StageStates::new(arrangement),
         }
     }
 
@@ -310,8 +311,7 @@ struct LogReplay {
     path: PathBuf,
     /// None at its end.
     log: Option<FromLog>,
-    channels: usize,
-    groups: [Channel; MOST_CHANNELS],
+    arrangement: Arrangement,
     from_tick: u64,
     /// None in a channel's own log.
     airframe: Option<AirframeReplay>,
@@ -340,18 +340,17 @@ impl LogReplay {
         let faults = settings.planned()?.loops.messages;
         let channel = validator.channel.unwrap_or(Channel::A);
         let is_whole = validator.channel.is_none();
-        let groups = validator.groups;
+        let arrangement = validator.arrangement;
         let airframe =
             || -> Result<_, Failure> { Ok(AirframeReplay::new(&settings.plant()?, pace, &faults)) };
         Ok(Self {
             path: path.to_owned(),
             log: Some(log),
-            channels: settings.rt.channels,
-            groups,
+            arrangement,
             from_tick,
             airframe: is_whole.then(airframe).transpose()?,
-            has_stages: !is_whole || settings.rt.channels == 1,
-            has_other_laws: groups[channel as usize] != Channel::A,
+            has_stages: !is_whole || arrangement.channels == 1,
+            has_other_laws: !arrangement.are_alike(channel, Channel::A),
             loops: Box::new(LoopsReplay::new(settings, channel)?),
             comparison: ReplayComparison::from(from_tick, channel, settings.flown_laws()?.signals),
             summary: Summary::new(tracking, from_tick),
@@ -456,10 +455,7 @@ impl LogReplay {
                 let setpoint = if self.has_stages {
                     loops.setpoint(message, inputs, states, comparison)?
                 } else {
-                    let sent = channels
-                        .iter()
-                        .map(|it| (&it.inputs.setpoints, it.has_other_laws));
-                    sent_by_one(message, sent, comparison)
+                    sent_by_one(message, channels, |it| &it.setpoints, comparison)
                 };
                 if let Some(setpoint) = setpoint {
                     outputs.take(tick, &setpoint);
@@ -472,10 +468,7 @@ impl LogReplay {
                 let wrench = if self.has_stages {
                     Some(loops.wrench(message, inputs, states, comparison)?)
                 } else {
-                    let sent = channels
-                        .iter()
-                        .map(|it| (&it.inputs.wrenches, it.has_other_laws));
-                    sent_by_one(message, sent, comparison)
+                    sent_by_one(message, channels, |it| &it.wrenches, comparison)
                 };
                 if let Some(wrench) = wrench {
                     outputs.take(tick, &wrench);
@@ -492,10 +485,7 @@ impl LogReplay {
                 let speeds = if self.has_stages {
                     Some(loops.rotor_speeds(message, inputs, states, comparison)?)
                 } else {
-                    let sent = channels
-                        .iter()
-                        .map(|it| (&it.inputs.rotor_speeds, it.has_other_laws));
-                    sent_by_one(message, sent, comparison)
+                    sent_by_one(message, channels, |it| &it.rotor_speeds, comparison)
                 };
                 // After the last tick the mixer stops the rotors; that command answers no state.
                 if let Some(speeds) = speeds.filter(|_| !is_final_command(message)) {
@@ -520,15 +510,19 @@ fn is_same<C: Logged>(one: &Message<C>, other: &Message<C>) -> bool {
 }
 
 /// The content of a flown message, if a channel sent it: without the signals if its laws are others than those of channel a.
-fn sent_by_one<'a, C: Logged>(
+fn sent_by_one<C: Logged>(
     flown: &Message<C>,
-    mut channels: impl Iterator<Item = (&'a MessageWindow<C>, bool)>,
+    channels: &[LogReplay],
+    topic: fn(&Inputs) -> &MessageWindow<C>,
     comparison: &mut ReplayComparison,
 ) -> Option<C> {
     let tick = flown.envelope.tick;
-    let is_sent = channels.any(|(sent, has_other_laws)| {
-        sent.of(tick).copied().is_some_and(|mut sent| {
-            if let Some(signals) = sent.content.telemetry_mut().filter(|_| has_other_laws) {
+    let is_sent = channels.iter().any(|channel| {
+        let sent = topic(&channel.inputs).of(tick).copied();
+        sent.is_some_and(|mut sent| {
+            if channel.has_other_laws
+                && let Some(signals) = sent.content.telemetry_mut()
+            {
                 *signals = Telemetry::default();
             }
             is_same(&sent, flown)

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use faults::live::FaultKind;
+use messages::channels::Arrangement;
 use messages::content::SwapRecord;
 use messages::grid::Pace;
 use messages::header::{Header, LAYOUT, Message};
-use messages::role::{Channel, MOST_CHANNELS};
+use messages::role::Channel;
 use messages::settings_text::fingerprint;
 
 use analysis::phrase::count;
@@ -42,8 +43,7 @@ pub struct LogValidator {
     pub settings: Settings,
     /// The channel whose own log it is; none of the log of a flight.
     pub channel: Option<Channel>,
-    /// Of each channel, the first one with the same laws.
-    pub groups: [Channel; MOST_CHANNELS],
+    pub arrangement: Arrangement,
     expected: ExpectedMessages,
     swaps: Vec<Message<SwapRecord>>,
     first: LogEntry,
@@ -63,7 +63,7 @@ impl LogValidator {
         let channel = Channel::ALL
             .into_iter()
             .find(|it| Some(it.name()) == channel);
-        let groups = settings.groups();
+        let arrangement = settings.arrangement();
         let settings = settings.of_channel(channel.unwrap_or(Channel::A));
         let has_many_senders = settings.rt.channels > 1 && channel.is_none();
         let expected = ExpectedMessages::new(&reader, has_many_senders)?;
@@ -71,7 +71,7 @@ impl LogValidator {
             reader,
             settings,
             channel,
-            groups,
+            arrangement,
             expected,
             swaps: Vec::new(),
             first,

@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use control_api::SavedState;
-use messages::role::{Channel, MOST_CHANNELS, Replica};
+use messages::channels::Arrangement;
+use messages::role::{Channel, Replica};
 
 /// States kept of a stage, with one channel and with several.
 const KEPT: [usize; 2] = [2, 64];
@@ -11,22 +12,20 @@ const KEPT: [usize; 2] = [2, 64];
 pub struct StageStates {
     /// The newest last.
     kept: BTreeMap<Replica, VecDeque<Vec<u8>>>,
-    channels: usize,
-    groups: [Channel; MOST_CHANNELS],
+    arrangement: Arrangement,
 }
 
 impl StageStates {
-    pub const fn new(channels: usize, groups: [Channel; MOST_CHANNELS]) -> Self {
+    pub const fn new(arrangement: Arrangement) -> Self {
         Self {
             kept: BTreeMap::new(),
-            channels,
-            groups,
+            arrangement,
         }
     }
 
     pub fn push(&mut self, stage: Replica, state: &SavedState) {
         let states = self.kept.entry(stage).or_default();
-        let is_full = states.len() == KEPT[usize::from(self.channels > 1)];
+        let is_full = states.len() == KEPT[usize::from(self.arrangement.channels > 1)];
         let mut place = states.pop_front_if(|_| is_full).unwrap_or_default();
         place.clear();
         place.extend_from_slice(state);
@@ -42,9 +41,9 @@ impl StageStates {
     /// The states of the same role in the other channels with the same laws.
     pub fn of_twins(&self, stage: Replica) -> impl Iterator<Item = &[u8]> {
         let is_twin = move |it: &Channel| {
-            *it != stage.channel && self.groups[*it as usize] == self.groups[stage.channel as usize]
+            *it != stage.channel && self.arrangement.are_alike(*it, stage.channel)
         };
-        let twins = Channel::first(self.channels).filter(is_twin);
+        let twins = Channel::first(self.arrangement.channels).filter(is_twin);
         twins.flat_map(move |channel| self.of(Replica::new(stage.role, channel)))
     }
 }

@@ -58,7 +58,7 @@ const OUTVOTED_TICKS: u64 = 3;
 const GETTING_IN_STEP: Duration = Duration::from_millis(500);
 /// Longest wait for the memory and files of a killed process to be free.
 const RELEASED: Duration = Duration::from_millis(200);
-/// How long processes may take to be ready before the user is told, and a restarted one to fly.
+/// How long processes may take to be ready before the supervisor reports it, and a restarted one to fly.
 const GETTING_READY: Duration = Duration::from_secs(10);
 
 pub(super) struct FlightSupervisor {

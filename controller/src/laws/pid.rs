@@ -16,7 +16,7 @@
 //! Differences from PX4:
 //! * The torque is normalised by the inertia, so that P is in 1/s, I in 1/s^2, and D a ratio, on any airframe.
 //! * The rates along the reference are fed forward on all axes: here the outer law knows them. PX4 does so for yaw.
-//! * Whether the rotors can give the torque is told by (7) inverted, of the same tick, not by the mixer's answer.
+//! * (7) inverted gives whether the rotors can give the torque in the same tick, not the mixer's answer.
 //! * The acceleration is filtered by a low-pass of second order; the filter of the rates themselves is left out.
 
 use std::f64::consts::FRAC_1_SQRT_2;

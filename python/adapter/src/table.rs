@@ -120,7 +120,7 @@ unsafe extern "C" fn create(
 }
 
 unsafe extern "C" fn destroy(law: *mut c_void) {
-    // SAFETY: `create` has made it, and nobody uses it any more.
+    // SAFETY: `create` has made it, and this is its last use.
     drop(unsafe { Box::from_raw(law.cast::<Instance>()) });
 }
 

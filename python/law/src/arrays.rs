@@ -20,7 +20,7 @@ pub fn array<'py>(py: Python<'py>, values: &[f64]) -> PyResult<Bound<'py, PyAny>
     from_buffer.call1((bytes,))
 }
 
-/// A field of a struct: an array, or a number where it is a single one. Who asks for another one is told of all names.
+/// A field of a struct: an array, or a number where it is a single one. An error for an unknown field lists all names.
 pub(crate) fn field<'py, L: Visit>(
     py: Python<'py>,
     content: &L,

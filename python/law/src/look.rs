@@ -82,7 +82,7 @@ impl Looked {
         })
     }
 
-    /// An instance of its class, told of the rig and the settings; an object flies as it is.
+    /// An instance of its class, made with the rig and the settings; an object flies as it is.
     pub fn make(
         &self,
         py: Python<'_>,

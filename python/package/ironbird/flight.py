@@ -55,7 +55,7 @@ class Group(Mapping[str, Array]):
 
 
 class Units(dict[str, str]):
-    """Units by the names of their arrays; one that is not there is told with those nearest to it."""
+    """Units by the names of their arrays; an error for an unknown name lists the nearest ones."""
 
     def __missing__(self, name: str) -> str:
         nearest = difflib.get_close_matches(str(name), self, n=5, cutoff=0.0)

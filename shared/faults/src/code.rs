@@ -1,6 +1,6 @@
 //! The kinds of faults: one table of names, scopes and values, and the numbers that stand for a fault in messages.
 //!
-//! Whoever reads or prints a fault goes by the table and by [`FaultCode`], and needs no list of the kinds of its own.
+//! Code that reads or prints a fault uses the table and [`FaultCode`], not a second list of the kinds.
 
 use crate::{Kind, PORTS, Place, Port, Span, is_share};
 use messages::fault_id::FaultId;

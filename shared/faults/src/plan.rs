@@ -207,7 +207,7 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
             )
         }
         (FaultRefusal::AfterTheEnd, _) => format!(
-            "{what} never takes effect: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead"
+            "{what} never takes effect: the flight ends before; faults reach the stages {NOTICE_TICKS} ticks ahead"
         ),
         (FaultRefusal::NotReady, _) => format!(
             "{what}: the channel has no fresh command now, or all channels fly the same laws"

@@ -1,4 +1,4 @@
-//! Files that somebody hands over, broken in every way: each is read, or refused in words that name it.
+//! Files of unknown origin, broken in every way: each is read, or refused by an error that names it.
 //!
 //! Real files are changed: bits, pieces, lengths, numbers, lines, values of a JSON tree, records of a log whose checksums
 //! are then right. Each is read as the commands read it. A panic, a hang, much memory, or a refusal that does not name

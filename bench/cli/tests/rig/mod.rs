@@ -265,7 +265,7 @@ impl Rig {
     }
 
     /// Whether the machine woke a stage of the last flight more than half a tick late. It then kept the others from
-    /// their processor as well, and what a channel lost cannot be told from that: says that it was not tested.
+    /// their processor as well, which looks the same as a loss by a channel: then prints that it was not tested.
     pub fn has_stalled(&self) -> bool {
         let report = self.final_report();
         let wakes = STAGES.map(|stage| report.series(&format!("wake.{stage}")));

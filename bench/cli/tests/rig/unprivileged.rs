@@ -6,7 +6,7 @@ use std::process::Command;
 
 use super::{Rig, copy_executable, not_tested};
 
-const NOBODY: u32 = 65534;
+const USER_ID: u32 = 65534;
 
 /// `ironbird COMMAND` of a user without privileges, who owns new directories of the rig; none where there is no way to
 /// become one.
@@ -14,7 +14,7 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl AsRef<str>) -> Option<C
     if !rustix::process::geteuid().is_root() {
         return Some(rig.command(command, args));
     }
-    let id = NOBODY.to_string();
+    let id = USER_ID.to_string();
     let as_other_user = ["--reuid", &id, "--regid", &id, "--clear-groups"];
     let probe = Command::new("setpriv")
         .args(as_other_user)
@@ -33,7 +33,7 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl AsRef<str>) -> Option<C
     for directory in [rig.root(), rig.out()] {
         if ["fly", "doctor"].contains(&command) && !directory.exists() {
             fs::create_dir(&directory).unwrap();
-            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
+            chown(&directory, Some(USER_ID), Some(USER_ID)).unwrap();
         }
     }
     let mut process = Command::new("setpriv");

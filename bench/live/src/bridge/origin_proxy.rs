@@ -101,7 +101,7 @@ impl OriginProxy {
     }
 }
 
-/// A loopback address that nobody can guess.
+/// A random loopback address.
 pub(super) fn hidden_address() -> Ipv4Addr {
     let [a, b, c, _] = fastrand::u32(..).to_le_bytes();
     // The first and the last address of a network are no host's.

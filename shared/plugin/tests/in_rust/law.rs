@@ -1,4 +1,4 @@
-//! A law in Rust, as somebody writes it who has no more of the rig than the crate `ironbird_law`.
+//! A law in Rust that uses only the crate `ironbird_law`.
 
 use ironbird_law::{
     WrenchSetpoint, Description, Inner, InnerInput, InnerLaw, Law, Preset, Refused, Rig, Setting, SettingKind, Settings,
