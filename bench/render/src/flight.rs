@@ -336,7 +336,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
         Block::Fact(
             "Without redundancy",
             format!(
-                "{}, longest {:.0} ms; misses of channel a that another one masked: {}; ticks without a fresh command: {}",
+                "{}, longest {:.0} ms; misses that another channel masked: {}; ticks without a fresh command: {}",
                 count(section.ticks_unprotected, "tick"),
                 section.longest_unprotected_ms,
                 section.ticks_masked,

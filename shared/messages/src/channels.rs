@@ -578,7 +578,7 @@ mod tests {
         let (b, c) = (Some(Channel::B), Some(Channel::C));
         assert_eq!(taken(&account, [0, 4, 5, 6]), [c, None, b, None]);
         account.take(5 + TAKEN_KEPT, Channel::A);
-        let later = [5, 6, 4 + TAKEN_KEPT, 5 + TAKEN_KEPT];
+        let later = [5, TAKEN_KEPT, 4 + TAKEN_KEPT, 5 + TAKEN_KEPT];
         let a = Some(Channel::A);
         assert_eq!(taken(&account, later), [None, None, None, a]);
     }
