@@ -36,6 +36,7 @@ pub mod mrac;
 pub mod observed;
 pub mod pd;
 pub mod pid;
+pub mod residual;
 pub mod sliding;
 
 pub use adaptive::{Adaptive, Fixed};

@@ -26,7 +26,7 @@ pub const LEFT_FREE_BYTES: u64 = 4 << 20;
 const SYNC_EVERY: Duration = Duration::from_secs(5);
 /// How soon a disk that took nothing is tried again.
 const RETRY_EVERY: Duration = Duration::from_millis(500);
-/// How long the end of a file waits for a disk that makes no progress.
+/// How long the end of a file, or a flight in lockstep, waits for a disk that makes no progress.
 const END_TIMEOUT: Duration = Duration::from_secs(if cfg!(test) { 1 } else { 3 });
 
 /// Where an [`AsyncWriter`] writes: a file, or one that is made when it is first used.
@@ -168,7 +168,7 @@ impl AsyncWriter {
     /// has [bytes].
     fn rest(&self) -> u64 {
         self.end();
-        self.0.0.await_rest()
+        self.0.0.await_while(|state| !state.is_at_rest())
     }
 
     /// Length of the file when everything that was written is there [bytes].
@@ -179,8 +179,12 @@ impl AsyncWriter {
 
     /// Whether so much waits that nothing more can.
     pub fn is_overfull(&self) -> bool {
-        let state = self.state();
-        state.handed - state.on_disk > MOST_WAITING_BYTES
+        self.state().is_overfull()
+    }
+
+    /// Waits until more can wait, or the disk stands still.
+    pub fn await_room(&self) {
+        self.0.0.await_while(SpoolState::is_overfull);
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
@@ -214,6 +218,10 @@ impl SpoolState {
         (self.is_last, self.retry_at) = (true, None);
     }
 
+    fn is_overfull(&self) -> bool {
+        self.handed - self.on_disk > MOST_WAITING_BYTES
+    }
+
     fn is_at_rest(&self) -> bool {
         self.pieces.is_empty()
             && self.cut.is_none()
@@ -227,11 +235,11 @@ impl Queue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the thread has nothing to do, or the disk stands still; gives what is on the disk.
-    fn await_rest(&self) -> u64 {
+    /// Waits until this is no longer so, or the disk stands still; gives what is on the disk.
+    fn await_while(&self, is_so: impl Fn(&SpoolState) -> bool) -> u64 {
         let (mut moved_at, mut on_disk) = (Instant::now(), None);
         let mut state = self.state();
-        while !state.is_at_rest() && state.retry_at.is_none() && moved_at.elapsed() < END_TIMEOUT {
+        while is_so(&state) && state.retry_at.is_none() && moved_at.elapsed() < END_TIMEOUT {
             if on_disk.replace(state.on_disk) != Some(state.on_disk) {
                 moved_at = Instant::now();
             }
@@ -354,7 +362,7 @@ impl Drop for Handle {
         state.is_closed = true;
         drop(state);
         self.0.changed.notify_all();
-        self.0.await_rest();
+        self.0.await_while(|state| !state.is_at_rest());
     }
 }
 

@@ -253,6 +253,9 @@ impl LogFile {
     fn begin_end(&mut self) {
         let chunk = std::mem::take(&mut self.chunk);
         self.chunk_bytes = 0;
+        if self.pace == Pace::Lockstep {
+            self.spool.await_room();
+        }
         if self.spool.is_overfull() {
             self.dropped = less(self.taken, self.ended);
             self.spool.note_dropped();
@@ -458,9 +461,7 @@ mod tests {
         }
         let dropped = chunk(&mut file);
         goes_on.store(true, Ordering::Relaxed);
-        while file.spool.is_overfull() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        // In lockstep, it waits for the disk.
         kept.extend(chunk(&mut file));
         file.close(BTreeMap::new()).unwrap();
         file.wait();

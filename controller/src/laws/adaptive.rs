@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use crate::adaptation::{Adaptation, Evidence};
 use crate::attitude_loop::AttitudeLoop;
 use crate::gains::{self, Gains};
-use crate::laws::adaptive_residual::Residual;
+use crate::laws::residual::Residual;
 use crate::rate_law::{RatePoint, predict, sampled_gain, torque};
 use crate::rate_loop;
 

@@ -18,15 +18,13 @@ use control_api::description::{
     Description, Refused, Setting, Settings, Value, number, settings, signal,
 };
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
-use messages::math::exp;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
-use nalgebra::Vector3;
 
-use crate::adaptation::{Adaptation, LastTick};
 use crate::gains::{self, Gains, preset};
 use crate::laws::adaptive::{Adaptive, RATE_ERROR};
 use crate::laws::observed::ALPHA_1_S;
+use crate::laws::residual::Residual;
 use crate::rate_loop;
 
 /// Of these three the defaults differ from those of `adaptive`: Gamma/alpha is that of its preset `quick`.
@@ -57,42 +55,6 @@ fn suited(settings: &Settings, rig: &Rig) -> Settings {
     let filter = settings.number(&RESIDUAL_FILTER);
     let (suited, slowed) = gains::suited_of(settings, &gains(settings), rig);
     suited.with(&RESIDUAL_FILTER, Value::Number(slowed * filter))
-}
-
-/// The low-pass over what the estimates leave unexplained.
-#[derive(Clone, Debug)]
-pub struct Residual {
-    kept: f64,
-    /// l [rad/s^2].
-    l: Vector3<f64>,
-}
-
-impl Residual {
-    fn new(w_c: f64, period_s: f64) -> Self {
-        Self {
-            kept: exp(-w_c * period_s),
-            l: Vector3::zeros(),
-        }
-    }
-
-    /// Takes a whole tick, and the estimates after it.
-    pub fn take(&mut self, adaptation: &Adaptation, theta: &Vector3<f64>, last: &LastTick) {
-        let (phi, y) = adaptation.sample(last);
-        self.l = self.kept * self.l + (1.0 - self.kept) * (y - phi * theta);
-    }
-
-    pub fn forget(&mut self) {
-        self.l = Vector3::zeros();
-    }
-
-    /// l [rad/s^2].
-    pub const fn left(&self) -> &Vector3<f64> {
-        &self.l
-    }
-
-    pub fn state(&mut self, fields: &mut Fields) {
-        fields.all([&mut self.l]);
-    }
 }
 
 /// `adaptive` with a residual.

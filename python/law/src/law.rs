@@ -12,7 +12,7 @@ use pyo3::types::PyBytes;
 
 use crate::answer::Answer;
 use crate::inputs::{Desired, Given, Measured, Reference};
-use crate::look::module;
+use crate::look_code::module;
 
 /// A law that can be called.
 #[derive(Debug)]

@@ -7,6 +7,7 @@ mod arrays;
 mod inputs;
 mod law;
 mod look;
+mod look_code;
 
 pub use arrays::array;
 pub use inputs::{Desired, Given, Measured, Reference, Rig};

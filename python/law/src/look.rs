@@ -1,13 +1,11 @@
 //! What a law in Python says of itself: `look.py`, read from here.
 
-use std::ffi::CString;
-
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyModule};
+use pyo3::types::PyDict;
 
 use crate::inputs::Rig;
 use crate::law::PythonLaw;
+use crate::look_code::module;
 
 /// A law that was looked at, and does not fly yet.
 #[derive(Debug)]
@@ -114,13 +112,4 @@ pub fn load<'py>(py: Python<'py>, path: &str) -> PyResult<(Bound<'py, PyAny>, St
 pub fn is_refusal(py: Python<'_>, raised: &PyErr) -> bool {
     let refused = module(py).and_then(|module| module.getattr("Refused"));
     refused.is_ok_and(|refused| raised.is_instance(py, &refused))
-}
-
-pub(crate) fn module(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
-    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
-    let module = MODULE.get_or_try_init(py, || {
-        let code = CString::new(include_str!("look.py"))?;
-        PyModule::from_code(py, &code, c"ironbird/look.py", c"ironbird_look").map(Bound::unbind)
-    });
-    module.map(|module| module.bind(py))
 }

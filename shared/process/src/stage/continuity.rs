@@ -18,7 +18,7 @@ use messages::blackboards::StageState;
 use messages::realtime::RealtimeSettings;
 use messages::role::{Channel, Replica};
 
-use super::Stage;
+use super::work::Stage;
 use crate::session::state_board;
 
 /// Ticks for which a process that joins waits for a state of another channel that it can continue from.
