@@ -34,7 +34,6 @@ use messages::grid::{NS_PER_S, Pace};
 use messages::header::{Header, Stamps};
 use messages::inspection::Expected;
 use messages::role::{Replica, Role, STAGES};
-use messages::topic::Topic;
 
 /// How often a stage in lockstep looks for an input that is being delivered.
 const DELIVERY_LOOK_UP: Duration = Duration::from_micros(20);
