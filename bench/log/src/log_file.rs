@@ -446,23 +446,29 @@ mod tests {
         let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
         let mut file = file(disk);
         let mut tick = 0;
-        let mut chunk = |file: &mut LogFile| {
+        let mut chunk = |file: &mut LogFile, before_its_end: &dyn Fn()| {
             let (begin, states) = (tick, noise(tick));
             tick += states.len() as u64;
             for state in states {
                 file.take(&LogEntry::State(state));
             }
+            before_its_end();
             assert!(file.keep(tick).unwrap());
             begin..tick
         };
         let mut kept = Vec::new();
         while !file.spool.is_overfull() {
-            kept.extend(chunk(&mut file));
+            kept.extend(chunk(&mut file, &|| ()));
         }
-        let dropped = chunk(&mut file);
-        goes_on.store(true, Ordering::Relaxed);
-        // In lockstep, it waits for the disk.
-        kept.extend(chunk(&mut file));
+        let dropped = chunk(&mut file, &|| ());
+        // In lockstep, it waits for a disk that goes on after a while.
+        kept.extend(chunk(&mut file, &|| {
+            let goes_on = Arc::clone(&goes_on);
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(50));
+                goes_on.store(true, Ordering::Relaxed);
+            });
+        }));
         file.close(BTreeMap::new()).unwrap();
         file.wait();
         let fate = file.fate();
