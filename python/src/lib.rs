@@ -1,5 +1,7 @@
 //! `ironbird._rig`: the rig as a module of Python. `python/package/ironbird/__init__.py` is what users import.
 
+#![warn(missing_docs)]
+
 mod errors;
 mod flight;
 mod py_laws;

@@ -24,7 +24,7 @@ const COLUMNS: &str = "t,x,y,z,vx,vy,vz,phi,theta,psi,p,q,r,IR_hat,kr_hat,delta_
 pub struct StatesWriter {
     csv: csv::Writer<Box<dyn Write>>,
     /// What stands before the disk, where the file has something there.
-    spool: Option<AsyncWriter>,
+    queue: Option<AsyncWriter>,
     tracking: Tracking,
     laws: FlownLaws,
     every_ticks: u64,
@@ -42,10 +42,10 @@ impl StatesWriter {
     ) -> Result<Self, Failure> {
         let begin = || -> io::Result<Self> {
             let file = create_file(path)?;
-            let (out, spool): (Box<dyn Write>, _) =
+            let (out, queue): (Box<dyn Write>, _) =
                 if may_spool && file.metadata().is_ok_and(|it| it.is_file()) {
-                    let spool = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
-                    (Box::new(spool.clone()), Some(spool))
+                    let queue = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
+                    (Box::new(queue.clone()), Some(queue))
                 } else {
                     (Box::new(BufWriter::new(file)), None)
                 };
@@ -58,7 +58,7 @@ impl StatesWriter {
             csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(signals))?;
             Ok(Self {
                 csv,
-                spool,
+                queue,
                 tracking,
                 laws,
                 every_ticks,
@@ -85,15 +85,15 @@ impl StatesWriter {
     pub fn flush(&mut self) -> Result<(), Failure> {
         let flushed = self.csv.flush();
         flushed.map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
-        if let Some(spool) = &self.spool {
-            spool.settle_or_drop();
+        if let Some(queue) = &self.queue {
+            queue.settle_or_drop();
         }
         Ok(())
     }
 
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
-        match self.spool.as_ref().and_then(AsyncWriter::finish) {
+        match self.queue.as_ref().and_then(AsyncWriter::finish) {
             None => Ok(()),
             Some(reason) => Err(Failure::failed(format!(
                 "the states are not whole: {reason}"

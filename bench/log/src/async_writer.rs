@@ -27,7 +27,7 @@ const SYNC_EVERY: Duration = Duration::from_secs(5);
 /// How soon a disk that took nothing is tried again.
 const RETRY_EVERY: Duration = Duration::from_millis(500);
 /// How long the end of a file, or a flight in lockstep, waits for a disk that makes no progress.
-const END_TIMEOUT: Duration = Duration::from_secs(if cfg!(test) { 1 } else { 3 });
+const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(if cfg!(test) { 1 } else { 3 });
 
 /// Where an [`AsyncWriter`] writes: a file, or one that is made when it is first used.
 pub trait Disk: Send + 'static {
@@ -68,12 +68,12 @@ struct Handle(Arc<Queue>);
 
 #[derive(Debug, Default)]
 struct Queue {
-    state: Mutex<SpoolState>,
+    state: Mutex<QueueState>,
     changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-struct SpoolState {
+struct QueueState {
     piece: Vec<u8>,
     pieces: VecDeque<Vec<u8>>,
     handed: u64,
@@ -110,7 +110,7 @@ impl AsyncWriter {
         Ok(Self(Arc::new(Handle(queue))))
     }
 
-    fn state(&self) -> MutexGuard<'_, SpoolState> {
+    fn state(&self) -> MutexGuard<'_, QueueState> {
         self.0.0.state()
     }
 
@@ -184,12 +184,12 @@ impl AsyncWriter {
 
     /// Waits until more can wait, or the disk stands still.
     pub fn await_room(&self) {
-        self.0.0.await_while(SpoolState::is_overfull);
+        self.0.0.await_while(QueueState::is_overfull);
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
     fn give_up(&self, length: u64) {
-        let (mut state, seconds) = (self.state(), END_TIMEOUT.as_secs());
+        let (mut state, seconds) = (self.state(), STANDSTILL_TIMEOUT.as_secs());
         state.refuse(format!("the disk took nothing for {seconds} s"));
         state.piece = Vec::new();
         state.pieces.clear();
@@ -209,7 +209,7 @@ impl AsyncWriter {
     }
 }
 
-impl SpoolState {
+impl QueueState {
     fn refuse(&mut self, reason: String) {
         self.refused.get_or_insert(reason);
     }
@@ -231,15 +231,15 @@ impl SpoolState {
 }
 
 impl Queue {
-    fn state(&self) -> MutexGuard<'_, SpoolState> {
+    fn state(&self) -> MutexGuard<'_, QueueState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Waits until this is no longer so, or the disk stands still; gives what is on the disk.
-    fn await_while(&self, is_so: impl Fn(&SpoolState) -> bool) -> u64 {
+    fn await_while(&self, is_so: impl Fn(&QueueState) -> bool) -> u64 {
         let (mut moved_at, mut on_disk) = (Instant::now(), None);
         let mut state = self.state();
-        while is_so(&state) && state.retry_at.is_none() && moved_at.elapsed() < END_TIMEOUT {
+        while is_so(&state) && state.retry_at.is_none() && moved_at.elapsed() < STANDSTILL_TIMEOUT {
             if on_disk.replace(state.on_disk) != Some(state.on_disk) {
                 moved_at = Instant::now();
             }
@@ -248,7 +248,7 @@ impl Queue {
         state.on_disk
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, SpoolState>) -> MutexGuard<'a, SpoolState> {
+    fn wait<'a>(&self, state: MutexGuard<'a, QueueState>) -> MutexGuard<'a, QueueState> {
         let waited = self.changed.wait_timeout(state, RETRY_EVERY);
         waited.unwrap_or_else(PoisonError::into_inner).0
     }
@@ -417,17 +417,17 @@ mod tests {
 
     #[test]
     fn a_disk_that_blocks_holds_nobody_up_and_loses_nothing_that_fits() {
-        let (mut file, mut spool, allow, done) = gated();
+        let (mut file, mut output, allow, done) = gated();
         for piece in ["one ", "two ", "three"] {
-            spool.write_all(piece.as_bytes()).unwrap();
+            output.write_all(piece.as_bytes()).unwrap();
             // Were it the writer that waits for the disk, it would wait for ever: nothing is allowed yet.
-            assert_eq!(spool.settle(), 0);
+            assert_eq!(output.settle(), 0);
         }
-        assert_eq!((spool.written(), spool.refused()), (13, None));
-        spool.end();
-        assert!(text(&mut file).is_empty() && !spool.is_at_rest());
+        assert_eq!((output.written(), output.refused()), (13, None));
+        output.end();
+        assert!(text(&mut file).is_empty() && !output.is_at_rest());
         (0..3).for_each(|_| allow.send(()).unwrap());
-        assert_eq!((spool.rest(), spool.finish()), (13, None));
+        assert_eq!((output.rest(), output.finish()), (13, None));
         assert_eq!(text(&mut file), "one two three");
         let done = done.try_iter().collect::<Vec<_>>();
         assert_eq!(done, ["write", "write", "write", "sync"]);
@@ -435,22 +435,22 @@ mod tests {
 
     #[test]
     fn a_disk_that_stands_still_at_the_end_is_named_and_the_file_ends_with_a_whole_piece() {
-        let (mut file, mut spool, allow, done) = gated();
-        spool.write_all(b"whole").unwrap();
-        spool.settle();
+        let (mut file, mut output, allow, done) = gated();
+        output.write_all(b"whole").unwrap();
+        output.settle();
         allow.send(()).unwrap();
         done.recv().unwrap();
-        while spool.settle() < 5 {
+        while output.settle() < 5 {
             thread::yield_now();
         }
-        assert_eq!(spool.gap(), None);
-        spool.write_all(b" and a piece").unwrap();
-        let reason = spool.finish().unwrap();
+        assert_eq!(output.gap(), None);
+        output.write_all(b" and a piece").unwrap();
+        let reason = output.finish().unwrap();
         assert_eq!(reason, "the disk took nothing for 1 s");
-        spool.write_all(b" and too late").unwrap();
+        output.write_all(b" and too late").unwrap();
         // It is still in the middle of that write.
         allow.send(()).unwrap();
-        assert_eq!((spool.rest(), text(&mut file).as_str()), (5, "whole"));
+        assert_eq!((output.rest(), text(&mut file).as_str()), (5, "whole"));
     }
 
     #[test]
@@ -462,15 +462,15 @@ mod tests {
             (full, "left free on the disk"),
             ((null, 0), "Bad file descriptor"),
         ] {
-            let mut spool = AsyncWriter::new(disk, left_free).unwrap();
-            spool.write_all(&[0; 100]).unwrap();
-            assert_eq!((spool.rest(), file.metadata().unwrap().len()), (0, 0));
-            assert!(spool.refused().unwrap().contains(why), "{why}");
-            assert!(!spool.is_overfull());
+            let mut output = AsyncWriter::new(disk, left_free).unwrap();
+            output.write_all(&[0; 100]).unwrap();
+            assert_eq!((output.rest(), file.metadata().unwrap().len()), (0, 0));
+            assert!(output.refused().unwrap().contains(why), "{why}");
+            assert!(!output.is_overfull());
             let much = vec![0; MOST_WAITING_BYTES as usize];
-            spool.write_all(&much).unwrap();
-            spool.settle();
-            assert!(spool.is_overfull());
+            output.write_all(&much).unwrap();
+            output.settle();
+            assert!(output.is_overfull());
         }
     }
 
@@ -492,11 +492,11 @@ mod tests {
             }
         }
         let mut file = tempfile::tempfile().unwrap();
-        let mut spool = AsyncWriter::new(Full(file.try_clone().unwrap()), 0).unwrap();
-        spool.write_all(b"line\n").unwrap();
-        spool.rest();
-        spool.write_all(b"a second line\n").unwrap();
-        assert_eq!((spool.rest(), text(&mut file).as_str()), (5, "line\n"));
-        assert!(spool.refused().is_some());
+        let mut output = AsyncWriter::new(Full(file.try_clone().unwrap()), 0).unwrap();
+        output.write_all(b"line\n").unwrap();
+        output.rest();
+        output.write_all(b"a second line\n").unwrap();
+        assert_eq!((output.rest(), text(&mut file).as_str()), (5, "line\n"));
+        assert!(output.refused().is_some());
     }
 }

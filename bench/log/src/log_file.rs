@@ -59,7 +59,7 @@ impl Part {
 
 pub(crate) struct LogFile {
     writer: Writer<NoSeek<AsyncWriter>>,
-    spool: AsyncWriter,
+    output: AsyncWriter,
     pace: Pace,
     newest_sample_ns: u64,
     channels: BTreeMap<&'static str, u16>,
@@ -87,7 +87,7 @@ pub(crate) struct LogFile {
 impl LogFile {
     /// A file with its schemas and facts, before its first message; `newest_sample_ns` is of the file before it.
     pub fn begin(
-        spool: AsyncWriter,
+        output: AsyncWriter,
         facts: &Facts,
         part: u64,
         newest_sample_ns: u64,
@@ -100,11 +100,11 @@ impl LogFile {
                 Pace::Lockstep => LOCKSTEP_LEVEL.cast_unsigned(),
                 Pace::Realtime(_) => LEVEL.cast_unsigned(),
             })
-            // Chunks go to the spool whole, compressed by this thread; they end when they are flushed.
+            // Chunks go to the output whole, compressed by this thread; they end when they are flushed.
             .compression_threads(0)
             .disable_seeking(true)
             .chunk_size(None);
-        let mut writer = Writer::with_options(NoSeek::new(spool.clone()), options)?;
+        let mut writer = Writer::with_options(NoSeek::new(output.clone()), options)?;
         for (name, metadata) in facts.records(part) {
             let name = name.into();
             writer.write_metadata(&Metadata { name, metadata })?;
@@ -138,7 +138,7 @@ impl LogFile {
         }
         let mut file = Self {
             writer,
-            spool,
+            output,
             pace: facts.pace,
             newest_sample_ns,
             channels,
@@ -254,11 +254,11 @@ impl LogFile {
         let chunk = std::mem::take(&mut self.chunk);
         self.chunk_bytes = 0;
         if self.pace == Pace::Lockstep {
-            self.spool.await_room();
+            self.output.await_room();
         }
-        if self.spool.is_overfull() {
+        if self.output.is_overfull() {
             self.dropped = less(self.taken, self.ended);
-            self.spool.note_dropped();
+            self.output.note_dropped();
         } else {
             self.ending.extend(chunk.into_values());
         }
@@ -282,7 +282,7 @@ impl LogFile {
 
     fn hand_over(&mut self) -> Result<(), McapError> {
         self.writer.flush()?;
-        self.chunks.push_back((self.spool.written(), self.ended));
+        self.chunks.push_back((self.output.written(), self.ended));
         self.settle();
         Ok(())
     }
@@ -295,7 +295,7 @@ impl LogFile {
     }
 
     fn settle(&mut self) {
-        let on_disk = self.spool.settle();
+        let on_disk = self.output.settle();
         while let Some(chunk) = self.chunks.pop_front_if(|(length, _)| *length <= on_disk) {
             self.settled = chunk;
         }
@@ -303,7 +303,7 @@ impl LogFile {
 
     /// Length of the file when everything that was handed over is there [bytes].
     pub fn length(&self) -> u64 {
-        self.spool.written()
+        self.output.written()
     }
 
     /// When the newest message was sampled [ns].
@@ -312,15 +312,15 @@ impl LogFile {
     }
 
     pub fn refused(&self) -> Option<String> {
-        self.spool.refused()
+        self.output.refused()
     }
 
     pub fn fate(&self) -> FileFate {
         // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
-        let (bytes, written) = if self.spool.refused().is_some() {
+        let (bytes, written) = if self.output.refused().is_some() {
             self.settled
         } else {
-            (self.spool.written(), self.taken)
+            (self.output.written(), self.taken)
         };
         FileFate {
             bytes,
@@ -340,20 +340,20 @@ impl LogFile {
         self.add_metadata(LANDING, last_facts)?;
         self.end_chunk()?;
         self.writer.finish()?;
-        self.chunks.push_back((self.spool.written(), self.ended));
-        self.spool.end();
+        self.chunks.push_back((self.output.written(), self.ended));
+        self.output.end();
         Ok(())
     }
 
     /// Whether the disk has all of a file that was closed.
     pub fn is_on_disk(&mut self) -> bool {
         self.settle();
-        self.chunks.is_empty() && self.spool.is_at_rest()
+        self.chunks.is_empty() && self.output.is_at_rest()
     }
 
     /// Waits until the disk has all of a file that was closed, or takes nothing more.
     pub fn wait(&mut self) {
-        self.spool.finish();
+        self.output.finish();
         self.settle();
     }
 }
@@ -399,8 +399,8 @@ mod tests {
     }
 
     fn file(disk: impl Disk) -> LogFile {
-        let spool = AsyncWriter::new(disk, 1).unwrap();
-        LogFile::begin(spool, &facts(LogPlan::WHOLE), 0, 0).unwrap()
+        let output = AsyncWriter::new(disk, 1).unwrap();
+        LogFile::begin(output, &facts(LogPlan::WHOLE), 0, 0).unwrap()
     }
 
     /// States from `tick` on that make a chunk, and do not get smaller by being compressed.
@@ -457,7 +457,7 @@ mod tests {
             begin..tick
         };
         let mut kept = Vec::new();
-        while !file.spool.is_overfull() {
+        while !file.output.is_overfull() {
             kept.extend(chunk(&mut file, &|| ()));
         }
         let dropped = chunk(&mut file, &|| ());

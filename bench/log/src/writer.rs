@@ -63,12 +63,12 @@ impl FlightLog {
     /// A log with its schemas and facts, before the first message.
     pub fn create(path: &Path, facts: &Facts) -> Result<Self, Failure> {
         let file = File::create(path).in_file("write", path)?;
-        let spool = AsyncWriter::new(file, LEFT_FREE_BYTES).in_file("write", path)?;
+        let output = AsyncWriter::new(file, LEFT_FREE_BYTES).in_file("write", path)?;
         Ok(Self {
             first_path: path.to_owned(),
             facts: facts.clone(),
             excerpt: facts.plan.around_ticks.map(EventLog::new),
-            file: LogFile::begin(spool, facts, 0, 0).in_file("write", path)?,
+            file: LogFile::begin(output, facts, 0, 0).in_file("write", path)?,
             part: 0,
             closing: None,
             closed: VecDeque::new(),
@@ -119,8 +119,8 @@ impl FlightLog {
             removes: removed.map(path),
             file: OnceLock::new(),
         };
-        let spool = AsyncWriter::new(disk, LEFT_FREE_BYTES).in_file("write", &path(next))?;
-        let file = LogFile::begin(spool, &self.facts, next, self.file.newest_sample_ns())
+        let output = AsyncWriter::new(disk, LEFT_FREE_BYTES).in_file("write", &path(next))?;
+        let file = LogFile::begin(output, &self.facts, next, self.file.newest_sample_ns())
             .map_err(broken)?;
         let mut landing = self.messages();
         landing.insert(CONTINUED_IN.into(), file_name(next));

@@ -8,6 +8,8 @@
 //!
 //! Nothing here keeps real time: a tick allocates, and takes as long as the interpreter does.
 
+#![warn(missing_docs)]
+
 mod interpreter;
 mod table;
 

@@ -2,6 +2,8 @@
 //!
 //! The module `ironbird` flies such laws in a notebook, and the adapter in the rig's own processes.
 
+#![warn(missing_docs)]
+
 mod answer;
 mod arrays;
 mod inputs;

@@ -82,4 +82,5 @@ fn main() {
     forge::<Setpoint>(&instance, kind, share);
     forge::<Wrench>(&instance, kind, share);
     forge::<RotorSpeeds>(&instance, kind, share);
+    instance.remove_leftovers().unwrap();
 }
