@@ -14,11 +14,10 @@ mod forgery;
 use std::path::Path;
 
 use ipc::instance::Instance;
-use ipc::{DEEP, Wire};
+use ipc::{DEEP, TopicPorts, Wire};
 use messages::checks::switch_off;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::inspection::Reason;
-use messages::topic::Topic;
 
 use forgery::{Draw, EXPECTED, Forger, GOOD, KINDS, good};
 
@@ -26,7 +25,7 @@ const BATCH: u64 = 2000;
 const GOOD_EVERY: u64 = 8;
 
 /// Sends so many bad messages of a kind on a topic, and receives them as a loop does.
-fn forge<C: Topic>(instance: &Instance, kind: &str, messages: u64) {
+fn forge<C: TopicPorts>(instance: &Instance, kind: &str, messages: u64) {
     let wire = Wire::open(instance).unwrap();
     let mut receiver = wire.receiver::<C>(DEEP).unwrap();
     let forger = Forger::<C>::on(instance);

@@ -9,10 +9,10 @@
 
 use std::cell::Cell;
 
-use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader};
-use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer};
+use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader, ReaderCreateError};
+use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer, WriterCreateError};
 use iceoryx2::prelude::{ZeroCopySend, ipc};
-use iceoryx2::service::builder::blackboard::{BlackboardCreateError, BlackboardOpenError};
+use iceoryx2::service::builder::blackboard::{self, BlackboardCreateError, BlackboardOpenError};
 use iceoryx2::service::port_factory::blackboard::PortFactory;
 
 use super::{NODES, Wire, layout_attributes, not_opened, shortage_of};
@@ -39,13 +39,27 @@ pub trait Notice: Default + Layout + std::fmt::Debug {}
 impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
 
 type Open = PortFactory<ipc::Service, u64>;
+type Creator = blackboard::Creator<u64, ipc::Service>;
+
+fn writer(service: &Open) -> Result<Writer<ipc::Service, u64>, WriterCreateError> {
+    service.writer_builder().create()
+}
+
+fn reader(service: &Open) -> Result<Reader<ipc::Service, u64>, ReaderCreateError> {
+    service.reader_builder().create()
+}
 
 impl Wire {
     /// Becomes the writer of a blackboard, even if its last writer died while others still read it.
     pub fn blackboard<T: Notice>(&self, name: &str) -> Result<Blackboard<T>, Error> {
-        let service = self.create_board::<T>(name)?;
+        let fill = |board: Creator| {
+            (0..SHEETS).fold(board, |board, sheet| {
+                board.add(sheet, BoardSlot::<T>::default())
+            })
+        };
+        let service = self.create_board(name, T::FINGERPRINT, &fill)?;
         let failed = || format!("cannot become the writer of board `{name}`");
-        let writer = service.writer_builder().create().wire(failed)?;
+        let writer = writer(&service).wire(failed)?;
         let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
         let is_taken =
             |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
@@ -60,10 +74,16 @@ impl Wire {
         })
     }
 
-    fn create_board<T: Notice>(&self, name: &str) -> Result<Open, Error> {
+    // Not generic, as the rest that opens a board: the middleware's services are compiled in this crate alone.
+    fn create_board(
+        &self,
+        name: &str,
+        fingerprint: u64,
+        fill: &dyn Fn(Creator) -> Creator,
+    ) -> Result<Open, Error> {
         let service_name = self.service_name(name)?;
-        let (layout, _) = layout_attributes(T::FINGERPRINT)?;
-        let opener = self.blackboard_opener::<T>(name)?;
+        let (layout, _) = layout_attributes(fingerprint)?;
+        let opener = self.blackboard_opener(name, fingerprint)?;
         self.open_service(format!("board `{name}`"), || {
             let empty = self
                 .node
@@ -71,10 +91,7 @@ impl Wire {
                 .blackboard_creator::<u64>()
                 .max_readers(NODES)
                 .max_nodes(NODES);
-            let board = (0..SHEETS).fold(empty, |board, sheet| {
-                board.add(sheet, BoardSlot::<T>::default())
-            });
-            match board.create_with_attributes(&layout) {
+            match fill(empty).create_with_attributes(&layout) {
                 Err(BlackboardCreateError::AlreadyExists) => opener().map_err(Refusal::of),
                 created => created.map_err(Refusal::of),
             }
@@ -85,11 +102,11 @@ impl Wire {
         &self,
         name: &str,
     ) -> Result<Option<BlackboardReader<T>>, Error> {
-        let Some(service) = self.open_board::<T>(name)? else {
+        let Some(service) = self.open_board(name, T::FINGERPRINT)? else {
             return Ok(None);
         };
         let failed = || format!("cannot read board `{name}`");
-        let reader = service.reader_builder().create().wire(failed)?;
+        let reader = reader(&service).wire(failed)?;
         let sheets = (0..SHEETS)
             .map(|sheet| {
                 let sheet = reader.entry::<BoardSlot<T>>(&sheet).wire(failed)?;
@@ -111,12 +128,13 @@ impl Wire {
         }))
     }
 
-    fn blackboard_opener<T: Notice>(
+    fn blackboard_opener(
         &self,
         name: &str,
+        fingerprint: u64,
     ) -> Result<impl Fn() -> Result<Open, BlackboardOpenError>, Error> {
         let service_name = self.service_name(name)?;
-        let (_, layout) = layout_attributes(T::FINGERPRINT)?;
+        let (_, layout) = layout_attributes(fingerprint)?;
         Ok(move || {
             self.node
                 .service_builder(&service_name)
@@ -125,8 +143,8 @@ impl Wire {
         })
     }
 
-    fn open_board<T: Notice>(&self, name: &str) -> Result<Option<Open>, Error> {
-        let error = match self.blackboard_opener::<T>(name)?() {
+    fn open_board(&self, name: &str, fingerprint: u64) -> Result<Option<Open>, Error> {
+        let error = match self.blackboard_opener(name, fingerprint)?() {
             Ok(service) => return Ok(Some(service)),
             Err(BlackboardOpenError::DoesNotExist) => return Ok(None),
             Err(error) => Refusal::of(error),

@@ -24,7 +24,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
 pub use blackboard::{Blackboard, BlackboardReader, Notice, SHEETS};
-pub use ports::{OBSERVED, OBSERVERS, Receiver, Relay, Sender, Wakes};
+pub use ports::{OBSERVED, OBSERVERS, Receiver, Relay, Sender, TopicPorts, Wakes};
 pub use requests::{
     ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, RequestClient,
     RequestServer, SwapAnswer, SwapOrder, SwapOutcome,

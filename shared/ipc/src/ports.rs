@@ -3,7 +3,7 @@
 use std::mem::MaybeUninit;
 use std::ops::ControlFlow;
 
-use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
@@ -15,9 +15,10 @@ use super::{DEEP, NODES, Notifier, Wire, layout_attributes};
 use crate::clock::{Horizon, now_ns};
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
-use messages::content::{NO_TICK, Stamped};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench};
 use messages::header::{Header, LAYOUT, Message};
 use messages::inspection::{Expected, Inspector, Rejections};
+use messages::monitor::Monitor;
 use messages::role::{Channel, Replica};
 use messages::topic::Topic;
 
@@ -26,16 +27,61 @@ pub const OBSERVERS: usize = 4;
 /// Messages of a topic that an observer may fall behind before it loses the oldest: half a second at 1 kHz.
 pub const OBSERVED: usize = 512;
 
-pub(super) type Open<C> = PortFactory<ipc::Service, Sealed<Message<C>>, ()>;
+type Open<C> = PortFactory<ipc::Service, Sealed<Message<C>>, ()>;
+
+/// A topic with ports.
+///
+/// Each topic has its own implementation, so that the middleware's services are compiled in this crate alone: an
+/// optimised build compiles a generic function again in every crate that calls it.
+pub trait TopicPorts: Topic {
+    fn open(wire: &Wire, name: &str, subscribers: usize, depth: usize)
+    -> Result<Open<Self>, Error>;
+    fn publisher(service: &Open<Self>) -> Result<TopicPublisher<Self>, PublisherCreateError>;
+    fn subscriber(
+        service: &Open<Self>,
+        depth: usize,
+    ) -> Result<TopicSubscriber<Self>, SubscriberCreateError>;
+}
+
+type TopicPublisher<C> = Publisher<ipc::Service, Sealed<Message<C>>, ()>;
+type TopicSubscriber<C> = Subscriber<ipc::Service, Sealed<Message<C>>, ()>;
+
+macro_rules! topic_ports {
+    ($($topic:ty),*) => {$(
+        impl TopicPorts for $topic {
+            fn open(
+                wire: &Wire,
+                name: &str,
+                subscribers: usize,
+                depth: usize,
+            ) -> Result<Open<Self>, Error> {
+                wire.publish_subscribe(name, subscribers, depth)
+            }
+
+            fn publisher(service: &Open<Self>) -> Result<TopicPublisher<Self>, PublisherCreateError> {
+                service.publisher_builder().max_loaned_samples(1).create()
+            }
+
+            fn subscriber(
+                service: &Open<Self>,
+                depth: usize,
+            ) -> Result<TopicSubscriber<Self>, SubscriberCreateError> {
+                service.subscriber_builder().buffer_size(depth).create()
+            }
+        }
+    )*};
+}
+
+topic_ports!(State, Setpoint, Wrench, RotorSpeeds, SwapRecord, Monitor);
 
 impl Wire {
-    fn topic<C: Topic>(&self, channel: Channel) -> Result<Open<C>, Error> {
+    fn topic<C: TopicPorts>(&self, channel: Channel) -> Result<Open<C>, Error> {
         let prefix = Replica::new(C::SENDER, channel).channel.prefix();
         let name = format!("{prefix}{}", C::NAME);
-        self.publish_subscribe(&name, subscribers::<C>(self.channels), DEEP)
+        C::open(self, &name, subscribers::<C>(self.channels), DEEP)
     }
 
-    pub(super) fn publish_subscribe<C: Topic>(
+    fn publish_subscribe<C: Topic>(
         &self,
         name: &str,
         subscribers: usize,
@@ -61,12 +107,8 @@ impl Wire {
     }
 
     /// The one sender of a topic.
-    pub fn sender<C: Topic>(&self, wakes: Wakes) -> Result<Sender<C>, Error> {
-        let publisher = self
-            .topic::<C>(self.channel)?
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .create()
+    pub fn sender<C: TopicPorts>(&self, wakes: Wakes) -> Result<Sender<C>, Error> {
+        let publisher = C::publisher(&self.topic(self.channel)?)
             .wire(|| format!("cannot become the sender of topic `{}`", C::NAME))?;
         Ok(Sender {
             loan: None,
@@ -77,21 +119,17 @@ impl Wire {
     }
 
     /// A receiver that keeps `depth` messages of a topic of its own channel.
-    pub fn receiver<C: Topic>(&self, depth: usize) -> Result<Receiver<C>, Error> {
+    pub fn receiver<C: TopicPorts>(&self, depth: usize) -> Result<Receiver<C>, Error> {
         self.receiver_of(self.channel, depth)
     }
 
     /// The same of another channel.
-    pub fn receiver_of<C: Topic>(
+    pub fn receiver_of<C: TopicPorts>(
         &self,
         channel: Channel,
         depth: usize,
     ) -> Result<Receiver<C>, Error> {
-        let subscriber = self
-            .topic::<C>(channel)?
-            .subscriber_builder()
-            .buffer_size(depth)
-            .create()
+        let subscriber = C::subscriber(&self.topic(channel)?, depth)
             .wire(|| format!("cannot receive topic `{}`", C::NAME))?;
         Ok(Receiver::new(subscriber))
     }
@@ -127,7 +165,7 @@ pub struct Wakes {
 pub struct Sender<C: Topic> {
     /// Taken ahead of the message that it is for, by a rehearsal.
     loan: Option<Loan<C>>,
-    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
+    publisher: TopicPublisher<C>,
     wakes: Wakes,
     envelope: Header,
 }
@@ -216,14 +254,14 @@ fn not_sent<C: Topic>() -> String {
 /// Receives the messages of a topic: copies each once, opens and inspects the copy, keeps the newest.
 #[derive(Debug)]
 pub struct Receiver<C: Topic> {
-    subscriber: Subscriber<ipc::Service, Sealed<Message<C>>, ()>,
+    subscriber: TopicSubscriber<C>,
     inspector: Inspector,
     newest: Message<C>,
     rejections: Rejections,
 }
 
 impl<C: Topic> Receiver<C> {
-    pub(super) fn new(subscriber: Subscriber<ipc::Service, Sealed<Message<C>>, ()>) -> Self {
+    fn new(subscriber: TopicSubscriber<C>) -> Self {
         Self {
             subscriber,
             inspector: Inspector::new(Expected {
@@ -321,34 +359,26 @@ impl<C: Topic> Receiver<C> {
 /// When a subscriber joins or leaves, the publisher's next send maps memory and allocates. In a loop that may cost a
 /// deadline; in the recorder it does no harm.
 impl Wire {
-    fn observed<C: Topic>(&self) -> Result<Open<C>, Error> {
-        self.publish_subscribe(&format!("observed/{}", C::NAME), OBSERVERS, OBSERVED)
+    fn observed<C: TopicPorts>(&self) -> Result<Open<C>, Error> {
+        C::open(self, &format!("observed/{}", C::NAME), OBSERVERS, OBSERVED)
     }
 
-    pub fn relay<C: Topic>(&self) -> Result<Relay<C>, Error> {
+    pub fn relay<C: TopicPorts>(&self) -> Result<Relay<C>, Error> {
         let service = self.observed()?;
-        let publisher = service
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .create()
+        let publisher = C::publisher(&service)
             .wire(|| format!("cannot become the relay of topic `{}`", C::NAME))?;
         Ok(Relay { publisher, service })
     }
 
     /// A receiver of what the recorder passes on of a topic, from the next message on.
-    pub fn observer<C: Topic>(&self) -> Result<Receiver<C>, Error> {
-        let subscriber = self
-            .observed()?
-            .subscriber_builder()
-            .buffer_size(OBSERVED)
-            .create()
-            .map_err(|e| match e {
-                SubscriberCreateError::ExceedsMaxSupportedSubscribers => Error::Crowded {
-                    instance: self.instance().name().into(),
-                    most: OBSERVERS,
-                },
-                e => Error::wire(format!("cannot observe topic `{}`", C::NAME), e),
-            })?;
+    pub fn observer<C: TopicPorts>(&self) -> Result<Receiver<C>, Error> {
+        let subscriber = C::subscriber(&self.observed()?, OBSERVED).map_err(|e| match e {
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => Error::Crowded {
+                instance: self.instance().name().into(),
+                most: OBSERVERS,
+            },
+            e => Error::wire(format!("cannot observe topic `{}`", C::NAME), e),
+        })?;
         Ok(Receiver::new(subscriber))
     }
 }
@@ -356,7 +386,7 @@ impl Wire {
 /// Passes messages of a topic on, as they came, or as the recorder made them.
 #[derive(Debug)]
 pub struct Relay<C: Topic> {
-    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
+    publisher: TopicPublisher<C>,
     service: Open<C>,
 }
 

@@ -27,6 +27,28 @@ pub trait Order: Layout + Debug {
     /// Hash over the names that the reply's numbers stand for.
     const NAMES: u64;
     type Answer: Layout + Debug;
+
+    fn server(wire: &Wire) -> Result<RequestServer<Self>, Error>;
+    fn client(wire: &Wire) -> Result<RequestClient<Self>, Error>;
+}
+
+/// As the ports of topics, so that the middleware's services are compiled in this crate alone.
+macro_rules! order {
+    ($order:ty, $service:literal, $answer:ty, $names:expr) => {
+        impl Order for $order {
+            const SERVICE: &'static str = $service;
+            const NAMES: u64 = $names;
+            type Answer = $answer;
+
+            fn server(wire: &Wire) -> Result<RequestServer<Self>, Error> {
+                wire.request_server()
+            }
+
+            fn client(wire: &Wire) -> Result<RequestClient<Self>, Error> {
+                wire.request_client()
+            }
+        }
+    };
 }
 
 layout! {
@@ -96,11 +118,7 @@ wire_enum! {
     }
 }
 
-impl Order for SwapOrder {
-    const SERVICE: &'static str = "parameters";
-    const NAMES: u64 = SwapOutcome::ENUM_HASH;
-    type Answer = SwapAnswer;
-}
+order!(SwapOrder, "parameters", SwapAnswer, SwapOutcome::ENUM_HASH);
 
 /// Faults in one request, each counted as often as it has inputs.
 pub const MOST_AT_ONCE: usize = 16;
@@ -140,11 +158,12 @@ pub const ACCEPTED: u64 = 0;
 pub const MALFORMED: u64 = 100;
 pub const ENDED: u64 = 101;
 
-impl Order for FaultOrder {
-    const SERVICE: &'static str = "injection";
-    const NAMES: u64 = FaultRefusal::ENUM_HASH;
-    type Answer = FaultAnswer;
-}
+order!(
+    FaultOrder,
+    "injection",
+    FaultAnswer,
+    FaultRefusal::ENUM_HASH
+);
 
 #[derive(Clone, Copy, Debug, ZeroCopySend)]
 #[repr(C)]
@@ -188,13 +207,21 @@ impl Wire {
     }
 
     pub fn server<Q: Order>(&self) -> Result<RequestServer<Q>, Error> {
+        Q::server(self)
+    }
+
+    pub fn client<Q: Order>(&self) -> Result<RequestClient<Q>, Error> {
+        Q::client(self)
+    }
+
+    fn request_server<Q: Order>(&self) -> Result<RequestServer<Q>, Error> {
         let service = self.request_service()?;
         let server = service.server_builder().create();
         let server = server.wire(|| format!("cannot serve the service `{}`", Q::SERVICE))?;
         Ok(RequestServer { server, service })
     }
 
-    pub fn client<Q: Order>(&self) -> Result<RequestClient<Q>, Error> {
+    fn request_client<Q: Order>(&self) -> Result<RequestClient<Q>, Error> {
         let client = self.request_service()?.client_builder().create();
         Ok(RequestClient {
             client: client.wire(|| format!("cannot use the service `{}`", Q::SERVICE))?,

@@ -1,7 +1,7 @@
 //! Forged and damaged messages on real ports: rejected and counted by reason, while good ones pass.
 
 use ipc::sys::Sealed;
-use ipc::{DEEP, Receiver, Wire};
+use ipc::{DEEP, Receiver, TopicPorts, Wire};
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::{Header, Message};
 use messages::inspection::Reason;
@@ -12,7 +12,7 @@ use messages::topic::Topic;
 use crate::Site;
 use crate::forgery::{Draw, EPOCH, EXPECTED, Forger, KINDS, good};
 
-fn armed<C: Topic>(site: &Site, wire: &Wire) -> (Receiver<C>, Forger<C>) {
+fn armed<C: TopicPorts>(site: &Site, wire: &Wire) -> (Receiver<C>, Forger<C>) {
     let mut receiver = wire.receiver(DEEP).unwrap();
     let forger = Forger::on(&site.instance);
     receiver.arm(EXPECTED).unwrap();
@@ -20,7 +20,7 @@ fn armed<C: Topic>(site: &Site, wire: &Wire) -> (Receiver<C>, Forger<C>) {
 }
 
 /// Sends bad messages between good ones: each good one passes, and each bad one is counted by its reason.
-fn assert_rejected<C: Topic + PartialEq>(
+fn assert_rejected<C: TopicPorts + PartialEq>(
     receiver: &mut Receiver<C>,
     forger: &Forger<C>,
     reason: Reason,
@@ -43,7 +43,7 @@ fn assert_rejected<C: Topic + PartialEq>(
 }
 
 /// Every kind, every single bit, and what else no airframe can have sent.
-fn assert_all_rejected<C: Topic + PartialEq>(forgeries: &[fn(&mut C)]) {
+fn assert_all_rejected<C: TopicPorts + PartialEq>(forgeries: &[fn(&mut C)]) {
     let site = Site::new();
     let wire = site.wire();
     let (mut receiver, forger) = armed::<C>(&site, &wire);

@@ -8,7 +8,7 @@ use faults::live::{LIVE, LiveBlackboard, LoopFaults};
 use faults::{LONGEST_DELAY, MessageFaults, Port};
 use ipc::clock::Horizon;
 use ipc::error::Error;
-use ipc::{BlackboardReader, LATEST, Receiver, Wire};
+use ipc::{BlackboardReader, LATEST, Receiver, TopicPorts, Wire};
 use messages::content::Stamped;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
@@ -145,7 +145,7 @@ fn change<C: Faulty>(
     true
 }
 
-impl<A: Faulty> Inputs for Input<A> {
+impl<A: Faulty + TopicPorts> Inputs for Input<A> {
     type Stamped = Stamped<A>;
 
     fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
@@ -239,7 +239,7 @@ impl<A: Faulty> Inputs for Input<A> {
     }
 }
 
-impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
+impl<A: Faulty + TopicPorts, B: Faulty + TopicPorts> Inputs for (Input<A>, Input<B>) {
     type Stamped = (Stamped<A>, Stamped<B>);
 
     fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {

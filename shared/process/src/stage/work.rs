@@ -2,9 +2,9 @@
 
 use super::inputs::Inputs;
 use control_api::SavedState;
+use ipc::TopicPorts;
 use messages::blackboards::EndReason;
 use messages::role::Role;
-use messages::topic::Topic;
 
 /// The newest inputs of a stage, each with its tick.
 pub type StageInputs<S> = <<S as Stage>::Inputs as Inputs>::Stamped;
@@ -12,7 +12,7 @@ pub type StageInputs<S> = <<S as Stage>::Inputs as Inputs>::Stamped;
 pub trait Stage {
     const ROLE: Role;
     type Inputs: Inputs;
-    type Output: Topic;
+    type Output: TopicPorts;
 
     /// Computes a tick with the newest inputs, of whatever tick; nothing if there is nothing new to publish.
     fn work(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
