@@ -106,8 +106,9 @@ pub fn run(
     let recorder = Recorder {
         settings,
         armed: &armed,
-        files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
+        // It loads the laws: once there is a log, their files may go.
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
+        files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
         streams,
         host,
         roles,
