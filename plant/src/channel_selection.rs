@@ -21,8 +21,8 @@ pub struct ChannelSelection {
     /// The first tick whose command has not been taken: a command that comes late may still be needed.
     untaken: u64,
     groups: GroupSelection,
-    /// The channel that was requested to fly.
-    requested: Option<Channel>,
+    /// The channel that was requested to fly, and the first tick whose command is to be its.
+    requested: Option<(u64, Channel)>,
     /// The commands of the last tick.
     last: Vec<Candidate, MOST_CHANNELS>,
     account: RedundancyAccount,
@@ -50,9 +50,9 @@ impl ChannelSelection {
         self.groups.is_ready(channel, &self.last)
     }
 
-    /// Requests that this channel's laws fly from the next decision on.
-    pub const fn request(&mut self, channel: Channel) {
-        self.requested = Some(channel);
+    /// Requests that the command of a tick, and those after it, are of this channel's laws.
+    pub const fn request(&mut self, from: u64, channel: Channel) {
+        self.requested = Some((from, channel));
     }
 
     /// Takes a channel's command, which may act from `effective_tick` on. Without room the oldest one is dropped.
@@ -85,18 +85,22 @@ impl ChannelSelection {
             self.waiting.retain(|it| it.tick != made_for);
             let is_published = published.take_if(|it| *it == made_for).is_some();
             if is_published {
-                let switchover =
-                    self.groups
-                        .decide(made_for, &candidates, self.requested, excursion);
+                let due = self.requested.filter(|(from, _)| *from <= made_for);
+                let channel = due.map(|(_, channel)| channel);
+                let switchover = self
+                    .groups
+                    .decide(made_for, &candidates, channel, excursion);
                 if let Some(switchover) = switchover {
                     self.account.switch(switchover);
                 }
-                let is_flown = |it: &mut Channel| {
+                let is_flown = |it: Channel| {
                     let arrangement = &self.groups.arrangement;
-                    arrangement.are_alike(*it, self.groups.group_at(made_for))
+                    arrangement.are_alike(it, self.groups.group_at(made_for))
                 };
                 // Until the channel is ready, the request waits.
-                self.requested.take_if(is_flown);
+                if channel.is_some_and(is_flown) {
+                    self.requested = None;
+                }
             }
             let group = self.groups.group_at(made_for);
             let selection = self.groups.of_group(group, &candidates);
@@ -174,6 +178,27 @@ mod tests {
         let account = selection.redundancy();
         assert_eq!((account.flown, account.masked), ([1, 2, 0], 2));
         assert_eq!((account.not_fresh, account.mismatches), (2, 0));
+    }
+
+    #[test]
+    fn a_request_waits_for_its_tick_though_the_plant_was_stopped_before_it() {
+        let mut selection = ChannelSelection::new(Arrangement {
+            groups: Channel::ALL,
+            ..Arrangement::alike(2)
+        });
+        let offer = |selection: &mut ChannelSelection, tick| {
+            selection.offer(Channel::A, &message(tick, tick, 1.0), tick + 1);
+            selection.offer(Channel::B, &message(tick, tick, 2.0), tick + 1);
+        };
+        offer(&mut selection, 0);
+        assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
+        // The plant publishes tick 1, is stopped, and publishes tick 5 next.
+        offer(&mut selection, 1);
+        selection.request(3, Channel::B);
+        assert_eq!(decided(&mut selection, 5), [(1, 1.0, 2)]);
+        offer(&mut selection, 5);
+        assert_eq!(decided(&mut selection, 6), [(5, 2.0, 6)]);
+        assert_eq!(selection.redundancy().switchovers()[0].tick, 5);
     }
 
     #[test]

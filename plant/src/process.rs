@@ -421,8 +421,8 @@ impl<'a> PlantProcess<'a> {
         };
         let due = self.next_switch..=decided;
         self.next_switch = tick;
-        if let Some(channel) = self.injection.switch(due) {
-            selection.request(channel);
+        if let Some((from, channel)) = self.injection.switch(due) {
+            selection.request(from, channel);
         }
         let plant = &mut self.plant;
         selection.decide(tick, &self.excursion, |command, effective_tick| {

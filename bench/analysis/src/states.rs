@@ -23,7 +23,7 @@ const COLUMNS: &str = "t,x,y,z,vx,vy,vz,phi,theta,psi,p,q,r,IR_hat,kr_hat,delta_
 
 pub struct StatesWriter {
     csv: csv::Writer<Box<dyn Write>>,
-    /// What stands before the disk, where the file has something there.
+    /// None where rows are written as they come.
     queue: Option<AsyncWriter>,
     tracking: Tracking,
     laws: FlownLaws,
@@ -31,19 +31,18 @@ pub struct StatesWriter {
 }
 
 impl StatesWriter {
-    /// Begins a file with its header; with `may_spool`, no row waits for the disk. What is no file is written as it
-    /// comes.
+    /// Begins a file with its header. With `in_background`, no row waits for the disk, unless `path` is a pipe or a device.
     pub fn create(
         path: &Path,
         tracking: Tracking,
         laws: FlownLaws,
         every_ticks: u64,
-        may_spool: bool,
+        in_background: bool,
     ) -> Result<Self, Failure> {
         let begin = || -> io::Result<Self> {
             let file = create_file(path)?;
             let (out, queue): (Box<dyn Write>, _) =
-                if may_spool && file.metadata().is_ok_and(|it| it.is_file()) {
+                if in_background && file.metadata().is_ok_and(|it| it.is_file()) {
                     let queue = AsyncWriter::new(file, LEFT_FREE_BYTES)?;
                     (Box::new(queue.clone()), Some(queue))
                 } else {

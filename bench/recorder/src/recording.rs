@@ -106,7 +106,7 @@ pub fn run(
     let recorder = Recorder {
         settings,
         armed: &armed,
-        // It loads the laws: once there is a log, their files may go.
+        // Loads the laws. As soon as the flight has files, those of the laws may disappear.
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
         files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
         streams,

@@ -83,8 +83,8 @@ impl Injection {
         Ok(span)
     }
 
-    /// The last channel that is requested to fly from one of these ticks on.
-    pub fn switch(&self, ticks: RangeInclusive<u64>) -> Option<Channel> {
+    /// The last channel that is requested to fly from one of these ticks on, and that tick.
+    pub fn switch(&self, ticks: RangeInclusive<u64>) -> Option<(u64, Channel)> {
         if !self.has_switches {
             return None;
         }
@@ -94,7 +94,6 @@ impl Injection {
         });
         let due = switches.filter(|(from, _)| ticks.contains(from));
         due.max_by_key(|(from, _)| *from)
-            .map(|(_, channel)| channel)
     }
 
     /// Computes for as much longer as a fault says.

@@ -74,7 +74,7 @@ impl Wire {
         })
     }
 
-    // Not generic, as the rest that opens a board: the middleware's services are compiled in this crate alone.
+    // The functions that open a board are not generic, so that the middleware's services are compiled in this crate alone.
     fn create_board(
         &self,
         name: &str,

@@ -32,7 +32,7 @@ pub trait Order: Layout + Debug {
     fn client(wire: &Wire) -> Result<RequestClient<Self>, Error>;
 }
 
-/// As the ports of topics, so that the middleware's services are compiled in this crate alone.
+/// Each order has its own implementation for the reason that topics do (`TopicPorts`).
 macro_rules! order {
     ($order:ty, $service:literal, $answer:ty, $names:expr) => {
         impl Order for $order {

@@ -20,11 +20,11 @@
 enum { HARM, FROM_TICK, LEVEL, SETTINGS };
 enum { NOTHING, EXIT, QUICK_EXIT, RAW_EXIT, THREAD_EXIT, BLOCK_AND_LOOP, ROUND, TRAP, RAISE, SHOW, FORK, FORK_AWAY,
        EXIT_WHEN_MADE, WAIT_WHEN_MADE, EXIT_WHEN_FREED, CRASH_AT_EXIT, THREAD,
-       FORK_WHEN_MADE, WAIT };
+       FORK_WHEN_MADE };
 static const char *const WORDS[] = {"nothing", "exit", "quick_exit", "raw_exit", "thread_exit", "block_and_loop",
                                     "round", "trap", "raise", "show", "fork", "fork_away",
                                     "exit_when_made", "wait_when_made", "exit_when_freed", "crash_at_exit", "thread",
-                                    "fork_when_made", "wait"};
+                                    "fork_when_made"};
 static const char *const LEVELS[] = {"1", "2.5", "2024-01-01"};
 static const IronbirdSetting settings[SETTINGS] = {
     [HARM] = {.name = "harm", .meaning = "what to do", .kind = IRONBIRD_WORD, .words = WORDS,
@@ -117,9 +117,6 @@ static void harm(const Law *law, uint64_t tick, IronbirdTelemetry *shown)
         sigprocmask(SIG_BLOCK, &all, NULL);
         for (;;)
             sink++;
-    case WAIT:
-        for (;;)
-            pause();
     case ROUND: fesetround(FE_UPWARD); break;
     case TRAP:
         feenableexcept(FE_DIVBYZERO);
