@@ -313,17 +313,18 @@ impl TheoremStatistics {
 
     /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
     pub fn take(&mut self, epoch: u64, monitor: &Monitor) {
-        if let Some((known, last)) = self.newest
-            && known != epoch
-        {
-            self.ended = Some(self.ended.map_or(last, |ended| together(&ended, &last)));
-            self.broken = 0;
+        let mut checked = 0;
+        match &self.newest {
+            Some((known, last)) if *known == epoch => checked = last.ticks_checked,
+            Some((_, last)) => {
+                self.ended = Some(self.ended.map_or(*last, |ended| together(&ended, last)));
+                self.broken = 0;
+            }
+            None => {}
         }
         if monitor.causes & Cause::LiveSwap.bit() != 0 {
             self.broken = 0;
         }
-        let known = self.newest.filter(|(known, _)| *known == epoch);
-        let checked = known.map_or(0, |(_, last)| last.ticks_checked);
         let is_excused = EXCUSES
             .iter()
             .any(|cause| monitor.causes & cause.bit() != 0);

@@ -50,11 +50,15 @@ impl Tracking {
 
     /// True distance of the state of a tick from its reference [m].
     pub fn error_m(&self, tick: u64, state: &State) -> f64 {
-        let setpoint = Setpoint {
-            reference: self.reference(tick),
-            ..Setpoint::default()
-        };
-        setpoint.position_error_m(state)
+        state.position_error_m(&self.reference(tick))
+    }
+
+    /// As [`Self::error_m`]; a setpoint of the tick has its reference already.
+    pub fn error_beside_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
+        setpoint.map_or_else(
+            || self.error_m(tick, state),
+            |setpoint| state.position_error_m(&setpoint.reference),
+        )
     }
 }
 
@@ -222,7 +226,7 @@ mod tests {
             let found = bits(tracking.position_w_m(tick), tracking.yaw_rad(tick));
             let expected = bits(reference.position_w_m, reference.yaw_rad);
             assert_eq!(found, expected, "tick {tick}");
-            let error_m = setpoint.position_error_m(&content).to_bits();
+            let error_m = content.position_error_m(&setpoint.reference).to_bits();
             assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
             content.measured = Measured::default();
             assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);

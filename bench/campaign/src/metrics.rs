@@ -40,10 +40,7 @@ impl Metrics {
         setpoint: Option<&Setpoint>,
         rotors: &RotorSpeeds,
     ) {
-        let error_m = match setpoint {
-            Some(setpoint) => setpoint.position_error_m(state),
-            None => self.tracking.error_m(tick, state),
-        };
+        let error_m = self.tracking.error_beside_m(tick, state, setpoint);
         self.flight.take(tick, state, error_m, rotors);
         self.recoveries.take(tick, error_m);
     }

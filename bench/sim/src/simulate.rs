@@ -74,6 +74,7 @@ pub fn report(
     if let Some(states) = &mut states {
         states.flush()?;
     }
+    observations.theorem.innovation(rig.innovation());
     let theorem = observations.theorem.section();
     let gate = settings.recorder.theorem_gate();
     let gate = gate.map(|gate| Gate::theorem(&theorem, gate));
@@ -178,7 +179,7 @@ impl Observations {
     fn take(&mut self, rig: &Simulator) {
         self.unusable.take(rig);
         let (tick, state) = (rig.flown_tick(), rig.state());
-        let error_m = self.tracking.error_m(tick, state);
+        let error_m = self.tracking.error_beside_m(tick, state, rig.setpoint());
         self.recent.take(tick, state.truth.position_w_m[2], error_m);
         let actual = rig.state().truth.theta();
         self.theorem.truth(actual);
@@ -187,7 +188,6 @@ impl Observations {
         };
         if let Some(monitor) = rig.monitor() {
             self.theorem.take(0, monitor);
-            self.theorem.innovation(rig.innovation());
         }
         if self.has_estimates {
             let estimate = adaptive::estimate(&wrench.telemetry);

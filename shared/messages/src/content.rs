@@ -122,11 +122,10 @@ layout! {
     }
 }
 
-impl Setpoint {
+impl State {
     /// Distance between the vehicle, where it truly is, and its reference [m]: for those who judge, never for a law.
-    pub fn position_error_m(&self, state: &State) -> f64 {
-        (Vector3::from(state.truth.position_w_m) - Vector3::from(self.reference.position_w_m))
-            .norm()
+    pub fn position_error_m(&self, reference: &Reference) -> f64 {
+        (Vector3::from(self.truth.position_w_m) - Vector3::from(reference.position_w_m)).norm()
     }
 }
 

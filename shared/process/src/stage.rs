@@ -189,7 +189,7 @@ impl Stage for Outer {
     }
 
     fn end(&self, setpoint: &Setpoint, state: &Stamped<State>) -> Option<EndReason> {
-        let error_m = setpoint.position_error_m(&state.content);
+        let error_m = state.content.position_error_m(&setpoint.reference);
         (error_m > self.position_error_max_m).then_some(EndReason::Position)
     }
 

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use analysis::margin::LoopMargin;
 use errors::Failure;
-use nalgebra::Complex;
+use nalgebra::{Complex, ComplexField};
 
 use crate::margin::flights::{base, rig};
 use crate::parallel::check_stop;
@@ -92,7 +92,7 @@ fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
     }
     // Frequencies in radians per tick.
     let open = |w: f64| {
-        let z = Complex::from_polar(1.0, -w);
+        let z = Complex::new(w.cos(), -w.sin());
         let sum = |sum: Complex<f64>, it: &f64| sum * z + it;
         let closed = response.iter().rev().fold(Complex::default(), sum);
         -closed / (closed + 1.0)
@@ -119,8 +119,8 @@ fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
         };
         pairs.map(root)
     };
-    let delay = |(w, l): (f64, Complex<f64>)| (w, (l.arg() + PI).rem_euclid(TAU));
-    let crossovers = crossings(|l| l.norm() - 1.0).map(delay);
+    let delay = |(w, l): (f64, Complex<f64>)| (w, (l.argument() + PI).rem_euclid(TAU));
+    let crossovers = crossings(|l| l.modulus() - 1.0).map(delay);
     if let Some((w, phase)) = crossovers.min_by(|a, b| (a.1 / a.0).total_cmp(&(b.1 / b.0))) {
         margin.crossover_rad_s = Some(w / period_s);
         margin.phase_margin_deg = Some(phase.to_degrees());
@@ -128,8 +128,8 @@ fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
     }
     let real = crossings(|l| l.im).chain([(PI, open(PI))]);
     let gains = real
-        .filter(|(_, l)| l.re < 0.0 && l.norm() < 1.0)
-        .map(|(_, l)| 1.0 / l.norm());
+        .filter(|(_, l)| l.re < 0.0 && l.modulus() < 1.0)
+        .map(|(_, l)| 1.0 / l.modulus());
     margin.gain = gains.min_by(f64::total_cmp);
     margin
 }

@@ -175,11 +175,7 @@ impl Judge {
     /// Checks the state with the outputs of the stages.
     fn leaves(&mut self, rig: &Simulator) {
         let (tick, state, setpoint) = (rig.state_tick(), rig.state(), rig.setpoint());
-        // A set-point carries the reference of its tick already.
-        let error_m = setpoint.map_or_else(
-            || self.tracking.error_m(tick, state),
-            |setpoint| setpoint.position_error_m(state),
-        );
+        let error_m = self.tracking.error_beside_m(tick, state, setpoint);
         self.flown.error.take(error_m);
         let allowed_m = self.allowed_m;
         // It is the outer loop that ends a flight for this, where it works.

@@ -10,7 +10,6 @@
 use std::f64::consts::PI;
 
 use crate::math::atan2;
-use crate::vectors::vectorised_by_four;
 
 /// Quotient up to which it is known [1]: 2^60.
 const LARGEST: f64 = 1_152_921_504_606_846_976.0;
@@ -55,31 +54,12 @@ pub fn atan2_of_most(y: f64, x: f64) -> (f64, bool) {
     (turned.copysign(y), is_known)
 }
 
-/// Angles of up to four points, each as (y, x), from the axis of x [rad]: [`super::atan2`] of all at once.
+/// Angles of points, each as (y, x), from the axis of x [rad]: [`super::atan2`] of each.
 pub fn atan2_of_each<const N: usize>(points: [(f64, f64); N]) -> [f64; N] {
-    let (mut y, mut x) = ([0.0; 4], [1.0; 4]);
-    for (i, point) in points.iter().enumerate() {
-        (y[i], x[i]) = *point;
-    }
-    if into_angles(&mut y, &x) {
-        std::array::from_fn(|i| y[i])
-    } else {
-        points.map(|(y, x)| atan2(y, x))
-    }
-}
-
-vectorised_by_four! {
-    /// Makes angles of y; false where one of them is unknown. Of slices, as a loop of known length would be unrolled.
-    #[inline(never)]
-    pub fn into_angles(y: &mut [f64], x: &[f64]) -> bool {
-        let mut all_known = true;
-        for (y, x) in y.iter_mut().zip(x) {
-            let (angle, is_known) = atan2_of_most(*y, *x);
-            *y = angle;
-            all_known &= is_known;
-        }
-        all_known
-    }
+    points.map(|(y, x)| match atan2_of_most(y, x) {
+        (angle, true) => angle,
+        (_, false) => atan2(y, x),
+    })
 }
 
 /// The powers of the arc tangent after x, over x; `z` is x^2.
