@@ -103,8 +103,13 @@ impl Flight {
         let mut state = at(NO_TICK, State::default());
         let mut setpoint = at(NO_TICK, Setpoint::default());
         for tick in 0..=self.last_tick {
-            // A copy shows the state before the tick is settled: a command without delay still counts.
-            let sampled = plant.clone().begin(tick);
+            // A command without delay acts in the tick whose state it was computed from: a copy shows that state.
+            let has_delay = self.delay_ticks > 0;
+            let sampled = if has_delay {
+                plant.begin(tick)
+            } else {
+                plant.clone().begin(tick)
+            };
             if let Some(content) = deliver(tick, sampled) {
                 state = at(tick, content);
             }
@@ -117,7 +122,9 @@ impl Flight {
             // that of tick 0 is lost.
             let dated = tick.wrapping_sub(u64::from(self.delay_ticks == 0));
             plant.offer(&at(dated, command), tick + self.delay_ticks);
-            plant.begin(tick);
+            if !has_delay {
+                plant.begin(tick);
+            }
             plant.finish();
             assert_eq!(plant.envelope(), Ok(()));
             watch(&Tick {
