@@ -206,7 +206,6 @@ fn slow_motors_with_noise_want_the_soft_gains() {
 }
 
 #[test]
-#[ignore = "long: part of the gate"]
 fn estimates_converge_only_where_the_flight_excites_them() {
     let model = Airframe::nominal();
     for preset in ["flight", "paper"] {
