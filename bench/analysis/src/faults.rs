@@ -35,7 +35,7 @@ impl InjectedFault {
         Self { live: true, ..self }
     }
 
-    /// Whether it struck in some ticks, or just before them: what happens once is seen in the next tick, too.
+    /// Whether it acts in some ticks, or just before them: the effect of a single event is seen in the next tick, too.
     pub fn is_active(&self, first: u64, last: u64) -> bool {
         let to = match self.happens_once() {
             true => self.tick.saturating_add(2),

@@ -52,7 +52,7 @@ pub struct OutageCase {
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
     #[serde(default)]
     pub ran: Vec<RunnerTime>,
-    /// Faults of messages, stages and the processor that were on in it, or struck just before.
+    /// Faults of messages, stages and the processor that acted in it, or just before.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<String>,
     /// What the stages did around its first tick and its last one; ticks between these are left out.

@@ -313,15 +313,15 @@ impl TheoremStatistics {
 
     /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
     pub fn take(&mut self, epoch: u64, monitor: &Monitor) {
-        let mut checked = 0;
-        match &self.newest {
-            Some((known, last)) if *known == epoch => checked = last.ticks_checked,
+        let checked = match &self.newest {
+            None => 0,
+            Some((known, last)) if *known == epoch => last.ticks_checked,
             Some((_, last)) => {
                 self.ended = Some(self.ended.map_or(*last, |ended| together(&ended, last)));
                 self.broken = 0;
+                0
             }
-            None => {}
-        }
+        };
         if monitor.causes & Cause::LiveSwap.bit() != 0 {
             self.broken = 0;
         }

@@ -53,8 +53,8 @@ impl Tracking {
         state.position_error_m(&self.reference(tick))
     }
 
-    /// As [`Self::error_m`]; a setpoint of the tick has its reference already.
-    pub fn error_beside_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
+    /// The same from the setpoint of the tick, which has the reference already; without one as [`Self::error_m`].
+    pub fn setpoint_error_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
         setpoint.map_or_else(
             || self.error_m(tick, state),
             |setpoint| state.position_error_m(&setpoint.reference),
@@ -228,6 +228,8 @@ mod tests {
             assert_eq!(found, expected, "tick {tick}");
             let error_m = content.position_error_m(&setpoint.reference).to_bits();
             assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
+            let from_setpoint_m = tracking.setpoint_error_m(0, &content, Some(&setpoint));
+            assert_eq!(from_setpoint_m.to_bits(), error_m);
             content.measured = Measured::default();
             assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
         }

@@ -40,7 +40,7 @@ impl Metrics {
         setpoint: Option<&Setpoint>,
         rotors: &RotorSpeeds,
     ) {
-        let error_m = self.tracking.error_beside_m(tick, state, setpoint);
+        let error_m = self.tracking.setpoint_error_m(tick, state, setpoint);
         self.flight.take(tick, state, error_m, rotors);
         self.recoveries.take(tick, error_m);
     }

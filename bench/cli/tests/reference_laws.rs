@@ -120,7 +120,7 @@ impl Flight {
             let command = mixer.tick(tick, &at(tick, wrench));
             // The plant holds a command back until the tick after its own, so a command without delay is dated back;
             // that of tick 0 is lost.
-            let dated = tick.wrapping_sub(u64::from(self.delay_ticks == 0));
+            let dated = tick.wrapping_sub(u64::from(!has_delay));
             plant.offer(&at(dated, command), tick + self.delay_ticks);
             if !has_delay {
                 plant.begin(tick);

@@ -106,7 +106,7 @@ pub fn run(
     let recorder = Recorder {
         settings,
         armed: &armed,
-        // Loads the laws. As soon as the flight has files, those of the laws may disappear.
+        // This loads the laws, so it comes first: their files may disappear once the flight has a log.
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
         files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
         streams,

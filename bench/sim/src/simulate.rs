@@ -179,7 +179,7 @@ impl Observations {
     fn take(&mut self, rig: &Simulator) {
         self.unusable.take(rig);
         let (tick, state) = (rig.flown_tick(), rig.state());
-        let error_m = self.tracking.error_beside_m(tick, state, rig.setpoint());
+        let error_m = self.tracking.setpoint_error_m(tick, state, rig.setpoint());
         self.recent.take(tick, state.truth.position_w_m[2], error_m);
         let actual = rig.state().truth.theta();
         self.theorem.truth(actual);

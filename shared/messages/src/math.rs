@@ -8,7 +8,7 @@
 mod arc;
 mod trig;
 
-pub use arc::{atan2_of_each, atan2_of_most};
+pub use arc::atan2_of_most;
 pub use trig::{sin_cos, sin_cos_of_each};
 
 /// Sine of an angle [rad].

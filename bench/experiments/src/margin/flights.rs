@@ -119,7 +119,7 @@ impl<'a> Flights<'a> {
                 if tick < self.from {
                     return Ok(());
                 }
-                let error_m = self.tracking.error_beside_m(tick, state, rig.setpoint());
+                let error_m = self.tracking.setpoint_error_m(tick, state, rig.setpoint());
                 peak_m = peak_m.max(error_m);
                 if error_m > self.bounds.recovered_below_m {
                     back = back.max(tick + 1);

@@ -9,8 +9,6 @@
 
 use std::f64::consts::PI;
 
-use crate::math::atan2;
-
 /// Quotient up to which it is known [1]: 2^60.
 const LARGEST: f64 = 1_152_921_504_606_846_976.0;
 /// What pi has beyond its 53 bits.
@@ -54,14 +52,6 @@ pub fn atan2_of_most(y: f64, x: f64) -> (f64, bool) {
     (turned.copysign(y), is_known)
 }
 
-/// Angles of points, each as (y, x), from the axis of x [rad]: [`super::atan2`] of each.
-pub fn atan2_of_each<const N: usize>(points: [(f64, f64); N]) -> [f64; N] {
-    points.map(|(y, x)| match atan2_of_most(y, x) {
-        (angle, true) => angle,
-        (_, false) => atan2(y, x),
-    })
-}
-
 /// The powers of the arc tangent after x, over x; `z` is x^2.
 #[inline(always)]
 fn powers(z: f64) -> f64 {
@@ -86,9 +76,8 @@ fn powers(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::FRAC_PI_4;
-
     use super::*;
+    use crate::math::atan2;
     use crate::noise::uniform;
 
     fn check(y: f64, x: f64) -> bool {
@@ -97,13 +86,6 @@ mod tests {
         if is_known {
             assert_eq!(angle.to_bits(), exact, "y = {y:e}, x = {x:e}");
         }
-        let [zero, one, many] = atan2_of_each([(0.0, 1.0), (1.0, 1.0), (y, x)]).map(f64::to_bits);
-        let expected = [0.0, FRAC_PI_4].map(f64::to_bits);
-        assert_eq!([zero, one], expected);
-        assert!(
-            many == exact || y.is_nan() || x.is_nan(),
-            "y = {y:e}, x = {x:e}"
-        );
         is_known
     }
 
