@@ -571,6 +571,8 @@ mod tests {
         }
         let theorem = statistics.section();
         assert_eq!((theorem.ticks_checked, theorem.unexplained()), (20, 3));
+        // The second says nothing of a step that the first has not said.
+        assert_eq!((theorem.ticks, theorem.ticks_judged), (3, 2));
         assert!(!theorem.is_live);
         assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
         let rise = theorem.largest_rise["gyro_noise"];
