@@ -348,7 +348,7 @@ mod tests {
 
     /// Runs a test with the fault injector of a flight at tick 0, on the clock.
     fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
-        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let instance = Instance::under(root.path(), "injector").unwrap();
         let overrides = vec![("flight.faults", faults.to_vec().into())];
         let settings = Settings::resolve(None, &overrides).unwrap();

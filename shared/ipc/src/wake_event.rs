@@ -290,7 +290,7 @@ mod tests {
     /// One test, because the alarm's signal reaches every alarm of a process.
     #[test]
     fn an_alarm_is_set_once_to_an_instant_to_come_and_a_wait_ends_without_it_too() {
-        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let instance = Instance::under(root.path(), "blocked").unwrap();
         // On a thread of its own, which is then without the signal.
         std::thread::scope(|scope| {

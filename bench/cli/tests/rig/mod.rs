@@ -20,6 +20,7 @@ use ipc::instance::Instance;
 use messages::blackboards::{ActiveParameters, IN_FORCE, RUN, Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::role::{Role, STAGES};
+use rustix::fs::StatVfsMountFlags;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -53,6 +54,16 @@ pub fn copy_executable(to: &Path) {
     assert!(copied.success());
 }
 
+/// Where the many small files of a flight cost least, unless no law could be loaded from there or it is small.
+fn in_memory() -> &'static str {
+    let memory = rustix::fs::statvfs("/dev/shm").unwrap();
+    let is_closed = memory.f_flag.contains(StatVfsMountFlags::NOEXEC);
+    match is_closed || memory.f_bavail * memory.f_frsize < 1 << 30 {
+        true => "/tmp",
+        false => "/dev/shm",
+    }
+}
+
 pub struct Rig {
     executable: &'static str,
     directory: TempDir,
@@ -69,13 +80,17 @@ impl Rig {
 
     /// `name` starts the instance's name: at most 16 characters.
     pub fn new(name: &str) -> Self {
+        Self::below(in_memory(), name)
+    }
+
+    /// The directory is below `place`, which has a short name, because sockets live below the directory.
+    pub fn below(place: &str, name: &str) -> Self {
         hear_signals();
         // Tests of one file run side by side, in one process.
         static RIGS: AtomicU64 = AtomicU64::new(0);
-        // Short, because sockets live below it.
         let directory = tempfile::Builder::new()
             .prefix("ib")
-            .tempdir_in("/tmp")
+            .tempdir_in(place)
             .unwrap();
         let number = RIGS.fetch_add(1, Ordering::Relaxed);
         Self {

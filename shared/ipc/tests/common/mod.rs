@@ -23,7 +23,7 @@ pub struct Site {
 impl Site {
     pub fn new() -> Self {
         // Not below TMPDIR: sockets need a short path.
-        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let root = tempfile::tempdir_in("/dev/shm").unwrap();
         Self {
             instance: Instance::under(root.path(), "test").unwrap(),
             root,

@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn a_notification_is_a_rehearsal_only_if_it_calls_for_one_and_time_is_read_after_the_input() {
-        let root = tempfile::tempdir_in("/tmp").unwrap();
+        let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let instance = ipc::instance::Instance::under(root.path(), "pacer").unwrap();
         let wire = ipc::Wire::open(&instance).unwrap();
         let event = wire.wake_event(Role::Inner).unwrap();
