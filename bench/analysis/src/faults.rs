@@ -1,5 +1,6 @@
 //! Faults and parameter changes of a flight, as the report lists them.
 
+use crate::schema::ProcessFailure;
 use faults::grammar::duration;
 use messages::content::{Change, SwapRecord};
 use serde::{Deserialize, Serialize};
@@ -16,21 +17,13 @@ pub struct InjectedFault {
     pub to_s: Option<f64>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub live: bool,
-    /// In how many ticks an event is seen: a stop until it ends, and each also in the tick after it.
-    #[serde(skip)]
-    event_ticks: u64,
 }
 
 impl InjectedFault {
     /// A fault that is active from a tick of `period_s` [s] on, and up to another where it has an end.
     pub fn new(what: String, tick: u64, to_tick: Option<u64>, period_s: f64) -> Self {
         let time_s = |tick: u64| tick as f64 * period_s;
-        let stops = what.split(',').filter_map(|one| one.split_once(".stop="));
-        let stop_s = stops
-            .filter_map(|(_, time)| duration(time).ok())
-            .fold(0.0, |longest: f64, time| longest.max(time.as_secs_f64()));
         Self {
-            event_ticks: 2 + (stop_s / period_s).ceil() as u64,
             what,
             tick,
             time_s: time_s(tick),
@@ -44,13 +37,37 @@ impl InjectedFault {
         Self { live: true, ..self }
     }
 
-    /// Whether it acts in some ticks, or just before them: an event is seen in the next tick, too.
-    pub fn is_active(&self, first: u64, last: u64) -> bool {
+    /// Whether it can have a part in an outage of these ticks: an event, also in the tick after it; a stop, until it has
+    /// ended or its process was replaced.
+    pub fn is_active(
+        &self,
+        first: u64,
+        last: u64,
+        period_s: f64,
+        failures: &[ProcessFailure],
+    ) -> bool {
         let to = match self.happens_once() {
-            true => self.tick.saturating_add(self.event_ticks),
+            true => self
+                .tick
+                .saturating_add(2 + self.stop_ticks(period_s, failures)),
             false => self.to_tick.unwrap_or(u64::MAX),
         };
         self.tick <= last && to > first && !self.is_cancelled()
+    }
+
+    /// Ticks of the longest stop among its changes, or up to the successor of a process that did not outlive its stop.
+    fn stop_ticks(&self, period_s: f64, failures: &[ProcessFailure]) -> u64 {
+        let stop = |change: &str| {
+            let (stage, time) = change.split_once(".stop=")?;
+            let planned = (duration(time).ok()?.as_secs_f64() / period_s).round() as u64;
+            let back = |it: &ProcessFailure| (it.tick + it.ticks_lost?).checked_sub(self.tick);
+            let replaced = failures
+                .iter()
+                .filter(|it| it.role == stage)
+                .filter_map(back);
+            Some(replaced.fold(planned, u64::min))
+        };
+        self.what.split(',').filter_map(stop).max().unwrap_or(0)
     }
 
     /// Ended by another fault's tick, where it would be on then.
@@ -138,13 +155,31 @@ mod tests {
         );
         let mut cancelled = ended;
         cancelled.end(400, 0.002);
-        assert!(with_end.is_active(7000, 8000) && with_end.is_active(8999, 9999));
-        assert!(!with_end.is_active(7000, 7999) && !with_end.is_active(9000, 9999));
-        assert!(for_good.is_active(9000, 9000) && !for_good.is_active(0, 499));
-        assert!(once.is_active(8021, 8030) && !once.is_active(8022, 8030));
+        assert!(
+            with_end.is_active(7000, 8000, 0.001, &[])
+                && with_end.is_active(8999, 9999, 0.001, &[])
+        );
+        assert!(
+            !with_end.is_active(7000, 7999, 0.001, &[])
+                && !with_end.is_active(9000, 9999, 0.001, &[])
+        );
+        assert!(
+            for_good.is_active(9000, 9000, 0.001, &[]) && !for_good.is_active(0, 499, 0.001, &[])
+        );
+        assert!(once.is_active(8021, 8030, 0.001, &[]) && !once.is_active(8022, 8030, 0.001, &[]));
         let event = fault("inner.kill", 8000, None, 0.001);
-        assert!(event.is_active(8001, 8020) && !event.is_active(8002, 8020));
-        assert!(cancelled.is_cancelled() && !cancelled.is_active(0, 9000));
+        let replaced = ProcessFailure {
+            role: "inner".into(),
+            tick: 7999,
+            ticks_lost: Some(11),
+            ..ProcessFailure::default()
+        };
+        assert!(once.is_active(8011, 8030, 0.001, std::slice::from_ref(&replaced)));
+        assert!(!once.is_active(8012, 8030, 0.001, &[replaced]));
+        assert!(
+            event.is_active(8001, 8020, 0.001, &[]) && !event.is_active(8002, 8020, 0.001, &[])
+        );
+        assert!(cancelled.is_cancelled() && !cancelled.is_active(0, 9000, 0.001, &[]));
     }
 
     #[test]

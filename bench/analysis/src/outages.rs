@@ -3,6 +3,7 @@
 use crate::faults::InjectedFault;
 use crate::miss_causes::MissCause;
 use crate::processor_trace::RunnerTime;
+use crate::schema::ProcessFailure;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -81,12 +82,17 @@ pub struct TimelineStage {
 
 impl OutageSection {
     /// The same, and each outage with the faults that were on.
-    pub fn with_faults(mut self, faults: &[InjectedFault]) -> Self {
+    pub fn with_faults(
+        mut self,
+        faults: &[InjectedFault],
+        period_s: f64,
+        failures: &[ProcessFailure],
+    ) -> Self {
         for case in &mut self.worst {
             let last = case.tick + case.ticks - 1;
             let on = faults
                 .iter()
-                .filter(|fault| fault.is_active(case.tick, last));
+                .filter(|fault| fault.is_active(case.tick, last, period_s, failures));
             case.faults = on.map(|fault| fault.what.clone()).collect();
         }
         self

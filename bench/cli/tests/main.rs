@@ -29,7 +29,6 @@ mod replay;
 mod report_page;
 mod restarts;
 mod rig;
-mod screens;
 mod theorem;
 mod transcripts;
 mod watch;

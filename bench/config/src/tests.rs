@@ -21,6 +21,27 @@ fn default() -> Settings {
     from_file("").unwrap()
 }
 
+/// `INSTA_UPDATE=always cargo test -p config` accepts a change.
+#[test]
+fn complete_settings_are_their_snapshots() {
+    for (name, text) in [
+        (
+            "airframe",
+            "flight.airframe = \"crazyflie\"\nplant.mass_kg = 0.03\n",
+        ),
+        (
+            "laws",
+            "flight.preset = \"soft\"\nouter.law = \"estimating\"\ninner.law = \"indi\"\n",
+        ),
+        (
+            "faults",
+            "flight.faults = [\"mass_kg=0.6~1s@2s\", \"state.drop=0.1@1s..2s\"]\ninner.law = \"adaptive\"\n",
+        ),
+    ] {
+        insta::assert_snapshot!(name, from_file(text).unwrap().commented().unwrap());
+    }
+}
+
 #[test]
 fn what_an_observer_knows_of_the_laws_is_what_the_flight_knows() {
     for (text, without) in [

@@ -125,7 +125,10 @@ impl<'a> ReportBuilder<'a> {
         };
         let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
         let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
-        let mut autopsy = autopsy.unwrap_or_default().with_faults(&faults);
+        let mut autopsy =
+            autopsy
+                .unwrap_or_default()
+                .with_faults(&faults, period_s, &statistics.deaths.deaths);
         if ending.is_none() {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);

@@ -1,8 +1,11 @@
-//! The report of two recorded flights, and their comparison, are as in `snapshots/`: `INSTA_UPDATE=always cargo test -p
+//! The reports of two recorded flights, and their comparison, are as in `snapshots/`: `INSTA_UPDATE=always cargo test -p
 //! render` accepts a change.
 //!
-//! The flights are in `reports/`, with every twelfth point of their plots: one with outages, a restart, a parameter change,
-//! lost messages and gates that failed, and one in lockstep.
+//! `reports/` holds report.json, without most points of the plots, and run.json of
+//! * `outages`: `fly --duration 400ms --rt off --on-death restart --outer estimating --fault inner.stop=20ms@100ms --fault
+//!   mass_kg=0.6~50ms@180ms --fault state.drop=0.2@200ms..240ms --fault mixer.kill@280ms --gate theorem --max-miss-rate 10
+//!   --max-tracking-error 0.1`,
+//! * `lockstep`: `fly --pace lockstep --duration 300ms --inner indi --airframe crazyflie --fault mass_kg=+10%@100ms`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -43,6 +46,7 @@ fn reports_are_their_snapshots() {
             // One element a line, without the scripts and styles that are files of their own.
             let text = text
                 .replace(include_str!("../src/page.css"), "")
+                .replace(include_str!("../src/plot.css"), "")
                 .replace(include_str!("../src/readout.js"), "")
                 .replace("><", ">\n<");
             insta::assert_snapshot!(format!("{name}.{file}"), text);

@@ -124,7 +124,7 @@ static void misbehave(uint64_t how, IronbirdDemand *out)
     case EXIT: exit(0);
     case OVERFLOW: sink = overflow(1); break;
     case LOOP:
-        // Beside other tests, without a real-time priority, it gets what they leave.
+        // At normal priority, it leaves the processor to other tests.
         (void)!nice(19);
         for (;;)
             sink++;

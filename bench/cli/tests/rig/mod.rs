@@ -54,11 +54,12 @@ pub fn copy_executable(to: &Path) {
     assert!(copied.success());
 }
 
-/// Where the many small files of a flight cost least, unless no law could be loaded from there or it is small.
-fn in_memory() -> &'static str {
+/// Where the directories of rigs are: in memory, where the many small files of a flight cost least; on disk where no law
+/// can be loaded from there (noexec) or less than 1 GiB is free.
+fn parent_directory() -> &'static str {
     let memory = rustix::fs::statvfs("/dev/shm").unwrap();
-    let is_closed = memory.f_flag.contains(StatVfsMountFlags::NOEXEC);
-    match is_closed || memory.f_bavail * memory.f_frsize < 1 << 30 {
+    let is_noexec = memory.f_flag.contains(StatVfsMountFlags::NOEXEC);
+    match is_noexec || memory.f_bavail * memory.f_frsize < 1 << 30 {
         true => "/tmp",
         false => "/dev/shm",
     }
@@ -80,17 +81,17 @@ impl Rig {
 
     /// `name` starts the instance's name: at most 16 characters.
     pub fn new(name: &str) -> Self {
-        Self::below(in_memory(), name)
+        Self::below(parent_directory(), name)
     }
 
-    /// The directory is below `place`, which has a short name, because sockets live below the directory.
-    pub fn below(place: &str, name: &str) -> Self {
+    /// `parent` holds the rig's directory; its path is short, as those of sockets have to be.
+    pub fn below(parent: &str, name: &str) -> Self {
         hear_signals();
         // Tests of one file run side by side, in one process.
         static RIGS: AtomicU64 = AtomicU64::new(0);
         let directory = tempfile::Builder::new()
             .prefix("ib")
-            .tempdir_in(place)
+            .tempdir_in(parent)
             .unwrap();
         let number = RIGS.fetch_add(1, Ordering::Relaxed);
         Self {

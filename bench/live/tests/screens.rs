@@ -1,4 +1,5 @@
 //! The dashboard's screens and keys, from made-up messages.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::time::Duration;
 
@@ -217,7 +218,7 @@ fn shows(model: &Model, words: &str) {
     assert!(screen.contains(words), "no `{words}` in\n{screen}");
 }
 
-/// Screens as in `snapshots/`: `INSTA_UPDATE=always cargo test -p ironbird --test rig screens` accepts a change.
+/// Screens as in `snapshots/`: `INSTA_UPDATE=always cargo test -p live` accepts a change.
 #[test]
 fn each_page_is_its_snapshot() {
     let waiting = Model::new("left", false, true);

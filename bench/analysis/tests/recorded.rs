@@ -1,0 +1,106 @@
+//! What is counted and measured of three recorded flights is as in `snapshots/`: `INSTA_UPDATE=always cargo test -p
+//! analysis` accepts a change.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::path::Path;
+
+use analysis::distribution::buckets;
+use analysis::flight_statistics::{FlightStatistics, is_final_command};
+use analysis::miss_analysis::MissAnalysis;
+use analysis::series::Series;
+use analysis::states::{Joiner, LoopMessage};
+use analysis::tracking::Tracking;
+use controller::Trajectory;
+use flight_log::entry::LogEntry;
+use flight_log::reader::LogReader;
+use messages::blackboards::Run;
+use messages::grid::Pace;
+use serde_json::json;
+
+/// 1 kHz, as the flights were.
+const TRACKING: Tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
+
+fn entries(reader: &mut LogReader) -> Vec<LogEntry> {
+    std::iter::from_fn(|| reader.next_entry().unwrap().copied()).collect()
+}
+
+#[test]
+fn figures_of_recorded_flights_are_their_snapshots() {
+    for flight in ["real-time", "swap", "message-faults"] {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cli/tests/golden");
+        let mut reader = LogReader::open(&golden.join(flight).join("flight.mcap")).unwrap();
+        let entries = entries(&mut reader);
+        let (pace, t0_ns) = (reader.pace().unwrap(), reader.number("t0_ns").unwrap());
+        let mut statistics = FlightStatistics::new(pace, t0_ns, TRACKING).unwrap();
+        statistics.begin_autopsy(true, true);
+        let mut joiner = Joiner::default();
+        for entry in &entries {
+            let tick = entry.envelope().tick;
+            match entry {
+                LogEntry::State(message) => {
+                    statistics.state(message);
+                    joiner.take(tick, LoopMessage::State(message.content));
+                }
+                LogEntry::Setpoint(message) => {
+                    statistics.setpoint(message);
+                    joiner.take(tick, LoopMessage::Setpoint(message.content));
+                }
+                LogEntry::Wrench(message) => {
+                    statistics.wrench(message);
+                    joiner.take(tick, LoopMessage::Wrench(message.content, None));
+                }
+                LogEntry::RotorSpeeds(message) => {
+                    statistics.rotor_speeds(message);
+                    if !is_final_command(message) {
+                        joiner.take(tick, LoopMessage::RotorSpeeds(message.content));
+                    }
+                }
+                LogEntry::Swap(message) => statistics.swap(message),
+                LogEntry::Theorem(message) => statistics.theorem(message),
+            }
+        }
+        while let Some(joined) = joiner.next_complete().or_else(|| joiner.rest()) {
+            statistics.tracer.take(&joined);
+        }
+        let period_ns = match pace {
+            Pace::Realtime(grid) => grid.period_ns,
+            Pace::Lockstep => 0,
+        };
+        let run = Run {
+            t0_ns,
+            period_ns,
+            last_tick: statistics.newest_tick(),
+            ..Run::default()
+        };
+        statistics.finish(&run, t0_ns + 1_000_000_000);
+        let ticks = statistics.ticks(&run);
+        let late = statistics.series.flight(Series::Late);
+        // The series of points is long: the first tick, and every fiftieth one.
+        let mut traces = serde_json::to_value(statistics.tracer.traces()).unwrap();
+        thin(&mut traces);
+        let figures = json!({
+            "ticks": ticks,
+            "not_fresh": statistics.not_fresh(&ticks),
+            "missed": statistics.miss_runs.missed,
+            "runs": statistics.miss_runs.lengths(),
+            "late": late.map(buckets),
+            "stretches": statistics.late_commands.stretches,
+            "outages": statistics.autopsy.as_ref().map(MissAnalysis::section),
+            "lost": statistics.lost(),
+            "flight": statistics.flight(),
+            "theorem": statistics.theorem.section(),
+            "swaps": statistics.swaps,
+            "series": statistics.series.statistics(),
+            "traces": traces,
+        });
+        insta::assert_snapshot!(flight, serde_json::to_string_pretty(&figures).unwrap());
+    }
+}
+
+fn thin(value: &mut serde_json::Value) {
+    match value {
+        serde_json::Value::Object(fields) => fields.values_mut().for_each(thin),
+        serde_json::Value::Array(points) => *points = points.iter().step_by(50).cloned().collect(),
+        _ => {}
+    }
+}
