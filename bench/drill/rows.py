@@ -70,7 +70,7 @@ def tests_of(executable):
 
 def play(row, n, executable):
     """Plays a row n times, each time at other instants; yields the figures of each trial."""
-    environment = {**os.environ, "IRONBIRD_EXECUTABLE": str(executable), row.variable: row.name, "IRONBIRD_ROUNDS": str(n)}
+    environment = {**os.environ, "IRONBIRD": str(executable), row.variable: row.name, "IRONBIRD_ROUNDS": str(n)}
     tests = subprocess.run([tests_of(executable), "--exact", row.test, "--ignored", "--nocapture"], cwd=ROOT / "bench/cli",
                            env=environment, capture_output=True, text=True, check=False)
     trials = [line.split(" ", 2) for line in tests.stdout.splitlines() if line.startswith("TRIAL ")]

@@ -1,7 +1,7 @@
 //! Pages of docs/ that tests read: the tutorial, the promises of security, the rows of the fault drill.
 
 use crate::python::repository;
-use crate::rig::{IRONBIRD, Rig, lacks_tool};
+use crate::rig::{Rig, ironbird, lacks_tool};
 use messages::checks::GUARDS;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -20,7 +20,7 @@ fn type_commands(rig: &Rig, section: &str) {
         .collect();
     assert!(commands.len() >= 5, "{commands:?}");
     fs::create_dir(rig.path("bin")).unwrap();
-    std::os::unix::fs::symlink(IRONBIRD, rig.path("bin/ironbird")).unwrap();
+    std::os::unix::fs::symlink(ironbird(), rig.path("bin/ironbird")).unwrap();
     let path = format!("{}:{}", rig.file("bin"), std::env::var("PATH").unwrap());
     let echoed = commands
         .iter()

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use crate::rig::IRONBIRD;
+use crate::rig::ironbird;
 use errors::Failure;
 use host::floor::ring::{self, RingFloor, RingSettings, Work};
 use host::floor::timer::Schedule;
@@ -40,7 +40,7 @@ fn ring(
 fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
     for by_eventfd in [false, true] {
         let work = Work::lasting(50_000);
-        let floor = ring(by_eventfd, 4, work, FLOWN, IRONBIRD).unwrap();
+        let floor = ring(by_eventfd, 4, work, FLOWN, ironbird()).unwrap();
         assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
         assert_eq!(floor.lap.len(), floor.ticks_run);
         assert_eq!(floor.chain.len(), floor.ticks_run);
@@ -49,7 +49,7 @@ fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
         assert!(floor.chain.max() <= floor.lap.max());
         assert!(floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5));
         // A chain with work is longer than one without; by how much depends on the processor's clock.
-        let idle = ring(by_eventfd, 4, Work::default(), FLOWN, IRONBIRD).unwrap();
+        let idle = ring(by_eventfd, 4, Work::default(), FLOWN, ironbird()).unwrap();
         let [worked_ns, idle_ns] = [&floor, &idle].map(|it| it.chain.min());
         assert!(worked_ns > idle_ns, "{worked_ns} {idle_ns}");
     }
@@ -59,14 +59,14 @@ fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
 fn what_is_no_ring_is_refused() {
     let soon = Duration::from_micros(10);
     for (processes, duration, executable, expected) in [
-        (1, FLOWN, IRONBIRD, "2 to 64 processes, not 1"),
+        (1, FLOWN, ironbird(), "2 to 64 processes, not 1"),
         (
             2,
             FLOWN,
             "/nonexistent",
             "cannot start a process of the ring",
         ),
-        (2, soon, IRONBIRD, "no tick of 1000000 ns"),
+        (2, soon, ironbird(), "no tick of 1000000 ns"),
     ] {
         let measured = ring(false, processes, Work::default(), duration, executable);
         let error = measured.unwrap_err().to_string();

@@ -9,7 +9,7 @@ use std::sync::Mutex;
 
 use serde_json::Value;
 
-use crate::rig::{IRONBIRD, Rig, in_parallel};
+use crate::rig::{Rig, in_parallel, ironbird};
 
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -38,7 +38,7 @@ fn simulations_have_the_same_output_hashes() {
     let mut wrong = Vec::new();
     for line in lines("simulate.txt") {
         let (hash, flags) = line.split_once(' ').unwrap();
-        let output = Command::new(IRONBIRD)
+        let output = Command::new(ironbird())
             .arg("simulate")
             .args(arguments(flags))
             .current_dir(REPOSITORY)
@@ -172,7 +172,7 @@ fn listed(help: &str) -> (BTreeSet<String>, Vec<String>) {
 }
 
 fn list_commands(path: &[String], list: &mut Vec<(String, BTreeSet<String>)>) {
-    let output = Command::new(IRONBIRD)
+    let output = Command::new(ironbird())
         .args(path)
         .arg("--help")
         .output()

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::rig::{IRONBIRD, Rig};
+use crate::rig::{Rig, ironbird};
 
 /// The files that a page shows, each in a fence that names it: "```toml wrong.toml".
 fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
@@ -40,7 +40,7 @@ fn every_refusal_is_as_its_page_shows_it_and_starts_nothing() {
     }
     let cases = trycmd::TestCases::new();
     cases
-        .register_bin("ironbird", Path::new(IRONBIRD))
+        .register_bin("ironbird", Path::new(ironbird()))
         .env("IRONBIRD_ROOT", rig.root().to_str().unwrap())
         .case(rig.path("*.md"));
     let overwrites = std::env::var("TRYCMD").is_ok_and(|it| it == "overwrite");

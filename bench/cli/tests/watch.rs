@@ -1,6 +1,6 @@
 //! `ironbird watch` in a terminal, which is a tmux server of the test. `transcripts/watch.md` has its plain text.
 
-use crate::rig::{IRONBIRD, Rig, is_gone, lacks_tool, wait_until};
+use crate::rig::{Rig, ironbird, is_gone, lacks_tool, wait_until};
 use rustix::process::Signal;
 use std::process::Command;
 
@@ -27,9 +27,10 @@ impl Screen {
         };
         // The shell stays, so that the test can read what the script left on the screen.
         let script = format!(
-            "export IRONBIRD_ROOT='{}'; echo before; {IRONBIRD} {command} --instance {}; echo ended with $?; \
+            "export IRONBIRD_ROOT='{}'; echo before; {} {command} --instance {}; echo ended with $?; \
              stty -a | grep -o ' icanon'; echo shell is back; exec sleep 600",
             rig.root().display(),
+            ironbird(),
             rig.instance
         );
         let session = format!("-f /dev/null new-session -d -x {width} -y {height}");

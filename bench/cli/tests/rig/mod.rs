@@ -31,17 +31,29 @@ pub use system::{
 };
 use system::{hear_signals, names};
 
-/// The executable under test: the one that the variable IRONBIRD named when the tests were compiled (an absolute path),
-/// such as the release build; otherwise the one that cargo built beside the tests.
-pub const IRONBIRD: &str = match option_env!("IRONBIRD") {
-    Some(path) => path,
-    None => BUILT_WITH_TESTS,
-};
-/// The executable that IRONBIRD_EXECUTABLE names while the tests run, as the drill does; otherwise [`IRONBIRD`].
-fn chosen_executable() -> &'static str {
-    static CHOSEN: LazyLock<String> =
-        LazyLock::new(|| std::env::var("IRONBIRD_EXECUTABLE").unwrap_or_else(|_| IRONBIRD.into()));
+/// The executable under test: the one that the variable IRONBIRD names, else the release build if it is up to date, else
+/// the one that cargo built beside the tests.
+pub fn ironbird() -> &'static str {
+    static CHOSEN: LazyLock<String> = LazyLock::new(|| {
+        let named = std::env::var("IRONBIRD").ok();
+        let chosen = named.or_else(release_build_if_up_to_date);
+        chosen.unwrap_or_else(|| BUILT_WITH_TESTS.into())
+    });
     &CHOSEN
+}
+
+/// The release build beside that of the tests, if it is newer than all files of which cargo made it.
+fn release_build_if_up_to_date() -> Option<String> {
+    let modified = |path: &Path| fs::metadata(path).and_then(|it| it.modified()).ok();
+    let release = Path::new(BUILT_WITH_TESTS)
+        .parent()?
+        .with_file_name("release/ironbird");
+    let built = modified(&release)?;
+    let sources = fs::read_to_string(release.with_extension("d")).ok()?;
+    let (_, sources) = sources.split_once(": ")?;
+    let is_older = |source: &str| modified(Path::new(source)).is_some_and(|at| at <= built);
+    let is_up_to_date = sources.split_whitespace().all(is_older);
+    is_up_to_date.then(|| release.to_str().map(str::to_owned))?
 }
 
 /// Has the features of the tests.
@@ -50,7 +62,7 @@ pub const BUILT_WITH_TESTS: &str = env!("CARGO_BIN_EXE_ironbird");
 /// Copies the executable by another process: while this one held the copy open to write, a child that another test's
 /// thread starts would hold it open too, and the copy could not be run ("text file busy").
 pub fn copy_executable(to: &Path) {
-    let copied = Command::new("cp").arg(IRONBIRD).arg(to).status().unwrap();
+    let copied = Command::new("cp").arg(ironbird()).arg(to).status().unwrap();
     assert!(copied.success());
 }
 
@@ -95,7 +107,7 @@ impl Rig {
             .unwrap();
         let number = RIGS.fetch_add(1, Ordering::Relaxed);
         Self {
-            executable: chosen_executable(),
+            executable: ironbird(),
             directory,
             instance: format!("{name}-{}-{number}", std::process::id()),
             started: AtomicU64::new(0),
