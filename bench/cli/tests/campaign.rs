@@ -49,8 +49,6 @@ fn memory_kb(rig: &Rig, flights: u64, chunk: u64) -> u64 {
 #[test]
 fn memory_does_not_grow_with_the_number_of_flights() {
     const MANY: u64 = 8_000;
-    /// Less than the rows of the longer campaign take if all are kept.
-    const GROWTH_MAX_KB: u64 = 2048;
     let rig = Rig::new("memory");
     // Runs of one campaign differ by more than a megabyte.
     let few = (0..5).map(|_| memory_kb(&rig, 200, 100)).max().unwrap();
@@ -58,11 +56,10 @@ fn memory_does_not_grow_with_the_number_of_flights() {
     // A file of rows is held until it is whole: this is what all rows take.
     let held = memory_kb(&rig, MANY, MANY);
     let said = format!("200 flights {few} kB, {MANY} flights {many} kB, all rows held {held} kB");
-    assert!(few > 1000 && many < few + GROWTH_MAX_KB, "{said}");
-    assert!(
-        held > few + GROWTH_MAX_KB,
-        "the bound tells nothing: {said}"
-    );
+    // Half of what it would be if rows were kept: threads and their allocators differ from run to run.
+    let growth_max = held.saturating_sub(few) / 2;
+    assert!(few > 1000 && many < few + growth_max, "{said}");
+    assert!(growth_max > 2048, "the bound tells nothing: {said}");
 }
 
 /// A campaign of two laws with further lines in its sections.
