@@ -11,6 +11,7 @@ use crate::miss_analysis::MissAnalysis;
 use crate::process_failures::FailureStatistics;
 use crate::schema;
 use crate::series::{Series, SeriesSet};
+use crate::states::is_final_command;
 use crate::theorem::TheoremStatistics;
 use crate::timer_lead::{LeadSection, LeadStatistics};
 use crate::tracer::{Timing, Tracer};
@@ -18,6 +19,7 @@ use crate::tracking::{ControlStatistics, RecentStates, Tracking};
 use errors::Failure;
 use flight_log::TOPICS;
 use flight_log::entry::Counts;
+use flight_log::entry::LogEntry;
 use messages::blackboards;
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
@@ -91,11 +93,6 @@ impl Sequence {
         self.last = Some((epoch, seq));
         seq > expected
     }
-}
-
-/// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
-pub fn is_final_command(message: &Message<RotorSpeeds>) -> bool {
-    message.envelope.stamps_of(Role::Mixer).receive_ns == 0
 }
 
 impl FlightStatistics {
@@ -175,7 +172,18 @@ impl FlightStatistics {
         self.autopsy = self.grid.map(analysis);
     }
 
-    pub fn state(&mut self, message: &Message<State>) {
+    pub fn take(&mut self, entry: &LogEntry) {
+        match entry {
+            LogEntry::State(message) => self.state(message),
+            LogEntry::Setpoint(message) => self.setpoint(message),
+            LogEntry::Wrench(message) => self.wrench(message),
+            LogEntry::RotorSpeeds(message) => self.rotor_speeds(message),
+            LogEntry::Swap(message) => self.swap(message),
+            LogEntry::Theorem(message) => self.theorem(message),
+        }
+    }
+
+    fn state(&mut self, message: &Message<State>) {
         let unseen = self.follow(0, message);
         let tick = message.envelope.tick;
         self.newest = Some((tick, message.envelope.sample_ns));
@@ -218,13 +226,13 @@ impl FlightStatistics {
         self.newest.map_or(0, |(tick, _)| tick)
     }
 
-    pub fn setpoint(&mut self, message: &Message<Setpoint>) {
+    fn setpoint(&mut self, message: &Message<Setpoint>) {
         let content = &message.content;
         self.loop_message(0, message, content.mode, &content.telemetry, None);
         self.freshness.stage(0, message.envelope.tick, content.mode);
     }
 
-    pub fn wrench(&mut self, message: &Message<Wrench>) {
+    fn wrench(&mut self, message: &Message<Wrench>) {
         let content = &message.content;
         self.loop_message(1, message, content.mode, &content.telemetry, None);
         self.freshness.stage(1, message.envelope.tick, content.mode);
@@ -263,7 +271,7 @@ impl FlightStatistics {
     }
 
     /// Takes a rotor command; the mixer's last word has no deadline.
-    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
+    fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
         let (envelope, content) = (&message.envelope, &message.content);
         let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
         if is_final_command(message) {
@@ -288,7 +296,7 @@ impl FlightStatistics {
         }
     }
 
-    pub fn swap(&mut self, message: &Message<SwapRecord>) {
+    fn swap(&mut self, message: &Message<SwapRecord>) {
         self.follow(4, message);
         self.swaps_seen += 1;
         if self.swaps.len() < SWAPS_KEPT {

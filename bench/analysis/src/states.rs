@@ -7,9 +7,12 @@ use crate::laws::{FlownLaws, Places};
 use crate::tracking::Tracking;
 use errors::{Failure, InFile as _, create_file};
 use flight_log::async_writer::AsyncWriter;
+use flight_log::entry::LogEntry;
 use flight_log::telemetry::TELEMETRY_TOPICS;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::header::Message;
 use messages::monitor::Monitor;
+use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, Telemetry};
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Write};
@@ -177,6 +180,25 @@ pub enum LoopMessage {
     /// Topic `wrench`, with what topic `theorem` says of it.
     Wrench(Wrench, Option<Monitor>),
     RotorSpeeds(RotorSpeeds),
+}
+
+/// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
+pub fn is_final_command(message: &Message<RotorSpeeds>) -> bool {
+    message.envelope.stamps_of(Role::Mixer).receive_ns == 0
+}
+
+impl LoopMessage {
+    /// A message of a log; none of a wrench, which is joined with its monitor, and of what is not joined.
+    pub fn of(entry: &LogEntry) -> Option<Self> {
+        match entry {
+            LogEntry::State(message) => Some(Self::State(message.content)),
+            LogEntry::Setpoint(message) => Some(Self::Setpoint(message.content)),
+            LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
+                Some(Self::RotorSpeeds(message.content))
+            }
+            _ => None,
+        }
+    }
 }
 
 /// Ticks for which a message may come later than the state of a newer tick: longer than a stage may stand still with it

@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use analysis::distribution::buckets;
-use analysis::flight_statistics::{FlightStatistics, is_final_command};
+use analysis::flight_statistics::FlightStatistics;
 use analysis::miss_analysis::MissAnalysis;
 use analysis::series::Series;
 use analysis::states::{Joiner, LoopMessage};
@@ -17,7 +17,7 @@ use messages::blackboards::Run;
 use messages::grid::Pace;
 use serde_json::json;
 
-/// 1 kHz, as the flights were.
+/// All three flew this trajectory at 1 kHz.
 const TRACKING: Tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
 
 fn entries(reader: &mut LogReader) -> Vec<LogEntry> {
@@ -36,27 +36,13 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         let mut joiner = Joiner::default();
         for entry in &entries {
             let tick = entry.envelope().tick;
-            match entry {
-                LogEntry::State(message) => {
-                    statistics.state(message);
-                    joiner.take(tick, LoopMessage::State(message.content));
-                }
-                LogEntry::Setpoint(message) => {
-                    statistics.setpoint(message);
-                    joiner.take(tick, LoopMessage::Setpoint(message.content));
-                }
-                LogEntry::Wrench(message) => {
-                    statistics.wrench(message);
-                    joiner.take(tick, LoopMessage::Wrench(message.content, None));
-                }
-                LogEntry::RotorSpeeds(message) => {
-                    statistics.rotor_speeds(message);
-                    if !is_final_command(message) {
-                        joiner.take(tick, LoopMessage::RotorSpeeds(message.content));
-                    }
-                }
-                LogEntry::Swap(message) => statistics.swap(message),
-                LogEntry::Theorem(message) => statistics.theorem(message),
+            statistics.take(entry);
+            let part = match entry {
+                LogEntry::Wrench(message) => Some(LoopMessage::Wrench(message.content, None)),
+                other => LoopMessage::of(other),
+            };
+            if let Some(part) = part {
+                joiner.take(tick, part);
             }
         }
         while let Some(joined) = joiner.next_complete().or_else(|| joiner.rest()) {
@@ -75,7 +61,7 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         statistics.finish(&run, t0_ns + 1_000_000_000);
         let ticks = statistics.ticks(&run);
         let late = statistics.series.flight(Series::Late);
-        // The series of points is long: the first tick, and every fiftieth one.
+        // Every fiftieth point is enough: a plot has one for each tick.
         let mut traces = serde_json::to_value(statistics.tracer.traces()).unwrap();
         thin(&mut traces);
         let figures = json!({

@@ -1,6 +1,6 @@
 //! Reads the topics and distributes each message: to observers, the log, the statistics and the Lyapunov monitor.
 
-use analysis::flight_statistics::{FlightStatistics, is_final_command};
+use analysis::flight_statistics::FlightStatistics;
 use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::Failure;
 use flight_log::entry::LogEntry;
@@ -124,30 +124,17 @@ impl MessageStreams {
             files.log(entry, |of| of.is_none());
             files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
             let tick = entry.envelope().tick;
+            statistics.take(entry);
+            if let Some(part) = LoopMessage::of(entry) {
+                joiner.take(tick, part);
+            }
             match entry {
                 LogEntry::State(message) => {
                     *parameter_epoch = message.content.parameter_epoch;
-                    statistics.state(message);
                     pairs.state(&inner_states.with_faults(message));
-                    joiner.take(tick, LoopMessage::State(message.content));
                 }
-                LogEntry::Setpoint(message) => {
-                    statistics.setpoint(message);
-                    joiner.take(tick, LoopMessage::Setpoint(message.content));
-                }
-                LogEntry::Wrench(message) => {
-                    statistics.wrench(message);
-                    pairs.wrench(message);
-                }
-                LogEntry::RotorSpeeds(message) => {
-                    statistics.rotor_speeds(message);
-                    if !is_final_command(message) {
-                        joiner.take(tick, LoopMessage::RotorSpeeds(message.content));
-                    }
-                }
-                LogEntry::Swap(message) => statistics.swap(message),
-                // The recorder computes these itself.
-                LogEntry::Theorem(_) => {}
+                LogEntry::Wrench(message) => pairs.wrench(message),
+                _ => {}
             }
         };
         if let Some(merge) = merge {

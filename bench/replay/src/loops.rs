@@ -14,7 +14,7 @@ use messages::role::{Channel, Replica, Role};
 use crate::comparison::ReplayComparison;
 use crate::inputs::{Inputs, RecordedInput, input, of};
 use crate::stage_states::StageStates;
-use analysis::flight_statistics::is_final_command;
+use analysis::states::is_final_command;
 use config::Settings;
 use controller::flight_monitor::FlightMonitor;
 use errors::Failure;

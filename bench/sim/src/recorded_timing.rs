@@ -6,8 +6,8 @@
 
 use std::path::Path;
 
-use analysis::flight_statistics::is_final_command;
 use analysis::phrase::count;
+use analysis::states::is_final_command;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use messages::grid::Pace;

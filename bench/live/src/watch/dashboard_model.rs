@@ -14,12 +14,13 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::inject::parse_line;
 use analysis::faults::AppliedSwap;
-use analysis::flight_statistics::{FlightStatistics, is_final_command};
+use analysis::flight_statistics::FlightStatistics;
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
 use analysis::schema::Speed;
 use analysis::schema::{Explained, Verdicts};
 use analysis::series::Series;
+use analysis::states::is_final_command;
 use analysis::tracking::Tracking;
 use analysis::verdicts::{TrackingLimits, flight_verdict, stability_verdict, timing_verdict};
 use config::PointsFile;
@@ -359,36 +360,27 @@ impl WatchedFlight {
     }
 
     pub fn take(&mut self, entry: &LogEntry) {
+        self.statistics.take(entry);
         match entry {
             LogEntry::State(message) => {
-                self.statistics.state(message);
                 self.state = Some(message.content);
                 let tick = message.envelope.tick;
                 let error_m = self.tracking.error_m(tick, &message.content);
                 self.position_error
                     .take(self.run.flight_time_s(tick), error_m);
             }
-            LogEntry::Setpoint(message) => {
-                self.statistics.setpoint(message);
-                self.setpoint = Some(message.content);
-            }
-            LogEntry::Wrench(message) => {
-                self.statistics.wrench(message);
-                self.wrench = Some(message.content);
-            }
+            LogEntry::Setpoint(message) => self.setpoint = Some(message.content),
+            LogEntry::Wrench(message) => self.wrench = Some(message.content),
             LogEntry::RotorSpeeds(message) => {
-                self.statistics.rotor_speeds(message);
                 if !is_final_command(message) {
                     self.rotor_speeds = Some(message.content);
                 }
             }
             LogEntry::Swap(message) => {
-                self.statistics.swap(message);
                 let (tick, period_s) = (message.envelope.tick, self.run.flight_time_s(1));
                 self.newest_swap = Some(AppliedSwap::new(tick, period_s, &message.content));
             }
             LogEntry::Theorem(message) => {
-                self.statistics.theorem(message);
                 self.monitor = Some(message.content);
                 let time_s = self.run.flight_time_s(message.envelope.tick);
                 self.v_th.take(time_s, message.content.v_th);
