@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::faults::AppliedSwap;
-use analysis::flight_statistics::is_final_command;
+use analysis::states::is_final_command;
 use config::Settings;
 use errors::Failure;
 use flight_log::codec::Logged;
