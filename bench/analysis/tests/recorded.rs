@@ -33,7 +33,7 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         let (pace, t0_ns) = (reader.pace().unwrap(), reader.number("t0_ns").unwrap());
         let mut statistics = FlightStatistics::new(pace, t0_ns, TRACKING).unwrap();
         statistics.begin_autopsy(true, true);
-        let mut joiner = Joiner::default();
+        let (mut joiner, mut joined_messages) = (Joiner::default(), 0);
         for entry in &entries {
             let tick = entry.envelope().tick;
             statistics.take(entry);
@@ -42,6 +42,7 @@ fn figures_of_recorded_flights_are_their_snapshots() {
                 other => LoopMessage::of(other),
             };
             if let Some(part) = part {
+                joined_messages += 1;
                 joiner.take(tick, part);
             }
         }
@@ -65,6 +66,7 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         let mut traces = serde_json::to_value(statistics.tracer.traces()).unwrap();
         thin(&mut traces);
         let figures = json!({
+            "joined_messages": joined_messages,
             "ticks": ticks,
             "not_fresh": statistics.not_fresh(&ticks),
             "missed": statistics.miss_runs.missed,
