@@ -31,7 +31,10 @@ fn memory_kb(rig: &Rig, flights: u64, chunk: u64) -> u64 {
          \"plant.arm_length_m\" = {{ uniform = [0.2, 0.22] }}\n\"plant.rotational_drag_nm_s\" = {{ uniform = [0.01, 0.5] }}\n"
     );
     let (file, out) = (rig.settings(&text), rig.file("memory"));
-    let mut running = rig.start("campaign", format!("run {file} --out {out} --jobs 1"));
+    let mut command = rig.command("campaign", format!("run {file} --out {out} --jobs 1"));
+    // With an arena for each thread, what malloc has free in them varies by more than a megabyte on a busy machine.
+    command.env("MALLOC_ARENA_MAX", "1");
+    let mut running = rig.launch(command);
     let status = format!("/proc/{}/status", running.pid());
     let mut largest = 0;
     while running.is_running() {
