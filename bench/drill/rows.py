@@ -30,7 +30,7 @@ class Row:
     # What a trial is.
     trial: str
     # Checks (shared/messages/src/checks.rs) that must fail this row if they are switched off.
-    guards: tuple
+    checks: tuple
     # The system test that plays it, and the variable that names the row.
     test: str
     variable: str
@@ -46,15 +46,15 @@ def table(page):
 
 def rows():
     found = []
-    for name, fault, expected, n, short, trial, guards in table("transcripts/drill.md"):
+    for name, fault, expected, n, short, trial, checks in table("transcripts/drill.md"):
         group = "Messages" if name.split(".")[0] in ("forged", "flipped", "missing", "flood") else "Processes and machine"
-        found.append(Row(group, name, fault, expected, int(n), int(short), trial, tuple(guards.split()), "transcripts::drill",
+        found.append(Row(group, name, fault, expected, int(n), int(short), trial, tuple(checks.split()), "transcripts::drill",
                          "IRONBIRD_SCENARIOS"))
     for name, fault, at, flags, exit_code, outcome, words in table("fault_matrix.md"):
-        guards = ("heartbeat",) if name == "hang.inner" else ()
+        checks = ("heartbeat",) if name == "hang.inner" else ()
         when = "" if at == "-" else f", {at}"
         expected = f"{outcome}, code {exit_code}" + (f": `{words}`" if words else "")
-        found.append(Row("Fault matrix", name, fault + when, expected, 20, 0, "flight", guards, "fault_matrix::every_row",
+        found.append(Row("Fault matrix", name, fault + when, expected, 20, 0, "flight", checks, "fault_matrix::every_row",
                          "IRONBIRD_ROWS", "--rt prefer" in flags))
     return found
 

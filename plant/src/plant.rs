@@ -14,7 +14,7 @@ pub use batch::{LANES, PlantBatch};
 
 use std::f64::consts::PI;
 
-use faults::gate::{FaultFilter, Passed};
+use faults::filter::{FaultFilter, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
 use messages::checks::{Check, is_on};
@@ -58,7 +58,7 @@ pub struct Plant {
     command_hold: CommandHold,
     delay: CommandDelay,
     /// Behind the inspection of commands, where they have faults.
-    gate: Option<Box<FaultFilter<RotorSpeeds>>>,
+    filter: Option<Box<FaultFilter<RotorSpeeds>>>,
     commands_taken: u64,
     command_taken_tick: u64,
     swaps: SwapQueue,
@@ -110,7 +110,7 @@ impl Plant {
             means: SpinMeans::steady(&hover),
             command_hold: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
             delay: CommandDelay::new(period_s, &airframe, hover.into()),
-            gate: None,
+            filter: None,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
             swaps: SwapQueue::default(),
@@ -130,11 +130,11 @@ impl Plant {
     pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
-        match self.gate.as_mut().filter(|gate| gate.has_faults()) {
+        match self.filter.as_mut().filter(|filter| filter.has_faults()) {
             None => self.command_hold.offer(command, effective_tick),
-            Some(gate) => {
+            Some(filter) => {
                 let tick = command.tick;
-                if let Some(Passed { content, delay }) = gate.pass(tick, &command.content) {
+                if let Some(Passed { content, delay }) = filter.pass(tick, &command.content) {
                     self.command_hold.offer(
                         &Stamped { tick, content },
                         effective_tick.max(tick + 1) + delay,
@@ -144,28 +144,28 @@ impl Plant {
         }
     }
 
-    /// Puts faults of the commands that it is handed before it.
-    pub fn gate(&mut self, gate: Option<FaultFilter<RotorSpeeds>>) {
-        self.gate = gate.map(Box::new);
+    /// Passes its commands through a fault filter.
+    pub fn set_fault_filter(&mut self, filter: Option<FaultFilter<RotorSpeeds>>) {
+        self.filter = filter.map(Box::new);
     }
 
-    /// The same of faults that may change in flight.
-    pub fn gate_by(&mut self, faults: &MessageFaults) {
-        self.gate(Some(FaultFilter::changing(faults, Port::PlantRotorSpeeds)));
+    /// The same with faults that may change in flight.
+    pub fn take_faults(&mut self, faults: &MessageFaults) {
+        self.set_fault_filter(Some(FaultFilter::changing(faults, Port::PlantRotorSpeeds)));
     }
 
     /// Takes the faults of its commands as they are from now on, without an allocation; `newest` came last.
     pub fn change_faults(&mut self, faults: &MessageFaults, newest: Option<RotorSpeeds>) {
-        if let Some(gate) = &mut self.gate {
-            gate.change(faults, Port::PlantRotorSpeeds, newest);
+        if let Some(filter) = &mut self.filter {
+            filter.change(faults, Port::PlantRotorSpeeds, newest);
         }
     }
 
     /// Commands that were refused for what a fault had made of them.
     pub fn rejections(&self) -> Rejections {
-        self.gate
+        self.filter
             .as_ref()
-            .map(|gate| *gate.rejections())
+            .map(|filter| *filter.rejections())
             .unwrap_or_default()
     }
 
@@ -385,7 +385,7 @@ impl Plant {
     /// Whether the state lies within the envelope of the settings.
     pub fn envelope(&self) -> Result<(), EnvelopeViolation> {
         let (tick, tilt_max_rad) = (self.tick, self.tilt_max_rad);
-        if !is_on(Check::Header) {
+        if !is_on(Check::Envelope) {
             return Ok(());
         }
         if !self.body.is_finite() {

@@ -135,7 +135,7 @@ impl<'a> PlantProcess<'a> {
             (settings.period_s * 1e9).round() as u64,
         )?;
         let mut plant = Plant::new(settings);
-        plant.gate_by(injection.messages());
+        plant.take_faults(injection.messages());
         for fault in faults {
             plant.schedule(fault.clone()).map_err(|e| Error::TooMuch {
                 what: format!("cannot schedule a fault: {e}"),

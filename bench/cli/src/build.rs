@@ -19,7 +19,7 @@ pub fn here() -> Build {
         version: env!("CARGO_PKG_VERSION").into(),
         commit: env!("IRONBIRD_COMMIT").into(),
         dirty: env!("IRONBIRD_DIRTY") == "true",
-        // Whatever names a build says of one whose guards can be switched off that it is one.
+        // Whatever names a build says of one whose checks can be switched off that it is one.
         profile: match IS_MUTANT {
             true => concat!(env!("IRONBIRD_PROFILE"), "-mutant").into(),
             false => env!("IRONBIRD_PROFILE").into(),

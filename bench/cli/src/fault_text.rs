@@ -10,7 +10,7 @@ use render::document::{Cell, Table, row};
 /// What, value and meaning.
 const KINDS: &str = "\
 PARAMETER | see `ironbird params` | changes the airframe; takes no TO
-TOPIC.drop | 0 to 1, or n/m | loses a random share of the messages, or the first n of each m
+TOPIC.drop | up to 1, or n/m | loses a random share of the messages, or the first n of each m
 TOPIC.delay | DELAYS | messages arrive this many ticks late, and stale
 TOPIC.lag | DELAYS | messages arrive on time with the content of this many ticks earlier
 TOPIC.freeze |  | messages arrive on time with the last content before the fault
@@ -21,7 +21,7 @@ ROLE.late | time, or 40us..400us | the stage computes longer by this time; one t
 ROLE.stop | time | the stage pauses for this time; takes no TO
 ROLE.kill |  | the process is killed; in a simulation it restarts RESTART later
 cpu.hog | 1 to 99 | a process of this SCHED_FIFO priority is always busy on the loops' processor
-cpu.load | 0 to 1 | an ordinary process is busy there for this share of the time
+cpu.load | up to 1 | an ordinary process is busy there for this share of the time
 a lasting fault | off | ends it; takes no TO
 ";
 

@@ -23,11 +23,11 @@ plugin::name_exits!();
 fn main() -> ExitCode {
     flight_log::build::set_executable(ironbird::build::here());
     if checks::IS_MUTANT
-        && let Ok(guard) = std::env::var("IRONBIRD_GUARD_OFF")
+        && let Ok(check) = std::env::var("IRONBIRD_CHECK_OFF")
     {
-        let off = checks::switch_off(&guard);
+        let off = checks::switch_off(&check);
         say(&format!(
-            "MUTANT: guard `{guard}` {}\n",
+            "MUTANT: check `{check}` {}\n",
             if off { "is off" } else { "is unknown" }
         ));
     }

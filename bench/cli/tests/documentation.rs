@@ -2,7 +2,7 @@
 
 use crate::python::repository;
 use crate::rig::{Rig, ironbird, lacks_tool};
-use messages::checks::GUARDS;
+use messages::checks::CHECKS;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -143,13 +143,13 @@ fn no_row_lacks_a_scenario_or_an_expectation() {
 }
 
 #[test]
-fn every_guard_has_a_row_that_its_absence_turns_red() {
+fn every_check_has_a_row_that_its_absence_turns_red() {
     let rows = rows();
-    let guards = rows
+    let checks = rows
         .iter()
-        .flat_map(|row| row["guards"].as_array().unwrap());
-    let named: BTreeSet<&str> = guards.map(|guard| guard.as_str().unwrap()).collect();
-    assert_eq!(named, GUARDS.iter().map(|(name, _)| *name).collect());
+        .flat_map(|row| row["checks"].as_array().unwrap());
+    let named: BTreeSet<&str> = checks.map(|check| check.as_str().unwrap()).collect();
+    assert_eq!(named, CHECKS.iter().map(|(name, _)| *name).collect());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! States with the faults of the inner loop's input, planned or injected, for the Lyapunov monitor.
 
 use faults::Port;
-use faults::gate::FaultFilter;
+use faults::filter::FaultFilter;
 use faults::live::{LiveBlackboard, LoopFaults};
 use ipc::BlackboardReader;
 use messages::content::State;

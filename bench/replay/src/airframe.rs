@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use faults::gate::FaultFilter;
+use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
 use messages::content::{Change, NO_TICK, RotorSpeeds, Stamped, State, SwapRecord};
 use messages::grid::Pace;
@@ -40,7 +40,7 @@ pub struct AirframeReplay {
 impl AirframeReplay {
     pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
         let mut plant = Box::new(Plant::new(settings));
-        plant.gate(FaultFilter::new(faults, Port::PlantRotorSpeeds));
+        plant.set_fault_filter(FaultFilter::new(faults, Port::PlantRotorSpeeds));
         Self {
             plant,
             pace,

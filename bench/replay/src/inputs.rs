@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use faults::fields::Faulty;
-use faults::gate::FaultFilter;
+use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
 use flight_log::entry::LogEntry;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
@@ -151,7 +151,7 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
 /// An input of a stage that is replayed.
 #[derive(Clone, Debug)]
 pub struct RecordedInput<C> {
-    gate: Option<FaultFilter<C>>,
+    filter: Option<FaultFilter<C>>,
     /// The newest messages that passed the filter.
     passed: VecDeque<Stamped<C>>,
 }
@@ -159,15 +159,17 @@ pub struct RecordedInput<C> {
 impl<C: Faulty> RecordedInput<C> {
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
-            gate: FaultFilter::new(faults, port),
+            filter: FaultFilter::new(faults, port),
             passed: VecDeque::new(),
         }
     }
 
     pub fn take(&mut self, message: &Message<C>) {
-        let Some(gate) = &mut self.gate else { return };
+        let Some(filter) = &mut self.filter else {
+            return;
+        };
         let tick = message.envelope.tick;
-        if let Some(passed) = gate.pass(tick, &message.content) {
+        if let Some(passed) = filter.pass(tick, &message.content) {
             if self.passed.len() == DEEP {
                 self.passed.pop_front();
             }
@@ -182,7 +184,7 @@ impl<C: Faulty> RecordedInput<C> {
         input_tick: u64,
         tick: u64,
     ) -> Result<Stamped<C>, Failure> {
-        if self.gate.is_none() || input_tick == NO_TICK {
+        if self.filter.is_none() || input_tick == NO_TICK {
             return input(messages, input_tick, tick);
         }
         let passed = self.passed.iter().rfind(|it| it.tick == input_tick);
@@ -192,7 +194,7 @@ impl<C: Faulty> RecordedInput<C> {
 
 #[cfg(test)]
 mod tests {
-    use faults::gate::FaultyInput;
+    use faults::filter::FaultyInput;
     use faults::{Kind, MessageFault, Span};
 
     use super::*;

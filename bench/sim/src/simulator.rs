@@ -3,7 +3,7 @@
 //! plant -> outer -> inner -> mixer -> plant. Without transport, clock or deadlines every command is on time. Four
 //! processes that miss no deadline reproduce this flight bit by bit. Nothing is allocated after [`Simulator::new`].
 //!
-//! With message or stage faults, the stages read their inputs through [`faults::gate`]. A stage in an
+//! With message or stage faults, the stages read their inputs through [`faults::filter`]. A stage in an
 //! outage does nothing, and the others see it silent, like a stopped process. After an outage of the plant, its next tick
 //! integrates the missed ones with the commands active then.
 
@@ -18,7 +18,7 @@ use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use controller::TheoremMonitor;
 use controller::innovation::Innovation;
 use errors::Failure;
-use faults::gate::{FaultFilter, FaultyInput};
+use faults::filter::{FaultFilter, FaultyInput};
 use faults::live::FaultKind;
 use faults::{MessageFaults, Port};
 use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
@@ -119,7 +119,7 @@ impl Simulator {
         }
         if !planned.has_no_loop_faults() {
             let faulted = Faulted::new(settings, &planned)?;
-            rig.plant.gate(faulted.plant_gate());
+            rig.plant.set_fault_filter(faulted.plant_filter());
             rig.faulted = Some(Box::new(faulted));
         }
         for swap in planned.swaps {
@@ -151,7 +151,7 @@ impl Simulator {
         }
         rig.plant.clone_from(&self.plant);
         if let Some(faulted) = &mut rig.faulted {
-            rig.plant.gate(faulted.plant_gate());
+            rig.plant.set_fault_filter(faulted.plant_filter());
             faulted.take_over(self);
         }
         rig.state = self.state;
@@ -385,7 +385,7 @@ impl Faulted {
         })
     }
 
-    fn plant_gate(&self) -> Option<FaultFilter<RotorSpeeds>> {
+    fn plant_filter(&self) -> Option<FaultFilter<RotorSpeeds>> {
         FaultFilter::new(&self.messages, Port::PlantRotorSpeeds)
     }
 

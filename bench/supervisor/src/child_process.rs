@@ -23,9 +23,9 @@ use errors::{Failure, InFile as _};
 use recorder::run_directory::RunDirectory;
 
 /// How long processes may take to end after a request.
-pub(super) const LANDING: Duration = Duration::from_secs(5);
+pub(super) const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long processes may take to end after the flight: longer than a recorder waits for a disk that does not respond.
-pub(super) const ENDING: Duration = Duration::from_secs(30);
+pub(super) const LANDING_TIMEOUT: Duration = Duration::from_secs(30);
 
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 

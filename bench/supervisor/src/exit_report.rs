@@ -10,7 +10,7 @@ use messages::role::{MOST_CHANNELS, Replica, Role, STAGES};
 use process::signals::asks_for_the_end;
 use rustix::fs::statvfs;
 
-use crate::child_process::{ENDING, LANDING, log_path, title};
+use crate::child_process::{LANDING_TIMEOUT, STOP_TIMEOUT, log_path, title};
 use analysis::gates::break_off;
 use analysis::process_failures;
 use analysis::process_failures::ObservedFailure;
@@ -106,7 +106,7 @@ impl Outcome {
         let mut ending: String = ending;
         for replica in &self.killed {
             let (process, law) = (title(*replica), flown_law(report, *replica));
-            let seconds = LANDING.as_secs();
+            let seconds = STOP_TIMEOUT.as_secs();
             ending += &format!(
                 "; the {process}{law} did not end within {seconds} s of SIGTERM and was killed"
             );
@@ -228,7 +228,7 @@ impl ProcessExit {
         let how = match self.killed {
             Some(KillReason::AfterFlight) => format!(
                 "the {process} did not end within {} s of the flight and was killed",
-                ENDING.as_secs()
+                LANDING_TIMEOUT.as_secs()
             ),
             Some(KillReason::Hang) => format!("the {process} hung, and was killed"),
             Some(KillReason::Fault(_) | KillReason::Outvoted) => {

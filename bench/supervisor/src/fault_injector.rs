@@ -1,6 +1,6 @@
 //! Fault injection into processes, planned or by `inject`: stops and kills them, loads their processor.
 //!
-//! Every fault is due at the start of a tick on the clock. The supervisor rests here between two looks at its flight.
+//! Every fault is due at the start of a tick on the clock. The supervisor sleeps here between two polls of its flight.
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ pub(super) struct FaultInjector {
     instance: String,
     executable: PathBuf,
     cpu: usize,
-    /// Faults of the settings, until the flight has a clock.
+    /// Faults of the settings, until t_0 is known.
     planned: Vec<LiveFault>,
     blackboard: Option<BlackboardReader<LiveBlackboard>>,
     /// How many faults of the blackboard have been scheduled.
@@ -184,7 +184,7 @@ impl FaultInjector {
             .push((begin_ns.saturating_sub(ahead_ns), Action::Inject(fault)));
     }
 
-    /// Cancels the faults that would begin after they are ended.
+    /// Cancels the faults that would begin at or after their end.
     fn cancel(&mut self, end: &LiveFault) {
         let never_begins = |fault: &LiveFault| {
             !fault.ends && fault.kind.is_like(&end.kind) && fault.span.from >= end.span.from

@@ -7,7 +7,7 @@
 //!      +--------------------------+-------------------+   a signal, or a failure that ends the flight
 //!                                 v
 //!                              Stopping ------------> Killing --------------> (return)
-//!                                         LANDING, or a second Ctrl-C
+//!                                         STOP_TIMEOUT, or a second Ctrl-C
 //! ```
 
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ use rustix::process::{Signal, getpid, set_child_subreaper};
 
 use crate::FlightOptions;
 use crate::child_process::{
-    ChildWatch, ENDING, LANDING, Spawner, kill, kill_and_reap, reap_left, terminate,
+    ChildWatch, LANDING_TIMEOUT, STOP_TIMEOUT, Spawner, kill, kill_and_reap, reap_left, terminate,
 };
 use crate::dashboard::Dashboard;
 use crate::exit_report::{KillReason, Outcome, ProcessExit};
@@ -47,14 +47,14 @@ use host::own_executable;
 use recorder::role_statuses::RoleStatuses;
 use recorder::run_directory::RunDirectory;
 
-/// How often the supervisor looks after the flight; oftener if it restarts roles.
+/// Polling period of the supervisor; shorter if it restarts roles.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Why a process is not started again beside another channel.
 const UNSAVED: &str =
     "its law cannot be saved, so that a new process could not continue from another channel";
 /// In how many ticks a channel is outvoted before its processes are killed.
 const OUTVOTED_TICKS: u64 = 3;
-/// How long processes that were started again are left alone.
+/// How long restarted processes are not killed for being outvoted.
 const GETTING_IN_STEP: Duration = Duration::from_millis(500);
 /// Longest wait for the memory and files of a killed process to be free.
 const RELEASED: Duration = Duration::from_millis(200);
@@ -66,9 +66,9 @@ pub(super) struct FlightSupervisor {
     children: Vec<RoleProcess>,
     child_watch: ChildWatch,
     channels: usize,
-    /// Of each channel, the first one with the same laws.
+    /// For each channel, the first one with the same laws.
     groups: [Channel; MOST_CHANNELS],
-    /// Whether a channel with other laws takes over.
+    /// Whether a channel with other laws takes over (simplex).
     is_guarded: bool,
     restarts_roles: bool,
     restart_limits: BTreeMap<Replica, RestartLimit>,
@@ -80,7 +80,7 @@ pub(super) struct FlightSupervisor {
     may_be_raised: bool,
     raised: Option<Raised>,
     realtime: RealtimeSettings,
-    /// While it restarts roles: what it does for that costs the loops nothing.
+    /// While it restarts roles: keeps that work off the loops' processors.
     off_loops: Option<OffLoops>,
     hang_detector: Option<HangDetector>,
     last_look: Instant,
@@ -88,7 +88,7 @@ pub(super) struct FlightSupervisor {
     fault_injector: FaultInjector,
     /// The plant's account of the channels, of a flight with three.
     redundancy: Option<BlackboardReader<Redundancy>>,
-    /// Ticks in which each channel was outvoted, when its processes were killed for it last.
+    /// Ticks in which each channel was outvoted, at the time of its last kill for it.
     outvoted: [u64; MOST_CHANNELS],
     /// The status blackboards of all roles, from the first tick on.
     role_statuses: Option<RoleStatuses>,
@@ -157,7 +157,7 @@ impl FlightSupervisor {
     ) -> Result<Self, Failure> {
         // Before any role starts, because it removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
-        // Where that is refused, the system reaps what killed children leave.
+        // If that is refused, init reaps what killed children leave.
         let _ = set_child_subreaper(Some(getpid()));
         let (now, executable) = (Instant::now(), own_executable()?);
         let mut supervisor = Self {
@@ -393,7 +393,7 @@ impl FlightSupervisor {
                 self.fault_injector.release(&self.child_watch);
                 self.phase = Phase::Landing { since: now };
             }
-            Phase::Stopping { since } if since.elapsed() > LANDING && !is_urgent => {
+            Phase::Stopping { since } if since.elapsed() > STOP_TIMEOUT && !is_urgent => {
                 self.outcome.killed = self.replicas();
                 self.phase = Phase::Killing;
             }
@@ -437,19 +437,19 @@ impl FlightSupervisor {
     /// Kills, step by step, what does not end after the flight.
     fn land(&mut self, over: Duration, run_phase: RunPhase) {
         self.dismiss_latecomers();
-        // The plant first if it has not closed the run: the others end when it is gone. If it does not go, a stage that
-        // computes without end at a higher priority keeps it from its processor, and so from its end.
-        let waits_for_plant = over <= ENDING + LANDING
+        // The plant first if it has not closed the run: the others end when it is gone. If it hangs, an endless loop
+        // at a higher priority may keep it from its processor.
+        let waits_for_plant = over <= LANDING_TIMEOUT + STOP_TIMEOUT
             && run_phase != RunPhase::Closed
             && self.replicas().contains(&Role::Plant.into());
         for process in &mut self.children {
-            if over > LANDING && process.is_dismissed {
+            if over > STOP_TIMEOUT && process.is_dismissed {
                 process.kill(KillReason::AfterFlight);
             }
-            if over > LANDING && is_stopped(process.child.id()) {
+            if over > STOP_TIMEOUT && is_stopped(process.child.id()) {
                 process.kill(KillReason::Hang);
             }
-            if over > ENDING && (!waits_for_plant || process.replica.role == Role::Plant) {
+            if over > LANDING_TIMEOUT && (!waits_for_plant || process.replica.role == Role::Plant) {
                 process.kill(KillReason::AfterFlight);
             }
         }

@@ -1,6 +1,6 @@
 //! Faults: their kinds, the filters that apply them to messages, and the text in which users write them.
 //!
-//! A message fault acts behind the inspection of an input ([`gate`]), and depends on the tick of the message alone. It is
+//! A message fault acts behind the inspection of an input ([`filter`]), and depends on the tick of the message alone. It is
 //! therefore the same in processes, in one process and in replay, at any pace. Faults of parameters are changes that the
 //! plant applies ([`swap`]); those of processes are done by the supervisor.
 //!
@@ -9,7 +9,7 @@
 
 pub mod code;
 pub mod fields;
-pub mod gate;
+pub mod filter;
 pub mod grammar;
 pub mod live;
 pub mod plan;

@@ -1,7 +1,7 @@
 //! What faults make of messages: each kind at an inlet, and what they do not depend on.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use faults::gate::FaultyInput;
+use faults::filter::FaultyInput;
 use faults::live::{LiveFault, NOTICE_TICKS};
 use faults::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port, Span};
 use messages::content::{NO_TICK, Wrench};

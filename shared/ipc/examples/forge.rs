@@ -67,8 +67,8 @@ fn forge<C: TopicPorts>(instance: &Instance, kind: &str, messages: u64) {
 }
 
 fn main() {
-    if let Ok(guard) = std::env::var("IRONBIRD_GUARD_OFF") {
-        switch_off(&guard);
+    if let Ok(check) = std::env::var("IRONBIRD_CHECK_OFF") {
+        switch_off(&check);
     }
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [kind, messages, root] = &words[..] else {

@@ -1,30 +1,31 @@
-//! Guards that a build of the drill can switch off, one at a time: a test that stays green then would be none.
+//! Checks that a build of the drill can switch off, one at a time: a test that still passes without its check
+//! is useless.
 //!
 //! Only a build with `IRONBIRD_BUILD_MUTANTS` set has them (`bench/drill/mutants`). In every other build [`is_on`] is
 //! constant, and nothing of this is left in the executable.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Whether this build can switch guards off; an empty variable asks for nothing.
+/// Whether this build can switch checks off; an empty variable asks for nothing.
 pub const IS_MUTANT: bool = match option_env!("IRONBIRD_BUILD_MUTANTS") {
     Some(asked) => !asked.is_empty(),
     None => false,
 };
 
-macro_rules! guards {
-    ($($(#[$doc:meta])* $guard:ident = $name:literal),+ $(,)?) => {
-        /// What stands between a fault and the flight.
+macro_rules! checks {
+    ($($(#[$doc:meta])* $check:ident = $name:literal),+ $(,)?) => {
+        /// A check that the drill can switch off.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u8)]
         pub enum Check {
-            $($(#[$doc])* $guard),+
+            $($(#[$doc])* $check),+
         }
 
-        pub const GUARDS: &[(&str, Check)] = &[$(($name, Check::$guard)),+];
+        pub const CHECKS: &[(&str, Check)] = &[$(($name, Check::$check)),+];
     };
 }
 
-guards! {
+checks! {
     Checksum = "inspection.checksum",
     Layout = "inspection.layout",
     Run = "inspection.run",
@@ -36,29 +37,29 @@ guards! {
     /// An input that is missing for long is no longer held.
     Stale = "stale_windows",
     /// The plant ends a flight that has crashed, or has left its envelope.
-    Header = "envelope",
-    /// A role is started again so often and no more.
+    Envelope = "envelope",
+    /// The number of restarts is limited.
     RestartLimit = "restart_limit",
-    /// A loop whose ticks stand still is killed.
+    /// A loop that hangs is killed.
     Heartbeat = "heartbeat",
-    /// A role believes a run only while the plant that wrote it lives.
+    /// A role accepts a run only while the plant that wrote it lives.
     RunCheck = "run_check",
 }
 
-/// The guard that is off, plus one; 0 is none.
+/// The check that is off, plus one; 0 is none.
 static OFF: AtomicU8 = AtomicU8::new(0);
 
-/// Whether a guard does its work: always, in a build that is no mutant.
+/// Whether a check is on: in a normal build, always.
 #[inline(always)]
-pub fn is_on(guard: Check) -> bool {
-    !IS_MUTANT || OFF.load(Ordering::Relaxed) != guard as u8 + 1
+pub fn is_on(check: Check) -> bool {
+    !IS_MUTANT || OFF.load(Ordering::Relaxed) != check as u8 + 1
 }
 
-/// Switches one guard of this process off by its name, in a mutant; tells whether it did.
+/// Switches one check of this process off by its name, in a mutant; tells whether it did.
 pub fn switch_off(name: &str) -> bool {
-    let found = GUARDS.iter().find(|(known, _)| IS_MUTANT && *known == name);
+    let found = CHECKS.iter().find(|(known, _)| IS_MUTANT && *known == name);
     found
-        .inspect(|(_, guard)| OFF.store(*guard as u8 + 1, Ordering::Relaxed))
+        .inspect(|(_, check)| OFF.store(*check as u8 + 1, Ordering::Relaxed))
         .is_some()
 }
 
@@ -67,11 +68,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_usual_build_switches_no_guard_off() {
-        for (name, guard) in GUARDS {
+    fn a_usual_build_switches_no_check_off() {
+        for (name, check) in CHECKS {
             assert_eq!(switch_off(name), IS_MUTANT, "{name}");
-            assert_eq!(is_on(*guard), !IS_MUTANT, "{name}");
+            assert_eq!(is_on(*check), !IS_MUTANT, "{name}");
         }
-        assert!(!switch_off("no guard"));
+        assert!(!switch_off("no check"));
     }
 }

@@ -1,30 +1,30 @@
 //! The active lead: how long before its next tick the plant's timer fires.
 //!
-//! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by more than that, it wakes
-//! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock
-//! until the tick begins. A measurement before take-off gives the lead that a flight begins with. In flight an automatic
-//! lead follows what it is for, from tick to tick: a timer that is late, and a rehearsal.
+//! Kernel timers fire some microseconds late, and rarely much later. A timer that is set ahead by more than that wakes
+//! the plant before nearly every tick. In the time that is left all stages do a warm-up run (in code and settings
+//! `rehearse`), and the plant polls the clock until the tick begins. A measurement before take-off gives the lead that a
+//! flight begins with. In flight an automatic lead adapts in each tick to the lateness of timers and to the time that a
+//! warm-up run takes.
 
 use ipc::clock::{now_ns, sleep_until};
 use ipc::error::Error;
 use messages::grid::Grid;
 use messages::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting, RealtimeSettings};
 
-/// At take-off an automatic lead covers so many times the lateness that one timer in ten exceeds.
-///
-/// Of the hundred and some that are measured, this quantile is one that a host which stalls now and then does not bend.
+/// At take-off an automatic lead covers this multiple of the 90th percentile of timer lateness, a figure that rare stalls
+/// of the host do not move.
 const TIMERS: u64 = 3;
-/// And so many times what one rehearsal in ten exceeds, because few of those in flight shall find too little time left.
+/// And this multiple of the 90th percentile of the warm-up runs' time, so that few in flight lack time.
 const REHEARSALS: u64 = 2;
-/// In flight it covers the lateness that one timer in so many exceeds.
+/// In flight it covers the lateness that one timer in this many exceeds.
 const TIMERS_LATER: u64 = 100;
-/// And the time that one rehearsal in so many exceeds.
+/// And the time that one warm-up run in this many exceeds.
 const REHEARSALS_LONGER: u64 = 50;
 /// Added to both, so that the plant reads the clock at least so long [ns]. It is the least lead: that of a machine
 /// whose timers are never late, and which has nothing to rehearse.
 const MARGIN_NS: u64 = 10_000;
-/// Share of the period that an automatic lead takes at most [%], with rehearsals and without: then it is only waiting, and
-/// at 8 kHz a quarter of the period would be a third of what the loops take of their processor.
+/// Share of the period that an automatic lead takes at most [%], with warm-up runs and without. Without them it only
+/// waits: at 8 kHz a quarter of the period would be a third of the loops' processor time.
 const MOST_PERCENT: u64 = 25;
 const MOST_PERCENT_WAITING: u64 = 10;
 
@@ -35,9 +35,9 @@ const EVERY_NS: u64 = 10_000_000;
 
 /// Chooses the lead at the take-off of a flight that begins at `grid.t0_ns`, and returns before then.
 ///
-/// How late timers are on this machine, and how long a rehearsal takes, is measured on the processor of the loops, with
-/// all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
-/// `rehearse` has all stages rehearse, and returns when they have.
+/// How late timers are on this machine, and how long a warm-up run takes, is measured on the processor of the loops, with
+/// all loops there: between their arming and t_0, in ticks of the flight's length that consist of a warm-up run alone.
+/// `rehearse` returns when all stages have done theirs.
 pub(crate) fn choose(
     settings: &RealtimeSettings,
     is_fifo: bool,
@@ -64,7 +64,7 @@ pub(crate) fn choose(
                 rehearsals.push(now_ns() - woke_ns);
             }
         }
-        // One that is over would measure nothing.
+        // Skip ticks that are over.
         next_ns += every_ns * (now_ns().saturating_sub(next_ns) / every_ns + 1);
     }
     let (timer_p90_ns, rehearsal_ns) = (quantile(&mut timers, 90), quantile(&mut rehearsals, 90));
@@ -78,7 +78,7 @@ pub(crate) fn choose(
     })
 }
 
-/// The smallest value that `percent` of all do not exceed; 0 of none.
+/// The smallest value that `percent` of all do not exceed; 0 if there are none.
 fn quantile(values: &mut [u64], percent: usize) -> u64 {
     values.sort_unstable();
     let rank = (values.len() * percent).div_ceil(100);
@@ -90,7 +90,7 @@ fn quantile(values: &mut [u64], percent: usize) -> u64 {
 
 /// The lead of a flight that begins with `timer_p90_ns` and `rehearsal_ns`, the 90th percentiles measured before it.
 ///
-/// Without rehearsals where they do not fit after a late timer; none where nothing was measured.
+/// Without warm-up runs where they do not fit after a late timer; none where nothing was measured.
 fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
     if timer_p90_ns == 0 {
         return Lead::default();
@@ -117,12 +117,12 @@ fn most(period_ns: u64, rehearses: bool) -> u64 {
     (period_ns * percent / 100).min(LONGEST_LEAD_NS)
 }
 
-/// The lead of the next tick, and the time that a rehearsal is given in it.
+/// The lead of the next tick, and the time in it for a warm-up run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActiveLead {
     lead_ns: u64,
     timer: TrackedQuantile,
-    /// How long a rehearsal takes; 0 where none is held.
+    /// How long a warm-up run takes; 0 without them.
     rehearsal: TrackedQuantile,
     /// The longest lead that it may become [ns]; `None` where it stays.
     most_ns: Option<u64>,
@@ -133,7 +133,7 @@ impl ActiveLead {
         Self::new(&Lead::default(), LeadSetting::Fixed(0), 0)
     }
 
-    /// The lead at take-off, which follows the flight where the setting leaves it to the rig and it is not none.
+    /// The lead at take-off. In flight it adapts if it is automatic and not 0.
     pub fn new(at_take_off: &Lead, setting: LeadSetting, period_ns: u64) -> Self {
         let (lead_ns, rehearsal_ns) = (at_take_off.lead_ns, at_take_off.rehearsal_ns);
         let timer_ns = TIMERS * at_take_off.timer_p90_ns;
@@ -157,15 +157,15 @@ impl ActiveLead {
         self.lead_ns
     }
 
-    /// Whether a rehearsal is to begin with so much time left until the tick.
+    /// Whether a warm-up run may begin with so much time left until the tick.
     pub const fn allows_rehearsal(&self, left_ns: u64) -> bool {
         let needs_ns = self.rehearsal.value_ns;
         needs_ns > 0 && left_ns >= needs_ns
     }
 
-    /// Takes what a tick has shown: how late its timer was, and how long its rehearsal took; 0 where none was held.
+    /// Takes what a tick has shown: how late its timer was, and how long its warm-up run took; 0 without one.
     ///
-    /// So the time that a rehearsal is given shrinks in ticks that were not rehearsed, and there is a rehearsal again.
+    /// So the time for a warm-up run shrinks in ticks without one, until there is one again.
     pub fn follow(&mut self, timer_late_ns: u64, rehearsal_ns: u64) {
         self.timer.follow(timer_late_ns);
         self.rehearsal.follow(rehearsal_ns);
@@ -180,10 +180,9 @@ const GROWS_BY: u64 = 16;
 
 /// The value that one sample in so many exceeds, of those that came last.
 ///
-/// A sample beyond it lets it grow by a sixteenth, and any other one lets it shrink by so much less that the two are in
-/// balance at that share. So a value twice as large is reached after a dozen samples beyond the present one, and a
-/// stall is one step, however long it was. Below some microseconds it no longer shrinks, because it counts in
-/// nanoseconds.
+/// It grows by 1/16 with a sample above it and shrinks by 1/16/(n-1) with any other, so it settles where one sample in n
+/// exceeds it. It doubles after a dozen samples above it, and a stall is one step, however long it was. Below some
+/// microseconds it no longer shrinks, because it counts in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct TrackedQuantile {
     value_ns: u64,
@@ -254,7 +253,7 @@ mod tests {
         };
         assert_eq!(chosen(30_000, 35_000, 1_000_000), (170_000, 35_000));
         assert_eq!(chosen(2_000_000, 35_000, 1_000_000), (250_000, 35_000));
-        // Rehearsals that do not fit are none.
+        // Warm-up runs that do not fit are left out.
         assert_eq!(chosen(10_000, 70_000, 250_000), (25_000, 0));
         assert_eq!(chosen(10_000, 25_000, 125_000), (12_500, 0));
         // A machine that stalled has measured nothing.
@@ -292,7 +291,7 @@ mod tests {
         assert_eq!(lead.lead_ns(), PERIOD_NS / 4);
         fly(&mut lead, 4_000, &[10_000], 300_000);
         assert!(lead.lead_ns() <= PERIOD_NS / 4, "{lead:?}");
-        // Rehearsals that were too long are tried again.
+        // Warm-up runs that were too long are tried again.
         assert!(fly(&mut lead, 6_000, &[10_000], 30_000) > 4_000);
         assert!(lead.lead_ns() < 60_000, "{lead:?}");
         let slow = automatic(30_000, 30_000, 100_000_000);
@@ -428,7 +427,7 @@ mod tests {
             || Err(Error::Interrupted),
         );
         let fixed = fixed.unwrap();
-        // A lead that is set is kept, and no stage rehearses.
+        // A lead that is set is kept, and there is no warm-up run.
         assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0));
         // The report says what it stands beside.
         assert!(fixed.timer_p90_ns > 0);

@@ -1,5 +1,4 @@
-//! Tries a law: same output twice, after warm-ups and from its saved state, finite, how long a tick takes, what it
-//! allocates.
+//! Tests a law: same output twice, after warm-up runs and from its saved state; finite; time and allocations of a tick.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -24,7 +23,8 @@ use process::rt::UsageMeter;
 use errors::output::say;
 
 pub const INPUTS: u64 = 100_000;
-/// Inputs with a warm-up before each, and inputs of an instance that is replaced by one from its saved state now and then.
+/// Inputs with a warm-up run before each, and inputs of an instance that is periodically replaced by one from its saved
+/// state.
 const REHEARSED: u64 = 10_000;
 /// A law is created anew after this many inputs, so that the consequences of an odd start are found too.
 const INPUTS_PER_LIFE: u64 = 1000;
@@ -59,13 +59,14 @@ pub struct Findings {
     pub not_finite: Option<BadAnswer>,
     /// Whether an instance can take over the memory of another one, as a warm-up needs.
     pub is_copied: bool,
-    /// The first difference between an instance and one with a warm-up before each tick; none if `difference` is some.
+    /// The first difference between an instance and one with a warm-up before each tick; not tested after a
+    /// `difference`.
     pub rehearsed: Option<BadAnswer>,
     /// Whether its state can be saved, and what was saved can be loaded.
     pub is_saved: bool,
     pub is_loaded: bool,
-    /// The first difference between an instance and those that continue from its saved state; none if `difference` is
-    /// some.
+    /// The first difference between an instance and those that continue from its saved state; not tested after a
+    /// `difference`.
     pub restored: Option<BadAnswer>,
     /// Median and 99th percentile of a tick with warm caches [ns].
     pub hot_ns: [u64; 2],
@@ -89,7 +90,7 @@ impl Findings {
     }
 }
 
-/// Numbers that other stages read: of the role with most.
+/// Number of outputs of the role with most.
 pub const ANSWER: usize = 10;
 
 /// The numbers that other stages read, then the telemetry.

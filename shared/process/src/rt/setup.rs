@@ -1,7 +1,7 @@
 //! The steps of the real-time set-up: requested, granted, or refused and why.
 //!
 //! Each step is tried on its own, and none is skipped silently. A refusal is reported with its error number. It ends
-//! the process only under [`Mode::Require`].
+//! the process only under [`RealtimeMode::Require`].
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
@@ -54,14 +54,14 @@ pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
     }
 }
 
-/// What needs no privilege, and tells all but latencies.
+/// What works without privileges.
 pub const WITHOUT_ROOT: &str = "without root the same laws fly in lockstep (--pace lockstep), in slow motion \
                             (flight.slowdown), and in `ironbird simulate`";
 
 /// The set-up as long as it is in force: a loop leaves SCHED_FIFO when this is dropped.
 ///
 /// To be dropped before ports and shared memory are given up. The kernel takes locks for that, and a SCHED_FIFO process
-/// that spins on one which a process below it on the same processor holds never ends, nor lets that one run.
+/// that spins on a kernel lock held by a lower one on its processor deadlocks.
 #[derive(Debug)]
 pub struct Engaged {
     pub grants: Grants,
@@ -70,7 +70,7 @@ pub struct Engaged {
     priority: i32,
     /// The role's processor, and those where it joins a flight.
     place: Option<(usize, CpuSet)>,
-    /// The kernel honours the wish for as long as the device is open.
+    /// In force while the device is open.
     _cpu_latency: Option<File>,
 }
 
@@ -92,7 +92,7 @@ impl Drop for Engaged {
 /// The part of the set-up that a stage does before it has ports.
 #[derive(Debug)]
 pub struct Ahead {
-    /// It waits for real-time threads only.
+    /// Above ordinary threads during the set-up.
     _raised: Raised,
     /// The process that gives memory and files back if this one is killed.
     releaser: Option<Pid>,
@@ -108,7 +108,7 @@ impl Ahead {
     /// Locks and touches the memory, and leaves the loops' processor: a process that joins a flight costs the loops
     /// nothing until then.
     ///
-    /// Refusals are reported with the rest of the set-up. Nothing without a set-up.
+    /// Refusals are reported with the rest of the set-up. `None` if the mode is `off`.
     pub fn prepare(replica: Replica, settings: &RealtimeSettings) -> Option<Self> {
         if settings.mode == RealtimeMode::Off {
             return None;
@@ -116,9 +116,9 @@ impl Ahead {
         let mut grants = Grants::default();
         let (_, cpu) = cpus_for(replica, settings);
         let (others, _) = cpus_for(Role::Record.into(), settings);
-        // Who has one processor alone waits on that one.
+        // Fails on a machine with one processor.
         let _ = sched_setaffinity(None, &others);
-        // Where that fails, the end of this process costs the loops more.
+        // Optional: without it the end of this process costs the loops more.
         let releaser = sys::start_releaser().ok().and_then(Pid::from_raw);
         hold_memory(&mut grants);
         let raised = Raised::now();
@@ -186,7 +186,7 @@ impl Engaged {
             engaged.ask(replica, settings, ahead);
         }
         let (policy, priority) =
-            sys::scheduler().map_err(|e| Error::system("cannot read the own scheduling", e))?;
+            sys::scheduler().map_err(|e| Error::system("cannot read the scheduling policy", e))?;
         engaged.grants.policy = u64::from(policy.unsigned_abs());
         engaged.grants.priority = u64::from(priority.unsigned_abs());
         if settings.mode == RealtimeMode::Require {
@@ -199,7 +199,7 @@ impl Engaged {
     /// Leaves the loops' processor and SCHED_FIFO: what it takes to join a flight costs the loops nothing.
     fn leave_loop(&self) {
         if let Some((_, others)) = &self.place {
-            // First, so that it does not wait on the loops' processor for one that is busy there.
+            // First: a busy loop on that processor would delay the move.
             let _ = sched_setaffinity(None, others);
             if self.loop_thread != 0 {
                 let _ = sys::set_other(self.loop_thread);
@@ -211,7 +211,7 @@ impl Engaged {
     pub fn enter_loop(&self) {
         if let Some((cpu, _)) = &self.place {
             if self.loop_thread != 0 {
-                // First, so that it does not wait when it moves.
+                // First: a busy loop on that processor would delay the move.
                 let _ = sys::set_fifo(self.priority);
             }
             let _ = sched_setaffinity(None, &of_cpus(&[*cpu]));
@@ -232,7 +232,7 @@ impl Engaged {
         grants.note(RealtimeStep::TimerSlack, 1, errno(slack));
         let priority = settings.priority + replica.priority_step(settings.channel_cpus);
         if ahead.is_some() {
-            // So that it does not wait when it moves to the loops' processor. The result is noted below.
+            // A busy loop on that processor would delay the move. The result is noted below.
             let _ = sys::set_fifo(priority);
         }
         let (cpus, cpu) = match ahead {
@@ -298,8 +298,8 @@ fn hold_memory(grants: &mut Grants) {
         0,
         errno(populate_mappings(None, sys::populate)),
     );
-    // What is mapped from now on is touched when the role arms, and not by each mapping too. In flight that would be a
-    // segment of some megabytes of a process that was started again.
+    // Later mappings are touched when the role arms, not one by one: of a restarted process that would be some megabytes
+    // in flight.
     if grants.of(RealtimeStep::MemoryLock).granted() {
         let _ = mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT);
     }
@@ -312,8 +312,8 @@ fn errno(outcome: io::Result<()>) -> i64 {
     })
 }
 
-/// The processors for a role, and the first of them that is the loops': everything else takes those that the loops leave,
-/// or at least not the plant's, if there is another one.
+/// The processors for a role, and the first of them that is the loops': all others use the remaining
+/// ones, or at least not the plant's, if there is another one.
 fn cpus_for(replica: Replica, settings: &RealtimeSettings) -> (CpuSet, usize) {
     let allowed = allowed_cpus();
     let first = settings.cpu.unwrap_or_else(loops_cpu);
@@ -353,7 +353,7 @@ impl OffLoops {
         if settings.channel_cpus > 1 {
             others.unset(cpus_for(Replica::new(Role::Outer, Channel::B), settings).1);
         }
-        // Where none is left, it must not depend on one of them: a stage there may compute without end.
+        // If none is left, it stays where it is: a stage there may compute without end.
         if others.count() > 0 {
             let _ = sched_setaffinity(None, &others);
         }

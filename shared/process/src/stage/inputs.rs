@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use faults::fields::Faulty;
-use faults::gate::FaultyInput;
+use faults::filter::FaultyInput;
 use faults::live::{LIVE, LiveBlackboard, LoopFaults};
 use faults::{LONGEST_DELAY, MessageFaults, Port};
 use ipc::clock::Horizon;

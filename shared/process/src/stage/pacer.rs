@@ -56,7 +56,7 @@ pub(super) enum WakeReason {
         tick: u64,
         receive_ns: u64,
     },
-    /// The deadline of a tick has passed without it.
+    /// No input by the deadline of a tick.
     Silence {
         tick: u64,
         receive_ns: u64,
@@ -112,7 +112,7 @@ impl Pacer {
     ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
         loop {
-            // Before the ports: what a tick has is there when the role before has said that it has nothing to add.
+            // Before the ports: a role announces that it is silent after its messages have arrived.
             let silent = event.silent_tick().filter(|_| self.pace == Pace::Lockstep);
             let read_ns = Cell::new(0);
             let clock = Clock {
@@ -158,7 +158,7 @@ impl Pacer {
             return 0;
         };
         let begin_ns = grid.begin_of(self.next_tick);
-        // A notification before the tick is of the message that the stage has worked already.
+        // A notification before the tick belongs to a message that was processed already.
         if self.polling != reason || (reason == Polling::OnceWoken && now < begin_ns) {
             return 0;
         }
@@ -188,7 +188,7 @@ impl Pacer {
         }
     }
 
-    /// What to do at `now` with an input of tick `newest`; `None` is to wait on.
+    /// What to do at `now` with an input of tick `newest`; `None`: keep waiting.
     fn decide(&mut self, now: u64, newest: u64) -> Option<WakeReason> {
         let before = self.skipped;
         if let Pace::Realtime(grid) = self.pace {
@@ -217,7 +217,7 @@ impl Pacer {
     }
 }
 
-/// The newest tick that there is something to do of: that of the input, or one that has none.
+/// The newest tick with an input or an announced silence.
 fn latest(input: u64, silent: Option<u64>) -> u64 {
     match silent {
         Some(silent) if input == NO_TICK || input < silent => silent,

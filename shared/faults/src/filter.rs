@@ -27,7 +27,7 @@ const KEPT: usize = LONGEST_DELAY as usize + 1;
 const FIRST_STREAM: u64 = 1 << 32;
 const STREAMS: u64 = 8;
 
-/// What comes of a message at a gate.
+/// What comes of a message at a filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passed<C> {
     pub content: C,
@@ -49,7 +49,7 @@ pub struct FaultFilter<C> {
 }
 
 impl<C: Faulty> FaultFilter<C> {
-    /// The gate of an input before its first message; none where it has no faults.
+    /// The filter of an input before its first message; none where it has no faults.
     pub fn new(faults: &MessageFaults, port: Port) -> Option<Self> {
         let lags = faults
             .of(port)
@@ -58,13 +58,13 @@ impl<C: Faulty> FaultFilter<C> {
         Some(Self::with_room(faults, port, if lags { KEPT } else { 0 }))
     }
 
-    /// The gate of an input whose faults may change in flight: it has room for whatever they will be.
+    /// The filter of an input whose faults may change in flight: it has room for whatever they will be.
     pub fn changing(faults: &MessageFaults, port: Port) -> Self {
         Self::with_room(faults, port, KEPT)
     }
 
     fn with_room(faults: &MessageFaults, port: Port, kept: usize) -> Self {
-        let mut gate = Self {
+        let mut filter = Self {
             seed: faults.seed,
             faults: Vec::with_capacity(MOST),
             kept: vec![(NO_TICK, C::default()); kept],
@@ -73,8 +73,8 @@ impl<C: Faulty> FaultFilter<C> {
             freezes: false,
             rejections: Rejections::default(),
         };
-        gate.change(faults, port, None);
-        gate
+        filter.change(faults, port, None);
+        filter
     }
 
     /// Whether it has faults, also such as are over or still to come.
@@ -83,7 +83,7 @@ impl<C: Faulty> FaultFilter<C> {
     }
 
     /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. `newest` is what
-    /// came last, for a gate without a freeze so far, which has not kept it: a freeze may follow it with nothing in
+    /// came last, for a filter without a freeze so far, which has not kept it: a freeze may follow it with nothing in
     /// between. It allocates nothing where it was made as one that changes.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: Option<C>) {
         self.faults.clear();
@@ -173,7 +173,7 @@ const ROOM: usize = LONGEST_DELAY as usize + 4;
 /// Call [`FaultyInput::arrive`] for every message, and [`FaultyInput::settle`] in every tick in which the stage works.
 #[derive(Clone, Debug)]
 pub struct FaultyInput<C: Faulty> {
-    gate: Option<FaultFilter<C>>,
+    filter: Option<FaultFilter<C>>,
     /// Those that come later, each with the first tick that has it.
     waiting: VecDeque<(u64, Message<C>)>,
     newest: Message<C>,
@@ -182,7 +182,7 @@ pub struct FaultyInput<C: Faulty> {
 impl<C: Faulty> FaultyInput<C> {
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
-            gate: FaultFilter::new(faults, port),
+            filter: FaultFilter::new(faults, port),
             waiting: VecDeque::with_capacity(ROOM),
             newest: Message::default(),
         }
@@ -197,7 +197,7 @@ impl<C: Faulty> FaultyInput<C> {
             .extend((0..ROOM).map(|_| (0, Message::default())));
         input.waiting.clear();
         Self {
-            gate: Some(FaultFilter::changing(faults, port)),
+            filter: Some(FaultFilter::changing(faults, port)),
             ..input
         }
     }
@@ -205,12 +205,14 @@ impl<C: Faulty> FaultyInput<C> {
     /// Takes the faults as they are from now on, without an allocation; `newest` is what came last. An input without a
     /// fault so far was not shown it.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: &Message<C>) {
-        let Some(gate) = &mut self.gate else { return };
-        if !gate.has_faults() {
+        let Some(filter) = &mut self.filter else {
+            return;
+        };
+        if !filter.has_faults() {
             self.newest = *newest;
         }
         let has_any = newest.envelope.tick != NO_TICK;
-        gate.change(faults, port, has_any.then_some(newest.content));
+        filter.change(faults, port, has_any.then_some(newest.content));
     }
 
     /// Takes a message that inspection let through. It keeps its envelope, whatever becomes of its content.
@@ -221,8 +223,8 @@ impl<C: Faulty> FaultyInput<C> {
     /// The same of a message that its sender was so many ticks late with.
     pub fn arrive_late(&mut self, message: &Message<C>, late: u64) {
         let (envelope, tick) = (message.envelope, message.envelope.tick);
-        let passed = match &mut self.gate {
-            Some(gate) => gate.pass(tick, &message.content),
+        let passed = match &mut self.filter {
+            Some(filter) => filter.pass(tick, &message.content),
             None => Some(Passed {
                 content: message.content,
                 delay: 0,
@@ -270,9 +272,9 @@ impl<C: Faulty> FaultyInput<C> {
 
     /// Messages that were refused for what a fault had made of them.
     pub fn rejections(&self) -> Rejections {
-        self.gate
+        self.filter
             .as_ref()
-            .map(|gate| *gate.rejections())
+            .map(|filter| *filter.rejections())
             .unwrap_or_default()
     }
 }
