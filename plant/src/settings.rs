@@ -1,5 +1,6 @@
 //! What a plant is made of: airframe, start of the flight, envelope.
 
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 use messages::limits::RotorLimits;
@@ -39,7 +40,8 @@ impl Default for PlantSettings {
 }
 
 /// The body at tick 0; by default at rest in the origin, level.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Initial {
     pub position_w_m: [f64; 3],
     pub velocity_w_m_s: [f64; 3],

@@ -130,10 +130,6 @@ impl Visitor for Table {
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
         self.take(values.iter().copied());
     }
-
-    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
-        values.iter().for_each(|value| value.visit(self));
-    }
 }
 
 struct Plan<'a> {

@@ -80,7 +80,7 @@ impl InjectedFault {
     pub fn happens_once(&self) -> bool {
         let happens_once = |one: &str| {
             let name = one.split('=').next().unwrap_or_default();
-            let kinds = [".stop", ".kill", ".late"];
+            let kinds = [".stop", ".kill", ".late", ".switch"];
             one.ends_with("=off") || kinds.iter().any(|kind| name.ends_with(kind))
         };
         self.to_tick.is_none() && self.what.split(',').all(happens_once)
@@ -186,6 +186,7 @@ mod tests {
     fn faults_that_happen_once_have_no_end() {
         for (what, once) in [
             ("inner.kill", true),
+            ("b.switch", true),
             ("inner.late=1ms,mixer.kill", true),
             ("state.drop=off", true),
             ("inner.kill,cpu.hog=90", false),

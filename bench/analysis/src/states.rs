@@ -69,12 +69,8 @@ impl StatesWriter {
         begin().in_file("write the states to", path)
     }
 
-    pub const fn wants(&self, tick: u64) -> bool {
-        tick.is_multiple_of(self.every_ticks)
-    }
-
     pub fn write(&mut self, joined: &Joined) -> Result<(), Failure> {
-        if !self.wants(joined.tick) {
+        if !joined.tick.is_multiple_of(self.every_ticks) {
             return Ok(());
         }
         let known = |value: Option<f64>| value.filter(|value| !value.is_nan());

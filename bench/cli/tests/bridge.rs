@@ -192,7 +192,7 @@ fn mass(mass_kg: f64) -> BTreeMap<String, f64> {
 /// A bridge on a free port, and the port.
 fn open(rig: &Rig, args: &str) -> (Running, u16) {
     let bridge = rig.start("bridge", format!("foxglove --port 0 {args}"));
-    bridge.await_output("Ctrl-C ends");
+    bridge.await_words("Ctrl-C ends");
     let printed = bridge.stdout();
     let (_, port) = printed.split_once("ws://127.0.0.1:").unwrap();
     let (port, _) = port.split_once(',').unwrap();
@@ -221,7 +221,7 @@ fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
     let (rig, flight, bridge, port) = flown("topics", laws, "");
     let why = "the inner law `geometric` has no theorem";
     let line = format!("topic theorem stays empty, not applicable: {why}\n");
-    bridge.await_output(&line);
+    bridge.await_words(&line);
     let mut client = Client::connect(port);
     assert_eq!(client.server["name"], format!("ironbird {}", rig.instance));
     let capabilities = client.server["capabilities"].as_array().unwrap();

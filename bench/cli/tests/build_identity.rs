@@ -1,25 +1,21 @@
 //! Which executable flew: the same words everywhere, and two builds are never taken for one.
 
-use crate::rig::{self};
+use crate::c_laws::root;
+use crate::rig;
 use std::fs;
+use std::path::PathBuf;
 use std::process::Command;
 
 #[test]
 fn the_commit_is_that_of_the_checkout() {
     let git = |arguments: &[&str]| {
         let mut command = Command::new("git");
-        command
-            .args(arguments)
-            .current_dir(env!("CARGO_MANIFEST_DIR"));
-        let output = command
-            .output()
-            .ok()
-            .filter(|output| output.status.success())?;
+        let output = command.args(arguments).current_dir(root()).output().ok();
+        let output = output.filter(|output| output.status.success())?;
         Some(String::from_utf8(output.stdout).unwrap().trim().to_owned())
     };
-    let toplevel =
-        git(&["rev-parse", "--show-toplevel"]).map(|path| fs::canonicalize(path).unwrap());
-    let workspace = fs::canonicalize(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+    let toplevel = git(&["rev-parse", "--show-toplevel"]).map(PathBuf::from);
+    let workspace = fs::canonicalize(root()).unwrap();
     let expected = git(&["rev-parse", "--short=7", "HEAD"]).filter(|_| toplevel == Some(workspace));
     let commit = ironbird::build::here().commit;
     assert_eq!(commit, expected.unwrap_or_else(|| "unknown".into()));

@@ -81,7 +81,8 @@ fn timed(campaign: &str, factors: &str, arm: &str) -> String {
 #[test]
 fn what_is_no_timing_is_named_with_its_line() {
     let rig = Rig::new("timings");
-    rig.ok(&format!("fly {}", rig.slowly(3, "1200ms")));
+    let slow = rig.slow(3);
+    rig.ok(&format!("fly --rt off --config {slow} --duration 1200ms"));
     let run = fs::canonicalize(rig.out().join("latest")).unwrap();
     let run = run.to_str().unwrap();
     let stepped = rig.file("stepped");

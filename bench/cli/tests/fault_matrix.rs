@@ -11,10 +11,10 @@ use crate::rig::{
 };
 use analysis::outages::OutageCase;
 use analysis::schema::FlightStatus;
-use messages::role::ROLES;
+use messages::role::{ROLES, Role};
 use rustix::process::Signal;
 use serde_json::json;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 use std::thread::sleep;
 use std::time::Duration;
@@ -173,7 +173,13 @@ impl Row {
         let random = (round + 1)
             .wrapping_mul(2_654_435_761)
             .wrapping_add(self.name.len() as u64 * 7919);
-        let roles = flight.roles();
+        let roles = wait_until("the launcher to start five roles", || {
+            let of = |role: Role| Some((role.name(), rig.processes_of(role.name()).pop()?));
+            ROLES
+                .map(of)
+                .into_iter()
+                .collect::<Option<BTreeMap<_, _>>>()
+        });
         let mut pid = match target {
             "fly" => flight.pid(),
             role => roles[role],

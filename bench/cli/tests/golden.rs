@@ -9,10 +9,10 @@ use std::sync::Mutex;
 
 use serde_json::Value;
 
+use crate::c_laws::root;
 use crate::rig::{Rig, in_parallel, ironbird};
 
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
-const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
 fn lines(file: &str) -> Vec<String> {
     let text = fs::read_to_string(Path::new(GOLDEN).join(file)).unwrap();
@@ -41,7 +41,7 @@ fn simulations_have_the_same_output_hashes() {
         let output = Command::new(ironbird())
             .arg("simulate")
             .args(arguments(flags))
-            .current_dir(REPOSITORY)
+            .current_dir(root())
             .output()
             .unwrap();
         let stdout = String::from_utf8_lossy(&output.stdout).into_owned();

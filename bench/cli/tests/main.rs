@@ -7,7 +7,6 @@ mod build_identity;
 mod c_laws;
 mod campaign;
 mod compare;
-mod doctor;
 mod documentation;
 mod endings;
 mod engines;

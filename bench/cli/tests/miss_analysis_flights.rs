@@ -3,7 +3,7 @@
 //! `miss_analysis.rs` tests each cause on constructed evidence.
 
 use crate::c_laws::harmful;
-use crate::rig::{Rig, not_tested, rounds};
+use crate::rig::{Rig, in_own_mounts, not_tested, rounds};
 use ipc::clock::busy_wait;
 use process::rt::{fifo_refusal, loops_cpu, take_stand};
 use serde_json::Value;
@@ -59,10 +59,10 @@ fn loops_that_are_kept_from_their_processor_were_ready_and_a_trace_names_what_ra
         let args = format!("--duration 300ms --config {}", rig.slow(10));
         let command = if traced {
             let args = format!("{args} --trace");
-            let Some(command) = rig.command_in_mounts(TRACEFS, "fly", args) else {
+            let Some(program) = in_own_mounts(TRACEFS.0, TRACEFS.1, rig.executable()) else {
                 return;
             };
-            command
+            rig.given(program, "fly", args)
         } else {
             rig.command("fly", args)
         };

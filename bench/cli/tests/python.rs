@@ -1,13 +1,12 @@
 //! Other implementations that read what ironbird writes: scripts for the Python that `IRONBIRD_PYTHON` names.
 
+use crate::c_laws::root;
 use crate::rig::lacks_tool;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 pub fn repository(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../..")
-        .join(path)
+    root().join(path)
 }
 
 /// A Python that has these packages; `None` if no Python was named and `python3` lacks them.

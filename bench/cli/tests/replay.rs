@@ -1,10 +1,9 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
-use crate::recorded::{
-    self, Dice, Published, TickFaults, fly, rewrite, rewrite_as, settings, write,
-};
+use crate::recorded::{self, Published, TickFaults, fly, rewrite, rewrite_as, settings, write};
 use config::law_settings::Moved;
 use errors::Failure;
+use fastrand::Rng;
 use flight_log::entry::LogEntry;
 use flight_log::facts::record;
 use flight_log::reader::LogReader;
@@ -173,18 +172,18 @@ fn a_replay_from_a_tick_counts_what_came_from_then_on() {
 fn faults_of_all_kinds_at_once_are_identical() {
     let mut seen = [0; 4];
     for seed in 0..60 {
-        let mut dice = Dice(seed);
+        let mut dice = Rng::with_seed(seed);
         let mut plan: Vec<TickFaults> = Vec::new();
         while plan.len() <= 400 {
             let mut faults = TickFaults {
-                silent: [0; 4].map(|_| dice.roll(12) == 0),
-                plant_is_late: dice.roll(12) == 0,
-                mixer_late_ns: u64::from(dice.roll(6) == 0) * dice.roll(4_000_000),
-                inner_restarts: dice.roll(100) == 0,
+                silent: [0; 4].map(|_| dice.u64(..12) == 0),
+                plant_is_late: dice.u64(..12) == 0,
+                mixer_late_ns: u64::from(dice.u64(..6) == 0) * dice.u64(..4_000_000),
+                inner_restarts: dice.u64(..100) == 0,
             };
             plan.push(faults);
             faults.inner_restarts = false;
-            let further = u64::from(dice.roll(15) == 0) * dice.roll(90);
+            let further = u64::from(dice.u64(..15) == 0) * dice.u64(..90);
             plan.extend((0..further).map(|_| faults));
         }
         let flight = record_flight(NOISY, |tick| plan[tick as usize]);

@@ -310,13 +310,7 @@ impl Stage {
             "flies" => self.rig.await_flight(),
             "tick" => drop(self.rig.await_tick(rest.parse().unwrap())),
             "reported" => self.rig.await_report(),
-            "await" => {
-                let process = &self.running[name];
-                wait_until(last, || {
-                    let said = [process.stdout(), process.stderr()];
-                    said.iter().any(|it| it.contains(last)).then_some(())
-                });
-            }
+            "await" => self.running[name].await_words(last),
             "stop" => {
                 let time = Duration::from_millis(last.parse().unwrap());
                 stop_for(self.rig.processes_of(name)[0], time);

@@ -53,7 +53,7 @@ const SHARED_SECTIONS: &str =
 #[serde(deny_unknown_fields)]
 pub struct Settings {
     pub flight: FlightSettings,
-    pub initial: InitialSection,
+    pub initial: Initial,
     pub ground: GroundSection,
     #[serde(default)]
     pub trajectory: TrajectorySection,
@@ -114,15 +114,6 @@ pub struct FlightSettings {
 pub enum PaceName {
     Realtime,
     Lockstep,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct InitialSection {
-    pub position_w_m: [f64; 3],
-    pub velocity_w_m_s: [f64; 3],
-    pub attitude_rad: [f64; 3],
-    pub rate_b_rad_s: [f64; 3],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -423,17 +414,6 @@ impl LogName {
             Self::All => ALL,
             Self::AroundMisses => AROUND_MISSES,
             Self::Off => OFF,
-        }
-    }
-}
-
-impl From<&InitialSection> for Initial {
-    fn from(section: &InitialSection) -> Self {
-        Self {
-            position_w_m: section.position_w_m,
-            velocity_w_m_s: section.velocity_w_m_s,
-            attitude_rad: section.attitude_rad,
-            rate_b_rad_s: section.rate_b_rad_s,
         }
     }
 }

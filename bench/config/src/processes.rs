@@ -35,7 +35,7 @@ impl Settings {
             airframe: self.airframe()?,
             rotor: self.rotor,
             seed: self.flight.seed,
-            initial: (&self.initial).into(),
+            initial: self.initial,
             ground: self.ground.plane(self.flight.ground_z_m),
             tilt_max_rad: self.flight.tilt_max_rad,
         })

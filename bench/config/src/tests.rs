@@ -43,6 +43,58 @@ fn complete_settings_are_their_snapshots() {
 }
 
 #[test]
+fn values_on_their_limits_are_allowed() {
+    for text in [
+        "[recorder]; max_steal_percent = 100; log_files = 2",
+        "[rt]; lead_us = 500; cpu = 1023",
+        "[rt]; channels = 2; priority = 4",
+        "[rt]; channels = 3; priority = 7",
+        "[flight]; duration_s = 0.001",
+        "[flight]; faults = [\"state.drop=0.1@tick29000..tick30001\"]",
+        "[flight]; faults = [\"state.drop=0.1@tick30000\"]",
+    ] {
+        let settings = from_file(&text.replace("; ", "\n"));
+        assert!(settings.is_ok(), "{text}: {:?}", settings.err());
+    }
+}
+
+#[test]
+fn what_processes_take_from_the_settings_is_its_snapshot() {
+    for (name, text) in [
+        (
+            "slow_motion",
+            "[flight]\nslowdown = 4\ntrajectory = \"fast\"\n[rt]\nloop_cpus = 2\nlead_us = 900\n\
+             [recorder]\nlog = \"around-misses\"\nlog_files = 3\nmax_steal_percent = 0\n",
+        ),
+        (
+            "lockstep",
+            "[flight]\npace = \"lockstep\"\nperiod_s = 0.002\nduration_s = 1.5\nairframe = \"x500\"\n\
+             [rt]\nloop_cpus = 4\ncpu = 0\n[recorder]\ngate_theorem_strict = true\n",
+        ),
+        (
+            "channels",
+            "[rt]\nchannels = 3\nchannel_cpus = 2\n[channel.b.inner]\nlaw = \"pid\"\n\
+             [channel.c.outer]\nlaw = \"estimating\"\n[simplex]\nenabled = true\n",
+        ),
+    ] {
+        let settings = from_file(text).unwrap();
+        let taken = (
+            (
+                settings.realtime().unwrap(),
+                settings.wall_period_ns(),
+                settings.last_tick(),
+            ),
+            (settings.log_plan(), settings.gates_asked()),
+            (settings.arrangement(), settings.envelope()),
+            settings.of_channel(Channel::B).law_options().unwrap(),
+            settings.flown_laws().unwrap().without_theorem,
+            settings.warnings().unwrap(),
+        );
+        insta::assert_debug_snapshot!(name, taken);
+    }
+}
+
+#[test]
 fn what_an_observer_knows_of_the_laws_is_what_the_flight_knows() {
     for (text, without) in [
         ("", None),

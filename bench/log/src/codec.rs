@@ -318,10 +318,6 @@ mod tests {
                 .iter_mut()
                 .for_each(|value| *value = f64::from_bits((self.0)()));
         }
-
-        fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
-            values.iter_mut().for_each(|value| value.visit_mut(self));
-        }
     }
 
     pub(crate) fn filled<C: Logged>(seed: u64) -> Message<C> {

@@ -20,45 +20,26 @@ use crate::run_directory::LATENCIES;
 /// Disk space left free for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
 
-#[derive(Clone, Debug)]
-pub struct Lines(AsyncWriter);
-
 pub struct Hlog<'a> {
     writer: IntervalLogWriter<'a, 'a, AsyncWriter, V2DeflateSerializer>,
-    lines: Lines,
+    lines: AsyncWriter,
     length: Duration,
     intervals: u32,
 }
 
-impl Lines {
-    /// Creates an empty file in a run directory, locked until this process ends.
-    pub fn create(directory: &Path) -> Result<Self, Failure> {
-        let path = directory.join(LATENCIES);
-        let file = File::create(&path).in_file("write", &path)?;
-        // A file system without locks: `lives` then returns false for every flight.
-        let _ = flock(&file, FlockOperation::LockExclusive);
-        AsyncWriter::new(file, LEFT_FREE_BYTES)
-            .map(Self)
-            .in_file("write", &path)
-    }
-
-    pub fn out(&self) -> AsyncWriter {
-        self.0.clone()
-    }
-
-    pub fn finish(&self) -> Result<(), Failure> {
-        self.0.finish().map_or(Ok(()), |reason| {
-            Err(Failure::failed(format!(
-                "{LATENCIES} is not whole: {reason}"
-            )))
-        })
-    }
+/// Creates an empty file in a run directory, locked until this process ends.
+pub fn create(directory: &Path) -> Result<AsyncWriter, Failure> {
+    let path = directory.join(LATENCIES);
+    let file = File::create(&path).in_file("write", &path)?;
+    // A file system without locks: `lives` then returns false for every flight.
+    let _ = flock(&file, FlockOperation::LockExclusive);
+    AsyncWriter::new(file, LEFT_FREE_BYTES).in_file("write", &path)
 }
 
 impl<'a> Hlog<'a> {
     /// Starts the log of a flight that began at `start_wall_ns` [ns since 1970], in intervals of `length_s` [s].
     pub fn begin(
-        lines: &Lines,
+        lines: &AsyncWriter,
         out: &'a mut AsyncWriter,
         serializer: &'a mut V2DeflateSerializer,
         start_wall_ns: u64,
@@ -74,7 +55,7 @@ impl<'a> Hlog<'a> {
             .with_max_value_divisor(1e6)
             .begin_log_with(out, serializer)
             .map_err(|e| Failure::failed(format!("cannot write {LATENCIES}: {e:?}")))?;
-        lines.0.settle_or_drop();
+        lines.settle_or_drop();
         Ok(Self {
             writer,
             lines: lines.clone(),
@@ -85,14 +66,18 @@ impl<'a> Hlog<'a> {
 
     /// Waits until all lines are on the disk.
     pub fn finish(&self) -> Result<(), Failure> {
-        self.lines.finish()
+        self.lines.finish().map_or(Ok(()), |reason| {
+            Err(Failure::failed(format!(
+                "{LATENCIES} is not whole: {reason}"
+            )))
+        })
     }
 
     /// Writes the current interval of every series and starts the next one.
     pub fn close_interval(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
         let closed =
             series.close_interval(&mut self.writer, self.intervals * self.length, self.length);
-        self.lines.0.settle_or_drop();
+        self.lines.settle_or_drop();
         self.intervals += 1;
         closed
     }
@@ -116,15 +101,15 @@ mod tests {
 
     /// Records one interval. A regular file is locked meanwhile, a device is not.
     fn an_interval(directory: &Path, is_file: bool) -> Result<(), Failure> {
-        let lines = Lines::create(directory)?;
-        let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
+        let lines = create(directory)?;
+        let (mut out, mut serializer) = (lines.clone(), V2DeflateSerializer::new());
         let start_ns = 1_700_000_000_000_000_000;
         let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, start_ns, 1)?;
         let mut series = SeriesSet::new()?;
         series.record(Series::Loop, 30_000);
         assert_eq!(lives(directory), is_file, "it is locked");
         hlog.close_interval(&mut series)?;
-        lines.finish()
+        hlog.finish()
     }
 
     #[test]

@@ -19,7 +19,7 @@ use messages::role::{Channel, Replica, Role};
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
-use super::hlog::{Hlog, Lines};
+use super::hlog::{self, Hlog};
 use super::host_monitor::HostMonitor;
 use super::injected_faults::{InjectedFaults, injected_record};
 use super::inner_states::InnerStates;
@@ -66,8 +66,8 @@ pub fn run(
         ports.arm(expected)
     })?;
     let meter = UsageMeter::start();
-    let lines = Lines::create(&files.directory)?;
-    let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
+    let lines = hlog::create(&files.directory)?;
+    let (mut out, mut serializer) = (lines.clone(), V2DeflateSerializer::new());
     let latencies = Hlog::begin(
         &lines,
         &mut out,

@@ -1,7 +1,8 @@
-//! The reports of two recorded flights, and their comparison, are as in `snapshots/`: `INSTA_UPDATE=always cargo test -p
-//! render` accepts a change.
+//! The reports of two recorded flights, their comparison, and what `compare` and `margin` show are as in `snapshots/`:
+//! `INSTA_UPDATE=always cargo test -p render` accepts a change.
 //!
-//! `reports/` holds report.json, without most points of the plots, and run.json of
+//! `reports/` holds `margins.json`, of `margin --inner adaptive --inner pid --phases 2 --longest 60ms --only inner --only
+//! rotor_speeds --format json`, and report.json, without most points of the plots, and run.json of
 //! * `outages`: `fly --duration 400ms --rt off --on-death restart --outer estimating --fault inner.stop=20ms@100ms --fault
 //!   mass_kg=0.6~50ms@180ms --fault state.drop=0.2@200ms..240ms --fault mixer.kill@280ms --gate theorem --max-miss-rate 10
 //!   --max-tracking-error 0.1`,
@@ -10,16 +11,30 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use analysis::comparison::{
+    Comparison, Effort, ErrorFigures, Fault, Figures, Flight, Laws, Outcome, POWER, SCHEMA,
+    TRUE_ERROR,
+};
 use analysis::diff::{ComparedRun, compare};
 use analysis::schema::Report;
+use analysis::traces::{Group, Trace};
 use render::brief::Left;
-use render::{brief, diff, files, flight, junit};
+use render::cases::Cases;
+use render::{brief, comparison, diff, files, flight, junit, margin};
 
 fn recorded(flight: &str, file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/reports")
         .join(flight)
         .join(file)
+}
+
+/// One element a line, without the scripts and styles that are files of their own.
+fn in_lines(page: &str) -> String {
+    page.replace(include_str!("../src/page.css"), "")
+        .replace(include_str!("../src/plot.css"), "")
+        .replace(include_str!("../src/readout.js"), "")
+        .replace("><", ">\n<")
 }
 
 #[test]
@@ -39,13 +54,7 @@ fn reports_are_their_snapshots() {
         fs::write(written.path().join("brief.txt"), summary).unwrap();
         for file in of_both.iter().chain(more) {
             let text = fs::read_to_string(written.path().join(file)).unwrap();
-            // One element a line, without the scripts and styles that are files of their own.
-            let text = text
-                .replace(include_str!("../src/page.css"), "")
-                .replace(include_str!("../src/plot.css"), "")
-                .replace(include_str!("../src/readout.js"), "")
-                .replace("><", ">\n<");
-            insta::assert_snapshot!(format!("{name}.{file}"), text);
+            insta::assert_snapshot!(format!("{name}.{file}"), in_lines(&text));
         }
     }
 }
@@ -59,4 +68,109 @@ fn the_comparison_of_two_flights_is_its_snapshot() {
             .unwrap(),
     });
     insta::assert_snapshot!(diff::render(&compare(&[a], &[b])));
+}
+
+#[test]
+fn the_margins_of_two_laws_are_their_snapshot() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reports/margins.json");
+    let margins = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
+    let document = margin::document(&margins);
+    insta::assert_snapshot!("margins.txt", document.text());
+    insta::assert_snapshot!("margins.html", in_lines(&document.html()));
+}
+
+/// A flight with errors of this size and a fault at 1 s, until it is lost.
+fn outcome(inner: &str, error_m: f64, lost_s: Option<f64>) -> Outcome {
+    let error = |share: f64| ErrorFigures {
+        rms_m: share * error_m,
+        p99_m: 2.0 * share * error_m,
+        worst_m: 3.0 * share * error_m,
+    };
+    let trace = |values: [f64; 3]| Trace {
+        min: values.map(Some).into(),
+        max: values.map(|value| Some(2.0 * value)).into(),
+    };
+    let channels = [
+        (TRUE_ERROR, trace([1e-6, error_m, 0.5 * error_m])),
+        (POWER, trace([1.0, 1.1, 1.05])),
+    ];
+    Outcome {
+        laws: Laws {
+            outer: "pd".into(),
+            inner: inner.into(),
+            mixer: "priority".into(),
+        },
+        preset: if inner == "indi" { "flight" } else { "soft" }.into(),
+        ticks: lost_s.map_or(9001, |time_s| (1e3 * time_s) as u64),
+        ended_early_s: lost_s,
+        lost: lost_s.map(|_| "the flight left its envelope".into()),
+        lost_s,
+        unusable: Vec::from_iter(lost_s.map(|_| "a number that is not finite".into())),
+        figures: Figures {
+            error: error(1.0),
+            error_before: Some(error(0.01)),
+            error_from_fault: Some(error(1.5)),
+            error_after: lost_s.is_none().then(|| error(0.5)),
+            recovery_s: vec![lost_s.is_none().then_some(10.0 * error_m)],
+            effort: Effort {
+                power: 1.01,
+                agitation_rad_s: 20.0 * error_m,
+                saturated_percent: 2.5,
+            },
+            trace: Some(Group {
+                every_ticks: 1000,
+                tick: vec![0, 1000, 2000],
+                channels: channels
+                    .map(|(name, trace)| (name.to_owned(), trace))
+                    .into(),
+            }),
+        },
+        outputs: "188be4ee61351ca4".into(),
+    }
+}
+
+#[test]
+fn the_comparison_of_laws_and_a_table_of_cases_are_their_snapshots() {
+    let compared = |outcomes: Vec<Outcome>| Comparison {
+        schema: SCHEMA,
+        build: Default::default(),
+        flight: Flight {
+            trajectory: "lissajous".into(),
+            airframe: "paper".into(),
+            preset: "soft".into(),
+            seed: 1,
+            last_tick: 9000,
+            period_s: 1e-3,
+            bound_m: 0.05,
+            faults: vec![Fault {
+                tick: 1000,
+                time_s: 1.0,
+                what: "mass_kg=+30%".into(),
+            }],
+        },
+        outcomes,
+    };
+    let heavier = compared(vec![
+        outcome("adaptive", 0.004, None),
+        outcome("pid", 0.04, None),
+        outcome("indi", 0.2, Some(2.5)),
+    ]);
+    // Commands that hardly change, and laws that share the first place.
+    let light = compared(
+        ["adaptive", "pid", "indi"]
+            .map(|law| outcome(law, 0.003, None))
+            .into(),
+    );
+    let document = comparison::document(&heavier);
+    insta::assert_snapshot!("comparison", document.text() + &in_lines(&document.html()));
+    for (name, from_fault) in [("cases", false), ("cases_from_fault", true)] {
+        let rows = [("heavier | 30 %", &heavier), ("light", &light)];
+        let cases = Cases {
+            title: "Robustness".into(),
+            from_fault,
+            rows: rows.map(|(name, it)| (name.to_owned(), it.clone())).into(),
+        };
+        let [text, picture] = [cases.document().text(), in_lines(&cases.picture())];
+        insta::assert_snapshot!(name, cases.markdown() + &cases.csv() + &text + &picture);
+    }
 }

@@ -511,16 +511,12 @@ impl Faulted {
             let messages = &self.messages;
             let counted = match replacement {
                 Replacement::Outer(outer) => {
-                    rig.outer.save(&mut saved);
-                    rig.outer = outer;
-                    rig.outer.load(&saved);
+                    rig.outer.replace_by(outer, &mut saved);
                     let unused = FaultyInput::new(messages, Port::OuterState);
                     replace(&mut self.outer_state, unused).rejections()
                 }
                 Replacement::Inner(inner) => {
-                    rig.inner.save(&mut saved);
-                    rig.inner = inner;
-                    rig.inner.load(&saved);
+                    rig.inner.replace_by(inner, &mut saved);
                     rig.theorem.clone_from(&self.theorem);
                     let unused = FaultyInput::new(messages, Port::InnerState);
                     let states = replace(&mut self.inner_state, unused).rejections();
@@ -528,9 +524,7 @@ impl Faulted {
                     states.and(&replace(&mut self.inner_setpoint, unused).rejections())
                 }
                 Replacement::Mixer(mixer) => {
-                    rig.mixer.save(&mut saved);
-                    rig.mixer = mixer;
-                    rig.mixer.load(&saved);
+                    rig.mixer.replace_by(mixer, &mut saved);
                     let unused = FaultyInput::new(messages, Port::MixerWrench);
                     replace(&mut self.mixer_wrench, unused).rejections()
                 }

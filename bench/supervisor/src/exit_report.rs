@@ -371,4 +371,88 @@ mod tests {
         outcome.take(failed, true, true);
         assert_eq!(outcome.failure(Path::new("/nonexistent")).code, INTERRUPTED);
     }
+
+    #[test]
+    fn a_description_says_how_a_process_ended_and_why_it_was_not_restarted() {
+        let killed = |killed| ProcessExit {
+            killed: Some(killed),
+            ..exit(Role::Inner, 9)
+        };
+        let plant = ProcessExit {
+            not_restarted: Some("no reason".into()),
+            ..exit(Role::Plant, code(3))
+        };
+        for (exit, expected) in [
+            (
+                killed(KillReason::Hang),
+                "the inner process hung, and was killed",
+            ),
+            (
+                killed(KillReason::Outvoted),
+                "the inner process was killed: two channels contradicted its channel",
+            ),
+            (
+                killed(KillReason::Fault(7)),
+                "the inner process was killed by the fault inner.kill of tick 7",
+            ),
+            (
+                killed(KillReason::AfterFlight),
+                "the inner process did not end within 30 s of the flight and was killed",
+            ),
+            (
+                exit(Role::Record, code(3)),
+                "the recorder ended before the flight did: exit status: 3",
+            ),
+            (plant, "the plant process died: exit status: 3; no reason"),
+        ] {
+            assert_eq!(exit.describe(""), expected);
+        }
+    }
+
+    #[test]
+    fn a_report_is_corrected_only_by_what_its_recorder_could_not_see() {
+        let reports = concat!(env!("CARGO_MANIFEST_DIR"), "/../render/tests/reports");
+        let whole = Report::read(&Path::new(reports).join("lockstep/report.json")).unwrap();
+        let corrected = |outcome: Outcome, in_flight: bool, plant_landed: bool| {
+            let mut report = whole.clone();
+            report.run.in_flight = in_flight;
+            report.roles.get_mut("plant").unwrap().landed = plant_landed;
+            let is_corrected = outcome.correct(&mut report, Path::new("/nonexistent"));
+            let (status, ending) = (report.verdict.status, report.run.ending);
+            is_corrected.then(|| format!("{status:?}: {ending}"))
+        };
+        let outlasted = || Outcome {
+            outlasted: vec![Role::Plant.into()],
+            ..Outcome::default()
+        };
+        let interrupted = || Outcome {
+            interrupted: true,
+            ..Outcome::default()
+        };
+        let failed = || Outcome {
+            failed: Some(exit(Role::Outer, 9)),
+            killed: vec![Role::Mixer.into()],
+            ..Outcome::default()
+        };
+        let not_corrected = [
+            corrected(Outcome::default(), false, true),
+            corrected(outlasted(), false, false),
+            corrected(interrupted(), false, false),
+        ];
+        assert_eq!(not_corrected, [None, None, None]);
+        let all = [
+            corrected(Outcome::default(), false, false),
+            corrected(interrupted(), true, true),
+            corrected(Outcome::default(), true, true),
+            corrected(failed(), false, true),
+        ];
+        let expected = [
+            "Aborted: the plant process ended before it had landed",
+            "Interrupted: interrupted; the numbers end 0.0 s into the flight",
+            "Aborted: the recorder ended too early; the numbers end 0.0 s into the flight",
+            "Aborted: the outer process died: signal: 9 (SIGKILL); the mixer process did not end within 5 s of SIGTERM \
+             and was killed",
+        ];
+        assert_eq!(all.map(Option::unwrap), expected);
+    }
 }

@@ -694,3 +694,44 @@ fn is_over(run: &Run) -> bool {
 fn is_stopped(pid: u32) -> bool {
     Look::at(u64::from(pid)).is_some_and(Look::is_stopped)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flight_is_over_when_its_plant_has_closed_it_or_its_last_tick_has_passed() {
+        let (flying, closed) = (RunPhase::Flying as u64, RunPhase::Closed as u64);
+        let over = Run {
+            phase: flying,
+            launcher_pid: u64::from(std::process::id()),
+            t0_ns: now_ns() - 1_000_000_000,
+            period_ns: 1_000_000,
+            last_tick: 998,
+            tick: 5,
+            ..Run::default()
+        };
+        let longer = Run {
+            last_tick: 60_000,
+            ..over
+        };
+        let foreign = |run| Run {
+            launcher_pid: over.launcher_pid + 1,
+            ..run
+        };
+        let phase = |phase, run| Run { phase, ..run };
+        let (period_ns, tick) = (LOCKSTEP, NO_TICK);
+        for (run, expected) in [
+            (over, [true, true]),
+            (longer, [false, true]),
+            (phase(closed, longer), [true, false]),
+            (foreign(over), [false, true]),
+            (foreign(phase(closed, longer)), [false, false]),
+            (phase(RunPhase::Opening as u64, over), [false, false]),
+            (Run { period_ns, ..over }, [false, true]),
+            (Run { tick, ..longer }, [false, false]),
+        ] {
+            assert_eq!([is_over(&run), has_taken_off(&run)], expected, "{run:?}");
+        }
+    }
+}

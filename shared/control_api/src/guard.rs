@@ -69,6 +69,13 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Guarded<L, M> {
         self.transfer(&mut Fields::Read(state))
     }
 
+    /// Gives its place to another instance, which continues from its state; `room` is for that state.
+    pub fn replace_by(&mut self, next: Self, room: &mut SavedState) {
+        self.save(room);
+        *self = next;
+        self.load(room);
+    }
+
     fn transfer(&mut self, fields: &mut Fields) -> bool {
         let (mut hash, mut memory) = (self.made.state_hash, self.memory.clone());
         fields.all([&mut hash, &mut memory]);

@@ -122,8 +122,4 @@ impl VisitorMut for Fields<'_> {
     fn numbers(&mut self, _: &'static Described, values: &mut [f64]) {
         values.iter_mut().for_each(|value| value.transfer(self));
     }
-
-    fn structs<L: Visit>(&mut self, _: &'static Described, values: &mut [L]) {
-        values.iter_mut().for_each(|value| value.visit_mut(self));
-    }
 }

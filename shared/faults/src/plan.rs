@@ -97,24 +97,13 @@ impl Planned {
             let span = fault.span(period_s)?;
             planned.swaps.extend(fault.swap(period_s, airframe)?);
             for change in &fault.changes {
-                if let Change::Loop(change) = change {
-                    match change.kind {
-                        FaultKind::Late {
-                            role,
-                            channel: None,
-                            ..
-                        } if change.ends => {
-                            planned.end_late(role, span.from);
-                        }
-                        _ if change.ends => {}
-                        kind => planned.take_stage(&kind, span, period_s)?,
-                    }
-                }
                 for fault in change.faults(span) {
                     planned.take(&fault, period_s)?;
                 }
             }
         }
+        let begun = planned.table.begun();
+        planned.stages = begun.filter_map(|it| stage_fault(it, period_s)).collect();
         Ok(planned)
     }
 
@@ -128,64 +117,32 @@ impl Planned {
         Ok(())
     }
 
-    /// A stage is no longer late.
-    fn end_late(&mut self, role: Role, tick: u64) {
-        for fault in &mut self.stages {
-            if fault.role == role && matches!(fault.kind, StageTicks::Late { .. }) {
-                fault.span = fault.span.cut(tick);
-            }
-        }
-    }
-
-    fn take_stage(
-        &mut self,
-        kind: &FaultKind,
-        span: Span,
-        period_s: f64,
-    ) -> Result<(), FaultError> {
-        let periods = |ns| periods(Duration::from_nanos(ns).as_secs_f64(), period_s);
-        let out = |periods: f64| {
-            let ticks = periods.floor() as u64;
-            Span::new(span.from, span.from.saturating_add(ticks))
-        };
-        let (role, kind, span) = match *kind {
-            // Other channels fly meanwhile.
-            _ if kind.channel().is_some() => return Ok(()),
-            FaultKind::Late { role, range_ns, .. } => {
-                let kind = StageTicks::Late {
-                    least: periods(range_ns[0]),
-                    most: periods(range_ns[1]),
-                };
-                let is_once = span.to == Span::FOR_GOOD;
-                (role, kind, if is_once { span.once() } else { span })
-            }
-            // One that is shorter than a tick is refused with the others of its table.
-            FaultKind::Stop { role, for_ns, .. } => (role, StageTicks::Out, out(periods(for_ns))),
-            FaultKind::Kill { role, .. } => {
-                (role, StageTicks::Anew, out(periods(RESTART_NS).max(1.0)))
-            }
-            FaultKind::Messages { .. }
-            | FaultKind::Hog { .. }
-            | FaultKind::Load { .. }
-            | FaultKind::Switch { .. } => {
-                return Ok(());
-            }
-        };
-        let meets = |other: &&StageFault| other.role == role && other.span.meets(span);
-        if let Some(other) = self.stages.iter().find(meets) {
-            return Err(FaultError::fault(format!(
-                "two faults of {role} meet: one from tick {}, one from tick {}: let one end before",
-                other.span.from, span.from
-            )));
-        }
-        self.stages.push(StageFault { role, kind, span });
-        Ok(())
-    }
-
     /// Whether neither messages nor stages have faults.
     pub fn has_no_loop_faults(&self) -> bool {
         self.loops.messages.is_empty() && self.stages.is_empty()
     }
+}
+
+/// What a fault does to its stage in simulated ticks; `None` if other channels fly meanwhile, or no stage has it.
+fn stage_fault(fault: &LiveFault, period_s: f64) -> Option<StageFault> {
+    let span = fault.span;
+    let periods = |ns| periods(Duration::from_nanos(ns).as_secs_f64(), period_s);
+    let out = |periods: f64| {
+        let ticks = periods.floor() as u64;
+        Span::new(span.from, span.from.saturating_add(ticks))
+    };
+    let (kind, span) = match fault.kind {
+        FaultKind::Late { range_ns, .. } => {
+            let [least, most] = range_ns.map(periods);
+            (StageTicks::Late { least, most }, span)
+        }
+        FaultKind::Stop { for_ns, .. } => (StageTicks::Out, out(periods(for_ns))),
+        FaultKind::Kill { .. } => (StageTicks::Anew, out(periods(RESTART_NS).max(1.0))),
+        _ => return None,
+    };
+    let role = fault.kind.role()?;
+    let is_alone = fault.kind.channel().is_none();
+    is_alone.then_some(StageFault { role, kind, span })
 }
 
 /// Why a fault is not taken, with its name, in a flight with ticks of `period_s` [s].

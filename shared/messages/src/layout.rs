@@ -110,17 +110,21 @@ pub trait Visit: Layout {
 /// What is shown the fields of a struct: an array whole, a single value as an array of one.
 ///
 /// Bytes and signed numbers stand on notice blackboards alone, in no message; who walks over messages need not care.
-pub trait Visitor {
+pub trait Visitor: Sized {
     fn integers(&mut self, field: &'static Field, values: &[u64]);
     fn numbers(&mut self, field: &'static Field, values: &[f64]);
-    fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]);
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| value.visit(self));
+    }
 }
 
 /// What is lent the fields of a struct, to fill them in.
-pub trait VisitorMut {
+pub trait VisitorMut: Sized {
     fn integers(&mut self, field: &'static Field, values: &mut [u64]);
     fn numbers(&mut self, field: &'static Field, values: &mut [f64]);
-    fn structs<L: Visit>(&mut self, field: &'static Field, values: &mut [L]);
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
+        values.iter_mut().for_each(|value| value.visit_mut(self));
+    }
 }
 
 /// A type of which there may be several in a field.
@@ -524,9 +528,6 @@ mod tests {
             fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
                 let due = values.iter_mut().filter(|_| self.is_due());
                 due.for_each(|value| *value = -*value);
-            }
-            fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
-                values.iter_mut().for_each(|value| value.visit_mut(self));
             }
         }
         let mut state = State::default();

@@ -215,10 +215,6 @@ impl<F: FnMut(&[f64], Bound)> Visitor for AnyNumbers<F> {
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
         (self.0)(values, Any);
     }
-
-    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
-        values.iter().for_each(|value| value.visit(self));
-    }
 }
 
 impl Topic for SwapRecord {

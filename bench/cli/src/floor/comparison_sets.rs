@@ -115,12 +115,10 @@ pub fn flights(
     let mut all = COMPARED
         .map(|(name, goal, ..)| FloorComparison::ratio(&format!("{name}{under}"), "us", goal));
     let mut misses = FloorComparison::events(&format!("misses{under}"), 1.0);
-    let duration = format!("{}ms", effort.duration.as_millis());
     // Floors that are measured first imitate the flight before.
     let newest: RefCell<Option<Report>> = RefCell::new(None);
     let fly = || -> Result<(), Failure> {
-        let report = runner.fly(&["--rt", "require", "--duration", &duration])?;
-        *newest.borrow_mut() = Some(report);
+        *newest.borrow_mut() = Some(effort.fly(runner, &[])?);
         Ok(())
     };
     let with_ring = load.is_none();
@@ -171,11 +169,7 @@ pub fn cpus(
     ]
     .map(|(name, goal, quantile)| (FloorComparison::ratio(name, "us", goal), quantile));
     let mut misses = FloorComparison::events("misses, 2 CPUs against 1", 1.0);
-    let duration = format!("{}ms", effort.duration.as_millis());
-    let fly = |cpus| {
-        let flags = ["--rt", "require", "--loop-cpus", cpus, "--duration"];
-        runner.fly(&[&flags[..], &[&duration]].concat())
-    };
+    let fly = |cpus| effort.fly(runner, &["--loop-cpus", cpus]);
     let baselines = || {
         let one = fly("1")?;
         let work = work_like(&one)?;
@@ -204,10 +198,7 @@ pub fn cpus(
                 comparison.take(ours, floor, steal_percent);
             }
         }
-        let [two, one] = [two, one].map(|report| Events {
-            count: report.deadlines.missed,
-            exposure: report.ticks.run + report.ticks.skipped,
-        });
+        let [two, one] = [two, one].map(|report| of_ticks(&report, report.deadlines.missed));
         misses.take_events(two, one, steal_percent);
     }
     let all = all.into_iter().map(|(comparison, _)| comparison);
@@ -227,14 +218,10 @@ pub fn channels(
         (ratio("loop p99, 1 channel against itself"), 0.99),
     ];
     let mut not_fresh = FloorComparison::events("ticks not fresh, 2 channels against 1", 1.0);
-    let duration = format!("{}ms", effort.duration.as_millis());
-    let fly = |channels| {
-        let flags = ["--rt", "require", "--channels", channels, "--duration"];
-        runner.fly(&[&flags[..], &[&duration]].concat())
-    };
-    let counted = |report: &Report| Events {
-        count: report.deadlines.not_fresh.unwrap_or_default().ticks,
-        exposure: report.ticks.run + report.ticks.skipped,
+    let fly = |channels| effort.fly(runner, &["--channels", channels]);
+    let counted = |report: &Report| {
+        let not_fresh = report.deadlines.not_fresh.unwrap_or_default();
+        of_ticks(report, not_fresh.ticks)
     };
     for pair in 0..effort.pairs {
         let both = || Ok((fly("1")?, fly("1")?));
@@ -253,6 +240,12 @@ pub fn channels(
     Ok(all.chain([not_fresh]).collect())
 }
 
+/// So many events in the ticks of a flight.
+const fn of_ticks(report: &Report, count: u64) -> Events {
+    let exposure = report.ticks.run + report.ticks.skipped;
+    Events { count, exposure }
+}
+
 fn rehearsal_of(flown: &Report) -> Option<RingRehearsal> {
     let us = [flown.lead.median_us, flown.lead.rehearsal_us];
     let [lead_ns, needs_ns] = us.map(|us| (us * 1e3) as u64);
@@ -267,10 +260,7 @@ pub(super) fn missed_and_late(
 ) -> Result<[Events; 2], Failure> {
     let loop_ns = (series(report, "loop")?.p50_us * 1e3) as u64;
     let in_time = bare.count_between(0, period_ns.saturating_sub(loop_ns));
-    let missed = Events {
-        count: report.deadlines.missed,
-        exposure: report.ticks.run + report.ticks.skipped,
-    };
+    let missed = of_ticks(report, report.deadlines.missed);
     let late = Events {
         count: bare.len() - in_time,
         exposure: bare.len(),
@@ -321,6 +311,12 @@ impl MeasuringEffort {
             cpu: None,
             priority: self.priority,
         }
+    }
+
+    pub(super) fn fly(&self, runner: &FlightRunner, flags: &[&str]) -> Result<Report, Failure> {
+        let duration = format!("{}ms", self.duration.as_millis());
+        let all = ["--rt", "require", "--duration", &duration];
+        runner.fly(&[&all, flags].concat())
     }
 }
 

@@ -42,7 +42,6 @@ pub fn rates(
     runner: &FlightRunner,
     effort: &MeasuringEffort,
 ) -> Result<(Vec<FloorComparison>, Vec<RateRow>), Failure> {
-    let duration = format!("{}ms", effort.duration.as_millis());
     let mut rates = RATES_KHZ.map(|khz| {
         let misses = FloorComparison::events(&format!("misses, {khz} kHz"), MISSES_GOAL);
         let loops = FloorComparison::ratio(&format!("processor time, {khz} kHz"), "us", 1.0);
@@ -51,11 +50,10 @@ pub fn rates(
     for pair in 0..effort.pairs {
         for (khz, misses, loops, flights) in &mut rates {
             let (period_ns, rate) = (1_000_000 / *khz, format!("{khz}k"));
-            let flags = ["--rt", "require", "--rate", &rate, "--duration", &duration];
             let (report, bare, steal_percent) = in_turns(
                 pair,
                 Some(loops_cpu() as u64),
-                || runner.fly(&flags),
+                || effort.fly(runner, &["--rate", &rate]),
                 || cyclictest::measure(&effort.schedule(period_ns)),
             )?;
             let figures = figures_us(&report)?;

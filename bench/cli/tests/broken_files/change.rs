@@ -7,7 +7,7 @@ use std::io::Cursor;
 use mcap::records::Record;
 use serde_json::Value;
 
-use crate::recorded::Dice;
+use fastrand::Rng;
 
 /// A broken file is no longer than this [bytes].
 const MOST_BYTES: usize = 1 << 21;
@@ -24,38 +24,38 @@ const PIECES: &[u8] = b"[ ] { } \" ' \"\"\" = . , : # \n \r\n \r \0 \x1b[2J \xff
     {\"a\": 1e308 \x89MCAP0\r\n \x28\xb5\x2f\xfd \xff\xff\xff\xff\xff\xff\xff\xff \xe2\x80\xae\xf0\x9f\x98\x80";
 
 /// A length or count that no file has.
-fn length(dice: &mut Dice) -> u64 {
+fn length(dice: &mut Rng) -> u64 {
     let bits = choice(dice, &[0, 1, 7, 16, 28, 31, 32, 40, 63, 64]);
     u64::MAX.checked_shr(64 - bits).unwrap_or(0)
 }
 
-fn any_number(dice: &mut Dice) -> &'static str {
+fn any_number(dice: &mut Rng) -> &'static str {
     choice(dice, &NUMBERS.split(' ').collect::<Vec<_>>())
 }
 
-fn any_piece(dice: &mut Dice) -> &'static [u8] {
+fn any_piece(dice: &mut Rng) -> &'static [u8] {
     let pieces = PIECES.split(|byte| *byte == b' ');
     choice(dice, &pieces.collect::<Vec<_>>())
 }
 
 /// A place in a file, its end among them.
-fn place(dice: &mut Dice, bytes: &[u8]) -> usize {
-    dice.roll(bytes.len() as u64 + 1) as usize
+fn place(dice: &mut Rng, bytes: &[u8]) -> usize {
+    dice.u64(..bytes.len() as u64 + 1) as usize
 }
 
 /// A piece of a file: most are short.
-fn piece(dice: &mut Dice, bytes: &[u8]) -> (usize, usize) {
+fn piece(dice: &mut Rng, bytes: &[u8]) -> (usize, usize) {
     let from = place(dice, bytes);
-    let most = [4, 64, 1024, u64::MAX][dice.roll(4) as usize].min((bytes.len() - from) as u64 + 1);
-    (from, from + dice.roll(most) as usize)
+    let most = [4, 64, 1024, u64::MAX][dice.u64(..4) as usize].min((bytes.len() - from) as u64 + 1);
+    (from, from + dice.u64(..most) as usize)
 }
 
-fn choice<T: Copy>(dice: &mut Dice, of: &[T]) -> T {
-    of[dice.roll(of.len() as u64) as usize]
+fn choice<T: Copy>(dice: &mut Rng, of: &[T]) -> T {
+    of[dice.u64(..of.len() as u64) as usize]
 }
 
 /// Some changes of bytes; `others` are files of the same kind.
-pub fn bytes(dice: &mut Dice, file: &[u8], others: &[Vec<u8>]) -> Vec<u8> {
+pub fn bytes(dice: &mut Rng, file: &[u8], others: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = file.to_vec();
     for _ in 0..choice(dice, &[1, 1, 2, 6]) {
         change(dice, &mut bytes, others);
@@ -64,23 +64,23 @@ pub fn bytes(dice: &mut Dice, file: &[u8], others: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
-fn change(dice: &mut Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
+fn change(dice: &mut Rng, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
     let (from, to) = piece(dice, bytes);
-    match dice.roll(10) {
-        0 if from < bytes.len() => bytes[from] ^= 1 << dice.roll(8),
+    match dice.u64(..10) {
+        0 if from < bytes.len() => bytes[from] ^= 1 << dice.u64(..8),
         1 => drop(bytes.drain(from..to)),
         2 => bytes.truncate(from),
         3 => {
             // Copied or moved to another place.
             let taken = bytes[from..to].to_vec();
-            if dice.roll(2) == 0 {
+            if dice.u64(..2) == 0 {
                 bytes.drain(from..to);
             }
             let at = place(dice, bytes);
             insert(bytes, at, &taken);
         }
         4 => {
-            let other = &others[dice.roll(others.len() as u64) as usize];
+            let other = &others[dice.u64(..others.len() as u64) as usize];
             let (begin, end) = piece(dice, other);
             bytes.splice(from..to, other[begin..end].iter().copied());
         }
@@ -90,7 +90,7 @@ fn change(dice: &mut Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
         }
         6 => overwrite(bytes, from, any_piece(dice)),
         7 => {
-            let (known, many) = (any_piece(dice), dice.roll(REPEATS) as usize);
+            let (known, many) = (any_piece(dice), dice.u64(..REPEATS) as usize);
             let again = choice(dice, &[known, &bytes[from..to]]).to_vec();
             let times = choice(dice, &[1, many]);
             let times = times.min(MOST_BYTES / again.len().max(1));
@@ -111,7 +111,7 @@ fn overwrite(bytes: &mut [u8], at: usize, with: &[u8]) {
     }
 }
 
-fn number(dice: &mut Dice, bytes: &mut Vec<u8>) {
+fn number(dice: &mut Rng, bytes: &mut Vec<u8>) {
     let is_digit = |byte: &u8| byte.is_ascii_digit() || b".+-eE".contains(byte);
     let start = place(dice, bytes);
     let Some(at) = bytes[start..].iter().position(u8::is_ascii_digit) else {
@@ -120,30 +120,30 @@ fn number(dice: &mut Dice, bytes: &mut Vec<u8>) {
     let digits = &bytes[start + at..];
     let length = digits.iter().take_while(|byte| is_digit(byte)).count();
     let from = start + at;
-    let other = match dice.roll(8) {
-        0 => "9".repeat(dice.roll(REPEATS) as usize),
+    let other = match dice.u64(..8) {
+        0 => "9".repeat(dice.u64(..REPEATS) as usize),
         _ => any_number(dice).to_owned(),
     };
     bytes.splice(from..from + length, other.into_bytes());
 }
 
 /// Takes a line away, doubles it, or puts it elsewhere.
-fn line(dice: &mut Dice, bytes: &mut Vec<u8>) {
+fn line(dice: &mut Rng, bytes: &mut Vec<u8>) {
     let lines = bytes.split_inclusive(|byte| *byte == b'\n');
     let mut lines: Vec<Vec<u8>> = lines.map(<[u8]>::to_vec).collect();
     if lines.is_empty() {
         return;
     }
-    let taken = lines.remove(dice.roll(lines.len() as u64) as usize);
-    for _ in 0..dice.roll(3) {
-        lines.insert(dice.roll(lines.len() as u64 + 1) as usize, taken.clone());
+    let taken = lines.remove(dice.u64(..lines.len() as u64) as usize);
+    for _ in 0..dice.u64(..3) {
+        lines.insert(dice.u64(..lines.len() as u64 + 1) as usize, taken.clone());
     }
     *bytes = lines.concat();
 }
 
-pub fn json(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
+pub fn json(dice: &mut Rng, file: &[u8]) -> Option<Vec<u8>> {
     let mut tree: Value = serde_json::from_slice(file).ok()?;
-    for _ in 0..=dice.roll(4) {
+    for _ in 0..=dice.u64(..4) {
         let elsewhere = somewhere(dice, &mut tree.clone()).clone();
         let place = somewhere(dice, &mut tree);
         let value = place.take();
@@ -152,16 +152,16 @@ pub fn json(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     serde_json::to_vec(&tree).ok()
 }
 
-fn somewhere<'a>(dice: &mut Dice, tree: &'a mut Value) -> &'a mut Value {
+fn somewhere<'a>(dice: &mut Rng, tree: &'a mut Value) -> &'a mut Value {
     let inside = match &*tree {
         Value::Array(values) => values.len(),
         Value::Object(keys) => keys.len(),
         _ => 0,
     };
-    if inside == 0 || dice.roll(12) == 0 {
+    if inside == 0 || dice.u64(..12) == 0 {
         return tree;
     }
-    let at = dice.roll(inside as u64) as usize;
+    let at = dice.u64(..inside as u64) as usize;
     let value = match tree {
         Value::Array(values) => values.get_mut(at),
         Value::Object(keys) => keys.values_mut().nth(at),
@@ -170,29 +170,29 @@ fn somewhere<'a>(dice: &mut Dice, tree: &'a mut Value) -> &'a mut Value {
     somewhere(dice, value.expect("a place inside"))
 }
 
-fn other_value(dice: &mut Dice, value: Value, elsewhere: Value) -> Value {
-    match (dice.roll(10), value) {
+fn other_value(dice: &mut Rng, value: Value, elsewhere: Value) -> Value {
+    match (dice.u64(..10), value) {
         (0, _) => Value::Null,
         (1, _) => elsewhere,
-        (2, _) => Value::from("</p><script>".repeat(dice.roll(REPEATS / 10) as usize)),
+        (2, _) => Value::from("</p><script>".repeat(dice.u64(..REPEATS / 10) as usize)),
         (3, _) => Value::from(length(dice)),
         (4, Value::Array(values)) => {
             let most = REPEATS as usize + values.len();
-            let again = 1 + dice.roll(REPEATS) as usize / values.len().max(1);
+            let again = 1 + dice.u64(..REPEATS) as usize / values.len().max(1);
             let all = values.iter().cycle().take(values.len() * again);
             Value::from_iter(all.take(most).cloned())
         }
         (5, Value::Array(mut values)) => {
-            values.truncate(dice.roll(values.len() as u64 + 1) as usize);
+            values.truncate(dice.u64(..values.len() as u64 + 1) as usize);
             Value::Array(values)
         }
         (6, Value::Object(mut keys)) => {
-            let at = dice.roll(keys.len() as u64 + 1) as usize;
+            let at = dice.u64(..keys.len() as u64 + 1) as usize;
             let key = keys.keys().nth(at).cloned();
             key.map(|key| keys.remove(&key));
             Value::Object(keys)
         }
-        (_, Value::Number(number)) if number.is_u64() && dice.roll(2) == 0 => {
+        (_, Value::Number(number)) if number.is_u64() && dice.u64(..2) == 0 => {
             Value::from(length(dice))
         }
         (_, Value::Number(_)) => serde_json::from_str(any_number(dice)).unwrap_or(Value::Null),
@@ -202,7 +202,7 @@ fn other_value(dice: &mut Dice, value: Value, elsewhere: Value) -> Value {
 }
 
 /// A flight log with changed records, written again with the checksums that they have then.
-pub fn log(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
+pub fn log(dice: &mut Rng, file: &[u8]) -> Option<Vec<u8>> {
     let records = mcap::read::ChunkFlattener::new(file).ok()?;
     let options = mcap::WriteOptions::new().compression(None);
     let mut writer = options.create(Cursor::new(Vec::new())).ok()?;
@@ -210,12 +210,12 @@ pub fn log(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     let rarely = choice(dice, &[3, 30, 300, 3000]);
     for record in records {
         let mut record = record.ok()?;
-        let times = if dice.roll(rarely) == 0 {
-            dice.roll(3)
+        let times = if dice.u64(..rarely) == 0 {
+            dice.u64(..3)
         } else {
             1
         };
-        if dice.roll(rarely) == 0 {
+        if dice.u64(..rarely) == 0 {
             change_record(dice, &mut record);
         }
         for _ in 0..times {
@@ -246,13 +246,13 @@ pub fn log(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     Some(writer.into_inner().into_inner())
 }
 
-fn change_record(dice: &mut Dice, record: &mut Record<'_>) {
+fn change_record(dice: &mut Rng, record: &mut Record<'_>) {
     match record {
         Record::Schema { data, .. } => *data = Cow::Owned(bytes_of(dice, data)),
         Record::Channel(channel) => words(dice, &mut channel.metadata),
         Record::Metadata(facts) => words(dice, &mut facts.metadata),
-        Record::Message { header, data } => match dice.roll(8) {
-            0 => header.channel_id = dice.roll(16) as u16,
+        Record::Message { header, data } => match dice.u64(..8) {
+            0 => header.channel_id = dice.u64(..16) as u16,
             1 => header.log_time = length(dice),
             _ => *data = Cow::Owned(message(dice, data)),
         },
@@ -261,31 +261,31 @@ fn change_record(dice: &mut Dice, record: &mut Record<'_>) {
 }
 
 /// A message with other words: numbers of eight bytes, which layouts have nothing but, stand behind tags.
-fn message(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
+fn message(dice: &mut Rng, data: &[u8]) -> Vec<u8> {
     let mut data = data.to_vec();
-    for _ in 0..=dice.roll(3) {
+    for _ in 0..=dice.u64(..3) {
         let at = place(dice, &data);
         let float = choice(dice, &[f64::NAN, 1e300, -0.0, f64::MAX]);
-        match dice.roll(4) {
+        match dice.u64(..4) {
             0 => overwrite(&mut data, at, &length(dice).to_le_bytes()),
             1 => overwrite(&mut data, at, &float.to_le_bytes()),
             2 => return bytes_of(dice, &data),
-            _ => overwrite(&mut data, at, &[1 << dice.roll(8)]),
+            _ => overwrite(&mut data, at, &[1 << dice.u64(..8)]),
         }
     }
     data
 }
 
-fn bytes_of(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
+fn bytes_of(dice: &mut Rng, data: &[u8]) -> Vec<u8> {
     bytes(dice, data, &[data.to_vec()])
 }
 
-fn words(dice: &mut Dice, facts: &mut BTreeMap<String, String>) {
-    let at = dice.roll(facts.len().max(1) as u64) as usize;
+fn words(dice: &mut Rng, facts: &mut BTreeMap<String, String>) {
+    let at = dice.u64(..facts.len().max(1) as u64) as usize;
     let Some((name, word)) = facts.iter().nth(at).map(|(k, v)| (k.clone(), v.clone())) else {
         return;
     };
-    let other = match dice.roll(4) {
+    let other = match dice.u64(..4) {
         0 => {
             facts.remove(&name);
             return;

@@ -35,7 +35,8 @@ use replay::fly_again;
 use sim::simulator::Simulator;
 use toml::Value;
 
-use recorded::{Dice, TickFaults, settings};
+use fastrand::Rng;
+use recorded::{TickFaults, settings};
 use rig::Rig;
 use trial::Trial;
 
@@ -70,11 +71,11 @@ fn try_parts(
     kind: &'static str,
     file: &'static str,
     good: &[Vec<u8>],
-    part: impl Fn(&mut Dice, &[u8]) -> Option<Vec<u8>>,
+    part: impl Fn(&mut Rng, &[u8]) -> Option<Vec<u8>>,
     read: &dyn Fn(&Path) -> Result<(), Failure>,
 ) {
-    let change = |dice: &mut Dice, file: &[u8]| {
-        let bytes_alone = dice.roll(3) == 0;
+    let change = |dice: &mut Rng, file: &[u8]| {
+        let bytes_alone = dice.u64(..3) == 0;
         let changed = if bytes_alone { None } else { part(dice, file) };
         changed.unwrap_or_else(|| change::bytes(dice, file, good))
     };
@@ -158,7 +159,7 @@ fn flight_logs() {
         exported
     };
     // Only a log with the right checksums gets far, and only a good one can be read to be changed.
-    let part = |dice: &mut Dice, _: &[u8]| change::log(dice, &good[0]);
+    let part = |dice: &mut Rng, _: &[u8]| change::log(dice, &good[0]);
     try_parts("log", "flight.mcap", &good, part, &read);
 }
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use errors::Failure;
 
-use crate::recorded::Dice;
+use fastrand::Rng;
 
 /// Ends a reader that hangs: far beyond what any of these files takes.
 const HANGS: Duration = Duration::from_secs(60);
@@ -33,7 +33,7 @@ pub struct Trial<'a> {
     pub file: &'static str,
     /// Files that are read as they are.
     pub good: &'a [Vec<u8>],
-    pub change: &'a dyn Fn(&mut Dice, &[u8]) -> Vec<u8>,
+    pub change: &'a dyn Fn(&mut Rng, &[u8]) -> Vec<u8>,
     pub read: &'a dyn Fn(&Path) -> Result<(), Failure>,
 }
 
@@ -54,7 +54,7 @@ fn corpus(kind: &str) -> Vec<(String, Vec<u8>)> {
 }
 
 impl Trial<'_> {
-    /// Tries files for `IRONBIRD_BROKEN_S` seconds (1), beginning with the dice `IRONBIRD_BROKEN_SEED` (1).
+    /// Tries files for `IRONBIRD_BROKEN_S` seconds (1), beginning with the seed `IRONBIRD_BROKEN_SEED` (1).
     pub fn run(&self) {
         let _alone = lock(&ONE_AT_A_TIME);
         collect_panics();
@@ -106,9 +106,8 @@ impl Trial<'_> {
         let length = Duration::from_secs(number("IRONBIRD_BROKEN_S", 1));
         let mut accepted = 0;
         for i in (0..).take_while(|_| begin.elapsed() <= length) {
-            let mut dice = Dice(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(i));
-            dice.roll(2);
-            let file = known[dice.roll(known.len() as u64) as usize];
+            let mut dice = Rng::with_seed(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(i));
+            let file = known[dice.u64(..known.len() as u64) as usize];
             let bytes = (self.change)(&mut dice, file);
             accepted += u64::from(read(format!("{seed}-{i}"), &bytes).is_ok());
         }

@@ -3,6 +3,7 @@
 
 mod role_process;
 mod system;
+mod table;
 pub mod unprivileged;
 
 use std::fs::{self, File};
@@ -30,6 +31,7 @@ pub use system::{
     command_line, files_below, is_gone, processes, send, signal_of, stop_for, wait_until,
 };
 use system::{hear_signals, names};
+pub use table::table;
 
 /// The executable under test: the one that the variable IRONBIRD names, else the release build if it is up to date, else
 /// the one that cargo built beside the tests.
@@ -155,26 +157,9 @@ impl Rig {
         self.settings(&format!("[flight]\nslowdown = {slowdown}\n"))
     }
 
-    /// Arguments of a flight in slow motion, without real time.
-    pub fn slowly(&self, slowdown: u64, duration: &str) -> String {
-        let config = self.slow(slowdown);
-        format!("--rt off --config {config} --duration {duration}")
-    }
-
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
     pub fn command(&self, command: &str, args: impl AsRef<str>) -> Command {
         self.given(Command::new(self.executable), command, args)
-    }
-
-    /// `ironbird COMMAND` in a mount namespace of its own ([`in_own_mounts`]).
-    pub fn command_in_mounts(
-        &self,
-        (mount, probe): (&str, &str),
-        command: &str,
-        args: impl AsRef<str>,
-    ) -> Option<Command> {
-        let process = in_own_mounts(mount, probe, self.executable)?;
-        Some(self.given(process, command, args))
     }
 
     /// The program with what a command is given, besides `args`.
@@ -424,18 +409,6 @@ pub fn lacks_tool(what: &str) {
 /// The same for a build without a feature.
 pub fn lacks_feature(what: &str, feature: &str) {
     not_tested(&format!("{what}: needs --features {feature}"));
-}
-
-/// The rows of the first table of a Markdown page.
-pub fn table<const COLUMNS: usize>(page: &'static str) -> Vec<[&'static str; COLUMNS]> {
-    let (_, table) = page.split_once("|---|").unwrap();
-    let rows = table.lines().skip(1).filter(|line| !line.is_empty());
-    let cells = |line: &'static str| {
-        let line = line.strip_prefix('|').unwrap().strip_suffix('|').unwrap();
-        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        cells.try_into().expect(line)
-    };
-    rows.map(cells).collect()
 }
 
 /// Three rows of a table at a time: they wait more than they compute.

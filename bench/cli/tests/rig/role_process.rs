@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 use serde_json::Value;
 
-use super::system::{LOOK_EVERY, PATIENCE, children, command_line, send, wait_until};
+use super::system::{LOOK_EVERY, PATIENCE, command_line, send, wait_until};
 
 /// A process that the test has started, and kills if it still runs at the end.
 pub struct Running {
@@ -37,20 +37,17 @@ impl Running {
         fs::read_to_string(&self.stderr).unwrap()
     }
 
+    /// On standard output or standard error.
     pub fn await_words(&self, words: &str) {
         wait_until(&format!("{} to say `{words}`", self.what), || {
-            self.stderr().contains(words).then_some(())
+            (self.stdout() + &self.stderr())
+                .contains(words)
+                .then_some(())
         });
     }
 
     pub fn stdout(&self) -> String {
         fs::read_to_string(&self.stdout).unwrap()
-    }
-
-    pub fn await_output(&self, words: &str) {
-        wait_until(&format!("{} to print `{words}`", self.what), || {
-            self.stdout().contains(words).then_some(())
-        });
     }
 
     pub fn end(mut self) -> Ended {
@@ -84,18 +81,6 @@ impl Running {
     pub fn interrupt(self) -> Ended {
         self.signal(Signal::INT);
         self.end()
-    }
-
-    /// The five roles that a launcher has started: process numbers by name.
-    pub fn roles(&self) -> BTreeMap<String, u32> {
-        wait_until("the launcher to start five roles", || {
-            let roles: BTreeMap<_, _> = children(self.pid())
-                .into_iter()
-                .filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid)))
-                .filter(|(role, _)| role != "fly")
-                .collect();
-            (roles.len() == 5).then_some(roles)
-        })
     }
 }
 

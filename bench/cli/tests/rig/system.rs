@@ -89,21 +89,6 @@ pub fn command_line(pid: u32) -> Vec<String> {
         .collect()
 }
 
-pub(super) fn children(pid: u32) -> Vec<u32> {
-    let tasks = names(Path::new(&format!("/proc/{pid}/task")));
-    let text =
-        |task| fs::read_to_string(format!("/proc/{pid}/task/{task}/children")).unwrap_or_default();
-    tasks
-        .into_iter()
-        .map(text)
-        .flat_map(|list| {
-            list.split(' ')
-                .filter_map(|n| n.parse().ok())
-                .collect::<Vec<_>>()
-        })
-        .collect()
-}
-
 pub fn stop_for(pid: u32, time: Duration) {
     send(pid, Signal::STOP);
     sleep(time);

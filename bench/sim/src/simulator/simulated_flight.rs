@@ -50,7 +50,8 @@ pub fn fly_with(
     Ok(judge.end())
 }
 
-/// Runs with recorded timing and reports to `judge`.
+/// Runs with recorded timing and reports to `judge`. A simulation of the whole recorded flight includes what its stages
+/// sent after the last state.
 pub fn follow(
     timing: &Timing,
     rig: &mut Simulator,
@@ -60,10 +61,12 @@ pub fn follow(
 ) -> Result<(), Failure> {
     let mut timed = Timed::new(settings)?;
     let mut is_open = false;
+    let last_tick = settings.last_tick();
+    let is_whole = last_tick == timing.last_tick;
     for event in timing
         .events
         .iter()
-        .filter(|event| event.tick <= settings.last_tick())
+        .filter(|event| is_whole || event.tick <= last_tick)
     {
         if is_open && matches!(event.source, Source::State { .. }) {
             look(rig)?;

@@ -72,9 +72,8 @@ impl Timed {
             }
             Source::Setpoint { state } => {
                 if begins(&mut self.epochs[0], event.epoch) {
-                    rig.outer.save(&mut self.saved);
-                    rig.outer = settings.outer_stage()?;
-                    rig.outer.load(&self.saved);
+                    rig.outer
+                        .replace_by(settings.outer_stage()?, &mut self.saved);
                 }
                 let state = self.states.input(state);
                 if state.is_some_and(|state| {
@@ -87,9 +86,8 @@ impl Timed {
             }
             Source::Wrench { state, setpoint } => {
                 if begins(&mut self.epochs[1], event.epoch) {
-                    rig.inner.save(&mut self.saved);
-                    rig.inner = settings.inner_stage()?;
-                    rig.inner.load(&self.saved);
+                    rig.inner
+                        .replace_by(settings.inner_stage()?, &mut self.saved);
                     self.wrenches_of_epoch = 0;
                 }
                 if let (Some(state), Some(setpoint)) =
@@ -105,9 +103,8 @@ impl Timed {
             }
             Source::RotorSpeeds { wrench, acts_from } => {
                 if begins(&mut self.epochs[2], event.epoch) {
-                    rig.mixer.save(&mut self.saved);
-                    rig.mixer = settings.mixer_stage()?;
-                    rig.mixer.load(&self.saved);
+                    rig.mixer
+                        .replace_by(settings.mixer_stage()?, &mut self.saved);
                 }
                 if let Some(wrench) = self.wrenches.input(wrench) {
                     rig.mixer

@@ -1,10 +1,14 @@
-//! The doctor: what it finds on machines that are made up, and that this machine gets a verdict.
+//! The doctor: what it finds on machines that are made up.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use crate::rig::table;
+#[path = "../../cli/tests/rig/table.rs"]
+mod table;
+
 use analysis::finding::{Finding, Level, RealtimeClass};
 use host::doctor::{Examination, examine};
 use host::{Answers, Machine};
 use std::fs;
+use table::table;
 use tempfile::TempDir;
 
 /// Limits of an ordinary user.
@@ -149,4 +153,17 @@ fn a_cgroup_without_real_time_is_named_with_the_file_that_changes_it() {
     assert_eq!(level, Level::Blocks);
     assert!(group.contains("/user.slice/session-1.scope"), "{group}");
     assert_eq!(found(&[], refused).0, Level::Ok);
+}
+
+#[test]
+fn an_examination_is_printed_with_reasons_and_fixes() {
+    let answers = Answers {
+        fifo_errno: Some(EPERM),
+        deep_sleep_errno: Some(EACCES),
+        ..fine_answers()
+    };
+    let examination = with(&[("proc/sys/kernel/version", "#1 SMP")], answers);
+    let executable = std::env::current_exe().unwrap().display().to_string();
+    let text = host::doctor::render(&examination).replace(&executable, "EXECUTABLE");
+    insta::assert_snapshot!(text);
 }

@@ -1,0 +1,87 @@
+//! Margins of a short flight are as in `snapshots/`: `INSTA_UPDATE=always cargo test -p experiments` accepts a change.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use analysis::margin::Bounds;
+use config::Settings;
+use experiments::combinations;
+use experiments::margin::limits::{BOUNDS, Phases, bounds};
+use experiments::margin::target::Target;
+use experiments::margin::{Task, measure_all};
+use faults::Port;
+use messages::role::Role;
+
+#[test]
+fn the_margins_of_a_short_flight_are_their_snapshot() {
+    let settings = Settings::resolve(None, &Vec::new()).unwrap();
+    let phases = Phases {
+        ticks: vec![2000, 2100],
+        span_s: 0.2,
+        cycle_s: None,
+    };
+    let task = Task {
+        targets: vec![
+            Target::Stage(Role::Inner),
+            Target::Input(Port::PlantRotorSpeeds),
+        ],
+        bounds: Bounds {
+            recovery_max_s: 1.0,
+            survival_max_s: 2.0,
+            ..bounds(&[], &settings).unwrap()
+        },
+        longest: 60,
+        jobs: 2,
+    };
+    let mut margins = measure_all(&[settings], &phases, &task, &AtomicBool::new(false)).unwrap();
+    // A hash of every setting that there is, and this version.
+    margins.laws[0].fingerprint.clear();
+    margins.build = Default::default();
+    insta::assert_snapshot!(analysis::json::to_string(&margins).unwrap());
+}
+
+#[test]
+fn phases_and_bounds_follow_the_flight() {
+    let step = vec![("flight.trajectory", toml::Value::from("step"))];
+    let settings = Settings::resolve(None, &step).unwrap();
+    let ticks = |duration_s: Option<f64>| {
+        let duration = duration_s.map(Duration::from_secs_f64);
+        Phases::new(2, duration, &settings).map(|it| it.ticks).ok()
+    };
+    let without_a_cycle = ticks(None);
+    assert_eq!(without_a_cycle, Some(vec![5000, 10_000]));
+    assert_eq!(ticks(Some(8.0)), Some(vec![5000, 6500]));
+    let less_than_a_tick_each = ticks(Some(5.001));
+    assert_eq!(less_than_a_tick_each, None);
+    let with_recovery = |recovery_s| bounds(&[(BOUNDS[2], recovery_s)], &settings);
+    let recovery_max_s = |recovery_s| with_recovery(recovery_s).map(|it| it.recovery_max_s).ok();
+    assert_eq!([20.0, 20.5].map(recovery_max_s), [Some(20.0), None]);
+    assert!(bounds(&[(BOUNDS[0], 0.1), (BOUNDS[0], 0.1)], &settings).is_err());
+}
+
+#[test]
+fn every_outer_law_is_combined_with_every_inner_law() {
+    let names = |names: [&str; 2]| names.map(str::to_owned);
+    let (outer, inner) = (names(["pd", "estimating"]), names(["pid", "indi"]));
+    let all = combinations::of(&outer, &inner, &[], 4).unwrap();
+    let settings = combinations::resolve(None, &Vec::new(), &all).unwrap();
+    let named = settings
+        .iter()
+        .map(|it| combinations::laws(it).unwrap().name(false));
+    let expected = [
+        "pd + pid",
+        "pd + indi",
+        "estimating + pid",
+        "estimating + indi",
+    ];
+    assert_eq!(named.collect::<Vec<_>>(), expected);
+    assert!(
+        combinations::of(&outer, &inner, &[], 3).is_err(),
+        "one too many"
+    );
+    assert!(
+        combinations::of(&names(["pd", "pd"]), &[], &[], 4).is_err(),
+        "named twice"
+    );
+}
