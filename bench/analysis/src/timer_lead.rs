@@ -15,13 +15,13 @@ pub struct LeadSection {
     pub least_us: f64,
     pub median_us: f64,
     pub most_us: f64,
-    /// 90th percentile of what a rehearsal took before take-off [us]; 0 where none is held.
+    /// 90th percentile of what a warm-up run took before take-off [us]; 0 where none is held.
     pub rehearsal_us: f64,
     /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
     pub timer_p90_us: f64,
     /// Ticks after the first that the mixer, the last of the chain, rehearsed.
     pub rehearsals: u64,
-    /// From the timer's waking to the beginning of the tick, rehearsals among it: share of the loops' processor [%].
+    /// From the timer's waking to the beginning of the tick, warm-up runs among it: share of the loops' processor [%].
     pub processor_percent: f64,
 }
 

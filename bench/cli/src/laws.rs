@@ -105,13 +105,13 @@ fn of_file(library: &Library) -> String {
         true => "not real-time: it promises nothing about its time",
         false => "real-time",
     };
-    let rehearsal = match library.is_rehearsed() {
+    let warm_up = match library.is_rehearsed() {
         true => "yes",
         false => "no: it has no copy_into",
     };
     format!(
         "\nFile\n  {file}\n  SHA-256    {sha256}\n  interface  version {IRONBIRD_LAW_INTERFACE}\n  time       {time}\n  \
-         rehearsal  {rehearsal}\nfly it with --{role} {file}\n"
+         warm-up    {warm_up}\nfly it with --{role} {file}\n"
     )
 }
 

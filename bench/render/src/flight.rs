@@ -668,16 +668,16 @@ fn lead_line(lead: &LeadSection, ticks: u64) -> String {
         ),
         false => String::new(),
     };
-    let (rehearsal, rehearsed) = match rehearsal_us > 0.0 {
+    let (warm_up, warm_ups) = match rehearsal_us > 0.0 {
         true => (
-            format!(", rehearsal p90 {rehearsal_us:.0} us"),
-            format!("rehearsed {} of {ticks} ticks", lead.rehearsals),
+            format!(", warm-up run p90 {rehearsal_us:.0} us"),
+            format!("warm-up runs in {} of {ticks} ticks", lead.rehearsals),
         ),
-        false => (String::new(), "no rehearsals".into()),
+        false => (String::new(), "no warm-up runs".into()),
     };
     format!(
         "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_us:.0} \
-         us{rehearsal}); {rehearsed}; waiting took {:.1} % of the loops' processor",
+         us{warm_up}); {warm_ups}; waiting took {:.1} % of the loops' processor",
         lead.processor_percent
     )
 }

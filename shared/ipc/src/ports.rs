@@ -163,7 +163,7 @@ pub struct Wakes {
 }
 
 pub struct Sender<C: Topic> {
-    /// Taken ahead of the message that it is for, by a rehearsal.
+    /// Taken ahead of the message that it is for, by a warm-up run.
     loan: Option<Loan<C>>,
     publisher: TopicPublisher<C>,
     wakes: Wakes,
@@ -205,7 +205,7 @@ impl<C: Topic> Sender<C> {
     }
 
     /// Does of [`Sender::send`] what can be done without sending: takes the loan, which the next message is then sent
-    /// with, fills it, and notifies of a rehearsal.
+    /// with, fills it, and notifies of a warm-up run.
     pub fn rehearse(&mut self, tick: u64, history: &Header, content: C) -> Result<(), Error> {
         let mut loan = self.take_loan()?;
         loan.payload_mut()

@@ -68,7 +68,7 @@ impl<T: Layout> Sealed<T> {
 pub struct WakeWord {
     /// Counts notifications: the word to wait on.
     pub count: AtomicU32,
-    /// Counts notifications of a rehearsal.
+    /// Counts notifications of a warm-up run.
     pub rehearsals: AtomicU32,
     pub token: AtomicU64,
     /// The tick after the newest one without a message of the role before; 0 is none.

@@ -153,7 +153,7 @@ impl WakeEvent {
         self.was_notified()
     }
 
-    /// Whether a rehearsal was notified since the last call.
+    /// Whether a warm-up run was notified since the last call.
     pub fn rehearsal_is_due(&self) -> bool {
         let rehearsals = self.page[self.place].rehearsals.load(Ordering::Acquire);
         self.rehearsals_seen.replace(rehearsals) != rehearsals
@@ -180,7 +180,7 @@ pub struct Notifier {
 }
 
 impl Notifier {
-    /// Notifies of a rehearsal, without a message.
+    /// Notifies of a warm-up run, without a message.
     pub fn notify_rehearsal(&self) -> Result<(), Error> {
         self.page[self.place]
             .rehearsals

@@ -80,7 +80,7 @@ layout! {
     pub struct Lead {
         /// How far ahead [ns]; 0 is at the tick.
         pub lead_ns: u64,
-        /// 90th percentile of what a rehearsal took before take-off [ns]; 0 where none is held.
+        /// 90th percentile of what a warm-up run took before take-off [ns]; 0 where none is held.
         pub rehearsal_ns: u64,
         /// 90th percentile of the timer's lateness as it was measured before take-off [ns]; 0 where it was not.
         pub timer_p90_ns: u64,

@@ -143,7 +143,7 @@ impl CopyState for Instance {
             return false;
         }
         // SAFETY: both are instances of this table, and they are two.
-        Call::new(words, "as it was copied for a rehearsal")
+        Call::new(words, "as it was copied for a warm-up run")
             .make(|| unsafe { copy_into(self.law, other.law) });
         true
     }

@@ -89,7 +89,7 @@ fn a_law_in_rust_is_one_line_away_from_the_rig() {
     assert_eq!(ticks, 1.0);
     for _ in 0..3 {
         assert!(made.law.copy_into(&mut *made.twin));
-        // A rehearsal begins where the law is.
+        // A warm-up run begins where the law is.
         assert_eq!(tick(&mut *made.twin).1, 2.0);
     }
     assert_eq!(tick(&mut *made.law).1, 2.0, "and changes nothing");

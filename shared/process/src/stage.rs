@@ -153,7 +153,7 @@ impl<S: Stage> StageLoop<S> {
     }
 
     /// Does what [`Self::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the law
-    /// works on a copy, and no message is sent. The next stage is notified of its rehearsal. False if the law cannot be
+    /// works on a copy, and no message is sent. The next stage is notified of its warm-up run. False if the law cannot be
     /// copied: then neither this stage nor those after it rehearse.
     fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
         let inputs = self.inputs.stamped_as_of(tick);

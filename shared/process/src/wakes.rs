@@ -2,7 +2,7 @@
 //!
 //! Loops that share one processor wake each other along the chain. On 2 or 4 processors a stage is awake before its input
 //! comes, and reads its event in a loop until then: so no system call lies between state and command. Role k runs on
-//! processor k modulo their number. The first loop of each processor is woken by the plant's rehearsal. Each one after it is
+//! processor k modulo their number. The first loop of each processor is woken by the plant's warm-up run. Each one after it is
 //! woken by the loop before it on its processor, as soon as that has sent its own message.
 //! docs/decisions/0031-loops-on-several-processors.md has the measurements.
 
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
     use ipc::instance::Instance;
 
-    /// Places of the roles that were notified since the last call: of a message or an early wake-up, and of a rehearsal.
+    /// Places of the roles that were notified since the last call: of a message or an early wake-up, and of a warm-up run.
     fn notified(events: &[ipc::WakeEvent], rehearsals: bool) -> String {
         let is_due = |event: &ipc::WakeEvent| match rehearsals {
             true => event.rehearsal_is_due(),
@@ -80,7 +80,7 @@ mod tests {
         let instance = Instance::under(root.path(), "wakes").unwrap();
         let wire = Wire::open(&instance).unwrap();
         let events = STAGES.map(|role| wire.wake_event(role).unwrap());
-        // For each number of processors and each role: whom a message wakes, and whom a rehearsal.
+        // For each number of processors and each role: whom a message wakes, and whom a warm-up run.
         for (loop_cpus, by_message, by_rehearsal) in [
             (1, ["1", "2", "3", ""], ["1", "2", "3", ""]),
             (2, ["12", "23", "3", ""], ["12", "3", "", ""]),

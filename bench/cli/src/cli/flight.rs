@@ -131,7 +131,7 @@ pub struct RtArgs {
     /// without SCHED_FIFO it is 0.
     #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::number_or_auto)]
     pub lead: Option<NumberOrAuto>,
-    /// Whether the stages warm up their caches with a dry run before each tick [default: true].
+    /// Whether the stages do a warm-up run before each tick [default: true].
     #[arg(long, value_name = "BOOL")]
     pub rehearse: Option<bool>,
     /// Name of the instance; several can fly at once.

@@ -27,7 +27,7 @@ use scalar::timing;
 use sim::simulator::Simulator;
 
 const PERIOD_NS: u64 = 1_000_000;
-/// How long a process of the polling ring reads its event in a loop: longer than a lead, so that the rehearsal before a tick
+/// How long a process of the polling ring reads its event in a loop: longer than a lead, so that the warm-up run before a tick
 /// has it awake for that tick [ns].
 const POLLS_NS: u64 = 300_000;
 /// Ticks per side when timing laws: long enough for the kernel's count of stolen time.

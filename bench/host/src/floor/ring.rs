@@ -50,7 +50,7 @@ pub struct RingSettings {
 pub struct RingRehearsal {
     /// How far ahead of a tick the timer is set [ns].
     pub lead_ns: u64,
-    /// Time that must be left for a rehearsal to begin [ns].
+    /// Time that must be left for a warm-up run to begin [ns].
     pub needs_ns: u64,
 }
 

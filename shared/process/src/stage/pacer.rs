@@ -30,7 +30,7 @@ const POLL_PERCENT: u64 = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Polling {
     Never,
-    /// The first stage on its processor: from its rehearsal to shortly after the tick has begun.
+    /// The first stage on its processor: from its warm-up run to shortly after the tick has begun.
     FromRehearsal,
     /// Any other: when it was woken, because the loop before it on its processor has then sent its own message.
     OnceWoken,
@@ -61,7 +61,7 @@ pub(super) enum WakeReason {
         tick: u64,
         receive_ns: u64,
     },
-    /// A rehearsal was called for, shortly before a tick.
+    /// A warm-up run was called for, shortly before a tick.
     Rehearsal {
         tick: u64,
     },
