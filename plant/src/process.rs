@@ -329,7 +329,7 @@ impl<'a> PlantProcess<'a> {
         Ok((state, envelope))
     }
 
-    /// Has all stages rehearse their next tick, and returns when they have, or at once where they run elsewhere.
+    /// Has all stages do a warm-up run of their next tick, and returns when they have, or at once where they run elsewhere.
     ///
     /// Nothing of the flight changes: it looks at the plant, and prepares a message that is not sent.
     fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
@@ -355,7 +355,7 @@ impl<'a> PlantProcess<'a> {
         history
     }
 
-    /// Sleeps until the lead before a tick, rehearses if there is time, and reads the clock until the tick begins.
+    /// Sleeps until the lead before a tick, does a warm-up run if there is time, and reads the clock until the tick begins.
     fn wait_for_tick(&mut self, tick: u64, last_tick: u64, grid: Grid) -> Result<Waking, Error> {
         let (begin_ns, lead_ns) = (grid.begin_of(tick), self.lead.lead_ns());
         // Where the tick before took longer than until then, no timer is set, and none is late.

@@ -19,7 +19,7 @@ pub struct LeadSection {
     pub rehearsal_us: f64,
     /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
     pub timer_p90_us: f64,
-    /// Ticks after the first that the mixer, the last of the chain, rehearsed.
+    /// Ticks after the first with a warm-up run of the mixer, the last of the chain.
     pub rehearsals: u64,
     /// From the timer's waking to the beginning of the tick, warm-up runs among it: share of the loops' processor [%].
     pub processor_percent: f64,

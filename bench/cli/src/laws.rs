@@ -161,7 +161,7 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
     };
     let why = "after a warm-up; a copy must have memory of its own";
     let cannot = (!findings.is_copied).then_some("it is not: it cannot be copied");
-    let rehearsed = continued(findings.rehearsed, why, cannot);
+    let warm_up = continued(findings.rehearsed, why, cannot);
     let why = "from its saved state; save and load all that changes in flight";
     let cannot = match (findings.is_saved, findings.is_loaded) {
         (true, true) => None,
@@ -187,8 +187,8 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
     let allocations = usage.counted_allocations().map_or(uncounted.into(), used);
     let page_faults = used(usage.minor_faults + usage.major_faults);
     format!(
-        "\nTrial: {INPUTS} inputs drawn at random, then {HOT} ticks of hover\n  same twice   {same}\n  rehearsed    \
-         {rehearsed}\n  restored     {restored}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
+        "\nTrial: {INPUTS} inputs drawn at random, then {HOT} ticks of hover\n  same twice   {same}\n  warm-up      \
+         {warm_up}\n  restored     {restored}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
          percentile\n  cold caches  {cold} in the median\n  allocations  {allocations}\n  page faults  {page_faults}\n"
     )
 }

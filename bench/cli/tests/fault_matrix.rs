@@ -174,7 +174,7 @@ impl Row {
             .wrapping_mul(2_654_435_761)
             .wrapping_add(self.name.len() as u64 * 7919);
         let roles = wait_until("the launcher to start five roles", || {
-            let of = |role: Role| Some((role.name(), rig.processes_of(role.name()).pop()?));
+            let of = |role: Role| Some((role.name(), *rig.processes_of(role.name()).first()?));
             ROLES
                 .map(of)
                 .into_iter()

@@ -60,12 +60,7 @@ fn what_is_no_ring_is_refused() {
     let soon = Duration::from_micros(10);
     for (processes, duration, executable, expected) in [
         (1, FLOWN, ironbird(), "2 to 64 processes, not 1"),
-        (
-            2,
-            FLOWN,
-            "/nonexistent",
-            "cannot start a process of the ring",
-        ),
+        (2, FLOWN, "/none", "cannot start a process of the ring"),
         (2, soon, ironbird(), "no tick of 1000000 ns"),
     ] {
         let measured = ring(false, processes, Work::default(), duration, executable);

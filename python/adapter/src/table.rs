@@ -50,7 +50,7 @@ pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
         context: Box::into_raw(Box::new(looked)).cast(),
         create: Some(create),
         destroy: Some(destroy),
-        // What a law has done to its own objects cannot be taken back: no tick of it is rehearsed.
+        // What a law has done to its own objects cannot be taken back: it has no warm-up runs.
         copy_into: None,
         save: Some(save),
         load: Some(load),

@@ -150,8 +150,8 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
     let what = Change::joined(&[*fault], fault).0.what();
     FaultError::fault(match (reason, fault.kind) {
         (FaultRefusal::NoRoom, _) => format!(
-            "there are more than {MOST} faults of messages, counted by input, or more than {MAX_LIVE_FAULTS} of processes: \
-             leave some out"
+            "there are more than {MOST} faults of messages, counted by input, or of `late`, or more than \
+             {MAX_LIVE_FAULTS} of processes: leave some out"
         ),
         (FaultRefusal::UnderATick, kind) => {
             let value = match kind {
@@ -174,9 +174,14 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
             "`{}` is given twice for the same ticks at {port}: let one end before the other begins",
             kind.name()
         ),
-        (FaultRefusal::Contradiction, _) => {
-            format!("{what} is given for these ticks already: let one end before the other begins")
-        }
+        (FaultRefusal::Contradiction, kind) => match kind.role() {
+            Some(role) => format!(
+                "{what}: another fault of {role} acts in these ticks: let one end before the other begins"
+            ),
+            None => format!(
+                "{what} is given for these ticks already: let one end before the other begins"
+            ),
+        },
     })
 }
 

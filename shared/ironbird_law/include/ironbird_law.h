@@ -356,8 +356,8 @@ typedef struct IronbirdLaw {
                   uint64_t refused_size);
   // Frees an instance.
   void (*destroy)(void *law);
-  // Makes one instance what another one is, without allocating: the rig rehearses ticks on a copy. NULL where a law
-  // cannot be copied; it is not rehearsed then.
+  // Makes one instance what another one is, without allocating: warm-up runs use a copy. NULL where a law cannot be
+  // copied; it then has no warm-up runs.
   void (*copy_into)(const void *law, void *other);
   // Writes what changes in flight into `bytes`, without allocating, and returns how many bytes it wrote, at most
   // `size`; 0 where it cannot. A law that keeps nothing from one tick to the next writes one byte. `save` and `load` are

@@ -368,8 +368,8 @@ pub struct IronbirdLaw {
     >,
     /// Frees an instance.
     pub destroy: Option<unsafe extern "C" fn(law: *mut c_void)>,
-    /// Makes one instance what another one is, without allocating: the rig rehearses ticks on a copy. NULL where a law
-    /// cannot be copied; it is not rehearsed then.
+    /// Makes one instance what another one is, without allocating: warm-up runs use a copy. NULL where a law cannot be
+    /// copied; it then has no warm-up runs.
     pub copy_into: Option<unsafe extern "C" fn(law: *const c_void, other: *mut c_void)>,
     /// Writes what changes in flight into `bytes`, without allocating, and returns how many bytes it wrote, at most
     /// `size`; 0 where it cannot. A law that keeps nothing from one tick to the next writes one byte. `save` and `load` are

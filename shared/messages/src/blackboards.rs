@@ -192,7 +192,7 @@ layout! {
         pub ticks_skipped: u64,
         /// Ticks that it worked with an input that was not of the tick.
         pub ticks_stale: u64,
-        /// Ticks after the first that it rehearsed, so none before take-off; 0 of the plant, which calls for them.
+        /// Ticks after the first with a warm-up run, so none before take-off; 0 of the plant, which calls for them.
         pub rehearsals: u64,
         pub rejections: Rejections,
         pub grants: Grants,

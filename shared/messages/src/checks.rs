@@ -15,7 +15,7 @@ pub const IS_MUTANT: bool = match option_env!("IRONBIRD_BUILD_MUTANTS") {
 };
 
 wire_enum! {
-    /// A check that the drill can switch off.
+    /// A check that the drill can switch off. Its number never leaves the process.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[repr(u8)]
     pub enum Check {

@@ -36,7 +36,7 @@ pub struct RealtimeSettings {
     pub channel_cpus: usize,
     /// How far ahead of its tick the plant's timer is set.
     pub lead: LeadSetting,
-    /// Whether the stages rehearse their tick in the lead.
+    /// Whether the stages do a warm-up run in the lead.
     pub rehearse: bool,
 }
 

@@ -21,7 +21,7 @@ const TIMERS_LATER: u64 = 100;
 /// And the time that one warm-up run in this many exceeds.
 const REHEARSALS_LONGER: u64 = 50;
 /// Added to both, so that the plant reads the clock at least so long [ns]. It is the least lead: that of a machine
-/// whose timers are never late, and which has nothing to rehearse.
+/// whose timers are never late, and which has no warm-up runs.
 const MARGIN_NS: u64 = 10_000;
 /// Share of the period that an automatic lead takes at most [%], with warm-up runs and without. Without them it only
 /// waits: at 8 kHz a quarter of the period would be a third of the loops' processor time.

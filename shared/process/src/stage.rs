@@ -154,7 +154,7 @@ impl<S: Stage> StageLoop<S> {
 
     /// Does what [`Self::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the law
     /// works on a copy, and no message is sent. The next stage is notified of its warm-up run. False if the law cannot be
-    /// copied: then neither this stage nor those after it rehearse.
+    /// copied: then neither this stage nor those after it do a warm-up run.
     fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
         let inputs = self.inputs.stamped_as_of(tick);
         let Some(output) = self.stage.rehearse(tick, &inputs) else {

@@ -40,9 +40,8 @@ impl Running {
     /// On standard output or standard error.
     pub fn await_words(&self, words: &str) {
         wait_until(&format!("{} to say `{words}`", self.what), || {
-            (self.stdout() + &self.stderr())
-                .contains(words)
-                .then_some(())
+            let said = [self.stdout(), self.stderr()];
+            said.iter().any(|it| it.contains(words)).then_some(())
         });
     }
 

@@ -1,3 +1,5 @@
+//! Tables of test cases; the tests of `host` have it, too.
+
 /// The rows of the first table of a Markdown page.
 pub fn table<const COLUMNS: usize>(page: &'static str) -> Vec<[&'static str; COLUMNS]> {
     let (_, table) = page.split_once("|---|").unwrap();

@@ -68,7 +68,8 @@ pub fn follow(
         .iter()
         .filter(|event| is_whole || event.tick <= last_tick)
     {
-        if is_open && matches!(event.source, Source::State { .. }) {
+        let begins_tick = matches!(event.source, Source::State { .. });
+        if is_open && (begins_tick || event.tick > last_tick) {
             look(rig)?;
             judge.leaves(rig);
             is_open = false;
@@ -77,7 +78,7 @@ pub fn follow(
             break;
         }
         timed.play(event, rig, settings, &mut judge.flown.outputs)?;
-        if matches!(event.source, Source::State { .. }) {
+        if begins_tick {
             if !judge.enters(rig) {
                 break;
             }
