@@ -110,6 +110,12 @@ fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
     let is_last_state =
         |event: &Event| event.tick == 200 && matches!(event.source, Source::State { .. });
     timing.events.retain(|event| !is_last_state(event));
+    // The inner loop goes on with what it had.
+    for event in timing.events.iter_mut().filter(|event| event.tick == 200) {
+        if let Source::Wrench { state, setpoint } = &mut event.source {
+            (*state, *setpoint) = (199, 199);
+        }
+    }
     timing.last_tick = 199;
     let settings = settings(0.199, "");
     let fly = |timing: &Timing| {

@@ -1,6 +1,4 @@
-//! Tables of test cases; the tests of `host` have it, too.
-
-/// The rows of the first table of a Markdown page.
+/// The rows of the first table of a Markdown page. The tests of `host` have this file, too.
 pub fn table<const COLUMNS: usize>(page: &'static str) -> Vec<[&'static str; COLUMNS]> {
     let (_, table) = page.split_once("|---|").unwrap();
     let rows = table.lines().skip(1).filter(|line| !line.is_empty());
