@@ -4,7 +4,7 @@
 //! name, or several by the beginning of their names, and `IRONBIRD_ROUNDS=n` runs each n times, at other instants each time.
 
 use crate::c_laws::harmful;
-use crate::restarts::{await_begin, in_the_air};
+use crate::restarts::await_begin;
 use crate::rig::{
     Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, signal_of,
     table, wait_until,
@@ -104,7 +104,7 @@ impl Row {
         let config = match kind {
             "law" => harmful(&rig, "misbehaving", what, 300),
             "hostile" => harmful(&rig, "hostile", what, 300),
-            _ => in_the_air(&rig, 1),
+            _ => rig.slow(1),
         };
         if kind == "plan" {
             flags += &format!(" --fault {what}");

@@ -11,14 +11,9 @@ use messages::role::Role::{self, Inner, Mixer, Outer};
 use process::session::status_board;
 use rustix::process::Signal;
 
-/// Settings of slow motion without a ground: the airframe falls while a stage is missing.
-pub(crate) fn in_the_air(rig: &Rig, slowdown: u64) -> String {
-    rig.airborne(&format!("slowdown = {slowdown}\n"))
-}
-
 /// A flight in slow motion whose stages are replaced, and its run.
 fn take_off(rig: &Rig, args: &str) -> (Running, Run) {
-    let config = in_the_air(rig, SLOWDOWN);
+    let config = rig.slow(SLOWDOWN);
     let flags = format!("--on-death restart --trajectory hover --config {config} {args}");
     (rig.start("fly", flags), rig.await_tick(0))
 }

@@ -152,9 +152,10 @@ impl Rig {
         self.settings(&format!("[flight]\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n{more}"))
     }
 
-    /// Settings of slow motion: a tick takes `slowdown` ms, so that a stall of the machine misses no deadline.
+    /// Settings of slow motion: a tick takes `slowdown` ms, so that a stall of the machine misses no deadline. Without a
+    /// ground, on which an airframe may fall while a stage is missing.
     pub fn slow(&self, slowdown: u64) -> String {
-        self.settings(&format!("[flight]\nslowdown = {slowdown}\n"))
+        self.airborne(&format!("slowdown = {slowdown}\n"))
     }
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
