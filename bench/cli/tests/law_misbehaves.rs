@@ -6,14 +6,10 @@ use crate::c_laws::harmful;
 use crate::rig::{Rig, in_parallel, lacks_feature, not_tested, table};
 use std::fs;
 
-/// Runs the rows of the matrix with these needs, three at a time or one after the other.
-fn run_rows(needs: &[&str], one_after_the_other: bool) {
-    let rows = table::<6>(include_str!("law_matrix.md")).into_iter();
-    let mut rows = rows.filter(|row| needs.contains(&row[5]));
-    match one_after_the_other {
-        true => rows.for_each(|row| run_row(&row)),
-        false => in_parallel(&mut rows, run_row),
-    }
+/// The rows of the matrix with these needs.
+fn rows(needs: &[&str]) -> impl Iterator<Item = [&'static str; 6]> + Send {
+    let rows = table(include_str!("law_matrix.md")).into_iter();
+    rows.filter(move |row: &[_; 6]| needs.contains(&row[5]))
 }
 
 fn run_row(&[law, command, exit, error, report, needs]: &[&str; 6]) {
@@ -57,17 +53,17 @@ fn run_row(&[law, command, exit, error, report, needs]: &[&str; 6]) {
 
 #[test]
 fn every_harm_is_named_and_nothing_is_left() {
-    run_rows(&["", "instrumented"], false);
+    in_parallel(rows(&["", "instrumented"]), run_row);
 }
 
 /// One after the other: two laws that loop in real time would take each other's processor.
 #[test]
 fn an_endless_law_is_ended_under_real_time_scheduling() {
-    run_rows(&["fifo"], true);
+    rows(&["fifo"]).for_each(|row| run_row(&row));
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_law_that_never_returns_is_named_and_ended() {
-    run_rows(&["long"], false);
+    in_parallel(rows(&["long"]), run_row);
 }

@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use analysis::margin::Bounds;
 use config::Settings;
-use experiments::combinations;
 use experiments::margin::limits::{BOUNDS, Phases, bounds};
 use experiments::margin::target::Target;
 use experiments::margin::{Task, measure_all};
@@ -60,26 +59,4 @@ fn phases_and_bounds_follow_the_flight() {
     let recovery_max_s = |recovery_s| with_recovery(recovery_s).map(|it| it.recovery_max_s).ok();
     assert_eq!([20.0, 20.5].map(recovery_max_s), [Some(20.0), None]);
     assert!(bounds(&[(BOUNDS[0], 0.1), (BOUNDS[0], 0.1)], &settings).is_err());
-}
-
-#[test]
-fn every_outer_law_is_combined_with_every_inner_law() {
-    let names = |names: [&str; 2]| names.map(str::to_owned);
-    let (outer, inner) = (names(["pd", "estimating"]), names(["pid", "indi"]));
-    let all = combinations::of(&outer, &inner, &[], 4).unwrap();
-    let settings = combinations::resolve(None, &Vec::new(), &all).unwrap();
-    let named = settings
-        .iter()
-        .map(|it| combinations::laws(it).unwrap().name(false));
-    let expected = [
-        "pd + pid",
-        "pd + indi",
-        "estimating + pid",
-        "estimating + indi",
-    ];
-    assert_eq!(named.collect::<Vec<_>>(), expected);
-    assert!(
-        combinations::of(&outer, &inner, &[], 3).is_err(),
-        "one too many"
-    );
 }

@@ -5,7 +5,7 @@ use control_api::law::CopyState;
 use control_api::saved_state::Field;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use faults::Port;
-use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::{Header, Message};
 use messages::layout::Visit as _;
 use messages::monitor::Monitor;
@@ -184,10 +184,15 @@ impl LoopsReplay {
     }
 }
 
+/// States of a stage that are kept beside the first one that a message follows from.
+const MOST_OTHERS: usize = 256;
+
 /// A stage, and the process that it replays.
 struct Replayed<S> {
     epoch: u64,
     stage: S,
+    /// States that it may have instead: its messages with stale inputs follow from them, too.
+    others: Vec<Vec<u8>>,
 }
 
 /// What a stage sent, replayed.
@@ -216,17 +221,25 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
         let last = replayed.take();
         let is_new = last.as_ref().is_some_and(|it| it.epoch != epoch);
         let has_own = states.of(replica).next().is_some();
-        let stage = match last {
-            Some(last) if !is_new || has_own => last.stage,
-            _ => make()?,
+        let (stage, others) = match last {
+            Some(last) if !is_new || has_own => (last.stage, last.others),
+            _ => (make()?, Vec::new()),
         };
-        let stage = &mut replayed.insert(Self { epoch, stage }).stage;
+        let Self { stage, others, .. } = replayed.insert(Self {
+            epoch,
+            stage,
+            others,
+        });
         let mut content = tick(stage);
         let mut is_takeover = false;
         if !is_it(&content) {
             let before = states.of(replica).skip(1).filter(|_| is_new);
-            let mut others = before.chain(states.of_twins(replica));
-            let found = others.find_map(|state| {
+            let mut candidates = others
+                .iter()
+                .map(Vec::as_slice)
+                .chain(before)
+                .chain(states.of_twins(replica));
+            let found = candidates.find_map(|state| {
                 let content = stage.load(state).then(|| tick(stage))?;
                 is_it(&content).then_some(content)
             });
@@ -244,6 +257,22 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
         }
         let mut state = SavedState::new();
         if stage.save(&mut state) {
+            let mut is_stale = header.input_tick.iter();
+            let is_stale = is_stale.any(|it| ![header.tick, NO_TICK].contains(it));
+            let candidates = states.of_twins(replica).map(<[u8]>::to_vec);
+            let candidates = candidates.chain(others.drain(..)).filter(|_| is_stale);
+            let candidates: Vec<_> = candidates.collect();
+            for candidate in candidates {
+                let mut after = SavedState::new();
+                if stage.load(&candidate) && is_it(&tick(stage)) && stage.save(&mut after) {
+                    let after = after.to_vec();
+                    let is_known = *after == *state || others.contains(&after);
+                    if !is_known && others.len() < MOST_OTHERS {
+                        others.push(after);
+                    }
+                }
+            }
+            stage.load(&state);
             states.push(replica, &state);
         }
         Ok(Output {

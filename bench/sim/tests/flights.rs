@@ -132,23 +132,3 @@ fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
     assert_ne!(whole.0, cut.0);
     assert!(whole.1 == cut.1 && whole.1.lines().count() == 200);
 }
-
-#[test]
-fn a_branch_of_a_flight_goes_on_as_the_whole_flight() {
-    let plain = settings(0.4, "");
-    let faults = "flight.faults=[\"state.lag=3@200ms\", \"inner.stop=9ms@250ms\"]";
-    let faulty = settings(0.4, faults);
-    let mut base = Simulator::of(&plain).unwrap();
-    let mut whole = Simulator::of(&faulty).unwrap();
-    for _ in 0..100 {
-        base.tick();
-        whole.tick();
-    }
-    let mut branch = base.branch(&faulty).unwrap().unwrap();
-    for _ in 100..400 {
-        branch.tick();
-        whole.tick();
-        let [branch, whole] = [&branch, &whole].map(|rig| format!("{:?}", rig.joined()));
-        assert_eq!(branch, whole);
-    }
-}

@@ -476,7 +476,7 @@ impl FlightSupervisor {
         let hanging = self
             .hang_detector
             .get_or_insert_with(|| HangDetector::new(Duration::from_nanos(run.period_ns)))
-            .hanging(&statuses.statuses(), since, Look::at);
+            .hanging(|| statuses.statuses(), since, Look::at);
         for process in &mut self.children {
             let (replica, pid) = (process.replica, process.child.id());
             let restart = &self.restart_limits[&replica];

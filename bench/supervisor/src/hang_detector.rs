@@ -6,7 +6,7 @@
 //! | reason | how it is recognized |
 //! |---|---|
 //! | the supervisor did not get to look | a gap between two looks counts as two usual ones at most |
-//! | the loop waits for the processor | it is ready, and has run in less than half of the time |
+//! | the loop waits for the processor | it is ready, and has run in less than half of the time; or it has just counted |
 //! | the process has been killed or has failed, and is not gone yet | the kernel reports that it is dying |
 //! | the machine, or the loops' processor, stood still | no other loop's counter advanced either |
 //!
@@ -41,6 +41,14 @@ struct TickCounter {
     ran_ns: u64,
 }
 
+/// Epoch and ticks of a loop; `None` if it does not fly.
+fn count(status: &Status) -> Option<(u64, u64)> {
+    // Any process of the user can write the numbers.
+    let ticks = status.ticks_run.wrapping_add(status.ticks_skipped);
+    let is_flying = status.phase() == RolePhase::Flying;
+    is_flying.then_some((status.epoch, ticks))
+}
+
 impl HangDetector {
     /// `tick` is the wall time of a tick.
     pub(super) fn new(tick: Duration) -> Self {
@@ -50,21 +58,21 @@ impl HangDetector {
         }
     }
 
-    /// Updates the counters, `since` the last look; returns the loops that hang.
+    /// Updates the counters, `since` the last look; returns the loops that hang. It reads `statuses` again after a look at
+    /// a loop that seems to hang.
     pub(super) fn hanging(
         &mut self,
-        statuses: &BTreeMap<Replica, Status>,
+        statuses: impl Fn() -> BTreeMap<Replica, Status>,
         since: Duration,
         look: impl Fn(u64) -> Option<Look>,
     ) -> Vec<Replica> {
         let since = since.min(2 * LOOK_EVERY);
+        let read = &statuses;
+        let statuses = read();
         let loops = || statuses.iter().filter(|(it, _)| it.role != Role::Record);
         for (replica, status) in loops() {
             let counter = self.counters.entry(*replica).or_default();
-            let is_flying = status.phase() == RolePhase::Flying;
-            // Any process of the user can write the numbers.
-            let ticks = status.ticks_run.wrapping_add(status.ticks_skipped);
-            let count = is_flying.then_some((status.epoch, ticks));
+            let count = count(status);
             if count != counter.count || count.is_none() {
                 *counter = TickCounter {
                     count,
@@ -83,7 +91,12 @@ impl HangDetector {
                 && is_on(Check::Heartbeat)
                 && look(status.pid).is_some_and(|look| self.is_hang(counter, look))
         };
-        loops().filter(hangs).map(|(replica, _)| *replica).collect()
+        let mut hanging: Vec<Replica> = loops().filter(hangs).map(|(it, _)| *it).collect();
+        if !hanging.is_empty() {
+            let now = read();
+            hanging.retain(|it| now.get(it).and_then(count) == self.counters[it].count);
+        }
+        hanging
     }
 
     fn is_hang(&self, counter: &TickCounter, look: Look) -> bool {
@@ -102,6 +115,7 @@ impl HangDetector {
 mod tests {
     use super::*;
     use messages::role::STAGES;
+    use std::cell::Cell;
 
     const INNER: usize = 2;
     const MS_10: Duration = Duration::from_millis(10);
@@ -140,7 +154,8 @@ mod tests {
                 ran_ns: (f64::from(look) * since.as_nanos() as f64 * ran_share) as u64,
                 is_dying: false,
             };
-            hanging = detector.hanging(&of_stages(advances.map(status)), since, |_| Some(look));
+            let statuses = || of_stages(advances.map(status));
+            hanging = detector.hanging(statuses, since, |_| Some(look));
         }
         hanging
     }
@@ -183,16 +198,20 @@ mod tests {
         };
         let mut detector = HangDetector::new(Duration::from_millis(1));
         assert_eq!(
-            detector.hanging(&of_stages([forged; 4]), MS_10, |_| None),
+            detector.hanging(|| of_stages([forged; 4]), MS_10, |_| None),
             []
         );
     }
 
     #[test]
-    fn the_timeout_is_five_long_ticks_and_a_dying_process_does_not_hang() {
-        for (tick_ms, is_dying, expected) in
-            [(1, false, Some(8)), (100, false, Some(50)), (1, true, None)]
-        {
+    fn the_timeout_is_five_long_ticks_and_neither_a_dying_process_nor_one_that_counts_again_hangs()
+    {
+        for (tick_ms, is_dying, counts, expected) in [
+            (1, false, false, Some(8)),
+            (100, false, false, Some(50)),
+            (1, true, false, None),
+            (1, false, true, None),
+        ] {
             let mut detector = HangDetector::new(Duration::from_millis(tick_ms));
             let look = Look {
                 state: 'D',
@@ -200,9 +219,12 @@ mod tests {
                 is_dying,
             };
             let looks = (0..100).find(|&ticks| {
-                let (on, stopped) = (flying(ticks), flying(7));
-                let loops = of_stages([on, on, stopped, on]);
-                !detector.hanging(&loops, MS_10, |_| Some(look)).is_empty()
+                let (on, reads) = (flying(ticks), Cell::new(0));
+                let loops = || {
+                    let again = u64::from(counts) * reads.replace(1);
+                    of_stages([on, on, flying(7 + again), on])
+                };
+                !detector.hanging(loops, MS_10, |_| Some(look)).is_empty()
             });
             assert_eq!(looks, expected, "{tick_ms} {is_dying}");
         }
