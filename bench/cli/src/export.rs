@@ -114,6 +114,10 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         }
     }
     writer.finish().in_file("write", &path)?;
+    if writer.slices + writer.instants == 0 && read.is_err() {
+        let _ = fs::remove_file(&path);
+        return read.map(|()| OK);
+    }
     let (slices, instants, path) = (writer.slices, writer.instants, path.display());
     print(&format!(
         "{slices:>8} slices, {instants} instants  {path}\n"

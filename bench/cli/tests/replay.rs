@@ -13,6 +13,7 @@ use messages::role::{Channel, Role, STAGES};
 use messages::telemetry::{Signal, Signals};
 use messages::topic::Topic;
 use replay::{LOOKAHEAD, ReplayResult, fly_again};
+use sim::recorded_timing::Timing;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -332,6 +333,10 @@ fn a_log_with_a_gap_or_of_other_settings_is_refused_and_the_reason_named() {
     let lacks = |is_absent: fn(&LogEntry) -> bool, words: &str| {
         rewrite(&flight.log, &thinned, NOISY, &[], |entry| !is_absent(entry));
         assert_refused(&thinned, words);
+        if words.starts_with("topic") {
+            let said = Timing::read(&thinned).unwrap_err().to_string();
+            assert!(said.contains(words), "{said}");
+        }
     };
     lacks(
         |entry| matches!(entry, LogEntry::Wrench(it) if it.envelope.tick == 50),

@@ -17,10 +17,10 @@ use messages::monitor::Monitor;
 use messages::role::Role;
 use messages::topic::Topic;
 
-use crate::log_check::gap;
 use errors::Failure;
 use ipc::DEEP;
 use messages::message_window::MessageWindow;
+use sim::expected_messages::gap;
 
 /// Messages kept behind the replayed one, per topic. An older input is possible only if its stage was stopped this long
 /// between taking and using it.

@@ -4,6 +4,7 @@
 //! ([`recorded_timing`]). It does not choose laws or settings (`config`), and does not read logs for replay (`replay`).
 //! Start reading in [`simulator`]; [`simulate`] is the report of `ironbird simulate`.
 
+pub mod expected_messages;
 pub mod recorded_timing;
 pub mod simulate;
 pub mod simulator;

@@ -9,12 +9,14 @@ use std::path::Path;
 use analysis::phrase::count;
 use analysis::states::is_final_command;
 use flight_log::entry::LogEntry;
+use flight_log::log_directory;
 use flight_log::reader::{End, LogReader};
 use messages::grid::Pace;
 use messages::header::Message;
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use sha2::{Digest as _, Sha256};
 
+use crate::expected_messages::ExpectedMessages;
 use config::Settings;
 use errors::Failure;
 
@@ -66,6 +68,8 @@ impl Timing {
         let first = first_of(&mut reader)?;
         reader.check_version()?;
         check_whole(&reader, path)?;
+        let of_channel = path.with_file_name(log_directory(Channel::A));
+        let mut expected = ExpectedMessages::new(&reader, of_channel.is_dir())?;
         let (pace, sample_time_ns) = (reader.pace()?, reader.number("sample_time_ns")?);
         if pace == Pace::Lockstep {
             return Err(Failure::failed(format!(
@@ -110,8 +114,10 @@ impl Timing {
                 source,
             });
         };
+        expected.check(&first)?;
         take(&first);
         while let Some(entry) = reader.next_entry()? {
+            expected.check(entry)?;
             take(entry);
         }
         if reader.end() != End::Complete {
@@ -121,6 +127,7 @@ impl Timing {
             ))
             .help("the flight is still running, or its recorder died; name another flight"));
         }
+        expected.check_landing(&reader)?;
         events.sort_by_key(|event| event.sent_ns);
         Ok(Self {
             events,
@@ -166,7 +173,7 @@ impl Timing {
             .help("use the recorded period: `flight.period_s` in the settings file"));
         }
         if settings.last_tick() > self.last_tick {
-            let recorded_s = self.last_tick as f64 * settings.flight.period_s;
+            let recorded_s = (self.last_tick * self.sample_time_ns) as f64 / 1e9;
             return Err(Failure::usage(format!(
                 "{key}: the recorded flight ends at tick {}, this one at tick {}",
                 self.last_tick,

@@ -83,28 +83,6 @@ fn flights_with_faults_losses_and_recorded_timing_are_their_snapshots() {
 }
 
 #[test]
-fn a_recorded_timing_is_refused_for_another_flight() {
-    let timing = Timing::read(&recorded("real-time")).unwrap();
-    for (duration_s, set, said) in [
-        (
-            0.2,
-            "flight.period_s=0.002",
-            "has ticks of 1000000 ns, this one of",
-        ),
-        (0.201, "", "ends at tick 200, this one at tick 201"),
-        (
-            0.2,
-            "flight.faults=[\"inner.stop=5ms@10ms\"]",
-            "cannot be combined",
-        ),
-    ] {
-        let settings = settings(duration_s, set);
-        let refusal = timing.check(&settings, "timing").unwrap_err();
-        assert!(refusal.to_string().contains(said), "{refusal}");
-    }
-}
-
-#[test]
 fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
     let mut timing = Timing::read(&recorded("real-time")).unwrap();
     let is_last_state =
