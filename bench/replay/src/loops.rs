@@ -207,7 +207,8 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
     /// Replays a message, for which `is_it` is true of the output.
     ///
     /// The log does not say from which state a stage continued that was disturbed or is new: its own, that of the process
-    /// before it, or one of another channel. It is the first of them from which the message follows. A new process whose law
+    /// before it, or one of another channel. It is the first of them from which the message follows. A message with stale
+    /// inputs may follow from several: the others are kept until one with fresh inputs decides. A new process whose law
     /// cannot be saved begins with the initial state.
     fn work<O>(
         replayed: &mut Option<Self>,
