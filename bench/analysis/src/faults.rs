@@ -1,6 +1,7 @@
 //! Faults and parameter changes of a flight, as the report lists them.
 
 use crate::schema::ProcessFailure;
+use faults::code::FAULTS;
 use faults::grammar::duration;
 use messages::content::{Change, SwapRecord};
 use serde::{Deserialize, Serialize};
@@ -80,8 +81,9 @@ impl InjectedFault {
     pub fn happens_once(&self) -> bool {
         let happens_once = |one: &str| {
             let name = one.split('=').next().unwrap_or_default();
-            let kinds = [".stop", ".kill", ".late", ".switch"];
-            one.ends_with("=off") || kinds.iter().any(|kind| name.ends_with(kind))
+            let kind = name.rsplit('.').next().unwrap_or_default();
+            let mut once = FAULTS.iter().filter(|spec| spec.is_once());
+            one.ends_with("=off") || kind == "late" || once.any(|spec| spec.name == kind)
         };
         self.to_tick.is_none() && self.what.split(',').all(happens_once)
     }

@@ -270,7 +270,7 @@ impl FlightStatistics {
         follows_loss
     }
 
-    /// Takes a rotor command; the mixer's last word has no deadline.
+    /// Takes a rotor command; the mixer's final one has no deadline.
     fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
         let (envelope, content) = (&message.envelope, &message.content);
         let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;

@@ -178,7 +178,7 @@ pub enum LoopMessage {
     RotorSpeeds(RotorSpeeds),
 }
 
-/// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
+/// Whether a rotor command is the mixer's final one of a run: it idles the rotors, and is made from no state.
 pub fn is_final_command(message: &Message<RotorSpeeds>) -> bool {
     message.envelope.stamps_of(Role::Mixer).receive_ns == 0
 }

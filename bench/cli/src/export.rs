@@ -114,9 +114,11 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         }
     }
     writer.finish().in_file("write", &path)?;
-    if writer.slices + writer.instants == 0 && read.is_err() {
+    if writer.slices + writer.instants == 0
+        && let Err(failure) = read
+    {
         let _ = fs::remove_file(&path);
-        return read.map(|()| OK);
+        return Err(failure);
     }
     let (slices, instants, path) = (writer.slices, writer.instants, path.display());
     print(&format!(

@@ -21,8 +21,8 @@ use flight_log::facts::{CHANNEL, INJECTED, POINTS, RUN, SETTINGS};
 use flight_log::fault_record::injected;
 use flight_log::reader::{End, LogReader};
 use sim::expected_messages::{ExpectedMessages, gap};
-use sim::recorded_timing::check_whole;
 pub use sim::recorded_timing::first_of;
+use sim::recorded_timing::{check_whole, recorded_settings};
 
 #[derive(Clone, Debug)]
 pub struct LogCheck {
@@ -64,8 +64,7 @@ impl LogValidator {
             .find(|it| Some(it.name()) == channel);
         let arrangement = settings.arrangement();
         let settings = settings.of_channel(channel.unwrap_or(Channel::A));
-        let has_many_senders = settings.rt.channels > 1 && channel.is_none();
-        let expected = ExpectedMessages::new(&reader, has_many_senders)?;
+        let expected = ExpectedMessages::new(&reader, &settings)?;
         Ok(Self {
             reader,
             settings,
@@ -124,9 +123,7 @@ impl LogValidator {
 
 /// The settings in a log, if they are those that its processes agreed on.
 pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
-    let text = reader.fact(SETTINGS, "settings.toml")?;
-    let mut settings: Settings =
-        toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))?;
+    let mut settings = recorded_settings(reader)?;
     if is_file(&settings.flight.trajectory) {
         let points = PointsFile::of(reader.fact(SETTINGS, POINTS)?.to_owned());
         let points = points.map_err(|e| reader.damaged(&format!("its {POINTS}: {e}")))?;

@@ -258,22 +258,13 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
         }
         let mut state = SavedState::new();
         if stage.save(&mut state) {
-            let mut is_stale = header.input_tick.iter();
-            let is_stale = is_stale.any(|it| ![header.tick, NO_TICK].contains(it));
-            let candidates = states.of_twins(replica).map(<[u8]>::to_vec);
-            let candidates = candidates.chain(others.drain(..)).filter(|_| is_stale);
-            let candidates: Vec<_> = candidates.collect();
-            for candidate in candidates {
-                let mut after = SavedState::new();
-                if stage.load(&candidate) && is_it(&tick(stage)) && stage.save(&mut after) {
-                    let after = after.to_vec();
-                    let is_known = *after == *state || others.contains(&after);
-                    if !is_known && others.len() < MOST_OTHERS {
-                        others.push(after);
-                    }
-                }
+            let is_stale = |it: &u64| ![header.tick, NO_TICK].contains(it);
+            let before = std::mem::take(others);
+            if header.input_tick.iter().any(is_stale) {
+                let twins = states.of_twins(replica).map(<[u8]>::to_vec);
+                *others = after(stage, &state, twins.chain(before), |it| is_it(&tick(it)));
+                stage.load(&state);
             }
-            stage.load(&state);
             states.push(replica, &state);
         }
         Ok(Output {
@@ -282,4 +273,22 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
             is_takeover,
         })
     }
+}
+
+/// The states of a stage after a message that follows from some of the `candidates`, `does` replaying it; without `known`.
+fn after<L: CopyState + ?Sized, M: Field + Clone>(
+    stage: &mut Guarded<L, M>,
+    known: &[u8],
+    candidates: impl Iterator<Item = Vec<u8>>,
+    does: impl Fn(&mut Guarded<L, M>) -> bool,
+) -> Vec<Vec<u8>> {
+    let (mut all, mut state) = (Vec::new(), SavedState::new());
+    for candidate in candidates {
+        let follows = stage.load(&candidate) && does(stage) && stage.save(&mut state);
+        let is_new = known != &state[..] && all.iter().all(|it: &Vec<u8>| it[..] != state[..]);
+        if follows && is_new && all.len() < MOST_OTHERS {
+            all.push(state.to_vec());
+        }
+    }
+    all
 }

@@ -1,10 +1,11 @@
 //! Whether a log has every message of its flight.
 
 use analysis::phrase::count;
+use config::Settings;
 use errors::Failure;
 use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
-use flight_log::facts::RUN;
+use flight_log::facts::{CHANNEL, RUN};
 use flight_log::reader::LogReader;
 use messages::header::{Header, LAYOUT};
 
@@ -32,7 +33,8 @@ struct Sent {
 }
 
 impl ExpectedMessages {
-    pub fn new(reader: &LogReader, has_many_senders: bool) -> Result<Self, Failure> {
+    /// Those of a log with these settings.
+    pub fn new(reader: &LogReader, settings: &Settings) -> Result<Self, Failure> {
         let text = reader.fact(RUN, "settings")?;
         let no_fingerprint =
             format!("its record `{RUN}` has settings = `{text}`, which is no fingerprint");
@@ -40,7 +42,7 @@ impl ExpectedMessages {
             run_id: reader.number("run_id")?,
             settings: u64::from_str_radix(text, 16).map_err(|_| reader.damaged(&no_fingerprint))?,
             messages: [0; TOPICS.len()],
-            has_many_senders,
+            has_many_senders: settings.rt.channels > 1 && reader.fact(RUN, CHANNEL).is_err(),
             newest: [None; TOPICS.len()],
         })
     }

@@ -9,11 +9,11 @@ use std::path::Path;
 use analysis::phrase::count;
 use analysis::states::is_final_command;
 use flight_log::entry::LogEntry;
-use flight_log::log_directory;
+use flight_log::facts::SETTINGS;
 use flight_log::reader::{End, LogReader};
 use messages::grid::Pace;
 use messages::header::Message;
-use messages::role::{Channel, Role};
+use messages::role::Role;
 use sha2::{Digest as _, Sha256};
 
 use crate::expected_messages::ExpectedMessages;
@@ -68,8 +68,7 @@ impl Timing {
         let first = first_of(&mut reader)?;
         reader.check_version()?;
         check_whole(&reader, path)?;
-        let of_channel = path.with_file_name(log_directory(Channel::A));
-        let mut expected = ExpectedMessages::new(&reader, of_channel.is_dir())?;
+        let mut expected = ExpectedMessages::new(&reader, &recorded_settings(&reader)?)?;
         let (pace, sample_time_ns) = (reader.pace()?, reader.number("sample_time_ns")?);
         if pace == Pace::Lockstep {
             return Err(Failure::failed(format!(
@@ -202,6 +201,12 @@ pub fn first_of(reader: &mut LogReader) -> Result<LogEntry, Failure> {
         End::Truncated => Failure::failed(format!("{path} is truncated before its first message"))
             .help("nothing can be replayed or exported from it; name another flight"),
     })
+}
+
+/// The settings of a recorded flight, unchecked.
+pub fn recorded_settings(reader: &LogReader) -> Result<Settings, Failure> {
+    let text = reader.fact(SETTINGS, "settings.toml")?;
+    toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))
 }
 
 /// Refuses partial logs, whose initial state is unknown.

@@ -58,16 +58,15 @@ impl HangDetector {
         }
     }
 
-    /// Updates the counters, `since` the last look; returns the loops that hang. It reads `statuses` again after a look at
-    /// a loop that seems to hang.
+    /// Updates the counters, `since` the last look; returns the loops that hang. It reads the statuses again after a look
+    /// at a loop that seems to hang.
     pub(super) fn hanging(
         &mut self,
-        statuses: impl Fn() -> BTreeMap<Replica, Status>,
+        read: impl Fn() -> BTreeMap<Replica, Status>,
         since: Duration,
         look: impl Fn(u64) -> Option<Look>,
     ) -> Vec<Replica> {
         let since = since.min(2 * LOOK_EVERY);
-        let read = &statuses;
         let statuses = read();
         let loops = || statuses.iter().filter(|(it, _)| it.role != Role::Record);
         for (replica, status) in loops() {

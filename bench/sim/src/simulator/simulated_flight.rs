@@ -3,7 +3,7 @@
 use messages::output_hash::OutputHash;
 use plant::EnvelopeViolation;
 
-use crate::recorded_timing::{Source, Timing};
+use crate::recorded_timing::{Event, Source, Timing};
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
 use analysis::faults::AppliedSwap;
@@ -60,34 +60,30 @@ pub fn follow(
     mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let mut timed = Timed::new(settings)?;
-    let mut is_open = false;
     let last_tick = settings.last_tick();
     let is_whole = last_tick == timing.last_tick;
-    for event in timing
-        .events
-        .iter()
-        .filter(|event| is_whole || event.tick <= last_tick)
-    {
-        let begins_tick = matches!(event.source, Source::State { .. });
-        if is_open && (begins_tick || event.tick > last_tick) {
+    let is_flown = |event: &&Event| is_whole || event.tick <= last_tick;
+    // The tick of the newest state, until an event of a later one.
+    let mut open = None;
+    for event in timing.events.iter().filter(is_flown) {
+        if open.take_if(|tick| event.tick > *tick).is_some() {
             look(rig)?;
             judge.leaves(rig);
-            is_open = false;
         }
         if judge.flown.departure.is_some() {
             break;
         }
         timed.play(event, rig, settings, &mut judge.flown.outputs)?;
-        if begins_tick {
+        if matches!(event.source, Source::State { .. }) {
             if !judge.enters(rig) {
                 break;
             }
             judge.flown.outputs.take(event.tick, rig.state());
             judge.flown.ticks += 1;
-            is_open = true;
+            open = Some(event.tick);
         }
     }
-    if is_open {
+    if open.is_some() {
         look(rig)?;
         judge.leaves(rig);
     }
