@@ -61,8 +61,7 @@ pub fn follow(
 ) -> Result<(), Failure> {
     let mut timed = Timed::new(settings)?;
     let last_tick = settings.last_tick();
-    let is_whole = last_tick == timing.last_tick;
-    let is_flown = |event: &&Event| is_whole || event.tick <= last_tick;
+    let is_flown = |event: &&Event| last_tick == timing.last_tick || event.tick <= last_tick;
     // The tick of the newest state, until an event of a later one.
     let mut open = None;
     for event in timing.events.iter().filter(is_flown) {
