@@ -81,9 +81,9 @@ impl InjectedFault {
     pub fn happens_once(&self) -> bool {
         let happens_once = |one: &str| {
             let name = one.split('=').next().unwrap_or_default();
-            let kind = name.rsplit('.').next().unwrap_or_default();
-            let mut once = FAULTS.iter().filter(|spec| spec.is_once());
-            one.ends_with("=off") || kind == "late" || once.any(|spec| spec.name == kind)
+            let once = FAULTS.iter().filter(|spec| spec.is_once());
+            let mut kinds = once.map(|spec| spec.name).chain(["late"]);
+            one.ends_with("=off") || kinds.any(|kind| name.split('.').next_back() == Some(kind))
         };
         self.to_tick.is_none() && self.what.split(',').all(happens_once)
     }

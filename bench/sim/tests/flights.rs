@@ -64,9 +64,9 @@ fn flights_with_faults_losses_and_recorded_timing_are_their_snapshots() {
     for set in [
         "flight.faults=[\"mass_kg=0.6~50ms@100ms\"]",
         "outer.law=estimating; inner.law=indi; flight.preset=soft",
-        "flight.faults=[\"inner.stop=20ms@100ms\", \"outer.kill@150ms\", \"mixer.late=1500us@50ms..80ms\", \
+        "flight.faults=[\"inner.stop=20ms@100ms\", \"inner.kill@150ms\", \"mixer.late=1500us@50ms..80ms\", \
          \"state.drop=0.2@50ms..300ms\", \"plant.stop=5ms@350ms\"]",
-        "inner.law=pid; flight.faults=[\"inner.kill@100ms\", \"mixer.kill@250ms\", \
+        "inner.law=pid; flight.faults=[\"outer.kill@100ms\", \"mixer.kill@250ms\", \
          \"state.position_w_m.z.nan@tick220..tick230\", \"rotor_speeds.delay=3@300ms\"]",
         "flight.trajectory=step; flight.position_error_max_m=0.5",
         "flight.tilt_max_rad=0.1; initial.attitude_rad=[0.3, 0, 0]",

@@ -196,10 +196,8 @@ mod tests {
             ..flying(u64::MAX)
         };
         let mut detector = HangDetector::new(Duration::from_millis(1));
-        assert_eq!(
-            detector.hanging(|| of_stages([forged; 4]), MS_10, |_| None),
-            []
-        );
+        let hanging = detector.hanging(|| of_stages([forged; 4]), MS_10, |_| None);
+        assert_eq!(hanging, []);
     }
 
     #[test]

@@ -130,12 +130,13 @@ fn messages_and_stages_are_read_with_their_ticks() {
         ]
     );
     assert_eq!(planned.swaps.len(), 1);
-    let out = StageFault {
-        role: Role::Inner,
-        kind: StageTicks::Out,
-        span: Span::new(3000, 3020),
-    };
-    assert_eq!(planned.stages, [out]);
+    let (role, kind, span) = (Role::Inner, StageTicks::Out, Span::new(3000, 3020));
+    assert_eq!(planned.stages, [StageFault { role, kind, span }]);
+}
+
+#[test]
+fn a_channel_that_is_out_leaves_the_stage_to_the_others() {
+    assert_eq!(planned(&["b.inner.stop=20ms@2s"]).unwrap().stages, []);
 }
 
 #[test]
