@@ -52,6 +52,9 @@ pub const JIFFY_NS: u64 = 10_000_000;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CounterSample {
+    /// Before the first counter was read: a stage that was back by then is counted as back.
+    pub from_ns: u64,
+    /// After the last one was read.
     pub at_ns: u64,
     /// Of each stage, in the order of [`STAGES`].
     pub stages: [Counters; STAGES.len()],
@@ -113,7 +116,7 @@ impl TimingWindow<'_> {
         let mut after = self.samples.iter();
         Some((
             self.before(suspect)?,
-            after.find(|sample| sample.at_ns >= suspect.to_ns)?,
+            after.find(|sample| sample.from_ns >= suspect.to_ns)?,
         ))
     }
 
@@ -179,7 +182,7 @@ impl TimingWindow<'_> {
             return 0;
         };
         let outside = |pair: &&[CounterSample]| {
-            pair[1].at_ns <= suspect.from_ns || pair[0].at_ns >= suspect.to_ns
+            pair[1].at_ns <= suspect.from_ns || pair[0].from_ns >= suspect.to_ns
         };
         // Growth in a second, so that little of it is not rounded away.
         let rate = |pair: &[CounterSample]| {

@@ -66,6 +66,7 @@ fn good() -> Evidence {
         ..Counters::default()
     };
     let sample = |i: u64| CounterSample {
+        from_ns: GRID.begin_of(10 * i),
         at_ns: GRID.begin_of(10 * i),
         stages: std::array::from_fn(|stage| counters(i, stage)),
         ..CounterSample::default()
@@ -165,6 +166,10 @@ impl Evidence {
                     ..Counters::default()
                 };
             }),
+            "read" => {
+                let sample = &mut self.samples[number(1) as usize];
+                (sample.from_ns, sample.at_ns) = (GRID.begin_of(tick(2)), GRID.begin_of(tick(3)));
+            }
             "hardware" => self.is_virtual = false,
             "apart" => self.share_processor = false,
             other => panic!("no change `{other}`"),
@@ -384,7 +389,7 @@ fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
             evidence.timings.insert(tick, tick_without(stage, tick));
         }
         for (sample, tick) in evidence.samples.iter_mut().zip((0..).step_by(10)) {
-            sample.at_ns = GRID.begin_of(tick);
+            (sample.from_ns, sample.at_ns) = (GRID.begin_of(tick), GRID.begin_of(tick));
             if (first..=last).contains(&tick) {
                 sample.stages[stage as usize].life = Life::Stopped;
             }

@@ -32,10 +32,12 @@ impl Watch {
     }
 
     pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
+        let from_ns = now_ns();
         let times = CpuTimes::read(self.processor);
         let stolen = if self.is_virtual { times.stolen } else { 0 };
         let stages = loops.map(|status| counters(status.pid));
         CounterSample {
+            from_ns,
             stages,
             stolen,
             busy: times.busy,
