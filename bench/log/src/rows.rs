@@ -165,42 +165,7 @@ impl Visitor for Object {
 
 #[cfg(test)]
 mod tests {
-    use messages::content::{NO_TICK, Wrench};
-
     use super::*;
-
-    fn message() -> Message<Wrench> {
-        let mut message = Message::<Wrench>::default();
-        message.content.thrust_n = 0.1 + 0.2;
-        message.content.torque_b_nm = [1e-300, -0.0, 5.0];
-        message.content.mode = 2;
-        message.envelope.tick = 7;
-        message.envelope.stamps[3].send_ns = 9;
-        message
-    }
-
-    #[test]
-    fn a_row_has_a_value_for_each_column_and_keeps_every_bit() {
-        let (columns, row) = (columns::<Wrench>(), csv(&message()));
-        let values: Vec<&str> = row.split(',').collect();
-        assert_eq!(columns.len(), values.len());
-        let none = NO_TICK.to_string();
-        for (name, value) in [
-            ("thrust_n", "0.30000000000000004"),
-            ("torque_b_nm[0]", "1e-300"),
-            ("torque_b_nm[1]", "-0.0"),
-            ("mode", "2"),
-            ("envelope.tick", "7"),
-            ("envelope.stamps[3].send_ns", "9"),
-            ("envelope.input_tick[0]", &none),
-        ] {
-            let place = columns.iter().position(|column| column == name);
-            assert_eq!(values[place.unwrap()], value, "{name}");
-        }
-        let words = words(&message().content);
-        assert_eq!(words.len(), named(&message().content).len());
-        assert_eq!(words[2], (-0.0f64).to_bits());
-    }
 
     #[test]
     fn json_has_null_for_numbers_that_are_not_finite() {

@@ -3,6 +3,7 @@
 
 mod frames;
 mod parameters;
+mod plausible;
 #[path = "../../reference/vectors.rs"]
 mod reference;
 mod vectors;

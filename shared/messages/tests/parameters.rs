@@ -85,13 +85,8 @@ proptest! {
 }
 
 #[test]
-fn names_of_parameters_are_unique_and_end_in_their_unit() {
-    for (i, spec) in SPECS.iter().enumerate() {
-        assert!(
-            SPECS[..i].iter().all(|earlier| earlier.name != spec.name),
-            "{}",
-            spec.name
-        );
+fn names_of_parameters_end_in_their_unit() {
+    for spec in &SPECS {
         let letters = spec.unit.replace("N m", "nm").replace('N', "n");
         let letters = letters
             .replace("Hz", "hz")

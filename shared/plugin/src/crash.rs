@@ -145,7 +145,7 @@ fn name_law(call: Option<Call>, meaning: &str) -> bool {
     };
     // Formatting into a stream without a buffer neither allocates nor locks.
     let (law, doing) = (call.law, call.doing);
-    let _ = match call.of_tick() {
+    let _ = match call.tick {
         Some(tick) => writeln!(Stderr, "error: {law} failed {doing}{tick}: {meaning}"),
         None => writeln!(Stderr, "error: {law} failed {doing}: {meaning}"),
     };
@@ -323,5 +323,26 @@ mod tests {
         // Data is no code.
         assert!(segment_of((&raw const CODES).addr()).is_empty());
         assert_eq!((law_at(function), law_at(0)), (Some("law"), None));
+    }
+
+    #[test]
+    fn a_signal_that_was_sent_is_told_from_a_mistake() {
+        for (signal, name) in [
+            (libc::SIGSEGV, "SIGSEGV"),
+            (libc::SIGBUS, "SIGBUS"),
+            (libc::SIGFPE, "SIGFPE"),
+            (libc::SIGILL, "SIGILL"),
+        ] {
+            let sent = format!("{name}: the signal was sent to it");
+            let [zero, one, two] = [0, 1, 2].map(|code| meaning(signal, code));
+            assert_eq!(zero, sent);
+            assert!(one.starts_with(name) && one != sent && two.starts_with(name) && two != sent);
+            assert_eq!(one != two, signal == libc::SIGFPE);
+        }
+        let own = [libc::SIGABRT, libc::SIGXCPU, libc::SIGHUP].map(|signal| meaning(signal, 0));
+        assert_eq!(
+            own.map(|it| it.split(' ').next()),
+            [Some("SIGABRT:"), Some("SIGXCPU:"), Some("a")]
+        );
     }
 }

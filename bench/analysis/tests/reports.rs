@@ -1,0 +1,66 @@
+//! What groups of flights differ in is as in `snapshots/`: `INSTA_UPDATE=always cargo test -p analysis` accepts a change.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use analysis::diff::{ComparedRun, compare};
+use analysis::schema::Report;
+use serde_json::{Value, json};
+
+fn recorded(flight: &str, file: &str) -> PathBuf {
+    let reports = Path::new(env!("CARGO_MANIFEST_DIR")).join("../render/tests/reports");
+    reports.join(flight).join(file)
+}
+
+/// Makes all numbers with a fraction larger.
+fn scale(value: &mut Value, factor: f64) {
+    match value {
+        Value::Object(fields) => fields.values_mut().for_each(|it| scale(it, factor)),
+        Value::Array(items) => items.iter_mut().for_each(|it| scale(it, factor)),
+        Value::Number(number) if number.is_f64() => {
+            *value = json!(number.as_f64().unwrap() * factor)
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn differences_of_groups_are_their_snapshot() {
+    let directory = tempfile::tempdir().unwrap();
+    let run = |flight: &str, factor: f64| {
+        let read = |file| fs::read_to_string(recorded(flight, file)).unwrap();
+        let mut report: Value = serde_json::from_str(&read("report.json")).unwrap();
+        let parts = ["series", "flight", "deadlines", "steal"];
+        let parts = parts
+            .iter()
+            .filter_map(|part| report.get_mut(part).map(|it| scale(it, factor)));
+        assert!(parts.count() > 2);
+        let path = directory.path().join("report.json");
+        fs::write(&path, report.to_string()).unwrap();
+        ComparedRun {
+            run: format!("{flight} {factor}"),
+            report: Report::read(&path).unwrap(),
+            facts: serde_json::from_str(&read("run.json")).unwrap(),
+        }
+    };
+    let group = |flight: &str, factors: &[f64]| -> Vec<ComparedRun> {
+        factors.iter().map(|factor| run(flight, *factor)).collect()
+    };
+    for (name, a, b) in [
+        ("two", group("lockstep", &[1.0]), group("outages", &[1.0])),
+        (
+            "three",
+            group("lockstep", &[1.0, 1.01, 1.02]),
+            group("lockstep", &[1.3, 1.31, 1.33]),
+        ),
+        (
+            "four",
+            group("outages", &[1.0, 1.1, 1.2, 1.3]),
+            group("outages", &[1.05, 1.15, 1.25, 1.28]),
+        ),
+    ] {
+        let diff = compare(&a, &b);
+        insta::assert_snapshot!(name, serde_json::to_string_pretty(&diff).unwrap());
+    }
+}

@@ -1,0 +1,172 @@
+//! What is read of recorded flights, written again and exported is as in `snapshots/`: `INSTA_UPDATE=always cargo test -p
+//! flight_log` accepts a change.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::path::{Path, PathBuf};
+
+use flight_log::codec::Logged;
+use flight_log::entry::{FORMATS, LogEntry, with_message};
+use flight_log::facts::{Facts, LogPlan, Record};
+use flight_log::perfetto::PerfettoWriter;
+use flight_log::reader::LogReader;
+use flight_log::writer::{CHUNK_NS, FlightLog};
+use flight_log::{fault_record, rows, scene};
+use messages::header::Message;
+use messages::role::Channel;
+use messages::telemetry::{Signals, Telemetry};
+
+const FLIGHTS: [&str; 3] = ["real-time", "swap", "message-faults"];
+
+fn recorded(flight: &str) -> PathBuf {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cli/tests/golden");
+    golden.join(flight).join("flight.mcap")
+}
+
+fn entries(reader: &mut LogReader) -> Vec<LogEntry> {
+    std::iter::from_fn(|| reader.next_entry().unwrap().copied()).collect()
+}
+
+fn sum(bytes: &[u8]) -> String {
+    format!(
+        "{} bytes, CRC-32 {:08x}\n",
+        bytes.len(),
+        crc32fast::hash(bytes)
+    )
+}
+
+/// As a CSV row and a JSON line, each with what the law shows.
+fn lines<C: Logged>(reader: &LogReader, message: &Message<C>) -> String {
+    let mut lines = format!("{}\n{}\n", rows::csv(message), rows::json(message));
+    lines += &sum(format!("{:?}", rows::words(&message.content)).as_bytes());
+    let signals = reader.telemetry(C::SENDER);
+    if let Some((signals, telemetry)) = signals.zip(message.content.telemetry()) {
+        let tick = message.envelope.tick;
+        lines += &format!(
+            "{}\n{}\n",
+            signals.csv(tick, telemetry),
+            signals.json(tick, telemetry)
+        );
+    }
+    lines
+}
+
+fn perfetto(entries: &[LogEntry]) -> String {
+    let (mut trace, mut counts) = (Vec::new(), [0; 2]);
+    let mut writer = PerfettoWriter::new(&mut trace).unwrap();
+    for channel in [None, Some(Channel::ALL[1])] {
+        channel
+            .map_or(Ok(()), |it| writer.begin_channel(it))
+            .unwrap();
+        for entry in entries {
+            match entry {
+                LogEntry::State(message) if channel.is_none() => writer.state(message),
+                LogEntry::Swap(message) if channel.is_none() => writer.swap(message),
+                LogEntry::Setpoint(message) => writer.work(message),
+                LogEntry::Wrench(message) => writer.work(message),
+                LogEntry::RotorSpeeds(message) => writer.work(message),
+                _ => Ok(()),
+            }
+            .unwrap();
+        }
+        counts = [writer.slices, writer.instants];
+    }
+    writer.finish().unwrap();
+    format!("Perfetto: {counts:?} slices and instants, {}", sum(&trace))
+}
+
+#[test]
+fn what_is_read_and_exported_is_its_snapshot() {
+    for flight in FLIGHTS {
+        let mut reader = LogReader::open(&recorded(flight)).unwrap();
+        let entries = entries(&mut reader);
+        let mut text = format!(
+            "{:?} {:?} {:?} {}\nmissing {:?}, injected {:?}\n",
+            reader.end(),
+            reader.pace().unwrap(),
+            reader.kept().unwrap(),
+            reader.build(),
+            reader.missing().unwrap(),
+            fault_record::injected(&recorded(flight)).unwrap(),
+        );
+        for (topic, format) in FORMATS.iter().enumerate() {
+            let of_topic: Vec<_> = entries.iter().filter(|it| it.topic() == topic).collect();
+            let lines = |it: &LogEntry| with_message!(it, message => lines(&reader, message));
+            let all: String = of_topic.iter().map(|it| lines(it)).collect();
+            text += &format!(
+                "{} {}: {}",
+                of_topic.len(),
+                format.name,
+                sum(all.as_bytes())
+            );
+            text += &of_topic
+                .get(7)
+                .or(of_topic.first())
+                .map_or(String::new(), |it| lines(it));
+        }
+        text += &perfetto(&entries);
+        insta::assert_snapshot!(format!("{flight}.read"), text);
+    }
+}
+
+#[test]
+fn schemas_and_units_are_their_snapshots() {
+    let mut text = String::new();
+    for format in FORMATS {
+        text += &format!(
+            "{} {} {:#?}\n{}\n{}",
+            format.name,
+            (format.schema_name)(),
+            (format.describe)(),
+            (format.columns)().join(","),
+            sum(&(format.descriptor_set)()),
+        );
+    }
+    text += &format!("scene: {}", sum(&scene::descriptor_set()));
+    insta::assert_snapshot!("schemas", text);
+}
+
+#[test]
+fn a_log_that_is_written_again_has_the_same_messages_or_an_excerpt() {
+    for flight in FLIGHTS {
+        let mut reader = LogReader::open(&recorded(flight)).unwrap();
+        let mut all = entries(&mut reader);
+        // The new log knows no signals.
+        let shown = all.iter_mut().filter_map(LogEntry::telemetry_mut);
+        shown.for_each(|telemetry| *telemetry = Telemetry::default());
+        for (name, around_ticks) in [("whole", None), ("excerpt", Some(10))] {
+            let plan = LogPlan {
+                around_ticks,
+                ..LogPlan::WHOLE
+            };
+            let facts = Facts {
+                pace: reader.pace().unwrap(),
+                sample_time_ns: 1_000_000,
+                plan,
+                signals: Signals::default(),
+                no_theorem: None,
+                records: Vec::new(),
+            };
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("flight.mcap");
+            let mut log = FlightLog::create(&path, &facts).unwrap();
+            for (i, entry) in (0..).zip(&all) {
+                log.take(entry);
+                // A chunk for each hundred messages.
+                log.keep(i * CHUNK_NS / 100).unwrap();
+            }
+            let mut fate = log.finish(Record::new()).unwrap();
+            let mut again = LogReader::open(&path).unwrap();
+            let kept = entries(&mut again);
+            let is_there = |it: &LogEntry| all.contains(it);
+            assert!(
+                kept.iter().all(is_there) && (plan != LogPlan::WHOLE || kept.len() == all.len())
+            );
+            // Compressed, so that it depends on a library's version.
+            fate.file_bytes = 0;
+            let (end, plan, missing) =
+                (again.end(), again.kept().unwrap(), again.missing().unwrap());
+            let text = format!("{fate:#?}\n{end:?} {plan:?} missing {missing:?}\n");
+            insta::assert_snapshot!(format!("{flight}.{name}"), text);
+        }
+    }
+}

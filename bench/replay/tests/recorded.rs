@@ -1,0 +1,32 @@
+//! Replays of recorded flights are as in `snapshots/`: `INSTA_UPDATE=always cargo test -p replay` accepts a change.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::path::Path;
+
+use config::law_settings::Moved;
+use replay::fly_again;
+
+#[test]
+fn replays_are_identical_and_their_summaries_are_their_snapshot() {
+    let (golden, mut text) = (
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../cli/tests/golden"),
+        String::new(),
+    );
+    for (flight, from) in [
+        ("real-time", 0),
+        ("swap", 0),
+        ("swap", 150),
+        ("message-faults", 0),
+    ] {
+        let log = golden.join(flight).join("flight.mcap");
+        let replayed = fly_again(&log, from, false, &Moved::default()).unwrap();
+        assert!(replayed.is_identical(), "{:?}", replayed.comparison);
+        let (summary, survey) = (replayed.summary, replayed.survey);
+        text += &format!("{flight} from {from}\n{}", summary.text(&survey));
+        text += &format!(
+            "{summary:?}\n{:?} {:?}\n\n",
+            replayed.comparison, survey.swaps
+        );
+    }
+    insta::assert_snapshot!(text.replace(&*golden.to_string_lossy(), ""));
+}
