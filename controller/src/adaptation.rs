@@ -366,7 +366,7 @@ mod tests {
     proptest! {
         #[test]
         fn it_divides_by_w(x in uniform9(-50.0..50.0), r in prop::array::uniform3(-10.0..10.0)) {
-            let (x, r) = (Matrix3::from(x_rows(&x)), Vector3::from(r));
+            let (x, r) = (Matrix3::from_column_slice(&x), Vector3::from(r));
             let g = Vector3::new(1e-9, 3e-6, 5e-4);
             let w = Matrix3::identity() + x * Matrix3::from_diagonal(&g) * x.transpose();
             let weight = Weight::new(&x, &g).unwrap();
@@ -374,10 +374,6 @@ mod tests {
             let sandwiched = x.transpose() * w.try_inverse().unwrap() * x;
             prop_assert!((weight.sandwiched(&x) - sandwiched).amax() < 1e-10 * sandwiched.amax().max(1.0));
         }
-    }
-
-    fn x_rows(x: &[f64; 9]) -> [[f64; 3]; 3] {
-        [[x[0], x[1], x[2]], [x[3], x[4], x[5]], [x[6], x[7], x[8]]]
     }
 
     #[test]

@@ -16,12 +16,12 @@ const QUATERNION: &str = "quaternion";
 
 settings! {
     pub ATTITUDE = "attitude", "", SettingKind::Word(&[EULER, QUATERNION]), "error of the attitude: of the Euler angles, or of the rotation, which stays right where yaw saturates";
-    pub ATTITUDE_1_S = "attitude_1_s", "1/s", positive_three([8.0, 8.0, 3.0]), "K_eta: roll, pitch, yaw";
-    pub COMMAND_FILTER_RAD_S = "command_filter_rad_s", "rad/s", positive_three([20.0, 20.0, 3.0]), "w_f, bandwidth of the command filter: roll, pitch, yaw";
+    pub ATTITUDE_1_S = "attitude_1_s", "1/s", three([8.0, 8.0, 3.0], f64::MIN_POSITIVE, f64::MAX), "K_eta: roll, pitch, yaw";
+    pub COMMAND_FILTER_RAD_S = "command_filter_rad_s", "rad/s", three([20.0, 20.0, 3.0], f64::MIN_POSITIVE, f64::MAX), "w_f, bandwidth of the command filter: roll, pitch, yaw";
     pub ALPHA_1_S = "alpha_1_s", "1/s", number(200.0, f64::MIN_POSITIVE, f64::MAX), "alpha, decay of the rate error";
     pub PREDICTOR_TICKS = "predictor_ticks", "", number(0.0, 0.0, 1.0), "ticks that the loop predicts ahead: 0 (none) or 1 (the chain's delay)";
     pub ADAPTATION = "adaptation", "", SettingKind::Word(&[ON, OFF]), "whether I_R, k_r and delta are learnt; off keeps their priors";
-    pub ADAPTATION_GAIN = "adaptation_gain", "", positive_three([2e-4, 0.6, 100.0]), "Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2]";
+    pub ADAPTATION_GAIN = "adaptation_gain", "", three([2e-4, 0.6, 100.0], f64::MIN_POSITIVE, f64::MAX), "Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2]";
     pub REGRESSOR_FILTER_RAD_S = "regressor_filter_rad_s", "rad/s", number(50.0, 0.0, f64::MAX), "w_e, bandwidth of the filter of the adaptation's samples; 0 is off";
     pub ESTIMATE_MIN = "estimate_min", "", three([-1e-3, 0.0, -2.0], f64::MIN, f64::MAX), "lower bounds of I_R [kg m^2], k_r [N m s], delta [rad/s^2]";
     pub ESTIMATE_MAX = "estimate_max", "", three([1e-3, 1.0, 2.0], f64::MIN, f64::MAX), "upper bounds of the same";
@@ -69,14 +69,6 @@ pub const FIXED_PRESETS: &[Preset] = &[
 
 pub const fn preset(name: &'static str, values: &'static [(&'static str, Value)]) -> Preset {
     Preset { name, values }
-}
-
-pub const fn positive_three(default: [f64; 3]) -> SettingKind {
-    SettingKind::Three {
-        default,
-        min: f64::MIN_POSITIVE,
-        max: f64::MAX,
-    }
 }
 
 /// How the attitude loop sees an attitude that is not the one wanted.

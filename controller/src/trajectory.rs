@@ -6,7 +6,6 @@
 
 mod spline;
 
-use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -42,7 +41,7 @@ wire_enum! {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("unknown trajectory `{0}`; known are {names}", names = Trajectory::NAMES.join(", "))]
+#[error("unknown trajectory `{0}`; known are {names}", names = Trajectory::ALL.map(Trajectory::name).join(", "))]
 pub struct UnknownTrajectory(pub String);
 
 /// One axis before the ramp: c0 + c1 t + A sin(w t + ph).
@@ -55,8 +54,6 @@ struct Axis {
 }
 
 impl Trajectory {
-    pub const NAMES: [&str; 5] = ["hover", "step", "helix", "lissajous", "fast"];
-
     /// The reference at time `t_s` since the start of the flight [s]; at rest at the origin before it.
     pub fn reference(self, t_s: f64) -> Reference {
         let ramp = match self {
@@ -145,12 +142,6 @@ fn reference_of(&[x, y, z, psi]: &[[f64; ORDERS]; 4]) -> Reference {
         yaw_rad: psi[0],
         yaw_rate_rad_s: psi[1],
         yaw_acceleration_rad_s2: psi[2],
-    }
-}
-
-impl fmt::Display for Trajectory {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -3,9 +3,9 @@
 //! Every bound is a figure of such a flight with a margin of one half. All flights are at 1 kHz with one tick of delay,
 //! on the nominal airframe with its drags and its disturbance, which no law knows.
 
-use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, rig};
+use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer};
 use control_api::description::{Settings, Value};
-use control_api::law::{InnerInput, InnerLaw, Law, WrenchSetpoint};
+use control_api::law::{InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use controller::Trajectory;
 use controller::laws::{
     Adaptive, AdaptiveResidual, Estimating, Fixed, Geometric, Indi, L1, Mrac, Pid, Sliding,
@@ -219,7 +219,7 @@ fn estimating_learns_the_drag_of_a_vehicle_that_moves() {
 
 /// A law that was never shown the vehicle, then one that is not shown it any more.
 fn coasts<L: Law + InnerLaw>(overrides_thrust: bool) {
-    let mut law = L::new(&rig(), &Settings::default()).expect("the defaults go together");
+    let mut law = L::new(&Rig::default(), &Settings::default()).expect("the defaults go together");
     let mut ask = |tick, measured_age| {
         let mut input = InnerInput {
             tick,
@@ -234,7 +234,7 @@ fn coasts<L: Law + InnerLaw>(overrides_thrust: bool) {
         thrust_n,
         ..WrenchSetpoint::default()
     };
-    let weight_n = rig().airframe.m() * rig().airframe.g();
+    let weight_n = Rig::default().airframe.m() * Rig::default().airframe.g();
     assert_eq!(ask(0, u64::MAX), no_torque(weight_n));
     let shown = ask(1, 0);
     assert!(shown.torque_b_nm.iter().all(|tau| *tau < 0.0), "{shown:?}");
@@ -260,7 +260,7 @@ struct Recovery {
 
 /// Ten seconds of Lee's law from an attitude and rates, with the origin as its reference.
 fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
-    let mut rig = rig();
+    let mut rig = Rig::default();
     rig.airframe.set(DisturbanceGain, 0.0).unwrap();
     let (allocation, k) = (Allocation::new(&rig.airframe), rig.airframe.k());
     let initial = Initial {

@@ -92,13 +92,6 @@ fn the_inner_loops_own_mode_changes_nothing_but_idle() {
     assert_idle(&of_mode(Mode::Idle));
 }
 
-#[test]
-fn ages_are_ticks_of_any_length() {
-    let mut mixer = mixer(0.005);
-    assert_eq!(mixer.tick(9, &wrench(0)).mode, Mode::Fallback as u64);
-    assert_idle(&mixer.tick(10, &wrench(0)));
-}
-
 /// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
 fn windows(period_s: f64) -> (u64, u64) {
     let mut mixer = mixer(period_s);
@@ -113,6 +106,7 @@ fn windows(period_s: f64) -> (u64, u64) {
 #[test]
 fn a_wrench_is_held_for_three_ticks_or_3_ms_and_every_mode_has_its_turn_at_every_rate() {
     assert_eq!(windows(0.02), (2, 3), "50 Hz");
+    assert_eq!(windows(0.005), (4, 10), "200 Hz");
     assert_eq!(windows(0.004), (4, 13), "250 Hz");
     assert_eq!(windows(0.001), (4, 50));
     assert_eq!(windows(0.000_25), (13, 200), "4 kHz: 3 ms are 12 ticks");

@@ -132,7 +132,6 @@ impl ChannelSelection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::header::Header;
     use messages::role::Role;
 
     fn message(tick: u64, input_tick: u64, thrust_n: f64) -> Message<RotorSpeeds> {
@@ -140,13 +139,10 @@ mod tests {
             thrust_n,
             ..RotorSpeeds::default()
         };
-        let mut envelope = Header {
-            tick,
-            input_tick: [input_tick; 3],
-            ..Header::new()
-        };
-        envelope.stamps[Role::Mixer as usize].receive_ns = 1;
-        Message { envelope, content }
+        let mut message = Message::of_tick(tick, content);
+        message.envelope.input_tick = [input_tick; 3];
+        message.envelope.stamps[Role::Mixer as usize].receive_ns = 1;
+        message
     }
 
     fn decided(selection: &mut ChannelSelection, tick: u64) -> std::vec::Vec<(u64, f64, u64)> {

@@ -308,11 +308,7 @@ impl Plant {
         self.has_begun = true;
     }
 
-    /// What the sensors would show now. The accelerometer feels the rotors as they turned until now.
-    pub fn measured(&self) -> Measured {
-        self.state().measured
-    }
-
+    /// With what the sensors would show now. The accelerometer feels the rotors as they turned until now.
     pub fn state(&self) -> State {
         let mut state = State::default();
         self.show(&mut state);

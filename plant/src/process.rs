@@ -28,8 +28,7 @@ use messages::role::{Channel, Role};
 use nalgebra::Vector3;
 use process::lead::ActiveLead;
 use process::rt::UsageMeter;
-use process::session::log_landing;
-use process::session::{Opened, RoleSession};
+use process::session::{Opened, RoleSession, log_landing};
 use process::wakes::wakes;
 
 use crate::channel_selection::ChannelSelection;

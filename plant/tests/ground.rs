@@ -61,9 +61,9 @@ fn at_rest_it_stays_where_it_stands_and_feels_its_weight() {
         assert_eq!(plant.envelope(), Ok(()));
         // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
         if state.truth.position_w_m[2] < REST_Z_M + 1e-9
-            && plant.measured().rotor_speed_mean_rad_s[0] < 31.0
+            && plant.state().measured.rotor_speed_mean_rad_s[0] < 31.0
         {
-            let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
+            let felt = Vector3::from(plant.state().measured.specific_force_b_m_s2);
             assert!((felt - Vector3::z() * 9.8).norm() < 0.02, "{felt}");
         }
     });

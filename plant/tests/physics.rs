@@ -131,7 +131,11 @@ fn an_airframe_that_is_swapped_before_the_flight_flies_as_one_built_so() {
             ..built.begin(tick)
         };
         assert_eq!(swapped.begin(tick), expected, "tick {tick}");
-        assert_eq!(swapped.measured(), built.measured(), "tick {tick}");
+        assert_eq!(
+            swapped.state().measured,
+            built.state().measured,
+            "tick {tick}"
+        );
     }
 }
 

@@ -26,7 +26,8 @@ fn spread(settings: &PlantSettings, ticks: u64, of: impl Fn(&Plant) -> Vector3<f
 }
 
 fn rate_error(plant: &Plant) -> Vector3<f64> {
-    Vector3::from(plant.measured().rate_b_rad_s) - Vector3::from(plant.state().truth.rate_b_rad_s)
+    Vector3::from(plant.state().measured.rate_b_rad_s)
+        - Vector3::from(plant.state().truth.rate_b_rad_s)
 }
 
 #[test]
@@ -34,7 +35,7 @@ fn sensors_without_errors_show_the_truth_bit_by_bit() {
     let mut plant = Plant::new(&settings(&[]));
     for tick in 0..2000 {
         let truth = plant.begin(tick).truth;
-        let shown = plant.measured();
+        let shown = plant.state().measured;
         for (shown, truth) in [
             (shown.position_w_m, truth.position_w_m),
             (shown.velocity_w_m_s, truth.velocity_w_m_s),
@@ -67,7 +68,7 @@ fn noise_of_a_density_has_the_same_power_at_every_sample_time() {
             plant.finish();
             plant.begin(tick);
         }
-        let felt = |plant: &Plant| Vector3::from(plant.measured().specific_force_b_m_s2);
+        let felt = |plant: &Plant| Vector3::from(plant.state().measured.specific_force_b_m_s2);
         sum += (felt(&noisy) - felt(&quiet)).norm_squared() / 3.0;
     }
     let density = (sum / 20_000.0 * 0.001_f64).sqrt();
@@ -82,7 +83,7 @@ fn bias_is_constant_and_drift_walks_with_the_root_of_time() {
     ]));
     plant.begin(0);
     assert!((rate_error(&plant) - Vector3::repeat(0.02)).norm() < 1e-15);
-    let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
+    let felt = Vector3::from(plant.state().measured.specific_force_b_m_s2);
     let error = felt - Vector3::new(-0.1, -0.1, 9.7);
     assert!(error.norm() < 1e-12, "{felt}");
 
@@ -144,11 +145,11 @@ fn fixes_err_as_much_as_they_may_and_a_skipped_tick_shifts_nothing() {
         (Parameter::VelocityNoise, 0.05),
     ]);
     let position = |plant: &Plant| {
-        Vector3::from(plant.measured().position_w_m)
+        Vector3::from(plant.state().measured.position_w_m)
             - Vector3::from(plant.state().truth.position_w_m)
     };
     let velocity = |plant: &Plant| {
-        Vector3::from(plant.measured().velocity_w_m_s)
+        Vector3::from(plant.state().measured.velocity_w_m_s)
             - Vector3::from(plant.state().truth.velocity_w_m_s)
     };
     assert!((spread(&noisy, 20_000, position) / 0.5 - 1.0).abs() < 0.02);
@@ -182,14 +183,14 @@ fn in_free_fall_it_feels_nothing_and_a_thrust_along_its_own_z() {
         ..settings(&still)
     });
     plant.begin(0);
-    let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
+    let felt = Vector3::from(plant.state().measured.specific_force_b_m_s2);
     // Hover thrust, whatever the attitude.
     assert!((felt - Vector3::z() * 9.8).norm() < 1e-12, "{felt}");
     for tick in 0..3 {
         fly_at(&mut plant, tick, [0.0; 4]);
     }
     plant.begin(3);
-    assert_eq!(plant.measured().specific_force_b_m_s2, [0.0; 3]);
+    assert_eq!(plant.state().measured.specific_force_b_m_s2, [0.0; 3]);
 }
 
 #[test]

@@ -114,7 +114,7 @@ fn flight(
     let outer = match outer {
         None => settings.outer_stage()?,
         Some(law) => {
-            let signals = law.signals();
+            let signals = law.signals;
             let made = Made::<dyn OuterLaw>::of(Flying(law, raised.clone()), signals);
             GuardedOuter::new(made, settings.course()?.route(rig.period_s), &rig)
         }
@@ -122,7 +122,7 @@ fn flight(
     let inner = match inner {
         None => settings.inner_stage()?,
         Some(law) => {
-            let signals = law.signals();
+            let signals = law.signals;
             let made = Made::<dyn InnerLaw>::of(Flying(law, raised.clone()), signals);
             GuardedInner::new(made, &rig)
         }

@@ -110,9 +110,7 @@ impl ComparedFlight {
         if self.lost.is_some() {
             return;
         }
-        let (flown, reference) = (state.truth.position_w_m, self.tracking.position_w_m(tick));
-        let squares = (0..3).map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]));
-        let error_m = squares.sum::<f64>().sqrt();
+        let error_m = self.tracking.error_m(tick, state);
         let power = self.metrics.take(tick, state, error_m, rotors);
         self.error_m.push(error_m);
         for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {

@@ -18,8 +18,7 @@ use crate::tracer::{Timing, Tracer};
 use crate::tracking::{ControlStatistics, RecentStates, Tracking};
 use errors::Failure;
 use flight_log::TOPICS;
-use flight_log::entry::Counts;
-use flight_log::entry::LogEntry;
+use flight_log::entry::{Counts, LogEntry};
 use messages::blackboards;
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
@@ -572,14 +571,9 @@ mod tests {
     }
 
     fn state_of(tick: u64, seq: u64, sample_ns: u64) -> Message<State> {
-        let envelope = Header {
-            tick,
-            seq,
-            sample_ns,
-            ..Header::new()
-        };
-        let content = State::default();
-        Message { envelope, content }
+        let mut message = Message::of_tick(tick, State::default());
+        (message.envelope.seq, message.envelope.sample_ns) = (seq, sample_ns);
+        message
     }
 
     #[test]

@@ -156,11 +156,7 @@ mod tests {
     const FRESH: [Mode; 3] = [Mode::Fresh; 3];
 
     fn state(statistics: &mut FreshnessStatistics, tick: u64, missed: u64, skipped: u64) {
-        let mut message = Message::<State> {
-            envelope: Header::new(),
-            content: State::default(),
-        };
-        message.envelope.tick = tick;
+        let mut message = Message::of_tick(tick, State::default());
         message.content.deadlines_missed = missed;
         message.content.ticks_skipped = skipped;
         statistics.state(&message, false);

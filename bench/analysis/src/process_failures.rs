@@ -188,7 +188,6 @@ impl FailureStatistics {
 #[cfg(test)]
 mod tests {
     use messages::content::{State, Wrench};
-    use messages::header::{Header, Stamps};
 
     use super::*;
 
@@ -225,14 +224,10 @@ mod tests {
     }
 
     fn message<C: Topic>(epoch: u64, tick: u64) -> Message<C> {
-        let mut envelope = Header::new();
-        (envelope.epoch, envelope.tick) = (epoch, tick);
-        envelope.stamps[C::SENDER as usize] = Stamps {
-            receive_ns: 0,
-            send_ns: tick * 1_000_000,
-        };
-        let content = C::default();
-        Message { envelope, content }
+        let mut message = Message::of_tick(tick, C::default());
+        message.envelope.epoch = epoch;
+        message.envelope.stamps[C::SENDER as usize].send_ns = tick * 1_000_000;
+        message
     }
 
     /// Statistics of a flight with such position errors, in which the inner loop sends as an epoch in a range of ticks.

@@ -159,8 +159,12 @@ impl CampaignRows<'_> {
             let values = self.rows.numbers(&factor.name)?;
             Bins::of_numbers(&self.of_arm(&values, 0).collect::<Vec<_>>(), most)
         } else {
-            let (places, words) = self.rows.words(&factor.name, BINS_MAX)?;
-            Bins::of_words(self.of_arm(&places, 0).collect(), words)
+            let (places, names) = self.rows.words(&factor.name, BINS_MAX)?;
+            Bins {
+                of: self.of_arm(&places, 0).collect(),
+                names,
+                ranges: Vec::new(),
+            }
         };
         Ok(Some(bins).filter(|bins| bins.names.len() > 1))
     }

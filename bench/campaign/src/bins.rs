@@ -43,14 +43,6 @@ impl Bins {
             ranges,
         }
     }
-
-    pub const fn of_words(of: Vec<u32>, names: Vec<String>) -> Self {
-        Self {
-            of,
-            names,
-            ranges: Vec::new(),
-        }
-    }
 }
 
 pub fn short(value: f64) -> String {

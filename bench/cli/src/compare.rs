@@ -24,7 +24,7 @@ use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
 use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
 use experiments::combinations::{self, Combination};
-use experiments::parallel::{all_on_processors, processors};
+use experiments::parallel::{on_processors, processors};
 use sim::simulate::{self, InvalidOutputs};
 use sim::simulator::Simulator;
 
@@ -207,7 +207,7 @@ fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
         .flat_map(|plan| plan.settings.iter().map(|it| (&plan.flight, it)))
         .collect();
     let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings);
-    let mut outcomes = all_on_processors(&flights, processors(), fly, |_| ())?.into_iter();
+    let mut outcomes = on_processors(&flights, processors(), fly, |_| ())?.into_iter();
     let compared = |plan: &Plan| Comparison {
         schema: SCHEMA,
         build: build::here(),
@@ -247,7 +247,8 @@ fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
     })
 }
 
-const SUITES: [(&str, &str); 1] = [("robustness", include_str!("../../../docs/robustness.toml"))];
+pub(crate) const SUITES: [(&str, &str); 1] =
+    [("robustness", include_str!("../../../docs/robustness.toml"))];
 
 /// The cases of `--table` or `--suite`.
 struct CaseTable {
@@ -328,8 +329,4 @@ impl CaseTable {
             ))),
         }
     }
-}
-
-pub fn suites() -> Vec<&'static str> {
-    SUITES.iter().map(|(name, _)| *name).collect()
 }

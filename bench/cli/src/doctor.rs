@@ -6,11 +6,10 @@ use std::time::Duration;
 
 use analysis::finding::{Finding, RealtimeClass};
 use errors::{Failure, GATE, OK};
-use host::Machine;
 use host::doctor::measured::{MeasuredMachine, TICK_NS};
 use host::doctor::{examine, render};
 use host::floor::timer::Schedule;
-use host::own_executable;
+use host::{Machine, own_executable};
 use messages::parameters::shown;
 use messages::role::{Replica, Role};
 

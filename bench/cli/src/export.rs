@@ -16,10 +16,9 @@ use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
 use flight_log::entry::{FORMATS, LogEntry, with_message};
-use flight_log::perfetto;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, LogReader};
-use flight_log::{rows, topics};
+use flight_log::{perfetto, rows, topics};
 use recorder::run_directory::{find_log, log_files};
 
 pub const DIRECTORY: &str = "export";

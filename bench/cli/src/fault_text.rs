@@ -20,6 +20,7 @@ TOPIC.FIELD.nan |  | not a number: inspection rejects the message
 ROLE.late | time, or 40us..400us | the stage computes longer by this time; one tick without TO
 ROLE.stop | time | the stage pauses for this time; takes no TO
 ROLE.kill |  | the process is killed; in a simulation it restarts RESTART later
+CHANNEL.switch |  | with redundant channels: that channel flies from then on; takes no TO
 cpu.hog | 1 to 99 | a process of this SCHED_FIFO priority is always busy on the loops' processor
 cpu.load | up to 1 | an ordinary process is busy there for this share of the time
 a lasting fault | off | ends it; takes no TO
@@ -55,6 +56,7 @@ pub fn text() -> String {
         "--fault 'WHAT[=VALUE][,WHAT[=VALUE]...]@FROM[..TO]'      FROM, TO: 8s, 500ms, tick8000\n\
          ironbird inject WHAT[=VALUE]... [--at-tick N | --in TIME] [--for TIME]      into a running flight\n\n\
          {}\nROLE is one of {}; a flight ends with its plant, so there is no plant.kill.\n\
+         With redundant channels, b.ROLE is the stage of channel b; CHANNEL is a, b or c.\n\
          TOPIC means every input of it; ROLE.TOPIC means one. FIELD may end in one of its axes.\n\n{}",
         kinds.list(),
         STAGES.map(|role| role.name()).join(", "),

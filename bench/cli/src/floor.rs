@@ -14,8 +14,7 @@ pub mod rates;
 
 use flight_log::wall_time::utc;
 use std::path::Path;
-use std::time::Duration;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use clap::ValueEnum as _;
 use ipc::clock::now_ns;

@@ -98,7 +98,7 @@ fn task(args: &MarginArgs, settings: &Settings) -> Result<Task, Failure> {
         .help("leave it out for 2s"));
     }
     let is_selected = |target: &Target| {
-        args.only.is_empty() || args.only.iter().any(|word| target.is_named_by(word))
+        args.only.is_empty() || args.only.iter().any(|word| word == target.group())
     };
     Ok(Task {
         targets: target::all().filter(is_selected).collect(),

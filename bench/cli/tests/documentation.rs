@@ -1,6 +1,7 @@
 //! Pages of docs/ that tests read: the tutorial, the promises of security, the rows of the fault drill.
 
-use crate::python::repository;
+use crate::c_laws::root;
+use crate::python::run_python;
 use crate::rig::{Rig, ironbird, lacks_tool};
 use messages::checks::Check;
 use serde_json::Value;
@@ -56,7 +57,7 @@ fn a_law_in_rust_flies_as_the_tutorial_says() {
 }
 
 fn read(path: &str) -> String {
-    fs::read_to_string(repository(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+    fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
 fn quoted(text: &str) -> Vec<&str> {
@@ -111,12 +112,9 @@ fn every_promise_names_its_file_and_a_test_that_is_there() {
     }
 }
 
-fn run_python(script: &str, argument: &str) -> Vec<u8> {
-    crate::python::run_python("python3", script, &[Path::new(argument)])
-}
-
 fn rows() -> Vec<Value> {
-    serde_json::from_slice(&run_python("bench/drill/run", "--list")).unwrap()
+    let listed = run_python("python3", "bench/drill/run", &[Path::new("--list")]);
+    serde_json::from_slice(&listed).unwrap()
 }
 
 fn text<'a>(row: &'a Value, key: &str) -> &'a str {

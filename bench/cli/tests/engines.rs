@@ -1,7 +1,8 @@
 //! Campaigns on real engines, Slurm and HyperQueue, on this machine alone: shards, nodes and servers are killed, and the rows are the same.
 
+use crate::c_laws::root;
 use crate::campaign::chunks;
-use crate::python::{python_with, repository};
+use crate::python::python_with;
 use crate::rig::{Rig, Running, command_line, lacks_tool, processes, wait_until};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +15,7 @@ use rustix::process::{Pid, Signal, kill_process};
 const CAMPAIGN: &str = include_str!("campaigns/shards.toml");
 
 fn script(name: &str) -> PathBuf {
-    repository("bench/campaign/engines").join(name)
+    root().join("bench/campaign/engines").join(name)
 }
 
 /// Merges a directory: every file of rows, and merged.parquet, is as if flown in one process and by no engine.

@@ -2,12 +2,8 @@
 
 use crate::c_laws::root;
 use crate::rig::lacks_tool;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-
-pub fn repository(path: &str) -> PathBuf {
-    root().join(path)
-}
 
 /// A Python that has these packages; `None` if no Python was named and `python3` lacks them.
 pub fn python_with(packages: &str, purpose: &str) -> Option<String> {
@@ -30,7 +26,7 @@ pub fn python_with(packages: &str, purpose: &str) -> Option<String> {
 /// Runs a script of the repository and gives what it prints.
 pub fn run_python(python: &str, script: &str, arguments: &[&Path]) -> Vec<u8> {
     let output = Command::new(python)
-        .arg(repository(script))
+        .arg(root().join(script))
         .args(arguments)
         .output()
         .unwrap();

@@ -1,6 +1,6 @@
 //! Four flights of 20 s against the reference flights of an independent implementation, column by column.
 
-use crate::python::repository;
+use crate::c_laws::root;
 use crate::reference_laws;
 use analysis::states::Joined;
 use controller::laws::adaptive;
@@ -62,7 +62,7 @@ fn compare(trajectory: Trajectory, preset: &str, swap: Option<Swap>, file: &str)
     if let Some(swap) = swap {
         assert_eq!(flight.plant_mut().schedule(swap), Ok(8000));
     }
-    let path = repository("shared/reference").join(file);
+    let path = root().join("shared/reference").join(file);
     let mut reader = csv::Reader::from_path(path).unwrap();
     let columns: Vec<String> = reader
         .headers()

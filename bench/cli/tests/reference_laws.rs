@@ -5,7 +5,7 @@ use control_api::law::Law as _;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{Adaptive, Pd};
 use controller::{Gains, ScaledTrajectory, Trajectory};
-use messages::content::{NO_TICK, Setpoint, Stamped, State, Wrench};
+use messages::content::{Setpoint, Stamped, State, Wrench};
 use messages::parameters::{Airframe, Parameter};
 use mixer::Priority;
 use plant::{Plant, PlantSettings, Swap};
@@ -49,10 +49,6 @@ pub struct Tick {
     pub setpoint: Setpoint,
     pub wrench: Wrench,
     pub is_saturated: bool,
-}
-
-fn at<C>(tick: u64, content: C) -> Stamped<C> {
-    Stamped { tick, content }
 }
 
 impl Flight {
@@ -100,8 +96,8 @@ impl Flight {
             plant.schedule(swap).unwrap();
         }
         let (mut outer, mut inner, mut mixer) = stages(&self.rig, self.trajectory, &self.gains);
-        let mut state = at(NO_TICK, State::default());
-        let mut setpoint = at(NO_TICK, Setpoint::default());
+        let mut state = Stamped::never();
+        let mut setpoint = Stamped::never();
         for tick in 0..=self.last_tick {
             // A command without delay acts in the tick whose state it was computed from: a copy shows that state.
             let has_delay = self.delay_ticks > 0;
@@ -111,17 +107,17 @@ impl Flight {
                 plant.clone().begin(tick)
             };
             if let Some(content) = deliver(tick, sampled) {
-                state = at(tick, content);
+                state = Stamped::new(tick, content);
             }
             if let Some(content) = outer.tick(tick, &state) {
-                setpoint = at(tick, content);
+                setpoint = Stamped::new(tick, content);
             }
             let wrench = inner.tick(tick, &state, &setpoint);
-            let command = mixer.tick(tick, &at(tick, wrench));
+            let command = mixer.tick(tick, &Stamped::new(tick, wrench));
             // The plant holds a command back until the tick after its own, so a command without delay is dated back;
             // that of tick 0 is lost.
             let dated = tick.wrapping_sub(u64::from(!has_delay));
-            plant.offer(&at(dated, command), tick + self.delay_ticks);
+            plant.offer(&Stamped::new(dated, command), tick + self.delay_ticks);
             if !has_delay {
                 plant.begin(tick);
             }

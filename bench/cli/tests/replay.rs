@@ -1,6 +1,6 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
-use crate::recorded::{self, Published, TickFaults, fly, rewrite, rewrite_as, settings, write};
+use crate::recorded::{self, Published, TickFaults, fly, rewrite, settings, write};
 use config::law_settings::Moved;
 use errors::Failure;
 use fastrand::Rng;
@@ -260,7 +260,7 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
     let flight = noisy();
     let changed = flight.path("changed.mcap");
     for (stage, tick, field, change) in CHANGES {
-        rewrite(&flight.log, &changed, NOISY, &[], |entry| {
+        rewrite(None, &flight.log, &changed, NOISY, &[], |entry| {
             if entry.envelope().tick == tick {
                 change(entry);
             }
@@ -273,7 +273,7 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
         assert_ne!(found.recorded, found.replayed);
     }
     // A swap to another value changes the flight from its tick on.
-    rewrite(&flight.log, &changed, NOISY, &[], |entry| {
+    rewrite(None, &flight.log, &changed, NOISY, &[], |entry| {
         if let LogEntry::Swap(message) = entry {
             flip(&mut message.content.new[0]);
         }
@@ -295,7 +295,7 @@ fn a_changed_value_in_any_log_of_redundant_channels_diverges_at_its_tick() {
     let whole = |entry: &mut LogEntry| !matches!(entry, LogEntry::Theorem(_));
     for channel in Channel::first(2) {
         std::fs::create_dir(own(channel).parent().unwrap()).unwrap();
-        rewrite_as(Some(channel), &flight.log, &own(channel), &text, &[], whole);
+        rewrite(Some(channel), &flight.log, &own(channel), &text, &[], whole);
     }
     assert_identical(&flight.log);
     let before = flight.path("before.mcap");
@@ -306,7 +306,7 @@ fn a_changed_value_in_any_log_of_redundant_channels_diverges_at_its_tick() {
                 continue;
             }
             std::fs::rename(&log, &before).unwrap();
-            rewrite_as(channel, &before, &log, &text, &[], |entry| {
+            rewrite(channel, &before, &log, &text, &[], |entry| {
                 if entry.envelope().tick == tick {
                     change(entry);
                 }
@@ -331,7 +331,9 @@ fn a_log_with_a_gap_or_of_other_settings_is_refused_and_the_reason_named() {
     let flight = noisy();
     let (thinned, mixed) = (flight.path("thinned.mcap"), flight.path("mixed.mcap"));
     let lacks = |is_absent: fn(&LogEntry) -> bool, words: &str| {
-        rewrite(&flight.log, &thinned, NOISY, &[], |entry| !is_absent(entry));
+        rewrite(None, &flight.log, &thinned, NOISY, &[], |entry| {
+            !is_absent(entry)
+        });
         assert_refused(&thinned, words);
         if words.starts_with("topic") {
             let said = Timing::read(&thinned).unwrap_err().to_string();
@@ -351,7 +353,7 @@ fn a_log_with_a_gap_or_of_other_settings_is_refused_and_the_reason_named() {
         "its last state knows 4 swaps, and it holds 3",
     );
     lacks(|_| true, "holds no message");
-    rewrite(&flight.log, &mixed, SHORT, &[], |_| true);
+    rewrite(None, &flight.log, &mixed, SHORT, &[], |_| true);
     assert_refused(&mixed, "the log mixes runs");
 }
 
@@ -360,7 +362,7 @@ fn what_is_wrong_with_a_log_comes_before_what_differs_in_it() {
     let flight = noisy();
     let changed = flight.path("changed.mcap");
     let rewritten = |gap_at: Option<u64>| {
-        rewrite(&flight.log, &changed, NOISY, &[], |entry| {
+        rewrite(None, &flight.log, &changed, NOISY, &[], |entry| {
             if entry.envelope().tick == 90 {
                 (CHANGES[1].3)(entry);
             }
@@ -408,7 +410,7 @@ fn cut_and_finish(from: &Path, to: &Path, text: &str, keep: usize, landing: bool
     let mut reader = LogReader::open(from).unwrap();
     let mut kept = 0;
     let cut = to.with_extension("cut");
-    rewrite(from, &cut, text, &[], |_| {
+    rewrite(None, from, &cut, text, &[], |_| {
         kept += 1;
         kept <= keep
     });
@@ -454,7 +456,14 @@ fn a_log_that_ends_before_its_landing_record_says_is_refused() {
     cut_and_finish(&flight.log, &cut, NOISY, all / 2, false);
     assert_refused(&cut, "its record `landing` is missing");
     // As a recorder leaves it that did not get the plant's last states.
-    rewrite(&flight.log, &cut, NOISY, &[("ticks_run", "450")], |_| true);
+    rewrite(
+        None,
+        &flight.log,
+        &cut,
+        NOISY,
+        &[("ticks_run", "450")],
+        |_| true,
+    );
     let words = "the plant published 450 states, and it holds 401: the last 49 are missing";
     assert_refused(&cut, words);
 }

@@ -315,7 +315,7 @@ impl Settings {
             Some(points) => points.course,
             None => trajectory::built_in(&self.flight.trajectory).map_err(
                 |UnknownTrajectory(name)| {
-                    let names = Trajectory::NAMES.map(|name| format!("`{name}`"));
+                    let names = Trajectory::ALL.map(|it| format!("`{it}`"));
                     Failure::usage(format!(
                         "settings: unknown variant `{name}`, expected one of {}, or a CSV file, in `flight.trajectory`",
                         names.join(", ")

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use analysis::comparison::Laws;
 use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
 use render::plot::LAWS;
 use toml::Value;
 
@@ -101,20 +102,6 @@ pub fn resolve(
     Ok(all)
 }
 
-/// The overrides of a combination.
-fn own(combination: &Combination) -> Result<Overrides, Failure> {
-    let mut all = Overrides::new();
-    for (role, law) in [Role::Outer, Role::Inner, Role::Mixer]
-        .into_iter()
-        .zip(combination)
-    {
-        if let Some(law) = law {
-            all.extend(overrides::law(role, law)?);
-        }
-    }
-    Ok(all)
-}
-
 /// The settings of a combination; of one none of whose laws has the preset of the flight, those of its defaults, and why
 /// that preset is refused.
 fn resolve_one(
@@ -123,7 +110,12 @@ fn resolve_one(
     combination: &Combination,
 ) -> Result<(Settings, Option<Failure>), Failure> {
     const PRESET: &str = "flight.preset";
-    let mut overrides = [&overrides[..], &own(combination)?].concat();
+    let mut overrides = overrides.clone();
+    for (role, law) in LAW_ROLES.into_iter().zip(combination) {
+        if let Some(law) = law {
+            overrides.extend(overrides::law(role, law)?);
+        }
+    }
     let is_preset = |flag: &&(&'static str, Value)| overrides::parts(flag.0).1 == PRESET;
     let asked = overrides.iter().rfind(is_preset);
     let asked = asked.and_then(|(_, preset)| Some(preset.as_str()?.to_owned()));

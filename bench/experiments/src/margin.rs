@@ -22,7 +22,7 @@ use flight_log::build;
 use messages::parameters::Airframe;
 
 use crate::combinations;
-use crate::parallel::all_on_processors;
+use crate::parallel::on_processors;
 use crate::progress::Progress;
 use flights::Flights;
 use limits::Phases;
@@ -76,7 +76,7 @@ pub fn measure_all(
         });
     }
     if searches.iter().any(|search| search.kind == Kind::Gain) {
-        let loops = all_on_processors(settings, task.jobs, |it| predicted(it, stop), |_| ())?;
+        let loops = on_processors(settings, task.jobs, |it| predicted(it, stop), |_| ())?;
         let laws = laws.iter_mut().zip(loops);
         laws.for_each(|(law, loops)| law.predicted = loops);
     }
@@ -179,7 +179,7 @@ impl Survey<'_> {
                 flights: Mutex::new(flights),
             })
         };
-        all_on_processors(&places, self.task.jobs, cell, |_| ())
+        on_processors(&places, self.task.jobs, cell, |_| ())
     }
 
     /// Flies the strengths that each law and question wants; gives each cell's points with their questions.
@@ -204,7 +204,7 @@ impl Survey<'_> {
             }
             Ok(points)
         };
-        all_on_processors(cells, self.task.jobs, work, look)
+        on_processors(cells, self.task.jobs, work, look)
     }
 
     /// Flies in rounds: the flights of one say which strengths the next one needs.

@@ -20,16 +20,21 @@ pub fn processors() -> usize {
 }
 
 /// Calls `work` for each item on `workers` threads. Meanwhile `look` gets the number of finished items, whenever one is
-/// finished and at least every 200 ms.
+/// finished and at least every 200 ms. The first error cancels the rest and is returned; an interruption is returned only
+/// if no other error occurred.
 pub fn on_processors<T: Sync, R: Send>(
     items: &[T],
     workers: usize,
-    work: impl Fn(&T) -> R + Sync,
+    work: impl Fn(&T) -> Result<R, Failure> + Sync,
     mut look: impl FnMut(usize),
-) -> Vec<R> {
+) -> Result<Vec<R>, Failure> {
     const EVERY: Duration = Duration::from_millis(200);
     let next = &AtomicUsize::new(0);
-    let work = &work;
+    let has_failed = AtomicBool::new(false);
+    let work = &|item: &T| {
+        check_stop(&has_failed)?;
+        work(item).inspect_err(|_| has_failed.store(true, Ordering::Relaxed))
+    };
     let (sender, receiver) = mpsc::channel();
     let mut results = Vec::new();
     thread::scope(|scope| {
@@ -56,31 +61,13 @@ pub fn on_processors<T: Sync, R: Send>(
             look(results.len());
         }
     });
-    results.sort_by_key(|(i, _)| *i);
-    results.into_iter().map(|(_, result)| result).collect()
-}
-
-/// Like [`on_processors`], but for fallible work. The first error cancels the rest and is returned; an interruption is
-/// returned only if no other error occurred.
-pub fn all_on_processors<T: Sync, R: Send>(
-    items: &[T],
-    workers: usize,
-    work: impl Fn(&T) -> Result<R, Failure> + Sync,
-    look: impl FnMut(usize),
-) -> Result<Vec<R>, Failure> {
-    let has_failed = AtomicBool::new(false);
-    let work = |item: &T| {
-        check_stop(&has_failed)?;
-        work(item).inspect_err(|_| has_failed.store(true, Ordering::Relaxed))
-    };
-    let mut results = on_processors(items, workers, work, look);
     // The cause comes before the interruptions that followed from it.
     let is_no_cause = |result: &Result<R, Failure>| match result {
         Ok(_) => true,
         Err(failure) => failure.code == INTERRUPTED,
     };
-    results.sort_by_key(is_no_cause);
-    results.into_iter().collect()
+    results.sort_by_key(|(i, result)| (is_no_cause(result), *i));
+    results.into_iter().map(|(_, result)| result).collect()
 }
 
 #[cfg(test)]
@@ -105,12 +92,12 @@ mod tests {
             interrupted(item)
         };
         let code = |results: Result<Vec<u64>, Failure>| results.err().map(|e| e.code);
-        let failed = all_on_processors(&items, 2, work, |_| ());
+        let failed = on_processors(&items, 2, work, |_| ());
         assert_eq!(code(failed), Some(errors::FAILED));
         assert!(begun.into_inner() <= 3, "of 100 were begun");
-        let stopped = all_on_processors(&items, 3, interrupted, |_| ());
+        let stopped = on_processors(&items, 3, interrupted, |_| ());
         assert_eq!(code(stopped), Some(INTERRUPTED));
-        let whole = all_on_processors(&items, 3, |item| Ok(*item), |_| ());
+        let whole = on_processors(&items, 3, |item| Ok(*item), |_| ());
         assert_eq!(whole.unwrap(), items);
     }
 }

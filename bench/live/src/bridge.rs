@@ -13,8 +13,8 @@ mod parameters;
 
 use std::io::{self, ErrorKind};
 use std::net::{Ipv6Addr, SocketAddr, TcpListener};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -62,9 +62,11 @@ pub fn foxglove(options: &FoxgloveOptions) -> Result<u8, Failure> {
     let context = Context::new();
     let laws = law_settings::shared(&observation.settings)?;
     let mut channels = Channels::new(&context, &observation.run(), &laws)?;
-    let active = observation.active_parameters();
-    let mirror = ParameterMirror::new(instance.clone(), active, options.allow_swaps);
-    let mirror = Arc::new(mirror);
+    let mirror = Arc::new(ParameterMirror {
+        instance: instance.clone(),
+        active: Mutex::new(observation.active_parameters()),
+        allows_swaps: options.allow_swaps,
+    });
     let (server, proxy) = start(options, &context, &mirror)?;
     let address = address(&options.host, proxy.port);
     let access = match options.allow_swaps {

@@ -17,14 +17,13 @@ use std::time::{Duration, Instant};
 use ipc::error::Error;
 use ipc::instance::Instance;
 use messages::role::Role;
-use process::signals::end_with_launcher;
+use process::signals::{end_with_launcher, stop_flag};
 
 use crate::observation::{DRAIN_EVERY, Observation};
 use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OK};
-use process::signals::stop_flag;
 
 /// How often to look for a flight and to check its processes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -39,7 +38,12 @@ pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8
     // https://no-color.org
     let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let mut model = Model::new(instance.name(), launcher.is_some(), colours);
-    let mut feed = Feed::new(instance);
+    let mut feed = Feed {
+        instance,
+        joined: None,
+        next_look: Instant::now(),
+        failed: 0,
+    };
     if is_plain || !io::stdout().is_terminal() || !io::stdin().is_terminal() {
         return print_lines(&mut model, &mut feed, &stop);
     }
@@ -55,15 +59,6 @@ struct Feed {
 }
 
 impl Feed {
-    fn new(instance: Instance) -> Self {
-        Self {
-            instance,
-            joined: None,
-            next_look: Instant::now(),
-            failed: 0,
-        }
-    }
-
     fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
         let is_due = Instant::now() >= self.next_look;
         if is_due {

@@ -68,7 +68,7 @@ impl TopicFormat {
     }
 }
 
-pub const FORMATS: [TopicFormat; TOPICS.len()] = [
+pub const FORMATS: [TopicFormat; 6] = [
     TopicFormat::of::<State>(|| LogEntry::State(Message::default())),
     TopicFormat::of::<Setpoint>(|| LogEntry::Setpoint(Message::default())),
     TopicFormat::of::<Wrench>(|| LogEntry::Wrench(Message::default())),

@@ -150,17 +150,14 @@ mod tests {
     use super::*;
 
     fn state(tick: u64, deadlines_missed: u64, parameter_epoch: u64) -> LogEntry {
-        let mut message = Message::<State>::default();
-        message.envelope.tick = tick;
+        let mut message = Message::of_tick(tick, State::default());
         message.content.deadlines_missed = deadlines_missed;
         message.content.parameter_epoch = parameter_epoch;
         LogEntry::State(message)
     }
 
     fn wrench(tick: u64) -> LogEntry {
-        let mut message = Message::<Wrench>::default();
-        message.envelope.tick = tick;
-        LogEntry::Wrench(message)
+        LogEntry::Wrench(Message::of_tick(tick, Wrench::default()))
     }
 
     #[test]
@@ -214,8 +211,7 @@ mod tests {
         // It would wait for what it has forgotten, were nothing left out.
         assert!(excerpt.left_out[0] > 30_000, "{:?}", excerpt.left_out);
         // A swap is kept, wherever it is.
-        let mut swap = Message::<SwapRecord>::default();
-        swap.envelope.tick = 50;
+        let swap = Message::of_tick(50, SwapRecord::default());
         let mut kept = 0;
         excerpt.take(LogEntry::Swap(swap), |_| kept += 1);
         assert_eq!(kept, 1);

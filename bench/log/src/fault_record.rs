@@ -4,8 +4,7 @@ use crate::facts::INJECTED;
 use errors::{Failure, InFile as _, open_file};
 use mcap::records::{Record, op};
 use std::fs::File;
-use std::io;
-use std::io::{Read as _, Seek as _, SeekFrom};
+use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 /// What stands before an MCAP's first record [bytes].

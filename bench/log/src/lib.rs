@@ -8,10 +8,7 @@
 //! Schemas, units and codec are derived from the layouts of the messages, and from the signals of the laws. docs/recording.md describes the
 //! file. Start reading in [`entry::LogEntry`].
 
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use messages::monitor::Monitor;
 use messages::role::Channel;
-use messages::topic::Topic;
 
 pub mod async_writer;
 pub mod build;
@@ -60,14 +57,10 @@ pub fn part_of(file_name: &str) -> Option<u64> {
 }
 
 /// Topics of the loop, in the order of the data's way, and those beside it.
-pub const TOPICS: [&str; 6] = [
-    State::NAME,
-    Setpoint::NAME,
-    Wrench::NAME,
-    RotorSpeeds::NAME,
-    SwapRecord::NAME,
-    Monitor::NAME,
-];
+pub const TOPICS: [&str; 6] = {
+    let [a, b, c, d, e, f] = &entry::FORMATS;
+    [a.name, b.name, c.name, d.name, e.name, f.name]
+};
 
 pub fn topics() -> impl Iterator<Item = &'static str> {
     TOPICS.into_iter().chain(telemetry::TELEMETRY_TOPICS)

@@ -410,8 +410,7 @@ mod tests {
         let count = CHUNK_BYTES.div_ceil(bytes.len()) as u64;
         let mut word = tick;
         let state = |tick| {
-            let mut state = Message::<State>::default();
-            state.envelope.tick = tick;
+            let mut state = Message::of_tick(tick, State::default());
             let measured = &mut state.content.measured;
             let velocity_w_m_s = &mut measured.velocity_w_m_s;
             for value in measured.position_w_m.iter_mut().chain(velocity_w_m_s) {

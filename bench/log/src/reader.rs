@@ -550,8 +550,7 @@ mod tests {
     }
 
     fn wrench(tick: u64) -> Message<Wrench> {
-        let mut message = Message::<Wrench>::default();
-        message.envelope.tick = tick;
+        let mut message = Message::of_tick(tick, Wrench::default());
         message.content.telemetry.value[0] = tick as f64 + 0.5;
         message
     }

@@ -146,18 +146,12 @@ fn first<C: Copy>(
 mod tests {
     use super::*;
     use messages::channels::RedundancyAccount;
-    use messages::header::Header;
 
     /// A message of a tick, which says in its sequence number which channel sent it.
     fn message<C: Default>(tick: u64, channel: Channel) -> Message<C> {
-        let envelope = Header {
-            tick,
-            seq: channel as u64,
-            input_tick: [tick; 3],
-            ..Header::new()
-        };
-        let content = C::default();
-        Message { envelope, content }
+        let mut message = Message::of_tick(tick, C::default());
+        (message.envelope.seq, message.envelope.input_tick) = (channel as u64, [tick; 3]);
+        message
     }
 
     fn take(merge: &mut ChannelMerge, ticks: std::ops::Range<u64>, channel: Channel) {

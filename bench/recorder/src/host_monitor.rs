@@ -4,11 +4,10 @@ use analysis::finding::Diagnosis;
 use analysis::flight_statistics::FlightStatistics;
 use analysis::host::{Host, InterruptSection, Steal};
 use errors::Failure;
-use host::Machine;
 use host::cpu_times::{CpuTimes, host_of};
-use host::doctor;
 use host::interrupts::Interrupts;
 use host::sampler::{Watch, fallen};
+use host::{Machine, doctor};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
 
@@ -18,7 +17,7 @@ use super::role_statuses::RoleStatuses;
 pub struct HostMonitor {
     pub host: Host,
     pub diagnosis: Diagnosis,
-    counters: Watch,
+    pub counters: Watch,
     trace: KernelTrace,
     cpu_times: CpuTimes,
     interrupts: Interrupts,
@@ -41,14 +40,6 @@ impl HostMonitor {
             cpu_times: CpuTimes::read(counters.processor),
             interrupts: Interrupts::read(counters.processor),
         })
-    }
-
-    pub const fn is_virtual(&self) -> bool {
-        self.counters.is_virtual
-    }
-
-    pub const fn has_cpu(&self) -> bool {
-        self.counters.processor.is_some()
     }
 
     /// Samples the loops' counters, then classifies the deadlines missed so far.

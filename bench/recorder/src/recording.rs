@@ -84,7 +84,7 @@ pub fn run(
     statistics.theorem.set_airframe(&settings.airframe()?);
     statistics.set_laws(laws);
     statistics.set_channels(channels);
-    statistics.begin_autopsy(host.is_virtual(), host.has_cpu());
+    statistics.begin_autopsy(host.counters.is_virtual, host.counters.processor.is_some());
     let metadata = |channel| {
         let (run, roles) = (armed.run.get(), roles.sections());
         metadata(&run, settings, channel, instance.name(), &host.host, &roles)

@@ -18,6 +18,7 @@ use flight_log::TOPICS;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use messages::channels::Redundancy;
+use messages::role::Role;
 use process::rt::UsageMeter;
 
 use super::host_monitor::HostMonitor;
@@ -154,7 +155,7 @@ impl<'a> ReportBuilder<'a> {
             faults,
             series: statistics.series.statistics(),
             roles: roles.sections(),
-            lead: statistics.lead(&run.lead, roles.rehearsals()),
+            lead: statistics.lead(&run.lead, roles.loops()[Role::Mixer as usize].rehearsals),
             recorder: schema::RecorderSection {
                 lost,
                 rejected: rejections(&streams.rejections()),

@@ -45,13 +45,6 @@ impl RoleStatuses {
         STAGES.map(|role| status(role).unwrap_or_default())
     }
 
-    /// Warm-up runs of the mixer, the last stage of the chain.
-    pub fn rehearsals(&self) -> u64 {
-        self.0
-            .get(&Role::Mixer.into())
-            .map_or(0, |board| board.get().rehearsals)
-    }
-
     /// Each process's section of the report, by name.
     pub fn sections(&self) -> BTreeMap<String, RoleSection> {
         self.0

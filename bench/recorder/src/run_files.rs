@@ -8,8 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use analysis::laws::FlownLaws;
-use analysis::schema::FlightStatus;
-use analysis::schema::{LogSection, Report};
+use analysis::schema::{FlightStatus, LogSection, Report};
 use analysis::sections::log_section;
 use analysis::series::SeriesSet;
 use analysis::states::{Joined, StatesWriter};

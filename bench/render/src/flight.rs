@@ -42,18 +42,12 @@ const SECTIONS: [(&str, &str, Blocks); 11] = [
     ("gates", "Gates", gates),
 ];
 
-pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
-    let mut names = [""; SECTIONS.len()];
-    let mut i = 0;
-    while i < names.len() {
-        names[i] = SECTIONS[i].0;
-        i += 1;
-    }
-    names
-};
+pub fn section_names() -> [&'static str; SECTIONS.len()] {
+    SECTIONS.map(|(name, ..)| name)
+}
 
 pub fn text(report: &Report) -> String {
-    SECTION_NAMES.map(|name| section(report, name)).join("\n")
+    section_names().map(|name| section(report, name)).join("\n")
 }
 
 pub fn section(report: &Report, name: &str) -> String {

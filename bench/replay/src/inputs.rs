@@ -4,8 +4,6 @@
 //! depends only on that message and earlier ones, so the fault filters of the inputs run again here. Lost and late messages
 //! need no such treatment: they show in the ticks of the inputs.
 
-use std::collections::VecDeque;
-
 use faults::fields::Faulty;
 use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
@@ -150,17 +148,17 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
 
 /// An input of a stage that is replayed.
 #[derive(Clone, Debug)]
-pub struct RecordedInput<C> {
+pub struct RecordedInput<C: Topic> {
     filter: Option<FaultFilter<C>>,
     /// The newest messages that passed the filter.
-    passed: VecDeque<Stamped<C>>,
+    passed: MessageWindow<C>,
 }
 
 impl<C: Faulty> RecordedInput<C> {
     pub fn new(faults: &MessageFaults, port: Port) -> Self {
         Self {
             filter: FaultFilter::new(faults, port),
-            passed: VecDeque::new(),
+            passed: MessageWindow::keeping(DEEP),
         }
     }
 
@@ -170,10 +168,8 @@ impl<C: Faulty> RecordedInput<C> {
         };
         let tick = message.envelope.tick;
         if let Some(passed) = filter.pass(tick, &message.content) {
-            if self.passed.len() == DEEP {
-                self.passed.pop_front();
-            }
-            self.passed.push_back(Stamped::new(tick, passed.content));
+            self.passed.push(Message::of_tick(tick, passed.content));
+            self.passed.advance();
         }
     }
 
@@ -184,11 +180,8 @@ impl<C: Faulty> RecordedInput<C> {
         input_tick: u64,
         tick: u64,
     ) -> Result<Stamped<C>, Failure> {
-        if self.filter.is_none() || input_tick == NO_TICK {
-            return input(messages, input_tick, tick);
-        }
-        let passed = self.passed.iter().rfind(|it| it.tick == input_tick);
-        passed.copied().ok_or_else(|| lacks::<C>(input_tick, tick))
+        let messages = self.filter.as_ref().map_or(messages, |_| &self.passed);
+        input(messages, input_tick, tick)
     }
 }
 

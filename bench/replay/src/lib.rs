@@ -169,7 +169,7 @@ fn open_logs(path: &Path, moved: &Moved) -> Result<Vec<(PathBuf, LogValidator)>,
         let directory = path.with_file_name(flight_log::log_directory(channel));
         let log = directory.join(flight_log::FILE);
         let own = open(&log).map_err(|e| e.help(TOGETHER))?;
-        if own.channel != Some(channel) || own.run_id() != logs[0].1.run_id() {
+        if own.channel != Some(channel) || own.expected.run_id != logs[0].1.expected.run_id {
             return Err(Failure::failed(format!(
                 "{} is not the log of channel {channel} of the flight in {}",
                 log.display(),
@@ -335,7 +335,7 @@ impl LogReplay {
         log: FromLog,
         from_tick: u64,
     ) -> Result<Self, Failure> {
-        let (settings, pace) = (&validator.settings, validator.pace()?);
+        let (settings, pace) = (&validator.settings, validator.reader.pace()?);
         let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
         let faults = settings.planned()?.loops.messages;
         let channel = validator.channel.unwrap_or(Channel::A);

@@ -37,13 +37,13 @@ pub struct LogCheck {
 }
 
 pub struct LogValidator {
-    reader: LogReader,
+    pub reader: LogReader,
     /// As the processes of the log's channel had them.
     pub settings: Settings,
     /// The channel whose own log it is; none of the log of a flight.
     pub channel: Option<Channel>,
     pub arrangement: Arrangement,
-    expected: ExpectedMessages,
+    pub expected: ExpectedMessages,
     swaps: Vec<Message<SwapRecord>>,
     first: LogEntry,
 }
@@ -74,14 +74,6 @@ impl LogValidator {
             swaps: Vec::new(),
             first,
         })
-    }
-
-    pub fn pace(&self) -> Result<Pace, Failure> {
-        self.reader.pace()
-    }
-
-    pub const fn run_id(&self) -> u64 {
-        self.expected.run_id
     }
 
     /// Reads to the end of the log and passes on each valid message.

@@ -62,18 +62,6 @@ pub struct ScalarSample {
 }
 
 impl ScalarFlight {
-    /// The flight before tick 0: at rest in the origin, rotors at hover speed.
-    pub fn new() -> Self {
-        let hover = (M * G / (4.0 * K)).sqrt();
-        Self {
-            tick: 0,
-            body: Body::default(),
-            speed_last: Vector4::repeat(hover),
-            speed: Vector4::repeat(hover),
-            inner: Inner::default(),
-        }
-    }
-
     pub fn tick(&mut self) -> ScalarSample {
         let t = self.tick as f64 * T;
         let body = self.body;
@@ -94,7 +82,15 @@ impl ScalarFlight {
 }
 
 impl Default for ScalarFlight {
+    /// The flight before tick 0: at rest in the origin, rotors at hover speed.
     fn default() -> Self {
-        Self::new()
+        let hover = (M * G / (4.0 * K)).sqrt();
+        Self {
+            tick: 0,
+            body: Body::default(),
+            speed_last: Vector4::repeat(hover),
+            speed: Vector4::repeat(hover),
+            inner: Inner::default(),
+        }
     }
 }

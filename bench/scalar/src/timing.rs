@@ -33,7 +33,7 @@ pub fn pairs(pairs: usize, ticks: u64) -> Result<Vec<TimedPair>, Refused> {
     let pair = || {
         Ok(TimedPair {
             laws_s: time(ticks, Laws::new(Trajectory::Lissajous, 0)?, Laws::tick),
-            scalar_s: time(ticks, ScalarFlight::new(), ScalarFlight::tick),
+            scalar_s: time(ticks, ScalarFlight::default(), ScalarFlight::tick),
         })
     };
     black_box(pair()?);
@@ -63,7 +63,7 @@ mod tests {
     fn the_flight_by_hand_is_the_flight_of_the_laws() {
         let (mut laws, mut hand) = (
             Laws::new(Trajectory::Lissajous, 0).unwrap(),
-            ScalarFlight::new(),
+            ScalarFlight::default(),
         );
         for tick in 0..=TICKS {
             laws.tick();

@@ -8,12 +8,10 @@ use messages::parameters::ESTIMATED;
 
 use crate::recorded_timing::Timing;
 use crate::simulator::Simulator;
-pub use crate::simulator::simulated_flight::{Judge, follow};
-pub use crate::simulator::simulated_flight::{SimulatedFlight, fly, fly_with};
+pub use crate::simulator::simulated_flight::{Judge, SimulatedFlight, fly, fly_with, follow};
 use analysis::laws::NotFinite;
 use analysis::phrase::count;
-use analysis::schema::FlightStatus;
-use analysis::schema::Gate;
+use analysis::schema::{FlightStatus, Gate};
 use analysis::states::StatesWriter;
 use analysis::theorem::TheoremStatistics;
 use analysis::tracer::Tracer;

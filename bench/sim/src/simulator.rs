@@ -232,10 +232,6 @@ impl Simulator {
         self.tick
     }
 
-    pub const fn state_tick(&self) -> u64 {
-        self.state.tick
-    }
-
     /// Whether the plant published a state in the last tick: not during its outage.
     pub const fn has_state(&self) -> bool {
         self.state.tick == self.flown_tick()

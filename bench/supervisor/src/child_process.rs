@@ -9,7 +9,6 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ipc::clock::{now_ns, timespec};
-use ipc::instance::Instance;
 use messages::role::{Channel, Replica, Role};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io;
@@ -18,7 +17,6 @@ use rustix::process::{
     pidfd_send_signal, waitid,
 };
 
-use crate::FlightOptions;
 use errors::{Failure, InFile as _};
 use recorder::run_directory::RunDirectory;
 
@@ -46,31 +44,15 @@ pub(super) fn log_path(directory: &Path, replica: Replica) -> PathBuf {
 
 pub(super) struct Spawner {
     pub(super) executable: PathBuf,
-    instance: String,
-    settings_file: PathBuf,
+    pub(super) instance: String,
+    pub(super) settings_file: PathBuf,
     pub(super) directory: PathBuf,
-    states: Option<PathBuf>,
+    pub(super) states: Option<PathBuf>,
     /// Processors that a flight may use, if this process keeps to some of them.
     pub(super) allowed_cpus: Vec<usize>,
 }
 
 impl Spawner {
-    pub(super) fn new(
-        executable: PathBuf,
-        instance: &Instance,
-        directory: &RunDirectory,
-        options: &FlightOptions,
-    ) -> Self {
-        Self {
-            executable,
-            instance: instance.name().into(),
-            settings_file: directory.settings_file(),
-            directory: directory.path.clone(),
-            states: options.states.clone(),
-            allowed_cpus: Vec::new(),
-        }
-    }
-
     /// Starts a role; a recorder writes into `recording`. The log of the role is appended to.
     pub(super) fn start(
         &self,

@@ -12,10 +12,8 @@ use rustix::fs::statvfs;
 
 use crate::child_process::{LANDING_TIMEOUT, STOP_TIMEOUT, log_path, title};
 use analysis::gates::break_off;
-use analysis::process_failures;
-use analysis::process_failures::ObservedFailure;
-use analysis::schema::FlightStatus;
-use analysis::schema::Report;
+use analysis::process_failures::{self, ObservedFailure};
+use analysis::schema::{FlightStatus, Report};
 use errors::output::say;
 use errors::{FAILED, Failure, GATE, INTERRUPTED, harmless};
 

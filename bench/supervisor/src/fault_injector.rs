@@ -22,8 +22,7 @@ use crate::child_process::{ChildWatch, kill_and_reap};
 use config::Settings;
 use errors::Failure;
 use errors::output::say;
-use faults::grammar::Fault;
-use faults::grammar::planned_again;
+use faults::grammar::{Fault, planned_again};
 
 /// How often to look for injected faults: if possible, four times between an injection and its first tick.
 const LOOK_EVERY_NS: RangeInclusive<u64> = 1_000_000..=20_000_000;

@@ -84,7 +84,7 @@ pub(super) struct FlightSupervisor {
     off_loops: Option<OffLoops>,
     hang_detector: Option<HangDetector>,
     last_look: Instant,
-    recordings: Recordings,
+    pub(super) recordings: Recordings,
     fault_injector: FaultInjector,
     /// The plant's account of the channels, of a flight with three.
     redundancy: Option<BlackboardReader<Redundancy>>,
@@ -162,7 +162,14 @@ impl FlightSupervisor {
         let (now, executable) = (Instant::now(), own_executable()?);
         let mut supervisor = Self {
             fault_injector: FaultInjector::new(instance, &executable, settings)?,
-            spawner: Spawner::new(executable, instance, directory, options),
+            spawner: Spawner {
+                executable,
+                instance: instance.name().into(),
+                settings_file: directory.settings_file(),
+                directory: directory.path.clone(),
+                states: options.states.clone(),
+                allowed_cpus: Vec::new(),
+            },
             children: Vec::new(),
             child_watch: ChildWatch::default(),
             channels: settings.rt.channels,
@@ -180,7 +187,12 @@ impl FlightSupervisor {
             off_loops: None,
             hang_detector: None,
             last_look: now,
-            recordings: Recordings::new(directory, settings, instance),
+            recordings: Recordings {
+                first: directory.clone(),
+                later: Vec::new(),
+                settings: settings.clone(),
+                instance: instance.name().into(),
+            },
             redundancy: None,
             outvoted: [0; MOST_CHANNELS],
             role_statuses: None,
@@ -233,11 +245,6 @@ impl FlightSupervisor {
         }
         self.status_line.clear();
         Ok(std::mem::take(&mut self.outcome))
-    }
-
-    /// The directory with the flight's report, when all processes have ended.
-    pub(super) fn recorded(&self) -> Result<RunDirectory, Failure> {
-        self.recordings.settle()
     }
 
     /// Injects faults until the next look.

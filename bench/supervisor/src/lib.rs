@@ -98,7 +98,7 @@ fn supervise(
     match FlightSupervisor::start(instance, &directory, settings, options) {
         Ok(mut supervisor) => {
             let outcome = supervisor.run(requests)?;
-            Ok((supervisor.recorded()?, outcome))
+            Ok((supervisor.recordings.settle()?, outcome))
         }
         Err(failure) => {
             directory.discard();

@@ -5,11 +5,8 @@
 
 use std::path::Path;
 
-use ipc::instance::Instance;
-
 use analysis::gates::break_off;
-use analysis::schema::FlightStatus;
-use analysis::schema::Report;
+use analysis::schema::{FlightStatus, Report};
 use config::Settings;
 use errors::Failure;
 use recorder::run_directory::RunDirectory;
@@ -17,23 +14,13 @@ use render::files::write_all;
 
 /// The directories, the first one's first.
 pub(super) struct Recordings {
-    first: RunDirectory,
-    later: Vec<RunDirectory>,
-    settings: Settings,
-    instance: String,
+    pub(super) first: RunDirectory,
+    pub(super) later: Vec<RunDirectory>,
+    pub(super) settings: Settings,
+    pub(super) instance: String,
 }
 
 impl Recordings {
-    pub(super) fn new(first: &RunDirectory, settings: &Settings, instance: &Instance) -> Self {
-        let (settings, instance) = (settings.clone(), instance.name().to_owned());
-        Self {
-            first: first.clone(),
-            later: Vec::new(),
-            settings,
-            instance,
-        }
-    }
-
     pub(super) fn newest(&self) -> &RunDirectory {
         self.later.last().unwrap_or(&self.first)
     }

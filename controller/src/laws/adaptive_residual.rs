@@ -15,7 +15,7 @@
 //! tick e gains T (Phi ~theta + l) instead of T Phi ~theta, and l follows Phi ~theta wherever the estimates are slower than w_c.
 
 use control_api::description::{
-    Description, Refused, Setting, Settings, Value, number, settings, signal,
+    Description, Refused, Setting, Settings, Value, number, settings, signal, three,
 };
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::role::Role;
@@ -29,7 +29,7 @@ use crate::rate_loop;
 
 /// Of these three the defaults differ from those of `adaptive`: Gamma/alpha is that of its preset `quick`.
 const ADAPTATION_GAIN: Setting = Setting {
-    kind: gains::positive_three([1.5e-4, 4.5, 300.0]),
+    kind: three([1.5e-4, 4.5, 300.0], f64::MIN_POSITIVE, f64::MAX),
     ..gains::ADAPTATION_GAIN
 };
 const REGRESSOR_FILTER_RAD_S: Setting = Setting {

@@ -9,10 +9,7 @@ use messages::frames::RollPitch;
 use nalgebra::Vector3;
 
 use crate::limits::Limits;
-use crate::rate_loop::loop_gain_limit;
-
-/// Delay that a rate loop must survive: one tick by design, and one more for a late command.
-const DELAY_TICKS: u32 = 2;
+use crate::rate_loop::{CHAIN_DELAY_TICKS, loop_gain_limit};
 
 /// A gap in the measurements after which filters and integrators start anew [s].
 const FORGET_S: f64 = 0.1;
@@ -30,7 +27,7 @@ pub fn check(
     (rate, rate_gain): Gain,
     period_s: f64,
 ) -> Result<(), Refused> {
-    let allowed = loop_gain_limit(DELAY_TICKS) / period_s;
+    let allowed = loop_gain_limit(CHAIN_DELAY_TICKS) / period_s;
     for (i, axis) in AXES.iter().enumerate() {
         let (outer, inner) = (attitude_gain[i], rate_gain[i]);
         let (outer_name, inner_name) = (attitude.name, rate.name);

@@ -7,9 +7,7 @@
 //! * Acceleration and thrust are limited; the paper's are not.
 //! * The derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
-use control_api::description::{
-    Description, Refused, SettingKind, Settings, number, settings, signal,
-};
+use control_api::description::{Description, Refused, Settings, number, settings, signal};
 use control_api::law::{Desired, Fields, Law, OuterInput, OuterLaw, Rig};
 use messages::frames::RollPitch;
 use messages::limits::RotorLimits;
@@ -24,19 +22,11 @@ use crate::limits::{self, AccelerationLimits, Limits};
 
 settings! {
     SETTINGS;
-    pub POSITION_1_S2 = "position_1_s2", "1/s^2", positive(1.0), "K_P";
-    pub VELOCITY_1_S = "velocity_1_s", "1/s", positive(1.0), "K_D";
-    pub ACCELERATION_Z_MIN_G = "acceleration_z_min_g", "g", positive(0.2), "smallest vertical acceleration that the thrust gives";
-    pub ACCELERATION_Z_MAX_G = "acceleration_z_max_g", "g", positive(2.0), "largest vertical acceleration that the thrust gives";
+    pub POSITION_1_S2 = "position_1_s2", "1/s^2", number(1.0, f64::MIN_POSITIVE, f64::MAX), "K_P";
+    pub VELOCITY_1_S = "velocity_1_s", "1/s", number(1.0, f64::MIN_POSITIVE, f64::MAX), "K_D";
+    pub ACCELERATION_Z_MIN_G = "acceleration_z_min_g", "g", number(0.2, f64::MIN_POSITIVE, f64::MAX), "smallest vertical acceleration that the thrust gives";
+    pub ACCELERATION_Z_MAX_G = "acceleration_z_max_g", "g", number(2.0, f64::MIN_POSITIVE, f64::MAX), "largest vertical acceleration that the thrust gives";
     pub TILT_MAX_RAD = "tilt_max_rad", "rad", number(0.610_865_238_198_015_3, 1e-3, 1.5), "largest angle between the thrust and the vertical"; // 35 degrees.
-}
-
-const fn positive(default: f64) -> SettingKind {
-    SettingKind::Number {
-        default,
-        min: f64::MIN_POSITIVE,
-        max: f64::MAX,
-    }
 }
 
 /// The paper's outer loop. It keeps nothing from one tick to the next.

@@ -35,10 +35,6 @@ pub struct Track {
     pub telemetry: Vec<Telemetry>,
 }
 
-pub fn rig() -> Rig {
-    Rig::default()
-}
-
 pub fn course(trajectory: Trajectory) -> ScaledTrajectory {
     ScaledTrajectory {
         trajectory,
@@ -55,18 +51,14 @@ impl ScaledTrajectory {
         self
     }
 
-    pub fn skipping(self, every: u64) -> Self {
-        Self {
-            skip_every: Some(every),
-            ..self
-        }
+    pub fn skipping(mut self, every: u64) -> Self {
+        self.skip_every = Some(every);
+        self
     }
 
-    pub fn delayed(self, delay_ticks: u64) -> Self {
-        Self {
-            delay_ticks,
-            ..self
-        }
+    pub fn delayed(mut self, delay_ticks: u64) -> Self {
+        self.delay_ticks = delay_ticks;
+        self
     }
 }
 
@@ -87,7 +79,7 @@ impl Track {
 }
 
 fn law<L: Law>(values: Vec<(&'static str, Value)>) -> L {
-    L::new(&rig(), &Settings::new(values)).expect("the settings go together")
+    L::new(&Rig::default(), &Settings::new(values)).expect("the settings go together")
 }
 
 pub fn inner<L: Law + InnerLaw>(values: Vec<(&'static str, Value)>) -> Inner {
@@ -104,7 +96,7 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         period_s,
         airframe,
         rotor,
-    } = rig();
+    } = Rig::default();
     let mut plant = Plant::new(&PlantSettings {
         period_s,
         airframe,
@@ -116,9 +108,9 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         let swap = Swap::new(tick, &[(parameter, value)]).unwrap();
         plant.schedule(swap).unwrap();
     }
-    let mut mixer = GuardedMixer::new(law::<Priority>(vec![]).into(), &rig());
+    let mut mixer = GuardedMixer::new(law::<Priority>(vec![]).into(), &Rig::default());
     let mut track = Track::default();
-    let mut before = plant.measured().rotor_speed_command_rad_s;
+    let mut before = plant.state().measured.rotor_speed_command_rad_s;
     let ticks = (course.seconds / period_s).round() as u64;
     for tick in 0..ticks {
         let measured = plant.begin(tick).measured;

@@ -18,28 +18,14 @@ use crate::look_code::module;
 #[derive(Debug)]
 pub struct PythonLaw {
     /// What is called in a tick.
-    tick: Py<PyAny>,
+    pub(crate) tick: Py<PyAny>,
     /// What its errors begin with.
-    place: String,
+    pub(crate) place: String,
     /// How many numbers it shows.
-    signals: usize,
+    pub signals: usize,
 }
 
 impl PythonLaw {
-    /// Of a function that is called in every tick, and what to begin its errors with.
-    pub const fn new(tick: Py<PyAny>, place: String, signals: usize) -> Self {
-        Self {
-            tick,
-            place,
-            signals,
-        }
-    }
-
-    /// How many numbers it shows.
-    pub const fn signals(&self) -> usize {
-        self.signals
-    }
-
     /// A tick of an outer law.
     pub fn outer(
         &self,

@@ -88,8 +88,11 @@ impl Looked {
         settings: &Bound<'_, PyDict>,
     ) -> PyResult<PythonLaw> {
         let tick = module(py)?.call_method1("make", (&self.law, rig, settings))?;
-        let (place, signals) = (self.place.clone(), self.telemetry.len());
-        Ok(PythonLaw::new(tick.unbind(), place, signals))
+        Ok(PythonLaw {
+            tick: tick.unbind(),
+            place: self.place.clone(),
+            signals: self.telemetry.len(),
+        })
     }
 
     /// The settings that result from those that are given, each checked.

@@ -48,20 +48,18 @@ impl Fixed {
 }
 
 /// Its signals as an inner law; in the other roles it only sets the first.
-const SHOWN: [Signal; 10] = {
-    [
-        signal("calls", ""),
-        signal("age", ""),
-        signal("wanted_age", ""),
-        signal("yaw", ""),
-        signal("x", ""),
-        signal("nothing", ""),
-        signal("given_age", ""),
-        signal("thrust_n", "N"),
-        signal("pitch_nm", "N m"),
-        signal("saturated", ""),
-    ]
-};
+const SHOWN: [Signal; 10] = [
+    signal("calls", ""),
+    signal("age", ""),
+    signal("wanted_age", ""),
+    signal("yaw", ""),
+    signal("x", ""),
+    signal("nothing", ""),
+    signal("given_age", ""),
+    signal("thrust_n", "N"),
+    signal("pitch_nm", "N m"),
+    signal("saturated", ""),
+];
 
 impl Law for Fixed {
     const DESCRIPTION: Description = Description {

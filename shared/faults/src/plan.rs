@@ -11,8 +11,7 @@ use crate::{FaultRefusal, MOST, Span};
 use messages::parameters::Airframe;
 use messages::role::Role;
 
-use crate::grammar::typed;
-use crate::grammar::{Change, Fault, FaultError};
+use crate::grammar::{Change, Fault, FaultError, typed};
 
 /// How long a stage that was killed takes until it works again.
 pub const RESTART: Duration = Duration::from_nanos(RESTART_NS);

@@ -28,8 +28,7 @@ fn table(seed: u64, faults: &[(Kind, u64, u64)]) -> MessageFaults {
 
 /// The wrench of a tick: its thrust says which.
 fn wrench(tick: u64) -> Message<Wrench> {
-    let mut message = Message::<Wrench>::default();
-    message.envelope.tick = tick;
+    let mut message = Message::of_tick(tick, Wrench::default());
     message.content.thrust_n = tick as f64;
     message
 }

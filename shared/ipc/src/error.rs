@@ -308,6 +308,8 @@ const ROOM_OF_A_SERVICE: u64 = 1 << 20;
 /// More than the longest file of shared memory has [bytes].
 const FILE_BYTES: u64 = 16 << 20;
 
+const MORE_FILES: &str = "raise the limit before the start: ulimit -n 1024";
+
 pub(crate) struct Shortage {
     pub(crate) used_up: String,
     pub(crate) remedy: String,
@@ -315,6 +317,7 @@ pub(crate) struct Shortage {
 
 /// What this process has too little of to open a service, whose files lie in a directory and in shared memory.
 pub(crate) fn shortage<'a>(places: impl IntoIterator<Item = &'a Path>) -> Option<Shortage> {
+    let of_room = |place: &Path| lack_of_room(place, &statvfs(place).ok()?);
     of_files()
         .or_else(of_length)
         .or_else(|| places.into_iter().find_map(of_room))
@@ -323,7 +326,7 @@ pub(crate) fn shortage<'a>(places: impl IntoIterator<Item = &'a Path>) -> Option
 /// The remedy where the system itself says that something is used up.
 pub(crate) fn remedy_of(error: &io::Error) -> Option<String> {
     match Errno::from_io_error(error)? {
-        Errno::MFILE => Some(more_files()),
+        Errno::MFILE => Some(MORE_FILES.into()),
         Errno::NFILE => {
             Some("end other processes, or raise the limit of the system: sysctl fs.file-max".into())
         }
@@ -345,12 +348,8 @@ fn of_files() -> Option<Shortage> {
         used_up: format!(
             "too many open files: {open} of the {limit} that this process may have (ulimit -n)"
         ),
-        remedy: more_files(),
+        remedy: MORE_FILES.into(),
     })
-}
-
-fn more_files() -> String {
-    "raise the limit before the start: ulimit -n 1024".into()
 }
 
 /// Shared memory is made of files, whose length the user's limit holds for.
@@ -363,10 +362,6 @@ fn of_length() -> Option<Shortage> {
         used_up: format!("a file of shared memory may have {kib} KiB in this process (ulimit -f)"),
         remedy: "raise the limit before the start: ulimit -f unlimited".into(),
     })
-}
-
-fn of_room(place: &Path) -> Option<Shortage> {
-    lack_of_room(place, &statvfs(place).ok()?)
 }
 
 fn lack_of_room(place: &Path, system: &StatVfs) -> Option<Shortage> {

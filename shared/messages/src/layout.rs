@@ -389,6 +389,12 @@ macro_rules! wire_enum {
                 }
             }
         }
+
+        impl ::std::fmt::Display for $type {
+            fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result {
+                f.write_str(self.name())
+            }
+        }
     };
     (@names $type:ident { $($variant:ident),+ }) => {};
 }

@@ -17,16 +17,14 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// How long it may last: Python with large packages takes seconds.
 const LONGEST: Duration = Duration::from_secs(45);
 
-/// No tick: the call is another one.
-const NO_TICK: u64 = u64::MAX;
-
 /// A call, in words that are never freed: a handler may read them at any time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Call {
     pub(crate) law: &'static str,
     /// What the call does; a tick may follow.
     pub(crate) doing: &'static str,
-    tick: u64,
+    /// Its tick, where it is one.
+    pub(crate) tick: Option<u64>,
 }
 
 impl Call {
@@ -34,7 +32,7 @@ impl Call {
         Self {
             law,
             doing,
-            tick: NO_TICK,
+            tick: None,
         }
     }
 
@@ -42,16 +40,7 @@ impl Call {
         Self {
             law,
             doing: "in tick ",
-            tick,
-        }
-    }
-
-    /// Its tick, where it is one.
-    pub(crate) const fn of_tick(self) -> Option<u64> {
-        if self.tick == NO_TICK {
-            None
-        } else {
-            Some(self.tick)
+            tick: Some(tick),
         }
     }
 
@@ -136,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_call_in_a_call_leaves_the_outer_one_known() {
-        let known = || call().map(|call| (call.law, call.doing, call.of_tick()));
+        let known = || call().map(|call| (call.law, call.doing, call.tick));
         assert_eq!(known(), None);
         let ((inner, outer), _) = Call::tick("law", 7).make(|| {
             let inner = Call::new("law", "as it was freed").make(known).0;

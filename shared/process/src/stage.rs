@@ -332,7 +332,10 @@ fn fly<S: Stage>(
 ) -> Result<(), Error> {
     let role = S::ROLE;
     let mut previous_busy_ns = 0;
-    let mut plant = PlantWatch::new(now_ns());
+    let mut plant = PlantWatch {
+        heard_ns: now_ns(),
+        checked_ns: 0,
+    };
     loop {
         let (tick, receive_ns) = match pacer.wait(event, |clock| stage.take(clock))? {
             WakeReason::Work { tick, receive_ns } => (tick, receive_ns),
@@ -404,20 +407,13 @@ const PLANT_SILENT_NS: u64 = NS_PER_S;
 /// And then how often [ns]: a check opens a file, which is too slow for every tick.
 const PLANT_CHECK_NS: u64 = NS_PER_S / 10;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct PlantWatch {
     heard_ns: u64,
     checked_ns: u64,
 }
 
 impl PlantWatch {
-    const fn new(heard_ns: u64) -> Self {
-        Self {
-            heard_ns,
-            checked_ns: 0,
-        }
-    }
-
     const fn check_is_due(&mut self, now_ns: u64) -> bool {
         let is_due =
             now_ns > self.heard_ns + PLANT_SILENT_NS && now_ns >= self.checked_ns + PLANT_CHECK_NS;
@@ -434,7 +430,7 @@ mod tests {
 
     #[test]
     fn a_silent_plant_is_checked_ten_times_a_second() {
-        let mut plant = PlantWatch::new(0);
+        let mut plant = PlantWatch::default();
         let checks = |plant: &mut PlantWatch, mut ms: std::ops::Range<u64>| {
             ms.by_ref()
                 .filter(|ms| plant.check_is_due(ms * 1_000_000))

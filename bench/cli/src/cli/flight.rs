@@ -10,7 +10,7 @@ use toml::Value;
 use crate::cli::{name_of, overrides, set, values};
 use config::{Overrides, PaceName, Settings};
 use faults::grammar::Fault;
-use messages::role::Channel;
+use messages::role::{Channel, MOST_CHANNELS};
 
 /// The flight, whatever laws fly it.
 #[derive(Clone, Debug, Default, Args)]
@@ -32,7 +32,7 @@ pub struct TrajectoryArgs {
     #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = values::period_s)]
     pub rate: Option<f64>,
     /// Seed of the sensor noise [default: 1].
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::seed)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::within(0..=i64::MAX))]
     pub seed: Option<i64>,
     /// Settings file (TOML); flags override it.
     #[arg(long, value_name = "FILE")]
@@ -120,10 +120,10 @@ pub struct RtArgs {
     ///
     /// Each is a complete chain of outer, inner and mixer processes. The plant takes the command of channel a if it is
     /// fresh and on time, else that of channel b or c. With three, the majority wins where commands differ.
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::channels)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::within(1..=MOST_CHANNELS as u32))]
     pub channels: Option<u32>,
     /// CPUs of the channels: 1, or 2 to fly channels b and c on another one [default: 1].
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::channel_cpus)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::within(1..=2_u32))]
     pub channel_cpus: Option<u32>,
     /// How early the plant's timer fires before each tick: microseconds, or auto [default: auto].
     ///

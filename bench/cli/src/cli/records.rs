@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 use messages::role::Role;
-use render::flight::SECTION_NAMES;
+use render::flight::section_names;
 
 use crate::cli::values;
 use config::law_settings::Moved;
@@ -24,7 +24,7 @@ pub struct ReportArgs {
     #[arg(long, conflicts_with_all = ["section", "format"])]
     pub full: bool,
     /// Print only this section of the full report.
-    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(SECTION_NAMES), conflicts_with = "format")]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(section_names()), conflicts_with = "format")]
     pub section: Option<String>,
     /// Output format.
     #[arg(long, value_enum, default_value_t = Format::Text)]

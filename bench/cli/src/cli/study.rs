@@ -50,7 +50,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format"])]
     pub table: Option<PathBuf>,
     /// Fly a built-in table: robustness (docs/robustness.md).
-    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(compare::suites()), group = "cases", conflicts_with_all = ["faults", "format"])]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(compare::SUITES.map(|(name, _)| name)), group = "cases", conflicts_with_all = ["faults", "format"])]
     pub suite: Option<String>,
     /// Also draw the table to this file.
     #[arg(long, value_name = "FILE.svg", requires = "cases")]
@@ -72,7 +72,7 @@ pub struct MarginArgs {
     pub gates: Vec<(BoundName, f64)>,
     /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration. 1 is a
     /// quick look.
-    #[arg(long, value_name = "N", default_value_t = 4, allow_hyphen_values = true, value_parser = values::phases)]
+    #[arg(long, value_name = "N", default_value_t = 4, allow_hyphen_values = true, value_parser = values::within(1..=1000_u32))]
     pub phases: u32,
     /// Measure only this: a stage, all stages at once (machine), or the inputs of a topic; may be repeated. With --only,
     /// --gate or --duration, no table is stored for flight reports.

@@ -15,7 +15,7 @@ use control_api::PERIODS_S;
 use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
-use messages::role::{Channel, MOST_CHANNELS};
+use messages::role::Channel;
 use toml::Value;
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
@@ -33,7 +33,7 @@ pub(crate) struct NameOr {
 
 /// A built-in trajectory, or a file of points.
 pub(crate) const TRAJECTORY: NameOr = NameOr {
-    names: || Trajectory::NAMES.to_vec(),
+    names: || Trajectory::ALL.map(Trajectory::name).to_vec(),
     takes: is_file,
 };
 
@@ -61,14 +61,6 @@ impl TypedValueParser for NameOr {
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
         Some(Box::new((self.names)().into_iter().map(PossibleValue::new)))
     }
-}
-
-pub(crate) fn channels(text: &str) -> Result<u32, String> {
-    whole(text, 1..=MOST_CHANNELS as u32)
-}
-
-pub(crate) fn channel_cpus(text: &str) -> Result<u32, String> {
-    whole(text, 1..=2)
 }
 
 /// A channel by its letter.
@@ -133,42 +125,29 @@ pub(crate) fn limit(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more, as in 100 or 2.5".into())
 }
 
-fn whole<T: FromStr + PartialOrd + Display>(
-    text: &str,
+/// A whole number of a range.
+pub(crate) fn within<T: FromStr + PartialOrd + Display + Clone>(
     range: RangeInclusive<T>,
-) -> Result<T, String> {
-    let number = text.parse().ok().filter(|number| range.contains(number));
-    number.ok_or_else(|| {
-        format!(
-            "write a whole number from {} to {}",
-            range.start(),
-            range.end()
-        )
-    })
-}
-
-/// A seed, as a settings file can have it.
-pub(crate) fn seed(text: &str) -> Result<i64, String> {
-    whole(text, 0..=i64::MAX)
+) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text: &str| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let (least, most) = (range.start(), range.end());
+        number.ok_or_else(|| format!("write a whole number from {least} to {most}"))
+    }
 }
 
 /// A number of ticks of which one is taken.
 pub(crate) fn every(text: &str) -> Result<u32, String> {
-    whole(text, 1..=1_000_000_000)
+    within(1..=1_000_000_000)(text)
 }
 
 pub(crate) fn shards(text: &str) -> Result<u64, String> {
-    whole(text, 1..=1_000_000)
+    within(1..=1_000_000)(text)
 }
 
 /// A number of flights at once.
 pub(crate) fn jobs(text: &str) -> Result<usize, String> {
-    whole(text, 1..=4096)
-}
-
-/// A number of instants of a trajectory.
-pub(crate) fn phases(text: &str) -> Result<u32, String> {
-    whole(text, 1..=1000)
+    within(1..=4096)(text)
 }
 
 /// A part of a campaign, as K/N or auto/N.
@@ -178,7 +157,7 @@ pub(crate) fn shard(text: &str) -> Result<Shard, String> {
         let of = shards(of).ok()?;
         let number = match number {
             "auto" => None,
-            number => Some(whole(number, 1..=of).ok()?),
+            number => Some(within(1..=of)(number).ok()?),
         };
         Some(Shard { number, of })
     };

@@ -27,10 +27,9 @@ use flight_log::entry::LogEntry;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::LogReader;
 use flight_log::rows;
-use render::brief;
 use render::brief::Left;
 use render::figures::Figures;
-use render::{diff, flight, junit, picture};
+use render::{brief, diff, flight, junit, picture};
 use replay::fly_again;
 use sim::simulator::Simulator;
 use toml::Value;
@@ -55,15 +54,6 @@ fn flies(settings: Settings) -> Result<(), Failure> {
     let mut flight = Simulator::of(&settings)?;
     (0..TICKS.min(settings.last_tick())).for_each(|_| flight.tick());
     Ok(())
-}
-
-fn try_bytes(
-    kind: &'static str,
-    file: &'static str,
-    good: &[Vec<u8>],
-    read: &dyn Fn(&Path) -> Result<(), Failure>,
-) {
-    try_parts(kind, file, good, |_, _| None, read);
 }
 
 /// Files whose parts are changed in two of three cases, if `part` can read them, or else their bytes.
@@ -100,7 +90,7 @@ fn settings_files() {
         b"[flight]\nduration_s = 2\nfaults = [\"mass_kg=0.6@1s\", \"rotational_drag_nm_s=+30%~500ms@tick900\"]\n\
         [inner]\nlaw = \"indi\"\n[outer]\nlaw = \"estimating\"\n[rt]\ncpu = \"auto\"\n[model]\nmass_kg = 0.5\n";
     let good = [DEFAULT.as_bytes().to_vec(), flown.to_vec()];
-    try_bytes("settings", "settings.toml", &good, &|path| {
+    try_parts("settings", "settings.toml", &good, |_, _| None, &|path| {
         flies(Settings::resolve(Some(path), &Vec::new())?)
     });
 }
@@ -109,7 +99,7 @@ fn settings_files() {
 fn airframe_files() {
     let good = ["crazyflie", "paper", "x500"]
         .map(|name| good(&format!("bench/config/airframes/{name}.toml")));
-    try_bytes("airframe", "airframe.toml", &good, &|path| {
+    try_parts("airframe", "airframe.toml", &good, |_, _| None, &|path| {
         flies_with("flight.airframe", path)
     });
 }
@@ -117,7 +107,7 @@ fn airframe_files() {
 #[test]
 fn files_of_points() {
     let good = ["slalom", "stay"].map(|name| good(&format!("examples/{name}.csv")));
-    try_bytes("points", "points.csv", &good, &|path| {
+    try_parts("points", "points.csv", &good, |_, _| None, &|path| {
         flies_with("flight.trajectory", path)
     });
 }

@@ -275,18 +275,8 @@ pub fn write(path: &Path, settings: &Settings, published: &Published) {
 }
 
 /// Writes a log again with this landing record, without the messages that `keep` does not want, which it may also change.
+/// It may be that of a channel.
 pub fn rewrite(
-    from: &Path,
-    to: &Path,
-    text: &str,
-    landing: &[(&str, &str)],
-    keep: impl FnMut(&mut LogEntry) -> bool,
-) {
-    rewrite_as(None, from, to, text, landing, keep);
-}
-
-/// The same, as the log of a channel.
-pub fn rewrite_as(
     channel: Option<Channel>,
     from: &Path,
     to: &Path,

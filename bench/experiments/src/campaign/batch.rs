@@ -11,7 +11,7 @@ use errors::Failure;
 use plant::{LANES, PlantBatch};
 
 use crate::campaign::flight_settings::Plan;
-use crate::parallel::{all_on_processors, check_stop};
+use crate::parallel::{check_stop, on_processors};
 use config::Settings;
 use sim::recorded_timing::Timing;
 use sim::simulate::{Judge, follow};
@@ -43,7 +43,7 @@ pub fn rows(
         ended.fetch_add(flights.len() as u64, Ordering::Relaxed);
         Ok(rows)
     };
-    let flown = all_on_processors(&groups, workers, fly, |_| {
+    let flown = on_processors(&groups, workers, fly, |_| {
         look(ended.load(Ordering::Relaxed))
     })?;
     let mut rows = flown.concat();

@@ -13,7 +13,6 @@ pub const SPARSE: usize = 2;
 /// The greatest factor of a loop's gain, in tenths beyond 1.
 const MOST_GAIN: u64 = 390;
 /// What a torque meets: dividing all of it multiplies the loop's gain and changes nothing else.
-/// What a torque meets: dividing all of it multiplies the loop's gain and changes nothing else.
 const INERTIA: [Parameter; 4] = [
     Parameter::InertiaX,
     Parameter::InertiaY,

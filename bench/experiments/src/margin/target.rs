@@ -42,17 +42,13 @@ impl Target {
     }
 
     /// The value of --only that selects it.
-    fn group(self) -> &'static str {
+    #[must_use]
+    pub fn group(self) -> &'static str {
         match self {
             Self::Stage(role) => role.name(),
             Self::Machine => MACHINE,
             Self::Input(port) => port.topic(),
         }
-    }
-
-    #[must_use]
-    pub fn is_named_by(self, word: &str) -> bool {
-        self.group() == word
     }
 
     /// The fault for an outage of `ticks` ticks from a tick on.

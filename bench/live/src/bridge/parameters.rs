@@ -19,9 +19,9 @@ use faults::grammar::{Desired, RequestedValue};
 /// The active parameters as clients see them.
 #[derive(Debug)]
 pub(super) struct ParameterMirror {
-    instance: Instance,
-    active: Mutex<ActiveParameters>,
-    allows_swaps: bool,
+    pub(super) instance: Instance,
+    pub(super) active: Mutex<ActiveParameters>,
+    pub(super) allows_swaps: bool,
 }
 
 /// The parameter whose value is a fault to inject, as `state.drop=0.1 for 1s`; its answer is the plant's.
@@ -31,14 +31,6 @@ const READ_ONLY: &str =
 const NOW: When = When::In(Duration::ZERO);
 
 impl ParameterMirror {
-    pub(super) fn new(instance: Instance, active: ActiveParameters, allows_swaps: bool) -> Self {
-        Self {
-            instance,
-            active: Mutex::new(active),
-            allows_swaps,
-        }
-    }
-
     /// Takes the active parameters; returns all values if any has changed.
     pub(super) fn update(&self, active: ActiveParameters) -> Option<Vec<Parameter>> {
         let mut known = self.active();

@@ -173,7 +173,7 @@ impl Judge {
 
     /// Checks the state with the outputs of the stages.
     fn leaves(&mut self, rig: &Simulator) {
-        let (tick, state, setpoint) = (rig.state_tick(), rig.state(), rig.setpoint());
+        let (tick, state, setpoint) = (rig.state.tick, rig.state(), rig.setpoint());
         let error_m = self.tracking.setpoint_error_m(tick, state, setpoint);
         self.flown.error.take(error_m);
         let allowed_m = self.allowed_m;

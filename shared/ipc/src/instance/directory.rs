@@ -73,11 +73,6 @@ impl Directory {
         }
     }
 
-    pub(super) fn is_at_its_path(&self) -> bool {
-        let there = statat(CWD, &self.path, AtFlags::SYMLINK_NOFOLLOW);
-        matches!((self.stat(), there), (Ok(ours), Ok(there)) if is_same(&ours, &there))
-    }
-
     pub(super) fn names(&self) -> Result<Vec<OsString>, Error> {
         let failed = |e: Errno| Error::system(format!("cannot list {}", self.path.display()), e);
         let mut names = Vec::new();
@@ -258,7 +253,7 @@ pub(super) fn not_ours(path: impl Into<PathBuf>, why: impl Into<String>) -> Erro
     }
 }
 
-pub(crate) fn is_at(file: &File, path: &Path) -> bool {
+pub(crate) fn is_at(file: impl AsFd, path: &Path) -> bool {
     let there = statat(CWD, path, AtFlags::SYMLINK_NOFOLLOW);
     matches!((fstat(file), there), (Ok(ours), Ok(there)) if is_same(&ours, &there))
 }

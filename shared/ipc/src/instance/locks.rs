@@ -23,7 +23,7 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 use rustix::process::{Pid, test_kill_process};
 
-use super::directory::{Directory, PRIVATE_DIRECTORY};
+use super::directory::{Directory, PRIVATE_DIRECTORY, is_at};
 use super::{Instance, MARK};
 use crate::error::{Error, remedy_of};
 use crate::sys::Locked;
@@ -187,7 +187,7 @@ impl Instance {
         // Before the lock: another user's directory may be locked for ever.
         directory.check_private()?;
         lock_soon(&directory, FlockOperation::NonBlockingLockExclusive, &path)?;
-        Ok(directory.is_at_its_path().then_some(Door { directory }))
+        Ok(is_at(&directory, &path).then_some(Door { directory }))
     }
 
     fn make(&self) -> Result<(), Error> {

@@ -3,8 +3,7 @@
 use analysis::schema::SignalSection;
 use analysis::sections::role_section;
 use analysis::series::{Series, Statistics};
-use analysis::theorem::Theorem;
-use analysis::theorem::no_theorem;
+use analysis::theorem::{Theorem, no_theorem};
 use controller::laws::adaptive;
 use errors::errno_text;
 use hdrhistogram::Histogram;
