@@ -1,4 +1,5 @@
-//! What groups of flights differ in is as in `snapshots/`: `INSTA_UPDATE=always cargo test -p analysis` accepts a change.
+//! What groups of flights differ in, and what the report says of status boards, is as in `snapshots/`: `INSTA_UPDATE=always
+//! cargo test -p analysis` accepts a change.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::fs;
@@ -6,6 +7,10 @@ use std::path::{Path, PathBuf};
 
 use analysis::diff::{ComparedRun, compare};
 use analysis::schema::Report;
+use analysis::sections::{redundancy, role_section};
+use messages::blackboards::{RolePhase, Status};
+use messages::channels::Redundancy;
+use messages::layout::change_words;
 use serde_json::{Value, json};
 
 fn recorded(flight: &str, file: &str) -> PathBuf {
@@ -63,4 +68,29 @@ fn differences_of_groups_are_their_snapshot() {
         let diff = compare(&a, &b);
         insta::assert_snapshot!(name, serde_json::to_string_pretty(&diff).unwrap());
     }
+}
+
+#[test]
+fn sections_of_status_boards_are_their_snapshot() {
+    let (mut account, mut status) = (Redundancy::default(), Status::default());
+    let mut small = (0..7_u64).cycle();
+    let mut fill = |_: &_, word: u64| small.next().unwrap_or(word);
+    change_words(&mut account, &mut fill);
+    change_words(&mut status, &mut fill);
+    // Numbers with a fraction, and more outages than are kept.
+    account.difference_max_rad_s = [1.5, 2.5, 3.5];
+    account.difference_square_sum_rad2_s2 = [4.0, 9.0, 2.0];
+    account.outage_count = 70;
+    (account.channels, account.mismatches, account.first_mismatch) = (3, 2, 50);
+    let landed = RolePhase::Landed as u64;
+    let sections = [
+        Status {
+            phase: landed,
+            ..status
+        },
+        status,
+    ]
+    .map(|it| role_section(&it));
+    let sections = json!([redundancy(&account, 2e-3), sections]);
+    insta::assert_snapshot!("boards", analysis::json::to_string(&sections).unwrap());
 }

@@ -301,36 +301,23 @@ impl VisitorMut for Decoder<'_> {
 #[cfg(test)]
 mod tests {
     use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+    use messages::layout::change_words;
     use messages::monitor::Monitor;
     use proptest::prelude::*;
 
     use super::*;
 
-    struct Fill<F>(F);
-
-    impl<F: FnMut() -> u64> VisitorMut for Fill<F> {
-        fn integers(&mut self, _: &'static Field, values: &mut [u64]) {
-            values.iter_mut().for_each(|value| *value = (self.0)());
-        }
-
-        fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
-            values
-                .iter_mut()
-                .for_each(|value| *value = f64::from_bits((self.0)()));
-        }
-    }
-
     pub(crate) fn filled<C: Logged>(seed: u64) -> Message<C> {
         let mut word = seed;
         let mut message = Message::<C>::default();
-        let mut fill = Fill(|| {
+        let mut next = || {
             word = word
                 .wrapping_mul(6_364_136_223_846_793_005)
                 .wrapping_add(1_442_695_040_888_963_407);
             word.rotate_right((word >> 59) as u32)
-        });
-        message.envelope.visit_mut(&mut fill);
-        message.content.visit_mut(&mut fill);
+        };
+        change_words(&mut message.envelope, |_, _| next());
+        change_words(&mut message.content, |_, _| next());
         message
     }
 

@@ -127,6 +127,21 @@ pub trait VisitorMut: Sized {
     }
 }
 
+/// Replaces each word of a struct by what `change` makes of it and its field: whole numbers, and the bits of the others.
+pub fn change_words<T: Visit>(value: &mut T, change: impl FnMut(&'static Field, u64) -> u64) {
+    struct Change<F>(F);
+    impl<F: FnMut(&'static Field, u64) -> u64> VisitorMut for Change<F> {
+        fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
+            values.iter_mut().for_each(|it| *it = (self.0)(field, *it));
+        }
+        fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
+            let change = |it: &mut f64| *it = f64::from_bits((self.0)(field, it.to_bits()));
+            values.iter_mut().for_each(change);
+        }
+    }
+    value.visit_mut(&mut Change(change));
+}
+
 /// A type of which there may be several in a field.
 pub trait Element: Plain {
     const KIND: Kind;
@@ -518,31 +533,15 @@ mod tests {
 
     #[test]
     fn what_differs_in_one_bit_is_not_the_same() {
-        /// Changes the sign or the highest bit of a word, the one after so many.
-        struct Flip(usize);
-        impl Flip {
-            fn is_due(&mut self) -> bool {
-                self.0 = self.0.wrapping_sub(1);
-                self.0 == usize::MAX
-            }
-        }
-        impl VisitorMut for Flip {
-            fn integers(&mut self, _: &'static Field, values: &mut [u64]) {
-                let due = values.iter_mut().filter(|_| self.is_due());
-                due.for_each(|value| *value ^= 1 << 63);
-            }
-            fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
-                let due = values.iter_mut().filter(|_| self.is_due());
-                due.for_each(|value| *value = -*value);
-            }
-        }
         let mut state = State::default();
         assert!(state.is_same(&state));
-        for word in 0..size_of::<State>() / size_of::<u64>() {
-            let mut other = state;
-            other.visit_mut(&mut Flip(word));
-            // Zeros of either sign are equal.
-            assert!(!state.is_same(&other), "word {word}");
+        for place in 0..size_of::<State>() / size_of::<u64>() {
+            let (mut other, mut places) = (state, 0..);
+            // The highest bit, or the sign: zeros of either sign are equal.
+            change_words(&mut other, |_, word| {
+                word ^ (u64::from(places.next() == Some(place)) << 63)
+            });
+            assert!(!state.is_same(&other), "word {place}");
         }
         state.truth.parameter[1] = f64::NAN;
         assert!(state.is_same(&state), "no number is the same as itself");

@@ -3,33 +3,10 @@
 
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::Message;
-use messages::layout::{Field, VisitorMut};
+use messages::layout::change_words;
 use messages::message_window::MessageWindow;
 use messages::monitor::Monitor;
 use messages::topic::Topic;
-
-/// Sets a number or word of a struct to the number with these bits.
-struct Set<'a> {
-    left: usize,
-    bits: u64,
-    name: &'a mut &'static str,
-}
-
-impl VisitorMut for Set<'_> {
-    fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
-        if let Some(value) = values.get_mut(self.left) {
-            (*value, *self.name) = (self.bits, field.name);
-        }
-        self.left = self.left.wrapping_sub(values.len());
-    }
-
-    fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
-        if let Some(value) = values.get_mut(self.left) {
-            (*value, *self.name) = (f64::from_bits(self.bits), field.name);
-        }
-        self.left = self.left.wrapping_sub(values.len());
-    }
-}
 
 /// A line for each field: how many of the first words are plausible, the largest power of ten that is, below and above
 /// zero, and whether what is no number is finite and plausible.
@@ -38,9 +15,14 @@ fn ranges<C: Topic>() -> String {
     for place in 0.. {
         let mut name = "";
         let mut with = |bits: u64| {
-            let mut content = C::default();
-            let (left, name) = (place, &mut name);
-            content.visit_mut(&mut Set { left, bits, name });
+            let (mut content, mut places) = (C::default(), 0..);
+            change_words(&mut content, |field, word| {
+                if places.next() == Some(place) {
+                    name = field.name;
+                    return bits;
+                }
+                word
+            });
             (content.finite(), content.plausible())
         };
         let words = (0..70).filter(|word| with(*word).1).count();
