@@ -36,11 +36,9 @@ fn differences_of_groups_are_their_snapshot() {
     let run = |flight: &str, factor: f64| {
         let read = |file| fs::read_to_string(recorded(flight, file)).unwrap();
         let mut report: Value = serde_json::from_str(&read("report.json")).unwrap();
-        let parts = ["series", "flight", "deadlines", "steal"];
-        let parts = parts
-            .iter()
-            .filter_map(|part| report.get_mut(part).map(|it| scale(it, factor)));
-        assert!(parts.count() > 2);
+        for part in ["series", "flight", "deadlines", "steal"] {
+            scale(&mut report[part], factor);
+        }
         let path = directory.path().join("report.json");
         fs::write(&path, report.to_string()).unwrap();
         ComparedRun {

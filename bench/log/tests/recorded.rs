@@ -9,8 +9,9 @@ use flight_log::entry::{FORMATS, LogEntry, with_message};
 use flight_log::facts::{Facts, LogPlan, Record};
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::LogReader;
+use flight_log::scene::{self, Placed};
 use flight_log::writer::{CHUNK_NS, FlightLog};
-use flight_log::{fault_record, rows, scene};
+use flight_log::{fault_record, rows};
 use messages::header::Message;
 use messages::role::Channel;
 use messages::telemetry::{Signals, Telemetry};
@@ -51,7 +52,7 @@ fn lines<C: Logged>(reader: &LogReader, message: &Message<C>) -> String {
 }
 
 fn perfetto(entries: &[LogEntry]) -> String {
-    let (mut trace, mut counts) = (Vec::new(), [0; 2]);
+    let mut trace = Vec::new();
     let mut writer = PerfettoWriter::new(&mut trace).unwrap();
     for channel in [None, Some(Channel::ALL[1])] {
         channel
@@ -68,8 +69,8 @@ fn perfetto(entries: &[LogEntry]) -> String {
             }
             .unwrap();
         }
-        counts = [writer.slices, writer.instants];
     }
+    let counts = [writer.slices, writer.instants];
     writer.finish().unwrap();
     format!("Perfetto: {counts:?} slices and instants, {}", sum(&trace))
 }
@@ -98,12 +99,18 @@ fn what_is_read_and_exported_is_its_snapshot() {
                 format.name,
                 sum(all.as_bytes())
             );
-            text += &of_topic
-                .get(7)
-                .or(of_topic.first())
-                .map_or(String::new(), |it| lines(it));
+            let one = of_topic.get(7).or(of_topic.first());
+            text += &one.map_or(String::new(), |it| lines(it));
         }
         text += &perfetto(&entries);
+        let placed = |entry: &LogEntry| match entry {
+            LogEntry::State(message) => Some(Placed::airframe(7, &message.content)),
+            LogEntry::Setpoint(message) => Some(Placed::reference(8, &message.content)),
+            _ => None,
+        };
+        let scene = entries.iter().filter_map(placed);
+        let scene: Vec<_> = scene.flat_map(|it| it.messages()).collect();
+        text += &format!("scene: {}", sum(format!("{scene:?}").as_bytes()));
         insta::assert_snapshot!(format!("{flight}.read"), text);
     }
 }
