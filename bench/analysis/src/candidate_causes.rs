@@ -133,11 +133,12 @@ impl TimingWindow<'_> {
         // The end of a process that never came back may be seen long after.
         let never_back = suspect.to_ns >= self.until_ns;
         let until_ns = if never_back { u64::MAX } else { suspect.to_ns };
-        let is_meanwhile = |it: &&CounterSample| (suspect.from_ns..=until_ns).contains(&it.at_ns);
+        let is_meanwhile =
+            |it: &&CounterSample| it.at_ns >= suspect.from_ns && it.from_ns <= until_ns;
         let meanwhile = || self.samples.iter().filter(is_meanwhile);
         let has_been = |life: Life| meanwhile().any(|sample| of(sample).life == life);
         // A successor works before anybody looks.
-        let next = self.samples.iter().find(|sample| sample.at_ns > until_ns);
+        let next = self.samples.iter().find(|it| it.from_ns > until_ns);
         let mut pids = meanwhile().chain(next).map(|sample| of(sample).pid);
         let before = self.before(suspect).map(of);
         let successor = before.and_then(|before| pids.find(|pid| *pid != before.pid));

@@ -141,7 +141,7 @@ impl MissAnalysis {
     /// most often before the next sample would have shown it.
     pub fn ended_stages(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
         let mut sample = self.samples.back().copied().unwrap_or_default();
-        sample.at_ns = at_ns;
+        (sample.from_ns, sample.at_ns) = (at_ns, at_ns);
         for (counters, has_fallen) in sample.stages.iter_mut().zip(stages) {
             if has_fallen {
                 counters.life = Life::Dead;

@@ -18,7 +18,7 @@ fn recorded(flight: &str, file: &str) -> PathBuf {
     reports.join(flight).join(file)
 }
 
-/// Makes all numbers with a fraction larger.
+/// Multiplies all numbers with a fraction.
 fn scale(value: &mut Value, factor: f64) {
     match value {
         Value::Object(fields) => fields.values_mut().for_each(|it| scale(it, factor)),
@@ -72,7 +72,7 @@ fn differences_of_groups_are_their_snapshot() {
 fn sections_of_status_boards_are_their_snapshot() {
     let (mut account, mut status) = (Redundancy::default(), Status::default());
     let mut small = (0..7_u64).cycle();
-    let mut fill = |_: &_, word: u64| small.next().unwrap_or(word);
+    let mut fill = |_: &_, _| small.next().unwrap_or_default();
     change_words(&mut account, &mut fill);
     change_words(&mut status, &mut fill);
     // Numbers with a fraction, and more outages than are kept.

@@ -13,6 +13,7 @@ use crate::results::{
 use crate::table::{HOLDS, unit_and_meaning};
 use analysis::statistics::{Discordant, mean_interval, wilson};
 use errors::Failure;
+use messages::math;
 use std::cmp::Ordering;
 
 const WORST: usize = 10;
@@ -183,7 +184,7 @@ impl CampaignRows<'_> {
                 let errors_m = self.of_arm(&self.error_m, arm);
                 Effect {
                     of_success: explained(&bins, shares),
-                    of_error: explained(&bins, errors_m.map(|error_m| error_m.max(1e-9).ln())),
+                    of_error: explained(&bins, errors_m.map(|error_m| math::ln(error_m.max(1e-9)))),
                     bins: success(&bins, &successes),
                 }
             };

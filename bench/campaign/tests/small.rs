@@ -89,7 +89,7 @@ fn draws_rows_and_report_are_their_snapshots_and_a_flipped_bit_is_noticed() {
     );
     let merged = rows.merge(&campaign, &identity, &directory.path().join("all.parquet"));
     assert_eq!(merged.unwrap(), all.len() as u64);
-    // Every flipped bit is noticed, and a missing last byte.
+    // A flipped bit is noticed in any eleventh byte, and a missing last byte.
     let path = chunk::path_of(directory.path(), 0);
     let whole = fs::read(&path).unwrap();
     let is_refused = |bytes: &[u8]| {

@@ -20,7 +20,7 @@ TOPIC.FIELD.nan |  | not a number: inspection rejects the message
 ROLE.late | time, or 40us..400us | the stage computes longer by this time; one tick without TO
 ROLE.stop | time | the stage pauses for this time; takes no TO
 ROLE.kill |  | the process is killed; in a simulation it restarts RESTART later
-CHANNEL.switch |  | with redundant channels: that channel flies from then on; takes no TO
+CHANNEL.switch |  | not a fault: with redundant channels, that one flies from then on; takes no TO
 cpu.hog | 1 to 99 | a process of this SCHED_FIFO priority is always busy on the loops' processor
 cpu.load | up to 1 | an ordinary process is busy there for this share of the time
 a lasting fault | off | ends it; takes no TO

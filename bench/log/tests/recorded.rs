@@ -163,16 +163,16 @@ fn a_log_that_is_written_again_has_the_same_messages_or_an_excerpt() {
             }
             let mut fate = log.finish(Record::new()).unwrap();
             let mut again = LogReader::open(&path).unwrap();
-            let kept = entries(&mut again);
-            let is_there = |it: &LogEntry| all.contains(it);
-            assert!(
-                kept.iter().all(is_there) && (plan != LogPlan::WHOLE || kept.len() == all.len())
-            );
+            let (mut kept, mut sorted) = (entries(&mut again), all.clone());
+            kept.sort_by_key(LogEntry::topic);
+            sorted.sort_by_key(LogEntry::topic);
+            assert!(around_ticks.is_some() || kept == sorted);
             // Compressed, so that it depends on a library's version.
             fate.file_bytes = 0;
             let (end, plan, missing) =
                 (again.end(), again.kept().unwrap(), again.missing().unwrap());
-            let text = format!("{fate:#?}\n{end:?} {plan:?} missing {missing:?}\n");
+            let kept = sum(format!("{kept:?}").as_bytes());
+            let text = format!("{fate:#?}\n{end:?} {plan:?} missing {missing:?}\n{kept}");
             insta::assert_snapshot!(format!("{flight}.{name}"), text);
         }
     }

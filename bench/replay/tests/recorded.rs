@@ -1,6 +1,8 @@
-//! Replays of recorded flights are as in `snapshots/`: `INSTA_UPDATE=always cargo test -p replay` accepts a change.
+//! Replays of the flights that commit c92f732 recorded have its hashes (golden/flights.txt), and are as in `snapshots/`:
+//! `INSTA_UPDATE=always cargo test -p replay` accepts a change.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use std::fs;
 use std::path::Path;
 
 use config::law_settings::Moved;
@@ -8,10 +10,9 @@ use replay::fly_again;
 
 #[test]
 fn replays_are_identical_and_their_summaries_are_their_snapshot() {
-    let (golden, mut text) = (
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../cli/tests/golden"),
-        String::new(),
-    );
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cli/tests/golden");
+    let hashes = fs::read_to_string(golden.join("flights.txt")).unwrap();
+    let mut text = String::new();
     for (flight, from) in [
         ("real-time", 0),
         ("swap", 0),
@@ -22,11 +23,14 @@ fn replays_are_identical_and_their_summaries_are_their_snapshot() {
         let replayed = fly_again(&log, from, false, &Moved::default()).unwrap();
         assert!(replayed.is_identical(), "{:?}", replayed.comparison);
         let (summary, survey) = (replayed.summary, replayed.survey);
-        text += &format!("{flight} from {from}\n{}", summary.text(&survey));
+        let has_hash =
+            |line: &str| line.starts_with(flight) && line.contains(&summary.outputs.to_string());
+        assert!(hashes.lines().any(has_hash), "{flight}");
         text += &format!(
-            "{summary:?}\n{:?} {:?}\n\n",
-            replayed.comparison, survey.swaps
+            "{flight} from {from}\n{}{summary:?}\n",
+            summary.text(&survey)
         );
+        text += &format!("{:?} {:?}\n\n", replayed.comparison, survey.swaps);
     }
     insta::assert_snapshot!(text.replace(&*golden.to_string_lossy(), ""));
 }

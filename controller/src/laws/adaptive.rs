@@ -217,8 +217,13 @@ impl Law for Fixed {
         version: "1",
         summary: "`adaptive` without its adaptation: the A of an A/B",
         source: SOURCE,
-        // Without those of the adaptation.
-        settings: SETTINGS.split_at(5).0,
+        settings: &[
+            gains::ATTITUDE,
+            gains::ATTITUDE_1_S,
+            gains::COMMAND_FILTER_RAD_S,
+            gains::ALPHA_1_S,
+            gains::PREDICTOR_TICKS,
+        ],
         presets: gains::FIXED_PRESETS,
         suited: Some(gains::suited),
         telemetry: &RATE_ERROR,

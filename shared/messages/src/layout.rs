@@ -128,6 +128,7 @@ pub trait VisitorMut: Sized {
 }
 
 /// Replaces each word of a struct by what `change` makes of it and its field: whole numbers, and the bits of the others.
+/// Only tests do so.
 pub fn change_words<T: Visit>(value: &mut T, change: impl FnMut(&'static Field, u64) -> u64) {
     struct Change<F>(F);
     impl<F: FnMut(&'static Field, u64) -> u64> VisitorMut for Change<F> {
