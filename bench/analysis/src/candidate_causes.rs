@@ -52,7 +52,7 @@ pub const JIFFY_NS: u64 = 10_000_000;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CounterSample {
-    /// Before the first counter was read: a stage that was back by then is counted as back.
+    /// Before the first counter was read: the counters of a stage that worked again by then are complete.
     pub from_ns: u64,
     /// After the last one was read.
     pub at_ns: u64,

@@ -15,7 +15,7 @@ use analysis::phrase::count;
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
-use flight_log::entry::{FORMATS, LogEntry, with_message};
+use flight_log::entry::{FORMATS, with_message};
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, LogReader};
 use flight_log::{perfetto, rows, topics};
@@ -99,7 +99,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     let path = directory.join(perfetto::FILE);
     let file = replace(&path)?;
     let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
-    let mut read = trace_log(reader, &mut writer, &path, true)?;
+    let mut read = trace_log(reader, &mut writer, &path)?;
     for channel in Channel::ALL {
         let own = reader
             .path()
@@ -107,7 +107,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         if let (Ok(()), Some(log)) = (&read, log_files(&own).first()) {
             writer.begin_channel(channel).in_file("write", &path)?;
             read = match LogReader::open(log) {
-                Ok(mut log) => trace_log(&mut log, &mut writer, &path, false)?,
+                Ok(mut log) => trace_log(&mut log, &mut writer, &path)?,
                 Err(failure) => Err(failure),
             };
         }
@@ -128,26 +128,18 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// Adds the stages of a log to a trace, with the plant or without it. Everything before a damaged part is exported; the
-/// inner result is the damage.
+/// Adds the stages of a log to a trace. Everything before a damaged part is exported; the inner result is the damage.
 fn trace_log(
     reader: &mut LogReader,
     writer: &mut PerfettoWriter<impl Write>,
     path: &Path,
-    has_plant: bool,
 ) -> Result<Result<(), Failure>, Failure> {
     loop {
         match reader.next_entry() {
-            Ok(Some(LogEntry::State(message))) if has_plant => writer.state(message),
-            Ok(Some(LogEntry::Swap(message))) if has_plant => writer.swap(message),
-            Ok(Some(LogEntry::Setpoint(message))) => writer.work(message),
-            Ok(Some(LogEntry::Wrench(message))) => writer.work(message),
-            Ok(Some(LogEntry::RotorSpeeds(message))) => writer.work(message),
-            Ok(Some(_)) => Ok(()),
+            Ok(Some(entry)) => writer.take(entry).in_file("write", path)?,
             Ok(None) => return Ok(Ok(())),
             Err(failure) => return Ok(Err(failure)),
         }
-        .in_file("write", path)?;
     }
 }
 

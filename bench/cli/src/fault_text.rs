@@ -63,3 +63,13 @@ pub fn text() -> String {
         fields.list()
     )
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn every_kind_of_fault_is_listed() {
+        let text = super::text();
+        let is_listed = |it: faults::code::FaultSpec| text.contains(&format!(".{} ", it.name));
+        assert!(faults::code::FAULTS.into_iter().all(is_listed), "{text}");
+    }
+}

@@ -11,6 +11,7 @@ use messages::header::Message;
 use messages::role::{Channel, Role, STAGES};
 use messages::topic::Topic;
 
+use crate::entry::LogEntry;
 use crate::protobuf::Value::{self, Message as Nested, Number, Text};
 use crate::protobuf::message;
 
@@ -72,8 +73,20 @@ impl<W: Write> PerfettoWriter<W> {
         Ok(())
     }
 
+    /// Takes a message of the present log: of that of a channel, only what the channel sent.
+    pub fn take(&mut self, entry: &LogEntry) -> io::Result<()> {
+        match entry {
+            LogEntry::State(message) if self.before == 0 => self.state(message),
+            LogEntry::Swap(message) if self.before == 0 => self.swap(message),
+            LogEntry::Setpoint(message) => self.work(message),
+            LogEntry::Wrench(message) => self.work(message),
+            LogEntry::RotorSpeeds(message) => self.work(message),
+            LogEntry::State(_) | LogEntry::Swap(_) | LogEntry::Theorem(_) => Ok(()),
+        }
+    }
+
     /// Takes a state: the plant's work of its tick, and the deadlines that it found missed at the tick's begin.
-    pub fn state(&mut self, message: &Message<State>) -> io::Result<()> {
+    fn state(&mut self, message: &Message<State>) -> io::Result<()> {
         let at_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
         let missed = message.content.deadlines_missed;
         // What was missed before a log whose first files are gone was not missed now.
@@ -95,7 +108,7 @@ impl<W: Write> PerfettoWriter<W> {
     }
 
     /// Takes what a stage published: a slice from its waking to its publishing.
-    pub fn work<C: Topic>(&mut self, message: &Message<C>) -> io::Result<()> {
+    fn work<C: Topic>(&mut self, message: &Message<C>) -> io::Result<()> {
         let envelope = &message.envelope;
         let stamps = envelope.stamps_of(C::SENDER);
         // The mixer's last word of a run answers no state.
@@ -124,7 +137,7 @@ impl<W: Write> PerfettoWriter<W> {
     }
 
     /// Takes a swap: an instant at the first state that was flown with it, which may be in the log before or behind it.
-    pub fn swap(&mut self, swap: &Message<SwapRecord>) -> io::Result<()> {
+    fn swap(&mut self, swap: &Message<SwapRecord>) -> io::Result<()> {
         // A swap that another one follows at once is in no state by itself.
         let Some((_, at_ns)) = self.epochs.range(swap.content.parameter_epoch..).next() else {
             self.waiting.push(*swap);

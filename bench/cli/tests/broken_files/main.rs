@@ -23,7 +23,7 @@ use analysis::schema::Report;
 use config::law_settings::Moved;
 use config::{DEFAULT, Settings};
 use errors::{Failure, InFile as _, read_text};
-use flight_log::entry::LogEntry;
+use flight_log::entry::with_message;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::LogReader;
 use flight_log::rows;
@@ -117,15 +117,10 @@ fn exported(path: &Path) -> Result<(), Failure> {
     let mut log = LogReader::open(path)?;
     let mut trace = PerfettoWriter::new(std::io::sink()).unwrap();
     while log.next_entry()?.is_some() {
-        let line = match log.newest() {
-            LogEntry::State(message) => trace.state(message).map(|()| rows::csv(message)),
-            LogEntry::Setpoint(message) => trace.work(message).map(|()| rows::csv(message)),
-            LogEntry::Wrench(message) => trace.work(message).map(|()| rows::json(message)),
-            LogEntry::RotorSpeeds(message) => trace.work(message).map(|()| rows::json(message)),
-            LogEntry::Swap(message) => trace.swap(message).map(|()| rows::csv(message)),
-            LogEntry::Theorem(message) => Ok(rows::json(message)),
-        };
-        assert!(!line.unwrap().is_empty());
+        let entry = log.newest();
+        trace.take(entry).unwrap();
+        let lines = with_message!(entry, it => [rows::csv(it), rows::json(it)]);
+        assert!(lines.iter().all(|line| !line.is_empty()));
     }
     trace.finish().unwrap();
     log.missing().map(drop)

@@ -10,8 +10,9 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use messages::content::NO_TICK;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Reason};
-use messages::layout::{Field, Visit, VisitorMut};
+use messages::layout::{Kind, Layout as _, change_words};
 use messages::noise::uniform;
+use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
 pub const EXPECTED: Expected = Expected {
@@ -49,39 +50,17 @@ impl Draw {
 }
 
 /// Sets the number at a place of a content; counts the numbers. Telemetry may be anything, and is left out.
-struct SetNumber {
-    at: u64,
-    number: f64,
-    seen: u64,
-}
-
-impl VisitorMut for SetNumber {
-    fn integers(&mut self, _: &'static Field, _: &mut [u64]) {}
-
-    fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
-        for value in values {
-            if self.seen == self.at {
-                *value = self.number;
-            }
-            self.seen += 1;
-        }
-    }
-
-    fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
-        if L::STRUCT != "Telemetry" {
-            values.iter_mut().for_each(|value| value.visit_mut(self));
-        }
-    }
-}
-
 fn set_number<C: Topic>(content: &mut C, at: u64, number: f64) -> u64 {
-    let mut set = SetNumber {
-        at,
-        number,
-        seen: 0,
-    };
-    content.visit_mut(&mut set);
-    set.seen
+    let mut seen = 0;
+    change_words(content, |field, word| {
+        let is_number = field.kind == Kind::F64 && !Telemetry::FIELDS.contains(field);
+        seen += u64::from(is_number);
+        if is_number && seen == at.wrapping_add(1) {
+            return number.to_bits();
+        }
+        word
+    });
+    seen
 }
 
 /// A message that nothing is wrong with.
