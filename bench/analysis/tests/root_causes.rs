@@ -477,3 +477,15 @@ fn a_stage_that_ends_the_flight_by_its_death_is_named() {
         }
     }
 }
+
+#[test]
+fn the_last_sample_is_evidence_where_the_flight_ends_in_an_outage() {
+    let mut evidence = good();
+    evidence.apply("stall 20");
+    evidence.apply("stolen 4 2");
+    evidence.samples.truncate(5);
+    let (mut analysis, missed) = evidence.analysed();
+    analysis.ended_stages([false; STAGES.len()], GRID.begin_of(TICKS));
+    analysis.finish(missed, TICKS - 1);
+    assert_eq!(analysis.section().classes[0].class, MissCause::HostStall);
+}

@@ -56,12 +56,9 @@ fn lines<C: Logged>(reader: &LogReader, message: &Message<C>) -> String {
 fn perfetto(entries: &[LogEntry]) -> String {
     let mut trace = Vec::new();
     let mut writer = PerfettoWriter::new(&mut trace).unwrap();
-    for channel in [None, Some(Channel::ALL[1])] {
-        channel
-            .map_or(Ok(()), |it| writer.begin_channel(it))
-            .unwrap();
-        entries.iter().for_each(|it| writer.take(it).unwrap());
-    }
+    entries.iter().for_each(|it| writer.take(it).unwrap());
+    writer.begin_channel(Channel::ALL[1]).unwrap();
+    entries.iter().for_each(|it| writer.take(it).unwrap());
     let counts = [writer.slices, writer.instants];
     writer.finish().unwrap();
     format!("Perfetto: {counts:?} slices and instants, {}", sum(&trace))
