@@ -101,7 +101,7 @@ def plot(path, picture):
             ax.legend(loc="lower right", fontsize="small", ncols=2)
     for ax in axes[-1]:
         ax.set_xlabel("time [s]")
-    figure.suptitle(f"run {records['run']['run_id']}, {records['landing']['ending']}; red: a live swap")
+    figure.suptitle(f"run {records['run']['run_id']}, {records['landing']['ending']}; red: a parameter change")
     figure.savefig(picture, dpi=100)
 
 

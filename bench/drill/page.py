@@ -8,8 +8,8 @@ import re
 
 HEAD = """# Fault drill
 
-How reliably does the rig survive a fault? The drill tries each fault of this list on real processes over real shared memory and
-checks what is left. Use it after changes to processes, shared memory or recovery
+The drill tries each fault of this list on real processes over real shared memory and checks what is left (to inject faults yourself,
+see [injection](injection.md)). Use it after changes to processes, shared memory or recovery
 ([why it is built this way](decisions/0028-drill.md); the same data: [faults.json](faults.json)).
 
     bench/drill/run --short --write docs          # this page, each row a few times; without --short, n times
@@ -19,7 +19,7 @@ checks what is left. Use it after changes to processes, shared memory or recover
 
 *Survived*: all came out as expected, and the flight left nothing behind. A trial that failed once was repeated, and both count. *At
 least*: lower end of Wilson's interval (95 %) for the share that survives. *Killed* is SIGKILL, *stopped* SIGSTOP, at random instants;
-*completed*: flown to its end; *identical*: `replay --verify`. Figures that were always 0 are left out.
+*masked*: another channel flies; *completed*: flown to its end; *identical*: `replay --verify`. Figures that were always 0 are left out.
 
 """
 
@@ -61,8 +61,8 @@ def builds(rows):
 
 
 def text_of_builds(rows, marks):
-    texts = [f"{sum(build_of(row) == build for row in rows)} rows{mark} with `{build[0]}` on {build[2]}"
-             for build, mark in marks.items()]
+    counts = {build: sum(build_of(row) == build for row in rows) for build in marks}
+    texts = [f"{count} row{'s' * (count > 1)}{marks[build]} with `{build[0]}` on {build[2]}" for build, count in counts.items()]
     return f"Tried: {', '.join(texts) or 'nothing'}"
 
 

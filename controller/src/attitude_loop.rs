@@ -1,4 +1,4 @@
-//! The attitude loop of the paper's inner law and its relatives: from the attitude set-point to the body rates wanted.
+//! The attitude loop of the paper's inner law and its relatives: from the attitude setpoint to the body rates wanted.
 //!
 //! The command filter ([`crate::command_filter`]) is a clock, not a measurement: it runs through every tick of the grid,
 //! even when there was no measurement or the loop was not called at all, so the wanted attitude is never late. After more

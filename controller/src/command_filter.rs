@@ -1,7 +1,7 @@
-//! The command filter: a smooth attitude with two derivatives from the set-point.
+//! The command filter: a smooth attitude with two derivatives from the setpoint.
 //!
 //! The paper needs d(nu2_d) but does not say where it comes from, so this filter is not in it. It is critically damped
-//! and of second order, one per axis. It is exact for a set-point held over the tick, so its result does not depend on
+//! and of second order, one per axis. It is exact for a setpoint held over the tick, so its result does not depend on
 //! T.
 
 use control_api::law::Desired;
@@ -29,7 +29,7 @@ impl CommandFilter {
         }
     }
 
-    /// win: the input [rad/s^2] that makes the filter follow a set-point and its derivatives without lag.
+    /// win: the input [rad/s^2] that makes the filter follow a setpoint and its derivatives without lag.
     pub fn input(&self, wanted: &Desired) -> Vector3<f64> {
         let w_f = &self.w_f;
         let r = Vector3::from(wanted.attitude_rad);

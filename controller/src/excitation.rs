@@ -85,7 +85,7 @@ impl Excitation {
         }
     }
 
-    /// Begins anew what is left of the error: a live swap has made a new one.
+    /// Begins anew what is left of the error: a parameter change has made a new one.
     pub fn restart(&mut self) {
         self.left = Matrix3::identity();
     }

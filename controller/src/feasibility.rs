@@ -187,7 +187,7 @@ impl fmt::Display for Excess {
             Demanded::Jump => {
                 return write!(
                     f,
-                    "begins with a jump: {worst:.3} m or rad away from where the flight stands at 0 s"
+                    "begins {worst:.3} (m, or rad of yaw) away from the initial state"
                 );
             }
             Demanded::Climb => ("a vertical thrust", "g", "acceleration_z_max_g"),

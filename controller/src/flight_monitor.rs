@@ -8,9 +8,9 @@ use messages::monitor::{Cause, Monitor};
 
 /// One monitor per process of the inner loop; or one for all channels, whose wrenches are the same.
 ///
-/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts. With
-/// several channels, it is silent from the first unexplained step after another channel took over: the state of that
-/// channel may differ.
+/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts. After
+/// a restart, or after another channel took over, it is silent from the first unexplained step: the law may continue
+/// from samples that this monitor has not seen.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
     /// A fresh monitor; none if the law has no theorem.
@@ -18,7 +18,7 @@ pub struct FlightMonitor {
     channels: usize,
     /// Of the process that sent the newest wrench.
     epoch: Option<u64>,
-    /// Another channel has taken over.
+    /// Another process or channel has taken over.
     has_changed: bool,
     /// Sequence number of the next wrench.
     next_seq: u64,
@@ -59,8 +59,8 @@ impl FlightMonitor {
         let envelope = wrench.envelope;
         let before = self.epoch.replace(envelope.epoch);
         if before != Some(envelope.epoch) {
-            self.has_changed = before.is_some() && self.channels > 1;
-            if !self.has_changed {
+            self.has_changed = before.is_some();
+            if !self.has_changed || self.channels == 1 {
                 self.next_seq = 0;
                 self.monitor.clone_from(&self.begin);
             }
@@ -122,10 +122,12 @@ mod tests {
     }
 
     #[test]
-    fn an_unexplained_step_is_not_judged_once_another_channel_has_taken_over() {
-        for (sender, violations) in [(1, Some(1)), (2, None)] {
+    fn an_unexplained_step_is_not_judged_once_another_process_has_taken_over() {
+        for (channels, sender, violations) in
+            [(1, 1, Some(1)), (2, 1, Some(1)), (1, 2, None), (2, 2, None)]
+        {
             let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
-            let mut monitor = FlightMonitor::new(Some(begin), 2);
+            let mut monitor = FlightMonitor::new(Some(begin), channels);
             let mut watch = |mut wrench: Message<Wrench>| {
                 let tick = wrench.envelope.tick;
                 if tick != 100 {
@@ -136,7 +138,12 @@ mod tests {
                 Some(result.content.violations[Cause::Unexplained as usize])
             };
             assert_eq!(watch(wrench(1, 0)), Some(0));
-            assert_eq!(watch(wrench(sender, 1)), violations, "sender {sender}");
+            let next = wrench(sender, u64::from(sender == 1));
+            assert_eq!(
+                watch(next),
+                violations,
+                "sender {sender}, {channels} channels"
+            );
         }
     }
 

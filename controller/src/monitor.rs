@@ -262,7 +262,7 @@ impl TheoremMonitor {
         now.v_th_change = if swapped { now.v_th - was.v_th } else { change };
         now.v_th_change_predicted = -step.descent(&zb_exact);
 
-        // The jump of a live swap is no step; what it leaves in the low-pass is.
+        // The jump of a parameter change is no step; what it leaves in the low-pass is.
         let rise = &mut now.rise_max[cause as usize];
         *rise = rise.max(change);
         let excess = change - (step.disturbance(&mismatch, &zb) - step.descent(&zb));

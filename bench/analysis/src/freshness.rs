@@ -163,7 +163,7 @@ mod tests {
         statistics.decide(Some(GRID), false);
     }
 
-    /// Each stage publishes in a tick; the inputs are the ticks of state, set-point and wrench.
+    /// Each stage publishes in a tick; the inputs are the ticks of state, setpoint and wrench.
     fn stages(statistics: &mut FreshnessStatistics, tick: u64, inputs: [u64; 3], modes: [Mode; 3]) {
         let mut envelope = Header::new();
         (envelope.tick, envelope.input_tick) = (tick, inputs);

@@ -131,7 +131,7 @@ fn cells<const N: usize>(vector: Option<[f64; N]>) -> [Option<f64>; N] {
 pub struct Joined {
     pub tick: u64,
     pub state: State,
-    /// Set-point of the tick; none where none was published.
+    /// Setpoint of the tick; none where none was published.
     pub setpoint: Option<Setpoint>,
     /// Thrust and torque demanded at the tick; none if there was no demand.
     pub wrench: Option<Wrench>,

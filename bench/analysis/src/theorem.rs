@@ -42,7 +42,7 @@ pub struct Theorem {
     pub violations: BTreeMap<String, u64>,
     /// Largest rise of V_th in a step, by the cause in force, or `none`.
     pub largest_rise: BTreeMap<String, Rise>,
-    /// V_th at the start, or after a live swap where that is more [rad^2/s^2].
+    /// V_th at the start, or after a parameter change where that is more [rad^2/s^2].
     pub v_th_start: f64,
     /// V_th at the end [rad^2/s^2].
     pub v_th_end: f64,
@@ -69,7 +69,7 @@ pub struct Theorem {
     pub excitation: f64,
     pub excitation_least: f64,
     pub innovation: InnovationSection,
-    /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
+    /// Assumptions that did not hold since the start, or since the last parameter change: no bound is proven under them.
     pub broken: Vec<String>,
     /// Whether (18) held: every estimate was found.
     pub converged: bool,
@@ -100,8 +100,8 @@ impl Theorem {
         }
         if self.ticks_unwatched > 0 {
             let unwatched = self.ticks_unwatched;
-            counts +=
-                &format!(", {unwatched} not watched (a message was lost, or channels differed)");
+            let why = "a message was lost, or another process took over";
+            counts += &format!(", {unwatched} not watched ({why})");
         }
         counts += &match self.rises() {
             0 => "; it rose in none".to_owned(),
@@ -230,7 +230,7 @@ pub struct Watched {
     pub name: String,
     pub actual: f64,
     pub error: f64,
-    /// Size of the error at the start, or after the last live swap.
+    /// Size of the error at the start, or after the last parameter change.
     pub error_start: f64,
     /// Its upper bound by the theorem, for the exact model; valid only where [`Theorem::broken`] is empty.
     pub error_bound: f64,
@@ -259,7 +259,7 @@ pub struct TheoremStatistics {
     law_without: Option<&'static str>,
 }
 
-/// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
+/// Causes under which the theorem gives the estimates no bound. A parameter change is none: the bound begins anew with it.
 const UNBOUNDED: [Cause; 4] = {
     use Cause::*;
     [OutOfBounds, BrokenModel, GyroNoise, MotorLag]
@@ -586,7 +586,7 @@ mod tests {
         statistics.count_unwatched();
         assert_eq!(statistics.section().ticks_unwatched, 2);
         statistics.take(1, &monitor(0, 1));
-        let counts = "V_th judged in 1 of 3 ticks, 2 not watched (a message was lost, or channels differed); it rose in none";
+        let counts = "V_th judged in 1 of 3 ticks, 2 not watched (a message was lost, or another process took over); it rose in none";
         assert_eq!(statistics.section().counts(), counts);
         let excused = Monitor {
             ticks_checked: 11,

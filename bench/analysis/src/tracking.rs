@@ -2,7 +2,7 @@
 //!
 //! It is judged by where the vehicle truly is, and not by what its sensors show: errors of the position do not make a
 //! flight that tracks one that does not, or the other way round.
-//! The reference is a function of time alone, so a state counts even if no set-point was published for its tick. A
+//! The reference is a function of time alone, so a state counts even if no setpoint was published for its tick. A
 //! flight without control is far from its reference, not without one.
 
 use crate::laws::FlownLaws;
@@ -35,7 +35,7 @@ impl Tracking {
         self.period_s
     }
 
-    /// Reference position at a tick, world frame [m]: that of the tick's set-point, bit for bit.
+    /// Reference position at a tick, world frame [m]: that of the tick's setpoint, bit for bit.
     pub fn position_w_m(&self, tick: u64) -> [f64; 3] {
         self.reference(tick).position_w_m
     }

@@ -29,7 +29,7 @@ struct RecordedRun {
     directory: PathBuf,
     started: String,
     started_unix_s: u64,
-    /// The verdict; or `starting`, `in the air`, `cut short` (the recorder died), `no report`, or `unreadable` (written by
+    /// The verdict; or `starting`, `in the air`, `recorder ended`, `no report`, or `unreadable` (written by
     /// another version).
     status: String,
     /// Flight time [s]; none without a report.
@@ -102,7 +102,7 @@ impl RecordedRun {
             None if is_held => "starting".into(),
             None if report_file.exists() => "unreadable".into(),
             None => "no report".into(),
-            Some(report) if report.run.in_flight => "cut short".into(),
+            Some(report) if report.run.in_flight => "recorder ended".into(),
             Some(report) => report.verdict.status.to_string(),
         };
         let length_s =

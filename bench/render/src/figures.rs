@@ -115,7 +115,7 @@ impl<'a> Figures<'a> {
         }
         for (across, up, title) in [(0, 1, "from above"), (0, 2, "along y"), (1, 2, "along x")] {
             let classes = ["flown", "reference", "swap ring"];
-            let words = ["flown", "reference", "live swap"].map(str::to_owned);
+            let words = ["flown", "reference", "parameter change"].map(str::to_owned);
             let keys = classes.into_iter().zip(words).collect();
             let name = format!("path-{}{}", AXES[across], AXES[up]);
             let (title, chart) = (format!("Path seen {title}"), self.path(across, up));

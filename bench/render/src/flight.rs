@@ -746,8 +746,8 @@ fn tracking(report: &Report) -> Vec<Block> {
     }
     if let Some(figures) = Figures::of(report) {
         let swap = match report.faults.is_empty() {
-            true => "live swap",
-            false => "live swap, fault",
+            true => "parameter change",
+            false => "parameter change, fault",
         };
         let legend = [("mark swap", swap), ("mark missed", "missed deadline")];
         let stretch = count(figures.traces.flight.every_ticks, "tick");

@@ -34,8 +34,8 @@ pub fn render(figures: &Figures<'_>, title: &str) -> String {
         place(1, title, figure.chart)
     }));
     let swap = match figures.faults.is_empty() {
-        true => "live swap",
-        false => "swap, fault",
+        true => "parameter change",
+        false => "parameter change, fault",
     };
     let [flown, reference] = match has_estimates {
         true => ["flown, estimated", "reference, true"],

@@ -68,7 +68,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             theorem.rate_error_final_rad_s,
             count(theorem.ticks_saturated, "saturated tick"),
             theorem.ticks_stale,
-            count(theorem.live_swaps, "live swap")
+            count(theorem.live_swaps, "parameter change")
         ),
         format!(
             "excitation of the worst direction: {:.3e} e-folds of the error in the last 10 s, {:.3e} in the least of \
@@ -168,13 +168,13 @@ fn causes(theorem: &Theorem) -> Table {
 
 fn explanation(cause: &str) -> &'static str {
     match cause {
-        "live_swap" => "samples from before a live swap had not faded",
+        "live_swap" => "samples from before a parameter change had not faded",
         "out_of_bounds" => "a true value lies outside the bounds of its estimate",
         "broken_model" => "a parameter that is not estimated is not the model's",
         "gyro_noise" => "the measured rates are noisy",
         "motor_lag" => "the motors lag",
         "saturation" => "the rotors could not deliver the demand; excuses V alone",
-        "stale_input" => "a state, a set-point or a command was not of its tick; excuses V alone",
+        "stale_input" => "a state, a setpoint or a command was not of its tick; excuses V alone",
         "delay" => "the chain's delay and the low-pass, in every flight; excuses V alone",
         _ => "no cause is known",
     }

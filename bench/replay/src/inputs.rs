@@ -203,7 +203,7 @@ mod tests {
     }
 
     /// The earliest of messages of tick 7 from every stage, unless they are changed: the tick of the state and of the
-    /// command that the plant had taken, the tick of the set-point and of its input, and whether the last two topics have
+    /// command that the plant had taken, the tick of the setpoint and of its input, and whether the last two topics have
     /// a message.
     fn earliest(
         [state_tick, taken_tick]: [u64; 2],
@@ -231,7 +231,7 @@ mod tests {
         let (now, taken_later) = ([7, NO_TICK], [7, 9]);
         for (state, setpoint, has_monitor, has_theorem, stage, is_settled) in [
             (now, Some([7, 7]), true, true, Role::Plant, true),
-            // Tick 7 has no set-point.
+            // Tick 7 has no setpoint.
             (now, Some([8, 7]), true, true, Role::Plant, true),
             (now, None, true, true, Role::Plant, false),
             (now, Some([7, 7]), false, true, Role::Plant, false),
@@ -240,7 +240,7 @@ mod tests {
             // The mixer was ahead of the plant, which had taken a later command.
             ([7, 6], Some([7, 7]), true, true, Role::Plant, true),
             (taken_later, Some([7, 7]), true, true, Role::Plant, false),
-            // The set-point is first, and was made from the state of its tick, or of a later one.
+            // The setpoint is first, and was made from the state of its tick, or of a later one.
             ([9, NO_TICK], Some([7, 7]), true, true, Role::Outer, true),
             ([9, NO_TICK], Some([7, 8]), true, true, Role::Outer, false),
         ] {

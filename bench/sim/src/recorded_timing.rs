@@ -45,7 +45,7 @@ pub enum Source {
         /// Tick of the newest of them.
         taken_tick: u64,
     },
-    /// A set-point, from the state of a tick.
+    /// A setpoint, from the state of a tick.
     Setpoint {
         state: u64,
     },

@@ -184,8 +184,10 @@ impl Observations {
         let Some(wrench) = rig.new_wrench() else {
             return;
         };
-        if let Some(monitor) = rig.monitor() {
-            self.theorem.take(0, monitor);
+        match rig.monitor() {
+            Some(monitor) => self.theorem.take(rig.inner_epoch(), monitor),
+            None if self.has_estimates => self.theorem.count_unwatched(),
+            None => {}
         }
         if self.has_estimates {
             let estimate = adaptive::estimate(&wrench.telemetry);

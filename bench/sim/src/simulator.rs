@@ -24,7 +24,7 @@ use faults::{MessageFaults, Port};
 use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::inspection::Rejections;
-use messages::monitor::Monitor;
+use messages::monitor::{Cause, Monitor};
 use messages::role::{Role, STAGES};
 use messages::topic::Topic;
 use plant::command_hold::PENDING_COMMANDS;
@@ -47,6 +47,8 @@ pub struct Simulator {
     theorem: Option<TheoremMonitor>,
     monitor: Option<Monitor>,
     innovation: Innovation,
+    /// Of the current inner loop.
+    inner_epoch: u64,
     /// Message and stage faults; none takes the fast path.
     faulted: Option<Box<Faulted>>,
 }
@@ -72,6 +74,7 @@ impl Simulator {
             theorem: None,
             monitor: None,
             innovation: Innovation::default(),
+            inner_epoch: 0,
             faulted: None,
         }
     }
@@ -252,7 +255,7 @@ impl Simulator {
         &self.state.content
     }
 
-    /// The set-point of the last tick, if there is one.
+    /// The setpoint of the last tick, if there is one.
     pub fn setpoint(&self) -> Option<&Setpoint> {
         (self.setpoint.tick == self.flown_tick()).then_some(&self.setpoint.content)
     }
@@ -290,6 +293,10 @@ impl Simulator {
 
     pub const fn monitor(&self) -> Option<&Monitor> {
         self.monitor.as_ref()
+    }
+
+    pub const fn inner_epoch(&self) -> u64 {
+        self.inner_epoch
     }
 
     /// What the monitor knows without ground truth.
@@ -493,8 +500,14 @@ impl Faulted {
             if input.tick == state.tick {
                 input.content.measured = state.content.measured;
             }
-            rig.monitor = Some(*theorem.watch(tick, &input, &rig.wrench.content));
+            let monitor = *theorem.watch(tick, &input, &rig.wrench.content);
             rig.innovation = *theorem.innovation();
+            // As in flight: a law that was started again may continue from samples that its monitor has not seen.
+            if rig.inner_epoch > 0 && monitor.violations[Cause::Unexplained as usize] > 0 {
+                rig.theorem = None;
+            } else {
+                rig.monitor = Some(monitor);
+            }
         }
     }
 
@@ -514,6 +527,7 @@ impl Faulted {
                 Replacement::Inner(inner) => {
                     rig.inner.replace_by(inner, &mut saved);
                     rig.theorem.clone_from(&self.theorem);
+                    rig.inner_epoch += 1;
                     let unused = FaultyInput::new(messages, Port::InnerState);
                     let states = replace(&mut self.inner_state, unused).rejections();
                     let unused = FaultyInput::new(messages, Port::InnerSetpoint);

@@ -1,4 +1,4 @@
-//! The paper's inner loop: from attitude set-point and rates to a torque, with adaptation.
+//! The paper's inner loop: from attitude setpoint and rates to a torque, with adaptation.
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
 //! (17)-(22), sampled. The file of each law lists its differences from the paper. This file owns the order within a

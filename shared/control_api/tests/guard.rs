@@ -287,7 +287,7 @@ fn without_a_set_point_the_reference_rests_where_the_vehicle_was() {
     guarded.tick(9, &state(9), &setpoint(9));
     for tick in 110..130 {
         let shown = guarded.tick(tick, &state(tick), &setpoint(9)).telemetry;
-        // The last yaw set-point, and where it was when it fell back.
+        // The last yaw setpoint, and where it was when it fell back.
         assert_eq!(shown.value[3..5], [0.4, 110.0]);
     }
     guarded.tick(130, &state(130), &setpoint(130));
@@ -296,7 +296,7 @@ fn without_a_set_point_the_reference_rests_where_the_vehicle_was() {
     let shown = inner(|_| None)
         .tick(7, &state(7), &Stamped::never())
         .telemetry;
-    // Without any set-point, its own yaw.
+    // Without any setpoint, its own yaw.
     assert_eq!(shown.value[2..4], [-1.0, 0.3]);
 }
 

@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_terminal_is_told_nothing_that_it_would_obey() {
+    fn control_sequences_do_not_reach_the_terminal() {
         let text = "a\tb\n\u{1b}[2J\r\u{7}\u{9b}31m\u{202e}txt.exe\u{2066}\u{e4}\u{1f600}";
         let expected =
             "a\tb\n\\u{1b}[2J\\r\\u{7}\\u{9b}31m\\u{202e}txt.exe\\u{2066}\u{e4}\u{1f600}";

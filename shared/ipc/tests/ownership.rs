@@ -199,7 +199,7 @@ fn what_an_instance_makes_is_its_users_alone() {
 
 #[test]
 #[ignore = "long: part of the gate"]
-fn a_lock_that_somebody_keeps_is_an_error_and_no_wait_for_ever() {
+fn a_lock_held_for_long_is_an_error() {
     let sites = [Site::new(), Site::new(), Site::new()];
     let [directory, in_use, paged] = [&sites[0], &sites[1], &sites[2]].map(|site| {
         drop(site.wire());

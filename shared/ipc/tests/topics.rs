@@ -249,7 +249,7 @@ fn observers_get_what_is_relayed_from_when_they_joined() {
 }
 
 #[test]
-fn an_observer_that_sleeps_loses_the_oldest_and_holds_nobody_up() {
+fn a_slow_observer_loses_the_oldest_and_delays_no_loop() {
     let site = Site::new();
     let wire = site.wire();
     let relay = wire.relay().unwrap();

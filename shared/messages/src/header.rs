@@ -47,7 +47,7 @@ layout! {
         pub lead_ns: u64,
         /// How late the kernel woke the plant, after the instant that its timer was set to [ns].
         pub timer_late_ns: u64,
-        /// Tick of the newest state, set-point and wrench used; [`NO_TICK`] where none was.
+        /// Tick of the newest state, setpoint and wrench used; [`NO_TICK`] where none was.
         pub input_tick: [u64; 3],
         /// How long the sender's previous tick kept it busy, from waking to having notified [ns].
         pub previous_busy_ns: u64,

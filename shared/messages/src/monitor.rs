@@ -22,7 +22,7 @@ wire_enum! {
         MotorLag = 5 => "motor_lag",
         /// The rotors could not deliver the demand.
         Saturation = 6 => "saturation",
-        /// A state, a set-point or a rotor command was not of its tick.
+        /// A state, a setpoint or a rotor command was not of its tick.
         StaleInput = 7 => "stale_input",
         /// The chain's delay, and the low-pass where it is on: part of every flight.
         Delay = 8 => "delay",
@@ -61,7 +61,7 @@ layout! {
 
         /// V_th = 1/2 ~th^T Gamma^-1 ~th [rad^2/s^2].
         pub v_th: f64,
-        /// V_th at the start, or after a live swap where that is more [rad^2/s^2].
+        /// V_th at the start, or after a parameter change where that is more [rad^2/s^2].
         pub v_th_start: f64,
         /// Change of V_th since the tick before [rad^2/s^2].
         pub v_th_change: f64,
@@ -89,7 +89,7 @@ layout! {
         pub rate_error_max_rad_s: f64,
         /// ~th = th_hat - th: errors of the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
         pub estimate_error: [f64; 3],
-        /// Their sizes at the start, or after the last live swap.
+        /// Their sizes at the start, or after the last parameter change.
         pub estimate_error_start: [f64; 3],
         /// Upper bound that the theorem gives for them since then, on the exact model; updated every tenth of a second.
         pub estimate_error_bound: [f64; 3],

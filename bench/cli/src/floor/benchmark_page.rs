@@ -50,7 +50,7 @@ processor are left out.
 const RATES: &str = "
 ## Rates
 
-Latency and processor time per tick [us]; *loops*: all four together; *bare timer*: late wake-ups of cyclictest.
+Per tick [us], in short flights, where one stall changes a row; *loops*: all four together; *bare timer*: late wake-ups of cyclictest.
 
 ";
 

@@ -141,6 +141,7 @@ impl Timed {
         let result = self.theorem.watch(&wrench, Some(state));
         rig.monitor = result.map(|message| message.content);
         rig.innovation = self.theorem.innovation();
+        rig.inner_epoch = event.epoch;
     }
 }
 
