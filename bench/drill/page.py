@@ -8,8 +8,8 @@ import re
 
 HEAD = """# Fault drill
 
-The drill tries each fault of this list on real processes over real shared memory and checks what is left (to inject faults yourself,
-see [injection](injection.md)). Use it after changes to processes, shared memory or recovery
+The drill tries each fault of this list on real processes over real shared memory and checks what is left ([inject](injection.md)
+faults yourself). Use it after changes to processes, shared memory or recovery
 ([why it is built this way](decisions/0028-drill.md); the same data: [faults.json](faults.json)).
 
     bench/drill/run --short --write docs          # this page, each row a few times; without --short, n times

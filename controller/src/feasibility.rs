@@ -198,7 +198,7 @@ impl fmt::Display for Excess {
         };
         write!(f, "asks for {what} of {worst:.4} {unit} at {worst_s:.2} s")?;
         if first_s != worst_s {
-            write!(f, ", too much from {first_s:.2} s on")?;
+            write!(f, ", out of range from {first_s:.2} s on")?;
         }
         match (demanded, self.limited_by) {
             (Demanded::Climb | Demanded::Descent | Demanded::Tilt, Some(role)) => {

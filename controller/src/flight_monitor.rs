@@ -42,6 +42,14 @@ impl FlightMonitor {
         self.begin.is_some()
     }
 
+    /// Of the process of the newest wrench.
+    pub const fn epoch(&self) -> u64 {
+        match self.epoch {
+            Some(epoch) => epoch,
+            None => 0,
+        }
+    }
+
     /// What the steps of the present process show without ground truth.
     pub fn innovation(&self) -> Innovation {
         let monitor = self.monitor.as_ref();
@@ -57,26 +65,40 @@ impl FlightMonitor {
         state: Option<&Stamped<State>>,
     ) -> Option<Message<Monitor>> {
         let envelope = wrench.envelope;
-        let before = self.epoch.replace(envelope.epoch);
-        if before != Some(envelope.epoch) {
+        self.begin(envelope.epoch);
+        // With several channels, what one has lost comes from another.
+        if (self.channels == 1 && envelope.seq != self.next_seq) || state.is_none() {
+            self.monitor = None;
+        }
+        self.next_seq = envelope.seq.saturating_add(1);
+        let content = *self.watch_next(envelope.tick, state?, &wrench.content)?;
+        Some(Message { envelope, content })
+    }
+
+    /// The next wrench is of this process.
+    pub fn begin(&mut self, epoch: u64) {
+        let before = self.epoch.replace(epoch);
+        if before != Some(epoch) {
             self.has_changed = before.is_some();
             if !self.has_changed || self.channels == 1 {
                 self.next_seq = 0;
                 self.monitor.clone_from(&self.begin);
             }
         }
-        // With several channels, what one has lost comes from another.
-        if (self.channels == 1 && envelope.seq != self.next_seq) || state.is_none() {
+    }
+
+    /// As [`Self::watch`], where no message is lost.
+    pub fn watch_next(
+        &mut self,
+        tick: u64,
+        state: &Stamped<State>,
+        wrench: &Wrench,
+    ) -> Option<&Monitor> {
+        let shown = self.monitor.as_mut()?.watch(tick, state, wrench);
+        if self.has_changed && shown.violations[Cause::Unexplained as usize] > 0 {
             self.monitor = None;
         }
-        self.next_seq = envelope.seq.saturating_add(1);
-        let monitor = self.monitor.as_mut()?;
-        let content = *monitor.watch(envelope.tick, state?, &wrench.content);
-        if self.has_changed && content.violations[Cause::Unexplained as usize] > 0 {
-            self.monitor = None;
-            return None;
-        }
-        Some(Message { envelope, content })
+        self.monitor.as_ref().map(TheoremMonitor::shown)
     }
 }
 

@@ -133,6 +133,11 @@ impl TheoremMonitor {
         &self.shown
     }
 
+    /// The result for the last wrench.
+    pub const fn shown(&self) -> &Monitor {
+        &self.shown
+    }
+
     /// What the steps so far show without ground truth.
     pub const fn innovation(&self) -> &Innovation {
         &self.innovation

@@ -267,7 +267,7 @@ impl Gate {
             TheoremGate::Strict => {
                 let is_judged = theorem.ticks_judged == theorem.ticks_checked;
                 let held = word == StabilityVerdict::Holds && is_judged && theorem.rises() == 0;
-                let limit = "V_th judged in every step, 0 rises, estimates live";
+                let limit = "V_th judged in each checked step, 0 rises, estimates live";
                 ("theorem=strict", limit, held)
             }
         };

@@ -45,12 +45,15 @@ impl Lines {
         lines.next().copied().unwrap_or(1)
     }
 
-    /// Line of the longest key of the settings, `section.key`, that a message names; none where it names none.
+    /// Line of the longest key of the settings, `section.key`, or the section that a message names; none where it names none.
     pub fn named_in(&self, message: &str) -> Option<usize> {
         // The same key may be below [factors] and [arms.NAME], too.
         let key = |path: &str| path.rmatch_indices('.').nth(1).map_or(0, |it| it.0 + 1);
         let keys = self.0.iter().map(|(path, line)| (&path[key(path)..], line));
-        let named = keys.filter(|(key, _)| key.contains('.') && message.contains(key));
+        let is_named = |key: &str| {
+            key.contains('.') && message.contains(key) || message.contains(&format!("[{key}]"))
+        };
+        let named = keys.filter(|(key, _)| is_named(key));
         let longest = named.max_by_key(|(key, _)| key.len());
         longest.map(|(_, line)| *line)
     }

@@ -1,11 +1,13 @@
 //! `ironbird clean`: removes what killed processes left behind, and lists it.
 
+use std::{fs, io};
+
 use ipc::Wire;
 use ipc::instance::{Instance, root_path};
 
 use crate::cli::CleanArgs;
 use errors::output::print;
-use errors::{Failure, OK};
+use errors::{Failure, InFile as _, OK};
 use host::trace;
 use recorder::kernel_trace;
 
@@ -54,6 +56,10 @@ pub fn clean(CleanArgs { dry_run, .. }: CleanArgs) -> Result<u8, Failure> {
     }
     if text.is_empty() {
         let root = root_path();
+        match fs::read_dir(&root) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e).in_file("look into", &root)?,
+            _ => {}
+        }
         let root = root.display();
         text = format!("nothing to remove under {root} and in /dev/shm\n");
     }

@@ -16,7 +16,7 @@ fn settings(faults: &[&str]) -> Settings {
 fn flown(settings: &Settings) -> (SimulatedFlight, Simulator, Vec<[bool; 4]>) {
     let mut rig = Simulator::of(settings)
         .unwrap()
-        .with_monitor(settings.theorem().unwrap());
+        .with_monitor(settings.theorem().unwrap(), settings.rt.channels);
     let mut ticks = Vec::new();
     let simulated = fly(&mut rig, settings, |rig| {
         let wrench = rig.new_wrench();

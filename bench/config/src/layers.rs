@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 
 use control_api::description::Description;
 use control_api::law::Rig;
+use messages::limits::RotorLimits;
 use messages::role::{Channel, Role};
 use messages::telemetry::LAW_ROLES;
 use toml::{Table, Value};
@@ -67,6 +68,8 @@ const CHANNEL: &str = "channel";
 const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
 /// Sections that override what the airframe flag names.
 const KEPT: [&str; 6] = ["plant", "model", "rotor", "outer", "inner", "mixer"];
+/// Name of an airframe that the settings describe themselves.
+const OWN: &str = "own";
 /// Key of `[flight]` with the SHA-256 of the airframe's file.
 const SUM: &str = "airframe_sha256";
 
@@ -83,6 +86,12 @@ impl Layers<'_> {
 
     fn given_text(&self, key: &str) -> Option<&str> {
         text(&self.given, "flight", key)
+    }
+
+    /// A rotor limit that overrides the airframe's.
+    fn rotor_limit(&self, key: &str) -> Option<f64> {
+        let given = || table(&self.given, "rotor")?.get(key);
+        self.flag("rotor", key).or_else(given)?.as_float()
     }
 
     /// The file, as the end of an error.
@@ -126,9 +135,13 @@ impl Layers<'_> {
             airframe, rotor, ..
         } = self.lay_airframe(&mut table)?;
         self.forget_sums();
+        let limit = |key, own| self.rotor_limit(key).unwrap_or(own);
         let rig = Rig {
             airframe,
-            rotor,
+            rotor: RotorLimits {
+                min_rad_s: limit("min_rad_s", rotor.min_rad_s),
+                max_rad_s: limit("max_rad_s", rotor.max_rad_s),
+            },
             ..Rig::default()
         };
         insert_laws(&mut table, &rig);
@@ -406,8 +419,7 @@ impl Layers<'_> {
         };
         let wanted = self.given_text(SUM).unwrap_or_default();
         if is_whole {
-            let rotor = table(&self.given, "rotor");
-            let has = |key| rotor.is_some_and(|rotor| rotor.contains_key(key));
+            let has = |key| self.rotor_limit(key).is_some();
             if !has("min_rad_s") || !has("max_rad_s") {
                 return Err(Failure::usage(format!(
                     "a whole section [airframe] has its own rotors{}",
@@ -416,6 +428,11 @@ impl Layers<'_> {
                 .help("write them beside it: [rotor] with min_rad_s and max_rad_s"));
             }
             design.sha256 = wanted.to_owned();
+            if self.given_text("airframe").is_none()
+                && let Some(Value::Table(flight)) = settings.get_mut("flight")
+            {
+                flight.insert("airframe".into(), Value::String(OWN.into()));
+            }
         } else if flag.is_none() || flag.as_deref() == self.given_text("airframe") {
             check_sum(wanted, name, &design.sha256)?;
         }

@@ -85,6 +85,15 @@ impl Settings {
         laws.flat_map(|(channel, laws)| laws.iter().map(|(role, law)| (*channel, *role, law)))
     }
 
+    /// The chosen ones, by stage, such as `b.inner`.
+    pub fn chosen_channel_laws(&self) -> Result<BTreeMap<String, Chosen>, Failure> {
+        let chosen = |(channel, role, _): (Channel, Role, _)| {
+            let law = self.of_channel(channel).chosen(role)?.0;
+            Ok((format!("{channel}.{role}"), law))
+        };
+        self.channel_laws().map(chosen).collect()
+    }
+
     /// The settings as the processes of a channel take them: with its laws.
     pub fn of_channel(&self, channel: Channel) -> Self {
         let mut own = self.clone();
@@ -270,10 +279,7 @@ impl Settings {
             loop_cpus: self.rt.loop_cpus,
             channels: self.rt.channels,
             groups: self.groups(),
-            channel_cpus: match self.rt.channels {
-                1 => 1,
-                _ => self.rt.channel_cpus,
-            },
+            channel_cpus: self.rt.channel_cpus,
             lead,
             rehearse: self.rt.rehearse,
         };
@@ -322,6 +328,12 @@ impl Settings {
             return refused(
                 format!("rt.channel_cpus = {channel_cpus}: allowed are 1 and 2"),
                 "with 2, channels b and c fly on another processor than channel a",
+            );
+        }
+        if channels < channel_cpus {
+            return refused(
+                "rt.channel_cpus = 2: the flight has one channel".into(),
+                "fly with more: --channels 2",
             );
         }
         let of_channel = |channel: Channel| (channel as usize >= channels).then_some(channel);

@@ -44,6 +44,7 @@ pub struct ReportBuilder<'a> {
     settings: &'a Settings,
     /// The laws as loaded at the start: a law file that disappears during the flight does not matter.
     laws: [Chosen; 3],
+    channel_laws: BTreeMap<String, Chosen>,
     margin: Option<MarginSection>,
     instance: String,
     meter: &'a UsageMeter,
@@ -59,6 +60,7 @@ impl<'a> ReportBuilder<'a> {
         Ok(Self {
             settings,
             laws: settings.chosen_laws()?,
+            channel_laws: settings.chosen_channel_laws()?,
             margin,
             instance: instance.into(),
             meter,
@@ -190,6 +192,10 @@ impl<'a> ReportBuilder<'a> {
             let role = law.description().role.to_string();
             (role, law.section(not_finite, telemetry.section()))
         };
-        laws.zip(&statistics.telemetry).map(section).collect()
+        let unseen = |law: &Chosen| law.section(NotFinite::default(), Vec::new());
+        let single = self.channel_laws.iter();
+        let single = single.map(|(stage, law)| (stage.clone(), unseen(law)));
+        let laws = laws.zip(&statistics.telemetry).map(section);
+        laws.chain(single).collect()
     }
 }

@@ -40,6 +40,8 @@ pub fn is_held(directory: &Path) -> bool {
 pub const FACTS: &str = "run.json";
 /// The file with every latency series; its recorder holds a lock on it.
 pub const LATENCIES: &str = "latency.hlog";
+/// The link to the newest flight.
+pub const LATEST: &str = "latest";
 
 /// Files of a flight besides its log and the output of its processes.
 const FILES: [&str; 11] = [
@@ -170,12 +172,24 @@ fn holds_messages(path: &Path) -> bool {
         )
 }
 
+/// Refuses to replace a `latest` that is no link.
+pub fn check_latest(directory: &Path) -> Result<(), Failure> {
+    let latest = directory.with_file_name(LATEST);
+    match fs::symlink_metadata(&latest) {
+        Ok(it) if !it.is_symlink() => {
+            let what = format!("{} is no link, and is kept", latest.display());
+            Err(Failure::failed(what))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Makes the link `latest` point to a run directory. To be called once the flight has a report.
 pub fn make_latest(directory: &Path) -> Result<(), Failure> {
     let (Some(out), Some(name)) = (directory.parent(), directory.file_name()) else {
         return Ok(());
     };
-    let link = out.join("latest");
+    let link = out.join(LATEST);
     // Replaced in one step, so that `latest` always points to a flight.
     let draft = out.join(format!(".latest.{}", std::process::id()));
     let made = symlink(name, &draft).and_then(|()| fs::rename(&draft, &link));

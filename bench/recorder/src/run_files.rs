@@ -24,7 +24,7 @@ use render::files::write_all;
 
 use super::atomic_file::AtomicFileWriter;
 use super::hlog::Hlog;
-use crate::run_directory::{LATENCIES, make_latest};
+use crate::run_directory::{LATENCIES, LATEST, check_latest, make_latest};
 use config::{LogName, Settings};
 
 const REPORT: &str = "report.json";
@@ -166,21 +166,17 @@ impl<'a> RunFiles<'a> {
         let put = text.and_then(|text| self.partial_report.put(text + "\n"));
         self.note(REPORT, put);
         if !self.is_latest && self.directory.join(REPORT).exists() {
-            self.point_latest();
+            self.is_latest = true;
+            let pointed = check_latest(self.directory).and_then(|()| make_latest(self.directory));
+            self.note(LATEST, pointed);
         }
-    }
-
-    fn point_latest(&mut self) {
-        self.is_latest = true;
-        let pointed = make_latest(self.directory);
-        self.note("latest", pointed);
     }
 
     /// To be called before the final report is built: its own file is no longer incomplete.
     pub fn prepare_final_report(&mut self) {
         self.incomplete.remove(REPORT);
         if !self.is_latest {
-            self.point_latest();
+            self.note(LATEST, check_latest(self.directory));
         }
     }
 
@@ -201,7 +197,12 @@ impl<'a> RunFiles<'a> {
         }
         report.recorder.unwritten = self.incomplete();
         self.partial_report.close();
-        write_all(report, self.directory)
+        let mut written = write_all(report, self.directory);
+        let is_free = !self.is_latest && !self.incomplete.contains_key(LATEST);
+        if is_free && self.directory.join(REPORT).exists() {
+            written = written.and(make_latest(self.directory));
+        }
+        written
     }
 
     /// Incomplete files, each with the first reason.

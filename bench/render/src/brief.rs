@@ -65,11 +65,19 @@ fn sentences(report: &Report) -> Vec<String> {
         report.ticks.elapsed_s,
         report.run.started
     ));
-    if !report.faults.is_empty() {
-        let faults = report.faults.iter().map(shared::short_fault);
-        let faults: Vec<String> = faults.collect();
+    let changes = report.swaps.iter();
+    let changes = changes.map(|it| format!("{} at {:.3} s", shared::swap(it), it.time_s));
+    let faults = report.faults.iter().map(shared::short_fault);
+    let faults: Vec<String> = changes.chain(faults).collect();
+    if !faults.is_empty() {
         all.push(format!("Faults    {}", faults.join(", ")));
     }
+    all.extend(
+        report
+            .redundancy
+            .as_ref()
+            .map(|it| format!("Channels  {}", shared::channels(it))),
+    );
     all.extend(report.deaths.last().map(|last| {
         let last = flight::failure_line(last);
         match process_failures::number(report) {

@@ -265,7 +265,10 @@ pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
         let file = law.file_name().map(|name| format!(" ({name}{slow})"));
         format!("{role} {}{}", law.name, file.unwrap_or_default())
     };
-    in_order(laws).map(named).collect::<Vec<_>>().join(", ")
+    let of_channels = laws.iter().filter(|(stage, _)| stage.contains('.'));
+    let of_channels = of_channels.map(|(stage, law)| named((stage, law)));
+    let all = in_order(laws).map(named).chain(of_channels);
+    all.collect::<Vec<_>>().join(", ")
 }
 
 fn deadlines(report: &Report) -> Vec<Block> {
@@ -313,20 +316,8 @@ fn deadlines(report: &Report) -> Vec<Block> {
 }
 
 fn redundancy(section: &RedundancySection) -> Vec<Block> {
-    let of_each = |ticks: &BTreeMap<String, u64>| {
-        let of = |(channel, ticks): (&String, &u64)| format!("{channel} {ticks}");
-        ticks.iter().map(of).collect::<Vec<_>>().join(", ")
-    };
     let mut blocks = vec![
-        Block::Fact(
-            "Channels",
-            format!(
-                "{}, ticks flown: {}; active at the end: {}",
-                section.channels,
-                of_each(&section.ticks_flown),
-                section.active
-            ),
-        ),
+        Block::Fact("Channels", sentences::channels(section)),
         Block::Fact(
             "Without redundancy",
             format!(
@@ -347,7 +338,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
         Some(first_s) => format!(
             "{} from {first_s:.3} s on; contradicted by two channels, in ticks: {}",
             count(section.mismatches, "tick"),
-            of_each(&section.ticks_outvoted)
+            sentences::by_channel(&section.ticks_outvoted)
         ),
     };
     blocks.push(Block::Fact("Commands that differed", contradicted));

@@ -1,9 +1,11 @@
 //! Sentences that several results share: faults, parameter changes, laws, gates, verdicts, lost messages and margins.
 
+use std::collections::BTreeMap;
+
 use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
 use analysis::schema::{
-    AcceptanceResult, Gate, LawSection, MarginSection, Report, RobustnessMargin, RoleSection,
-    Speed, Verdicts, sum,
+    AcceptanceResult, Gate, LawSection, MarginSection, RedundancySection, Report, RobustnessMargin,
+    RoleSection, Speed, Verdicts, sum,
 };
 use flight_log::facts::OFF;
 use messages::role::Role;
@@ -51,6 +53,17 @@ pub fn swap(swap: &AppliedSwap) -> String {
     };
     let changes: Vec<String> = swap.changes.iter().map(change).collect();
     changes.join(", ")
+}
+
+pub fn channels(section: &RedundancySection) -> String {
+    let (channels, active) = (section.channels, &section.active);
+    let flown = by_channel(&section.ticks_flown);
+    format!("{channels}, ticks flown: {flown}; active at the end: {active}")
+}
+
+pub fn by_channel(ticks: &BTreeMap<String, u64>) -> String {
+    let of = |(channel, ticks): (&String, &u64)| format!("{channel} {ticks}");
+    ticks.iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
 pub fn law(law: &LawSection) -> String {

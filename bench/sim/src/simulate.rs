@@ -41,7 +41,7 @@ pub fn report(
     let every = settings.recorder.states_every_ticks;
     let create = |path| StatesWriter::create(path, tracking, laws, every, false);
     let mut states = leaves.states.map(create).transpose()?;
-    let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?);
+    let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?, settings.rt.channels);
     let mut observations = Observations::new(settings, tracking)?;
     let start = Instant::now();
     let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
@@ -72,7 +72,7 @@ pub fn report(
     if let Some(states) = &mut states {
         states.flush()?;
     }
-    observations.theorem.innovation(rig.innovation());
+    observations.theorem.innovation(&rig.theorem().innovation());
     let theorem = observations.theorem.section();
     let gate = settings.recorder.theorem_gate();
     let gate = gate.map(|gate| Gate::theorem(&theorem, gate));
@@ -185,7 +185,7 @@ impl Observations {
             return;
         };
         match rig.monitor() {
-            Some(monitor) => self.theorem.take(rig.inner_epoch(), monitor),
+            Some(monitor) => self.theorem.take(rig.theorem().epoch(), monitor),
             None if self.has_estimates => self.theorem.count_unwatched(),
             None => {}
         }

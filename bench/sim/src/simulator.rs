@@ -15,8 +15,7 @@ use std::mem::replace;
 
 use analysis::states::Joined;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
-use controller::TheoremMonitor;
-use controller::innovation::Innovation;
+use controller::{FlightMonitor, TheoremMonitor};
 use errors::Failure;
 use faults::filter::{FaultFilter, FaultyInput};
 use faults::live::FaultKind;
@@ -24,7 +23,7 @@ use faults::{MessageFaults, Port};
 use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::inspection::Rejections;
-use messages::monitor::{Cause, Monitor};
+use messages::monitor::Monitor;
 use messages::role::{Role, STAGES};
 use messages::topic::Topic;
 use plant::command_hold::PENDING_COMMANDS;
@@ -44,11 +43,8 @@ pub struct Simulator {
     rotor_speeds: Stamped<RotorSpeeds>,
     tick: u64,
     envelope: Result<(), EnvelopeViolation>,
-    theorem: Option<TheoremMonitor>,
+    theorem: FlightMonitor,
     monitor: Option<Monitor>,
-    innovation: Innovation,
-    /// Of the current inner loop.
-    inner_epoch: u64,
     /// Message and stage faults; none takes the fast path.
     faulted: Option<Box<Faulted>>,
 }
@@ -71,10 +67,8 @@ impl Simulator {
             rotor_speeds: Stamped::never(),
             tick: 0,
             envelope: Ok(()),
-            theorem: None,
+            theorem: FlightMonitor::new(None, 1),
             monitor: None,
-            innovation: Innovation::default(),
-            inner_epoch: 0,
             faulted: None,
         }
     }
@@ -134,12 +128,10 @@ impl Simulator {
     }
 
     /// Adds the theorem's monitor, if the inner law has a theorem.
-    pub fn with_monitor(self, theorem: Option<TheoremMonitor>) -> Self {
-        let mut rig = Self { theorem, ..self };
-        if let Some(faulted) = &mut rig.faulted {
-            faulted.theorem.clone_from(&rig.theorem);
-        }
-        rig
+    pub fn with_monitor(self, theorem: Option<TheoremMonitor>, channels: usize) -> Self {
+        let mut theorem = FlightMonitor::new(theorem, channels);
+        theorem.begin(0);
+        Self { theorem, ..self }
     }
 
     /// A copy of this flight that continues under other settings, which may differ in message and stage faults that begin
@@ -206,10 +198,10 @@ impl Simulator {
         mixer.tick_into(tick, wrench, &mut rotor_speeds.content);
         rotor_speeds.tick = tick;
         plant.offer(rotor_speeds, tick + 1);
-        if let Some(theorem) = &mut self.theorem {
-            self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
-            self.innovation = *theorem.innovation();
-        }
+        self.monitor = self
+            .theorem
+            .watch_next(tick, state, &wrench.content)
+            .copied();
         self.tick += 1;
     }
 
@@ -295,13 +287,17 @@ impl Simulator {
         self.monitor.as_ref()
     }
 
-    pub const fn inner_epoch(&self) -> u64 {
-        self.inner_epoch
+    pub const fn theorem(&self) -> &FlightMonitor {
+        &self.theorem
     }
 
-    /// What the monitor knows without ground truth.
-    pub const fn innovation(&self) -> &Innovation {
-        &self.innovation
+    /// Checks the newest wrench, and the state that it was computed from, against the theorem.
+    fn watch(&mut self, state: &Stamped<State>) {
+        let wrench = &self.wrench;
+        self.monitor = self
+            .theorem
+            .watch_next(wrench.tick, state, &wrench.content)
+            .copied();
     }
 
     /// Whether the last state is inside the model's envelope.
@@ -347,8 +343,6 @@ struct Faulted {
     states: VecDeque<Stamped<State>>,
     /// The true state that the inner loop worked with last.
     used: Stamped<State>,
-    /// The monitor as created, for each new inner law.
-    theorem: Option<TheoremMonitor>,
     /// Rejections counted by the inputs of killed laws.
     rejections: Rejections,
 }
@@ -383,7 +377,6 @@ impl Faulted {
             commands: VecDeque::with_capacity(PENDING_COMMANDS + 1),
             states: VecDeque::with_capacity(KEPT + 1),
             used: Stamped::never(),
-            theorem: None,
             rejections: Rejections::default(),
         })
     }
@@ -468,7 +461,7 @@ impl Faulted {
         let state = message(&rig.state);
         self.outer_state.arrive_late(&state, late.output);
         self.inner_state.arrive_late(&state, late.output);
-        if self.theorem.is_some() {
+        if rig.theorem.applies() {
             if self.states.len() == KEPT {
                 self.states.pop_front();
             }
@@ -486,8 +479,7 @@ impl Faulted {
         let late = self.lateness(Role::Inner, tick);
         self.mixer_wrench
             .arrive_late(&message(&rig.wrench), late.output);
-        rig.monitor = None;
-        if let Some(theorem) = &mut rig.theorem {
+        if rig.theorem.applies() {
             while self
                 .states
                 .front()
@@ -500,14 +492,7 @@ impl Faulted {
             if input.tick == state.tick {
                 input.content.measured = state.content.measured;
             }
-            let monitor = *theorem.watch(tick, &input, &rig.wrench.content);
-            rig.innovation = *theorem.innovation();
-            // As in flight: a law that was started again may continue from samples that its monitor has not seen.
-            if rig.inner_epoch > 0 && monitor.violations[Cause::Unexplained as usize] > 0 {
-                rig.theorem = None;
-            } else {
-                rig.monitor = Some(monitor);
-            }
+            rig.watch(&input);
         }
     }
 
@@ -526,8 +511,7 @@ impl Faulted {
                 }
                 Replacement::Inner(inner) => {
                     rig.inner.replace_by(inner, &mut saved);
-                    rig.theorem.clone_from(&self.theorem);
-                    rig.inner_epoch += 1;
+                    rig.theorem.begin(rig.theorem.epoch() + 1);
                     let unused = FaultyInput::new(messages, Port::InnerState);
                     let states = replace(&mut self.inner_state, unused).rejections();
                     let unused = FaultyInput::new(messages, Port::InnerSetpoint);

@@ -28,7 +28,7 @@ fn recorded(flight: &str) -> PathBuf {
 fn flown(settings: &Settings, timing: Option<&Timing>) -> String {
     let mut rig = Simulator::of(settings)
         .unwrap()
-        .with_monitor(settings.theorem().unwrap());
+        .with_monitor(settings.theorem().unwrap(), settings.rt.channels);
     let mut unusable = InvalidOutputs::default();
     let flight = simulate::fly_with(&mut rig, settings, timing, |rig| {
         unusable.take(rig);
@@ -49,7 +49,7 @@ fn flown(settings: &Settings, timing: Option<&Timing>) -> String {
         rig.joined(),
         rig.rejections(),
         unusable.sentences(settings).unwrap(),
-        rig.innovation(),
+        rig.theorem().innovation(),
     )
 }
 

@@ -201,9 +201,7 @@ impl ProcessExit {
         match self.killed {
             Some(KillReason::Hang) => "hung, and was killed".into(),
             Some(KillReason::Outvoted) => "killed: two channels contradicted its channel".into(),
-            Some(KillReason::Fault(tick)) => {
-                format!("killed by the fault {}.kill of tick {tick}", self.replica)
-            }
+            Some(KillReason::Fault(tick)) => format!("killed by the kill fault of tick {tick}"),
             Some(KillReason::AfterFlight) | None => self.status.to_string(),
         }
     }
@@ -217,7 +215,7 @@ impl ProcessExit {
                 directory.display()
             );
         }
-        format!("{}: {}\n{log}", title(self.replica), self.status)
+        format!("{}: {}\n{log}", title(self.replica), self.cause())
     }
 
     /// How it ended, as a clause, with the law that it flew.

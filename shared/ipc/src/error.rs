@@ -17,7 +17,7 @@ use messages::role::Role;
 pub enum Error {
     /// The name of an instance has a character or a length that file names cannot carry everywhere.
     #[error(
-        "instance name `{name}` is not allowed: 1 to 32 of the characters a-z, 0-9, `_` and `-`"
+        "instance name `{name}` is not allowed: 1 to 32 of the characters a-z, 0-9, `_` and, not as the first, `-`"
     )]
     InstanceName { name: String },
     /// The directory for sockets and service files, or something in it or in shared memory, cannot be used.
@@ -167,7 +167,7 @@ impl Error {
             Self::Orphaned { path, .. } => format!("`fuser -v {}` names it: end it", path.display()),
             Self::Crowded { .. } => "end one of the others: an `ironbird watch` or an `ironbird bridge`".into(),
             Self::SettingsDiffer { laws, .. } => {
-                let same = "start every role with the same --config, --trajectory, --preset, --duration and --fault";
+                let same = "start every role with the same settings file and the same flags";
                 if laws.is_empty() { same.into() } else { format!("{same}, and like the plant with {laws}") }
             }
             Self::RealtimeRefused { remedy, .. } => remedy.clone(),

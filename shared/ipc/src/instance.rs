@@ -146,7 +146,7 @@ pub(crate) fn shared_memory() -> Result<Option<Directory>, Error> {
 
 fn allowed(name: &str) -> Result<Name, Error> {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
-    let valid = !name.is_empty() && name.chars().all(allowed);
+    let valid = !name.is_empty() && !name.starts_with('-') && name.chars().all(allowed);
     Name::try_from(name)
         .ok()
         .filter(|_| valid)

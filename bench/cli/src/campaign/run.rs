@@ -73,7 +73,13 @@ fn of_shard(plan: &Plan, shard: Shard) -> Result<Range<u64>, Failure> {
         let mistake = format!("--shard auto/{of}: the task's number is {number}");
         return Err(Failure::usage(mistake).help(format!("number the tasks from 1 to {of}")));
     }
-    Ok(plan.campaign.shard(number, shard.of))
+    let flights = plan.campaign.shard(number, shard.of);
+    if flights.is_empty() {
+        say(
+            "warning: this shard flies nothing: the campaign has fewer files of rows; `campaign.chunk` makes them smaller\n",
+        );
+    }
+    Ok(flights)
 }
 
 fn task() -> Option<u64> {

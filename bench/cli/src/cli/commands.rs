@@ -16,8 +16,11 @@ use supervisor::cpu_load;
 
 pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
-    check_writable("--states", args.states.as_deref())?;
-    check_writable("--plot", args.plot.as_deref())?;
+    let (states, plot) = (args.states.as_deref(), args.plot.as_deref());
+    let course = &args.flight.course;
+    course.check_distinct(&[("--states", states), ("--plot", plot)])?;
+    check_writable("--states", states)?;
+    check_writable("--plot", plot)?;
     let is_svg = |path: &Path| {
         path.extension()
             .is_some_and(|it| it.eq_ignore_ascii_case("svg"))

@@ -1,6 +1,7 @@
 //! Flags of the commands that fly: `fly`, `simulate` and the single roles.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf, absolute};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -49,6 +50,28 @@ pub struct TrajectoryArgs {
 }
 
 impl TrajectoryArgs {
+    /// Checks that no other flag names a file that these flags write.
+    pub fn check_distinct(&self, written: &[(&str, Option<&Path>)]) -> Result<(), Failure> {
+        let read = [
+            ("--config", self.config.as_deref()),
+            ("--trajectory", self.trajectory.as_ref().map(Path::new)),
+            ("--airframe", self.airframe.as_ref().map(Path::new)),
+        ];
+        for (place, (flag, path)) in written.iter().enumerate() {
+            let is_same = |(_, other): &&(&str, Option<&Path>)| {
+                let file = |path: &Path| fs::canonicalize(path).or_else(|_| absolute(path)).ok();
+                path.is_some() && path.and_then(file) == other.and_then(file)
+            };
+            if let Some((other, _)) = written[place + 1..].iter().chain(&read).find(is_same) {
+                return Err(
+                    Failure::usage(format!("{flag} and {other} name the same file"))
+                        .help("name another file for one of them"),
+                );
+            }
+        }
+        Ok(())
+    }
+
     pub fn overrides(&self) -> Overrides {
         let faults = (!self.faults.is_empty())
             .then(|| self.faults.iter().map(Fault::to_string).collect::<Vec<_>>());

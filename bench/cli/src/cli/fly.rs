@@ -26,7 +26,10 @@ use supervisor::stop_requests::StopRequests;
 use supervisor::{self, FinishedFlight, FlightOptions};
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
-    check_writable("--junit", args.junit.as_deref())?;
+    let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
+    let course = &args.flight.course;
+    course.check_distinct(&[("--junit", junit), ("--states", states)])?;
+    check_writable("--junit", junit)?;
     let junit = args.junit.as_ref();
     // The result of an earlier flight is none of this one, however its process ends.
     if let Some(earlier) = junit.filter(|path| !args.print_config && path.is_file()) {

@@ -225,7 +225,7 @@ fn bound(text: &str) -> Result<(BoundName, f64), String> {
     let known = || BOUNDS.map(|(name, _)| name).join(", ");
     let (name, most) = text
         .split_once('=')
-        .ok_or_else(|| format!("write NAME=MOST; names are {}", known()))?;
+        .ok_or_else(|| format!("write NAME=MAX; names are {}", known()))?;
     let mut bounds = BOUNDS.into_iter();
     let bound = bounds
         .find(|(it, _)| *it == name.trim())

@@ -39,7 +39,7 @@ const LEGEND: &str = "\
 ";
 
 const CONDITIONS: &str = "
-Both sides of a pair run one right after the other, in alternating order; *ours* and *floor* are \
+Both sides of a pair run back to back, alternating; *ours* and *floor* are \
 medians over the pairs. The ratio is the median of the pairs' ratios, with an interval of at least \
 95 % by order statistics. Misses are pooled, with a bootstrap over pairs. `met` and `missed`: the \
 whole interval is on one side of the goal. Pairs during which the host stole more than 1 % of the \

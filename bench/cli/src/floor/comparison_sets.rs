@@ -390,7 +390,7 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     let settings = Settings::resolve(None, &Vec::new())?;
     for _ in 0..effort.pairs {
         let before = CpuTimes::read(None);
-        let mut rig = Simulator::of(&settings)?.with_monitor(settings.theorem()?);
+        let mut rig = Simulator::of(&settings)?.with_monitor(settings.theorem()?, 1);
         let start = Instant::now();
         for _ in 0..TIMED_TICKS {
             black_box(&mut rig).tick();

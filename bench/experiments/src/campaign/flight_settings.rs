@@ -149,11 +149,15 @@ impl Plan {
     /// Appends the line of the factor, or else of the key that a failure names, or else of the arm.
     fn at_line(&self, failure: Failure, arm: &Variant, factor: Option<usize>) -> Failure {
         let message = failure.to_string();
+        let drawn = factor.map_or("", |_| "a possible draw of ");
         let line = factor
             .or_else(|| self.line_of_fault(&message))
             .or_else(|| self.campaign.lines.named_in(&message))
             .unwrap_or(arm.line);
-        failure.append(&format!(": line {line}, flown by the arm {}", arm.name))
+        failure.append(&format!(
+            ": {drawn}line {line}, flown by the arm {}",
+            arm.name
+        ))
     }
 
     /// The line of the [[fault]] that a failure of the first flight names, or of the only one.

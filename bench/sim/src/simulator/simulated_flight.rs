@@ -59,7 +59,7 @@ pub fn follow(
     judge: &mut Judge,
     mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let mut timed = Timed::new(settings)?;
+    let mut timed = Timed::new();
     let last_tick = settings.last_tick();
     let is_flown = |event: &&Event| last_tick == timing.last_tick || event.tick <= last_tick;
     // The tick of the newest state, until an event of a later one.

@@ -12,7 +12,6 @@ use crate::recorded_timing::{Event, Source};
 use crate::simulator::Simulator;
 use config::Settings;
 use control_api::SavedState;
-use controller::flight_monitor::FlightMonitor;
 use errors::Failure;
 use messages::message_window::MessageWindow;
 use plant::EnvelopeViolation;
@@ -28,25 +27,20 @@ pub struct Timed {
     taken: u64,
     /// Epochs of the current outer loop, inner loop and mixer.
     epochs: [Option<u64>; 3],
-    /// Wrenches of the current inner loop.
-    wrenches_of_epoch: u64,
-    theorem: FlightMonitor,
     saved: SavedState,
 }
 
 impl Timed {
-    pub fn new(settings: &Settings) -> Result<Self, Failure> {
-        Ok(Self {
+    pub(crate) fn new() -> Self {
+        Self {
             states: MessageWindow::keeping(DEEP),
             setpoints: MessageWindow::keeping(DEEP),
             wrenches: MessageWindow::keeping(DEEP),
             commands: VecDeque::new(),
             taken: 0,
             epochs: [None; 3],
-            wrenches_of_epoch: 0,
-            theorem: FlightMonitor::new(settings.theorem()?, settings.rt.channels),
             saved: SavedState::new(),
-        })
+        }
     }
 
     /// Repeats the computation of one recorded message and adds its output to `outputs`, except a state, which the caller
@@ -88,7 +82,7 @@ impl Timed {
                 if begins(&mut self.epochs[1], event.epoch) {
                     rig.inner
                         .replace_by(settings.inner_stage()?, &mut self.saved);
-                    self.wrenches_of_epoch = 0;
+                    rig.theorem.begin(rig.theorem.epoch() + 1);
                 }
                 if let (Some(state), Some(setpoint)) =
                     (self.states.input(state), self.setpoints.input(setpoint))
@@ -98,7 +92,7 @@ impl Timed {
                     rig.wrench.tick = tick;
                     put(&mut self.wrenches, tick, &rig.wrench.content);
                     outputs.take(tick, &rig.wrench.content);
-                    self.watch(event, &state, rig);
+                    rig.watch(&state);
                 }
             }
             Source::RotorSpeeds { wrench, acts_from } => {
@@ -131,17 +125,6 @@ impl Timed {
         for (command, acts_from) in self.commands.drain(..until).skip(lost) {
             rig.plant.offer(&command, acts_from);
         }
-    }
-
-    fn watch(&mut self, event: &Event, state: &Stamped<State>, rig: &mut Simulator) {
-        let seq = self.wrenches_of_epoch;
-        self.wrenches_of_epoch += 1;
-        let mut wrench = Message::of_tick(event.tick, rig.wrench.content);
-        (wrench.envelope.epoch, wrench.envelope.seq) = (event.epoch, seq);
-        let result = self.theorem.watch(&wrench, Some(state));
-        rig.monitor = result.map(|message| message.content);
-        rig.innovation = self.theorem.innovation();
-        rig.inner_epoch = event.epoch;
     }
 }
 

@@ -130,6 +130,10 @@ impl FromStr for Change {
 
     /// Reads one `WHAT=VALUE`, or one `WHAT` that takes none.
     fn from_str(text: &str) -> Result<Self, FaultError> {
+        if text.contains('@') {
+            let why = "@ is for --fault; --in, --at-tick and --for say when to inject";
+            return Err(FaultError::fault(format!("{text}: {why}")));
+        }
         let (what, value) = match text.split_once('=') {
             Some((what, value)) => (what.trim(), Some(value.trim())),
             None => (text.trim(), None),
@@ -270,15 +274,9 @@ impl LoopChange {
             });
         }
         if spec.value == ValueType::None {
-            if value.is_some() {
-                let end = if spec.is_once() {
-                    String::new()
-                } else {
-                    format!(" or {what}@8s..9s")
-                };
-                return Err(FaultError::fault(format!(
-                    "{what} takes no value: write {what}@8s{end}"
-                )));
+            if let Some(value) = value {
+                let why = format!("{what} takes no value: leave out `={value}`");
+                return Err(FaultError::fault(why));
             }
             return target.change(spec, [0, 0]).ok_or_else(|| {
                 FaultError::fault(
