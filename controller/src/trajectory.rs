@@ -25,7 +25,7 @@ const RAMP_S: f64 = 5.0;
 
 wire_enum! {
     /// A reference trajectory of position and yaw; its name is what the user types.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[derive(Hash)]
     pub enum Trajectory {
         /// Climb to 1 m and stay.
         Hover = 0 => "hover",

@@ -76,15 +76,8 @@ pub struct Plant {
 impl Plant {
     /// A plant at tick 0: where the settings say, rotors at the hover speed of the airframe.
     pub fn new(settings: &PlantSettings) -> Self {
-        let PlantSettings {
-            period_s,
-            airframe,
-            rotor,
-            seed,
-            initial,
-            ground,
-            tilt_max_rad,
-        } = *settings;
+        let (period_s, airframe) = (settings.period_s, settings.airframe);
+        let (rotor, initial) = (&settings.rotor, &settings.initial);
         let eta2 = Vector3::from(initial.attitude_rad);
         let attitude = Attitude::of_euler(&eta2);
         let body = RigidBody {
@@ -101,11 +94,11 @@ impl Plant {
             rotors: Rotors::new(&airframe),
             body,
             eta2: attitude.euler_near(&eta2),
-            tilt_max_rad,
-            ground,
+            tilt_max_rad: settings.tilt_max_rad,
+            ground: settings.ground,
             pushed_w: Vector3::zeros(),
             crash: None,
-            sensors: Sensors::new(period_s, seed, &airframe, &body),
+            sensors: Sensors::new(period_s, settings.seed, &airframe, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             command_hold: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),

@@ -17,7 +17,7 @@ use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
 use messages::channels::{Arrangement, Envelope, Excursion, REDUNDANCY, Redundancy};
-use messages::content::{Measured, Reference, RotorSpeeds, Stamped, State};
+use messages::content::{Reference, RotorSpeeds, Stamped, State};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};
@@ -434,17 +434,14 @@ impl<'a> PlantProcess<'a> {
         let Some(route) = &self.route else {
             return Excursion::default();
         };
-        let Measured {
-            position_w_m,
-            attitude_quaternion: [_, x, y, _],
-            rate_b_rad_s,
-            ..
-        } = state.measured;
+        let measured = &state.measured;
+        let [_, x, y, _] = measured.attitude_quaternion;
         let sin_half = (x * x + y * y).sqrt();
-        let error_w_m = Vector3::from(position_w_m) - Vector3::from(route(tick).position_w_m);
+        let position_w_m = Vector3::from(measured.position_w_m);
+        let error_w_m = position_w_m - Vector3::from(route(tick).position_w_m);
         Excursion {
             tilt_rad: 2.0 * atan2(sin_half, (1.0 - sin_half * sin_half).max(0.0).sqrt()),
-            rate_rad_s: Vector3::from(rate_b_rad_s).norm(),
+            rate_rad_s: Vector3::from(measured.rate_b_rad_s).norm(),
             error_m: error_w_m.norm(),
         }
     }

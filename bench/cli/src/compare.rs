@@ -102,17 +102,12 @@ fn fly_table(
             .collect()
     };
     let mut plans = Vec::new();
-    for Row {
-        name,
-        faults,
-        set: of_row,
-    } in &cases.row
-    {
-        let of_row_in = format!(" (row `{name}` of {place})");
+    for row in &cases.row {
+        let of_row_in = format!(" (row `{}` of {place})", row.name);
         let (of_all, of_row) = set(&cases.set)
-            .and_then(|all| Ok((all, set(of_row)?)))
+            .and_then(|all| Ok((all, set(&row.set)?)))
             .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
-        let faults = vec![("flight.faults", Value::from(faults.clone()))];
+        let faults = vec![("flight.faults", Value::from(row.faults.clone()))];
         let overrides = [of_all, overrides.clone(), of_row, faults].concat();
         let plan = Plan::new(args, combinations, &overrides, bound_m);
         plans.push(plan.map_err(|failure| failure.append(&of_row_in))?);

@@ -148,14 +148,11 @@ fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
     let (text, numbers) = (directory.join("benchmarks.md"), directory.join(NUMBERS));
     // A missing or unreadable page has no notes to keep.
     let old = std::fs::read_to_string(&text).unwrap_or_default();
-    std::fs::write(&text, page.markdown() + notes_of(&old)).in_file("write", &text)?;
+    let notes = old.find("\n## Per tick and role\n");
+    let notes = notes.map_or("", |begin| &old[begin..]);
+    std::fs::write(&text, page.markdown() + notes).in_file("write", &text)?;
     let json = serde_json::to_string_pretty(page).in_file("write", &numbers)?;
     std::fs::write(&numbers, json + "\n").in_file("write", &numbers)
-}
-
-fn notes_of(page: &str) -> &str {
-    page.find("\n## Per tick and role\n")
-        .map_or("", |begin| &page[begin..])
 }
 
 /// `ironbird ring-hop`: one process of the ring, started by the measuring process. Passes the token on until the ring

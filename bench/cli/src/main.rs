@@ -3,12 +3,12 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use errors::Failure;
-use errors::output::say;
+use errors::output::{print, say};
+use errors::{Failure, OK};
 use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
 use ironbird::floor;
 use ironbird::{
-    campaign, clean, compare, doctor, export, laws, manual, margin, new_law, params,
+    campaign, clean, compare, doctor, export, fault_text, laws, manual, margin, new_law, params,
     report_command, resource_limits, runs,
 };
 use messages::checks;
@@ -57,7 +57,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Inject(args) => commands::inject(args),
         Command::Switch(args) => commands::inject(&args.clone().into()),
         Command::Params(args) => params::params(args),
-        Command::Faults => commands::faults(),
+        Command::Faults => print(&fault_text::text()).map(|()| OK),
         Command::Laws(args) => laws::laws(args),
         Command::New(args) => new_law::new(args),
         Command::Report(args) => report_command::show(args),

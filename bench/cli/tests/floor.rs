@@ -30,8 +30,7 @@ fn ring(
         by_eventfd,
         schedule: schedule(duration),
         work: vec![work; processes],
-        rehearsal: None,
-        polls_ns: 0,
+        ..RingSettings::default()
     };
     ring::measure(&settings, Path::new(executable))
 }

@@ -311,12 +311,8 @@ impl Settings {
     }
 
     fn check_channels(&self, settings: &RealtimeSettings) -> Result<(), Failure> {
-        let RealtimeSettings {
-            channels,
-            channel_cpus,
-            loop_cpus,
-            ..
-        } = *settings;
+        let (channels, channel_cpus) = (settings.channels, settings.channel_cpus);
+        let loop_cpus = settings.loop_cpus;
         let refused = |what: String, help: &str| Err(Failure::usage(what).help(help));
         if !(1..=MOST_CHANNELS).contains(&channels) {
             return refused(

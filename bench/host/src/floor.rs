@@ -33,11 +33,9 @@ impl MachineFloor {
         let before = CpuTimes::read(processor);
         let timer = timer::measure(schedule)?;
         let settings = RingSettings {
-            by_eventfd: false,
             schedule: schedule.clone(),
             work,
-            rehearsal: None,
-            polls_ns: 0,
+            ..RingSettings::default()
         };
         let ring = ring::measure(&settings, executable)?;
         let mut refused = [&timer.standing, &ring.standing]

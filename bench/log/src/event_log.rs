@@ -8,7 +8,6 @@
 //!
 //! Messages wait in a ring until it is known whether an event wants them, `around` ticks long. Every swap is kept.
 
-use crate::TOPICS;
 use crate::entry::{Counts, LogEntry};
 use messages::content::State;
 use messages::header::Message;
@@ -18,7 +17,7 @@ use std::ops::RangeInclusive;
 /// How far a topic may come behind the states [ticks]: more than the recorder takes in at once.
 const BEHIND_TICKS: u64 = 20_000;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EventLog {
     around_ticks: u64,
     /// What an event that is still to come may want, as it came.
@@ -40,14 +39,10 @@ struct Seen {
 }
 
 impl EventLog {
-    pub const fn new(around_ticks: u64) -> Self {
+    pub fn new(around_ticks: u64) -> Self {
         Self {
             around_ticks,
-            waiting: VecDeque::new(),
-            kept: VecDeque::new(),
-            newest: None,
-            stretches: 0,
-            left_out: [0; TOPICS.len()],
+            ..Self::default()
         }
     }
 

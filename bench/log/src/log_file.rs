@@ -61,7 +61,7 @@ pub(crate) struct LogFile {
     writer: Writer<NoSeek<AsyncWriter>>,
     output: AsyncWriter,
     pace: Pace,
-    newest_sample_ns: u64,
+    pub(crate) newest_sample_ns: u64,
     channels: BTreeMap<&'static str, u16>,
     /// What the laws show, each with its channel, in the order of [`LAW_ROLES`].
     telemetry: [Option<(u16, TelemetryTopic)>; LAW_ROLES.len()],
@@ -304,11 +304,6 @@ impl LogFile {
     /// Length of the file when everything that was handed over is there [bytes].
     pub fn length(&self) -> u64 {
         self.output.written()
-    }
-
-    /// When the newest message was sampled [ns].
-    pub const fn newest_sample_ns(&self) -> u64 {
-        self.newest_sample_ns
     }
 
     pub fn refused(&self) -> Option<String> {

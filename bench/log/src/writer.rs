@@ -120,7 +120,7 @@ impl FlightLog {
             file: OnceLock::new(),
         };
         let output = AsyncWriter::new(disk, LEFT_FREE_BYTES).in_file("write", &path(next))?;
-        let file = LogFile::begin(output, &self.facts, next, self.file.newest_sample_ns())
+        let file = LogFile::begin(output, &self.facts, next, self.file.newest_sample_ns)
             .map_err(broken)?;
         let mut landing = self.messages();
         landing.insert(CONTINUED_IN.into(), file_name(next));

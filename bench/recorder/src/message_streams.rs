@@ -102,48 +102,31 @@ impl MessageStreams {
         ends: bool,
     ) -> Result<(), Failure> {
         let horizon = horizon(pace, || run.get());
-        let Self {
-            ports:
-                StreamPorts {
-                    receivers,
-                    others,
-                    relays,
-                },
-            merge,
-            redundancy,
-            statistics,
-            joiner,
-            pairs,
-            inner_states,
-            parameter_epoch,
-            ..
-        } = self;
-        let mut newest_state = statistics.newest_tick();
+        let mut newest_state = self.statistics.newest_tick();
         // Takes a message of the flight, for everything but the logs of the channels.
         let mut take = |files: &mut RunFiles<'_>, entry: &LogEntry| {
             files.log(entry, |of| of.is_none());
-            files.note(OBSERVERS, relays.pass_on(entry).map_err(Failure::from));
+            let relayed = self.ports.relays.pass_on(entry);
+            files.note(OBSERVERS, relayed.map_err(Failure::from));
             let tick = entry.envelope().tick;
-            statistics.take(entry);
+            self.statistics.take(entry);
             if let Some(part) = LoopMessage::of(entry) {
-                joiner.take(tick, part);
+                self.joiner.take(tick, part);
             }
             match entry {
                 LogEntry::State(message) => {
-                    *parameter_epoch = message.content.parameter_epoch;
-                    pairs.state(&inner_states.with_faults(message));
+                    self.parameter_epoch = message.content.parameter_epoch;
+                    self.pairs.state(&self.inner_states.with_faults(message));
                 }
-                LogEntry::Wrench(message) => pairs.wrench(message),
+                LogEntry::Wrench(message) => self.pairs.wrench(message),
                 _ => {}
             }
         };
-        if let Some(merge) = merge {
+        if let Some(merge) = &mut self.merge {
             // Read first: the messages that it counts have arrived by then.
-            let account = redundancy
-                .as_ref()
-                .map(BlackboardReader::get)
-                .unwrap_or_default();
-            receivers.drain(horizon, |entry| {
+            let account = self.redundancy.as_ref().map(BlackboardReader::get);
+            let account = account.unwrap_or_default();
+            self.ports.receivers.drain(horizon, |entry| {
                 let is_of_channel = merge.take(Channel::A, entry);
                 files.log(entry, |of| {
                     of.is_some_and(|it| it == Channel::A || !is_of_channel)
@@ -153,7 +136,7 @@ impl MessageStreams {
                     take(files, entry);
                 }
             })?;
-            for (channel, ports) in others {
+            for (channel, ports) in &mut self.ports.others {
                 ports.drain(horizon, |entry| {
                     merge.take(*channel, entry);
                     files.log(entry, |of| of == Some(*channel));
@@ -162,6 +145,7 @@ impl MessageStreams {
             let newest = (!ends).then_some(newest_state);
             merge.close(newest, &account, |entry| take(files, entry));
         } else {
+            let receivers = &mut self.ports.receivers;
             receivers.drain(horizon, |entry| take(files, entry))?;
         }
         while let Some((wrench, state)) = self.pairs.paired() {

@@ -18,7 +18,6 @@ use flight_log::TOPICS;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use messages::channels::Redundancy;
-use messages::role::Role;
 use process::rt::UsageMeter;
 
 use super::host_monitor::HostMonitor;
@@ -74,15 +73,7 @@ impl<'a> ReportBuilder<'a> {
         parts: &RecordedParts<'_>,
         ending: Option<EndReason>,
     ) -> Result<Report, Failure> {
-        let RecordedParts {
-            streams,
-            files,
-            host,
-            roles,
-            redundancy,
-            faults,
-        } = parts;
-        let statistics = &streams.statistics;
+        let (statistics, host) = (&parts.streams.statistics, parts.host);
         let period_s = self.settings.flight.period_s;
         let ticks = statistics.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(statistics.states);
@@ -126,7 +117,9 @@ impl<'a> ReportBuilder<'a> {
             last_words: Vec::new(),
             in_flight: ending.is_none(),
         };
-        let faults = [self.settings.injected()?, injected(faults, period_s)].concat();
+        let injected = injected(parts.faults, period_s);
+        let faults = [self.settings.injected()?, injected].concat();
+        let redundancy = parts.redundancy.as_ref();
         let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy =
             autopsy
@@ -136,6 +129,7 @@ impl<'a> ReportBuilder<'a> {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);
         }
+        let [.., mixer] = parts.roles.loops();
         let mut report = Report {
             schema: schema::SCHEMA.into(),
             words: Verdicts::default(),
@@ -145,9 +139,7 @@ impl<'a> ReportBuilder<'a> {
             deadlines,
             margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
             autopsy,
-            redundancy: redundancy
-                .as_ref()
-                .map(|it| sections::redundancy(it, period_s)),
+            redundancy: redundancy.map(|it| sections::redundancy(it, period_s)),
             deaths: statistics.deaths.deaths.clone(),
             deaths_left_out: statistics.deaths.left_out,
             flight: performance,
@@ -156,15 +148,15 @@ impl<'a> ReportBuilder<'a> {
             swaps_left_out: statistics.swaps_seen - statistics.swaps.len() as u64,
             faults,
             series: statistics.series.statistics(),
-            roles: roles.sections(),
-            lead: statistics.lead(&run.lead, roles.loops()[Role::Mixer as usize].rehearsals),
+            roles: parts.roles.sections(),
+            lead: statistics.lead(&run.lead, mixer.rehearsals),
             recorder: schema::RecorderSection {
                 lost,
-                rejected: rejections(&streams.rejections()),
-                incomplete_ticks: streams.incomplete_ticks(),
+                rejected: rejections(&parts.streams.rejections()),
+                incomplete_ticks: parts.streams.incomplete_ticks(),
                 cpu_percent: 100.0 * self.meter.read().cpu_ns as f64 / elapsed_ns as f64,
-                log: files.log_section(),
-                unwritten: files.incomplete(),
+                log: parts.files.log_section(),
+                unwritten: parts.files.incomplete(),
             },
             host: host.host.clone(),
             doctor: host.diagnosis.clone(),

@@ -17,7 +17,7 @@ use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
 use flight_log::log_directory;
-use flight_log::writer::{Fate, FlightLog};
+use flight_log::writer::FlightLog;
 use ipc::clock::now_ns;
 use messages::role::Channel;
 use render::files::write_all;
@@ -188,7 +188,11 @@ impl<'a> RunFiles<'a> {
                 Ok(fate) if channel.is_none() => {
                     analysis::gates::take_log(report, self.log_name, &fate);
                 }
-                Ok(fate) => self.note(flight_log::FILE, whole(&fate)),
+                // A channel's log that lacks messages is incomplete.
+                Ok(fate) => {
+                    let refused = fate.refused.map(Failure::failed);
+                    self.note(flight_log::FILE, refused.map_or(Ok(()), Err));
+                }
                 Err(failure) => self.note(flight_log::FILE, Err(failure)),
             }
         }
@@ -217,13 +221,5 @@ impl<'a> RunFiles<'a> {
         let flown = self.logs.iter().find(|(channel, _)| channel.is_none());
         let fate = flown.map(|(_, log)| log.fate()).unwrap_or_default();
         log_section(self.log_name, &fate)
-    }
-}
-
-/// Refuses the log of a channel that lacks messages.
-fn whole(fate: &Fate) -> Result<(), Failure> {
-    match &fate.refused {
-        Some(reason) => Err(Failure::failed(reason.clone())),
-        None => Ok(()),
     }
 }

@@ -268,31 +268,28 @@ impl FlightReplay {
 
     /// Replays to the end of the logs, or to the first difference if `stops`.
     fn fly(mut self, stops: bool) -> Result<(ReplayComparison, Summary), Failure> {
-        let Self {
-            flown,
-            channels,
-            states,
-        } = &mut self;
         // Alone, a log need not wait for others.
-        let mut until = if channels.is_empty() { u64::MAX } else { 0 };
+        let is_alone = self.channels.is_empty();
+        let mut until = if is_alone { u64::MAX } else { 0 };
+        let states = &mut self.states;
         loop {
             let mut next = None;
-            for channel in channels.iter_mut() {
+            for channel in &mut self.channels {
                 let reached = channel.advance(until, stops, states, &[])?;
                 next = [next, reached].into_iter().flatten().min();
             }
-            let reached = flown.advance(until, stops, states, channels)?;
+            let reached = self.flown.advance(until, stops, states, &self.channels)?;
             match [next, reached].into_iter().flatten().min() {
                 Some(tick) => until = tick,
                 None => break,
             }
             let differs = |it: &LogReplay| it.comparison.first.is_some();
-            if stops && (differs(flown) || channels.iter().any(differs)) {
+            if stops && (differs(&self.flown) || self.channels.iter().any(differs)) {
                 break;
             }
         }
-        let mut summary = flown.summary;
-        for it in channels.iter().chain([&*flown]) {
+        let mut summary = self.flown.summary;
+        for it in self.channels.iter().chain([&self.flown]) {
             summary.restarts += it.loops.restarts - it.restarts_before;
             summary.takeovers += it.loops.takeovers;
         }

@@ -7,7 +7,7 @@ use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
 use flight_log::facts::{CHANNEL, RUN};
 use flight_log::reader::LogReader;
-use messages::header::{Header, LAYOUT};
+use messages::header::LAYOUT;
 
 pub fn gap(what: &str) -> Failure {
     Failure::failed(format!("the log has a gap: {what}"))
@@ -73,16 +73,10 @@ impl ExpectedMessages {
     pub fn check(&mut self, entry: &LogEntry) -> Result<(), Failure> {
         let (place, topic) = (entry.topic(), TOPICS[entry.topic()]);
         let many_per_tick = matches!(entry, LogEntry::Swap(_));
-        let Header {
-            layout,
-            run_id,
-            settings,
-            epoch,
-            seq,
-            tick,
-            ..
-        } = *entry.envelope();
-        if layout != LAYOUT || run_id != self.run_id || settings != self.settings {
+        let envelope = entry.envelope();
+        let (run_id, settings) = (envelope.run_id, envelope.settings);
+        let (epoch, seq, tick) = (envelope.epoch, envelope.seq, envelope.tick);
+        if envelope.layout != LAYOUT || run_id != self.run_id || settings != self.settings {
             return Err(Failure::failed(format!(
                 "the log mixes runs: message {seq} of topic `{topic}` (tick {tick}) has run {run_id} and settings \
                  {settings:016x}, the log has run {} and settings {:016x}",

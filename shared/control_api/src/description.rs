@@ -84,11 +84,7 @@ impl Description {
 
     /// What is wrong with the names of its signals: they are columns, fields and plots of whatever shows a flight.
     pub fn flaws(&self) -> Vec<String> {
-        let Self {
-            name: law,
-            telemetry,
-            ..
-        } = self;
+        let (law, telemetry) = (self.name, self.telemetry);
         let mut flaws = Vec::new();
         if telemetry.len() > TELEMETRY {
             flaws.push(format!(

@@ -283,7 +283,6 @@ impl FaultSpec {
 
 layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct FaultCode {
         pub what: u64,
         /// Place of the input among [`PORTS`], or of the stage among [`STAGES`].

@@ -23,7 +23,6 @@ pub const NOTICE_TICKS: u64 = LONGEST_DELAY + 4;
 layout! {
     /// What was injected so far, in order.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(C)]
     pub struct LiveBlackboard {
         pub count: u64,
         pub faults: [FaultCode; MAX_LIVE_FAULTS],

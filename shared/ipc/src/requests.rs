@@ -53,7 +53,6 @@ macro_rules! order {
 
 layout! {
     #[derive(Clone, Copy, Debug, PartialEq)]
-    #[repr(C)]
     pub struct SwapOrder {
         /// First tick with the new values; `NO_TICK` if the tick is counted from now.
         pub at_tick: u64,
@@ -90,7 +89,6 @@ impl SwapOrder {
 
 layout! {
     #[derive(Clone, Copy, Debug, PartialEq)]
-    #[repr(C)]
     pub struct SwapAnswer {
         /// A [`SwapOutcome`] as number.
         pub verdict: u64,
@@ -105,8 +103,6 @@ layout! {
 }
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum SwapOutcome {
         Applied = 0,
         UnknownParameter = 1,
@@ -126,7 +122,6 @@ pub const MOST_AT_ONCE: usize = 16;
 layout! {
     /// Faults that begin in one tick, which the plant chooses. The ticks inside of them are not used.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    #[repr(C)]
     pub struct FaultOrder {
         /// First tick with the faults; `NO_TICK` if the tick is counted from now.
         pub at_tick: u64,
@@ -141,7 +136,6 @@ layout! {
 
 layout! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(C)]
     pub struct FaultAnswer {
         /// [`ACCEPTED`] if accepted; else a [`FaultRefusal`], [`MALFORMED`] or [`ENDED`].
         pub verdict: u64,

@@ -16,7 +16,7 @@ use crate::abi::{
     IronbirdWanted,
 };
 use crate::{
-    Description, InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, Setting, SettingKind, Settings,
+    InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, Setting, SettingKind, Settings, Signal,
 };
 
 /// A role that a law of this type can have.
@@ -95,37 +95,24 @@ unsafe impl Sync for IronbirdLaw {}
 #[doc(hidden)]
 #[must_use]
 pub fn table<L: Law>() -> IronbirdLaw {
-    let Description {
-        name,
-        version,
-        summary,
-        source,
-        settings,
-        presets,
-        telemetry,
-        not_real_time,
-    } = L::DESCRIPTION;
-    let settings: Vec<_> = settings.iter().map(setting).collect();
-    let presets: Vec<_> = presets
-        .iter()
-        .map(|set| preset(set, L::DESCRIPTION.settings))
-        .collect();
-    let telemetry: Vec<_> = telemetry
-        .iter()
-        .map(|signal| IronbirdSignal {
-            name: text(signal.name),
-            unit: text(signal.unit),
-        })
-        .collect();
+    let law = L::DESCRIPTION;
+    let settings: Vec<_> = law.settings.iter().map(setting).collect();
+    let preset = |set: &Preset| preset(set, law.settings);
+    let presets: Vec<_> = law.presets.iter().map(preset).collect();
+    let signal = |signal: &Signal| IronbirdSignal {
+        name: text(signal.name),
+        unit: text(signal.unit),
+    };
+    let telemetry: Vec<_> = law.telemetry.iter().map(signal).collect();
     let mut table = IronbirdLaw {
         interface_version: IRONBIRD_LAW_INTERFACE,
         sizes: IronbirdSizes::HERE,
         role: 0,
-        not_real_time: u64::from(not_real_time),
-        name: text(name),
-        version: text(version),
-        summary: text(summary),
-        source: text(source),
+        not_real_time: u64::from(law.not_real_time),
+        name: text(law.name),
+        version: text(law.version),
+        summary: text(law.summary),
+        source: text(law.source),
         settings_count: settings.len() as u64,
         settings: kept(settings),
         presets_count: presets.len() as u64,
@@ -147,13 +134,7 @@ pub fn table<L: Law>() -> IronbirdLaw {
 }
 
 fn setting(setting: &Setting) -> IronbirdSetting {
-    let Setting {
-        name,
-        unit,
-        meaning,
-        kind,
-    } = *setting;
-    let (kind, default_number, min, max, words) = match kind {
+    let (kind, default_number, min, max, words) = match setting.kind {
         SettingKind::Number { default, min, max } => {
             (IRONBIRD_NUMBER, [default, 0.0, 0.0], min, max, &[][..])
         }
@@ -161,9 +142,9 @@ fn setting(setting: &Setting) -> IronbirdSetting {
         SettingKind::Word(words) => (IRONBIRD_WORD, [0.0; 3], 0.0, 0.0, words),
     };
     IronbirdSetting {
-        name: text(name),
-        unit: text(unit),
-        meaning: text(meaning),
+        name: text(setting.name),
+        unit: text(setting.unit),
+        meaning: text(setting.meaning),
         kind,
         default_number,
         min,

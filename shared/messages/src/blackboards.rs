@@ -21,8 +21,6 @@ pub const LOCKSTEP: u64 = 0;
 
 wire_enum! {
     /// Where a run is between the first role's start and the last one's end.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum RunPhase {
         /// The plant waits for the other roles.
         Mustering = 0,
@@ -34,8 +32,6 @@ wire_enum! {
 }
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum EndReason {
         None = 0 => "still flying",
         /// The last tick asked for was flown.
@@ -63,7 +59,6 @@ impl EndReason {
 
 layout! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Run {
         /// A [`RunPhase`] as number.
         pub phase: u64,
@@ -139,8 +134,6 @@ impl Run {
 }
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum RolePhase {
         Starting = 0,
         /// It waits for the plant to open a run.
@@ -156,7 +149,6 @@ wire_enum! {
 layout! {
     /// When a process came past each part of its way to its first tick, on CLOCK_MONOTONIC [ns]; 0 where it has not yet.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Arrival {
         /// It was started.
         pub begun_ns: u64,
@@ -173,7 +165,6 @@ layout! {
 
 layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct Status {
         /// A [`RolePhase`] as number.
         pub phase: u64,
@@ -218,7 +209,6 @@ pub const STATE_BYTES: usize = 2048;
 layout! {
     /// The state of a stage after a tick, which another process of its role can continue from.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(C)]
     pub struct StageState {
         /// The run that it is of; 0 where there is none.
         pub run_id: u64,
@@ -246,7 +236,6 @@ impl StageState {
 layout! {
     /// The parameters in force, written by the plant at each swap.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct ActiveParameters {
         pub tick: u64,
         pub parameter_epoch: u64,
@@ -261,7 +250,6 @@ pub const SETTINGS_MAX: usize = 8192;
 layout! {
     /// The settings that all roles of a run must share, as text.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(C)]
     pub struct SettingsText {
         length: u64,
         bytes: [u8; SETTINGS_MAX],

@@ -164,8 +164,6 @@ impl Envelope {
 
 wire_enum! {
     /// Why another group of channels took over.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum SwitchoverReason {
         Requested = 0 => "requested",
         Silent = 1 => "no fresh command on time",
@@ -179,7 +177,6 @@ wire_enum! {
 layout! {
     /// A group of channels that took over from another one.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct Switchover {
         /// The first tick whose command is the new group's.
         pub tick: u64,
@@ -311,8 +308,6 @@ fn largest_difference(one: &[f64; ROTORS], other: &[f64; ROTORS]) -> f64 {
 
 wire_enum! {
     /// Why a channel had no command that could be flown.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum OutageReason {
         Missing = 0 => "no command",
         Late = 1 => "late",
@@ -324,7 +319,6 @@ wire_enum! {
 layout! {
     /// Ticks in a row for which a channel had no command that could be flown.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Outage {
         /// Place of the channel among [`Channel::ALL`].
         pub channel: u64,
@@ -348,7 +342,6 @@ const TICKS_PER_WORD: u64 = 32;
 layout! {
     /// The plant's account of the channels.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    #[repr(C)]
     pub struct Redundancy {
         pub channels: u64,
         /// Place of the channel whose command is in force.

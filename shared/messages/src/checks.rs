@@ -16,8 +16,6 @@ pub const IS_MUTANT: bool = match option_env!("IRONBIRD_BUILD_MUTANTS") {
 
 wire_enum! {
     /// A check that the drill can switch off. Its number never leaves the process.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u8)]
     pub enum Check {
         Checksum = 1 => "inspection.checksum",
         Layout = 2 => "inspection.layout",

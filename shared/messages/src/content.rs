@@ -52,7 +52,6 @@ impl<T> Stamped<T> {
 layout! {
     /// Topic `state`: what the sensors show at the tick, and the account that the plant keeps of commands and ticks.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct State {
         /// What a law is given of it.
         pub measured: Measured,
@@ -79,7 +78,6 @@ layout! {
 layout! {
     /// The part of the plant's state that no sensor shows.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct Truth {
         pub position_w_m: [f64; 3],
         pub velocity_w_m_s: [f64; 3],
@@ -106,7 +104,6 @@ impl Truth {
 layout! {
     /// Topic `setpoint`: what the outer loop wants of the inner one, and the reference that it follows.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct Setpoint {
         pub thrust_n: f64,
         pub attitude_rad: [f64; 3],
@@ -132,7 +129,6 @@ impl State {
 layout! {
     /// Topic `wrench`: thrust and torque that the inner loop asks of the rotors.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct Wrench {
         pub thrust_n: f64,
         /// Torque tau about body x, y, z, before saturation [N m].
@@ -146,7 +142,6 @@ layout! {
 layout! {
     /// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct RotorSpeeds {
         pub speed_rad_s: [f64; ROTORS],
         /// Thrust that these speeds give by the nominal model [N].
@@ -164,7 +159,6 @@ layout! {
 layout! {
     /// Topic `swaps`: a swap of the plant's parameters that has taken hold.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct SwapRecord {
         pub parameter_epoch: u64,
         /// How many of the following are meant.
@@ -206,8 +200,6 @@ impl SwapRecord {
 
 wire_enum! {
     /// How a stage came by its output (docs/architecture.md, "Safety model").
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum Mode {
         Fresh = 0 => "fresh",
         /// An input was stale, and the last one was held.

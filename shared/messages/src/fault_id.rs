@@ -4,8 +4,6 @@
 use crate::layout::wire_enum;
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum FaultId {
         Drop = 1,
         DropEach = 2,
@@ -25,8 +23,6 @@ wire_enum! {
 }
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum FaultRefusal {
         /// A flight has as many as it can have.
         NoRoom = 1,

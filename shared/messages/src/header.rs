@@ -14,7 +14,6 @@ use crate::role::{Role, STAGES};
 layout! {
     /// When a stage had its input, and when it published its output, on CLOCK_MONOTONIC.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Stamps {
         /// The stage woke and took its input [ns]; for the plant: it woke on its timer.
         pub receive_ns: u64,
@@ -25,7 +24,6 @@ layout! {
 
 layout! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Header as "Envelope" {
         /// [`LAYOUT`] of the sender's build.
         pub layout: u64,

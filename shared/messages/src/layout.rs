@@ -232,14 +232,13 @@ element!(f64, Kind::F64, (field, visitor, elements) => { visitor.numbers(field, 
 element!(u8, Kind::U8, (_field, _visitor, _elements) => {});
 element!(i64, Kind::I64, (_field, _visitor, _elements) => {});
 
-/// Declares a wire struct, or describes one that is declared elsewhere: `repr(C)`, every field listed, in order, each a
-/// number or made of numbers. `pub struct Name as "Logged"` is called `Logged` in logs.
+/// Declares a wire struct, which is `repr(C)`, or describes one that is declared elsewhere: every field listed, in order,
+/// each a number or made of numbers. `pub struct Name as "Logged"` is called `Logged` in logs.
 ///
 /// ```
 /// # use messages::layout::layout;
 /// layout! {
 ///     #[derive(Clone, Copy)]
-///     #[repr(C)]
 ///     pub struct Pose {
 ///         pub north_m: u64,
 ///         pub east_m: u64,
@@ -289,6 +288,7 @@ macro_rules! layout {
         $($(#[$doc:meta])* $vis:vis $field:ident: $type:ty),+ $(,)?
     }) => {
         $(#[$meta])*
+        #[repr(C)]
         pub struct $name {
             $($(#[$doc])* $vis $field: $type),+
         }
@@ -371,6 +371,8 @@ macro_rules! wire_enum {
     ($(#[$meta:meta])* pub enum $type:ident {
         $($(#[$doc:meta])* $variant:ident = $number:literal $(=> $name:literal)?),+ $(,)?
     }) => {
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(u64)]
         $(#[$meta])*
         pub enum $type {
             $($(#[$doc])* $variant = $number),+

@@ -7,8 +7,6 @@ use crate::layout::{layout, wire_enum};
 
 wire_enum! {
     /// Why an inequality of the theorem did not hold at a tick, in order of precedence after the first.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
     pub enum Cause {
         /// None that is known: the law did not do what is proven, or the plant not what it says.
         Unexplained = 0 => "unexplained",
@@ -42,7 +40,6 @@ layout! {
     /// Topic `theorem`, the theorem watched: V_th and V, their changes, what explains a rise, and what the flight can
     /// teach.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    #[repr(C)]
     pub struct Monitor {
         /// Steps of the estimates that were checked.
         pub ticks_checked: u64,

@@ -76,7 +76,6 @@ layout! {
     ///
     /// Every state's envelope says how far ahead it was set for its tick.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Lead {
         /// How far ahead [ns]; 0 is at the tick.
         pub lead_ns: u64,
@@ -88,9 +87,8 @@ layout! {
 }
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+    #[derive(Serialize)]
     #[serde(rename_all = "snake_case")]
-    #[repr(usize)]
     pub enum RealtimeStep {
         Scheduler = 0,
         /// One processor for all loops; for the recorder, the others.
@@ -117,7 +115,6 @@ impl RealtimeStep {
 
 layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Grant {
         /// 1 when it was requested.
         pub asked: u64,
@@ -138,7 +135,6 @@ impl Grant {
 layout! {
     /// Outcome of every step, in the order of [`RealtimeStep`].
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Grants {
         grants: [Grant; RealtimeStep::ALL.len()],
         /// Scheduling policy in force (0 other, 1 fifo).
@@ -172,7 +168,6 @@ impl Grants {
 layout! {
     /// Resources that one thread used between two instants.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Usage {
         pub minor_faults: u64,
         /// Page faults that had to wait for a disk.

@@ -3,8 +3,6 @@
 use crate::layout::{layout, wire_enum};
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(usize)]
     pub enum Reason {
         /// Damaged on its way: its check word is not that of what came.
         Checksum = 0 => "checksum",
@@ -23,7 +21,6 @@ wire_enum! {
 
 layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    #[repr(C)]
     pub struct Rejections {
         counts: [u64; Reason::ALL.len()],
     }

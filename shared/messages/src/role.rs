@@ -7,9 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::layout::wire_enum;
 
 wire_enum! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+    #[derive(Hash, PartialOrd, Ord, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
-    #[repr(usize)]
     pub enum Role {
         Plant = 0 => "plant",
         Outer = 1 => "outer",
@@ -41,9 +40,8 @@ impl Role {
 
 wire_enum! {
     /// A complete control chain: outer loop, inner loop and mixer. Redundant channels fly the same laws at the same time.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+    #[derive(Hash, PartialOrd, Ord, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
-    #[repr(usize)]
     pub enum Channel {
         A = 0 => "a",
         B = 1 => "b",

@@ -43,10 +43,6 @@ unsafe extern "C" {
     fn at_quick_exit(function: extern "C" fn()) -> i32;
 }
 
-pub(crate) fn names_laws() -> bool {
-    PROCESS.load(Ordering::Relaxed) != 0
-}
-
 pub(crate) fn name_laws() {
     static INSTALLED: Once = Once::new();
     INSTALLED.call_once(|| {
@@ -198,7 +194,7 @@ pub fn exit(code: i32) -> ! {
 /// unloaded, and what a law does after its flight must not change what is known of it. Says first what its laws did
 /// that no law should.
 pub fn leave(code: u8) -> ExitCode {
-    if !names_laws() {
+    if PROCESS.load(Ordering::Relaxed) == 0 {
         return ExitCode::from(code);
     }
     // If standard output is closed, there is no other place to report it.

@@ -59,7 +59,7 @@ pub(crate) fn state_board(replica: Replica) -> String {
 pub struct RoleSession {
     /// What of the real-time set-up was done ahead. First: it is given back before anything else.
     ahead: Option<Ahead>,
-    replica: Replica,
+    pub(crate) replica: Replica,
     config: StartConfig,
     wire: Wire,
     board: Blackboard<Status>,
@@ -147,10 +147,6 @@ impl RoleSession {
 
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
-    }
-
-    pub const fn replica(&self) -> Replica {
-        self.replica
     }
 
     pub const fn rt(&self) -> &realtime::RealtimeSettings {

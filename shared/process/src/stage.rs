@@ -284,7 +284,7 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     // These are dropped in the reverse order: real time, which `armed` holds, the ports, the wake-up event, whose alarm
     // may fire until then, and the role's lock last.
     let mut session = session;
-    let (wire, rt, replica) = (session.wire(), *session.rt(), session.replica());
+    let (wire, rt, replica) = (session.wire(), *session.rt(), session.replica);
     let loop_cpus = rt.loop_cpus;
     let is_first = is_first(S::ROLE, loop_cpus);
     // The last stage on a processor has time for the second call when its message is out.

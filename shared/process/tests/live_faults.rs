@@ -187,24 +187,19 @@ fn injected_faults_act_like_planned_ones_in_a_late_stage_and_after_a_gap() {
 fn a_stage_that_stalls_while_it_receives_uses_no_message_without_the_faults_of_its_tick() {
     let site = Site::new();
     let wire = site.wire();
-    let Chain {
-        mut stage,
-        worked,
-        sender,
-        board,
-    } = Chain::new(&wire, &[]);
-    let (sender, stalls) = (RefCell::new(sender), Cell::new(true));
+    let mut chain = Chain::new(&wire, &[]);
+    let (sender, stalls) = (RefCell::new(chain.sender), Cell::new(true));
     send(&mut sender.borrow_mut(), 0);
     // Called after the first message was received: while the stage stalls, the flight goes on and a fault is injected.
     let meanwhile = || {
         if stalls.replace(false) {
             let bias = fault(Kind::Bias(THRUST, 0.5), NOTICE_TICKS, 90);
-            board.put(board_of(&[bias]));
+            chain.board.put(board_of(&[bias]));
             (1..=80).for_each(|tick| send(&mut sender.borrow_mut(), tick));
         }
         u64::MAX - 1
     };
-    stage.take(meanwhile).unwrap();
-    work(&mut stage, 80);
-    assert_eq!(worked.take(), [(80, 80.5)]);
+    chain.stage.take(meanwhile).unwrap();
+    work(&mut chain.stage, 80);
+    assert_eq!(chain.worked.take(), [(80, 80.5)]);
 }

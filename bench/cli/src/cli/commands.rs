@@ -1,9 +1,8 @@
-//! Commands that only have to check their flags before they run: `simulate`, `replay`, `inject`, `faults`, `cpu-load`.
+//! Commands that only have to check their flags before they run: `simulate`, `replay`, `inject`, `cpu-load`.
 
 use std::path::Path;
 
 use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
-use crate::fault_text;
 use config::Settings;
 use errors::output::{print, say};
 use errors::{Failure, OK, check_writable};
@@ -25,7 +24,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         path.extension()
             .is_some_and(|it| it.eq_ignore_ascii_case("svg"))
     };
-    if let Some(path) = args.plot.as_deref().filter(|path| !is_svg(path)) {
+    if let Some(path) = plot.filter(|path| !is_svg(path)) {
         return Err(
             Failure::usage(format!("--plot {}: only SVG is drawn", path.display()))
                 .help("name a file that ends in .svg; browsers and most converters read it"),
@@ -40,10 +39,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         recorded.check(&settings, "--timing")?;
         timing = Some(recorded);
     }
-    let files = OutputFiles {
-        states: args.states.as_deref(),
-        plot: args.plot.as_deref(),
-    };
+    let files = OutputFiles { states, plot };
     Ok(simulate::report(&settings, timing.as_ref(), &files)?.1)
 }
 
@@ -61,11 +57,6 @@ pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
     };
     let instance = Instance::new(&args.instance)?;
     print(&inject::injected(&instance, &changes, when, args.lasts)?)?;
-    Ok(OK)
-}
-
-pub fn faults() -> Result<u8, Failure> {
-    print(&fault_text::text())?;
     Ok(OK)
 }
 

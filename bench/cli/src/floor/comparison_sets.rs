@@ -58,7 +58,7 @@ impl Stress {
     pub fn start(runner: &FlightRunner) -> Result<Self, Failure> {
         let mut command = Command::new("stress-ng");
         command.args(STRESS).arg("--temp-path");
-        command.arg(runner.directory()).stdin(Stdio::null());
+        command.arg(runner.directory.path()).stdin(Stdio::null());
         let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         let failed = |e| Failure::failed(format!("cannot start stress-ng: {e}"));
         let mut load = Self(child.map_err(failed)?);
@@ -181,7 +181,7 @@ pub fn cpus(
                 by_eventfd: false,
                 polls_ns,
             };
-            ring::measure(&settings, runner.executable()).map(|floor| floor.chain)
+            ring::measure(&settings, &runner.executable).map(|floor| floor.chain)
         };
         let halves = [[0, 2], [1, 3]].map(|[a, b]| Work {
             iterations: (work[a].iterations + work[b].iterations) / 2,
@@ -291,13 +291,12 @@ fn floors(
     let work = work_like(like)?;
     let ring = |rehearsal| {
         let settings = RingSettings {
-            by_eventfd: false,
             schedule: schedule.clone(),
             work: work.clone(),
             rehearsal,
-            polls_ns: 0,
+            ..RingSettings::default()
         };
-        ring::measure(&settings, runner.executable()).map(|floor| floor.chain)
+        ring::measure(&settings, &runner.executable).map(|floor| floor.chain)
     };
     let rehearsed = rehearsal_of(like).map(|it| ring(Some(it))).transpose()?;
     Ok([Some(bare), Some(ring(None)?), rehearsed])
@@ -357,8 +356,7 @@ pub fn lockstep(
             ..effort.schedule(0)
         },
         work: vec![Work::default(); 4],
-        rehearsal: None,
-        polls_ns: 0,
+        ..RingSettings::default()
     };
     for pair in 0..effort.pairs {
         // Neither side is bound to a CPU.
@@ -366,7 +364,7 @@ pub fn lockstep(
             pair,
             None,
             || runner.fly(&["--pace", "lockstep", "--duration", &simulated]),
-            || Ok(ring::measure(&settings, runner.executable())?.lap.mean() / 1e3),
+            || Ok(ring::measure(&settings, &runner.executable)?.lap.mean() / 1e3),
         )?;
         let ours = report.ticks.elapsed_s * 1e6 / report.ticks.run as f64;
         tick.take(ours, lap_us, steal_percent);
@@ -415,7 +413,7 @@ pub fn replay(
     let ticks = Report::read(&run.join("report.json"))?.ticks.run as f64;
     let us = |words: [&str; 2], last: &OsStr| -> Result<f64, Failure> {
         let start = Instant::now();
-        run_to_end(Command::new(runner.executable()).args(words).arg(last))?;
+        run_to_end(Command::new(&runner.executable).args(words).arg(last))?;
         Ok(start.elapsed().as_secs_f64() * 1e6 / ticks)
     };
     let replay = || us(["replay", "--verify"], run.as_os_str());

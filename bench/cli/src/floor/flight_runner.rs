@@ -14,9 +14,9 @@ use host::own_executable;
 
 #[derive(Debug)]
 pub struct FlightRunner {
-    executable: PathBuf,
+    pub executable: PathBuf,
     instance: String,
-    directory: tempfile::TempDir,
+    pub directory: tempfile::TempDir,
     launched: AtomicU64,
 }
 
@@ -32,14 +32,6 @@ impl FlightRunner {
             directory,
             launched: AtomicU64::new(0),
         })
-    }
-
-    pub fn executable(&self) -> &Path {
-        &self.executable
-    }
-
-    pub fn directory(&self) -> &Path {
-        self.directory.path()
     }
 
     /// The command of a flight with these flags, and its future run directory.
@@ -109,7 +101,7 @@ mod tests {
     /// Runs a shell script in place of ironbird; `$OUT` is the directory for its flight.
     fn flights(script: &str) -> FlightRunner {
         let mut flights = FlightRunner::new().unwrap();
-        flights.executable = flights.directory().join("script");
+        flights.executable = flights.directory.path().join("script");
         let script = format!("#!/bin/sh\nfor OUT; do :; done\n{script}\n");
         fs::write(&flights.executable, script).unwrap();
         fs::set_permissions(&flights.executable, fs::Permissions::from_mode(0o755)).unwrap();

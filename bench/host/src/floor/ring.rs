@@ -30,7 +30,7 @@ use rustix::thread::futex;
 
 use super::timer::{PeriodicTimer, Schedule, on_a_thread, stay_awake};
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RingSettings {
     /// The priority is that of the first process; each later one has one more, as the loops have. A period of 0 lets lap
     /// follow lap without a timer.

@@ -11,7 +11,7 @@ use ipc::clock::{now_ns, sleep_until};
 use messages::grid::Grid;
 use process::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Schedule {
     pub period_ns: u64,
     pub duration: Duration,
@@ -25,7 +25,6 @@ pub struct Schedule {
 pub struct TimerFloor {
     /// From the beginning of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
     pub lateness: Histogram<u64>,
-    pub ticks_run: u64,
     pub ticks_skipped: u64,
     pub standing: Standing,
 }
@@ -39,7 +38,6 @@ pub fn measure(schedule: &Schedule) -> Result<TimerFloor, Failure> {
         let mut timer = PeriodicTimer::new(schedule.period_ns, schedule.duration)?;
         while timer.next_wake(0, |_| ()).is_some() {}
         Ok(TimerFloor {
-            ticks_run: timer.ticks_run(),
             ticks_skipped: timer.skipped,
             lateness: timer.lateness,
             standing,

@@ -11,7 +11,7 @@ use analysis::tracking::{Tracking, TrackingError};
 use config::Settings;
 use errors::Failure;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SimulatedFlight {
     pub ticks: u64,
     pub outputs: OutputHash,
@@ -110,13 +110,7 @@ impl Judge {
             ground_z_m: flight.ground_z_m,
             tracking: Tracking::along(settings.course()?, flight.period_s),
             lowest_z_m: f64::INFINITY,
-            flown: SimulatedFlight {
-                ticks: 0,
-                outputs: OutputHash::default(),
-                error: TrackingError::default(),
-                swaps: Vec::new(),
-                departure: None,
-            },
+            flown: SimulatedFlight::default(),
         })
     }
 
