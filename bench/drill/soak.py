@@ -268,7 +268,7 @@ def page_section(flights, wrong, build, duration):
     lost_words = f"median {statistics.median(lost):g}, most {max(lost)}" if lost else "none"
     result = f"**Wrong: {'; '.join(wrong)}.**" if wrong else "All completed, all failed processes were replaced, nothing left."
     return (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{'s' * (len(flights) > 1)} of at most "
-            f"{FLIGHT_S / 60:.0f} min of `{build}`, {ticks} ticks, a fault every {EVERY_S:.0f} s, {faults} of {len(FAULTS)} kinds, "
+            f"{FLIGHT_S / 60:.0f} min of `{build}`, {ticks} ticks, a fault every {EVERY_S:.0f} s, {faults} faults of {len(FAULTS)} kinds, "
             f"{deaths} failures ({silent} of successors that had sent nothing); ticks lost per failure: {lost_words}. {result}\n"
             f"A round is {len(FAULTS)} faults, each kind once; the smallest value of a round counts. *Steady growth* is the median rise "
             "from round to round, times the rounds after the first. *Total growth* is the last round less the first one after all kinds. "

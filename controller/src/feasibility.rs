@@ -187,7 +187,7 @@ impl fmt::Display for Excess {
             Demanded::Jump => {
                 return write!(
                     f,
-                    "begins {worst:.3} (m, or rad of yaw) away from the initial state"
+                    "begins {worst:.3} m (or rad of yaw) away from the initial state"
                 );
             }
             Demanded::Climb => ("a vertical thrust", "g", "acceleration_z_max_g"),

@@ -42,12 +42,9 @@ impl FlightMonitor {
         self.begin.is_some()
     }
 
-    /// Of the process of the newest wrench.
-    pub const fn epoch(&self) -> u64 {
-        match self.epoch {
-            Some(epoch) => epoch,
-            None => 0,
-        }
+    /// Tells one monitor from the next: the epoch of the process that it watches; 0 for all channels.
+    pub fn epoch(&self) -> u64 {
+        self.epoch.filter(|_| self.channels == 1).unwrap_or(0)
     }
 
     /// What the steps of the present process show without ground truth.

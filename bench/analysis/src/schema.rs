@@ -457,7 +457,10 @@ pub struct RedundancySection {
     /// Ticks in a row without a command that could be flown, by channel, in their order; the first 64.
     pub outages: Vec<ChannelOutage>,
     pub outages_left_out: u64,
-    /// When channels with other laws took over; the first 16. Likewise below: only if channels fly different laws.
+    /// The laws of single channels, by stage, such as `b.inner`. Likewise below: only if channels fly different laws.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub laws: BTreeMap<String, String>,
+    /// When channels with other laws took over; the first 16.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub switchovers: Vec<Switchover>,
     /// How far the commands of a channel with other laws were from those that flew, by channel.

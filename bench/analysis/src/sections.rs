@@ -60,6 +60,7 @@ pub fn redundancy(account: &Redundancy, period_s: f64) -> schema::RedundancySect
         (ticks > 0).then(|| (channel(place as u64), difference))
     };
     schema::RedundancySection {
+        laws: BTreeMap::new(),
         channels: account.channels,
         active: channel(account.active),
         ticks_flown: by_channel(&account.flown),

@@ -36,7 +36,7 @@ pub struct Theorem {
     pub ticks_checked: u64,
     /// Steps at which every assumption of V_th held, so that a rise has no excuse.
     pub ticks_judged: u64,
-    /// Wrenches that were not judged, because a message before them was lost or the channels differed.
+    /// Wrenches that were not judged, because a message before them was lost, or another process took over.
     pub ticks_unwatched: u64,
     /// Steps at which V_th rose, or fell by less than the step owes, by cause.
     pub violations: BTreeMap<String, u64>,

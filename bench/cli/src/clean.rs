@@ -16,6 +16,11 @@ pub fn clean(CleanArgs { dry_run, .. }: CleanArgs) -> Result<u8, Failure> {
         true => ("would remove", "would keep"),
         false => ("removed", "kept"),
     };
+    let root = root_path();
+    match fs::read_dir(&root) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e).in_file("look into", &root)?,
+        _ => {}
+    }
     let mut text = String::new();
     for instance in Instance::known() {
         let name = instance.name();
@@ -55,11 +60,6 @@ pub fn clean(CleanArgs { dry_run, .. }: CleanArgs) -> Result<u8, Failure> {
         };
     }
     if text.is_empty() {
-        let root = root_path();
-        match fs::read_dir(&root) {
-            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e).in_file("look into", &root)?,
-            _ => {}
-        }
         let root = root.display();
         text = format!("nothing to remove under {root} and in /dev/shm\n");
     }

@@ -24,6 +24,8 @@ const BUILT_IN: [(&str, &str); 3] = [
 ];
 
 pub const PAPER: &str = "paper";
+/// Name of an airframe that the settings describe themselves.
+pub const OWN: &str = "own";
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Design {

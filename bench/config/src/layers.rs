@@ -14,7 +14,7 @@ use messages::role::{Channel, Role};
 use messages::telemetry::LAW_ROLES;
 use toml::{Table, Value};
 
-use crate::airframe::{self, Design, PAPER};
+use crate::airframe::{self, Design, OWN, PAPER};
 use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256};
 use crate::overrides::{self, PRESET};
 use crate::toml_access::{
@@ -68,8 +68,6 @@ const CHANNEL: &str = "channel";
 const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
 /// Sections that override what the airframe flag names.
 const KEPT: [&str; 6] = ["plant", "model", "rotor", "outer", "inner", "mixer"];
-/// Name of an airframe that the settings describe themselves.
-const OWN: &str = "own";
 /// Key of `[flight]` with the SHA-256 of the airframe's file.
 const SUM: &str = "airframe_sha256";
 
@@ -359,10 +357,11 @@ impl Layers<'_> {
         if !OF_ONE_AIRFRAME.iter().any(&is_whole) {
             of_airframe.clear();
         }
+        let airframe = if is_whole(&"airframe") { OWN } else { PAPER };
         let laws = LAW_ROLES.into_iter().map(Role::name);
         let of_preset = laws.filter(is_whole).filter(has_settings).collect();
         for (kind, default, sections) in [
-            ("airframe", PAPER, of_airframe),
+            ("airframe", airframe, of_airframe),
             ("preset", DEFAULT_PRESET, of_preset),
         ] {
             let named = self.given_text(kind).unwrap_or(default);

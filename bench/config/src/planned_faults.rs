@@ -6,7 +6,7 @@ use messages::realtime::RealtimeStep;
 use messages::role::Channel;
 use process::rt::{fifo_refusal, remedy};
 
-use crate::{PaceName, Settings, airframe};
+use crate::{PaceName, Settings};
 use analysis::faults::InjectedFault;
 use errors::Failure;
 use faults::grammar::{Change, Fault, FaultError};
@@ -20,11 +20,7 @@ impl Settings {
             .typed_faults()
             .and_then(|faults| Planned::new(&faults, period_s, &airframe, seed));
         planned.map_err(|e| {
-            let flags = match self.flight.airframe.as_str() {
-                airframe::PAPER => String::new(),
-                other => format!(" --airframe {other}"),
-            };
-            Failure::usage(format!("fault: {e} ({})", e.listed(&flags)))
+            Failure::usage(format!("fault: {e} ({})", e.listed(&self.airframe_flag())))
         })
     }
 

@@ -14,7 +14,7 @@ use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, 
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
 use toml::{Table, Value};
 
-use super::airframe::built;
+use super::airframe::{OWN, PAPER, built};
 use super::law_settings::{self, Chosen};
 use super::validation::refused;
 use super::{PaceName, Settings};
@@ -50,6 +50,14 @@ impl Settings {
         })
     }
 
+    /// The flag with which `ironbird params` lists this airframe.
+    pub(super) fn airframe_flag(&self) -> String {
+        match self.flight.airframe.as_str() {
+            PAPER | OWN => String::new(),
+            other => format!(" --airframe {other}"),
+        }
+    }
+
     /// The airframe that was built, with the values of a section.
     fn airframe_of(
         &self,
@@ -57,10 +65,8 @@ impl Settings {
         values: &BTreeMap<String, f64>,
     ) -> Result<Airframe, Failure> {
         let refused = |section: &str, e: ParameterError| {
-            Failure::usage(format!("{section}.{e}")).help(format!(
-                "see `ironbird params --airframe {}`",
-                self.flight.airframe
-            ))
+            let help = format!("see `ironbird params{}`", self.airframe_flag());
+            Failure::usage(format!("{section}.{e}")).help(help)
         };
         let mut airframe = built(&self.airframe).map_err(|e| refused("airframe", e))?;
         for (name, value) in values {
@@ -85,13 +91,13 @@ impl Settings {
         laws.flat_map(|(channel, laws)| laws.iter().map(|(role, law)| (*channel, *role, law)))
     }
 
-    /// The chosen ones, by stage, such as `b.inner`.
-    pub fn chosen_channel_laws(&self) -> Result<BTreeMap<String, Chosen>, Failure> {
-        let chosen = |(channel, role, _): (Channel, Role, _)| {
+    /// Their names, those from files with the file, by stage, such as `b.inner`.
+    pub fn named_channel_laws(&self) -> Result<BTreeMap<String, String>, Failure> {
+        let named = |(channel, role, _): (Channel, Role, _)| {
             let law = self.of_channel(channel).chosen(role)?.0;
-            Ok((format!("{channel}.{role}"), law))
+            Ok((format!("{channel}.{role}"), law.named()))
         };
-        self.channel_laws().map(chosen).collect()
+        self.channel_laws().map(named).collect()
     }
 
     /// The settings as the processes of a channel take them: with its laws.
@@ -279,7 +285,10 @@ impl Settings {
             loop_cpus: self.rt.loop_cpus,
             channels: self.rt.channels,
             groups: self.groups(),
-            channel_cpus: self.rt.channel_cpus,
+            channel_cpus: match self.rt.channels {
+                1 => 1,
+                _ => self.rt.channel_cpus,
+            },
             lead,
             rehearse: self.rt.rehearse,
         };
@@ -324,12 +333,6 @@ impl Settings {
             return refused(
                 format!("rt.channel_cpus = {channel_cpus}: allowed are 1 and 2"),
                 "with 2, channels b and c fly on another processor than channel a",
-            );
-        }
-        if channels < channel_cpus {
-            return refused(
-                "rt.channel_cpus = 2: the flight has one channel".into(),
-                "fly with more: --channels 2",
             );
         }
         let of_channel = |channel: Channel| (channel as usize >= channels).then_some(channel);

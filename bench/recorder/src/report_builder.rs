@@ -43,7 +43,7 @@ pub struct ReportBuilder<'a> {
     settings: &'a Settings,
     /// The laws as loaded at the start: a law file that disappears during the flight does not matter.
     laws: [Chosen; 3],
-    channel_laws: BTreeMap<String, Chosen>,
+    channel_laws: BTreeMap<String, String>,
     margin: Option<MarginSection>,
     instance: String,
     meter: &'a UsageMeter,
@@ -59,7 +59,7 @@ impl<'a> ReportBuilder<'a> {
         Ok(Self {
             settings,
             laws: settings.chosen_laws()?,
-            channel_laws: settings.chosen_channel_laws()?,
+            channel_laws: settings.named_channel_laws()?,
             margin,
             instance: instance.into(),
             meter,
@@ -139,7 +139,10 @@ impl<'a> ReportBuilder<'a> {
             deadlines,
             margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
             autopsy,
-            redundancy: redundancy.map(|it| sections::redundancy(it, period_s)),
+            redundancy: redundancy.map(|it| schema::RedundancySection {
+                laws: self.channel_laws.clone(),
+                ..sections::redundancy(it, period_s)
+            }),
             deaths: statistics.deaths.deaths.clone(),
             deaths_left_out: statistics.deaths.left_out,
             flight: performance,
@@ -184,10 +187,6 @@ impl<'a> ReportBuilder<'a> {
             let role = law.description().role.to_string();
             (role, law.section(not_finite, telemetry.section()))
         };
-        let unseen = |law: &Chosen| law.section(NotFinite::default(), Vec::new());
-        let single = self.channel_laws.iter();
-        let single = single.map(|(stage, law)| (stage.clone(), unseen(law)));
-        let laws = laws.zip(&statistics.telemetry).map(section);
-        laws.chain(single).collect()
+        laws.zip(&statistics.telemetry).map(section).collect()
     }
 }

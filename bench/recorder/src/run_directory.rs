@@ -177,7 +177,7 @@ pub fn check_latest(directory: &Path) -> Result<(), Failure> {
     let latest = directory.with_file_name(LATEST);
     match fs::symlink_metadata(&latest) {
         Ok(it) if !it.is_symlink() => {
-            let what = format!("{} is no link, and is kept", latest.display());
+            let what = format!("{} is not a link, and was left as it is", latest.display());
             Err(Failure::failed(what))
         }
         _ => Ok(()),
@@ -189,6 +189,7 @@ pub fn make_latest(directory: &Path) -> Result<(), Failure> {
     let (Some(out), Some(name)) = (directory.parent(), directory.file_name()) else {
         return Ok(());
     };
+    check_latest(directory)?;
     let link = out.join(LATEST);
     // Replaced in one step, so that `latest` always points to a flight.
     let draft = out.join(format!(".latest.{}", std::process::id()));

@@ -13,6 +13,7 @@ use analysis::sections::log_section;
 use analysis::series::SeriesSet;
 use analysis::states::{Joined, StatesWriter};
 use analysis::tracking::Tracking;
+use errors::output::say;
 use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
@@ -167,7 +168,7 @@ impl<'a> RunFiles<'a> {
         self.note(REPORT, put);
         if !self.is_latest && self.directory.join(REPORT).exists() {
             self.is_latest = true;
-            let pointed = check_latest(self.directory).and_then(|()| make_latest(self.directory));
+            let pointed = make_latest(self.directory);
             self.note(LATEST, pointed);
         }
     }
@@ -201,10 +202,13 @@ impl<'a> RunFiles<'a> {
         }
         report.recorder.unwritten = self.incomplete();
         self.partial_report.close();
-        let mut written = write_all(report, self.directory);
+        let written = write_all(report, self.directory);
         let is_free = !self.is_latest && !self.incomplete.contains_key(LATEST);
-        if is_free && self.directory.join(REPORT).exists() {
-            written = written.and(make_latest(self.directory));
+        if is_free
+            && self.directory.join(REPORT).exists()
+            && let Err(failure) = make_latest(self.directory)
+        {
+            say(&format!("warning: {failure}\n"));
         }
         written
     }

@@ -13,6 +13,8 @@ use std::collections::BTreeMap;
 const HEIGHT: usize = 29;
 /// An outage of so many ticks can lose a flight.
 const LONG_OUTAGE_TICKS: u64 = 20;
+/// Parameter changes in the line of faults.
+const CHANGES: usize = 2;
 /// Lines of a sentence; where it ends is in the whole report.
 const LINES: usize = 3;
 /// Last line of what there is no room for.
@@ -65,10 +67,14 @@ fn sentences(report: &Report) -> Vec<String> {
         report.ticks.elapsed_s,
         report.run.started
     ));
-    let changes = report.swaps.iter();
+    let changes = report.swaps.iter().take(CHANGES);
     let changes = changes.map(|it| format!("{} at {:.3} s", shared::swap(it), it.time_s));
     let faults = report.faults.iter().map(shared::short_fault);
-    let faults: Vec<String> = changes.chain(faults).collect();
+    let mut faults: Vec<String> = faults.chain(changes).collect();
+    let more = (report.swaps.len() as u64 + report.swaps_left_out).saturating_sub(CHANGES as u64);
+    if more > 0 {
+        faults.push(count(more, "more parameter change"));
+    }
     if !faults.is_empty() {
         all.push(format!("Faults    {}", faults.join(", ")));
     }
@@ -85,6 +91,7 @@ fn sentences(report: &Report) -> Vec<String> {
             number => format!("Deaths    {number}, the last one: {last}"),
         }
     }));
+    all.extend(floors(report));
     all.extend(outages(report));
     // How to measure can wait: what is refused matters more, and there is room for little.
     let margin = report.margin.as_ref();
@@ -92,7 +99,6 @@ fn sentences(report: &Report) -> Vec<String> {
     let margin = shared::margin(report).map(|margin| format!("Margin    {margin}"));
     all.extend(margin.clone().filter(|_| is_known));
     all.push(format!("Tracking  {}", flight::position_error(report)));
-    all.extend(floors(report));
     all.extend(refusals(report));
     all.extend(margin.filter(|_| !is_known));
     all

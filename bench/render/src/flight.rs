@@ -265,10 +265,7 @@ pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
         let file = law.file_name().map(|name| format!(" ({name}{slow})"));
         format!("{role} {}{}", law.name, file.unwrap_or_default())
     };
-    let of_channels = laws.iter().filter(|(stage, _)| stage.contains('.'));
-    let of_channels = of_channels.map(|(stage, law)| named((stage, law)));
-    let all = in_order(laws).map(named).chain(of_channels);
-    all.collect::<Vec<_>>().join(", ")
+    in_order(laws).map(named).collect::<Vec<_>>().join(", ")
 }
 
 fn deadlines(report: &Report) -> Vec<Block> {

@@ -58,7 +58,12 @@ pub fn swap(swap: &AppliedSwap) -> String {
 pub fn channels(section: &RedundancySection) -> String {
     let (channels, active) = (section.channels, &section.active);
     let flown = by_channel(&section.ticks_flown);
-    format!("{channels}, ticks flown: {flown}; active at the end: {active}")
+    let laws = section
+        .laws
+        .iter()
+        .map(|(stage, law)| format!("; {stage} flew {law}"));
+    let laws: String = laws.collect();
+    format!("{channels}, ticks flown: {flown}; active at the end: {active}{laws}")
 }
 
 pub fn by_channel(ticks: &BTreeMap<String, u64>) -> String {

@@ -184,7 +184,7 @@ impl Timing {
             return Err(Failure::usage(format!(
                 "{key}: message and stage faults cannot be combined with recorded timing"
             ))
-            .help("remove these faults (all: --set 'flight.faults=[]') or the recorded timing; parameter changes may stay"));
+            .help("remove these faults (--set 'flight.faults=[]' removes all, --fault names those that may stay: parameter changes) or the recorded timing"));
         }
         Ok(())
     }

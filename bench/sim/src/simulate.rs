@@ -72,7 +72,6 @@ pub fn report(
     if let Some(states) = &mut states {
         states.flush()?;
     }
-    observations.theorem.innovation(&rig.theorem().innovation());
     let theorem = observations.theorem.section();
     let gate = settings.recorder.theorem_gate();
     let gate = gate.map(|gate| Gate::theorem(&theorem, gate));
@@ -185,7 +184,10 @@ impl Observations {
             return;
         };
         match rig.monitor() {
-            Some(monitor) => self.theorem.take(rig.theorem().epoch(), monitor),
+            Some(monitor) => {
+                self.theorem.take(rig.theorem().epoch(), monitor);
+                self.theorem.innovation(&rig.theorem().innovation());
+            }
             None if self.has_estimates => self.theorem.count_unwatched(),
             None => {}
         }

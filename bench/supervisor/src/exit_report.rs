@@ -201,7 +201,9 @@ impl ProcessExit {
         match self.killed {
             Some(KillReason::Hang) => "hung, and was killed".into(),
             Some(KillReason::Outvoted) => "killed: two channels contradicted its channel".into(),
-            Some(KillReason::Fault(tick)) => format!("killed by the kill fault of tick {tick}"),
+            Some(KillReason::Fault(tick)) => {
+                format!("killed by the fault {}.kill of tick {tick}", self.replica)
+            }
             Some(KillReason::AfterFlight) | None => self.status.to_string(),
         }
     }
@@ -243,6 +245,10 @@ impl ProcessExit {
 
 /// The law that a role flew, if it comes from a file: it is the first suspect when the process ends.
 fn flown_law(report: &Report, replica: Replica) -> String {
+    let channels = report.redundancy.as_ref();
+    if let Some(law) = channels.and_then(|it| it.laws.get(&replica.to_string())) {
+        return format!(", which flew the law {law},");
+    }
     match report.run.laws.get(replica.role.name()) {
         Some(law) if law.file.is_some() => {
             format!(", which flew the law {},", render::sentences::law(law))

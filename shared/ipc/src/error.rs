@@ -17,7 +17,7 @@ use messages::role::Role;
 pub enum Error {
     /// The name of an instance has a character or a length that file names cannot carry everywhere.
     #[error(
-        "instance name `{name}` is not allowed: 1 to 32 of the characters a-z, 0-9, `_` and, not as the first, `-`"
+        "instance name `{name}` is not allowed: 1 to 32 of the characters a-z, 0-9, `_` and `-`, not beginning with `-`"
     )]
     InstanceName { name: String },
     /// The directory for sockets and service files, or something in it or in shared memory, cannot be used.

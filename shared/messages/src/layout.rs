@@ -365,7 +365,7 @@ macro_rules! layout {
 pub use layout;
 
 /// Declares an enum whose numbers are sent: its variants with their numbers, and names where it has them. Flags travel as
-/// integers, because a forged enum would be undefined behaviour.
+/// integers, because a forged enum would be undefined behaviour. Derives `Clone`, `Copy`, `Debug`, `PartialEq`, `Eq`.
 #[macro_export]
 macro_rules! wire_enum {
     ($(#[$meta:meta])* pub enum $type:ident {

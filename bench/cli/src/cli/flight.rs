@@ -50,18 +50,25 @@ pub struct TrajectoryArgs {
 }
 
 impl TrajectoryArgs {
-    /// Checks that no other flag names a file that these flags write.
+    /// Checks that these flags do not write to one file, or to the settings, trajectory or airframe file.
     pub fn check_distinct(&self, written: &[(&str, Option<&Path>)]) -> Result<(), Failure> {
         let read = [
             ("--config", self.config.as_deref()),
             ("--trajectory", self.trajectory.as_ref().map(Path::new)),
             ("--airframe", self.airframe.as_ref().map(Path::new)),
         ];
+        let read = read.map(|(flag, path)| (flag, path.filter(|path| path.is_file())));
+        // Of a device such as /dev/null, both may be one.
+        let file = |path: &Path| match fs::canonicalize(path) {
+            Ok(path) => Some(path).filter(|path| path.is_file()),
+            Err(_) => absolute(path).ok(),
+        };
         for (place, (flag, path)) in written.iter().enumerate() {
-            let is_same = |(_, other): &&(&str, Option<&Path>)| {
-                let file = |path: &Path| fs::canonicalize(path).or_else(|_| absolute(path)).ok();
-                path.is_some() && path.and_then(file) == other.and_then(file)
+            let Some(path) = path.and_then(file) else {
+                continue;
             };
+            let is_same =
+                |(_, other): &&(&str, Option<&Path>)| other.and_then(file).as_ref() == Some(&path);
             if let Some((other, _)) = written[place + 1..].iter().chain(&read).find(is_same) {
                 return Err(
                     Failure::usage(format!("{flag} and {other} name the same file"))

@@ -59,6 +59,10 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides.concat())?;
     settings.check_faults_of_processes(true)?;
+    if args.rt.channel_cpus > Some(1) && settings.rt.channels == 1 {
+        return Err(Failure::usage("--channel-cpus: the flight has one channel")
+            .help("leave it out, or fly with more: --channels 2"));
+    }
     let default = match settings.rt.channels {
         1 => OnDeath::End,
         _ => OnDeath::Restart,

@@ -149,7 +149,7 @@ impl Plan {
     /// Appends the line of the factor, or else of the key that a failure names, or else of the arm.
     fn at_line(&self, failure: Failure, arm: &Variant, factor: Option<usize>) -> Failure {
         let message = failure.to_string();
-        let drawn = factor.map_or("", |_| "a possible draw of ");
+        let drawn = factor.map_or("", |_| "a value of ");
         let line = factor
             .or_else(|| self.line_of_fault(&message))
             .or_else(|| self.campaign.lines.named_in(&message))

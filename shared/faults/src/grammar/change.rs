@@ -131,7 +131,7 @@ impl FromStr for Change {
     /// Reads one `WHAT=VALUE`, or one `WHAT` that takes none.
     fn from_str(text: &str) -> Result<Self, FaultError> {
         if text.contains('@') {
-            let why = "@ is for --fault; --in, --at-tick and --for say when to inject";
+            let why = "@ says when a planned fault begins (--fault): leave it out";
             return Err(FaultError::fault(format!("{text}: {why}")));
         }
         let (what, value) = match text.split_once('=') {
