@@ -1,9 +1,8 @@
 //! The section of the report on outages.
 
-use crate::faults::InjectedFault;
+use crate::faults::{InjectedFault, ProcessFailure};
 use crate::miss_causes::MissCause;
 use crate::processor_trace::RunnerTime;
-use crate::schema::ProcessFailure;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -1,6 +1,7 @@
 //! Processes that ended during the flight: when and how they ended, and the cost for the flight.
 
-use crate::schema::{ProcessFailure, RecoveryPhases, Report};
+use crate::faults::{ProcessFailure, RecoveryPhases};
+use crate::schema::Report;
 use messages::blackboards::Arrival;
 use messages::grid::Grid;
 use messages::header::Message;

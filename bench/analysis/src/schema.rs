@@ -2,7 +2,7 @@
 
 use crate::baseline::Baseline;
 use crate::distribution::{Bucket, Distribution};
-use crate::faults::{AppliedSwap, InjectedFault};
+use crate::faults::{AppliedSwap, InjectedFault, ProcessFailure};
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
 use crate::outages;
@@ -408,31 +408,6 @@ pub struct RobustnessMargin {
     pub is_most: bool,
 }
 
-/// The end of a process that the flight still needed.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ProcessFailure {
-    pub role: String,
-    /// Tick of its last message; of a process that sent none, the tick in which its end was noticed.
-    pub tick: u64,
-    pub time_s: f64,
-    /// When the process started, on `CLOCK_MONOTONIC` [ns]: the epoch of its messages. 0 where it sent none.
-    pub epoch: u64,
-    /// How it ended, as `signal: 9 (SIGKILL)`; empty if no process waited for it.
-    pub how: String,
-    /// From the beginning of its last tick until the launcher noticed [ms]: a launcher is woken by a death.
-    pub noticed_after_ms: Option<f64>,
-    /// From its last message to the first one of its successor [ms]; none where there was none.
-    pub back_after_ms: Option<f64>,
-    /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
-    pub ticks_lost: Option<u64>,
-    /// Of a successor that sent no message: tick of the failure that it was started for, which also counts its ticks.
-    pub within: Option<u64>,
-    /// What that time is made of, where a launcher saw it.
-    pub back_parts: Option<RecoveryPhases>,
-    /// Largest position error after its last message, within [`COST_S`] [m].
-    pub position_error_max_m: Option<f64>,
-}
-
 /// [`Report::redundancy`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RedundancySection {
@@ -498,26 +473,6 @@ pub struct ChannelOutage {
     pub reason: String,
     /// Whether it was the channel that flew.
     pub handover: bool,
-}
-
-/// What the time is made of in which a stage came back, each part after the one before it [ms].
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct RecoveryPhases {
-    pub noticed_ms: f64,
-    /// The supervisor removed the dead process's shared memory.
-    pub cleaned_ms: f64,
-    /// The supervisor waited until the restart was due, and the new process ran.
-    pub begun_ms: f64,
-    /// It had its settings and its law.
-    pub made_ms: f64,
-    /// It had its place: the role's lock, a node of the middleware, its status board.
-    pub placed_ms: f64,
-    pub ported_ms: f64,
-    pub engaged_ms: f64,
-    /// It had found the run, and connected its ports.
-    pub armed_ms: f64,
-    /// The tick of its first message began.
-    pub first_tick_ms: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

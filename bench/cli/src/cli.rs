@@ -21,8 +21,8 @@ use crate::new_law::NewCommand;
 use config::Overrides;
 
 pub use flight::{
-    FlightArgs, FlyArgs, GateArgs, GateName, LogArg, NumberOrAuto, OnDeath, PaceArg, RecordArgs,
-    RecorderArgs, RoleArgs, RtArgs, RtMode, SimulateArgs, TrajectoryArgs,
+    FlightArgs, FlyArgs, GateArgs, GateName, LogArg, OnDeath, PaceArg, RecordArgs, RecorderArgs,
+    RoleArgs, RtArgs, RtMode, SimulateArgs, TrajectoryArgs,
 };
 pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, SwitchArgs, WatchArgs};
 pub use machine::{
@@ -34,8 +34,9 @@ pub use records::{
 };
 pub use study::{
     CampaignCheckArgs, CampaignCommand, CampaignDirectoryArgs, CampaignFlyArgs, CampaignReportArgs,
-    CampaignRunArgs, CampaignSubmitArgs, CompareArgs, Engine, LawSetArgs, MarginArgs, Shard,
+    CampaignRunArgs, CampaignSubmitArgs, CompareArgs, Engine, LawSetArgs, MarginArgs, SUITES,
 };
+pub use values::{NumberOrAuto, Shard};
 
 /// A real-time test rig for quadrotor flight controllers.
 ///

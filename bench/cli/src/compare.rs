@@ -17,8 +17,8 @@ use serde::Deserialize;
 use toml::Value;
 
 use crate::build;
-use crate::cli::CompareArgs;
 use crate::cli::values::limit;
+use crate::cli::{CompareArgs, SUITES};
 use crate::report_command::publish;
 use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
@@ -241,9 +241,6 @@ fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
         outputs: flown.outputs.to_string(),
     })
 }
-
-pub(crate) const SUITES: [(&str, &str); 1] =
-    [("robustness", include_str!("../../../docs/robustness.toml"))];
 
 /// The cases of `--table` or `--suite`.
 struct CaseTable {

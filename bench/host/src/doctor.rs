@@ -5,12 +5,13 @@
 
 pub mod measured;
 mod other_programs;
+mod reasons;
 
 use std::fmt::Write as _;
 use std::io;
 
 use analysis::finding::{Diagnosis, Finding, Level, RealtimeClass};
-use analysis::host::{Host, Steal};
+use analysis::host::Host;
 use ipc::Wire;
 use ipc::instance::SHARED_MEMORY;
 use messages::realtime::RealtimeStep;
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::cpu_times::{CpuTimes, host_of};
 use crate::{CLOCK_SOURCE, Machine, RT_RUNTIME, cpu_list, own_executable};
 use measured::MeasuredMachine;
+use reasons::{Found, reason, stolen};
 
 /// Version of the schema of `doctor --json`: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-doctor/1";
@@ -33,9 +35,6 @@ pub struct Examination {
     pub measured: Option<MeasuredMachine>,
     pub host: Host,
 }
-
-/// Makes the finding of a check from what was found.
-type Found<'a> = &'a dyn Fn(&str) -> Finding;
 
 type Check = fn(&Machine, Found) -> Finding;
 
@@ -58,14 +57,6 @@ const CHECKS: [(&str, Check); 17] = [
     ("leftovers", leftovers),
     ("steal since boot", steal_since_boot),
 ];
-
-/// Why each check matters: a line per subject.
-const REASONS: &str = include_str!("doctor/reasons.txt");
-
-fn reason(subject: &str) -> &'static str {
-    let of = |line: &'static str| line.strip_prefix(subject)?.strip_prefix(": ");
-    REASONS.lines().find_map(of).unwrap_or_default()
-}
 
 pub fn findings(machine: &Machine) -> Vec<Finding> {
     let checked = CHECKS.iter().map(|(subject, check)| {
@@ -376,21 +367,9 @@ fn leftovers(machine: &Machine, found: Found) -> Finding {
     found(&format!("{}{more}", first.display())).could_be_better("ironbird clean")
 }
 
-/// Share of the time from which on figures say more about the host than about anything here [%].
-const STEAL_MAX_PERCENT: f64 = 1.0;
-
 fn steal_since_boot(machine: &Machine, found: Found) -> Finding {
     let steal = CpuTimes::default().steal_until(&CpuTimes::of(machine, None));
     stolen(&steal, found)
-}
-
-fn stolen(steal: &Steal, found: Found) -> Finding {
-    let (percent, ms) = (steal.percent, steal.stolen_ms);
-    let finding = found(&format!("{percent:.2} % of all processors' time ({ms} ms)"));
-    if percent <= STEAL_MAX_PERCENT {
-        return finding;
-    }
-    finding.softens("ask the host's operator for dedicated processors, or use another machine")
 }
 
 pub fn render(examination: &Examination) -> String {

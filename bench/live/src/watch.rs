@@ -6,6 +6,7 @@
 //! ```
 
 pub mod dashboard_model;
+mod feed;
 pub mod screen;
 mod terminal;
 
@@ -14,23 +15,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ipc::error::Error;
 use ipc::instance::Instance;
-use messages::role::Role;
 use process::signals::{end_with_launcher, stop_flag};
 
-use crate::observation::{DRAIN_EVERY, Observation};
+use crate::observation::DRAIN_EVERY;
 use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OK};
+use feed::Feed;
 
-/// How often to look for a flight and to check its processes.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
 const PRINT_EVERY: Duration = Duration::from_secs(1);
-/// How often joining may fail in a row: it can while roles start or end.
-const TRIES: u32 = 20;
-
 pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8, Failure> {
     let instance = Instance::new(instance)?;
     let stop = stop_flag()?;
@@ -38,84 +33,11 @@ pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8
     // https://no-color.org
     let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let mut model = Model::new(instance.name(), launcher.is_some(), colours);
-    let mut feed = Feed {
-        instance,
-        joined: None,
-        next_look: Instant::now(),
-        failed: 0,
-    };
+    let mut feed = Feed::new(instance);
     if is_plain || !io::stdout().is_terminal() || !io::stdin().is_terminal() {
         return print_lines(&mut model, &mut feed, &stop);
     }
     terminal::run(&mut model, &mut feed, launcher, &stop)
-}
-
-/// Updates the model: waits for a flight, joins it, reads its messages, and notices its end.
-struct Feed {
-    instance: Instance,
-    joined: Option<Observation>,
-    next_look: Instant,
-    failed: u32,
-}
-
-impl Feed {
-    fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
-        let is_due = Instant::now() >= self.next_look;
-        if is_due {
-            self.next_look = Instant::now() + LOOK_EVERY;
-        }
-        if self.joined.is_none() && is_due {
-            self.join(model)?;
-        }
-        let (Some(observation), Some(flight)) = (&mut self.joined, &mut model.flight) else {
-            return Ok(());
-        };
-        observation.drain(|entry| flight.take(entry))?;
-        flight.run = observation.run();
-        if !is_due {
-            return Ok(());
-        }
-        flight.active = observation.active_parameters();
-        flight.statuses = observation.statuses();
-        flight.update_steal();
-        // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
-        let lives = observation.lives(Role::Record);
-        if lives || observation.ending().is_none() {
-            flight.recorder_lives = lives;
-        }
-        flight.ending = observation.ending_after_last_messages();
-        if flight.ending.is_some() {
-            self.leave();
-        }
-        Ok(())
-    }
-
-    fn join(&mut self, model: &mut Model) -> Result<(), Failure> {
-        match Observation::join(&self.instance) {
-            Ok(Some(observation)) => {
-                self.failed = 0;
-                model.join(&observation.run(), observation.settings.clone())?;
-                self.joined = Some(observation);
-            }
-            Ok(None) => {}
-            Err(Error::Wire { .. }) if self.failed < TRIES => self.failed += 1,
-            Err(error) => return Err(error.into()),
-        }
-        Ok(())
-    }
-
-    fn leave(&mut self) {
-        if self.joined.take().is_some() {
-            // In case the dashboard is the last process. The next start or `ironbird clean` finds what remains.
-            let _ = self.instance.remove_leftovers();
-        }
-    }
-}
-
-impl Drop for Feed {
-    fn drop(&mut self) {
-        self.leave();
-    }
 }
 
 /// Prints lines until the flight ends.

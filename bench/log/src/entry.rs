@@ -9,7 +9,7 @@ use messages::role::Role;
 use messages::telemetry::Telemetry;
 
 use crate::codec::Logged;
-use crate::{TOPICS, rows, schema, units};
+use crate::{rows, schema, units};
 
 pub type Counts = [u64; TOPICS.len()];
 
@@ -76,6 +76,12 @@ pub const FORMATS: [TopicFormat; 6] = [
     TopicFormat::of::<SwapRecord>(|| LogEntry::Swap(Message::default())),
     TopicFormat::of::<Monitor>(|| LogEntry::Theorem(Message::default())),
 ];
+
+/// Topics of the loop, in the order of the data's way, and those beside it.
+pub const TOPICS: [&str; 6] = {
+    let [a, b, c, d, e, f] = &FORMATS;
+    [a.name, b.name, c.name, d.name, e.name, f.name]
+};
 
 impl LogEntry {
     pub const fn envelope(&self) -> &Header {

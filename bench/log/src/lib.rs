@@ -56,11 +56,7 @@ pub fn part_of(file_name: &str) -> Option<u64> {
     (crate::file_name(part) == file_name).then_some(part)
 }
 
-/// Topics of the loop, in the order of the data's way, and those beside it.
-pub const TOPICS: [&str; 6] = {
-    let [a, b, c, d, e, f] = &entry::FORMATS;
-    [a.name, b.name, c.name, d.name, e.name, f.name]
-};
+pub use entry::TOPICS;
 
 pub fn topics() -> impl Iterator<Item = &'static str> {
     TOPICS.into_iter().chain(telemetry::TELEMETRY_TOPICS)

@@ -7,12 +7,13 @@ use crate::figures::Figures;
 use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
 use analysis::baseline::Baseline;
+use analysis::faults::{ProcessFailure, RecoveryPhases};
 use analysis::host::{InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
-    ChannelOutage, LawSection, LogSection, LoopUsage, ProcessFailure, RecoveryPhases,
-    RedundancySection, Report, RoleSection, RunSection, Speed, Switchover, TimingVerdict, sum,
+    ChannelOutage, LawSection, LogSection, LoopUsage, RedundancySection, Report, RoleSection,
+    RunSection, Speed, Switchover, TimingVerdict, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;

@@ -4,7 +4,7 @@ use messages::attitude::Attitude;
 use messages::math::sin_cos;
 use nalgebra::{Vector3, Vector4};
 
-use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
+use crate::constants::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
 
 /// I_R [kg m^2], k_r [N m s], delta [rad/s^2] as they are.
 const I_R: f64 = 3.36e-5;

@@ -8,7 +8,7 @@ use messages::math::{atan2, exp, exp_m1, sin, sin_cos};
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::airframe::{Body, thrusts, turn};
-use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
+use crate::constants::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
 
 /// K_P [1/s^2] and K_D [1/s].
 const K_P: f64 = 1.0;

@@ -11,32 +11,15 @@
 //! rig's laws to 1e-9 (tested in [`timing`]), not bit by bit, because it orders its operations differently.
 
 mod airframe;
+mod constants;
 mod control;
 pub mod laws;
 pub mod timing;
 
 use airframe::Body;
+use constants::{G, K, M, T};
 use control::{Inner, mixer, outer};
 use nalgebra::Vector4;
-
-/// T [s].
-const T: f64 = 0.001;
-/// g [m/s^2].
-const G: f64 = 9.8;
-/// m [kg].
-const M: f64 = 0.52;
-/// k_t [kg/s].
-const K_T: f64 = 0.95;
-/// k [N s^2].
-const K: f64 = 3.13e-5;
-/// kappa = d/k [m].
-const KAPPA: f64 = 7.5e-7 / K;
-/// l sqrt(2)/2 [m].
-const C: f64 = 0.205 * std::f64::consts::SQRT_2 / 2.0;
-/// I_x, I_y, I_z [kg m^2].
-const I_X: f64 = 0.0069;
-const I_Y: f64 = 0.0069;
-const I_Z: f64 = 0.0129;
 
 #[derive(Clone, Debug)]
 pub struct ScalarFlight {

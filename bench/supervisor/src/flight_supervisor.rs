@@ -12,6 +12,7 @@
 
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
+use std::path::PathBuf;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
@@ -27,7 +28,6 @@ use messages::role::{CHANNEL_ROLES, Channel, MOST_CHANNELS, Replica, Role};
 use process::rt::{OffLoops, Raised};
 use rustix::process::{Signal, getpid, set_child_subreaper};
 
-use crate::FlightOptions;
 use crate::child_process::{
     ChildWatch, LANDING_TIMEOUT, STOP_TIMEOUT, Spawner, kill, kill_and_reap, reap_left, terminate,
 };
@@ -122,6 +122,16 @@ impl RoleProcess {
         self.killed.get_or_insert(reason);
         kill(&mut self.child);
     }
+}
+
+#[derive(Clone, Debug)]
+pub struct FlightOptions {
+    pub instance: String,
+    /// Whether roles that fail in flight are restarted.
+    pub restarts_roles: bool,
+    pub shows_dashboard: bool,
+    /// Where the recorder writes the states a second time.
+    pub states: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -16,7 +16,7 @@ mod restarts;
 mod status_line;
 pub mod stop_requests;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use analysis::schema::Report;
 use errors::Failure;
@@ -26,19 +26,11 @@ use ipc::instance::Instance;
 use config::Settings;
 use exit_report::Outcome;
 use flight_supervisor::FlightSupervisor;
+
+pub use flight_supervisor::FlightOptions;
 use recorder::kernel_trace::remove_leftovers;
 use recorder::run_directory::RunDirectory;
 use stop_requests::StopRequests;
-
-#[derive(Clone, Debug)]
-pub struct FlightOptions {
-    pub instance: String,
-    /// Whether roles that fail in flight are restarted.
-    pub restarts_roles: bool,
-    pub shows_dashboard: bool,
-    /// Where the recorder writes the states a second time.
-    pub states: Option<PathBuf>,
-}
 
 /// A flight that has a report: the last one that the recorder wrote.
 pub struct FinishedFlight {

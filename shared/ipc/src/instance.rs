@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use iceoryx2::prelude::{Config, FileName, SemanticString as _};
 
 pub use locks::Lock;
-pub use root::root_path;
+pub use root::{ROOT_VARIABLE, root_path};
 
 pub use crate::error::SHARED_MEMORY;
 
@@ -25,14 +25,10 @@ pub(crate) use locks::lock_soon;
 use crate::error::Error;
 use directory::Directory;
 use messages::layout::{FNV_OFFSET, fnv1a};
-
-/// Names the directory under which instances keep their locks and service files.
-pub const ROOT_VARIABLE: &str = "IRONBIRD_ROOT";
+use root::ROOT_MAX;
 
 const MIB: u64 = 1 << 20;
 const NAME_MAX: usize = 32;
-/// Longest root path: the middleware's paths hold 255 bytes, and what it makes below takes up to 185 of them.
-const ROOT_MAX: usize = 64;
 /// The file that says that we have made a directory. Without it, nothing in a directory is ever removed.
 const MARK: &str = ".ironbird";
 

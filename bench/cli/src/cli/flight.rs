@@ -8,7 +8,8 @@ use clap::{Args, ValueEnum};
 use errors::Failure;
 use toml::Value;
 
-use crate::cli::{name_of, overrides, set, values};
+use crate::cli::values::{self, NumberOrAuto};
+use crate::cli::{name_of, overrides, set};
 use config::{Overrides, PaceName, Settings};
 use faults::grammar::Fault;
 use messages::role::{Channel, MOST_CHANNELS};
@@ -185,22 +186,6 @@ pub enum PaceArg {
     Realtime,
     /// The chain itself: the next tick begins when the rotor command has arrived. Not real-time.
     Lockstep,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NumberOrAuto {
-    /// From a measurement before take-off.
-    Auto,
-    Number(u32),
-}
-
-impl NumberOrAuto {
-    fn number(self) -> Option<i64> {
-        match self {
-            Self::Auto => None,
-            Self::Number(number) => Some(number.into()),
-        }
-    }
 }
 
 /// Refuses flags that need the clock, each with whether it is given, in a lockstep flight.

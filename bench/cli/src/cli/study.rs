@@ -6,12 +6,17 @@ use std::time::Duration;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 
-use crate::cli::{DiffFormat, TrajectoryArgs, values};
-use crate::compare;
+use crate::cli::values::{self, Shard};
+use crate::cli::{DiffFormat, TrajectoryArgs};
 use experiments::margin::limits::{BOUNDS, BoundName};
 use experiments::margin::target;
 
 /// The laws to fly: every outer law with every inner law and every mixer.
+pub const SUITES: [(&str, &str); 1] = [(
+    "robustness",
+    include_str!("../../../../docs/robustness.toml"),
+)];
+
 #[derive(Clone, Debug, Args)]
 pub struct LawSetArgs {
     /// Law of the outer loop; may be repeated [default: pd]. Every combination of the named laws is flown.
@@ -50,7 +55,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format"])]
     pub table: Option<PathBuf>,
     /// Fly a built-in table: robustness (docs/robustness.md).
-    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(compare::SUITES.map(|(name, _)| name)), group = "cases", conflicts_with_all = ["faults", "format"])]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(SUITES.map(|(name, _)| name)), group = "cases", conflicts_with_all = ["faults", "format"])]
     pub suite: Option<String>,
     /// Also draw the table to this file.
     #[arg(long, value_name = "FILE.svg", requires = "cases")]
@@ -170,13 +175,6 @@ pub enum Engine {
     Hyperqueue,
     /// This machine, like `campaign run`.
     Local,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    /// Counted from 1; none if the job's environment gives it.
-    pub number: Option<u64>,
-    pub of: u64,
 }
 
 #[derive(Clone, Debug, Args)]

@@ -5,7 +5,6 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use crate::cli::{NumberOrAuto, Shard};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 use config::law_settings::preset_names;
@@ -17,6 +16,29 @@ pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
 use messages::role::Channel;
 use toml::Value;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NumberOrAuto {
+    /// From a measurement before take-off.
+    Auto,
+    Number(u32),
+}
+
+impl NumberOrAuto {
+    pub fn number(self) -> Option<i64> {
+        match self {
+            Self::Auto => None,
+            Self::Number(number) => Some(number.into()),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Counted from 1; none if the job's environment gives it.
+    pub number: Option<u64>,
+    pub of: u64,
+}
 
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
     // The largest number stands for no tick.

@@ -11,7 +11,7 @@ use hdrhistogram::Histogram;
 use messages::role::STAGES;
 use serde::{Deserialize, Serialize};
 
-use super::{reason, stolen};
+use super::reasons::{reason, stolen};
 use crate::floor::MachineFloor;
 use crate::floor::ring::Work;
 use crate::floor::timer::Schedule;

@@ -11,33 +11,23 @@
 //! Every colour is visible on black and on white, and text always says the same as the colour.
 
 mod pages;
+mod region;
 
 use messages::blackboards::EndReason;
 use messages::content::NO_TICK;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Margin, Rect};
-use ratatui::style::{Color, Modifier, Style};
+use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Clear, Paragraph, Sparkline, Wrap};
+use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 
 use crate::watch::dashboard_model::{Model, Tab, WatchedFlight};
 use analysis::phrase::name_of;
 use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
+use region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, SELECTED, fitting, good_or_bad};
 
 /// The smallest terminal that has room for a page.
 pub const SMALLEST: (u16, u16) = (40, 12);
-
-const PLAIN: Style = Style::new();
-const GOOD: Style = Style::new().fg(Color::Green);
-const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
-const ACTUAL: Style = Style::new().fg(Color::Blue).add_modifier(Modifier::BOLD);
-const HEADING: Style = Style::new().add_modifier(Modifier::BOLD);
-const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
-const SELECTED: Style = Style::new().add_modifier(Modifier::REVERSED);
-
-const fn good_or_bad(is_good: bool) -> Style {
-    if is_good { GOOD } else { BAD }
-}
 
 pub fn draw(model: &Model, frame: &mut Frame<'_>) {
     let area = frame.area();
@@ -71,78 +61,6 @@ pub fn draw(model: &Model, frame: &mut Frame<'_>) {
             (cell.fg, cell.bg) = (Color::Reset, Color::Reset);
         }
     }
-}
-
-/// A part of the screen that is filled from the top.
-struct Region<'r, 'f> {
-    frame: &'r mut Frame<'f>,
-    area: Rect,
-}
-
-impl Region<'_, '_> {
-    /// Takes lines off the top.
-    fn split(&mut self, lines: u16) -> Rect {
-        let [top, rest] =
-            Layout::vertical([Constraint::Length(lines), Constraint::Min(0)]).areas(self.area);
-        self.area = rest;
-        top
-    }
-
-    fn put(&mut self, lines: Vec<Line<'_>>) {
-        let height = u16::try_from(lines.len()).unwrap_or(u16::MAX);
-        let top = self.split(height.min(self.area.height));
-        self.frame.render_widget(Paragraph::new(lines), top);
-    }
-
-    /// Fills the rest with lines that are wrapped.
-    fn put_wrapped(&mut self, lines: Vec<Line<'_>>) {
-        let text = Paragraph::new(lines).wrap(Wrap { trim: true });
-        self.frame.render_widget(text, self.area);
-    }
-
-    /// Fills the rest with values as bars between `floor` and `ceiling`, the newest at the right edge.
-    fn put_bars(&mut self, values: &[f64], [floor, ceiling]: [f64; 2]) {
-        const STEPS: f64 = 1000.0;
-        let span = (ceiling - floor).max(f64::MIN_POSITIVE);
-        let steps = |value: &f64| ((value - floor) / span * STEPS).round().clamp(0.0, STEPS) as u64;
-        let bars: Vec<u64> = values.iter().map(steps).collect();
-        let width = u16::try_from(bars.len()).unwrap_or(u16::MAX);
-        let [_, right] =
-            Layout::horizontal([Constraint::Min(0), Constraint::Length(width)]).areas(self.area);
-        let bars = Sparkline::default().data(&bars).max(STEPS as u64);
-        self.frame.render_widget(bars.style(ACTUAL), right);
-    }
-
-    /// A table with a heading, scrolled so that the selected row is visible.
-    fn put_table(&mut self, heading: Line<'_>, rows: Vec<Line<'_>>, selected: usize, room: usize) {
-        let first = selected
-            .saturating_sub(room / 2)
-            .min(rows.len().saturating_sub(room));
-        let mut lines = vec![heading.style(HEADING)];
-        for (i, row) in rows.into_iter().enumerate().skip(first).take(room) {
-            let is_selected = i == selected;
-            lines.push(if is_selected {
-                row.style(SELECTED)
-            } else {
-                row
-            });
-        }
-        self.put(lines);
-    }
-}
-
-/// A line with as many of the parts, in order, as fit.
-fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16) -> Line<'a> {
-    let mut room = usize::from(width);
-    let mut line = Line::default();
-    for part in parts {
-        let Some(rest) = room.checked_sub(part.width()) else {
-            break;
-        };
-        room = rest;
-        line.extend(part);
-    }
-    line
 }
 
 fn header_line(model: &Model, width: u16) -> Line<'_> {

@@ -14,7 +14,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::iterator::Signals;
 
-use super::{Feed, LOOK_EVERY};
+use super::feed::{Feed, LOOK_EVERY};
 use crate::inject::{When, injected};
 use crate::observation::DRAIN_EVERY;
 use crate::watch::dashboard_model::{Action, Model};

@@ -7,9 +7,12 @@ use std::path::{Component, Path, PathBuf};
 use rustix::process::geteuid;
 
 use super::directory::not_ours;
-use super::{ROOT_MAX, ROOT_VARIABLE};
 use crate::error::Error;
 
+/// Names the directory under which instances keep their locks and service files.
+pub const ROOT_VARIABLE: &str = "IRONBIRD_ROOT";
+/// Longest root path: the middleware's paths hold 255 bytes, and what it makes below takes up to 185 of them.
+pub(super) const ROOT_MAX: usize = 64;
 const SESSION_VARIABLE: &str = "XDG_RUNTIME_DIR";
 
 /// The directory under which instances live: `IRONBIRD_ROOT`, else one in the directory of the user's session, else

@@ -21,7 +21,7 @@ use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke};
 
-use super::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad};
+use super::region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad};
 use crate::parameter_text::{bound, number};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 

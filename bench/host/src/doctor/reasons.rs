@@ -1,0 +1,27 @@
+//! Why each check matters, and the finding that several checks make.
+
+use analysis::finding::Finding;
+use analysis::host::Steal;
+
+/// Makes the finding of a check from what was found.
+pub(super) type Found<'a> = &'a dyn Fn(&str) -> Finding;
+
+/// Why each check matters: a line per subject.
+const REASONS: &str = include_str!("reasons.txt");
+
+pub(super) fn reason(subject: &str) -> &'static str {
+    let of = |line: &'static str| line.strip_prefix(subject)?.strip_prefix(": ");
+    REASONS.lines().find_map(of).unwrap_or_default()
+}
+
+/// Share of the time from which on figures say more about the host than about anything here [%].
+const STEAL_MAX_PERCENT: f64 = 1.0;
+
+pub(super) fn stolen(steal: &Steal, found: Found) -> Finding {
+    let (percent, ms) = (steal.percent, steal.stolen_ms);
+    let finding = found(&format!("{percent:.2} % of all processors' time ({ms} ms)"));
+    if percent <= STEAL_MAX_PERCENT {
+        return finding;
+    }
+    finding.softens("ask the host's operator for dedicated processors, or use another machine")
+}

@@ -1,0 +1,93 @@
+//! What the dashboard's model is fed with: a flight's messages and blackboards.
+
+use std::time::{Duration, Instant};
+
+use errors::Failure;
+use ipc::error::Error;
+use ipc::instance::Instance;
+use messages::role::Role;
+
+use super::dashboard_model::Model;
+use crate::observation::Observation;
+
+/// How often to look for a flight and to check its processes.
+pub(super) const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// How often joining may fail in a row: it can while roles start or end.
+const TRIES: u32 = 20;
+
+/// Updates the model: waits for a flight, joins it, reads its messages, and notices its end.
+pub(super) struct Feed {
+    pub(super) instance: Instance,
+    joined: Option<Observation>,
+    next_look: Instant,
+    failed: u32,
+}
+
+impl Feed {
+    pub(super) fn new(instance: Instance) -> Self {
+        Self {
+            instance,
+            joined: None,
+            next_look: Instant::now(),
+            failed: 0,
+        }
+    }
+
+    pub(super) fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
+        let is_due = Instant::now() >= self.next_look;
+        if is_due {
+            self.next_look = Instant::now() + LOOK_EVERY;
+        }
+        if self.joined.is_none() && is_due {
+            self.join(model)?;
+        }
+        let (Some(observation), Some(flight)) = (&mut self.joined, &mut model.flight) else {
+            return Ok(());
+        };
+        observation.drain(|entry| flight.take(entry))?;
+        flight.run = observation.run();
+        if !is_due {
+            return Ok(());
+        }
+        flight.active = observation.active_parameters();
+        flight.statuses = observation.statuses();
+        flight.update_steal();
+        // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
+        let lives = observation.lives(Role::Record);
+        if lives || observation.ending().is_none() {
+            flight.recorder_lives = lives;
+        }
+        flight.ending = observation.ending_after_last_messages();
+        if flight.ending.is_some() {
+            self.leave();
+        }
+        Ok(())
+    }
+
+    fn join(&mut self, model: &mut Model) -> Result<(), Failure> {
+        match Observation::join(&self.instance) {
+            Ok(Some(observation)) => {
+                self.failed = 0;
+                model.join(&observation.run(), observation.settings.clone())?;
+                self.joined = Some(observation);
+            }
+            Ok(None) => {}
+            Err(Error::Wire { .. }) if self.failed < TRIES => self.failed += 1,
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
+    pub(super) fn leave(&mut self) {
+        if self.joined.take().is_some() {
+            // In case the dashboard is the last process. The next start or `ironbird clean` finds what remains.
+            let _ = self.instance.remove_leftovers();
+        }
+    }
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        self.leave();
+    }
+}

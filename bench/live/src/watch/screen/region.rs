@@ -1,0 +1,97 @@
+//! A part of the screen, and its styles.
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::Line;
+use ratatui::widgets::{Paragraph, Sparkline, Wrap};
+
+pub(super) const PLAIN: Style = Style::new();
+pub(super) const GOOD: Style = Style::new().fg(Color::Green);
+pub(super) const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
+pub(super) const ACTUAL: Style = Style::new().fg(Color::Blue).add_modifier(Modifier::BOLD);
+pub(super) const HEADING: Style = Style::new().add_modifier(Modifier::BOLD);
+pub(super) const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
+pub(super) const SELECTED: Style = Style::new().add_modifier(Modifier::REVERSED);
+
+pub(super) const fn good_or_bad(is_good: bool) -> Style {
+    if is_good { GOOD } else { BAD }
+}
+
+/// A part of the screen that is filled from the top.
+pub(super) struct Region<'r, 'f> {
+    pub(super) frame: &'r mut Frame<'f>,
+    pub(super) area: Rect,
+}
+
+impl Region<'_, '_> {
+    /// Takes lines off the top.
+    pub(super) fn split(&mut self, lines: u16) -> Rect {
+        let [top, rest] =
+            Layout::vertical([Constraint::Length(lines), Constraint::Min(0)]).areas(self.area);
+        self.area = rest;
+        top
+    }
+
+    pub(super) fn put(&mut self, lines: Vec<Line<'_>>) {
+        let height = u16::try_from(lines.len()).unwrap_or(u16::MAX);
+        let top = self.split(height.min(self.area.height));
+        self.frame.render_widget(Paragraph::new(lines), top);
+    }
+
+    /// Fills the rest with lines that are wrapped.
+    pub(super) fn put_wrapped(&mut self, lines: Vec<Line<'_>>) {
+        let text = Paragraph::new(lines).wrap(Wrap { trim: true });
+        self.frame.render_widget(text, self.area);
+    }
+
+    /// Fills the rest with values as bars between `floor` and `ceiling`, the newest at the right edge.
+    pub(super) fn put_bars(&mut self, values: &[f64], [floor, ceiling]: [f64; 2]) {
+        const STEPS: f64 = 1000.0;
+        let span = (ceiling - floor).max(f64::MIN_POSITIVE);
+        let steps = |value: &f64| ((value - floor) / span * STEPS).round().clamp(0.0, STEPS) as u64;
+        let bars: Vec<u64> = values.iter().map(steps).collect();
+        let width = u16::try_from(bars.len()).unwrap_or(u16::MAX);
+        let [_, right] =
+            Layout::horizontal([Constraint::Min(0), Constraint::Length(width)]).areas(self.area);
+        let bars = Sparkline::default().data(&bars).max(STEPS as u64);
+        self.frame.render_widget(bars.style(ACTUAL), right);
+    }
+
+    /// A table with a heading, scrolled so that the selected row is visible.
+    pub(super) fn put_table(
+        &mut self,
+        heading: Line<'_>,
+        rows: Vec<Line<'_>>,
+        selected: usize,
+        room: usize,
+    ) {
+        let first = selected
+            .saturating_sub(room / 2)
+            .min(rows.len().saturating_sub(room));
+        let mut lines = vec![heading.style(HEADING)];
+        for (i, row) in rows.into_iter().enumerate().skip(first).take(room) {
+            let is_selected = i == selected;
+            lines.push(if is_selected {
+                row.style(SELECTED)
+            } else {
+                row
+            });
+        }
+        self.put(lines);
+    }
+}
+
+/// A line with as many of the parts, in order, as fit.
+pub(super) fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16) -> Line<'a> {
+    let mut room = usize::from(width);
+    let mut line = Line::default();
+    for part in parts {
+        let Some(rest) = room.checked_sub(part.width()) else {
+            break;
+        };
+        room = rest;
+        line.extend(part);
+    }
+    line
+}
