@@ -38,7 +38,7 @@ const TIMELINE: (u64, u64) = (1, 2);
 /// Samples that are kept beyond those of the ticks [ns].
 const SAMPLES_BEYOND_NS: u64 = 200_000_000;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct MissAnalysis {
     grid: Grid,
     is_virtual: bool,
@@ -78,18 +78,7 @@ impl MissAnalysis {
             grid,
             is_virtual,
             share_processor,
-            traces: BTreeMap::new(),
-            samples: VecDeque::new(),
-            slices: VecDeque::new(),
-            judged: Vec::new(),
-            last_state: None,
-            missed: BTreeSet::new(),
-            next: None,
-            has_begun: false,
-            open: None,
-            counts: BTreeMap::new(),
-            rows: OutageRuns::default(),
-            worst: Vec::new(),
+            ..Self::default()
         }
     }
 

@@ -7,7 +7,7 @@ use crate::role::Role;
 pub const NS_PER_S: u64 = 1_000_000_000;
 
 /// The grid of a run: tick k begins at t_k = t_0 + k T.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Grid {
     /// Begin of tick 0 on CLOCK_MONOTONIC [ns].
     pub t0_ns: u64,
