@@ -61,7 +61,7 @@ pub fn channels(section: &RedundancySection) -> String {
     let laws = section
         .laws
         .iter()
-        .map(|(stage, law)| format!("; {stage} flew {law}"));
+        .map(|(stage, law)| format!("; law of {stage}: {law}"));
     let laws: String = laws.collect();
     format!("{channels}, ticks flown: {flown}; active at the end: {active}{laws}")
 }

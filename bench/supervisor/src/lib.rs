@@ -26,11 +26,11 @@ use ipc::instance::Instance;
 use config::Settings;
 use exit_report::Outcome;
 use flight_supervisor::FlightSupervisor;
-
-pub use flight_supervisor::FlightOptions;
 use recorder::kernel_trace::remove_leftovers;
 use recorder::run_directory::RunDirectory;
 use stop_requests::StopRequests;
+
+pub use flight_supervisor::FlightOptions;
 
 /// A flight that has a report: the last one that the recorder wrote.
 pub struct FinishedFlight {

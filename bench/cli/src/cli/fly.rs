@@ -30,7 +30,6 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let course = &args.flight.course;
     course.check_distinct(&[("--junit", junit), ("--states", states)])?;
     check_writable("--junit", junit)?;
-    let junit = args.junit.as_ref();
     // The result of an earlier flight is none of this one, however its process ends.
     if let Some(earlier) = junit.filter(|path| !args.print_config && path.is_file()) {
         fs::remove_file(earlier).in_file("replace", earlier)?;

@@ -11,12 +11,13 @@ use crate::cli::{DiffFormat, TrajectoryArgs};
 use experiments::margin::limits::{BOUNDS, BoundName};
 use experiments::margin::target;
 
-/// The laws to fly: every outer law with every inner law and every mixer.
+/// Built-in tables of `compare`, each with its name.
 pub const SUITES: [(&str, &str); 1] = [(
     "robustness",
     include_str!("../../../../docs/robustness.toml"),
 )];
 
+/// The laws to fly: every outer law with every inner law and every mixer.
 #[derive(Clone, Debug, Args)]
 pub struct LawSetArgs {
     /// Law of the outer loop; may be repeated [default: pd]. Every combination of the named laws is flown.
