@@ -397,6 +397,12 @@ mod tests {
         ] {
             assert_eq!(exit.describe(""), expected);
         }
+        let hung = ProcessExit {
+            killed: Some(KillReason::Hang),
+            ..exit(Role::Record, 9)
+        };
+        let log = hung.log(Path::new("/nonexistent"));
+        assert!(log.starts_with("recorder: hung, and was killed\n"), "{log}");
     }
 
     #[test]
