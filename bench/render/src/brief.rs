@@ -78,12 +78,8 @@ fn sentences(report: &Report) -> Vec<String> {
     if !faults.is_empty() {
         all.push(format!("Faults    {}", faults.join(", ")));
     }
-    all.extend(
-        report
-            .redundancy
-            .as_ref()
-            .map(|it| format!("Channels  {}", shared::channels(it))),
-    );
+    let channels = report.redundancy.as_ref().map(shared::channels);
+    all.extend(channels.map(|it| format!("Channels  {it}")));
     all.extend(report.deaths.last().map(|last| {
         let last = flight::failure_line(last);
         match process_failures::number(report) {

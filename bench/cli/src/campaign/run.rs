@@ -75,9 +75,7 @@ fn of_shard(plan: &Plan, shard: Shard) -> Result<Range<u64>, Failure> {
     }
     let flights = plan.campaign.shard(number, shard.of);
     if flights.is_empty() {
-        say(
-            "warning: this shard flies nothing: the campaign has fewer files of rows than shards; `campaign.chunk` makes them smaller\n",
-        );
+        say("warning: this shard flies nothing: more shards than files (`campaign.chunk`)\n");
     }
     Ok(flights)
 }

@@ -16,8 +16,9 @@ use supervisor::cpu_load;
 pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
     let (states, plot) = (args.states.as_deref(), args.plot.as_deref());
-    let course = &args.flight.course;
-    course.check_distinct(&[("--states", states), ("--plot", plot)])?;
+    args.flight
+        .course
+        .check_distinct(&[("--states", states), ("--plot", plot)])?;
     check_writable("--states", states)?;
     check_writable("--plot", plot)?;
     let is_svg = |path: &Path| {

@@ -27,8 +27,8 @@ use supervisor::{self, FinishedFlight, FlightOptions};
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
-    let course = &args.flight.course;
-    course.check_distinct(&[("--junit", junit), ("--states", states)])?;
+    let written = [("--junit", junit), ("--states", states)];
+    args.flight.course.check_distinct(&written)?;
     check_writable("--junit", junit)?;
     // The result of an earlier flight is none of this one, however its process ends.
     if let Some(earlier) = junit.filter(|path| !args.print_config && path.is_file()) {
