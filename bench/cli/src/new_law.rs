@@ -23,7 +23,7 @@ const RESERVED: &str = "\
 
 /// Files of the folder: the tag of the laws that have it, its path, and its template. Files that start with `#!` are
 /// executable.
-const FILES: [(&str, &str, &str); 18] = [
+const FILES: [(&str, &str, &str); 19] = [
     ("all", "README.md", include_str!("new_law/README.md")),
     (
         "all",
@@ -48,6 +48,7 @@ const FILES: [(&str, &str, &str); 18] = [
     ("rust", "ironbird_law/src/lib.rs", CRATE[0]),
     ("rust", "ironbird_law/src/abi.rs", CRATE[1]),
     ("rust", "ironbird_law/src/border.rs", CRATE[2]),
+    ("rust", "ironbird_law/src/law.rs", CRATE[3]),
     ("python", "law.py", include_str!("new_law/law.py.in")),
     ("python", ".gitignore", "__pycache__\nruns\n"),
 ];
@@ -57,10 +58,11 @@ const HEADERS: [&str; 2] = [
     include_str!("../../../shared/ironbird_law/include/ironbird_law.h"),
     include_str!("../../../shared/ironbird_law/include/ironbird_attitude.h"),
 ];
-const CRATE: [&str; 3] = [
+const CRATE: [&str; 4] = [
     include_str!("../../../shared/ironbird_law/src/lib.rs"),
     include_str!("../../../shared/ironbird_law/src/abi.rs"),
     include_str!("../../../shared/ironbird_law/src/border.rs"),
+    include_str!("../../../shared/ironbird_law/src/law.rs"),
 ];
 
 #[derive(Clone, Debug, Subcommand)]

@@ -16,19 +16,11 @@ use toml::{Table, Value};
 
 use crate::airframe::{self, Design, OWN, PAPER};
 use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256};
-use crate::overrides::{self, PRESET};
+use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
     DEFAULT_TABLE, beside, coerce, example, kind, nearest, table, text, text_of,
 };
-use crate::{Overrides, Settings};
 use errors::Failure;
-
-impl Settings {
-    /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
-    pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
-        Self::over(&LAW_ROLES, given, Some(file), &Overrides::new())
-    }
-}
 
 /// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
 /// each of its flights.

@@ -6,7 +6,7 @@ use messages::realtime::RealtimeStep;
 use messages::role::Channel;
 use process::rt::{fifo_refusal, remedy};
 
-use crate::{PaceName, Settings};
+use crate::settings::{PaceName, Settings};
 use analysis::faults::InjectedFault;
 use errors::Failure;
 use faults::grammar::{Change, Fault, FaultError};

@@ -16,8 +16,8 @@ use toml::{Table, Value};
 
 use super::airframe::{OWN, PAPER, built};
 use super::law_settings::{self, Chosen};
+use super::settings::{PaceName, Settings};
 use super::validation::refused;
-use super::{PaceName, Settings};
 use analysis::laws::FlownLaws;
 use analysis::phrase::count;
 use analysis::theorem::SEVERAL_LAWS;

@@ -4,6 +4,8 @@ use std::io::Write as _;
 
 use messages::limits::RotorLimits;
 use messages::parameters::Airframe;
+use messages::role::Channel;
+use toml::Value;
 
 use crate::*;
 

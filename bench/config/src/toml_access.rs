@@ -8,7 +8,8 @@ use errors::open_file;
 use messages::parameters::{self, did_you_mean};
 use toml::{Table, Value};
 
-use super::DEFAULT;
+/// The commented default, which is also where the defaults come from.
+pub const DEFAULT: &str = include_str!("default.toml");
 
 pub(super) static DEFAULT_TABLE: LazyLock<Table> =
     LazyLock::new(|| DEFAULT.parse().unwrap_or_default());

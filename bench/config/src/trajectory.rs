@@ -17,8 +17,6 @@ use messages::parameters::shown;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use super::Settings;
-
 /// First line of a file of points.
 pub const HEADER: &str = "t,x,y,z,yaw";
 /// Points at the most: a curve of so many takes 3.4 MB, which each role locks in memory.
@@ -68,39 +66,6 @@ impl fmt::Debug for PointsFile {
         f.debug_struct("PointsFile")
             .field("sha256", &self.sha256)
             .finish_non_exhaustive()
-    }
-}
-
-impl Settings {
-    /// The settings with the points that their trajectory names, if it is a file.
-    pub(super) fn with_points(mut self) -> Result<Self, Failure> {
-        if !is_file(&self.flight.trajectory) {
-            // Of a file that the settings no longer name.
-            self.trajectory.sha256.clear();
-            return Ok(self);
-        }
-        // Where the roles of a flight stand in different folders, they mean the same file.
-        if let Ok(path) = Path::new(&self.flight.trajectory).canonicalize() {
-            self.flight.trajectory = path.to_string_lossy().into_owned();
-        }
-        let read = PointsFile::read(&self.flight.trajectory)?;
-        self.take_points(read)?;
-        Ok(self)
-    }
-
-    /// Takes the points of the trajectory, if they are those that the settings have the hash of.
-    pub fn take_points(&mut self, points: PointsFile) -> Result<(), Failure> {
-        let wanted = &self.trajectory.sha256;
-        if !wanted.is_empty() && *wanted != points.sha256 {
-            return Err(Failure::usage(format!(
-                "trajectory file {}: its SHA-256 is {}, but the settings were made for {wanted}",
-                self.flight.trajectory, points.sha256
-            ))
-            .help("the file has changed: bring the old one back, or take trajectory.sha256 out of the settings"));
-        }
-        self.trajectory.sha256.clone_from(&points.sha256);
-        self.points = Some(points);
-        Ok(())
     }
 }
 

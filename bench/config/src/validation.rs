@@ -14,7 +14,8 @@ use plant::Plant;
 use toml::{Table, Value};
 
 use super::layers::layered;
-use super::{Overrides, Settings, overrides};
+use super::overrides::{self, Overrides};
+use super::settings::Settings;
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
@@ -48,7 +49,7 @@ const RANGES: [(&str, &str, f64, f64); 24] = [
     ("recorder", "states_every_ticks", 1.0, 1e9),
 ];
 
-pub(super) fn check_ranges(table: &Table) -> Result<(), Failure> {
+fn check_ranges(table: &Table) -> Result<(), Failure> {
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
     for (section, key, min, max) in RANGES {
         let Some(value) = table.get(section).and_then(|keys| keys.get(key)) else {
@@ -109,7 +110,7 @@ pub(super) fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Fa
 }
 
 /// A value that cannot be read; its key stands in the second line of the error.
-pub(super) fn unreadable(e: &toml::de::Error) -> Failure {
+fn unreadable(e: &toml::de::Error) -> Failure {
     let what = e.to_string().trim_end().replace('\n', " ");
     // No setting that is a whole number may be negative.
     let what = match (
@@ -129,7 +130,7 @@ pub(super) fn unreadable(e: &toml::de::Error) -> Failure {
 }
 
 /// Refuses a text that would not come back from a report, or would end its line where settings have one each.
-pub(super) fn check_texts(section: &str, table: &Table) -> Result<(), Failure> {
+fn check_texts(section: &str, table: &Table) -> Result<(), Failure> {
     table.iter().try_for_each(|(key, value)| match value {
         Value::Table(keys) => check_texts(&format!("{key}."), keys),
         Value::String(text) if text.contains(char::is_control) => Err(Failure::usage(format!(
@@ -170,7 +171,18 @@ pub(super) fn blamed(
 }
 
 impl Settings {
-    pub(super) fn check(&self, makes: &[Role]) -> Result<(), Failure> {
+    pub(super) fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
+        check_texts("", &table)?;
+        let ranges = check_ranges(&table);
+        let settings = table
+            .try_into::<Self>()
+            .map_err(|e| unreadable(&e))?
+            .with_points()?;
+        ranges?;
+        settings.check(makes).map(|()| settings)
+    }
+
+    fn check(&self, makes: &[Role]) -> Result<(), Failure> {
         let flight = &self.flight;
         Rig::check_period(flight.period_s).map_err(refused)?;
         let (period_s, duration_s) = (flight.period_s, flight.duration_s);

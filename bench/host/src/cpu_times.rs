@@ -3,7 +3,7 @@
 use analysis::candidate_causes::JIFFY_NS;
 use analysis::host::{Host, Steal};
 
-use crate::{Machine, RT_RUNTIME};
+use crate::machine::{Machine, RT_RUNTIME};
 
 pub fn host() -> Host {
     host_of(&Machine::files())
@@ -90,7 +90,7 @@ impl CpuTimes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::made_up;
+    use crate::machine::tests::made_up;
 
     fn times(stat: &str, processor: Option<u64>) -> CpuTimes {
         let (_root, machine) = made_up(&[("proc/stat", stat)]);

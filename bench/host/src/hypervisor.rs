@@ -2,8 +2,8 @@
 //!
 //! The processor's own flag exists on x86 alone. Elsewhere firmware tells: DMI on servers, the device tree on boards.
 
-use crate::Machine;
 use crate::cpu_times::CpuTimes;
+use crate::machine::Machine;
 
 const DMI: [&str; 3] = ["sys_vendor", "board_vendor", "bios_vendor"];
 const MAKERS: &str = "KVM|OpenStack|KubeVirt|Amazon EC2|QEMU|VMware|VMW|innotek GmbH|VirtualBox|Xen|Bochs|\
@@ -15,44 +15,45 @@ const METAL: &str = ".metal";
 /// Name of QEMU's machines in the device tree.
 const DUMMY: &str = "dummy-virt";
 
-/// Whether a hypervisor runs below; none if nothing says so, and nothing is there that would.
-pub(crate) fn runs_below(machine: &Machine) -> Option<bool> {
-    let dmi = |name: &str| machine.read(&format!("/sys/class/dmi/id/{name}"));
-    let flags = machine.field("/proc/cpuinfo", "flags");
-    let tree = machine.read("/proc/device-tree/compatible");
-    let product = dmi("product_name");
-    let makers = DMI.map(dmi).into_iter().chain([dmi("product_version")]);
-    let names: Vec<String> = makers.chain([product.clone()]).flatten().collect();
-    let begins = |name: &str, known: &str| known.split('|').any(|known| name.starts_with(known));
-    let named = names.iter().any(|name| begins(name, MAKERS))
-        || product.iter().any(|name| begins(name, PRODUCTS));
-    let is_hardware = product.as_ref().is_some_and(|name| name.ends_with(METAL));
-    let has = |text: &Option<String>, word: &str| {
-        let mut words = text.iter().flat_map(|text| text.split([' ', ',', '\0']));
-        words.any(|it| it == word)
-    };
-    let marks = [
-        has(&flags, "hypervisor"),
-        machine.read("/sys/hypervisor/type").is_some(),
-        named && !is_hardware,
-        machine
-            .read("/proc/device-tree/hypervisor/compatible")
-            .is_some(),
-        has(&tree, DUMMY),
-        // Only a hypervisor reports stolen time to a kernel.
-        flags.is_none() && CpuTimes::of(machine, None).stolen > 0,
-    ];
-    let would_tell = flags.is_some() || tree.is_some() || !names.is_empty();
-    match marks.contains(&true) {
-        true => Some(true),
-        false => would_tell.then_some(false),
+impl Machine {
+    /// Whether a hypervisor runs below; none if nothing says so, and nothing is there that would.
+    pub fn hypervisor(&self) -> Option<bool> {
+        let dmi = |name: &str| self.read(&format!("/sys/class/dmi/id/{name}"));
+        let flags = self.field("/proc/cpuinfo", "flags");
+        let tree = self.read("/proc/device-tree/compatible");
+        let product = dmi("product_name");
+        let makers = DMI.map(dmi).into_iter().chain([dmi("product_version")]);
+        let names: Vec<String> = makers.chain([product.clone()]).flatten().collect();
+        let begins =
+            |name: &str, known: &str| known.split('|').any(|known| name.starts_with(known));
+        let named = names.iter().any(|name| begins(name, MAKERS))
+            || product.iter().any(|name| begins(name, PRODUCTS));
+        let is_hardware = product.as_ref().is_some_and(|name| name.ends_with(METAL));
+        let has = |text: &Option<String>, word: &str| {
+            let mut words = text.iter().flat_map(|text| text.split([' ', ',', '\0']));
+            words.any(|it| it == word)
+        };
+        let marks = [
+            has(&flags, "hypervisor"),
+            self.read("/sys/hypervisor/type").is_some(),
+            named && !is_hardware,
+            self.read("/proc/device-tree/hypervisor/compatible")
+                .is_some(),
+            has(&tree, DUMMY),
+            // Only a hypervisor reports stolen time to a kernel.
+            flags.is_none() && CpuTimes::of(self, None).stolen > 0,
+        ];
+        let would_tell = flags.is_some() || tree.is_some() || !names.is_empty();
+        match marks.contains(&true) {
+            true => Some(true),
+            false => would_tell.then_some(false),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::tests::made_up;
+    use crate::machine::tests::made_up;
 
     const ARM: (&str, &str) = ("proc/cpuinfo", "processor\t: 0\nFeatures\t: fp asimd\n");
     const CPU: &str = "proc/cpuinfo";
@@ -90,10 +91,10 @@ mod tests {
         ] {
             for files in machines {
                 let (_root, machine) = made_up(&[&[ARM], *files].concat());
-                assert_eq!(runs_below(&machine), expected, "{files:?}");
+                assert_eq!(machine.hypervisor(), expected, "{files:?}");
             }
         }
         let (_root, empty) = made_up(&[]);
-        assert_eq!(runs_below(&empty), None, "without /proc/cpuinfo");
+        assert_eq!(empty.hypervisor(), None, "without /proc/cpuinfo");
     }
 }

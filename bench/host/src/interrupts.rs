@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use analysis::host::{InterruptCount, InterruptKind};
 
-use crate::Machine;
+use crate::machine::Machine;
 
 /// Counters of /proc/interrupts and /proc/softirqs at an instant, for one processor or for all of them together: count
 /// and source by kind and name.
@@ -83,7 +83,7 @@ fn rows(table: &str, processor: Option<u64>) -> Vec<(String, u64, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::made_up;
+    use crate::machine::tests::made_up;
 
     const HARD: &str = "            CPU0       CPU2
   16:          0          3  IO-APIC  16-fasteoi   ehci_hcd:usb1, nvidia

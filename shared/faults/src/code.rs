@@ -2,7 +2,7 @@
 //!
 //! Code that reads or prints a fault uses the table and [`FaultCode`], not a second list of the kinds.
 
-use crate::{Kind, PORTS, Place, Port, Span, is_share};
+use crate::kind::{Kind, PORTS, Place, Port, Span, is_share};
 use messages::fault_id::FaultId;
 use messages::layout::layout;
 use messages::role::{Channel, Replica, Role, STAGES};
@@ -281,6 +281,21 @@ impl FaultSpec {
     }
 }
 
+impl Kind {
+    pub fn name(self) -> &'static str {
+        FaultSpec::of(self.id() as u64).map_or("", |spec| spec.name)
+    }
+
+    /// Whether it does what another kind does, to the whole message or to a number that both mean.
+    pub fn is_like(self, other: Self) -> bool {
+        let same_place = match (self.place(), other.place()) {
+            (Some(a), Some(b)) => a.meets(b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        self.name() == other.name() && same_place
+    }
+}
+
 layout! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct FaultCode {
@@ -395,7 +410,7 @@ impl FaultCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{LONGEST_DELAY, LONGEST_PATTERN};
+    use crate::kind::{LONGEST_DELAY, LONGEST_PATTERN};
 
     #[test]
     fn the_table_has_each_kind_once() {

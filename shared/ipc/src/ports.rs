@@ -11,10 +11,11 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::{DEEP, NODES, Notifier, Wire, layout_attributes};
 use crate::clock::{Horizon, now_ns};
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
+use crate::wake_event::Notifier;
+use crate::wire::{NODES, Wire, layout_attributes};
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench};
 use messages::header::{Header, LAYOUT, Message};
 use messages::inspection::{Expected, Inspector, Rejections};
@@ -22,6 +23,10 @@ use messages::monitor::Monitor;
 use messages::role::{Channel, Replica};
 use messages::topic::Topic;
 
+/// Samples that a receiver keeps which needs the newest alone.
+pub const LATEST: usize = 1;
+/// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz, 0.44 at 8. An instance fits into the 64 MiB of a container.
+pub const DEEP: usize = 3500;
 /// Processes that may observe an instance at the same time.
 pub const OBSERVERS: usize = 4;
 /// Messages of a topic that an observer may fall behind before it loses the oldest: half a second at 1 kHz.
@@ -75,6 +80,29 @@ macro_rules! topic_ports {
 topic_ports!(State, Setpoint, Wrench, RotorSpeeds, SwapRecord, Monitor);
 
 impl Wire {
+    /// Shared memory that an instance with so many channels takes [bytes]: twice that of the topics, to cover everything
+    /// else, and that of the observers' topics.
+    pub fn needed_bytes(channels: usize) -> u64 {
+        fn observers<C: Topic>() -> u64 {
+            slot_bytes::<C>(OBSERVERS, OBSERVED)
+        }
+        fn topic<C: Topic>(channels: usize) -> u64 {
+            2 * slot_bytes::<C>(subscribers::<C>(channels), DEEP)
+        }
+        let of_a_channel = topic::<Setpoint>(channels)
+            + topic::<Wrench>(channels)
+            + topic::<RotorSpeeds>(channels);
+        channels as u64 * of_a_channel
+            + topic::<State>(channels)
+            + topic::<SwapRecord>(channels)
+            + observers::<State>()
+            + observers::<Setpoint>()
+            + observers::<Wrench>()
+            + observers::<RotorSpeeds>()
+            + observers::<SwapRecord>()
+            + observers::<Monitor>()
+    }
+
     fn topic<C: TopicPorts>(&self, channel: Channel) -> Result<Open<C>, Error> {
         let prefix = Replica::new(C::SENDER, channel).channel.prefix();
         let name = format!("{prefix}{}", C::NAME);
@@ -136,12 +164,12 @@ impl Wire {
 }
 
 /// Processes that subscribe to a topic in a flight with so many channels.
-pub(super) const fn subscribers<C: Topic>(channels: usize) -> usize {
+const fn subscribers<C: Topic>(channels: usize) -> usize {
     C::SUBSCRIBERS + C::SUBSCRIBERS_PER_CHANNEL * (channels - 1)
 }
 
 /// Shared memory that the slots of a topic take [bytes].
-pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
+fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
     // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
     let slots = subscribers * (depth + 1) + 2;
     (slots * (size_of::<Sealed<Message<C>>>() + 64)) as u64

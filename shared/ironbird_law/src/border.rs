@@ -15,16 +15,10 @@ use crate::abi::{
     IronbirdSetting, IronbirdSignal, IronbirdSizes, IronbirdTelemetry, IronbirdValue,
     IronbirdWanted,
 };
-use crate::{
-    InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, Setting, SettingKind, Settings, Signal,
+use crate::law::{
+    InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, RoleOf, Setting, SettingKind, Settings,
+    Signal,
 };
-
-/// A role that a law of this type can have.
-pub trait RoleOf<L> {
-    /// Enters the role and its tick.
-    #[doc(hidden)]
-    fn enter(table: &mut IronbirdLaw);
-}
 
 /// The marker of a role, and the function of its tick.
 macro_rules! of_role {

@@ -190,16 +190,14 @@ pub fn exit(code: i32) -> ! {
     end_now(if is_law { 1 } else { code })
 }
 
-/// Ends the process as a return from `main` would, but without the exit handlers of libraries: none is ever
-/// unloaded, and what a law does after its flight must not change what is known of it. Says first what its laws did
-/// that no law should.
-pub fn leave(code: u8) -> ExitCode {
+/// Prints the warnings and ends the process; returns where it has loaded no law.
+pub(crate) fn leave(code: u8, warnings: Vec<String>) -> ExitCode {
     if PROCESS.load(Ordering::Relaxed) == 0 {
         return ExitCode::from(code);
     }
     // If standard output is closed, there is no other place to report it.
     let _ = io::Write::flush(&mut io::stdout());
-    for warning in crate::warnings() {
+    for warning in warnings {
         let _ = writeln!(Stderr, "warning: {warning}");
     }
     end_children();

@@ -23,6 +23,7 @@ use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -33,10 +34,10 @@ use messages::role::Role;
 use sha2::{Digest as _, Sha256};
 
 use crate::call::Call;
+use crate::loader::{unusable, words};
 
 #[doc(hidden)]
 pub use crash::exit;
-pub use crash::leave;
 pub use loader::{PYTHON_ADAPTER, has_python_adapter};
 
 /// Longest file that is read [bytes].
@@ -183,13 +184,13 @@ impl Library {
     }
 }
 
-/// What is to be said of the laws that have been called, a sentence each.
-fn warnings() -> Vec<String> {
+/// Ends the process as a return from `main` would, but without the exit handlers of libraries: none is ever
+/// unloaded, and what a law does after its flight must not change what is known of it. Says first what its laws did
+/// that no law should.
+pub fn leave(code: u8) -> ExitCode {
     let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
-    loaded
-        .iter()
-        .filter_map(|library| library.modes_put_back())
-        .collect()
+    let warnings = loaded.iter().filter_map(|it| it.modes_put_back());
+    crash::leave(code, warnings.collect())
 }
 
 fn read(file: File) -> io::Result<Vec<u8>> {
@@ -218,12 +219,4 @@ fn changed(file: &Path, when: &str) -> Failure {
 fn unread(file: &Path, why: &io::Error) -> Failure {
     Failure::usage(format!("cannot read the law {}: {why}", file.display()))
         .help("name a shared library that you can read, or a law that is built in: `ironbird laws` lists them")
-}
-
-fn unusable(file: &Path, what: &str) -> Failure {
-    Failure::usage(format!("{}: {what}", words(file)))
-}
-
-fn words(file: &Path) -> String {
-    format!("the law {}", file.display())
 }

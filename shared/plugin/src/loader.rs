@@ -15,7 +15,6 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::call::Call;
 use crate::crash::segment_of;
-use crate::unusable;
 
 /// The environment variable that names the library which makes laws of Python files.
 pub const PYTHON_ADAPTER: &str = "IRONBIRD_PYTHON_ADAPTER";
@@ -26,6 +25,14 @@ const ANOTHER_ADAPTER: &str = "build it: python/build (docs/python.md); name it 
 
 /// How long a refusal may be [bytes], with the NUL.
 pub(crate) const REFUSAL_BYTES: usize = 1024;
+
+pub(crate) fn unusable(file: &Path, what: &str) -> Failure {
+    Failure::usage(format!("{}: {what}", words(file)))
+}
+
+pub(crate) fn words(file: &Path) -> String {
+    format!("the law {}", file.display())
+}
 
 pub(crate) fn is_for_python(file: &Path) -> bool {
     file.extension().is_some_and(|ending| ending == "py")
