@@ -78,7 +78,10 @@ pub fn excesses(
         .min(course.end_s().unwrap_or(f64::INFINITY));
     let mut found: Vec<Excess> = Vec::new();
     let mut look = |t_s: f64, demanded: Demanded, value: f64, allowed: f64| {
-        let sign = if demanded.is_below() { -1.0 } else { 1.0 };
+        let sign = match demanded {
+            Demanded::Descent | Demanded::RotorBelow => -1.0,
+            _ => 1.0,
+        };
         let over = |value: f64| sign * (value - allowed);
         // What is not a number cannot be flown, either.
         if over(value) <= 0.0 {
@@ -129,13 +132,6 @@ pub fn excesses(
         );
     }
     found
-}
-
-impl Demanded {
-    /// Whether its limit is the lowest value allowed.
-    const fn is_below(self) -> bool {
-        matches!(self, Self::Descent | Self::RotorBelow)
-    }
 }
 
 /// What a reference asks for at an instant.

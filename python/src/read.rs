@@ -30,7 +30,7 @@ pub(crate) fn read(py: Python<'_>, run: PathBuf, out: Option<PathBuf>) -> PyResu
     let facts = facts(py, &read.settings, &read.text, &read.laws, &read.swaps)?;
     facts.set_item("end", read.end)?;
     facts.set_item("fingerprint", read.outputs.to_string())?;
-    read.tables.shown(py, read.timing.into_tables(), facts)
+    read.tables.shown(py, read.timing.tables.into(), facts)
 }
 
 struct Read {

@@ -20,7 +20,7 @@ pub(crate) struct Column {
     pub values: Vec<f64>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Table {
     ticks: Vec<u64>,
     columns: Vec<Column>,
@@ -41,7 +41,7 @@ pub(crate) type Signals = Vec<(String, String)>;
 impl Table {
     /// That of a topic whose law shows these signals; one column for all of them where their names are not known.
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
-        let mut table = Self::of_columns(Vec::new());
+        let mut table = Self::default();
         let mut plan = Plan {
             table: &mut table,
             facts: describe::<C>(),
@@ -55,10 +55,8 @@ impl Table {
     /// Of columns that are filled row by row.
     pub(crate) fn of_columns(columns: Vec<Column>) -> Self {
         Self {
-            ticks: Vec::new(),
             columns,
-            places: Vec::new(),
-            next: 0,
+            ..Self::default()
         }
     }
 

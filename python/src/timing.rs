@@ -12,7 +12,7 @@ const GROUP: &str = "timing";
 pub(crate) struct Timing {
     /// None in lockstep, where ticks have no place on the clock.
     grid: Option<Grid>,
-    tables: [Table; STAGES.len()],
+    pub(crate) tables: [Table; STAGES.len()],
 }
 
 impl Timing {
@@ -73,10 +73,6 @@ impl Timing {
             }
         };
         self.tables[role as usize].push_row(tick, row.into_iter().flatten());
-    }
-
-    pub(crate) fn into_tables(self) -> Vec<Table> {
-        self.tables.into()
     }
 }
 

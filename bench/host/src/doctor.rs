@@ -55,7 +55,10 @@ const CHECKS: [(&str, Check); 17] = [
     ("memory lock", memory_lock),
     ("shared memory", shared_memory),
     ("leftovers", leftovers),
-    ("steal since boot", steal_since_boot),
+    ("steal since boot", |machine, found| {
+        let since_boot = CpuTimes::default().steal_until(&CpuTimes::of(machine, None));
+        stolen(&since_boot, found)
+    }),
 ];
 
 pub fn findings(machine: &Machine) -> Vec<Finding> {
@@ -365,11 +368,6 @@ fn leftovers(machine: &Machine, found: Found) -> Finding {
         all => format!(" and {} more", all - 1),
     };
     found(&format!("{}{more}", first.display())).could_be_better("ironbird clean")
-}
-
-fn steal_since_boot(machine: &Machine, found: Found) -> Finding {
-    let steal = CpuTimes::default().steal_until(&CpuTimes::of(machine, None));
-    stolen(&steal, found)
 }
 
 pub fn render(examination: &Examination) -> String {

@@ -331,24 +331,16 @@ impl<'a> Figures<'a> {
 
     /// Missed deadlines as marks: of those that would stand on one pixel, the longest.
     fn misses(&self, end_s: f64) -> Vec<(f64, String)> {
-        let mut shown: Vec<(u64, &LateStretchSection)> = Vec::new();
-        for stretch in self.late {
-            let pixel = (stretch.time_s / end_s * WIDTH) as u64;
-            match shown.last_mut() {
-                Some((last, longest)) if *last == pixel => {
-                    if stretch.length_ticks > longest.length_ticks {
-                        *longest = stretch;
-                    }
-                }
-                _ => shown.push((pixel, stretch)),
-            }
-        }
-        let mark = |(_, stretch): (u64, &LateStretchSection)| {
+        let pixel = |stretch: &LateStretchSection| (stretch.time_s / end_s * WIDTH) as u64;
+        let groups = self.late.chunk_by(|a, b| pixel(a) == pixel(b));
+        let longest =
+            groups.filter_map(|group| group.iter().rev().max_by_key(|it| it.length_ticks));
+        let mark = |stretch: &LateStretchSection| {
             let (missed, time_s, late_us) = (stretch.length_ticks, stretch.time_s, stretch.late_us);
             let word = format!("{missed} missed at {time_s:.3} s, at most {late_us:.0} us late");
             (time_s, word)
         };
-        shown.into_iter().map(mark).collect()
+        longest.map(mark).collect()
     }
 
     fn time_s(&self, tick: u64) -> f64 {

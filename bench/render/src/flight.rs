@@ -391,8 +391,10 @@ fn deaths(report: &Report) -> Vec<Block> {
     let mut items = Vec::new();
     for death in &report.deaths {
         items.push(failure_line(death));
-        let parts = death.back_parts.as_ref();
-        items.extend(parts.map(|parts| format!("  {}", recovery_line(parts))));
+        items.extend(death.back_parts.as_ref().map(|phases| {
+            let phases = recovery_phases(phases).map(|(phase, ms)| format!("{phase} {ms:.2}"));
+            format!("  a new process [ms]: {}", phases.join(", "))
+        }));
     }
     if report.deaths_left_out > 0 {
         items.push(format!("and {} later ones", report.deaths_left_out));
@@ -442,11 +444,6 @@ pub const fn recovery_phases(phases: &RecoveryPhases) -> [(&'static str, f64); 9
         ("joined", phases.armed_ms),
         ("first tick", phases.first_tick_ms),
     ]
-}
-
-fn recovery_line(phases: &RecoveryPhases) -> String {
-    let parts = recovery_phases(phases).map(|(part, ms)| format!("{part} {ms:.2}"));
-    format!("a new process [ms]: {}", parts.join(", "))
 }
 
 /// A series of the flight beside its floor, at p50, p99 and p99.9.

@@ -129,18 +129,6 @@ fn after(case: &OutageCase, tick: u64) -> i64 {
     tick.cast_signed() - case.tick.cast_signed()
 }
 
-/// The ticks of the timeline that follow each other: first, last.
-fn windows(case: &OutageCase) -> Vec<(u64, u64)> {
-    let mut shown: Vec<(u64, u64)> = Vec::new();
-    for TimelineTick { tick, .. } in &case.timeline {
-        match shown.last_mut() {
-            Some((_, last)) if *last + 1 == *tick => *last = *tick,
-            _ => shown.push((*tick, *tick)),
-        }
-    }
-    shown
-}
-
 fn stage_text(stage: &TimelineStage) -> String {
     let stale = if stage.is_fresh { "" } else { "*" };
     let (role, wake_us, send_us) = (&stage.role, stage.wake_us, stage.send_us);
@@ -150,7 +138,10 @@ fn stage_text(stage: &TimelineStage) -> String {
 /// A row for each stage over the ticks of the timeline.
 fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
     let begin_us = |tick: u64| after(case, tick) as f64 * tick_us;
-    let windows = windows(case);
+    // The ticks of the timeline that follow each other: first, last.
+    let groups = case.timeline.chunk_by(|a, b| a.tick + 1 == b.tick);
+    let windows = groups.map(|group| (group[0].tick, group[group.len() - 1].tick));
+    let windows: Vec<(u64, u64)> = windows.collect();
     let ticks = windows.iter().flat_map(|(first, last)| *first..=last + 1);
     let instants = ticks.map(|tick| match after(case, tick) {
         0 => (begin_us(tick), "0".into()),

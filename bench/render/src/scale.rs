@@ -273,10 +273,6 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
 
-    fn labels(scale: Scale) -> Vec<String> {
-        scale.ticks(5).into_iter().map(|tick| tick.label).collect()
-    }
-
     #[test]
     fn ticks_are_round_and_decades_or_what_lies_between() {
         let linear = |low, high| Scale::new(Kind::Linear, low, high);
@@ -299,7 +295,8 @@ mod tests {
             (symmetric(-1e3, 2e5), "-1000 -100 0 100 1000 10000 1e5"),
             (Scale::tail(0.9999), "0 90 99 99.9 99.99"),
         ] {
-            assert_eq!(labels(scale).join(" "), names);
+            let labels: Vec<String> = scale.ticks(5).into_iter().map(|it| it.label).collect();
+            assert_eq!(labels.join(" "), names);
         }
     }
 

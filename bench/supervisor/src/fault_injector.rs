@@ -139,7 +139,9 @@ impl FaultInjector {
             let due = self.due.iter().map(|(at, _)| at.saturating_sub(AIM_NS));
             let next_action = due.min().unwrap_or(u64::MAX);
             let next_look = on_clock.map_or(u64::MAX, |(_, grid)| {
-                next_action.min(now + look_every_ns(&grid))
+                let look_every_ns = NOTICE_TICKS.saturating_mul(grid.period_ns) / 4;
+                let (least, most) = LOOK_EVERY_NS.into_inner();
+                next_action.min(now + look_every_ns.clamp(least, most))
             });
             if players.watch.wait_until(next_look.min(until)) {
                 return;
@@ -315,12 +317,6 @@ impl Drop for FaultInjector {
     fn drop(&mut self) {
         self.end_loads(|_| true);
     }
-}
-
-/// How often to look for injected faults [ns].
-fn look_every_ns(grid: &Grid) -> u64 {
-    (NOTICE_TICKS.saturating_mul(grid.period_ns) / 4)
-        .clamp(*LOOK_EVERY_NS.start(), *LOOK_EVERY_NS.end())
 }
 
 /// The message about a fault whose first tick has passed.

@@ -181,7 +181,8 @@ pub fn create_file(path: &Path) -> io::Result<File> {
     options.write(true).create(true).truncate(true);
     // Without NONBLOCK, opening a pipe waits for its reader.
     let mut flags = OFlags::NONBLOCK;
-    if !is_own_link(path, geteuid().as_raw()) {
+    let is_own = |file: fs::Metadata| [0, geteuid().as_raw()].contains(&file.uid());
+    if !fs::symlink_metadata(path).is_ok_and(|it| it.is_symlink() && is_own(it)) {
         flags |= OFlags::NOFOLLOW;
     }
     let file = options
@@ -195,11 +196,6 @@ pub fn create_file(path: &Path) -> io::Result<File> {
     // From here on, writing waits for a slow reader.
     fcntl_setfl(&file, fcntl_getfl(&file)? - OFlags::NONBLOCK)?;
     Ok(file)
-}
-
-fn is_own_link(path: &Path, user: u32) -> bool {
-    fs::symlink_metadata(path)
-        .is_ok_and(|file| file.is_symlink() && (file.uid() == user || file.uid() == 0))
 }
 
 /// Writes a text into a file, opened as by [`create_file`].

@@ -64,18 +64,13 @@ pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
 
 /// Numbers, those that follow each other as one: `0-3, 7`.
 pub(super) fn ranges(chunks: &[u64]) -> String {
-    let mut ranges: Vec<[u64; 2]> = Vec::new();
-    for chunk in chunks {
-        match ranges.last_mut().filter(|last| last[1] + 1 == *chunk) {
-            Some(last) => last[1] = *chunk,
-            None => ranges.push([*chunk; 2]),
-        }
-    }
-    let words = |[first, last]: &[u64; 2]| match first == last {
-        true => first.to_string(),
-        false => format!("{first}-{last}"),
-    };
-    ranges.iter().map(words).collect::<Vec<_>>().join(", ")
+    let ranges = chunks
+        .chunk_by(|a, b| a + 1 == *b)
+        .map(|range| match range {
+            [first, .., last] => format!("{first}-{last}"),
+            _ => range[0].to_string(),
+        });
+    ranges.collect::<Vec<_>>().join(", ")
 }
 
 /// A campaign and its chunks that are whole; and how many that is, if some are not.

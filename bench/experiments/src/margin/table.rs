@@ -60,11 +60,17 @@ pub fn check(out: &Path) -> Result<(), Failure> {
 /// line for each.
 pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
     let mut lines = Vec::new();
+    // A table of the same build with more phases or longer outages is kept.
+    let is_larger = |known: &Margins| {
+        let has_more_phases = known.phases_s.len() > margins.phases_s.len();
+        let has_longer = known.longest_ticks > margins.longest_ticks;
+        known.build == margins.build && (has_more_phases || has_longer)
+    };
     for law in margins.laws.iter().filter(|law| law.qualified[SURVIVES]) {
         let path = path(out, &law.fingerprint);
         let place = path.display();
         let known = read(out, &law.fingerprint);
-        if let Some(known) = known.filter(|known| is_larger(known, margins)) {
+        if let Some(known) = known.filter(is_larger) {
             let phases = count(known.phases_s.len() as u64, "phase");
             let longest = count(known.longest_ticks, "tick");
             lines.push(format!(
@@ -81,12 +87,6 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
         lines.push(format!("written, for reports of flights: {place}\n"));
     }
     Ok(lines)
-}
-
-/// Whether a table of the same build has more phases or longer outages.
-fn is_larger(known: &Margins, than: &Margins) -> bool {
-    let has_more_phases = known.phases_s.len() > than.phases_s.len();
-    known.build == than.build && (has_more_phases || known.longest_ticks > than.longest_ticks)
 }
 
 /// The margins for a flight that is about to begin; none in lockstep, which has no outages.
