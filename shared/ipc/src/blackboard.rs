@@ -15,9 +15,9 @@ use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::builder::blackboard::{self, BlackboardCreateError, BlackboardOpenError};
 use iceoryx2::service::port_factory::blackboard::PortFactory;
 
+use crate::access::{NODES, Wire, layout_attributes, not_opened, shortage_of};
 use crate::error::{Error, Refusal, RefusalKind, Tried as _};
 use crate::sys::Payload;
-use crate::wire::{NODES, Wire, layout_attributes, not_opened, shortage_of};
 use messages::enum_registry::Fingerprint as _;
 use messages::layout::Layout;
 

@@ -3,6 +3,7 @@
 //! Only this crate knows the middleware's services. Ports are created before a loop is armed. After that, a send costs
 //! one loan and a receive costs one copy, and both compute the check word of the message. Start reading in [`Wire`].
 
+mod access;
 mod blackboard;
 pub mod clock;
 pub mod error;
@@ -12,8 +13,8 @@ mod requests;
 pub mod sys;
 mod wake_event;
 mod wake_file;
-mod wire;
 
+pub use access::Wire;
 pub use blackboard::{Blackboard, BlackboardReader, Notice, SHEETS};
 pub use ports::{DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Relay, Sender, TopicPorts, Wakes};
 pub use requests::{
@@ -21,4 +22,3 @@ pub use requests::{
     RequestServer, SwapAnswer, SwapOrder, SwapOutcome,
 };
 pub use wake_event::{Notifier, Owner, WakeEvent};
-pub use wire::Wire;

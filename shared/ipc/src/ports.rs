@@ -11,11 +11,11 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
+use crate::access::{NODES, Wire, layout_attributes};
 use crate::clock::{Horizon, now_ns};
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use crate::wake_event::Notifier;
-use crate::wire::{NODES, Wire, layout_attributes};
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench};
 use messages::header::{Header, LAYOUT, Message};
 use messages::inspection::{Expected, Inspector, Rejections};

@@ -10,11 +10,11 @@ use iceoryx2::prelude::{CallbackProgression, ZeroCopySend, ipc};
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
+use crate::access::{NODES, Wire, layout_attributes};
 use crate::clock::now_ns;
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use crate::wake_event::{Notifier, Owner};
-use crate::wire::{NODES, Wire, layout_attributes};
 use faults::FaultRefusal;
 use faults::code::FaultCode;
 use messages::enum_registry::Fingerprint as _;

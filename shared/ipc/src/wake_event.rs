@@ -10,10 +10,10 @@ use std::sync::atomic::Ordering;
 use rustix::io::Errno;
 use rustix::thread::futex;
 
+use crate::access::Wire;
 use crate::clock::{now_ns, timespec};
 use crate::error::Error;
 use crate::sys::{Alarm, WakePage};
-use crate::wire::Wire;
 use messages::role::{ROLES, Replica, Role};
 
 /// How long after its instant a wait ends whose alarm has failed [ns].
