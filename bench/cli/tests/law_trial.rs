@@ -6,6 +6,7 @@ use ironbird::laws::findings_text;
 use ironbird::laws::trial::{Candidate, trial, trial_of};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
+use std::hint::black_box;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -92,4 +93,20 @@ fn a_law_that_warm_ups_or_restarts_change_is_found_and_one_that_refuses_is_not_t
         trial(&rig, || Err(refused.clone()), || ()),
         Err(refused.clone())
     );
+}
+
+#[test]
+fn a_page_fault_that_does_not_come_again_is_not_the_laws() {
+    let (rig, settings) = (Rig::default(), Settings::default());
+    let make = || mixer::LAWS[0].make(&rig, &settings).map(Candidate::Mixer);
+    for (ticks, has_faults) in [(&[15_000][..], false), (&[15_000, 25_000], true)] {
+        let tick = AtomicU64::new(0);
+        let fault = || {
+            if ticks.contains(&tick.fetch_add(1, Ordering::Relaxed)) {
+                black_box(Vec::leak(vec![1_u8; 1 << 20]));
+            }
+        };
+        let usage = trial_of(&rig, [0, 0], 11, make, fault).unwrap().usage;
+        assert_eq!(usage.minor_faults > 0, has_faults, "{ticks:?}");
+    }
 }

@@ -197,7 +197,10 @@ impl LogReader {
         self.end = None;
         (self.path, self.file, self.parser) = (path, file, parser());
         self.schemas.clear();
-        self.assembly.forget_channels();
+        let assembly = &mut self.assembly;
+        assembly.channels.clear();
+        assembly.beside.clear();
+        assembly.telemetry_channels.clear();
         (self.has_data_end, self.has_footer) = (false, false);
         Ok(())
     }
@@ -417,12 +420,6 @@ impl Assembly {
             newest: (FORMATS[0].empty)(),
             waits: false,
         }
-    }
-
-    fn forget_channels(&mut self) {
-        self.channels.clear();
-        self.beside.clear();
-        self.telemetry_channels.clear();
     }
 
     /// Takes a channel; false if its schema is not the one that is read here.

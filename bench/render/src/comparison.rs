@@ -156,7 +156,10 @@ fn over_time(comparison: &Comparison) -> Section {
     let note = "Each line is drawn through the smallest and the largest value of its stretches; it ends where the flight \
                 ended or was lost. Lines that coincide take turns on top. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
                 multiple of that in hover.";
-    let (error, power) = (error_chart(comparison), power_chart(comparison));
+    let (lines, values) = lines(comparison, POWER, 0.0);
+    let scale = Scale::linear(values.into_iter(), 0.01);
+    let power = over(comparison, "rotor power [hover]", scale, lines);
+    let error = error_chart(comparison);
     let figures = vec![
         Figure::new("error", "True position error", keys.clone(), error),
         Figure::new("power", "Rotor power", keys, power),
@@ -175,12 +178,6 @@ fn error_chart(comparison: &Comparison) -> Chart {
     lines.push(Layer::Level("deadline", bound_m, "recovered"));
     let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
     over(comparison, "true position error [m]", scale, lines)
-}
-
-fn power_chart(comparison: &Comparison) -> Chart {
-    let (lines, values) = lines(comparison, POWER, 0.0);
-    let scale = Scale::linear(values.into_iter(), 0.01);
-    over(comparison, "rotor power [hover]", scale, lines)
 }
 
 /// A line for each combination, and all values on them; what is below `least` is drawn there.

@@ -34,7 +34,7 @@ pub const HOT: usize = 10_000;
 const COLD: usize = 101;
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
-const TICKS: u64 = INPUTS + 2 * REHEARSED + 2 * HOT as u64 + COLD as u64;
+const TICKS: u64 = INPUTS + 2 * REHEARSED + 3 * HOT as u64 + COLD as u64;
 /// How long a tick may take before the trial is ended.
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -212,16 +212,25 @@ pub fn trial_of<E>(
     };
     let (mut hot, mut cold) = (vec![0; HOT], vec![0; cold_ticks]);
     time(0, &mut hot);
-    let meter = UsageMeter::start();
-    time(HOT, &mut hot);
-    let usage = meter.read();
+    // The machine can take a page away once. Page faults of a law come again, and the trial reports the fewer ones.
+    let usages = [HOT, 2 * HOT].map(|first_tick| {
+        let meter = UsageMeter::start();
+        time(first_tick, &mut hot);
+        meter.read()
+    });
+    let [usage, again] = usages;
+    let usage = Usage {
+        minor_faults: usage.minor_faults.min(again.minor_faults),
+        major_faults: usage.major_faults.min(again.major_faults),
+        ..usage
+    };
     hot.sort_unstable();
     let mut elsewhere = vec![0_u8; CACHES];
     for (i, time_ns) in cold.chunks_mut(1).enumerate() {
         let lines = elsewhere.iter_mut().step_by(64);
         lines.for_each(|byte| *byte = byte.wrapping_add(1));
         black_box(&mut elsewhere);
-        time(2 * HOT + i, time_ns);
+        time(3 * HOT + i, time_ns);
     }
     cold.sort_unstable();
     // Last: the instances made here can cause a page fault in ticks that are timed after them.
