@@ -139,9 +139,9 @@ impl FaultInjector {
             let due = self.due.iter().map(|(at, _)| at.saturating_sub(AIM_NS));
             let next_action = due.min().unwrap_or(u64::MAX);
             let next_look = on_clock.map_or(u64::MAX, |(_, grid)| {
-                let look_every_ns = NOTICE_TICKS.saturating_mul(grid.period_ns) / 4;
                 let (least, most) = LOOK_EVERY_NS.into_inner();
-                next_action.min(now + look_every_ns.clamp(least, most))
+                let notice_ns = NOTICE_TICKS.saturating_mul(grid.period_ns);
+                next_action.min(now + (notice_ns / 4).clamp(least, most))
             });
             if players.watch.wait_until(next_look.min(until)) {
                 return;

@@ -190,7 +190,7 @@ pub fn exit(code: i32) -> ! {
     end_now(if is_law { 1 } else { code })
 }
 
-/// Prints the warnings and ends the process; returns where it has loaded no law.
+/// Prints the warnings and ends the process; returns if the process has loaded no law.
 pub(crate) fn leave(code: u8, warnings: Vec<String>) -> ExitCode {
     if PROCESS.load(Ordering::Relaxed) == 0 {
         return ExitCode::from(code);

@@ -189,8 +189,9 @@ impl Library {
 /// that no law should.
 pub fn leave(code: u8) -> ExitCode {
     let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
-    let warnings = loaded.iter().filter_map(|it| it.modes_put_back());
-    crash::leave(code, warnings.collect())
+    let warnings = loaded.iter().filter_map(|it| it.modes_put_back()).collect();
+    drop(loaded);
+    crash::leave(code, warnings)
 }
 
 fn read(file: File) -> io::Result<Vec<u8>> {

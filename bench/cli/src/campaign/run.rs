@@ -75,7 +75,9 @@ fn of_shard(plan: &Plan, shard: Shard) -> Result<Range<u64>, Failure> {
     }
     let flights = plan.campaign.shard(number, shard.of);
     if flights.is_empty() {
-        say("warning: this shard flies nothing: more shards than files (`campaign.chunk`)\n");
+        say(
+            "warning: this shard flies nothing: there are more shards than files of rows; a smaller `campaign.chunk` makes more\n",
+        );
     }
     Ok(flights)
 }
