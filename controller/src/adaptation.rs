@@ -49,17 +49,17 @@ pub struct Samples {
     allocation: Allocation,
     /// Thrust coefficient [N s^2].
     k: f64,
-    pub newest: Option<Sample>,
+    newest: Option<Sample>,
     /// h(t) at the tick that was asked for last: a predictor asks for the tick to come.
     h: (u64, Vector3<f64>),
 }
 
 /// Body rates that were measured in time.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Sample {
+struct Sample {
     tick: u64,
     nu2: Vector3<f64>,
-    pub h: Vector3<f64>,
+    h: Vector3<f64>,
 }
 
 saved_fields!(Sample: tick, nu2, h);
@@ -85,6 +85,11 @@ impl Samples {
             self.h = (tick, disturbance(tick as f64 * self.period_s));
         }
         self.h.1
+    }
+
+    /// h(t) at the newest sample, without unit; 0 before the first.
+    pub fn newest_h(&self) -> Vector3<f64> {
+        self.newest.map_or(Vector3::zeros(), |newest| newest.h)
     }
 
     /// Takes the measurement of `tick`; gives the tick that ended with it, unless its start was not measured.

@@ -36,11 +36,7 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         // The recorder may have written the final report meanwhile.
         report = read(&directory)?;
         if report.run.in_flight {
-            let file = fs::metadata(directory.join("report.json"));
-            let written = file.and_then(|file| file.modified());
-            let at = written.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
-            let ending = format!("the recorder of this flight died{at}");
-            break_off(&mut report, FlightStatus::Aborted, ending);
+            abandon(&mut report, &directory);
         }
     }
     look_again(&mut report, &directory);
@@ -88,6 +84,14 @@ fn brief(report: &Report, directory: &Path) -> String {
 #[must_use]
 pub fn ended(report: &Report, directory: &Path) -> String {
     brief(report, directory) + &flight::result_line(report, &directory.display().to_string()) + "\n"
+}
+
+/// Marks the last report of a recorder that died, with the time of death.
+fn abandon(report: &mut Report, directory: &Path) {
+    let written = fs::metadata(directory.join("report.json")).and_then(|file| file.modified());
+    let at = written.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
+    let ending = format!("the recorder of this flight died{at}");
+    break_off(report, FlightStatus::Aborted, ending);
 }
 
 pub fn read(directory: &Path) -> Result<Report, Failure> {

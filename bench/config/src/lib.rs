@@ -53,6 +53,11 @@ impl Settings {
         Self::over(&LAW_ROLES, given, None, &typed(beside)?)
     }
 
+    /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
+    pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
+        Self::over(&LAW_ROLES, given, Some(file), &Overrides::new())
+    }
+
     fn over(
         makes: &[Role],
         given: Table,
@@ -69,10 +74,5 @@ impl Settings {
             })
         };
         resolved(overrides).map_err(|failure| validation::blamed(failure, overrides, resolved))
-    }
-
-    /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
-    pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
-        Self::over(&LAW_ROLES, given, Some(file), &Overrides::new())
     }
 }

@@ -1,4 +1,4 @@
-//! The sections of the settings and their keys.
+//! The sections of the settings with their keys, and what follows from them: texts, trajectory, gates, log plan.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -129,7 +129,7 @@ pub struct RealtimeSection {
     pub rehearse: bool,
 }
 
-/// When a channel with other laws takes over: [`Envelope`].
+/// When a channel with other laws takes over: [`Envelope`](messages::channels::Envelope).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SimplexSection {

@@ -1,4 +1,4 @@
-//! Checks resolved settings: ranges, gates, laws, faults, start and length.
+//! Makes settings from the merged table, and checks them: ranges, gates, laws, faults, start and length.
 
 use analysis::theorem::no_theorem;
 use std::f64::consts::{FRAC_PI_2, PI};

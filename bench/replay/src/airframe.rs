@@ -28,7 +28,7 @@ pub struct AirframeReplay {
     pace: Pace,
     /// Swaps that were read and are not applied yet.
     swaps: VecDeque<Message<SwapRecord>>,
-    pub swaps_known: u64,
+    swaps_known: u64,
     /// Commands taken up to the previous state.
     commands_taken: u64,
     /// Tick of the last one.
@@ -55,6 +55,11 @@ impl AirframeReplay {
     pub fn push_swap(&mut self, swap: &Message<SwapRecord>) {
         self.swaps.push_back(*swap);
         self.swaps_known += 1;
+    }
+
+    /// Whether the records of all swaps in this state have been read.
+    pub const fn knows_swaps_of(&self, state: &State) -> bool {
+        state.parameter_epoch <= self.swaps_known
     }
 
     /// Integrates to a recorded state, and compares it and the swaps applied on the way.

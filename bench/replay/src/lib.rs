@@ -414,9 +414,9 @@ impl LogReplay {
     fn waits_for_swap(&self) -> bool {
         let (state, airframe) = (self.inputs.states.next(), self.airframe.as_ref());
         self.ahead < LOOKAHEAD_FOR_SWAPS
-            && state.zip(airframe).is_some_and(|(state, airframe)| {
-                state.content.parameter_epoch > airframe.swaps_known
-            })
+            && state
+                .zip(airframe)
+                .is_some_and(|(state, airframe)| !airframe.knows_swaps_of(&state.content))
     }
 
     fn step(
@@ -448,7 +448,7 @@ impl LogReplay {
             }
             Role::Outer => {
                 let message = of(&inputs.setpoints, tick)?;
-                loops.inner_setpoint.take(message);
+                loops.take_setpoint(message);
                 let setpoint = if self.has_stages {
                     loops.setpoint(message, inputs, states, comparison)?
                 } else {
@@ -461,7 +461,7 @@ impl LogReplay {
             }
             Role::Inner => {
                 let message = of(&inputs.wrenches, tick)?;
-                loops.mixer_wrench.take(message);
+                loops.take_wrench(message);
                 let wrench = if self.has_stages {
                     Some(loops.wrench(message, inputs, states, comparison)?)
                 } else {

@@ -28,8 +28,8 @@ pub struct LoopsReplay {
     mixer: Option<Replayed<GuardedMixer>>,
     outer_state: RecordedInput<State>,
     inner_state: RecordedInput<State>,
-    pub inner_setpoint: RecordedInput<Setpoint>,
-    pub mixer_wrench: RecordedInput<Wrench>,
+    inner_setpoint: RecordedInput<Setpoint>,
+    mixer_wrench: RecordedInput<Wrench>,
     theorem: FlightMonitor,
     /// Of the inner loop.
     pub restarts: u64,
@@ -65,6 +65,14 @@ impl LoopsReplay {
     pub fn take_state(&mut self, message: &Message<State>) {
         self.outer_state.take(message);
         self.inner_state.take(message);
+    }
+
+    pub fn take_setpoint(&mut self, message: &Message<Setpoint>) {
+        self.inner_setpoint.take(message);
+    }
+
+    pub fn take_wrench(&mut self, message: &Message<Wrench>) {
+        self.mixer_wrench.take(message);
     }
 
     pub fn setpoint(

@@ -124,7 +124,7 @@ impl Adaptive {
         let now = RatePoint {
             nu2: measured.rate_b_rad_s.into(),
             om: om_m,
-            h: samples.newest.map_or(Vector3::zeros(), |newest| newest.h),
+            h: samples.newest_h(),
         };
         let theta = &self.theta;
 

@@ -1,4 +1,4 @@
-//! Kinds of message faults, the inputs and numbers on which they act, and the ticks.
+//! Kinds of message faults, the inputs and numbers that they change, and the ticks in which they act.
 
 use std::fmt;
 
@@ -64,6 +64,12 @@ impl Port {
     /// Fields of the topic that faults can act on.
     pub const fn fields(self) -> &'static [Field] {
         self.spec().2
+    }
+}
+
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.role(), self.topic())
     }
 }
 
@@ -190,11 +196,5 @@ impl Span {
             to: self.to.min(self.from.max(tick)),
             ..self
         }
-    }
-}
-
-impl fmt::Display for Port {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}.{}", self.role(), self.topic())
     }
 }

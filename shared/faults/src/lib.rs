@@ -17,9 +17,10 @@ pub mod plan;
 pub mod swap;
 
 use code::{FaultKind, LiveFault};
+use messages::role::Role;
+
 pub use kind::*;
 pub use messages::fault_id::FaultRefusal;
-use messages::role::Role;
 
 /// Faults of messages that one flight can have, counted by input: `state.drop` makes two of them.
 pub const MOST: usize = 32;

@@ -1,4 +1,4 @@
-//! A law in safe Rust: the trait of each role, its description and its settings.
+//! A law in safe Rust: the trait of each role, its description, settings and telemetry.
 
 use std::error::Error;
 use std::fmt;

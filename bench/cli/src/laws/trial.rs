@@ -1,5 +1,6 @@
 //! Tests a law: same output twice, after warm-up runs and from its saved state; finite; time and allocations of a tick.
 
+use std::cmp::min_by_key;
 use std::hint::black_box;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -28,13 +29,13 @@ pub const INPUTS: u64 = 100_000;
 const REHEARSED: u64 = 10_000;
 /// A law is created anew after this many inputs, so that the consequences of an odd start are found too.
 const INPUTS_PER_LIFE: u64 = 1000;
-/// Ticks of a pass in hover: the first one warms the caches, usage is that of one of the next two, times are of the last.
+/// Timed ticks with warm caches; as many before them warm the caches.
 pub const HOT: usize = 10_000;
 /// Timed ticks, each after the caches were filled with something else.
 const COLD: usize = 101;
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
-const TICKS: u64 = INPUTS + 2 * REHEARSED + 3 * HOT as u64 + COLD as u64;
+const TICKS: u64 = INPUTS + 2 * REHEARSED + 4 * HOT as u64 + COLD as u64;
 /// How long a tick may take before the trial is ended.
 const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -199,9 +200,9 @@ pub fn trial_of<E>(
             Ok(is_copied)
         })?;
     }
-    let mut candidate = make()?;
+    let [mut first, mut second] = [make()?, make()?];
     let hover = hover(rig);
-    let mut time = |first_tick: usize, times_ns: &mut [u64]| {
+    let time = |candidate: &mut Candidate, first_tick: usize, times_ns: &mut [u64]| {
         for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
             let input = black_box(InnerInput { tick, ..hover });
             let begun = Instant::now();
@@ -211,22 +212,22 @@ pub fn trial_of<E>(
         }
     };
     let (mut hot, mut cold) = (vec![0; HOT], vec![0; cold_ticks]);
-    time(0, &mut hot);
-    // The machine can take a page away once. A page fault that a law causes only once is not found.
-    let [first, second] = [HOT, 2 * HOT].map(|first_tick| {
+    // A page fault of the law comes again in the second instance, which gets the same inputs.
+    let usages = [&mut first, &mut second].map(|candidate| {
+        time(candidate, 0, &mut hot);
         let meter = UsageMeter::start();
-        time(first_tick, &mut hot);
+        time(candidate, HOT, &mut hot);
         meter.read()
     });
-    let faults = |usage: &Usage| usage.minor_faults + usage.major_faults;
-    let usage = std::cmp::min_by_key(first, second, faults);
+    let [one, other] = usages;
+    let usage = min_by_key(one, other, |it| it.minor_faults + it.major_faults);
     hot.sort_unstable();
     let mut elsewhere = vec![0_u8; CACHES];
     for (i, time_ns) in cold.chunks_mut(1).enumerate() {
         let lines = elsewhere.iter_mut().step_by(64);
         lines.for_each(|byte| *byte = byte.wrapping_add(1));
         black_box(&mut elsewhere);
-        time(3 * HOT + i, time_ns);
+        time(&mut second, 2 * HOT + i, time_ns);
     }
     cold.sort_unstable();
     // Last: the instances made here can cause a page fault in ticks that are timed after them.
