@@ -10,9 +10,6 @@ use rustix::process::Signal;
 use std::fs;
 use std::time::Duration;
 
-/// Only ends a test that hangs.
-const LONG: Duration = Duration::from_secs(60);
-
 const STAGES: [&str; 4] = ["plant", "outer", "inner", "mixer"];
 
 /// Whether SCHED_FIFO is granted here; says so where it is not.
@@ -74,10 +71,6 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
     rig.assert_nothing_left();
 }
 
-fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
-    SwapOrder::new(at_tick, 0, &[(Parameter::Mass, mass_kg, 1)])
-}
-
 #[test]
 fn a_change_for_the_tick_after_the_last_is_refused_and_changes_nothing() {
     let rig = Rig::new("late-swap");
@@ -85,11 +78,12 @@ fn a_change_for_the_tick_after_the_last_is_refused_and_changes_nothing() {
     {
         let wire = Wire::open(&rig.known()).unwrap();
         let run_of = wire.blackboard_reader::<Run>(RUN).unwrap().unwrap();
-        let order = mass(run_of.get().last_tick + 1, 0.6);
+        let at_tick = run_of.get().last_tick + 1;
+        let order = SwapOrder::new(at_tick, 0, &[(Parameter::Mass, 0.6, 1)]);
         let answer = wire
             .client::<SwapOrder>()
             .unwrap()
-            .request(order, LONG)
+            .request(order, Duration::from_secs(60))
             .unwrap();
         let outcome = SwapOutcome::from_wire(answer.verdict);
         assert_eq!(outcome, Some(SwapOutcome::Ended));

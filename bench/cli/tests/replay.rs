@@ -203,69 +203,51 @@ fn flip(value: &mut f64) {
     *value = f64::from_bits(value.to_bits() ^ 1);
 }
 
-/// A stage, a tick, a field, and a change of it in a message of that tick.
-type Change = (&'static str, u64, &'static str, fn(&mut LogEntry));
+/// A stage, a tick, and a field of a message of that tick.
+const CHANGES: [(&str, u64, &str); 8] = [
+    ("plant", 90, "state.measured.position_w_m[1]"),
+    ("outer", 90, "setpoint.thrust_n"),
+    ("inner", 90, "wrench.torque_b_nm[2]"),
+    ("inner", 90, "inner_telemetry.rotational_drag_nm_s"),
+    ("mixer", 90, "rotor_speeds.saturated"),
+    ("mixer", 90, "mixer_telemetry.yaw_share"),
+    ("record", 90, "theorem.v_th"),
+    ("plant", 60, "swaps.old[0]"),
+];
 
-const CHANGES: [Change; 8] = [
-    ("plant", 90, "state.measured.position_w_m[1]", |entry| {
-        if let LogEntry::State(it) = entry {
-            flip(&mut it.content.measured.position_w_m[1]);
-        }
-    }),
-    ("outer", 90, "setpoint.thrust_n", |entry| {
-        if let LogEntry::Setpoint(it) = entry {
-            flip(&mut it.content.thrust_n);
-        }
-    }),
-    ("inner", 90, "wrench.torque_b_nm[2]", |entry| {
-        if let LogEntry::Wrench(it) = entry {
-            flip(&mut it.content.torque_b_nm[2]);
-        }
-    }),
-    (
-        "inner",
-        90,
-        "inner_telemetry.rotational_drag_nm_s",
-        |entry| {
-            if let LogEntry::Wrench(it) = entry {
+/// Changes a field of the messages of a tick; keeps all messages.
+fn change(tick: u64, field: &str) -> impl FnMut(&mut LogEntry) -> bool {
+    move |entry| {
+        let is_then = entry.envelope().tick == tick;
+        match (entry, field) {
+            _ if !is_then => {}
+            (LogEntry::State(it), "state.measured.position_w_m[1]") => {
+                flip(&mut it.content.measured.position_w_m[1]);
+            }
+            (LogEntry::Setpoint(it), "setpoint.thrust_n") => flip(&mut it.content.thrust_n),
+            (LogEntry::Wrench(it), "wrench.torque_b_nm[2]") => flip(&mut it.content.torque_b_nm[2]),
+            (LogEntry::Wrench(it), "inner_telemetry.rotational_drag_nm_s") => {
                 flip(&mut it.content.telemetry.value[4]);
             }
-        },
-    ),
-    ("mixer", 90, "rotor_speeds.saturated", |entry| {
-        if let LogEntry::RotorSpeeds(it) = entry {
-            it.content.saturated ^= 1;
+            (LogEntry::RotorSpeeds(it), "rotor_speeds.saturated") => it.content.saturated ^= 1,
+            (LogEntry::RotorSpeeds(it), "mixer_telemetry.yaw_share") => {
+                flip(&mut it.content.telemetry.value[1]);
+            }
+            (LogEntry::Theorem(it), "theorem.v_th") => flip(&mut it.content.v_th),
+            (LogEntry::Swap(it), "swaps.old[0]") => flip(&mut it.content.old[0]),
+            _ => {}
         }
-    }),
-    ("mixer", 90, "mixer_telemetry.yaw_share", |entry| {
-        if let LogEntry::RotorSpeeds(it) = entry {
-            flip(&mut it.content.telemetry.value[1]);
-        }
-    }),
-    ("record", 90, "theorem.v_th", |entry| {
-        if let LogEntry::Theorem(it) = entry {
-            flip(&mut it.content.v_th);
-        }
-    }),
-    ("plant", 60, "swaps.old[0]", |entry| {
-        if let LogEntry::Swap(it) = entry {
-            flip(&mut it.content.old[0]);
-        }
-    }),
-];
+        true
+    }
+}
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
     let flight = noisy();
     let changed = flight.path("changed.mcap");
-    for (stage, tick, field, change) in CHANGES {
-        rewrite(None, &flight.log, &changed, NOISY, &[], |entry| {
-            if entry.envelope().tick == tick {
-                change(entry);
-            }
-            true
-        });
+    for (stage, tick, field) in CHANGES {
+        rewrite(None, &flight.log, &changed, NOISY, &[], change(tick, field));
         let found = verify(&changed).unwrap().comparison.first.expect(field);
         let name = format!("{}.{}", found.topic, found.field);
         let place = (found.stage.role.name(), found.tick, &*name);
@@ -301,17 +283,12 @@ fn a_changed_value_in_any_log_of_redundant_channels_diverges_at_its_tick() {
     let before = flight.path("before.mcap");
     let logs = Channel::first(2).map(|channel| (Some(channel), own(channel)));
     for (channel, log) in logs.chain([(None, flight.log.clone())]) {
-        for (_, tick, field, change) in CHANGES {
+        for (_, tick, field) in CHANGES {
             if field.starts_with("theorem") && channel.is_some() {
                 continue;
             }
             std::fs::rename(&log, &before).unwrap();
-            rewrite(channel, &before, &log, &text, &[], |entry| {
-                if entry.envelope().tick == tick {
-                    change(entry);
-                }
-                true
-            });
+            rewrite(channel, &before, &log, &text, &[], change(tick, field));
             match verify(&flight.log) {
                 Err(failure) => {
                     assert!(field.starts_with("swaps"), "{channel:?} {field}: {failure}")
@@ -363,10 +340,8 @@ fn what_is_wrong_with_a_log_comes_before_what_differs_in_it() {
     let changed = flight.path("changed.mcap");
     let rewritten = |gap_at: Option<u64>| {
         rewrite(None, &flight.log, &changed, NOISY, &[], |entry| {
-            if entry.envelope().tick == 90 {
-                (CHANGES[1].3)(entry);
-            }
-            !matches!(entry, LogEntry::Wrench(it) if Some(it.envelope.tick) == gap_at)
+            let is_kept = change(90, "setpoint.thrust_n")(entry);
+            is_kept && !matches!(entry, LogEntry::Wrench(it) if Some(it.envelope.tick) == gap_at)
         });
     };
     rewritten(None);

@@ -358,3 +358,40 @@ fn widen(scale: &mut Scale, factor: f64) {
 fn swap_words(swap: &AppliedSwap) -> String {
     format!("swap at {:.3} s: {}", swap.time_s, sentences::swap(swap))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_misses_on_one_pixel_the_first_of_the_longest_is_marked() {
+        let late = [(1000, 1), (1001, 4), (1002, 4), (5000, 2)].map(|(tick, length_ticks)| {
+            let time_s = tick as f64 / 1e3;
+            let late_us = 10.0;
+            LateStretchSection {
+                tick,
+                time_s,
+                length_ticks,
+                late_us,
+            }
+        });
+        let traces = &Traces::default();
+        let figures = Figures {
+            traces,
+            swaps: &[],
+            faults: &[],
+            late: &late,
+            period_s: 1e-3,
+        };
+        let words: Vec<String> = figures
+            .misses(30.0)
+            .into_iter()
+            .map(|(_, word)| word)
+            .collect();
+        let expected = [
+            "4 missed at 1.001 s, at most 10 us late",
+            "2 missed at 5.000 s, at most 10 us late",
+        ];
+        assert_eq!(words, expected);
+    }
+}
