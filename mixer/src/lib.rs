@@ -11,5 +11,5 @@ pub mod priority;
 
 pub use crate::priority::Priority;
 
-/// The mixers that come with the rig; the first one flies when nothing is said.
+/// The mixers that come with the rig; the first one is the default.
 pub const LAWS: &[Entry<dyn MixerLaw>] = &[Entry::mixer::<Priority>()];

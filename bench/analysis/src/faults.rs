@@ -145,7 +145,7 @@ pub struct ProcessFailure {
     pub epoch: u64,
     /// How it ended, as `signal: 9 (SIGKILL)`; empty if no process waited for it.
     pub how: String,
-    /// From the beginning of its last tick until the launcher noticed [ms]: a launcher is woken by a death.
+    /// From the beginning of its last tick until the supervisor was notified [ms].
     pub noticed_after_ms: Option<f64>,
     /// From its last message to the first one of its successor [ms]; none where there was none.
     pub back_after_ms: Option<f64>,
@@ -153,13 +153,13 @@ pub struct ProcessFailure {
     pub ticks_lost: Option<u64>,
     /// Of a successor that sent no message: tick of the failure that it was started for, which also counts its ticks.
     pub within: Option<u64>,
-    /// What that time is made of, where a launcher saw it.
+    /// Parts of that time, where a supervisor saw it.
     pub back_parts: Option<RecoveryPhases>,
     /// Largest position error after its last message, within [`COST_S`](crate::process_failures::COST_S) [m].
     pub position_error_max_m: Option<f64>,
 }
 
-/// What the time is made of in which a stage came back, each part after the one before it [ms].
+/// Parts of the recovery time of a stage, in order [ms].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecoveryPhases {
     pub noticed_ms: f64,

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use faults::code::{FAULTS, ValueType};
 use toml::Value;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,44 +18,23 @@ pub struct Fault {
     pub for_s: Option<usize>,
 }
 
-/// What a number drawn for a fault means.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Number {
-    Plain,
-    Ticks,
-    Time,
-    None,
+/// What a value drawn for a fault is; for a parameter, a number.
+pub fn value_type(what: &str) -> ValueType {
+    let (_, kind) = what.rsplit_once('.').unwrap_or_default();
+    let spec = FAULTS.iter().find(|spec| spec.name == kind);
+    spec.map_or(ValueType::Number, |spec| spec.value)
 }
 
-impl Number {
-    pub fn of(what: &str) -> Self {
-        match what.rsplit_once('.').map(|(_, word)| word) {
-            Some("stop" | "late") => Self::Time,
-            Some("delay" | "lag") => Self::Ticks,
-            Some("freeze" | "nan" | "kill") => Self::None,
-            _ => Self::Plain,
-        }
-    }
-
-    /// Its unit, where it is not that of what is changed.
-    pub const fn unit(self) -> Option<&'static str> {
-        match self {
-            Self::Plain => None,
-            Self::Ticks => Some("ticks"),
-            Self::Time => Some("s"),
-            Self::None => Some(""),
-        }
-    }
-
-    fn text(self, value: &Value) -> String {
-        match (self, value) {
-            (Self::None, _) => String::new(),
-            (_, Value::String(text)) => format!("={text}"),
-            (Self::Time, Value::Float(seconds)) => format!("={}ns", nanoseconds(*seconds)),
-            (Self::Ticks, Value::Float(ticks)) => format!("={ticks:.0}"),
-            (_, Value::Float(number)) => format!("={number:?}"),
-            (_, other) => format!("={other}"),
-        }
+/// A drawn value, as `--fault` takes it after the kind.
+fn value_text(value_type: ValueType, value: &Value) -> String {
+    use ValueType as V;
+    match (value_type, value) {
+        (V::None, _) => String::new(),
+        (_, Value::String(text)) => format!("={text}"),
+        (V::Time | V::TimeRange, Value::Float(seconds)) => format!("={}ns", nanoseconds(*seconds)),
+        (V::Integer, Value::Float(number)) => format!("={number:.0}"),
+        (_, Value::Float(number)) => format!("={number:?}"),
+        (_, other) => format!("={other}"),
     }
 }
 
@@ -77,7 +57,9 @@ impl Fault {
     pub fn text(&self, draws: &[Value]) -> String {
         let time = |place: usize| draws[place].as_float().unwrap_or_default();
         let what = self.what(draws);
-        let value = self.value.map(|place| Number::of(what).text(&draws[place]));
+        let value = self
+            .value
+            .map(|place| value_text(value_type(what), &draws[place]));
         let over = self.over_s.map(|over| nanoseconds(time(over)));
         let over = over.map(|over_ns| format!("~{over_ns}ns"));
         let at_s = time(self.at_s);

@@ -2,11 +2,12 @@
 
 use crate::campaign::{Campaign, Factor, Submission, Target, Variant};
 use crate::distribution::{Distribution, fractional};
-use crate::fault::{Fault, Number, is_loop_fault};
+use crate::fault::{Fault, is_loop_fault, value_type};
 use crate::gates::{Gates, METRICS, RECOVERED_BELOW_M, SignalGate};
 use crate::lines::{Lines, line_of};
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
 use errors::Failure;
+use faults::code::ValueType;
 use messages::parameters::{Parameter, did_you_mean, nearest};
 use messages::telemetry::LAW_ROLES;
 use std::collections::BTreeMap;
@@ -303,7 +304,7 @@ impl Reader {
                 self.check_key(&path, key, &PARTS);
             }
             let what = table.get("what").and_then(Value::as_str);
-            let has_value = what.is_none_or(|what| Number::of(what) != Number::None);
+            let has_value = what.is_none_or(|what| value_type(what) != ValueType::None);
             let [what, value, at_s, over_s, for_s] =
                 PARTS.map(|part| self.fault_part(&path, part, table, factors));
             for (part, is_needed) in [("what", true), ("value", has_value), ("at_s", true)] {

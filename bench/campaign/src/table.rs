@@ -2,13 +2,14 @@
 
 use std::fmt;
 
+use faults::code::ValueType;
 use messages::parameters::Parameter;
 use sha2::{Digest as _, Sha256};
 use toml::Value;
 
 use crate::campaign::{Campaign, Factor, Target, hex};
 use crate::distribution::Distribution;
-use crate::fault::Number;
+use crate::fault::value_type;
 use crate::gates::{METRICS, Outcome};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -223,8 +224,11 @@ fn of_fault(campaign: &Campaign, name: &str) -> (&'static str, String) {
     match (part, what) {
         ("what", _) => ("", "kind of the fault".into()),
         ("value", Some(Distribution::Fixed(Value::String(name)))) => {
-            let of_parameter = || Parameter::from_name(name).map_or("", |it| it.spec().unit);
-            let unit = Number::of(name).unit().unwrap_or_else(of_parameter);
+            let unit = match value_type(name) {
+                ValueType::Integer => "ticks",
+                ValueType::Time | ValueType::TimeRange => "s",
+                _ => Parameter::from_name(name).map_or("", |it| it.spec().unit),
+            };
             (unit, format!("value of {name}"))
         }
         ("value", _) => ("", "value of the fault".into()),

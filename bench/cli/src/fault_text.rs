@@ -1,6 +1,6 @@
 //! What `ironbird faults` prints.
 
-use faults::{LONGEST_DELAY, PORTS};
+use faults::{LONGEST_DELAY_TICKS, PORTS};
 use messages::role::STAGES;
 
 use faults::grammar::typed;
@@ -28,7 +28,7 @@ a lasting fault | off | ends it; takes no TO
 
 pub fn text() -> String {
     let kinds = KINDS
-        .replace("DELAYS", &format!("1 to {LONGEST_DELAY}"))
+        .replace("DELAYS", &format!("1 to {LONGEST_DELAY_TICKS}"))
         .replace("RESTART", &typed(RESTART));
     let cells = |line: &str| line.split(" | ").map(Cell::from).collect::<Vec<_>>();
     let kinds = Table::new(["what", "value", "meaning"], kinds.lines().map(cells));

@@ -130,7 +130,7 @@ fn try_library(library: &'static Library) -> Result<u8, Failure> {
         let name = law.name;
         Failure::usage(format!("the law `{name}` refuses its own defaults: {why}"))
     })?;
-    let changed = library.modes_put_back();
+    let changed = library.changed_modes_warning();
     let modes = match &changed {
         None => "left as they were".to_owned(),
         Some(what) => format!("NO: {what}"),

@@ -22,4 +22,17 @@ fn the_tables_of_the_laws_are_what_the_command_prints_today() {
         printed == table,
         "docs/faults-of-laws.txt differs from `ironbird {command}`:\n{printed}"
     );
+
+    // What docs/laws.md says of `adaptive_residual`, the last law, under `estimating`.
+    let (_, rows) = table.split_once("Outer law `estimating`").unwrap();
+    let errors = |row: &str| -> Vec<f64> {
+        let cells = row.split('|').skip(2).take(9);
+        let numbers = cells.map(|cell| cell.trim_matches('*').split('/').next()?.parse().ok());
+        numbers.flatten().collect()
+    };
+    let rows: Vec<_> = rows.lines().skip(4).take(17).map(errors).collect();
+    let survived: Vec<_> = rows.iter().filter(|row| row.len() == 9).collect();
+    let is_best = |row: &&&Vec<f64>| row.iter().all(|error| row[8] <= 1.05 * error);
+    let best = survived.iter().filter(is_best).count();
+    assert_eq!((best, survived.len()), (14, 16), "{rows:?}");
 }

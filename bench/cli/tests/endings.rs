@@ -12,15 +12,6 @@ use std::time::Duration;
 
 const STAGES: [&str; 4] = ["plant", "outer", "inner", "mixer"];
 
-/// Whether SCHED_FIFO is granted here; says so where it is not.
-fn fifo_is_granted() -> bool {
-    let refusal = fifo_refusal(90);
-    if let Some(refusal) = &refusal {
-        not_tested(&format!("SCHED_FIFO is refused here: {refusal}"));
-    }
-    refusal.is_none()
-}
-
 /// Scheduling policy of a process that lives, or that was not reaped: 0 is SCHED_OTHER, 1 is SCHED_FIFO.
 fn policy(process: &Running) -> u32 {
     let stat = fs::read_to_string(format!("/proc/{}/stat", process.pid())).unwrap();
@@ -37,8 +28,8 @@ fn ends_without_real_time(process: Running, code: i32) {
 
 #[test]
 fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
-    if !fifo_is_granted() {
-        return;
+    if let Some(refusal) = fifo_refusal(90) {
+        return not_tested(&format!("SCHED_FIFO is refused here: {refusal}"));
     }
     // Two are there when the process continues: it has no time to end in order.
     let twice = [Signal::STOP, Signal::INT, Signal::TERM, Signal::CONT];

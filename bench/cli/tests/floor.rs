@@ -8,15 +8,6 @@ use errors::Failure;
 use host::floor::ring::{self, RingFloor, RingSettings, Work};
 use host::floor::timer::Schedule;
 
-fn schedule(duration: Duration) -> Schedule {
-    Schedule {
-        period_ns: 1_000_000,
-        duration,
-        cpu: None,
-        priority: 80,
-    }
-}
-
 const FLOWN: Duration = Duration::from_millis(200);
 
 fn ring(
@@ -28,7 +19,12 @@ fn ring(
 ) -> Result<RingFloor, Failure> {
     let settings = RingSettings {
         by_eventfd,
-        schedule: schedule(duration),
+        schedule: Schedule {
+            period_ns: 1_000_000,
+            duration,
+            cpu: None,
+            priority: 80,
+        },
         work: vec![work; processes],
         ..RingSettings::default()
     };

@@ -53,7 +53,7 @@ impl Settings {
         Self::over(&LAW_ROLES, given, None, &typed(beside)?)
     }
 
-    /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
+    /// As [`Self::of`], for the sections of a file; relative paths of laws start at its folder.
     pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
         Self::over(&LAW_ROLES, given, Some(file), &Overrides::new())
     }
@@ -66,7 +66,7 @@ impl Settings {
     ) -> Result<Self, Failure> {
         let resolved = |overrides: &Overrides| {
             let table = layered(given.clone(), file, overrides)?;
-            Self::taken(table, makes).map_err(|failure| match file {
+            Self::from_table(table, makes).map_err(|failure| match file {
                 Some(path) if !validation::is_of_flags(&failure, overrides) => {
                     failure.append(&format!(" (settings file {})", path.display()))
                 }

@@ -296,7 +296,7 @@ impl Settings {
         last_name(&self.flight.airframe)
     }
 
-    pub fn flown(&self) -> String {
+    pub fn conditions(&self) -> String {
         let airframe = flight::airframe(self.airframe_name(), &self.flight.airframe_sha256);
         flight::conditions(self.trajectory_name(), &self.flight.preset, &airframe)
     }
@@ -336,7 +336,7 @@ impl Settings {
         }
     }
 
-    pub fn gates_asked(&self) -> RequestedGates {
+    pub fn requested_gates(&self) -> RequestedGates {
         let limit = |limit: f64| (limit >= 0.0).then_some(limit);
         let recorder = &self.recorder;
         RequestedGates {
@@ -362,9 +362,9 @@ pub fn last_name(path: &str) -> &str {
 
 impl RecorderSettings {
     pub fn theorem_gate(&self) -> Option<TheoremGate> {
-        let excusing = self.gate_theorem.then_some(TheoremGate::Lenient);
+        let lenient = self.gate_theorem.then_some(TheoremGate::Lenient);
         let strict = self.gate_theorem_strict.then_some(TheoremGate::Strict);
-        strict.or(excusing)
+        strict.or(lenient)
     }
 }
 

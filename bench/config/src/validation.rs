@@ -145,7 +145,7 @@ fn check_texts(section: &str, table: &Table) -> Result<(), Failure> {
 /// Whether flags fail in the same way without a settings file, so that it has no part in it.
 pub(super) fn is_of_flags(failure: &Failure, overrides: &Overrides) -> bool {
     let alone =
-        layered(Table::new(), None, overrides).and_then(|table| Settings::taken(table, &[]));
+        layered(Table::new(), None, overrides).and_then(|table| Settings::from_table(table, &[]));
     alone.is_err_and(|alone| alone.to_string() == failure.to_string())
 }
 
@@ -171,7 +171,7 @@ pub(super) fn blamed(
 }
 
 impl Settings {
-    pub(super) fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
+    pub(super) fn from_table(table: Table, makes: &[Role]) -> Result<Self, Failure> {
         check_texts("", &table)?;
         let ranges = check_ranges(&table);
         let settings = table

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::cpu_times::{CpuTimes, host_of};
 use crate::{CLOCK_SOURCE, Machine, RT_RUNTIME, cpu_list, own_executable};
 use measured::MeasuredMachine;
-use reasons::{Found, reason, stolen};
+use reasons::{MakeFinding, reason, steal_finding};
 
 /// Version of the schema of `doctor --json`: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-doctor/1";
@@ -36,7 +36,7 @@ pub struct Examination {
     pub host: Host,
 }
 
-type Check = fn(&Machine, Found) -> Finding;
+type Check = fn(&Machine, MakeFinding) -> Finding;
 
 const CHECKS: [(&str, Check); 17] = [
     ("kernel", preemption),
@@ -57,7 +57,7 @@ const CHECKS: [(&str, Check); 17] = [
     ("leftovers", leftovers),
     ("steal since boot", |machine, found| {
         let since_boot = CpuTimes::default().steal_until(&CpuTimes::of(machine, None));
-        stolen(&since_boot, found)
+        steal_finding(&since_boot, found)
     }),
 ];
 
@@ -83,7 +83,7 @@ pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examinat
     }
 }
 
-fn preemption(machine: &Machine, found: Found) -> Finding {
+fn preemption(machine: &Machine, found: MakeFinding) -> Finding {
     let release = machine.read("/proc/sys/kernel/osrelease");
     let release = release.unwrap_or_else(|| "of unknown release".into());
     let chosen = machine.preemption_chosen();
@@ -103,7 +103,7 @@ fn preemption(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn throttling(machine: &Machine, found: Found) -> Finding {
+fn throttling(machine: &Machine, found: MakeFinding) -> Finding {
     let fix = "sysctl -w kernel.sched_rt_runtime_us=950000";
     let period_us = machine.number("/proc/sys/kernel/sched_rt_period_us");
     match (machine.number(RT_RUNTIME), period_us) {
@@ -128,7 +128,7 @@ const RAISE_LIMITS: &str = "printf '@realtime - rtprio 95\\n@realtime - memlock 
     sudo tee /etc/security/limits.d/99-realtime.conf; sudo groupadd -f realtime; sudo usermod -aG realtime $USER; \
     log in again";
 
-fn scheduling(machine: &Machine, found: Found) -> Finding {
+fn scheduling(machine: &Machine, found: MakeFinding) -> Finding {
     let right = if may_use_fifo(machine) {
         "CAP_SYS_NICE".into()
     } else {
@@ -158,7 +158,7 @@ fn may_use_fifo(machine: &Machine) -> bool {
 }
 
 /// The real-time budget of this process's cpu cgroup, where the kernel keeps such budgets.
-fn cgroup(machine: &Machine, found: Found) -> Finding {
+fn cgroup(machine: &Machine, found: MakeFinding) -> Finding {
     let groups = machine.read("/proc/self/cgroup").unwrap_or_default();
     for line in groups.lines() {
         let Some((controllers, group)) =
@@ -197,7 +197,7 @@ fn cgroup(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn processors(machine: &Machine, found: Found) -> Finding {
+fn processors(machine: &Machine, found: MakeFinding) -> Finding {
     let (count, cpu) = (machine.allowed_cpus().len(), machine.loops_cpu());
     if count > 1 {
         return found(&format!(
@@ -208,7 +208,7 @@ fn processors(machine: &Machine, found: Found) -> Finding {
     found("this process may use a single processor").could_be_better(fix)
 }
 
-fn isolation(machine: &Machine, found: Found) -> Finding {
+fn isolation(machine: &Machine, found: MakeFinding) -> Finding {
     let isolated = machine.read("/sys/devices/system/cpu/isolated");
     let isolated = cpu_list(&isolated.unwrap_or_default());
     let cpu = machine.loops_cpu();
@@ -225,7 +225,7 @@ fn isolation(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn siblings(machine: &Machine, found: Found) -> Finding {
+fn siblings(machine: &Machine, found: MakeFinding) -> Finding {
     let cpu = machine.loops_cpu();
     let path = format!("/sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list");
     let mut siblings = cpu_list(&machine.read(&path).unwrap_or_default());
@@ -243,7 +243,7 @@ fn listed(cpus: &[usize]) -> String {
     cpus.join(", ")
 }
 
-fn governor(machine: &Machine, found: Found) -> Finding {
+fn governor(machine: &Machine, found: MakeFinding) -> Finding {
     let cpu = machine.loops_cpu();
     let path = format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
     match machine.read(&path).as_deref() {
@@ -259,7 +259,7 @@ const DEEP_SLEEP_RULE: &str = "echo 'KERNEL==\"cpu_dma_latency\", GROUP=\"realti
     sudo usermod -aG realtime $USER; sudo udevadm control --reload; sudo udevadm trigger /dev/cpu_dma_latency; \
     log in again";
 
-fn deep_sleep(machine: &Machine, found: Found) -> Finding {
+fn deep_sleep(machine: &Machine, found: MakeFinding) -> Finding {
     match machine.answers.deep_sleep_errno {
         None => found("held off by /dev/cpu_dma_latency"),
         Some(errno) if errno == Errno::NOENT.raw_os_error() => {
@@ -273,7 +273,7 @@ fn deep_sleep(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn hypervisor(machine: &Machine, found: Found) -> Finding {
+fn hypervisor(machine: &Machine, found: MakeFinding) -> Finding {
     match machine.hypervisor() {
         Some(true) => found("this is a virtual machine").softens(
             "fly on the hardware itself; or pin the virtual processors to cores that nothing else uses \
@@ -284,7 +284,7 @@ fn hypervisor(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn clock(machine: &Machine, found: Found) -> Finding {
+fn clock(machine: &Machine, found: MakeFinding) -> Finding {
     let available = machine
         .read("/sys/devices/system/clocksource/clocksource0/available_clocksource")
         .unwrap_or_default();
@@ -301,7 +301,7 @@ fn clock(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn timers(machine: &Machine, found: Found) -> Finding {
+fn timers(machine: &Machine, found: MakeFinding) -> Finding {
     let resolution_ns = machine.answers.timer_resolution_ns;
     let finding = found(&format!("resolution {resolution_ns} ns"));
     // A timer without high resolution has that of the scheduler's tick: at best a millisecond.
@@ -312,7 +312,7 @@ fn timers(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-fn timer_slack(machine: &Machine, found: Found) -> Finding {
+fn timer_slack(machine: &Machine, found: MakeFinding) -> Finding {
     let slack_ns = machine.number("/proc/self/timerslack_ns");
     let slack = slack_ns.map_or("unknown".into(), |ns| {
         format!("{} us by default", ns / 1000)
@@ -324,7 +324,7 @@ fn timer_slack(machine: &Machine, found: Found) -> Finding {
 const LOCKED_BYTES: u64 = 192 << 20;
 const MIB: u64 = 1 << 20;
 
-fn memory_lock(machine: &Machine, found: Found) -> Finding {
+fn memory_lock(machine: &Machine, found: MakeFinding) -> Finding {
     const CAP_IPC_LOCK: u32 = 14;
     if machine.has_capability(CAP_IPC_LOCK) {
         return found("without limit (CAP_IPC_LOCK)");
@@ -340,7 +340,7 @@ fn memory_lock(machine: &Machine, found: Found) -> Finding {
     found(&format!("{limited}, a loop needs up to {needed} MiB")).softens(RAISE_LIMITS)
 }
 
-fn shared_memory(machine: &Machine, found: Found) -> Finding {
+fn shared_memory(machine: &Machine, found: MakeFinding) -> Finding {
     let (path, needed) = (SHARED_MEMORY, Wire::needed_bytes(1));
     let Some(free) = machine.answers.shared_memory_free_bytes else {
         return found(&format!("{path} is not there"))
@@ -358,7 +358,7 @@ fn shared_memory(machine: &Machine, found: Found) -> Finding {
     ))
 }
 
-fn leftovers(machine: &Machine, found: Found) -> Finding {
+fn leftovers(machine: &Machine, found: MakeFinding) -> Finding {
     let leftovers = &machine.answers.leftovers;
     let Some(first) = leftovers.first() else {
         return found("none");

@@ -27,7 +27,7 @@ pub struct Answers {
 }
 
 impl Machine {
-    /// This machine, with the loops on processor `cpu` or where they go by themselves; SCHED_FIFO is tried at
+    /// This machine, with the loops on processor `cpu` or on the default one; SCHED_FIFO is tried at
     /// `fifo_priority`, on a thread that ends at once.
     pub fn here(fifo_priority: i32, cpu: Option<usize>) -> Self {
         let resolution = clock_getres(ClockId::Monotonic);
@@ -121,7 +121,7 @@ impl Machine {
             .unwrap_or("unknown")
     }
 
-    /// What a kernel whose preemption model can be chosen at its start runs with, where it says so.
+    /// The preemption model chosen at boot, if the kernel reports it.
     pub fn preemption_chosen(&self) -> Option<String> {
         let choices = self.read("/sys/kernel/debug/sched/preempt");
         let marked = choices
@@ -144,7 +144,7 @@ pub const CLOCK_SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/cur
 /// The file of the real-time throttle: what SCHED_FIFO gets of each period [us]; -1 is all.
 pub const RT_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 
-/// The numbers of a list as the kernel writes it: `0-2,5`. What is no number is left out.
+/// The numbers of a list as the kernel writes it: `0-2,5`. Entries that are not numbers are skipped.
 pub fn cpu_list(text: &str) -> Vec<usize> {
     let mut cpus: Vec<usize> = text
         .trim()

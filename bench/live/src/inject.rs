@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use faults::code::FaultCode;
 use faults::live::{LiveFault, MAX_LIVE_FAULTS, NOTICE_TICKS};
-use faults::{FaultRefusal, MOST, Span};
+use faults::{FaultRefusal, MAX_MESSAGE_FAULTS, Span};
 use ipc::instance::Instance;
 use ipc::{
     ACCEPTED, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, SwapAnswer, SwapOrder,
@@ -334,7 +334,7 @@ fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Res
                 Some(fault) => refused(reason, fault, period_s).to_string(),
                 None => format!(
                     "it has no room for more: a flight takes {MAX_LIVE_FAULTS} faults by `inject`, counted by input, of \
-                     which {MOST} of messages with those that were planned"
+                     which {MAX_MESSAGE_FAULTS} of messages with those that were planned"
                 ),
             }
         }

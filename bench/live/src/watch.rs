@@ -26,6 +26,7 @@ use errors::{Failure, INTERRUPTED, OK};
 use feed::Feed;
 
 const PRINT_EVERY: Duration = Duration::from_secs(1);
+
 pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8, Failure> {
     let instance = Instance::new(instance)?;
     let stop = stop_flag()?;

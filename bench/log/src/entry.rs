@@ -77,7 +77,7 @@ pub const FORMATS: [TopicFormat; 6] = [
     TopicFormat::of::<Monitor>(|| LogEntry::Theorem(Message::default())),
 ];
 
-/// Topics of the loop, in the order of the data's way, and those beside it.
+/// Topics of the loop, in the order of data flow, then the others.
 pub const TOPICS: [&str; 6] = {
     let [a, b, c, d, e, f] = &FORMATS;
     [a.name, b.name, c.name, d.name, e.name, f.name]

@@ -176,7 +176,12 @@ impl<'a> ReportBuilder<'a> {
             traces: ending.map(|_| statistics.tracer.traces()),
         };
         let limits = self.settings.tracking_limits();
-        judge(&mut report, ending, &self.settings.gates_asked(), &limits);
+        judge(
+            &mut report,
+            ending,
+            &self.settings.requested_gates(),
+            &limits,
+        );
         Ok(report)
     }
 

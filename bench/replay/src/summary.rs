@@ -94,7 +94,7 @@ impl Summary {
              inner loop {}; started {} in flight\n\
              mixer      {}; rotors saturated in {saturated}\n\
              outputs    {}\n",
-            survey.settings.flown(),
+            survey.settings.conditions(),
             tick as f64 * flight.period_s,
             count(missed, "deadline"),
             self.error,

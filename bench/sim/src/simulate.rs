@@ -59,7 +59,7 @@ pub fn report(
     let flown = fly_with(&mut rig, settings, timing, look)?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (leaves.plot, &tracer) {
-        let title = format!("{}, simulated", settings.flown());
+        let title = format!("{}, simulated", settings.conditions());
         let figures = Figures {
             traces: &tracer.traces(),
             swaps: &flown.swaps,
@@ -128,7 +128,7 @@ fn summary(flown: &SimulatedFlight, settings: &Settings, wall_s: f64) -> String 
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     format!(
         "{}: {}, {flown_s:.3} s simulated in {}\nposition error {}\n",
-        settings.flown(),
+        settings.conditions(),
         count(flown.ticks, "tick"),
         speed(flown_s, wall_s),
         flown.error

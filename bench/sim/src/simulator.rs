@@ -530,7 +530,7 @@ impl Faulted {
     fn works(&self, role: Role, tick: u64) -> bool {
         let is_out = |fault: &StageFault| {
             fault.role == role
-                && fault.span.holds(tick)
+                && fault.span.contains(tick)
                 && !matches!(fault.kind, StageTicks::Late { .. })
         };
         self.next_tick[role as usize] <= tick && !self.stages.iter().any(is_out)
@@ -538,7 +538,7 @@ impl Faulted {
 
     /// How late the output and the next tick of a stage are.
     fn lateness(&mut self, role: Role, tick: u64) -> Lateness {
-        let is_active = |fault: &&StageFault| fault.role == role && fault.span.holds(tick);
+        let is_active = |fault: &&StageFault| fault.role == role && fault.span.contains(tick);
         let late = self
             .stages
             .iter()

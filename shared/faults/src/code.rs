@@ -52,9 +52,9 @@ pub const HIGHEST_PRIORITY: u64 = 99;
 
 impl FaultKind {
     /// Whether its numbers are ones that a fault may have, planned or injected.
-    pub fn is_possible(&self) -> bool {
+    pub fn is_valid(&self) -> bool {
         match *self {
-            Self::Messages { kind, .. } => kind.is_possible(),
+            Self::Messages { kind, .. } => kind.is_valid(),
             Self::Late { range_ns, .. } => {
                 let [least, most] = range_ns;
                 1 <= least && least <= most && most <= LONGEST_NS
@@ -114,7 +114,7 @@ impl FaultKind {
     }
 
     /// Whether both act on the process of one stage.
-    pub fn meets(&self, other: &Self) -> bool {
+    pub fn overlaps(&self, other: &Self) -> bool {
         let channels = self.channel().zip(other.channel());
         self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
     }
@@ -289,7 +289,7 @@ impl Kind {
     /// Whether it does what another kind does, to the whole message or to a number that both mean.
     pub fn is_like(self, other: Self) -> bool {
         let same_place = match (self.place(), other.place()) {
-            (Some(a), Some(b)) => a.meets(b),
+            (Some(a), Some(b)) => a.overlaps(b),
             (a, b) => a.is_none() && b.is_none(),
         };
         self.name() == other.name() && same_place
@@ -386,8 +386,7 @@ impl FaultCode {
             FaultId::Switch => FaultKind::Switch { channel: channel? },
         };
         let of_plant = of_plant && kind.role().is_some();
-        let is_fault =
-            kind.is_possible() && !of_plant && ends <= 1 && !(ends == 1 && kind.is_once());
+        let is_fault = kind.is_valid() && !of_plant && ends <= 1 && !(ends == 1 && kind.is_once());
         is_fault.then_some(LiveFault {
             kind,
             ends: ends == 1,
@@ -410,7 +409,7 @@ impl FaultCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kind::{LONGEST_DELAY, LONGEST_PATTERN};
+    use crate::kind::{LONGEST_DELAY_TICKS, LONGEST_PATTERN};
 
     #[test]
     fn the_table_has_each_kind_once() {
@@ -419,7 +418,11 @@ mod tests {
             assert_eq!(rows.count(), 1, "{what}");
         }
         let delay = FaultSpec::of(FaultId::Delay as u64).unwrap();
-        assert!(delay.allowed().contains(&format!("1 to {LONGEST_DELAY},")));
+        assert!(
+            delay
+                .allowed()
+                .contains(&format!("1 to {LONGEST_DELAY_TICKS},"))
+        );
     }
 
     #[test]

@@ -12,7 +12,9 @@
 //! ```
 
 use crate::fields::Faulty;
-use crate::{Kind, LONGEST_DELAY, MOST, MessageFault, MessageFaults, Place, Port};
+use crate::{
+    Kind, LONGEST_DELAY_TICKS, MAX_MESSAGE_FAULTS, MessageFault, MessageFaults, Place, Port,
+};
 use std::collections::VecDeque;
 
 use messages::content::{NO_TICK, Stamped};
@@ -21,7 +23,7 @@ use messages::noise::{standard_normal, uniform};
 use messages::rejections::{Reason, Rejections};
 
 /// Contents that are kept for those that lag: of as many ticks as the longest, and of the newest.
-const KEPT: usize = LONGEST_DELAY as usize + 1;
+const KEPT: usize = LONGEST_DELAY_TICKS as usize + 1;
 
 /// Streams of random numbers: those below are the sensors'. Each fault has one for itself and each axis.
 const FIRST_STREAM: u64 = 1 << 32;
@@ -66,7 +68,7 @@ impl<C: Faulty> FaultFilter<C> {
     fn with_room(faults: &MessageFaults, port: Port, kept: usize) -> Self {
         let mut filter = Self {
             seed: faults.seed,
-            faults: Vec::with_capacity(MOST),
+            faults: Vec::with_capacity(MAX_MESSAGE_FAULTS),
             kept: vec![(NO_TICK, C::default()); kept],
             lags: false,
             last: None,
@@ -104,7 +106,7 @@ impl<C: Faulty> FaultFilter<C> {
     pub fn pass(&mut self, tick: u64, content: &C) -> Option<Passed<C>> {
         let Self { seed, faults, .. } = &*self;
         let seed = *seed;
-        let active = || faults.iter().filter(|(_, fault)| fault.span.holds(tick));
+        let active = || faults.iter().filter(|(_, fault)| fault.span.contains(tick));
         let (mut is_lost, mut delay, mut lag, mut is_frozen) = (false, 0, 0, false);
         for (number, fault) in active() {
             match fault.kind {
@@ -166,7 +168,7 @@ impl<C: Faulty> FaultFilter<C> {
 }
 
 /// Messages that may be held back: one a tick, for the longest delay, and the newest.
-const ROOM: usize = LONGEST_DELAY as usize + 4;
+const ROOM: usize = LONGEST_DELAY_TICKS as usize + 4;
 
 /// What stands between an inspected message and the stage that it is for.
 ///

@@ -9,8 +9,8 @@ use messages::topic::Topic;
 
 use crate::fields::{Faulty as _, Field};
 
-/// The most ticks by which a message is delayed, or its content lags: the commands that can wait at the plant are 64.
-pub const LONGEST_DELAY: u64 = 60;
+/// The most ticks by which a message is delayed, or its content lags: the plant keeps at most 64 commands.
+pub const LONGEST_DELAY_TICKS: u64 = 60;
 
 /// Messages of the longest pattern of losses.
 pub const LONGEST_PATTERN: u64 = 1_000_000;
@@ -83,7 +83,7 @@ pub struct Place {
 }
 
 impl Place {
-    pub fn meets(self, other: Self) -> bool {
+    pub fn overlaps(self, other: Self) -> bool {
         let same_axis = self.axis.zip(other.axis).is_none_or(|(a, b)| a == b);
         self.field == other.field && same_axis
     }
@@ -91,7 +91,7 @@ impl Place {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// A share of them, 0 to 1, is lost at random.
+    /// A random share of the messages, 0 to 1, is lost.
     Drop(f64),
     /// The first `lost` of every `of` messages are lost.
     DropEach {
@@ -99,9 +99,9 @@ pub enum Kind {
         of: u64,
     },
     Delay(u64),
-    /// They arrive on time with the content of this many ticks earlier.
+    /// Messages arrive on time with the content of this many ticks earlier.
     Lag(u64),
-    /// They arrive on time with the last content before the fault.
+    /// Messages arrive on time with the last content before the fault.
     Freeze,
     /// A number has normal noise of this standard deviation, in the field's unit.
     Noise(Place, f64),
@@ -136,12 +136,12 @@ impl Kind {
         }
     }
 
-    /// Whether its numbers are ones that a fault may have.
-    pub fn is_possible(self) -> bool {
+    /// Whether its numbers are in range.
+    pub fn is_valid(self) -> bool {
         match self {
             Self::Drop(share) => is_share(share),
             Self::DropEach { lost, of } => 1 <= lost && lost <= of && of <= LONGEST_PATTERN,
-            Self::Delay(ticks) | Self::Lag(ticks) => (1..=LONGEST_DELAY).contains(&ticks),
+            Self::Delay(ticks) | Self::Lag(ticks) => (1..=LONGEST_DELAY_TICKS).contains(&ticks),
             Self::Noise(_, deviation) => deviation.is_finite() && deviation > 0.0,
             Self::Bias(_, more) => more.is_finite() && more != 0.0,
             Self::Freeze | Self::Nan(_) => true,
@@ -182,11 +182,11 @@ impl Span {
         self.cut(self.from.saturating_add(1))
     }
 
-    pub const fn holds(self, tick: u64) -> bool {
+    pub const fn contains(self, tick: u64) -> bool {
         self.from <= tick && tick < self.to
     }
 
-    pub fn meets(self, other: Self) -> bool {
+    pub fn overlaps(self, other: Self) -> bool {
         self.from.max(other.from) < self.to.min(other.to)
     }
 

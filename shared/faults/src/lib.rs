@@ -23,7 +23,7 @@ pub use kind::*;
 pub use messages::fault_id::FaultRefusal;
 
 /// Faults of messages that one flight can have, counted by input: `state.drop` makes two of them.
-pub const MOST: usize = 32;
+pub const MAX_MESSAGE_FAULTS: usize = 32;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MessageFault {
@@ -48,7 +48,7 @@ impl From<MessageFault> for LiveFault {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultList {
     pub seed: u64,
-    faults: [Option<LiveFault>; MOST],
+    faults: [Option<LiveFault>; MAX_MESSAGE_FAULTS],
 }
 
 pub type MessageFaults = FaultList;
@@ -57,7 +57,7 @@ impl FaultList {
     pub const fn none(seed: u64) -> Self {
         Self {
             seed,
-            faults: [None; MOST],
+            faults: [None; MAX_MESSAGE_FAULTS],
         }
     }
 
@@ -73,7 +73,7 @@ impl FaultList {
             ended.for_each(|other| other.span = other.span.cut(span.from));
             return Ok(());
         }
-        if like.any(|other| other.kind.is_like(&kind) && other.span.meets(span)) {
+        if like.any(|other| other.kind.is_like(&kind) && other.span.overlaps(span)) {
             return Err(FaultRefusal::Contradiction);
         }
         let place = self.faults.iter_mut().find(|place| place.is_none());
@@ -188,10 +188,10 @@ mod tests {
         let mut faults = MessageFaults::none(7);
         assert!(faults.is_empty());
         let one = |number: u64| fault(Port::MixerWrench, Kind::Freeze, number, number + 1);
-        (0..MOST as u64).for_each(|number| faults.take(&one(number)).unwrap());
-        assert_eq!(faults.take(&one(MOST as u64)), Err(NoRoom));
+        (0..MAX_MESSAGE_FAULTS as u64).for_each(|number| faults.take(&one(number)).unwrap());
+        assert_eq!(faults.take(&one(MAX_MESSAGE_FAULTS as u64)), Err(NoRoom));
         let numbers = faults.of(Port::MixerWrench).map(|(number, _)| number);
-        assert!(numbers.eq(0..MOST as u64));
+        assert!(numbers.eq(0..MAX_MESSAGE_FAULTS as u64));
         assert_eq!(faults.of(OuterState).count(), 0);
     }
 }

@@ -6,7 +6,7 @@
 
 use crate::code::FaultCode;
 pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
-use crate::{FaultList, FaultRefusal, LONGEST_DELAY, MessageFaults, Span};
+use crate::{FaultList, FaultRefusal, LONGEST_DELAY_TICKS, MessageFaults, Span};
 use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
 use messages::role::{Replica, Role};
@@ -18,7 +18,7 @@ pub const LIVE: &str = "faults";
 pub const MAX_LIVE_FAULTS: usize = 64;
 
 /// Ticks from the one in which the plant accepts a fault to its first one, at the least.
-pub const NOTICE_TICKS: u64 = LONGEST_DELAY + 4;
+pub const NOTICE_TICKS: u64 = LONGEST_DELAY_TICKS + 4;
 
 layout! {
     /// What was injected so far, in order.
@@ -102,7 +102,7 @@ impl FaultList {
         let stage = stage.into();
         let late = self.iter().find_map(|(_, fault)| match fault.kind {
             FaultKind::Late { range_ns, .. }
-                if fault.kind.is_of(stage) && fault.span.holds(tick) =>
+                if fault.kind.is_of(stage) && fault.span.contains(tick) =>
             {
                 Some(range_ns)
             }
@@ -149,8 +149,8 @@ impl Acts {
         }
         let own = self.outage(fault);
         let contradicts = |other: &LiveFault| match (own, self.outage(other)) {
-            (Some(own), Some(span)) => other.kind.meets(&kind) && span.meets(own),
-            (_, None) => other.kind.is_like(&kind) && other.span.meets(span),
+            (Some(own), Some(span)) => other.kind.overlaps(&kind) && span.overlaps(own),
+            (_, None) => other.kind.is_like(&kind) && other.span.overlaps(span),
             (None, _) => false,
         };
         if !ends && self.begun().any(contradicts) {

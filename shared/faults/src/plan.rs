@@ -7,7 +7,7 @@ use crate::live::{
     Acts, FaultKind, LiveFault, LoopFaults, MAX_LIVE_FAULTS, NOTICE_TICKS, RESTART_NS, late_share,
 };
 use crate::swap::Swap;
-use crate::{FaultRefusal, MOST, Span};
+use crate::{FaultRefusal, MAX_MESSAGE_FAULTS, Span};
 use messages::parameters::Airframe;
 use messages::role::Role;
 
@@ -149,7 +149,7 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
     let what = Change::joined(&[*fault], fault).0.what();
     FaultError::fault(match (reason, fault.kind) {
         (FaultRefusal::NoRoom, _) => format!(
-            "there are more than {MOST} faults of messages, counted by input, or of `late`, or more than \
+            "there are more than {MAX_MESSAGE_FAULTS} faults of messages, counted by input, or of `late`, or more than \
              {MAX_LIVE_FAULTS} of processes: leave some out"
         ),
         (FaultRefusal::UnderATick, kind) => {

@@ -3,7 +3,7 @@
 
 use faults::filter::FaultyInput;
 use faults::live::{LiveFault, NOTICE_TICKS};
-use faults::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port, Span};
+use faults::{Kind, LONGEST_DELAY_TICKS, MessageFault, MessageFaults, Place, Port, Span};
 use messages::content::{NO_TICK, Wrench};
 use messages::header::Message;
 use messages::inspection::Reason;
@@ -91,10 +91,10 @@ fn each_kind_of_fault_does_what_it_says() {
         }
     }
     let longest = had(
-        &table(7, &[(Kind::Lag(LONGEST_DELAY), 0, Span::FOR_GOOD)]),
+        &table(7, &[(Kind::Lag(LONGEST_DELAY_TICKS), 0, Span::FOR_GOOD)]),
         200,
     );
-    assert_eq!(longest[199].1, (199 - LONGEST_DELAY) as f64);
+    assert_eq!(longest[199].1, (199 - LONGEST_DELAY_TICKS) as f64);
     let several = [
         (Kind::Delay(1), 0, 99),
         (Kind::Lag(2), 0, 99),
@@ -162,8 +162,8 @@ fn kinds() -> impl Strategy<Value = Kind> {
             lost,
             of: lost + more
         }),
-        (1..=LONGEST_DELAY).prop_map(Kind::Delay),
-        (1..=LONGEST_DELAY).prop_map(Kind::Lag),
+        (1..=LONGEST_DELAY_TICKS).prop_map(Kind::Delay),
+        (1..=LONGEST_DELAY_TICKS).prop_map(Kind::Lag),
         Just(Kind::Freeze),
         (0.0..1.0_f64).prop_map(|deviation| Kind::Noise(THRUST, deviation)),
         any::<f64>().prop_map(|more| Kind::Bias(THRUST, more)),

@@ -77,7 +77,7 @@ impl Wire {
         })
     }
 
-    /// The same for a process in a channel, of so many.
+    /// The same access, for a process of `channel` in a flight with `channels` channels.
     #[must_use]
     pub const fn in_channel(mut self, channel: Channel, channels: usize) -> Self {
         (self.channel, self.channels) = (channel, channels);
@@ -88,7 +88,7 @@ impl Wire {
         self.channel
     }
 
-    /// Removes what processes of the instance left that have died since; what living ones hold stays.
+    /// Removes what processes of the instance left that died after this one joined; what living ones hold stays.
     pub fn remove_dead(&self) {
         remove_dead(&self.node, &self.instance);
     }
@@ -97,8 +97,8 @@ impl Wire {
         &self.instance
     }
 
-    /// Opens a service, which other processes may be creating or removing at the same time. What processes left in it
-    /// that died meanwhile is removed.
+    /// Opens a service, which other processes may be creating or removing at the same time. Removes what
+    /// dead processes left in it.
     pub(super) fn open_service<T>(
         &self,
         what: String,

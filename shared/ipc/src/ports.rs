@@ -23,7 +23,7 @@ use messages::monitor::Monitor;
 use messages::role::{Channel, Replica};
 use messages::topic::Topic;
 
-/// Samples that a receiver keeps which needs the newest alone.
+/// Samples kept by a receiver that needs only the newest.
 pub const LATEST: usize = 1;
 /// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz, 0.44 at 8. An instance fits into the 64 MiB of a container.
 pub const DEEP: usize = 3500;

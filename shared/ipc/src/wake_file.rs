@@ -42,7 +42,7 @@ impl WakeFile {
             if !is_at(&file, &path) {
                 continue;
             }
-            // Reserved at once: a page that shared memory has no room for would end its reader.
+            // Reserved at once: if shared memory has no space for the page, reading it kills the process (SIGBUS).
             fallocate(&file, FallocateFlags::empty(), 0, WakePage::BYTES as u64).map_err(failed)?;
             let joined = Self {
                 file: Locked::new(file)

@@ -47,11 +47,11 @@ pub trait Law: Clone + 'static {
 
 /// The position loop.
 pub trait OuterLaw: Law {
-    /// What is wanted at a tick. It allocates nothing.
+    /// Desired thrust and attitude of a tick. It allocates nothing.
     fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired;
 }
 
-/// The attitude and rate loop; or both loops in one, which takes the reference and overrides the thrust wanted.
+/// The attitude and rate loop; or both loops in one, which takes the reference and overrides the desired thrust.
 pub trait InnerLaw: Law {
     /// Thrust and torque of a tick. It allocates nothing.
     fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint;
@@ -63,7 +63,7 @@ pub trait MixerLaw: Law {
     fn tick(&mut self, input: &MixerInput, telemetry: &mut Telemetry) -> RotorSpeeds;
 }
 
-/// A law does not take its settings, and why.
+/// Why a law rejects its settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refused(pub String);
 
@@ -92,12 +92,12 @@ pub struct Description {
     pub presets: &'static [Preset],
     /// What it shows of itself, in the order of [`Telemetry::value`].
     pub telemetry: &'static [Signal],
-    /// Whether it promises nothing about its time.
+    /// True if the law gives no real-time guarantee.
     pub not_real_time: bool,
 }
 
 impl Description {
-    /// Nothing said: to be completed with at least a name, a version and a summary.
+    /// An empty description: set at least a name, a version and a summary.
     pub const EMPTY: Self = Self {
         name: "",
         version: "",
@@ -128,7 +128,7 @@ pub struct Setting {
     pub unit: &'static str,
     /// What it is, in a few words.
     pub meaning: &'static str,
-    /// What it may be, and what it is when nothing is said.
+    /// Its type, range and default.
     pub kind: SettingKind,
 }
 
@@ -147,7 +147,7 @@ pub enum SettingKind {
         min: f64,
         max: f64,
     },
-    /// One of some words; the first is the default.
+    /// One of these words; the first is the default.
     Word(&'static [&'static str]),
 }
 
@@ -232,7 +232,7 @@ impl Settings {
 }
 
 impl Setting {
-    /// Its value when nothing is said.
+    /// Its default.
     #[must_use]
     pub const fn default(&self) -> Value {
         match self.kind {
@@ -340,7 +340,7 @@ impl Default for Measured {
 }
 
 impl Telemetry {
-    /// The telemetry of a law with so many signals before its first tick: each is NaN, not known.
+    /// The telemetry of a law with this many signals before its first tick: each is NaN (unknown).
     #[must_use]
     pub fn unknown(signals: usize) -> Self {
         let mut telemetry = Self::default();
@@ -355,7 +355,7 @@ impl Telemetry {
         self.value[..signals.min(abi::IRONBIRD_TELEMETRY)].fill(f64::NAN);
     }
 
-    /// Sets the numbers behind the law's signals to 0.
+    /// Sets the numbers after the law's signals to 0.
     #[inline]
     pub fn truncate(&mut self, signals: usize) {
         self.value[signals.min(abi::IRONBIRD_TELEMETRY)..].fill(0.0);

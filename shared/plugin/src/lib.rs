@@ -171,8 +171,8 @@ impl Library {
         in_folder(named).is_ok_and(|file| file.canonicalize().is_ok_and(|file| file == self.file))
     }
 
-    /// What is to be said of a law that leaves its thread computing in another way, where it did.
-    pub fn modes_put_back(&self) -> Option<String> {
+    /// The warning about a law that left floating-point modes changed.
+    pub fn changed_modes_warning(&self) -> Option<String> {
         let ticks = self.modes_put_back.load(Ordering::Relaxed);
         (ticks > 0).then(|| {
             format!(
@@ -184,12 +184,15 @@ impl Library {
     }
 }
 
-/// Ends the process as a return from `main` would, but without the exit handlers of libraries: none is ever
-/// unloaded, and what a law does after its flight must not change what is known of it. Says first what its laws did
-/// that no law should.
+/// Ends the process as a return from `main` would, but without the exit handlers of libraries: no library is
+/// unloaded, and a law's exit handler cannot change the result of the flight. Warns first of each law that left
+/// floating-point modes changed.
 pub fn leave(code: u8) -> ExitCode {
     let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
-    let warnings = loaded.iter().filter_map(|it| it.modes_put_back()).collect();
+    let warnings = loaded
+        .iter()
+        .filter_map(|it| it.changed_modes_warning())
+        .collect();
     drop(loaded);
     crash::leave(code, warnings)
 }

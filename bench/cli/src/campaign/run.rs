@@ -76,7 +76,7 @@ fn of_shard(plan: &Plan, shard: Shard) -> Result<Range<u64>, Failure> {
     let flights = plan.campaign.shard(number, shard.of);
     if flights.is_empty() {
         say(
-            "warning: this shard flies nothing: there are more shards than files of rows; a smaller `campaign.chunk` makes more\n",
+            "warning: this shard flies nothing: there are more shards than files of rows; a smaller `campaign.chunk` makes more files\n",
         );
     }
     Ok(flights)

@@ -212,14 +212,13 @@ pub fn trial_of<E>(
         }
     };
     let (mut hot, mut cold) = (vec![0; HOT], vec![0; cold_ticks]);
-    // A page fault of the law comes again in the second instance, which gets the same inputs.
-    let usages = [&mut first, &mut second].map(|candidate| {
+    // A page fault in the memory of an instance recurs in the second instance, which gets the same inputs.
+    let [one, other] = [&mut first, &mut second].map(|candidate| {
         time(candidate, 0, &mut hot);
         let meter = UsageMeter::start();
         time(candidate, HOT, &mut hot);
         meter.read()
     });
-    let [one, other] = usages;
     let usage = min_by_key(one, other, |it| it.minor_faults + it.major_faults);
     hot.sort_unstable();
     let mut elsewhere = vec![0_u8; CACHES];

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use analysis::comparison::STAYING_S;
 use analysis::margin::{Bounds, Cause, Point};
 use analysis::tracking::Tracking;
-use faults::LONGEST_DELAY;
+use faults::LONGEST_DELAY_TICKS;
 use plant::EnvelopeViolation;
 
 use crate::parallel::check_stop;
@@ -18,7 +18,7 @@ use sim::simulator::Simulator;
 const CALM_S: f64 = 5.0;
 
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
-const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
+const LEAD_TICKS: u64 = LONGEST_DELAY_TICKS + 4;
 
 /// Flights whose faults begin at the same tick.
 #[allow(missing_debug_implementations, reason = "a law need not have one")]

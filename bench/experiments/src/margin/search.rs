@@ -1,7 +1,7 @@
 //! The faults whose greatest strength is searched for, and which strengths to fly next.
 
 use analysis::margin::{Bounds, Kind, LIMITS, SURVIVES, Search};
-use faults::{LONGEST_DELAY, Port};
+use faults::{LONGEST_DELAY_TICKS, Port};
 use messages::parameters::{Airframe, Parameter};
 
 use crate::margin::target::Target;
@@ -48,10 +48,10 @@ pub fn questions(targets: &[Target], longest: u64, airframe: &Airframe) -> Vec<(
         let Target::Input(port) = *target else {
             continue;
         };
-        ask(Kind::Lag, *target, LONGEST_DELAY);
+        ask(Kind::Lag, *target, LONGEST_DELAY_TICKS);
         // Stages ignore a late state: its delay is an outage.
         if !matches!(port, Port::OuterState | Port::InnerState) {
-            ask(Kind::Delay, *target, LONGEST_DELAY);
+            ask(Kind::Delay, *target, LONGEST_DELAY_TICKS);
         }
         ask(Kind::Loss, *target, 99);
         for of in PATTERNS {

@@ -11,7 +11,7 @@ use hdrhistogram::Histogram;
 use messages::role::STAGES;
 use serde::{Deserialize, Serialize};
 
-use super::reasons::{reason, stolen};
+use super::reasons::{reason, steal_finding};
 use crate::floor::MachineFloor;
 use crate::floor::ring::Work;
 use crate::floor::timer::Schedule;
@@ -96,7 +96,7 @@ impl MeasuredMachine {
         vec![
             self.timer.finding("timer, measured", "ticks later", timer),
             self.ring.finding("ring, measured", "laps longer", ring),
-            stolen(&self.steal, &|found| {
+            steal_finding(&self.steal, &|found| {
                 Finding::ok("steal, measured", found, reason("steal since boot"))
             }),
         ]
@@ -161,7 +161,7 @@ mod tests {
                 percent,
                 ..Steal::default()
             };
-            let finding = stolen(&steal, &|found| Finding::ok("steal", found, ""));
+            let finding = steal_finding(&steal, &|found| Finding::ok("steal", found, ""));
             assert_eq!(finding.allows, allows);
         }
     }

@@ -4,7 +4,7 @@ use analysis::finding::Finding;
 use analysis::host::Steal;
 
 /// Makes the finding of a check from what was found.
-pub(super) type Found<'a> = &'a dyn Fn(&str) -> Finding;
+pub(super) type MakeFinding<'a> = &'a dyn Fn(&str) -> Finding;
 
 /// Why each check matters: a line per subject.
 const REASONS: &str = include_str!("reasons.txt");
@@ -14,10 +14,10 @@ pub(super) fn reason(subject: &str) -> &'static str {
     REASONS.lines().find_map(of).unwrap_or_default()
 }
 
-/// Share of the time from which on figures say more about the host than about anything here [%].
+/// Steal above which latencies describe the host, not this machine [%].
 const STEAL_MAX_PERCENT: f64 = 1.0;
 
-pub(super) fn stolen(steal: &Steal, found: Found) -> Finding {
+pub(super) fn steal_finding(steal: &Steal, found: MakeFinding) -> Finding {
     let (percent, ms) = (steal.percent, steal.stolen_ms);
     let finding = found(&format!("{percent:.2} % of all processors' time ({ms} ms)"));
     if percent <= STEAL_MAX_PERCENT {

@@ -3,7 +3,7 @@
 use crate::code::{FAULTS, FaultKind, FaultSpec, ValueType};
 use crate::live::LiveFault;
 use crate::swap::Target;
-use crate::{Kind, MOST, Place, Port, Span};
+use crate::{Kind, MAX_MESSAGE_FAULTS, Place, Port, Span};
 use messages::parameters::{Parameter, SPECS};
 use messages::role::Role;
 use proptest::prelude::*;
@@ -223,9 +223,9 @@ fn every_mistake_is_named() {
 #[test]
 fn a_flight_has_room_for_a_number_of_faults_of_messages() {
     let text = |i| format!("setpoint.drop=1@tick{i}..tick{}", i + 1);
-    let texts: Vec<String> = (0..=MOST).map(text).collect();
+    let texts: Vec<String> = (0..=MAX_MESSAGE_FAULTS).map(text).collect();
     let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
-    assert!(planned(&texts[..MOST]).is_ok());
+    assert!(planned(&texts[..MAX_MESSAGE_FAULTS]).is_ok());
     let refused = planned(&texts).unwrap_err().to_string();
     assert!(refused.contains("there are more than"), "{refused}");
 }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use faults::fields::Faulty;
 use faults::filter::FaultyInput;
 use faults::live::{LIVE, LiveBlackboard, LoopFaults};
-use faults::{LONGEST_DELAY, MessageFaults, Port};
+use faults::{LONGEST_DELAY_TICKS, MessageFaults, Port};
 use ipc::clock::Horizon;
 use ipc::error::Error;
 use ipc::{BlackboardReader, LATEST, Receiver, TopicPorts, Wire};
@@ -15,7 +15,7 @@ use messages::inspection::{Expected, Rejections};
 use messages::role::{Replica, Role};
 
 /// Messages that an input that may have faults keeps for its stage: more than any fault looks back.
-const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
+const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY_TICKS as usize;
 
 /// The faults of a stage: those planned, and those that the plant's blackboard has had since.
 pub struct ActiveFaults {
