@@ -22,7 +22,7 @@ use crate::cli::{CompareArgs, SUITES};
 use crate::report_command::publish;
 use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
-use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
+use errors::{Failure, OK, USAGE, check_outputs, read_text, write_text};
 use experiments::combinations::{self, Combination};
 use experiments::parallel::{on_processors, processors};
 use sim::simulate::{self, InvalidOutputs};
@@ -35,14 +35,12 @@ const ROWS_MAX: usize = 50;
 const RECOVERED_BELOW_M: f64 = 0.05;
 
 pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
-    for (flag, path) in [
-        ("--page", &args.page),
-        ("--picture", &args.picture),
-        ("--csv", &args.csv),
-    ] {
-        check_writable(flag, path.as_deref())?;
-    }
     let table = CaseTable::of(args)?;
+    check_outputs(&[
+        ("--page", args.page.as_deref()),
+        ("--picture", args.picture.as_deref()),
+        ("--csv", args.csv.as_deref()),
+    ])?;
     let mut laws = args.laws.clone();
     if table.is_some() && laws.inner.is_empty() {
         let inner = known(Role::Inner).into_iter();

@@ -159,7 +159,7 @@ pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool
         (None, None) if findings.difference.is_some() => "not tried".to_owned(),
         (None, None) => "yes".to_owned(),
     };
-    let why = "after a warm-up; a copy must have memory of its own";
+    let why = "in or after a warm-up; a copy must be equal, and have memory of its own";
     let cannot = (!findings.is_copied).then_some("it is not: it cannot be copied");
     let warm_up = continued(findings.rehearsed, why, cannot);
     let why = "from its saved state; save and load all that changes in flight";

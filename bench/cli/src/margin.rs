@@ -9,7 +9,7 @@ use crate::cli::MarginArgs;
 use crate::report_command::publish;
 use config::Settings;
 use errors::output::say;
-use errors::{Failure, OK, check_writable};
+use errors::{Failure, OK, check_outputs};
 use experiments::combinations;
 use experiments::margin::limits::{Phases, bounds};
 use experiments::margin::target::{self, Target};
@@ -20,8 +20,8 @@ use render::margin::document;
 
 pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let stop = stop_flag()?;
-    check_writable("--page", args.page.as_deref())?;
     let settings = settings(args)?;
+    check_outputs(&[("--page", args.page.as_deref())])?;
     let phases = Phases::new(args.phases, args.course.duration, &settings[0])?;
     let task = task(args, &settings[0])?;
     let no_table = no_table(args);

@@ -120,6 +120,7 @@ pub fn new(NewCommand::Law(args): &NewCommand) -> Result<u8, Failure> {
         let failure = Failure::usage(format!("{} cannot be made: {e}", path.display()));
         failure.help(match e.kind() {
             io::ErrorKind::NotFound => "make the directory that --to names first",
+            io::ErrorKind::StorageFull => "free space, or choose another disk: --to DIR",
             _ => "choose another name, or --to DIR, the directory to make the folder in",
         })
     };
@@ -132,7 +133,10 @@ pub fn new(NewCommand::Law(args): &NewCommand) -> Result<u8, Failure> {
         fs::create_dir_all(directory)
             .and_then(|()| fs::write(&path, text))
             .and_then(|()| fs::set_permissions(&path, Permissions::from_mode(mode)))
-            .map_err(|e| failed(&path, &e))?;
+            .map_err(|e| {
+                let _ = fs::remove_dir_all(&folder);
+                failed(&path, &e)
+            })?;
     }
     let build = match args.lang {
         Language::Python if plugin::has_python_adapter() => "",

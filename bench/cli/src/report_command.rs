@@ -11,7 +11,7 @@ use analysis::gates::break_off;
 use analysis::json::print_json;
 use analysis::schema::{FlightStatus, Report};
 use errors::output::{print, say};
-use errors::{Failure, InFile as _, OK, check_writable, read_text, write_text};
+use errors::{Failure, InFile as _, OK, check_outputs, read_text, write_text};
 use experiments::margin::table::look_again;
 use flight_log::wall_time::utc;
 use recorder::hlog;
@@ -24,7 +24,7 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     if let Some(ReportCommand::Diff(args)) = &args.command {
         return diff(args);
     }
-    check_writable("--junit", args.junit.as_deref())?;
+    check_outputs(&[("--junit", args.junit.as_deref())])?;
     let directory = find(&args.run, args.out.as_deref())?;
     // Print the real name: `latest` will point to another flight later.
     let directory = match fs::read_link(&directory) {

@@ -20,9 +20,6 @@ use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{HandshakeError, Message, WebSocket};
 
 const TIMEOUT: Duration = Duration::from_secs(60);
-/// 2020 [ns since 1970]: times are those of the wall clock, not those since the machine's start.
-const WALL_NS: u64 = 1_600_000_000_000_000_000;
-
 struct Client {
     socket: WebSocket<TcpStream>,
     /// Messages of subscriptions that came while a text was awaited.
@@ -111,7 +108,8 @@ impl Client {
                 if bytes.first() == Some(&1) {
                     let id = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
                     let time_ns = u64::from_le_bytes(bytes[5..13].try_into().unwrap());
-                    assert!(time_ns > WALL_NS, "{time_ns}");
+                    // 2020 [ns since 1970]: times are those of the wall clock, not those since the machine's start.
+                    assert!(time_ns > 1_600_000_000_000_000_000, "{time_ns}");
                     return (id, time_ns, bytes[13..].to_vec());
                 }
             } else if let Message::Binary(bytes) = self.socket.read().unwrap() {

@@ -5,11 +5,9 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
-use std::sync::Mutex;
 
 use serde_json::Value;
 
-use crate::c_laws::root;
 use crate::rig::{Rig, in_parallel, ironbird};
 
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
@@ -22,34 +20,22 @@ fn lines(file: &str) -> Vec<String> {
         .collect()
 }
 
-/// The arguments of a command line, with `{golden}` replaced by the path of the data.
-fn arguments(command: &str) -> Vec<String> {
-    let words = command.split_whitespace();
-    words.map(|word| word.replace("{golden}", GOLDEN)).collect()
-}
-
+/// Runs a command, with `{golden}` replaced by the path of the data.
 fn run(rig: &Rig, command: &str) -> crate::rig::Ended {
-    let words = arguments(command);
-    rig.run(&words[0], words[1..].join(" "))
+    let (command, flags) = command
+        .trim_start()
+        .split_once(' ')
+        .unwrap_or((command, ""));
+    rig.run(command, flags.replace("{golden}", GOLDEN))
 }
 
 #[test]
 fn simulations_have_the_same_output_hashes() {
-    let mut wrong = Vec::new();
+    let rig = Rig::new("golden-hashes");
     for line in lines("simulate.txt") {
         let (hash, flags) = line.split_once(' ').unwrap();
-        let output = Command::new(ironbird())
-            .arg("simulate")
-            .args(arguments(flags))
-            .current_dir(root())
-            .output()
-            .unwrap();
-        let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
-        if !stdout.contains(&format!(" outputs={hash} ")) {
-            wrong.push(format!("{line}\n{stdout}{output:?}"));
-        }
+        run(&rig, &format!("simulate {flags}")).says(&format!(" outputs={hash} "));
     }
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// The paths of all keys, with `[]` for every array.
@@ -78,7 +64,6 @@ fn key_paths(value: &Value, at: &str, paths: &mut BTreeSet<String>) {
 /// Keys may be added. The first line of each file is the flight.
 #[test]
 fn reports_keep_their_json_keys() {
-    let missing = Mutex::new(Vec::new());
     let files = fs::read_dir(Path::new(GOLDEN).join("report_keys")).unwrap();
     let files: Vec<_> = files.map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), 6);
@@ -91,17 +76,8 @@ fn reports_keep_their_json_keys() {
         let mut paths = BTreeSet::new();
         key_paths(&report, "", &mut paths);
         let lost: Vec<&str> = keys.lines().filter(|key| !paths.contains(*key)).collect();
-        if !lost.is_empty() {
-            let lost = format!("{flight}:\n  {}", lost.join("\n  "));
-            missing.lock().unwrap().push(lost);
-        }
+        assert!(lost.is_empty(), "{flight}: keys are missing: {lost:?}");
     });
-    let missing = missing.into_inner().unwrap();
-    assert!(
-        missing.is_empty(),
-        "keys are missing\n{}",
-        missing.join("\n")
-    );
 }
 
 #[test]

@@ -94,7 +94,6 @@ fn margins_are_those_of_theory_and_of_the_prediction() {
         // The chain's own delay is one tick.
         let (ticks, ..) = measure(1.0, "--longest 1ms --gate survival_max_s=5");
         let predicted = 1.0 + ticks;
-        println!("alpha {alpha_1_s}/s: theory {delay} ticks, predicted {predicted:.3}");
         assert!(
             (predicted / f64::from(delay) - 1.0).abs() < 0.005,
             "{predicted}"
@@ -102,9 +101,11 @@ fn margins_are_those_of_theory_and_of_the_prediction() {
         let (_, gain, margins) = measure(0.99, "");
         let flown = 1 + survives(&margins, "lag", "plant.rotor_speeds");
         let flown_gain = 1.0 + survives(&margins, "gain", "plant.rotor_speeds") as f64 / 10.0;
-        println!("  1 % less: flown {flown} ticks, gain predicted {gain:.3}, flown {flown_gain}");
         assert_eq!(flown, u64::from(delay));
-        assert!((gain - 0.12..gain * 1.01).contains(&flown_gain));
+        assert!(
+            (gain - 0.12..gain * 1.01).contains(&flown_gain),
+            "{gain} {flown_gain}"
+        );
         let c = sampled_gain(0.99 * alpha_1_s, 1e-3) * 1e-3;
         let limit = (1..60)
             .take_while(|delay| c < loop_gain_limit(*delay))

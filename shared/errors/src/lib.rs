@@ -2,10 +2,12 @@
 
 pub mod output;
 
+use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
-use std::path::Path;
+use std::path::{Path, absolute};
+use std::sync::{Mutex, PoisonError};
 use std::{fmt, fs, io};
 
 use rustix::fs::{Access, OFlags, access, fcntl_getfl, fcntl_setfl};
@@ -141,6 +143,37 @@ pub fn harmless(text: &str) -> String {
     text.chars().map(escaped).collect()
 }
 
+/// Files that this process has opened to be read.
+static READ: Mutex<BTreeSet<(u64, u64, i64, i64)>> = Mutex::new(BTreeSet::new());
+
+/// Device, inode, and time of the last change: a new file may have the inode of a deleted one.
+fn identity(file: &fs::Metadata) -> (u64, u64, i64, i64) {
+    (file.dev(), file.ino(), file.mtime(), file.mtime_nsec())
+}
+
+/// How logs, laws and rows of campaigns begin.
+const KEPT: [&[u8]; 3] = [b"\x89MCAP", b"\x7fELF", b"PAR1"];
+
+/// Refuses what an output may not replace: a file that this process has read, a log, a law or rows of a campaign.
+fn check_replaceable(path: &Path) -> io::Result<()> {
+    let Ok(file) = fs::metadata(path) else {
+        return Ok(());
+    };
+    let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    if read.contains(&identity(&file)) {
+        return Err(io::Error::other("this command reads it"));
+    }
+    let mut begin = [0; 5];
+    // A pipe would wait for its writer.
+    let is_read =
+        file.is_file() && File::open(path).is_ok_and(|mut file| file.read(&mut begin).is_ok());
+    if is_read && KEPT.iter().any(|kept| begin.starts_with(kept)) {
+        let why = "it is a flight log, a law, or rows of a campaign";
+        return Err(io::Error::other(why));
+    }
+    Ok(())
+}
+
 /// Opens a file to be read, if it is one: a pipe may have no writer, and a device no end.
 pub fn open_file(path: &Path) -> io::Result<File> {
     // Opening a pipe waits for its writer otherwise.
@@ -148,7 +181,10 @@ pub fn open_file(path: &Path) -> io::Result<File> {
         .read(true)
         .custom_flags(OFlags::NONBLOCK.bits().cast_signed())
         .open(path)?;
-    if file.metadata()?.is_file() {
+    let metadata = file.metadata()?;
+    if metadata.is_file() {
+        let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+        read.insert(identity(&metadata));
         return Ok(file);
     }
     // Callers distinguish this error by its kind.
@@ -175,8 +211,9 @@ pub fn read_text(doing: &str, path: &Path) -> Result<String, Failure> {
 }
 
 /// Opens a file for writing, empty; creates it if it is missing. A pipe must have a reader. A link is followed only if
-/// this user or root created it.
+/// this user or root created it. Inputs, logs, laws and rows are not replaced.
 pub fn create_file(path: &Path) -> io::Result<File> {
+    check_replaceable(path)?;
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(true);
     // Without NONBLOCK, opening a pipe waits for its reader.
@@ -213,25 +250,42 @@ pub fn replace(path: &Path) -> Result<File, Failure> {
     }
 }
 
-/// Checks before anything starts that a file which a flag names can be written, without creating it.
-pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
-    let Some(path) = path else { return Ok(()) };
-    let checked = match fs::metadata(path) {
-        Ok(file) if file.is_dir() => Err(Errno::ISDIR),
-        // Nothing is opened: the reader of a pipe would take that for all that comes.
-        Ok(_) => access(path, Access::WRITE_OK),
-        // It will be created.
-        Err(_) => {
-            let parent = path.parent().filter(|it| !it.as_os_str().is_empty());
-            let parent = parent.unwrap_or_else(|| Path::new("."));
-            access(parent, Access::WRITE_OK | Access::EXEC_OK)
-        }
+/// Checks before anything starts that the files which flags name are different ones and can be written, without creating
+/// them. What the command has read until then is not replaced.
+pub fn check_outputs(named: &[(&str, Option<&Path>)]) -> Result<(), Failure> {
+    // Of a device such as /dev/null, several may be one.
+    let file = |path: &Path| match fs::canonicalize(path) {
+        Ok(path) => Some(path).filter(|path| path.is_file()),
+        Err(_) => absolute(path).ok(),
     };
-    checked.map_err(|e| {
-        let (path, why) = (path.display(), io::Error::from(e));
-        Failure::usage(format!("{flag}: cannot write {path}: {why}"))
-            .help("name a file in a directory that is there and that you can write")
-    })
+    for (place, (flag, path)) in named.iter().enumerate() {
+        let Some(path) = path else { continue };
+        let checked = match fs::metadata(path) {
+            Ok(file) if file.is_dir() => Err(Errno::ISDIR.into()),
+            // A pipe is not opened: its reader would take that for all that comes.
+            Ok(_) => access(*path, Access::WRITE_OK)
+                .map_err(io::Error::from)
+                .and_then(|()| check_replaceable(path)),
+            // It will be created.
+            Err(_) => {
+                let parent = path.parent().filter(|it| !it.as_os_str().is_empty());
+                let parent = parent.unwrap_or_else(|| Path::new("."));
+                access(parent, Access::WRITE_OK | Access::EXEC_OK).map_err(io::Error::from)
+            }
+        };
+        checked.map_err(|why| {
+            Failure::usage(format!("{flag}: cannot write {}: {why}", path.display()))
+                .help("name another file, in a directory that is there and that you can write")
+        })?;
+        let one = file(path);
+        let is_same =
+            |(_, path): &&(&str, Option<&Path>)| one.is_some() && path.and_then(file) == one;
+        if let Some((other, _)) = named[place + 1..].iter().find(is_same) {
+            let what = format!("{flag} and {other} name the same file");
+            return Err(Failure::usage(what).help("name another file for one of them"));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -5,9 +5,10 @@
 use std::cell::Cell;
 use std::io::{self, Write as _};
 use std::sync::atomic::{Ordering, compiler_fence};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::channel;
+use std::sync::{Arc, Weak};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::modes::Modes;
 use crate::process_exit::end_now;
@@ -61,22 +62,38 @@ impl Call {
 
     /// Makes a call that may take its time, but not for ever.
     pub(crate) fn wait<T>(self, act: impl FnOnce() -> T) -> T {
-        let (back, comes_back) = channel::<()>();
+        let (starts, has_started) = channel::<()>();
+        let lasting = Arc::new(());
+        let lasts = Arc::downgrade(&lasting);
         thread::scope(|scope| {
             let watch = thread::Builder::new()
                 .name("law".into())
                 .stack_size(64 << 10);
             // Without a thread, the call is not watched.
-            let _ = watch.spawn_scoped(scope, move || self.watch(&comes_back));
+            let watcher = watch.spawn_scoped(scope, move || {
+                drop(starts);
+                self.watch(&lasts);
+            });
+            // A thread that starts while a library is loaded waits for the loader's lock.
+            let _ = has_started.recv();
             let (made, _) = self.make(act);
-            drop(back);
+            drop(lasting);
+            if let Ok(watcher) = watcher {
+                watcher.thread().unpark();
+            }
             made
         })
     }
 
-    fn watch(self, comes_back: &Receiver<()>) {
-        let is_away =
-            |time: Duration| comes_back.recv_timeout(time) == Err(RecvTimeoutError::Timeout);
+    /// Takes no loader's lock: nothing in it makes a thread-local with a destructor.
+    fn watch(self, lasts: &Weak<()>) {
+        let is_away = |time: Duration| {
+            let until = Instant::now() + time;
+            while lasts.strong_count() > 0 && Instant::now() < until {
+                thread::park_timeout(until.saturating_duration_since(Instant::now()));
+            }
+            lasts.strong_count() > 0
+        };
         let Self { law, doing, .. } = self;
         if is_away(PATIENCE) {
             // There is no other place to say so.

@@ -6,7 +6,7 @@ use std::path::Path;
 use campaign::aggregate;
 use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
-use errors::{Failure, GATE, OK, check_writable};
+use errors::{Failure, GATE, OK, check_outputs};
 
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs};
 use crate::report_command::publish;
@@ -99,8 +99,8 @@ pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
 
 /// Prints the results of the rows recorded so far, and writes their page.
 pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
-    check_writable("--page", args.page.as_deref())?;
     let (plan, whole, part) = whole_chunks(&args.directory)?;
+    check_outputs(&[("--page", args.page.as_deref())])?;
     let place = args.directory.display();
     if whole.is_empty() {
         return Err(Failure::failed(format!("{place}: no flight is there yet"))

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
 use config::Settings;
 use errors::output::{print, say};
-use errors::{Failure, OK, check_writable};
+use errors::{Failure, OK, check_outputs};
 use ipc::instance::Instance;
 use live::inject::{self, When};
 use recorder::run_directory::find_log;
@@ -16,11 +16,6 @@ use supervisor::cpu_load;
 pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
     let (states, plot) = (args.states.as_deref(), args.plot.as_deref());
-    args.flight
-        .course
-        .check_distinct(&[("--states", states), ("--plot", plot)])?;
-    check_writable("--states", states)?;
-    check_writable("--plot", plot)?;
     let is_svg = |path: &Path| {
         path.extension()
             .is_some_and(|it| it.eq_ignore_ascii_case("svg"))
@@ -40,6 +35,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         recorded.check(&settings, "--timing")?;
         timing = Some(recorded);
     }
+    check_outputs(&[("--states", states), ("--plot", plot)])?;
     let files = OutputFiles { states, plot };
     Ok(simulate::report(&settings, timing.as_ref(), &files)?.1)
 }

@@ -1,7 +1,6 @@
 //! Flags of the commands that fly: `fly`, `simulate` and the single roles.
 
-use std::fs;
-use std::path::{Path, PathBuf, absolute};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -51,35 +50,6 @@ pub struct TrajectoryArgs {
 }
 
 impl TrajectoryArgs {
-    /// Checks that these flags do not write to one file, or to the settings, trajectory or airframe file.
-    pub fn check_distinct(&self, written: &[(&str, Option<&Path>)]) -> Result<(), Failure> {
-        let read = [
-            ("--config", self.config.as_deref()),
-            ("--trajectory", self.trajectory.as_ref().map(Path::new)),
-            ("--airframe", self.airframe.as_ref().map(Path::new)),
-        ];
-        let read = read.map(|(flag, path)| (flag, path.filter(|path| path.is_file())));
-        // Of a device such as /dev/null, both may be one.
-        let file = |path: &Path| match fs::canonicalize(path) {
-            Ok(path) => Some(path).filter(|path| path.is_file()),
-            Err(_) => absolute(path).ok(),
-        };
-        for (place, (flag, path)) in written.iter().enumerate() {
-            let Some(path) = path.and_then(file) else {
-                continue;
-            };
-            let is_same =
-                |(_, other): &&(&str, Option<&Path>)| other.and_then(file).as_ref() == Some(&path);
-            if let Some((other, _)) = written[place + 1..].iter().chain(&read).find(is_same) {
-                return Err(
-                    Failure::usage(format!("{flag} and {other} name the same file"))
-                        .help("name another file for one of them"),
-                );
-            }
-        }
-        Ok(())
-    }
-
     pub fn overrides(&self) -> Overrides {
         let faults = (!self.faults.is_empty())
             .then(|| self.faults.iter().map(Fault::to_string).collect::<Vec<_>>());

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::{self, IsTerminal as _};
+use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -15,7 +16,7 @@ use analysis::schema::Report;
 use config::law_settings::Chosen;
 use config::{PaceName, Settings};
 use errors::output::{print, say};
-use errors::{Failure, INTERRUPTED, InFile as _, OK, check_writable};
+use errors::{Failure, INTERRUPTED, InFile as _, OK, check_outputs};
 use host::own_executable;
 use recorder::kernel_trace;
 use recorder::run_directory::make_latest;
@@ -28,16 +29,12 @@ use supervisor::{self, FinishedFlight, FlightOptions};
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
     let written = [("--junit", junit), ("--states", states)];
-    args.flight.course.check_distinct(&written)?;
-    check_writable("--junit", junit)?;
-    // The result of an earlier flight is none of this one, however its process ends.
-    if let Some(earlier) = junit.filter(|path| !args.print_config && path.is_file()) {
-        fs::remove_file(earlier).in_file("replace", earlier)?;
-    }
-    match conduct(args) {
+    match conduct(args, &written) {
         Ok(None) => Ok(OK),
         Ok(Some((settings, requests, flight))) => complete(args, &settings, requests, flight),
         Err(failure) => {
+            let can_be_written = |path: &&Path| check_outputs(&[("--junit", Some(*path))]).is_ok();
+            let junit = junit.filter(|path| states != Some(*path) && can_be_written(path));
             let written = junit.map_or(Ok(()), |path| junit::write_failure(&failure, path));
             Err(match written {
                 Ok(()) => failure,
@@ -48,7 +45,10 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
 }
 
 /// Flies; only prints the settings, and returns nothing, if that is all the flags request.
-fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
+fn conduct(
+    args: &FlyArgs,
+    written: &[(&str, Option<&Path>)],
+) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
     let overrides = [
         args.flight.overrides(),
         args.rt.overrides(),
@@ -80,6 +80,11 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         return Ok(None);
     }
     let mut warnings = settings.warnings()?;
+    check_outputs(written)?;
+    // The result of an earlier flight is none of this one, however its process ends.
+    if let Some(earlier) = args.junit.as_deref().filter(|path| path.is_file()) {
+        fs::remove_file(earlier).in_file("replace", earlier)?;
+    }
     if settings.flight.pace == PaceName::Realtime {
         warnings.extend(slow_laws(&settings)?);
     }
@@ -95,7 +100,6 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         say(&format!("tried: {}\n", loop_cpus::text(&trials)));
         settings.rt.loop_cpus = loop_cpus::recommended(&trials);
     }
-    check_writable("--states", args.recorder.states.as_deref())?;
     kernel_trace::check(settings.recorder.trace)?;
     if let Some(duration) = args.floor {
         flight_baseline::check(&settings, duration)?;

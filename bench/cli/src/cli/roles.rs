@@ -21,7 +21,7 @@ use crate::report_command::ended;
 use analysis::phrase::count;
 use config::{Overrides, PaceName, Settings};
 use errors::output::print;
-use errors::{Failure, OK, check_writable};
+use errors::{Failure, OK, check_outputs};
 use experiments::margin::table;
 use recorder::kernel_trace::{self, remove_leftovers};
 use recorder::recording;
@@ -131,7 +131,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
     let settings = resolve(&args.role, &[], args.recorder.overrides())?;
     check_clock_flags(&settings, &[("--trace", args.recorder.trace)])?;
-    check_writable("--states", args.recorder.states.as_deref())?;
+    check_outputs(&[("--states", args.recorder.states.as_deref())])?;
     // A supervisor has checked it already.
     kernel_trace::check(settings.recorder.trace && args.role.launcher.is_none())?;
     let session = RoleSession::take(

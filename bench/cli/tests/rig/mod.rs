@@ -68,17 +68,6 @@ pub fn copy_executable(to: &Path) {
     assert!(copied.success());
 }
 
-/// Where the directories of rigs are: in memory, where the many small files of a flight cost least; on disk where no law
-/// can be loaded from there (noexec) or less than 1 GiB is free.
-fn parent_directory() -> &'static str {
-    let memory = rustix::fs::statvfs("/dev/shm").unwrap();
-    let is_noexec = memory.f_flag.contains(StatVfsMountFlags::NOEXEC);
-    match is_noexec || memory.f_bavail * memory.f_frsize < 1 << 30 {
-        true => "/tmp",
-        false => "/dev/shm",
-    }
-}
-
 pub struct Rig {
     executable: &'static str,
     directory: TempDir,
@@ -93,9 +82,14 @@ impl Rig {
         rig
     }
 
-    /// `name` starts the instance's name: at most 16 characters.
+    /// In memory, or on disk if that is noexec or almost full. `name`, of at most 16 characters, starts the instance's name.
     pub fn new(name: &str) -> Self {
-        Self::below(parent_directory(), name)
+        let memory = rustix::fs::statvfs("/dev/shm").unwrap();
+        let is_noexec = memory.f_flag.contains(StatVfsMountFlags::NOEXEC);
+        match is_noexec || memory.f_bavail * memory.f_frsize < 1 << 30 {
+            true => Self::below("/tmp", name),
+            false => Self::below("/dev/shm", name),
+        }
     }
 
     /// `parent` holds the rig's directory; its path is short, as those of sockets have to be.
