@@ -79,12 +79,12 @@ fn conduct(
         print(&settings.commented()?)?;
         return Ok(None);
     }
-    let mut warnings = settings.warnings()?;
     check_outputs(written)?;
-    // The result of an earlier flight is none of this one, however its process ends.
+    // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
     if let Some(earlier) = args.junit.as_deref().filter(|path| path.is_file()) {
         fs::remove_file(earlier).in_file("replace", earlier)?;
     }
+    let mut warnings = settings.warnings()?;
     if settings.flight.pace == PaceName::Realtime {
         warnings.extend(slow_laws(&settings)?);
     }
