@@ -16,7 +16,7 @@ use analysis::schema::Report;
 use config::law_settings::Chosen;
 use config::{PaceName, Settings};
 use errors::output::{print, say};
-use errors::{Failure, INTERRUPTED, InFile as _, OK, check_outputs};
+use errors::{Failure, INTERRUPTED, InFile as _, OK, check_outputs, open_file};
 use host::own_executable;
 use recorder::kernel_trace;
 use recorder::run_directory::make_latest;
@@ -49,13 +49,25 @@ fn conduct(
     args: &FlyArgs,
     written: &[(&str, Option<&Path>)],
 ) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
+    let file = args.flight.course.config.as_deref();
+    let flags = args.flight.overrides();
+    // What flags name is an input, before it is read.
+    let inputs = flags
+        .iter()
+        .filter_map(|(_, value)| value.as_str().map(Path::new));
+    inputs.chain(file).for_each(|input| drop(open_file(input)));
+    check_outputs(written)?;
+    // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
+    let earlier = args.junit.as_deref().filter(|path| path.is_file());
+    if let Some(earlier) = earlier.filter(|_| !args.print_config) {
+        fs::remove_file(earlier).in_file("replace", earlier)?;
+    }
     let overrides = [
-        args.flight.overrides(),
+        flags,
         args.rt.overrides(),
         args.recorder.overrides(),
         args.channel_overrides(),
     ];
-    let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides.concat())?;
     settings.check_faults_of_processes(true)?;
     if args.rt.channel_cpus > Some(1) && settings.rt.channels == 1 {
@@ -78,11 +90,6 @@ fn conduct(
     if args.print_config {
         print(&settings.commented()?)?;
         return Ok(None);
-    }
-    check_outputs(written)?;
-    // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
-    if let Some(earlier) = args.junit.as_deref().filter(|path| path.is_file()) {
-        fs::remove_file(earlier).in_file("replace", earlier)?;
     }
     let mut warnings = settings.warnings()?;
     if settings.flight.pace == PaceName::Realtime {
