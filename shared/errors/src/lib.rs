@@ -160,18 +160,16 @@ fn check_replaceable(path: &Path) -> io::Result<()> {
         return Ok(());
     };
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
-    if read.contains(&identity(&file)) {
-        return Err(io::Error::other("this command reads it"));
-    }
     let mut begin = [0; 5];
-    // A pipe would wait for its writer.
-    let is_read =
-        file.is_file() && File::open(path).is_ok_and(|mut file| file.read(&mut begin).is_ok());
-    if is_read && KEPT.iter().any(|kept| begin.starts_with(kept)) {
-        let why = "it is a flight log, a law, or rows of a campaign";
-        return Err(io::Error::other(why));
-    }
-    Ok(())
+    let begins = file.is_file() && File::open(path).is_ok_and(|mut it| it.read(&mut begin).is_ok());
+    let why = if read.contains(&identity(&file)) {
+        "this command reads it"
+    } else if begins && KEPT.iter().any(|kept| begin.starts_with(kept)) {
+        "it is a flight log, a law, or rows of a campaign"
+    } else {
+        return Ok(());
+    };
+    Err(io::Error::other(why))
 }
 
 /// Opens a file to be read, if it is one: a pipe may have no writer, and a device no end.

@@ -28,8 +28,7 @@ use supervisor::{self, FinishedFlight, FlightOptions};
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
-    let written = [("--junit", junit), ("--states", states)];
-    match conduct(args, &written) {
+    match conduct(args) {
         Ok(None) => Ok(OK),
         Ok(Some((settings, requests, flight))) => complete(args, &settings, requests, flight),
         Err(failure) => {
@@ -45,10 +44,7 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
 }
 
 /// Flies; only prints the settings, and returns nothing, if that is all the flags request.
-fn conduct(
-    args: &FlyArgs,
-    written: &[(&str, Option<&Path>)],
-) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
+fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
     let file = args.flight.course.config.as_deref();
     let flags = args.flight.overrides();
     // What flags name is an input, before it is read.
@@ -56,10 +52,10 @@ fn conduct(
         .iter()
         .filter_map(|(_, value)| value.as_str().map(Path::new));
     inputs.chain(file).for_each(|input| drop(open_file(input)));
-    check_outputs(written)?;
+    let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
+    check_outputs(&[("--junit", junit), ("--states", states)])?;
     // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
-    let earlier = args.junit.as_deref().filter(|path| path.is_file());
-    if let Some(earlier) = earlier.filter(|_| !args.print_config) {
+    if let Some(earlier) = junit.filter(|path| path.is_file() && !args.print_config) {
         fs::remove_file(earlier).in_file("replace", earlier)?;
     }
     let overrides = [
