@@ -23,16 +23,37 @@ fn the_tables_of_the_laws_are_what_the_command_prints_today() {
         "docs/faults-of-laws.txt differs from `ironbird {command}`:\n{printed}"
     );
 
-    // What docs/laws.md says of `adaptive_residual`, the last law, under `estimating`.
-    let (_, rows) = table.split_once("Outer law `estimating`").unwrap();
-    let errors = |row: &str| -> Vec<f64> {
-        let cells = row.split('|').skip(2).take(9);
-        let numbers = cells.map(|cell| cell.trim_matches('*').split('/').next()?.parse().ok());
-        numbers.flatten().collect()
+    // Rows that show the purpose of a law: errors with adaptive, fixed, geometric, indi, pid, l1, mrac, sliding and
+    // adaptive_residual [mm].
+    let row = |outer: &str, fault: &str| -> Vec<f64> {
+        let (_, rows) = table.split_once(&format!("Outer law `{outer}`")).unwrap();
+        let (_, row) = rows.split_once(&format!("|{fault}|")).unwrap();
+        let number = |cell: &str| cell.trim_matches('*').split('/').next()?.parse().ok();
+        let cells = row.split('|').take(9);
+        cells
+            .map(|cell| number(cell).unwrap_or(f64::INFINITY))
+            .collect()
     };
-    let rows: Vec<_> = rows.lines().skip(4).take(17).map(errors).collect();
-    let survived: Vec<_> = rows.iter().filter(|row| row.len() == 9).collect();
-    let is_best = |row: &&&Vec<f64>| row.iter().all(|error| row[8] <= 1.05 * error);
-    let best = survived.iter().filter(is_best).count();
-    assert_eq!((best, survived.len()), (14, 16), "{rows:?}");
+    for fault in [
+        "disturbance delta x 10",
+        "drag k_r x 5",
+        "inertia of the body x 2",
+        "arm -30 %",
+        "rotor 1 -30 %",
+    ] {
+        for (outer, factor) in [("pd", 1.0), ("estimating", 3.0)] {
+            let row = row(outer, fault);
+            assert!(factor * row[3] < row[1], "{outer}, {fault}: {row:?}");
+        }
+        let row = row("estimating", fault);
+        assert!(
+            row.iter().all(|error| row[8] < 1.05 * error),
+            "{fault}: {row:?}"
+        );
+    }
+    // The outer law `estimating` recovers from a larger mass with every law that follows it.
+    for law in [0, 1, 3, 4] {
+        assert!(row("estimating", "mass +30 %")[law] <= 50.0);
+        assert!(row("pd", "mass +30 %")[law] > 1000.0);
+    }
 }

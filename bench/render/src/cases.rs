@@ -133,10 +133,14 @@ impl Cases {
         let Some((title, table)) = self.tables(str::to_owned).into_iter().next() else {
             return String::new();
         };
-        let (width, height) = (
-            left + column * (table.columns.len() - 1) as f64 + 16.0,
-            top + row_height * table.rows.len() as f64 + 16.0,
-        );
+        let subtitle = title.replace('`', "");
+        let subtitle = subtitle.split(" / ").next().unwrap_or_default();
+        // A character is at most so wide in each of the two fonts.
+        let [of_title, of_subtitle] = [(&*self.title, 10.0), (subtitle, 7.5)]
+            .map(|(text, wide)| 24.0 + wide * text.chars().count() as f64);
+        let of_table = left + column * (table.columns.len() - 1) as f64 + 16.0;
+        let width = of_table.max(of_title).max(of_subtitle);
+        let height = top + row_height * table.rows.len() as f64 + 16.0;
         let cell = |x: usize, y: usize, cell: &Cell| -> Markup {
             let (x, y) = (left + column * x as f64, top + row_height * y as f64);
             let shade = cell.shade.unwrap_or_default();
@@ -152,7 +156,7 @@ impl Cases {
                 style { (PreEscaped(STYLE)) ".card { fill: var(--card); } svg text { fill: var(--ink); }" }
                 rect.card x="0" y="0" width=(width) height=(height) {}
                 text x="12" y="22" style="font-size:15px;font-weight:600" { (self.title) }
-                text x="12" y="42" { (title.replace('`', "").split(" / ").next().unwrap_or_default()) }
+                text x="12" y="42" { (subtitle) }
                 @for (x, law) in table.columns.iter().skip(1).enumerate() {
                     text.below x=(left + column * (x as f64 + 0.5)) y=(top - 8.0) { (law.replace('`', "")) }
                 }

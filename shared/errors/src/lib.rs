@@ -2,7 +2,7 @@
 
 pub mod output;
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
@@ -143,12 +143,13 @@ pub fn harmless(text: &str) -> String {
     text.chars().map(escaped).collect()
 }
 
-/// Files that this process has opened to be read.
-static READ: Mutex<BTreeSet<(u64, u64, i64, i64)>> = Mutex::new(BTreeSet::new());
+/// Files that this process has opened to be read: device and inode, and the time of the last change, because a new file
+/// may have the inode of a deleted one.
+static READ: Mutex<BTreeMap<[u64; 2], [i64; 2]>> = Mutex::new(BTreeMap::new());
 
-/// Device, inode, and time of the last change: a new file may have the inode of a deleted one.
-fn identity(file: &fs::Metadata) -> (u64, u64, i64, i64) {
-    (file.dev(), file.ino(), file.mtime(), file.mtime_nsec())
+fn identity(file: &fs::Metadata) -> ([u64; 2], [i64; 2]) {
+    let changed = [file.mtime(), file.mtime_nsec()];
+    ([file.dev(), file.ino()], changed)
 }
 
 /// How logs, laws and rows of campaigns begin.
@@ -162,7 +163,8 @@ fn check_replaceable(path: &Path) -> io::Result<()> {
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     let mut begin = [0; 5];
     let begins = file.is_file() && File::open(path).is_ok_and(|mut it| it.read(&mut begin).is_ok());
-    let why = if read.contains(&identity(&file)) {
+    let (place, changed) = identity(&file);
+    let why = if read.get(&place) == Some(&changed) {
         "this command reads it"
     } else if begins && KEPT.iter().any(|kept| begin.starts_with(kept)) {
         "it is a flight log, a law, or rows of a campaign"
@@ -182,7 +184,7 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     let metadata = file.metadata()?;
     if metadata.is_file() {
         let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
-        read.insert(identity(&metadata));
+        read.extend([identity(&metadata)]);
         return Ok(file);
     }
     // Callers distinguish this error by its kind.

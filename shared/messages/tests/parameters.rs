@@ -17,6 +17,10 @@ fn any_number() -> impl Strategy<Value = f64> {
     ]
 }
 
+fn any_parameter() -> impl Strategy<Value = Parameter> {
+    (0..PARAMETERS).prop_map(|i| SPECS[i].parameter)
+}
+
 /// A value within the range of a parameter, its bounds among them.
 fn within(parameter: Parameter) -> impl Strategy<Value = f64> {
     let spec = parameter.spec();
@@ -40,7 +44,7 @@ proptest! {
     #[test]
     fn setting_changes_one_parameter_or_nothing(
         values in any_airframe(),
-        (parameter, value) in (0..PARAMETERS).prop_map(|i| SPECS[i].parameter).prop_flat_map(|p| (Just(p), prop_oneof![within(p).boxed(), any_number().boxed()])),
+        (parameter, value) in any_parameter().prop_flat_map(|p| (Just(p), prop_oneof![within(p).boxed(), any_number().boxed()])),
     ) {
         let mut before = Airframe::nominal();
         for (spec, value) in SPECS.iter().zip(values) {

@@ -28,12 +28,23 @@ use supervisor::{self, FinishedFlight, FlightOptions};
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
+    // No file that a flag names as an input is removed: these have not been read yet.
+    let flags = args.flight.overrides();
+    let named = flags.iter().filter_map(|(_, value)| value.as_str());
+    let inputs = named
+        .map(Path::new)
+        .chain(args.flight.course.config.as_deref());
+    inputs.for_each(|input| drop(open_file(input)));
+    check_outputs(&[("--junit", junit)])?;
+    // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
+    if let Some(earlier) = junit.filter(|path| path.is_file() && !args.print_config) {
+        fs::remove_file(earlier).in_file("replace", earlier)?;
+    }
     match conduct(args) {
         Ok(None) => Ok(OK),
         Ok(Some((settings, requests, flight))) => complete(args, &settings, requests, flight),
         Err(failure) => {
-            let can_be_written = |path: &&Path| check_outputs(&[("--junit", Some(*path))]).is_ok();
-            let junit = junit.filter(|path| states != Some(*path) && can_be_written(path));
+            let junit = junit.filter(|path| states != Some(*path));
             let written = junit.map_or(Ok(()), |path| junit::write_failure(&failure, path));
             Err(match written {
                 Ok(()) => failure,
@@ -45,25 +56,15 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
 
 /// Flies; only prints the settings, and returns nothing, if that is all the flags request.
 fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
-    let file = args.flight.course.config.as_deref();
-    let flags = args.flight.overrides();
-    // What flags name is an input, before it is read.
-    let inputs = flags
-        .iter()
-        .filter_map(|(_, value)| value.as_str().map(Path::new));
-    inputs.chain(file).for_each(|input| drop(open_file(input)));
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
     check_outputs(&[("--junit", junit), ("--states", states)])?;
-    // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
-    if let Some(earlier) = junit.filter(|path| path.is_file() && !args.print_config) {
-        fs::remove_file(earlier).in_file("replace", earlier)?;
-    }
     let overrides = [
-        flags,
+        args.flight.overrides(),
         args.rt.overrides(),
         args.recorder.overrides(),
         args.channel_overrides(),
     ];
+    let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides.concat())?;
     settings.check_faults_of_processes(true)?;
     if args.rt.channel_cpus > Some(1) && settings.rt.channels == 1 {

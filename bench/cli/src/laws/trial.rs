@@ -187,18 +187,22 @@ pub fn trial_of<E>(
     make: impl Fn() -> Result<Candidate, E>,
     alive: impl Fn(),
 ) -> Result<Findings, E> {
-    let [difference, not_finite] = compare(rig, inputs, &make, &alive, |_, _| Ok(Some(None)))?;
+    let plain = |law: &mut Candidate, input: &InnerInput| Ok(Some([law.tick(input, false); 2]));
+    let [difference, not_finite] = compare(rig, inputs, &make, &alive, plain)?;
     let (mut is_copied, mut is_saved, mut is_loaded) = (true, true, true);
     let (mut rehearsed, mut restored) = (None, None);
     if difference.is_none() {
         [rehearsed, _] = compare(rig, rehearsed_inputs, &make, &alive, |law, input| {
-            // Between warm-ups the twin falls behind: only a copy makes it equal.
-            if input.tick % 2 == 0 {
-                return Ok(Some(None));
-            }
             let (flies, twin) = law.both();
             is_copied = flies.copy_into(twin.as_any());
-            Ok(is_copied.then(|| Some(law.tick(input, true))))
+            if !is_copied {
+                return Ok(None);
+            }
+            let answers = [law.tick(input, true), law.tick(input, false)];
+            // The twin goes ahead: only the next copy makes it equal again.
+            let tick = input.tick + 1;
+            black_box(law.tick(&InnerInput { tick, ..*input }, true));
+            Ok(Some(answers))
         })?;
     }
     let [mut first, mut second] = [make()?, make()?];
@@ -234,7 +238,7 @@ pub fn trial_of<E>(
     if difference.is_none() {
         [restored, _] = compare(rig, rehearsed_inputs, &make, &alive, |law, input| {
             if input.tick % 16 > 0 {
-                return Ok(Some(None));
+                return plain(law, input);
             }
             let mut state = SavedState::from([0; GUARD_BYTES]);
             is_saved = law.both().0.transfer(&mut Fields::Write(&mut state));
@@ -245,7 +249,10 @@ pub fn trial_of<E>(
                     .0
                     .transfer(&mut Fields::Read(&state[GUARD_BYTES..]));
             }
-            Ok((is_saved && is_loaded).then_some(None))
+            match is_saved && is_loaded {
+                true => plain(law, input),
+                false => Ok(None),
+            }
         })?;
     }
     Ok(Findings {
@@ -262,14 +269,15 @@ pub fn trial_of<E>(
     })
 }
 
-/// Gives two instances of a law the same random inputs; `before` does something to the second one before each, and may
-/// return the answer of its twin; nothing if it cannot. Finds the first difference between their answers, and the first answer that is not finite.
+/// Gives two instances of a law the same random inputs. `second` returns the answers of the second one, of a warm-up and
+/// of the tick; nothing if it cannot. Finds the first answer that differs from that of the first instance, and the first
+/// that is not finite.
 fn compare<E>(
     rig: &Rig,
     inputs: u64,
     make: &impl Fn() -> Result<Candidate, E>,
     alive: &impl Fn(),
-    mut before: impl FnMut(&mut Candidate, &InnerInput) -> Result<Option<Option<Answer>>, E>,
+    mut second: impl FnMut(&mut Candidate, &InnerInput) -> Result<Option<[Answer; 2]>, E>,
 ) -> Result<[Option<BadAnswer>; 2], E> {
     // Always the same inputs.
     let mut rng = fastrand::Rng::with_seed(1);
@@ -288,21 +296,18 @@ fn compare<E>(
         let mut input = hover(rig);
         for number in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
             draw_next(&mut input, &mut rng, rig);
-            let Some(of_twin) = before(&mut other, &input)? else {
+            let Some(others) = second(&mut other, &input)? else {
                 return Ok([None; 2]);
             };
-            let answers = [one.tick(&input, false), other.tick(&input, false)];
+            let answer = one.tick(&input, false);
+            let pairs = others.map(|other| [answer, other]);
             alive();
             // NaN is a difference from everything but the same bits.
             let differs = |one: f64, other: f64| one.to_bits() != other.to_bits();
-            let pairs = [Some(answers), of_twin.map(|twin| [answers[0], twin])];
-            let mut found = pairs
-                .iter()
-                .flatten()
-                .filter_map(|it| first(number, it, differs));
-            difference = difference.or_else(|| found.next());
+            difference =
+                difference.or_else(|| pairs.iter().find_map(|it| first(number, it, differs)));
             not_finite = not_finite.or_else(|| {
-                let is_bad = first(number, &answers, |value, _| !value.is_finite());
+                let is_bad = first(number, &pairs[0], |value, _| !value.is_finite());
                 is_bad.filter(|bad| bad.index < ANSWER)
             });
         }
