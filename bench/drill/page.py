@@ -15,7 +15,6 @@ faults yourself). Use it after changes to processes, shared memory or recovery
     bench/drill/run --short --write docs          # this page, each row a few times; without --short, n times
     bench/drill/run --only kill.inner --n 100     # one row; --list shows all
     bench/drill/run --soak 2h --write docs        # a fault every 10 s: growth of memory, files, descriptors
-    bench/drill/mutants --write docs              # each check switched off in its own build: which rows fail
 
 *Survived*: all came out as expected, and the flight left nothing behind. A trial that failed once was repeated, and both count. *At
 least*: lower end of Wilson's interval (95 %) for the share that survives. *Killed* is SIGKILL, *stopped* SIGSTOP, at random instants;
@@ -24,7 +23,7 @@ least*: lower end of Wilson's interval (95 %) for the share that survives. *Kill
 """
 
 NOT_TRIED = """Not tried here, because the tests run each of them once
-([fault_matrix.md](../bench/cli/tests/fault_matrix.md) has the fault and what is expected):"""
+([fault_matrix.md](../bench/cli/tests/transcripts/fault_matrix.md) has the fault and what is expected):"""
 
 
 def wilson(survived, tried):
@@ -92,9 +91,8 @@ def write(directory, results):
             text += "".join(line(row, marks) + "\n" for row in listed) + "\n"
         if others := [f"`{row['name']}`" for row in of_group if row not in listed]:
             text += f"{NOT_TRIED}\n{', '.join(others)}.\n\n"
-    for section, title, command in (("soak", "Long flights", "bench/drill/run --soak 2h --write docs"),
-                                    ("mutants", "Checks switched off", "bench/drill/mutants --write docs")):
-        text += results[section]["text"] + "\n" if results.get(section) else f"## {title}\n\nNot run: `{command}`.\n\n"
+    not_run = "## Long flights\n\nNot run: `bench/drill/run --soak 2h --write docs`.\n\n"
+    text += results["soak"]["text"] if results.get("soak") else not_run
     (directory / "faults.md").write_text(text.rstrip("\n") + "\n")
 
 

@@ -29,11 +29,6 @@ class Row:
     short: int
     # What a trial is.
     trial: str
-    # Checks (shared/messages/src/checks.rs) that must fail this row if they are switched off.
-    checks: tuple
-    # The system test that plays it, and the variable that names the row.
-    test: str
-    variable: str
     # Real-time loops would keep those of another row from their processor.
     is_alone: bool = False
 
@@ -46,16 +41,13 @@ def table(page):
 
 def rows():
     found = []
-    for name, fault, expected, n, short, trial, checks in table("transcripts/drill.md"):
-        group = "Messages" if name.split(".")[0] in ("forged", "flipped", "missing", "flood") else "Processes and machine"
-        found.append(Row(group, name, fault, expected, int(n), int(short), trial, tuple(checks.split()), "transcripts::drill",
-                         "IRONBIRD_SCENARIOS"))
-    for name, fault, at, flags, exit_code, outcome, words in table("fault_matrix.md"):
-        checks = ("heartbeat",) if name == "hang.inner" else ()
+    for name, fault, expected, n, short, trial in table("transcripts/drill.md"):
+        group = "Messages" if name.split(".")[0] in ("flipped", "missing", "flood") else "Processes and machine"
+        found.append(Row(group, name, fault, expected, int(n), int(short), trial))
+    for name, fault, at, _, flags, exit_code, outcome, words in table("transcripts/fault_matrix.md"):
         when = "" if at == "-" else f", {at}"
         expected = f"{outcome}, code {exit_code}" + (f": `{words}`" if words else "")
-        found.append(Row("Fault matrix", name, fault + when, expected, 20, 0, "flight", checks, "fault_matrix::every_row",
-                         "IRONBIRD_ROWS", "--rt prefer" in flags))
+        found.append(Row("Fault matrix", name, fault + when, expected, 20, 0, "flight", "--rt prefer" in flags))
     return found
 
 
@@ -70,8 +62,8 @@ def tests_of(executable):
 
 def play(row, n, executable):
     """Plays a row n times, each time at other instants; yields the figures of each trial."""
-    environment = {**os.environ, "IRONBIRD": str(executable), row.variable: row.name, "IRONBIRD_ROUNDS": str(n)}
-    tests = subprocess.run([tests_of(executable), "--exact", row.test, "--ignored", "--nocapture"], cwd=ROOT / "bench/cli",
+    environment = {**os.environ, "IRONBIRD": str(executable), "IRONBIRD_SCENARIOS": row.name, "IRONBIRD_ROUNDS": str(n)}
+    tests = subprocess.run([tests_of(executable), "--exact", "transcripts::drill", "--ignored", "--nocapture"], cwd=ROOT / "bench/cli",
                            env=environment, capture_output=True, text=True, check=False)
     trials = [line.split(" ", 2) for line in tests.stdout.splitlines() if line.startswith("TRIAL ")]
     if "NOT TESTED: " in tests.stderr:

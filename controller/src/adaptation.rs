@@ -266,8 +266,19 @@ impl Adaptation {
         let r = y - x * theta;
         weight.map_or(*theta, |weight| {
             let zb = weight.solve(&r);
-            self.clip(&(theta + self.gain().component_mul(&x.tr_mul(&zb))))
+            self.clip(&self.wanted(theta, x, &zb))
         })
+    }
+
+    /// The estimates after a step from `theta` that leaves `zb` of the residual, before their bounds.
+    #[inline]
+    pub fn wanted(
+        &self,
+        theta: &Vector3<f64>,
+        x: &Matrix3<f64>,
+        zb: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        theta + self.gain().component_mul(&x.tr_mul(zb))
     }
 
     #[inline]
@@ -300,7 +311,8 @@ impl Adaptation {
         (phi, dnu2 - f - inertia.acceleration(&last.tau_m))
     }
 
-    fn clip(&self, theta: &Vector3<f64>) -> Vector3<f64> {
+    /// The estimates within their bounds.
+    pub fn clip(&self, theta: &Vector3<f64>) -> Vector3<f64> {
         theta.sup(&self.lo).inf(&self.hi)
     }
 }

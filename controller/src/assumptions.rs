@@ -118,7 +118,8 @@ impl Assumptions {
         let measured = Vector3::from(state.measured.rate_b_rad_s);
         let error = measured - Vector3::from(truth.rate_b_rad_s);
         let before = std::mem::replace(&mut self.rate_error, error);
-        let is_noisy = (error - before).norm() > NOISY * error.norm();
+        let drifts = truth.get(Parameter::GyroDrift) > 0.0;
+        let is_noisy = drifts || (error - before).norm() > NOISY * error.norm();
         let skipped = known.is_some_and(|known| known.ticks_skipped != ticks_skipped);
         let theta = Vector3::from(theta);
         for (cause, holds) in [

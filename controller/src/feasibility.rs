@@ -38,6 +38,8 @@ pub enum Demanded {
     Descent,
     /// Angle of the thrust from the vertical [rad].
     Tilt,
+    /// Height [m], below the ground.
+    Ground,
     /// Speed of a rotor [rad/s], above its limit.
     RotorAbove,
     /// Speed of a rotor [rad/s], below its limit.
@@ -57,10 +59,12 @@ pub struct Excess {
     pub limited_by: Option<Role>,
 }
 
+/// Where a flight begins, and the ground below it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
     pub position_w_m: [f64; 3],
     pub yaw_rad: f64,
+    pub ground_z_m: f64,
 }
 
 /// Walks a course up to `duration_s` [s] from `start` on and gives what it asks too much of: of the rotors, and of the
@@ -79,7 +83,7 @@ pub fn excesses(
     let mut found: Vec<Excess> = Vec::new();
     let mut look = |t_s: f64, demanded: Demanded, value: f64, allowed: f64| {
         let sign = match demanded {
-            Demanded::Descent | Demanded::RotorBelow => -1.0,
+            Demanded::Descent | Demanded::RotorBelow | Demanded::Ground => -1.0,
             _ => 1.0,
         };
         let over = |value: f64| sign * (value - allowed);
@@ -109,7 +113,12 @@ pub fn excesses(
     let looks = (end_s / STEP_S).floor() as u64;
     for i in 0..=looks {
         let t_s = i as f64 * STEP_S;
-        let demand = Demand::of(&course.reference(t_s), &rig.airframe);
+        let reference = course.reference(t_s);
+        let demand = Demand::of(&reference, &rig.airframe);
+        let [.., z_m] = reference.position_w_m;
+        if z_m < start.ground_z_m - JUMP {
+            look(t_s, Demanded::Ground, z_m, start.ground_z_m);
+        }
         if let Some((_, limits)) = limits {
             // Without gravity, a limit in its multiples is none.
             if let Some(climb_g) = demand.climb_g {
@@ -189,6 +198,7 @@ impl fmt::Display for Excess {
             Demanded::Climb => ("a vertical thrust", "g", "acceleration_z_max_g"),
             Demanded::Descent => ("a vertical thrust", "g", "acceleration_z_min_g"),
             Demanded::Tilt => ("a tilt", "rad", "tilt_max_rad"),
+            Demanded::Ground => ("a height", "m", "flight.ground_z_m"),
             Demanded::RotorAbove => ("a rotor speed", "rad/s", "rotor.max_rad_s"),
             Demanded::RotorBelow => ("a rotor speed", "rad/s", "rotor.min_rad_s"),
         };
@@ -242,6 +252,7 @@ mod tests {
             let start = Start {
                 position_w_m,
                 yaw_rad,
+                ..Start::default()
             };
             let course = ScaledTrajectory::of(trajectory);
             let found = excesses(&course, &Rig::default(), None, &start, 1.0);

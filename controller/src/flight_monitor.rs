@@ -1,40 +1,37 @@
-//! Feeds the theorem's monitor from a flight's messages, through restarts of the inner loop.
+//! Feeds the theorem's monitor from a flight's messages, through restarts of the inner loop and handovers.
 
 use crate::TheoremMonitor;
 use crate::innovation::Innovation;
-use messages::content::{Stamped, State, Wrench};
+use messages::content::{NO_TICK, Stamped, State, Wrench};
 use messages::header::Message;
-use messages::monitor::{Cause, Monitor};
+use messages::monitor::Monitor;
 
-/// One monitor per process of the inner loop; or one for all channels, whose wrenches are the same.
+/// One monitor as long as each wrench continues from the law's state after the wrench before, whichever process sent it.
 ///
-/// After a missed message the monitor no longer knows the law's state, and is silent until the next process starts. After
-/// a restart, or after another channel took over, it is silent from the first unexplained step: the law may continue
-/// from samples that this monitor has not seen.
+/// Every wrench names the state that it continued from. A law that began with its initial state has a new monitor. Where
+/// a wrench continues from a state that was not watched, because a message was lost or because another channel's state
+/// differed, there is no result until a law begins anew.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
     /// A fresh monitor; none if the law has no theorem.
     begin: Option<TheoremMonitor>,
-    channels: usize,
-    /// Of the process that sent the newest wrench.
-    epoch: Option<u64>,
-    /// Another process or channel has taken over.
-    has_changed: bool,
-    /// Sequence number of the next wrench.
-    next_seq: u64,
-    /// None after a missed message.
+    /// Number of the present monitor, and of its next result.
+    number: u64,
+    next_result: u64,
+    /// Tick and history of the law's state after the newest wrench.
+    watched: Option<(u64, u64)>,
+    /// None after a state that was not watched.
     monitor: Option<TheoremMonitor>,
 }
 
 impl FlightMonitor {
-    pub const fn new(begin: Option<TheoremMonitor>, channels: usize) -> Self {
+    pub fn new(begin: Option<TheoremMonitor>) -> Self {
         Self {
+            monitor: begin.clone(),
             begin,
-            channels,
-            epoch: None,
-            has_changed: false,
-            next_seq: 0,
-            monitor: None,
+            number: 0,
+            next_result: 0,
+            watched: None,
         }
     }
 
@@ -42,46 +39,48 @@ impl FlightMonitor {
         self.begin.is_some()
     }
 
-    /// Tells one monitor from the next: the epoch of the process that it watches; 0 for all channels.
-    pub fn epoch(&self) -> u64 {
-        self.epoch.filter(|_| self.channels == 1).unwrap_or(0)
+    /// Number of the present monitor.
+    pub const fn number(&self) -> u64 {
+        self.number
     }
 
-    /// What the steps of the present process show without ground truth.
+    /// What the steps of the present law show without ground truth.
     pub fn innovation(&self) -> Innovation {
         let monitor = self.monitor.as_ref();
         monitor.map_or(Innovation::default(), |monitor| *monitor.innovation())
     }
 
-    /// The monitor message for a wrench and the state it was computed from; none if a message was missed.
+    /// The monitor message for a wrench and the state it was computed from; none if the law's state was not watched.
     ///
-    /// Its header is that of the wrench.
+    /// Its header is that of the wrench, with the monitor's number as epoch and that of the result as sequence number.
     pub fn watch(
         &mut self,
         wrench: &Message<Wrench>,
         state: Option<&Stamped<State>>,
     ) -> Option<Message<Monitor>> {
-        let envelope = wrench.envelope;
-        self.begin(envelope.epoch);
-        // With several channels, what one has lost comes from another.
-        if (self.channels == 1 && envelope.seq != self.next_seq) || state.is_none() {
+        let mut envelope = wrench.envelope;
+        let law_state = &envelope.law_state;
+        if law_state.from_tick == NO_TICK {
+            self.begin();
+        } else if self.watched != Some((law_state.from_tick, law_state.before)) {
             self.monitor = None;
         }
-        self.next_seq = envelope.seq.saturating_add(1);
+        self.watched = Some((envelope.tick, law_state.after));
+        if state.is_none() {
+            self.monitor = None;
+        }
         let content = *self.watch_next(envelope.tick, state?, &wrench.content)?;
+        (envelope.epoch, envelope.seq) = (self.number, self.next_result);
+        self.next_result += 1;
         Some(Message { envelope, content })
     }
 
-    /// The next wrench is of this process.
-    pub fn begin(&mut self, epoch: u64) {
-        let before = self.epoch.replace(epoch);
-        if before != Some(epoch) {
-            self.has_changed = before.is_some();
-            if !self.has_changed || self.channels == 1 {
-                self.next_seq = 0;
-                self.monitor.clone_from(&self.begin);
-            }
+    /// Begins with a new monitor: the law has its initial state.
+    pub fn begin(&mut self) {
+        if self.watched.is_some() {
+            (self.number, self.next_result) = (self.number + 1, 0);
         }
+        self.monitor.clone_from(&self.begin);
     }
 
     /// As [`Self::watch`], where no message is lost.
@@ -91,11 +90,10 @@ impl FlightMonitor {
         state: &Stamped<State>,
         wrench: &Wrench,
     ) -> Option<&Monitor> {
-        let shown = self.monitor.as_mut()?.watch(tick, state, wrench);
-        if self.has_changed && shown.violations[Cause::Unexplained as usize] > 0 {
-            self.monitor = None;
-        }
-        self.monitor.as_ref().map(TheoremMonitor::shown)
+        self.watched.get_or_insert((tick, 0));
+        self.monitor
+            .as_mut()
+            .map(|monitor| monitor.watch(tick, state, wrench))
     }
 }
 
@@ -103,71 +101,76 @@ impl FlightMonitor {
 mod tests {
     use crate::Gains;
     use control_api::Rig;
+    use messages::history::LawState;
+    use messages::role::Channel;
 
     use super::*;
 
-    fn wrench(epoch: u64, seq: u64) -> Message<Wrench> {
-        let mut wrench = Message::of_tick(100 * epoch + seq, Wrench::default());
-        (wrench.envelope.epoch, wrench.envelope.seq) = (epoch, seq);
-        wrench
-    }
-
-    /// The results for wrenches, each with its epoch, its sequence number and whether its state has arrived: how many
-    /// stale ticks there have been, as the state is never of the wrench's tick.
-    fn results<const N: usize>(wrenches: [(u64, u64, bool); N]) -> [Option<u64>; N] {
+    /// The results for wrenches of these ticks, each with the state that it continued from and the history after it, and
+    /// whether its own state has arrived: number of the monitor, and ticks that it has seen.
+    fn results<const N: usize>(wrenches: [(u64, LawState, bool); N]) -> [Option<(u64, u64)>; N] {
         let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
-        let mut monitor = FlightMonitor::new(Some(begin), 1);
-        let state = Stamped::new(1, State::default());
-        wrenches.map(|(epoch, seq, has_state)| {
-            let wrench = wrench(epoch, seq);
+        let mut monitor = FlightMonitor::new(Some(begin));
+        // Never of the wrench's tick, so that every tick is stale.
+        let state = Stamped::new(1000, State::default());
+        wrenches.map(|(tick, law_state, has_state)| {
+            let mut wrench = Message::of_tick(tick, Wrench::default());
+            wrench.envelope.law_state = law_state;
             let result = monitor.watch(&wrench, has_state.then_some(&state))?;
-            assert_eq!(result.envelope, wrench.envelope);
-            Some(result.content.ticks_stale)
+            assert_eq!(result.envelope.tick, tick);
+            assert_eq!(result.envelope.seq + 1, result.content.ticks_stale);
+            Some((result.envelope.epoch, result.content.ticks_stale))
         })
     }
 
-    #[test]
-    fn every_process_of_the_loop_has_its_own_monitor() {
-        let wrenches = [(1, 0, true), (1, 1, true), (1, 2, true), (2, 0, true)];
-        assert_eq!(results(wrenches), [Some(1), Some(2), Some(3), Some(1)]);
-    }
-
-    #[test]
-    fn after_a_lost_message_there_is_no_result_until_the_next_process_begins() {
-        for lost in [(1, 1, false), (1, 2, true)] {
-            let wrenches = [(1, 0, true), lost, (1, 3, true), (2, 0, true)];
-            assert_eq!(results(wrenches), [Some(1), None, None, Some(1)]);
+    fn from(tick: u64, before: u64, after: u64) -> LawState {
+        LawState {
+            after,
+            ..LawState::after(tick, Channel::A, before)
         }
     }
 
     #[test]
-    fn an_unexplained_step_is_not_judged_once_another_process_has_taken_over() {
-        for (channels, sender, violations) in
-            [(1, 1, Some(1)), (2, 1, Some(1)), (1, 2, None), (2, 2, None)]
-        {
-            let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
-            let mut monitor = FlightMonitor::new(Some(begin), channels);
-            let mut watch = |mut wrench: Message<Wrench>| {
-                let tick = wrench.envelope.tick;
-                if tick != 100 {
-                    wrench.content.telemetry.value.fill(f64::INFINITY);
-                }
-                let state = Stamped::new(tick, State::default());
-                let result = monitor.watch(&wrench, Some(&state))?;
-                Some(result.content.violations[Cause::Unexplained as usize])
-            };
-            assert_eq!(watch(wrench(1, 0)), Some(0));
-            let next = wrench(sender, u64::from(sender == 1));
+    fn a_monitor_goes_on_with_the_state_that_it_has_watched_whoever_continues_from_it() {
+        let of_b = LawState {
+            channel: 1,
+            ..from(1, 0, 0)
+        };
+        let wrenches = [
+            (0, LawState::INITIAL, true),
+            (1, from(0, 0, 0), true),
+            (2, of_b, true),
+            // Restarted after a pause.
+            (9, from(2, 0, 7), true),
+            (10, from(9, 7, 8), true),
+            (11, LawState::INITIAL, true),
+        ];
+        let expected = [(0, 1), (0, 2), (0, 3), (0, 4), (0, 5), (1, 1)].map(Some);
+        assert_eq!(results(wrenches), expected);
+    }
+
+    #[test]
+    fn a_step_from_a_state_that_was_not_watched_has_no_result_until_a_law_begins_anew() {
+        for unknown in [
+            // A state, or a wrench, was lost.
+            (1, from(0, 0, 0), false),
+            (2, from(1, 0, 0), true),
+            // Another channel's state, which differed.
+            (1, from(0, 5, 6), true),
+        ] {
+            let next = (unknown.0 + 1, from(unknown.0, unknown.1.after, 0), true);
+            let wrenches = [
+                (0, LawState::INITIAL, true),
+                unknown,
+                next,
+                (20, LawState::INITIAL, true),
+            ];
             assert_eq!(
-                watch(next),
-                violations,
-                "sender {sender}, {channels} channels"
+                results(wrenches),
+                [Some((0, 1)), None, None, Some((1, 1))],
+                "{unknown:?}"
             );
         }
-    }
-
-    #[test]
-    fn a_process_without_its_first_message_has_no_result() {
-        assert_eq!(results([(1, 7, true), (1, 8, true)]), [None; 2]);
+        assert_eq!(results([(7, from(6, 0, 0), true)]), [None]);
     }
 }

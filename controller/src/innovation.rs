@@ -28,8 +28,8 @@ impl Innovation {
         kept: f64,
     ) {
         let (p, Regression { x, y, .. }) = (adaptation.p, regression);
-        let wanted = estimate + adaptation.gain().component_mul(&x.tr_mul(zb));
-        let bounded = wanted.sup(&adaptation.lo).inf(&adaptation.hi);
+        let wanted = adaptation.wanted(estimate, x, zb);
+        let bounded = adaptation.clip(&wanted);
         for (i, steps) in self.steps_at_bound.iter_mut().enumerate() {
             *steps += u64::from(wanted[i] != bounded[i]);
         }

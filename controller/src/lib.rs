@@ -25,6 +25,7 @@ pub mod laws;
 pub mod limits;
 pub mod lyapunov;
 pub mod monitor;
+pub mod motor_lag;
 pub mod rate_law;
 pub mod rate_loop;
 pub mod trajectory;

@@ -7,8 +7,8 @@
 //! things at every step:
 //!
 //! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
-//! 2. V_th changes by no more than the step owes, allowing for the model's mismatch ([`crate::lyapunov`]). The only
-//!    excuse is bounds that do not contain the truth, because this is an identity of the update.
+//! 2. V_th changes by what the step owes, allowing for the model's mismatch ([`crate::lyapunov`]): this is an identity of
+//!    the update. Where a bound holds the step back, V_th changes by no more, if the bounds contain the truth.
 //!
 //! V, which contains the rate error, is reported and never judged: its inequality is proven only without delay.
 
@@ -37,9 +37,9 @@ pub const ROUNDING_RAD_S2: f64 = 1e-7;
 pub const TRAPEZOID: f64 = 2.0;
 /// Share of a step's own terms that rounding may take: the weight W of the paper's gains is conditioned like 1e6.
 const STEP_ROUNDING: f64 = 1e-6;
-/// Share of the descent predicted for the flight that counts as life, and share of V_th at the start from which on
+/// Shares of the descent predicted for the flight that count as life, and share of V_th at the start from which on
 /// it is asked for.
-const LIVE: f64 = 0.5;
+const LIVE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 const LIVE_FROM: f64 = 1e-6;
 /// Time over which the rate error is averaged [s].
 const RATE_MEMORY_S: f64 = 1.0;
@@ -270,12 +270,17 @@ impl TheoremMonitor {
         // The jump of a parameter change is no step; what it leaves in the low-pass is.
         let rise = &mut now.rise_max[cause as usize];
         *rise = rise.max(change);
-        let excess = change - (step.disturbance(&mismatch, &zb) - step.descent(&zb));
+        let mut excess = change - (step.disturbance(&mismatch, &zb) - step.descent(&zb));
         let rounding = rounding
             + STEP_ROUNDING
                 * (step.descent(&zb) + self.adaptation.step_s2 * mismatch.norm() * zb.norm());
-        let in_bounds = !self.assumptions.holds(Cause::OutOfBounds, tick);
-        let violation = if in_bounds && excess > rounding {
+        let wanted = self.adaptation.wanted(&was.estimate, x, &zb);
+        let is_free = self.adaptation.clip(&wanted) == wanted;
+        if is_free {
+            excess = excess.abs();
+        }
+        let owes = is_free || !self.assumptions.holds(Cause::OutOfBounds, tick);
+        let violation = if owes && excess > rounding {
             Some(Cause::Unexplained)
         } else {
             (change > floor).then_some(cause)
@@ -284,14 +289,14 @@ impl TheoremMonitor {
             now.is_violation = 1;
             now.violations[cause as usize] += 1;
         }
-        if in_bounds {
+        if owes {
             now.step_excess_max = now.step_excess_max.max(excess / rounding);
         }
         if cause == Cause::Unexplained {
             now.descent -= change;
             now.descent_predicted -= now.v_th_change_predicted;
             let owed = now.descent_predicted > LIVE_FROM * now.v_th_start + self.trapezoid_sum;
-            now.is_live = u64::from(!owed || now.descent >= LIVE * now.descent_predicted);
+            now.is_live = u64::from(!owed || LIVE.contains(&(now.descent / now.descent_predicted)));
         }
         self.excitation.take(&step.contraction());
 

@@ -4,12 +4,13 @@
 //! sin(w t + ph)). The ramp s(t) raises it from rest at the origin over 5 s, so no derivative up to snap jumps. Only
 //! `step` has no ramp: it jumps on purpose.
 
+mod knots;
 mod spline;
 
 use std::str::FromStr;
 use std::sync::Arc;
 
-pub use spline::{Point, Spline, SplineError};
+pub use spline::{AXES, Deviation, Point, Spline, SplineError};
 
 use control_api::guard::Route;
 use messages::content::Reference;

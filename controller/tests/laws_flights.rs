@@ -15,10 +15,10 @@ use messages::attitude::Attitude;
 use messages::content::{RotorSpeeds, Stamped};
 use messages::parameters::Parameter::{
     DisturbanceGain, GyroNoise, InertiaX, InertiaY, Mass, MotorTimeConstant, RotationalDrag,
-    RotorEfficiency1, TranslationalDrag,
+    RotorEfficiency1, TranslationalDrag, WindX,
 };
 use messages::telemetry::Telemetry;
-use mixer::mix::{mix, speeds};
+use mixer::mix::{roll_pitch_first, speeds};
 use nalgebra::Vector3;
 use plant::{Initial, Plant, PlantSettings};
 
@@ -210,6 +210,19 @@ fn estimating_holds_its_height_when_the_mass_grows() {
 }
 
 #[test]
+fn in_steady_wind_a_hover_leans_until_thrust_balances_the_drag() {
+    let wind_m_s = 2.0;
+    let mut course = course(Trajectory::Hover).with(2.0, WindX, wind_m_s);
+    course.seconds = 40.0;
+    let track = flown(&course, inner::<AdaptiveResidual>(vec![]));
+    let [roll, pitch, _] = track.attitude_rad;
+    let airframe = Rig::default().airframe;
+    let balance = (airframe.k_t() * wind_m_s / (airframe.m() * airframe.g())).atan();
+    assert!((pitch + balance).abs() < 1e-3, "{pitch}, not -{balance}");
+    assert!(roll.abs() < 1e-3, "{roll}");
+}
+
+#[test]
 fn estimating_learns_the_drag_of_a_vehicle_that_moves() {
     let faster = course(Trajectory::Fast).with(0.0, TranslationalDrag, 0.4);
     let track = flown(&faster, indi());
@@ -289,7 +302,7 @@ fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
         let demand = law.tick(&input, &mut Telemetry::default());
         let tau = demand.torque_b_nm.into();
         let (f_min, f_max) = (rig.rotor.f_min(k), rig.rotor.f_max(k));
-        let mixed = mix(&allocation, demand.thrust_n, &tau, f_min, f_max);
+        let mixed = roll_pitch_first(&allocation, demand.thrust_n, &tau, f_min, f_max);
         let command = RotorSpeeds {
             speed_rad_s: speeds(&mixed.f, k).into(),
             ..RotorSpeeds::default()

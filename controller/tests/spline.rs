@@ -160,3 +160,109 @@ fn a_course_as_it_is_has_the_bits_of_its_trajectory() {
         }
     }
 }
+
+/// A figure of eight of 20 s that begins and ends at rest, in points at a rate [Hz] rounded to a unit [m].
+fn rounded(rate_hz: u32, unit_m: f64) -> Vec<Point> {
+    let value = |t_s: f64| {
+        let y = t_s / 20.0;
+        // Once around, from rest to rest: the ramp of degree 9.
+        let s =
+            y.powi(5) * (126.0 - 420.0 * y + 540.0 * y * y - 315.0 * y.powi(3) + 70.0 * y.powi(4));
+        let angle = 2.0 * std::f64::consts::PI * s;
+        [angle.sin() * 2.0, (2.0 * angle).sin(), s, 0.0]
+    };
+    (0..=20 * rate_hz)
+        .map(|i| {
+            let t_s = f64::from(i) / f64::from(rate_hz);
+            let value = value(t_s).map(|value| (value / unit_m).round() * unit_m);
+            Point { t_s, value }
+        })
+        .collect()
+}
+
+#[test]
+fn dense_and_rounded_points_make_no_snap() {
+    let exact = Spline::through(&rounded(5, 1e-9)).unwrap();
+    for (rate_hz, unit_m) in [
+        (10, 1e-3),
+        (20, 1e-3),
+        (50, 1e-3),
+        (100, 1e-2),
+        (100, 1e-3),
+        (100, 1e-6),
+        (600, 1e-3),
+    ] {
+        let points = rounded(rate_hz, unit_m);
+        let (spline, deviation) = Spline::near(&points, &[unit_m; 4]).unwrap();
+        assert_eq!(deviation, None, "{rate_hz} Hz, {unit_m} m");
+        for i in 0..=2000 {
+            let t_s = f64::from(i) * 0.01;
+            let (is, wanted) = (spline.axes(t_s), exact.axes(t_s));
+            for axis in 0..3 {
+                let off = |order: usize| (is[axis][order] - wanted[axis][order]).abs();
+                let [position, snap] = [0, 4].map(off);
+                assert!(
+                    position < unit_m && snap < 1.0,
+                    "{rate_hz} Hz, {unit_m} m, {t_s} s: {position} m, {snap} m/s^4"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pause_is_a_rest_and_a_slow_flight_is_none() {
+    let point = |(t_s, x, y, yaw): (f64, f64, f64, f64)| Point {
+        t_s,
+        value: [x, y, 1.0, yaw],
+    };
+    let points = [
+        (0.0, 0.0, 0.0, 0.0),
+        (2.0, 1.0, 0.0, 0.0),
+        (4.0, 1.0, 0.0, 1.0),
+        (6.0, 1.0, 1.0, 1.0),
+        (8.0, 1.0, 1.0, 1.0),
+        (8.5, 1.0, 1.0, 1.0),
+        (10.0, 0.0, 0.0, 0.0),
+    ];
+    let (spline, _) = Spline::near(&points.map(point), &[0.01; 4]).unwrap();
+    for (from, to, x, y) in [(200, 400, 1.0, 0.0), (600, 850, 1.0, 1.0)] {
+        for i in from..=to {
+            let axes = spline.axes(f64::from(i) * 0.01);
+            let away = (axes[0][0] - x).abs().max((axes[1][0] - y).abs());
+            assert!(away < 1e-9, "{axes:?}");
+        }
+    }
+    // 0.3 mm/s, in whole millimetres: equal for seconds.
+    let slow = |i: u32| {
+        let t_s = f64::from(i) * 0.2;
+        point((t_s, (0.3 * t_s).round() * 1e-3, 0.0, 0.0))
+    };
+    let slow: Vec<Point> = (0..200).map(slow).collect();
+    let (spline, _) = Spline::near(&slow, &[1e-3; 4]).unwrap();
+    for i in 0..3900 {
+        let [_, velocity, .., snap] = spline.axes(f64::from(i) * 0.01)[0];
+        assert!(
+            velocity.abs() < 0.01 && snap.abs() < 60.0,
+            "{velocity} {snap}"
+        );
+    }
+}
+
+#[test]
+fn a_curve_that_leaves_its_points_is_reported_with_the_time() {
+    // There and back at 1 m/s: it turns at 1 s, and neither begins nor ends at rest.
+    let point = |i: u32| Point {
+        t_s: f64::from(i) * 0.02,
+        value: [(f64::from(i) * 0.02 - 1.0).abs(), 0.0, 0.0, 0.0],
+    };
+    let points: Vec<Point> = (0..=100).map(point).collect();
+    let (spline, deviation) = Spline::near(&points, &[1e-3; 4]).unwrap();
+    let deviation = deviation.unwrap();
+    let away = (spline.axes(deviation.t_s)[0][0] - (deviation.t_s - 1.0).abs()).abs();
+    assert_eq!(
+        (deviation.axis, deviation.away, deviation.allowed),
+        (0, away, 1e-3)
+    );
+    assert!(away > 1e-3, "{deviation:?}");
+}

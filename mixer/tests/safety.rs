@@ -5,14 +5,14 @@ use control_api::law::Law as _;
 use control_api::{GuardedMixer, Rig};
 use messages::content::{Mode, NO_TICK, RotorSpeeds, Stamped, Wrench};
 use messages::parameters::Airframe;
-use mixer::Priority;
+use mixer::RollPitchFirst;
 
 fn mixer(period_s: f64) -> GuardedMixer {
     let rig = Rig {
         period_s,
         ..Rig::default()
     };
-    let law = Priority::new(&rig, &Settings::default()).unwrap();
+    let law = RollPitchFirst::new(&rig, &Settings::default()).unwrap();
     GuardedMixer::new(law.into(), &rig)
 }
 

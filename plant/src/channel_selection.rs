@@ -1,21 +1,25 @@
 //! Which channel's command of a tick is taken: decided when the next tick begins, with what has come by then.
 //!
 //! There is no timeout and no failure detector: a chain needs a small part of a tick, and every command has until the next
-//! tick begins. The rules are those of [`GroupSelection`].
+//! tick begins. The rules are those of [`GroupSelection`]. A flight with one channel follows the same path.
 
 use heapless::Vec;
 use messages::channels::{
     Arrangement, Candidate, Excursion, GroupSelection, Redundancy, RedundancyAccount,
 };
-use messages::content::{RotorSpeeds, Stamped};
+use messages::content::RotorSpeeds;
 use messages::header::Message;
 use messages::role::{Channel, MOST_CHANNELS};
 
-use crate::command_hold::PENDING_COMMANDS;
+/// Commands of a tick, in the order of their channels.
+type Candidates = Vec<Candidate, MOST_CHANNELS>;
 
 #[derive(Clone, Debug)]
 pub struct ChannelSelection {
-    waiting: Vec<Candidate, { MOST_CHANNELS * PENDING_COMMANDS }>,
+    /// Commands that wait, with one place for each tick and channel. A tick's row is its number modulo the number of rows.
+    waiting: std::vec::Vec<[Option<Candidate>; MOST_CHANNELS]>,
+    /// No command of an earlier tick waits.
+    next: u64,
     /// The tick whose state was published last, and whose commands are decided on next.
     published: u64,
     /// The first tick whose command has not been taken: a command that comes late may still be needed.
@@ -24,19 +28,21 @@ pub struct ChannelSelection {
     /// The channel that was requested to fly, and the first tick whose command is to be its.
     requested: Option<(u64, Channel)>,
     /// The commands of the last tick.
-    last: Vec<Candidate, MOST_CHANNELS>,
+    last: Candidates,
     account: RedundancyAccount,
 }
 
 impl ChannelSelection {
-    pub fn new(arrangement: Arrangement) -> Self {
+    /// One in which the commands of `ticks` ticks can wait.
+    pub fn new(arrangement: Arrangement, ticks: usize) -> Self {
         Self {
+            waiting: vec![[None; MOST_CHANNELS]; ticks],
+            next: 0,
+            published: 0,
+            untaken: 0,
             groups: GroupSelection::new(arrangement),
             requested: None,
             last: Vec::new(),
-            waiting: Vec::new(),
-            published: 0,
-            untaken: 0,
             account: RedundancyAccount::new(arrangement),
         }
     }
@@ -55,52 +61,38 @@ impl ChannelSelection {
         self.requested = Some((from, channel));
     }
 
-    /// Takes a channel's command, which may act from `effective_tick` on. Without room the oldest one is dropped.
-    pub fn offer(&mut self, channel: Channel, message: &Message<RotorSpeeds>, effective_tick: u64) {
-        if let Some(candidate) = Candidate::of(channel, message, effective_tick) {
-            if self.waiting.is_full() {
-                self.waiting.remove(0);
-            }
-            let _ = self.waiting.push(candidate);
+    /// Takes a channel's command, which may act from `effective_tick` on. Returns the command if it is refused, because one
+    /// of another tick is in its place.
+    pub fn offer(
+        &mut self,
+        channel: Channel,
+        message: &Message<RotorSpeeds>,
+        effective_tick: u64,
+    ) -> Option<Candidate> {
+        let candidate = Candidate::of(channel, message, effective_tick)?;
+        let rows = self.waiting.len();
+        let place = &mut self.waiting[candidate.tick as usize % rows][channel as usize];
+        if place.is_some_and(|other| other.tick != candidate.tick) {
+            return Some(candidate);
         }
+        *place = Some(candidate);
+        self.next = self.next.min(candidate.tick);
+        None
     }
 
-    /// Decides on the commands of all ticks before `tick`, which begins now, and gives those that are taken to `take`, each
-    /// with the tick from which on it may act. Nothing is counted for ticks without a state, of which the last one has
-    /// `excursion`.
-    pub fn decide(
-        &mut self,
-        tick: u64,
-        excursion: &Excursion,
-        mut take: impl FnMut(&Stamped<RotorSpeeds>, u64),
-    ) {
+    /// Decides on the commands of all ticks before `tick`, which begins now, and gives those that are taken to `take`, in
+    /// the order of their ticks. Nothing is counted for ticks without a state, of which the last one has `excursion`.
+    pub fn decide(&mut self, tick: u64, excursion: &Excursion, mut take: impl FnMut(&Candidate)) {
         let mut published = (self.published < tick).then_some(self.published);
         self.published = tick;
-        while let Some(made_for) = self.first_undecided(published).filter(|it| *it < tick) {
-            let mut candidates: Vec<Candidate, MOST_CHANNELS> = Vec::new();
-            for channel in Channel::ALL {
-                let is_it = |it: &&Candidate| (it.tick, it.channel) == (made_for, channel);
-                candidates.extend(self.waiting.iter().find(is_it).copied());
-            }
-            self.waiting.retain(|it| it.tick != made_for);
+        for made_for in self.next..tick {
+            let candidates = self.waiting_of(made_for);
             let is_published = published.take_if(|it| *it == made_for).is_some();
+            if candidates.is_empty() && !is_published {
+                continue;
+            }
             if is_published {
-                let due = self.requested.filter(|(from, _)| *from <= made_for);
-                let channel = due.map(|(_, channel)| channel);
-                let switchover = self
-                    .groups
-                    .decide(made_for, &candidates, channel, excursion);
-                if let Some(switchover) = switchover {
-                    self.account.switch(switchover);
-                }
-                let is_flown = |it: Channel| {
-                    let arrangement = &self.groups.arrangement;
-                    arrangement.are_alike(it, self.groups.group_at(made_for))
-                };
-                // Until the channel is ready, the request waits.
-                if channel.is_some_and(is_flown) {
-                    self.requested = None;
-                }
+                self.switch(made_for, &candidates, excursion);
             }
             let group = self.groups.group_at(made_for);
             let selection = self.groups.of_group(group, &candidates);
@@ -112,20 +104,33 @@ impl ChannelSelection {
                 self.last = candidates;
             }
             if let Some(selection) = selection.filter(|_| made_for >= self.untaken) {
-                let chosen = &selection.chosen;
-                take(
-                    &Stamped::new(made_for, chosen.command),
-                    chosen.effective_tick,
-                );
-                self.account.take(made_for, chosen.channel);
+                take(&selection.chosen);
                 self.untaken = made_for + 1;
             }
         }
+        self.next = tick;
     }
 
-    fn first_undecided(&self, published: Option<u64>) -> Option<u64> {
-        let waiting = self.waiting.iter().map(|it| it.tick);
-        waiting.chain(published).min()
+    fn waiting_of(&mut self, tick: u64) -> Candidates {
+        let rows = self.waiting.len();
+        let row = self.waiting[tick as usize % rows].iter_mut();
+        row.filter_map(|place| place.take_if(|it| it.tick == tick))
+            .collect()
+    }
+
+    fn switch(&mut self, tick: u64, candidates: &[Candidate], excursion: &Excursion) {
+        let due = self.requested.filter(|(from, _)| *from <= tick);
+        let channel = due.map(|(_, channel)| channel);
+        let switchover = self.groups.decide(tick, candidates, channel, excursion);
+        if let Some(switchover) = switchover {
+            self.account.switch(switchover);
+        }
+        let arrangement = &self.groups.arrangement;
+        let is_flown = |it: Channel| arrangement.are_alike(it, self.groups.group_at(tick));
+        // Until the channel is ready, the request waits.
+        if channel.is_some_and(is_flown) {
+            self.requested = None;
+        }
     }
 }
 
@@ -147,15 +152,15 @@ mod tests {
 
     fn decided(selection: &mut ChannelSelection, tick: u64) -> std::vec::Vec<(u64, f64, u64)> {
         let mut taken = std::vec::Vec::new();
-        selection.decide(tick, &Excursion::default(), |command, effective_tick| {
-            taken.push((command.tick, command.content.thrust_n, effective_tick));
+        selection.decide(tick, &Excursion::default(), |it| {
+            taken.push((it.tick, it.command.thrust_n, it.effective_tick));
         });
         taken
     }
 
     #[test]
     fn the_command_of_another_channel_is_taken_where_the_first_has_none_that_is_fresh() {
-        let mut selection = ChannelSelection::new(Arrangement::alike(2));
+        let mut selection = ChannelSelection::new(Arrangement::alike(2), 8);
         selection.offer(Channel::B, &message(0, 0, 1.0), 1);
         selection.offer(Channel::A, &message(0, 0, 1.0), 1);
         assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
@@ -178,10 +183,11 @@ mod tests {
 
     #[test]
     fn a_request_waits_for_its_tick_though_the_plant_was_stopped_before_it() {
-        let mut selection = ChannelSelection::new(Arrangement {
+        let arrangement = Arrangement {
             groups: Channel::ALL,
             ..Arrangement::alike(2)
-        });
+        };
+        let mut selection = ChannelSelection::new(arrangement, 8);
         let offer = |selection: &mut ChannelSelection, tick| {
             selection.offer(Channel::A, &message(tick, tick, 1.0), tick + 1);
             selection.offer(Channel::B, &message(tick, tick, 2.0), tick + 1);
@@ -199,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_plant_that_was_stopped_takes_what_came_meanwhile_in_order() {
-        let mut selection = ChannelSelection::new(Arrangement::alike(2));
+        let mut selection = ChannelSelection::new(Arrangement::alike(2), 8);
         for tick in 0..5 {
             selection.offer(Channel::A, &message(tick, tick, tick as f64), tick + 1);
             selection.offer(Channel::B, &message(tick, tick, tick as f64), tick + 1);
@@ -207,5 +213,23 @@ mod tests {
         let taken: std::vec::Vec<u64> = decided(&mut selection, 5).iter().map(|it| it.0).collect();
         assert_eq!(taken, [0, 1, 2, 3, 4]);
         assert_eq!(selection.redundancy().unprotected, 0);
+    }
+
+    #[test]
+    fn a_command_without_a_free_place_is_refused_and_none_is_lost_that_has_one() {
+        let mut selection = ChannelSelection::new(Arrangement::alike(3), 8);
+        // The plant is stopped for ten ticks after tick 0; one channel after the other is read.
+        let mut refused = std::vec::Vec::new();
+        for channel in Channel::ALL {
+            for tick in 0..10 {
+                let message = message(tick, tick, tick as f64);
+                refused.extend(selection.offer(channel, &message, tick + 1));
+            }
+        }
+        let refused = refused.iter().map(|it| (it.channel, it.tick));
+        let late = Channel::ALL.map(|channel| [(channel, 8), (channel, 9)]);
+        assert!(refused.eq(late.into_iter().flatten()));
+        let taken = decided(&mut selection, 10);
+        assert!(taken.iter().map(|it| it.0).eq(0..8));
     }
 }

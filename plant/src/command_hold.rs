@@ -12,22 +12,22 @@
 //! This file owns the rule and its counters. The shell knows when a command arrived; it names the tick from which the
 //! command may act.
 
-use heapless::Vec;
 use messages::content::{NO_TICK, ROTORS, RotorSpeeds, Stamped};
 
 /// How long a command holds without a newer one. After that the rotors spin down to idle, as speed controllers do.
 pub const COMMAND_TIMEOUT_S: f64 = 0.020;
 
-/// Commands that can wait for their tick, up to 1 kHz: the other stages produce them while the plant is stopped.
-pub const PENDING_COMMANDS: usize = 64;
-/// The same as a time, above that [s].
+/// How long a command can wait while the plant is stopped [s].
 pub const PENDING_S: f64 = 0.064;
-/// Room for the commands of that time at the highest rate, 10 kHz.
-const PENDING_MAX: usize = 10 * PENDING_COMMANDS;
 
-/// Commands that can wait at a tick of `period_s` [s].
+/// Commands that can wait at a tick of `period_s` [s]: 64 up to 1 kHz, those of [`PENDING_S`] above.
 pub fn pending_commands(period_s: f64) -> usize {
-    ((PENDING_S / period_s).round() as usize).clamp(PENDING_COMMANDS, PENDING_MAX)
+    ((PENDING_S / period_s).round() as usize).max(64)
+}
+
+/// Ticks whose commands can wait: a stopped plant reads its ports twice, before its tick and when it begins.
+pub fn waiting_ticks(period_s: f64) -> usize {
+    2 * pending_commands(period_s)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +44,7 @@ struct Pending {
 /// The rotor command in force, those that wait, and the verdicts so far.
 #[derive(Clone, Debug)]
 pub struct CommandHold {
-    pending: Vec<Pending, PENDING_MAX>,
+    pending: Vec<Pending>,
     room: usize,
     hover: [f64; ROTORS],
     /// The newest command; none before the first.
@@ -55,6 +55,8 @@ pub struct CommandHold {
     timeout_ticks: u64,
     idle: [f64; ROTORS],
     is_idle: bool,
+    /// Commands for which no place was free.
+    pub refused: u64,
     /// Ticks that began without the command of the tick before.
     pub deadlines_missed: u64,
     /// Length of the run of missed deadlines that ends at the tick entered last; 0 when that one was met.
@@ -65,28 +67,30 @@ impl CommandHold {
     /// One that holds `hover` [rad/s] until the first command, and `idle` [rad/s] when none comes for
     /// [`COMMAND_TIMEOUT_S`], in whole ticks of `period_s` [s].
     pub fn new(hover: [f64; ROTORS], idle: [f64; ROTORS], period_s: f64) -> Self {
+        let room = waiting_ticks(period_s);
         Self {
-            pending: Vec::new(),
-            room: pending_commands(period_s),
+            pending: Vec::with_capacity(room),
+            room,
             hover,
             newest: None,
             since_tick: 0,
             timeout_ticks: (COMMAND_TIMEOUT_S / period_s).round().max(1.0) as u64,
             idle,
             is_idle: false,
+            refused: 0,
             deadlines_missed: 0,
             deadline_miss_run: 0,
         }
     }
 
-    /// Takes a command that may act from `effective_tick` on, and never before the tick after its own.
+    /// Takes a command that may act from `effective_tick` on, and never before the tick after its own. Returns that tick;
+    /// [`NO_TICK`] if no place was free, which shows as a missed deadline, or if the command has no tick.
     ///
-    /// It replaces waiting commands that are older and would not act earlier. A command without a tick is ignored. If
-    /// there is no room, the command is dropped, which shows as a missed deadline.
+    /// It replaces waiting commands that are older and would not act earlier.
     #[inline]
-    pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
+    pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) -> u64 {
         if command.tick == NO_TICK {
-            return;
+            return NO_TICK;
         }
         let offered = Pending {
             tick: command.tick,
@@ -98,10 +102,12 @@ impl CommandHold {
             waiting.tick > offered.tick || waiting.effective_tick < offered.effective_tick
         });
         // The ones that wait come first: were they dropped instead, a steady delay would let no command through.
-        if self.pending.len() < self.room {
-            // There are more places than ever may wait.
-            let _ = self.pending.push(offered);
+        if self.pending.len() == self.room {
+            self.refused += 1;
+            return NO_TICK;
         }
+        self.pending.push(offered);
+        offered.effective_tick
     }
 
     /// Decides what is in force from `tick` on, and judges the deadline. Call it for every tick, in order.

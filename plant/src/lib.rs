@@ -20,6 +20,7 @@ pub mod rigid_body;
 pub mod rotors;
 pub mod sensors;
 pub mod settings;
+pub mod turbulence;
 
 pub use crate::envelope_violation::{Crash, EnvelopeViolation};
 pub use crate::ground::Ground;

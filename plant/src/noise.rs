@@ -1,6 +1,6 @@
-//! Noise of the sensors: standard normal variates as a function of (seed, tick, stream, axis).
+//! Noise of the sensors and of the air: standard normal variates as a function of (seed, tick, stream, axis).
 //!
-//! This goes beyond the paper, whose sensors are exact. [`messages::noise`] makes the variates.
+//! This goes beyond the paper, whose sensors are exact and whose air is still. [`messages::noise`] makes the variates.
 
 use messages::noise::standard_normal;
 use nalgebra::Vector3;
@@ -13,6 +13,8 @@ pub enum Stream {
     Accelerometer,
     Position,
     Velocity,
+    Gust,
+    FilteredGust,
 }
 
 impl Stream {
@@ -60,11 +62,19 @@ mod tests {
 
     #[test]
     fn every_stream_has_its_own_samples() {
-        use Stream::{Accelerometer, Gyro, GyroDrift, Position, Velocity};
-        let drawn: Vec<f64> = [Gyro, GyroDrift, Accelerometer, Position, Velocity]
-            .iter()
-            .flat_map(|stream| <[f64; 3]>::from(stream.normal(7, 5)))
-            .collect();
+        use Stream::{Accelerometer, FilteredGust, Gust, Gyro, GyroDrift, Position, Velocity};
+        let drawn: Vec<f64> = [
+            Gyro,
+            GyroDrift,
+            Accelerometer,
+            Position,
+            Velocity,
+            Gust,
+            FilteredGust,
+        ]
+        .iter()
+        .flat_map(|stream| <[f64; 3]>::from(stream.normal(7, 5)))
+        .collect();
         for (i, sample) in drawn.iter().enumerate() {
             assert!(!drawn[..i].contains(sample), "{i}: {drawn:?}");
         }

@@ -6,7 +6,8 @@
 //! that was in force: an outage affects the flight.
 //!
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::command_hold`],
-//! [`crate::command_delay`], [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
+//! [`crate::command_delay`], [`crate::rotors`], [`crate::turbulence`],
+//! [`crate::integrator`] and [`crate::sensors`].
 
 mod batch;
 
@@ -17,8 +18,7 @@ use std::f64::consts::PI;
 use faults::filter::{FaultFilter, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
-use messages::checks::{Check, is_on};
-use messages::content::{Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
+use messages::content::{Decision, Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use messages::vectors::vectorised;
@@ -34,6 +34,7 @@ use crate::rotors::{Rotors, Spin, SpinMeans, hover};
 use crate::sensors::Sensors;
 use crate::settings::PlantSettings;
 use crate::swap::{AppliedSwap, PENDING_SWAPS, Ramps, Swap, SwapError, SwapQueue};
+use crate::turbulence::Turbulence;
 
 /// The simulated airframe, standing at a grid tick or on its way to the next.
 #[derive(Clone, Debug)]
@@ -52,6 +53,7 @@ pub struct Plant {
     pushed_w: Vector3<f64>,
     crash: Option<Crash>,
     sensors: Sensors,
+    turbulence: Turbulence,
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
     means: SpinMeans,
@@ -99,6 +101,7 @@ impl Plant {
             pushed_w: Vector3::zeros(),
             crash: None,
             sensors: Sensors::new(period_s, settings.seed, &airframe, &body),
+            turbulence: Turbulence::new(period_s, settings.seed),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             command_hold: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
@@ -118,23 +121,29 @@ impl Plant {
     }
 
     /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick
-    /// after its own. The newest command in force wins; see [`crate::command_hold`] for what is late and what is lost.
+    /// after its own. Returns the tick from which it may act; [`NO_TICK`] if a fault dropped it or no place was free.
+    /// The newest command in force wins; see [`crate::command_hold`] for what is late and what is lost.
     #[inline]
-    pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
+    pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) -> u64 {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
         match self.filter.as_mut().filter(|filter| filter.has_faults()) {
             None => self.command_hold.offer(command, effective_tick),
             Some(filter) => {
                 let tick = command.tick;
-                if let Some(Passed { content, delay }) = filter.pass(tick, &command.content) {
-                    self.command_hold.offer(
-                        &Stamped { tick, content },
-                        effective_tick.max(tick + 1) + delay,
-                    );
-                }
+                let passed = filter.pass(tick, &command.content);
+                passed.map_or(NO_TICK, |Passed { content, delay }| {
+                    let acts_from = effective_tick.max(tick + 1) + delay;
+                    self.command_hold
+                        .offer(&Stamped { tick, content }, acts_from)
+                })
             }
         }
+    }
+
+    /// Counts a command that was not offered, because no place was free for it to wait in.
+    pub const fn refuse(&mut self) {
+        self.command_hold.refused += 1;
     }
 
     /// Passes its commands through a fault filter.
@@ -295,6 +304,9 @@ impl Plant {
             self.sensors.tune(&self.airframe);
             self.delay.tune(&self.airframe);
         }
+        if let Some(gust) = self.turbulence.gust(&self.airframe, self.tick) {
+            self.dynamics.gust(&self.airframe, &gust);
+        }
         self.sensors.settle();
         self.command_hold.enter(self.tick);
         self.delay.take(self.command_hold.speed());
@@ -338,6 +350,10 @@ impl Plant {
         state.deadline_miss_run = command_hold.deadline_miss_run;
         state.ticks_skipped = self.ticks_skipped;
         state.parameter_epoch = self.parameter_epoch;
+        state.decision = Decision {
+            refused: command_hold.refused,
+            ..Decision::default()
+        };
         let truth = &mut state.truth;
         truth.position_w_m = body.eta1.into();
         truth.velocity_w_m_s = body.v.into();
@@ -374,9 +390,6 @@ impl Plant {
     /// Whether the state lies within the envelope of the settings.
     pub fn envelope(&self) -> Result<(), EnvelopeViolation> {
         let (tick, tilt_max_rad) = (self.tick, self.tilt_max_rad);
-        if !is_on(Check::Envelope) {
-            return Ok(());
-        }
         if !self.body.is_finite() {
             return Err(EnvelopeViolation::NotFinite { tick });
         }

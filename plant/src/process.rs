@@ -14,10 +14,13 @@ use faults::live::{Acts, FaultKind, LiveFault, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::clock::{Horizon as _, now_ns, sleep_through, sleep_until};
 use ipc::error::Error;
-use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes};
+use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes, Wire};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
 use messages::channels::{Arrangement, Envelope, Excursion, REDUNDANCY, Redundancy};
-use messages::content::{Reference, RotorSpeeds, Stamped, State};
+use messages::content::{
+    DECISIONS, Decision, Decisions, Reference, RotorSpeeds, Stamped, State, SwapRecord,
+    TakenCommand,
+};
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Stamps};
@@ -32,7 +35,7 @@ use process::session::{Opened, RoleSession, log_landing};
 use process::wakes::wakes;
 
 use crate::channel_selection::ChannelSelection;
-use crate::command_hold::pending_commands;
+use crate::command_hold::{pending_commands, waiting_ticks};
 use crate::envelope_violation::EnvelopeViolation;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
@@ -77,15 +80,20 @@ pub fn run(
         let flown = if ready.recv().is_ok() {
             let lockstep = plan.wall_period_ns == LOCKSTEP;
             let wakes = wakes(session.wire(), Role::Plant.into(), session.rt(), lockstep)?;
-            let mut plant =
-                PlantProcess::new(&session, wakes, settings, faults, requests_out, events_in)?;
+            let mut plant = PlantProcess::new(
+                &session,
+                wakes,
+                settings,
+                faults,
+                envelope,
+                requests_out,
+                events_in,
+            )?;
             plant.plan(planned);
-            plant.arrange(&session, envelope)?;
-            plant.serve(&mut session, plan, &open)
+            plant.serve(&mut session, plan, open)
         } else {
             Ok(())
         };
-        drop(open);
         let served = server.join().unwrap_or(Err(Error::Panicked {
             thread: "the request server",
         }));
@@ -96,10 +104,19 @@ pub fn run(
 struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
+    decisions: Sender<Decisions>,
+    swaps: Sender<SwapRecord>,
     /// In the order of the channels.
     commands: Vec<Receiver<RotorSpeeds>>,
-    /// Of a flight with several channels, and its blackboard.
-    selection: Option<(Box<ChannelSelection>, Blackboard<Redundancy>)>,
+    channels: usize,
+    /// Messages that each of these ports keeps.
+    pending_commands: usize,
+    selection: Box<ChannelSelection>,
+    /// Commands that were read and decided on since the last state.
+    decided: Vec<TakenCommand>,
+    newest_taken: Option<RotorSpeeds>,
+    /// Of a flight with several channels.
+    redundancy: Option<Blackboard<Redundancy>>,
     route: Option<Route>,
     /// That of the last state.
     excursion: Excursion,
@@ -124,10 +141,19 @@ impl<'a> PlantProcess<'a> {
         wakes: Wakes,
         settings: &PlantSettings,
         faults: &[Swap],
+        envelope: Option<(Envelope, Route)>,
         requests: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
         let (wire, channels) = (session.wire(), session.rt().channels);
+        let (envelope, route) = envelope.unzip();
+        let arrangement = Arrangement {
+            channels,
+            groups: session.rt().groups,
+            envelope,
+        };
+        let rows = waiting_ticks(settings.period_s);
+        let redundancy = || wire.blackboard(REDUNDANCY);
         let injection = Injection::none(
             wire,
             settings.seed,
@@ -151,12 +177,18 @@ impl<'a> PlantProcess<'a> {
             injection,
             is_above: session.rt().channel_cpus > 1,
             states: wire.sender(wakes)?,
+            decisions: wire.sender(Wakes::default())?,
+            swaps: wire.sender(Wakes::default())?,
             // The ports of the loop that keep more than the newest: see `take_command`.
-            commands: Channel::first(channels)
-                .map(|channel| wire.receiver_of(channel, pending_commands(settings.period_s)))
-                .collect::<Result<_, _>>()?,
-            selection: None,
-            route: None,
+            commands: Vec::new(),
+            channels,
+            pending_commands: pending_commands(settings.period_s),
+            selection: Box::new(ChannelSelection::new(arrangement, rows)),
+            // One for each command that is taken, and for each that a full port holds beyond them.
+            decided: Vec::with_capacity(rows * (1 + channels)),
+            newest_taken: None,
+            redundancy: (channels > 1).then(redundancy).transpose()?,
+            route: route.filter(|_| channels > 1),
             excursion: Excursion::default(),
             next_switch: 0,
             event: wire.wake_event(Role::Plant)?,
@@ -175,29 +207,17 @@ impl<'a> PlantProcess<'a> {
         self.plant.change_faults(&faults.messages, None);
     }
 
-    /// Prepares the selection of a command among several channels.
-    fn arrange(
-        &mut self,
-        session: &RoleSession,
-        envelope: Option<(Envelope, Route)>,
-    ) -> Result<(), Error> {
-        let (envelope, route) = envelope.unzip();
-        let arrangement = Arrangement {
-            channels: session.rt().channels,
-            groups: session.rt().groups,
-            envelope,
-        };
-        if arrangement.channels > 1 {
-            let selection = Box::new(ChannelSelection::new(arrangement));
-            self.selection = Some((selection, session.wire().blackboard(REDUNDANCY)?));
-            self.route = route;
+    /// Connects the ports to those of the other roles, and makes those for commands: the recorder has its own by now.
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        if self.commands.is_empty() {
+            let receiver = |channel| wire.receiver_of(channel, self.pending_commands);
+            self.commands = Channel::first(self.channels)
+                .map(receiver)
+                .collect::<Result<_, _>>()?;
         }
-        Ok(())
-    }
-
-    /// Connects the ports to those of the other roles.
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
         self.states.arm(expected, epoch)?;
+        self.decisions.arm(expected, epoch)?;
+        self.swaps.arm(expected, epoch)?;
         self.commands
             .iter_mut()
             .try_for_each(|commands| commands.arm(expected))
@@ -207,13 +227,15 @@ impl<'a> PlantProcess<'a> {
         &mut self,
         session: &mut RoleSession,
         plan: FlightPlan,
-        open: &mpsc::Sender<(Expected, u64)>,
+        open: mpsc::Sender<()>,
     ) -> Result<(), Error> {
         self.injection.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         self.injection.last_tick = plan.last_tick;
-        let mut opened = session.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
-        // A server that has ended on an error takes no run number; its error comes with its end.
-        let _ = open.send((opened.expected, session.status.epoch));
+        let mut opened = session.open_run(plan, |wire, expected, epoch| {
+            self.arm(wire, expected, epoch)
+        })?;
+        // A server that has ended on an error does not hear it; its error comes with its end.
+        let _ = open.send(());
         let lead = session.choose_lead(&mut opened, || self.rehearse(0));
         let meter = UsageMeter::start();
         let flown = lead.and_then(|lead| {
@@ -246,7 +268,10 @@ impl<'a> PlantProcess<'a> {
             let (tick, waking) = match pace {
                 Pace::Realtime(grid) => {
                     let waking = self.wait_for_tick(next_tick, last_tick, grid)?;
-                    (grid.tick_at(waking.wake_ns).max(next_tick), waking)
+                    // However late the plant wakes, the last tick is flown, and those before it.
+                    let latest = last_tick.max(next_tick);
+                    let tick = grid.tick_at(waking.wake_ns).clamp(next_tick, latest);
+                    (tick, waking)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, session, opened)? {
                     Some(wake_ns) => (next_tick, Waking::at(wake_ns)),
@@ -254,12 +279,11 @@ impl<'a> PlantProcess<'a> {
                 },
             };
             if tick > last_tick {
-                self.take_command(last_tick + 1, pace)?;
-                self.decide(last_tick + 1);
+                self.take_command(tick, pace)?;
+                self.decide(tick);
+                self.publish_decisions(tick)?;
                 self.show_redundancy();
                 let state = self.plant.end(last_tick);
-                // Those of the last ticks, if they were skipped. The server answers that all others came too late.
-                self.hand_over_applied();
                 self.report(&state, &mut opened.run);
                 return Ok(EndReason::Completed);
             }
@@ -310,15 +334,20 @@ impl<'a> PlantProcess<'a> {
         while let Some(request) = self.requests.dequeue() {
             self.accept(request, tick);
         }
-        let state = self.plant.begin(tick);
+        let mut state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
+        self.publish_changes()?;
+        state.decision = self.decision(state.decision.refused);
+        if state.decision.count > 1 {
+            self.publish_decisions(tick)?;
+        }
         self.injection.be_late(tick);
         if !matches!(envelope, Err(EnvelopeViolation::NotFinite { .. })) {
             self.states
                 .send(tick, &self.history(waking, &state), state)?;
             self.ticks_run += 1;
         }
-        self.hand_over_applied();
+        self.decided.clear();
         self.show_redundancy();
         self.excursion = self.excursion_of(tick, &state);
         if let (true, Pace::Realtime(grid)) = (self.is_above, pace) {
@@ -379,13 +408,16 @@ impl<'a> PlantProcess<'a> {
         })
     }
 
-    /// Offers every command that has come since the last look.
+    /// Reads every command that has come since the last look. It waits until its tick is decided on.
     ///
-    /// It offers all of them, not just the newest. If the plant wakes late, the command of the tick before lies beneath
+    /// All of them are read, not just the newest. If the plant wakes late, the command of the tick before lies beneath
     /// a newer one, and the plant's lateness must not count as the other stages'.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
         let Self {
-            plant, selection, ..
+            plant,
+            selection,
+            decided,
+            ..
         } = self;
         // Other stages may be ahead of a plant that was stopped after it read the clock.
         let latest_tick = || match pace {
@@ -394,12 +426,11 @@ impl<'a> PlantProcess<'a> {
         };
         for (channel, commands) in Channel::ALL.into_iter().zip(&mut self.commands) {
             commands.drain(latest_tick, |message| {
-                let made_for = message.envelope.tick;
-                let effective_tick =
-                    pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
-                match selection {
-                    Some((selection, _)) => selection.offer(channel, message, effective_tick),
-                    None => plant.offer(&Stamped::new(made_for, message.content), effective_tick),
+                let sent_ns = message.envelope.stamps_of(Role::Mixer).send_ns;
+                let acts_from = pace.effective_tick(message.envelope.tick, sent_ns);
+                if let Some(refused) = selection.offer(channel, message, acts_from) {
+                    plant.refuse();
+                    decided.push(refused.refused());
                 }
             })?;
         }
@@ -407,26 +438,59 @@ impl<'a> PlantProcess<'a> {
     }
 
     fn show_redundancy(&self) {
-        if let Some((selection, blackboard)) = &self.selection {
-            blackboard.put(*selection.redundancy());
+        if let Some(blackboard) = &self.redundancy {
+            blackboard.put(*self.selection.redundancy());
         }
     }
 
-    /// With several channels: decides whose command of the tick before is taken.
+    /// Decides which commands of the ticks before are taken, and offers them to the plant.
     fn decide(&mut self, tick: u64) {
-        let (Some((selection, _)), Some(decided)) = (&mut self.selection, tick.checked_sub(1))
-        else {
+        let Some(newest) = tick.checked_sub(1) else {
             return;
         };
-        let due = self.next_switch..=decided;
-        self.next_switch = tick;
-        if let Some((from, channel)) = self.injection.switch(due) {
-            selection.request(from, channel);
+        if let Some((from, channel)) = self.injection.switch(self.next_switch..=newest) {
+            self.selection.request(from, channel);
         }
-        let plant = &mut self.plant;
-        selection.decide(tick, &self.excursion, |command, effective_tick| {
-            plant.offer(command, effective_tick);
+        self.next_switch = tick;
+        let (plant, decided) = (&mut self.plant, &mut self.decided);
+        self.selection.decide(tick, &self.excursion, |it| {
+            let command = Stamped::new(it.tick, it.command);
+            decided.push(it.taken(plant.offer(&command, it.effective_tick)));
+            self.newest_taken = Some(it.command);
         });
+    }
+
+    /// The record of the decisions since the last state.
+    fn decision(&self, refused: u64) -> Decision {
+        let command = match self.decided[..] {
+            [command] => command,
+            _ => TakenCommand::default(),
+        };
+        Decision {
+            count: self.decided.len() as u64,
+            refused,
+            command,
+        }
+    }
+
+    /// Publishes the decisions since the last state, before the state that they led to.
+    #[cold]
+    fn publish_decisions(&mut self, tick: u64) -> Result<(), Error> {
+        let none: &[TakenCommand] = &[];
+        let is_none = self.decided.is_empty();
+        for part in self
+            .decided
+            .chunks(DECISIONS)
+            .chain(is_none.then_some(none))
+        {
+            let mut decisions = Decisions {
+                count: part.len() as u64,
+                ..Decisions::default()
+            };
+            decisions.command[..part.len()].copy_from_slice(part);
+            self.decisions.send(tick, &Header::new(), decisions)?;
+        }
+        Ok(())
     }
 
     /// How far the vehicle is from what the envelope allows, as measured.
@@ -446,7 +510,7 @@ impl<'a> PlantProcess<'a> {
         }
     }
 
-    /// In lockstep: waits for the command of the tick before, and for the recorder to keep up.
+    /// In lockstep: waits for the command of the tick before from every channel, and for the recorder to keep up.
     ///
     /// Returns when it came, or nothing if the run is to end.
     fn wait_for_command(
@@ -461,7 +525,7 @@ impl<'a> PlantProcess<'a> {
             // After the port: a command is never taken before it was sent.
             let now = now_ns();
             let is_there = tick == 0
-                || self.commands.iter().any(|commands| {
+                || self.commands.iter().all(|commands| {
                     commands.has_any() && commands.newest().envelope.tick + 1 >= tick
                 });
             let recorded = opened.recorded_tick();
@@ -513,11 +577,8 @@ impl<'a> PlantProcess<'a> {
             Action::Inject { for_ticks, faults } => {
                 match self.injection.inject(&faults, first_tick, for_ticks, tick) {
                     Ok(span) => {
-                        let commands = self.commands.iter().filter(|it| it.has_any());
-                        let newest = commands.map(Receiver::newest);
-                        let newest = newest.max_by_key(|it| it.envelope.tick);
-                        let newest = newest.map(|it| it.content);
-                        self.plant.change_faults(self.injection.messages(), newest);
+                        let faults = self.injection.messages();
+                        self.plant.change_faults(faults, self.newest_taken);
                         Event::Injected { id, span }
                     }
                     Err((which, reason)) => Event::FaultRefused { id, which, reason },
@@ -531,17 +592,15 @@ impl<'a> PlantProcess<'a> {
     /// The first request to switch to a channel that the flight does not have, or that has no usable command.
     fn unready(&self, faults: &[LiveFault]) -> Option<usize> {
         faults.iter().position(|fault| match fault.kind {
-            FaultKind::Switch { channel } => {
-                let selection = self.selection.as_ref();
-                !selection.is_some_and(|(selection, _)| selection.is_ready(channel))
-            }
+            FaultKind::Switch { channel } => !self.selection.is_ready(channel),
             _ => false,
         })
     }
 
-    fn hand_over_applied(&mut self) {
+    /// Publishes the parameter changes of the ticks up to the present one, before its state.
+    fn publish_changes(&mut self) -> Result<(), Error> {
         let Some(tick) = self.plant.changed_tick() else {
-            return;
+            return Ok(());
         };
         let (parameter_epoch, value) = (
             self.plant.parameter_epoch(),
@@ -553,8 +612,11 @@ impl<'a> PlantProcess<'a> {
             value,
         });
         for applied in self.plant.applied() {
+            self.swaps
+                .send(applied.tick, &Header::new(), applied.record())?;
             let _ = self.events.enqueue(Event::Applied(applied.clone()));
         }
+        Ok(())
     }
 }
 

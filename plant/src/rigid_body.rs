@@ -7,6 +7,7 @@
 //! * (5) is replaced by q_dot = 1/2 q (x) (0, nu2) of a unit quaternion: the same motion, without the singularity of J2.
 //! * f of (8) is the vector F(nu2) nu2, and row 3 of g2 is r/I_z, not T_z/I_z. Both follow from (3).
 //! * h is a known function of time, h(t), not of the rates.
+//! * The drag of (1) acts on the velocity relative to the air, which stands still in the paper.
 //! * u is only the total thrust. The body velocity is v, and I_M^-1 tau has no letter of its own.
 
 use messages::attitude::Attitude;
@@ -70,6 +71,8 @@ pub struct Dynamics {
     per_mass: f64,
     /// k_t/m [1/s].
     drag: f64,
+    /// Velocity of the air, world frame [m/s].
+    wind: Vector3<f64>,
     inertia: Inertia,
     /// I_M^-1 I_R of x and y, without unit.
     gyroscopic: [f64; 2],
@@ -81,17 +84,17 @@ pub struct Dynamics {
 
 impl Dynamics {
     /// Its numbers, to lay them beside those of other airframes.
-    pub(crate) fn numbers(&self) -> [f64; 18] {
+    pub(crate) fn numbers(&self) -> [f64; 21] {
         let [a, b, c, d, e, f, h, i, j] = self.inertia.numbers();
-        let ([x, y], r) = (self.gyroscopic, &self.rate_drag);
+        let ([x, y], r, w) = (self.gyroscopic, &self.rate_drag, &self.wind);
         let (g, per_mass, drag, delta) = (self.g, self.per_mass, self.drag, self.delta);
         [
-            g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r.x, r.y, r.z, delta,
+            g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r.x, r.y, r.z, delta, w.x, w.y, w.z,
         ]
     }
 
     #[inline(always)]
-    pub(crate) fn of_numbers(n: [f64; 18]) -> Self {
+    pub(crate) fn of_numbers(n: [f64; 21]) -> Self {
         let inertia = [n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]];
         Self {
             g: n[0],
@@ -101,6 +104,7 @@ impl Dynamics {
             gyroscopic: [n[12], n[13]],
             rate_drag: Vector3::new(n[14], n[15], n[16]),
             delta: n[17],
+            wind: Vector3::new(n[18], n[19], n[20]),
         }
     }
 
@@ -113,6 +117,7 @@ impl Dynamics {
             g: airframe.g(),
             per_mass: 1.0 / m,
             drag: airframe.k_t() / m,
+            wind: airframe.wind().into(),
             inertia,
             gyroscopic: [
                 airframe.i_r() * per_inertia.x,
@@ -121,6 +126,12 @@ impl Dynamics {
             rate_drag: per_inertia * airframe.k_r(),
             delta: airframe.delta(),
         }
+    }
+
+    /// Adds a gust [m/s, world] to the mean wind of the airframe's parameters.
+    #[inline]
+    pub fn gust(&mut self, airframe: &Airframe, gust: &Vector3<f64>) {
+        self.wind = Vector3::from(airframe.wind()) + gust;
     }
 
     /// What the rotors do, without the disturbance.
@@ -152,7 +163,8 @@ impl Dynamics {
         forcing: &Forcing,
     ) -> Vector3<f64> {
         // -0 changes nothing that is added to it, so two additions of three are none.
-        Vector3::new(-0.0, -0.0, -self.g) + attitude.z_b_in_w() * forcing.lift - v * self.drag
+        Vector3::new(-0.0, -0.0, -self.g) + attitude.z_b_in_w() * forcing.lift
+            - (v - self.wind) * self.drag
     }
 
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
@@ -173,7 +185,10 @@ impl Dynamics {
         u: f64,
         pushed_w: &Vector3<f64>,
     ) -> Vector3<f64> {
-        Vector3::z() * (u * self.per_mass) + body.attitude.to_body(&(pushed_w - body.v * self.drag))
+        Vector3::z() * (u * self.per_mass)
+            + body
+                .attitude
+                .to_body(&(pushed_w - (body.v - self.wind) * self.drag))
     }
 }
 

@@ -7,8 +7,10 @@
 //! * The k of (6) is missing from Table I. The parameter table has the k of Bouabdallah's OS4.
 //! * Row 4 of (7) uses kappa = d/k. With the printed d, this length would be 7.5e-7 and there would be no yaw
 //!   authority.
-//! * Two additions to the paper: an efficiency per rotor, which scales its thrust and thus its drag torque, and a
-//!   first-order lag of the speeds. Nominally both are off.
+//! * Three additions to the paper: an efficiency per rotor, which scales its thrust and thus its drag torque, a
+//!   first-order lag of the speeds, and with a lag the reaction torque -I_R d(Om) of rotors that change their speed.
+//!   Nominally all are off. A positive I_R is the paper's convention and not physical (docs/conventions.md): its
+//!   reaction would turn the body the wrong way, so there is none.
 
 use messages::allocation::{Allocation, net_speed};
 use messages::math::{exp, exp_m1};
@@ -70,7 +72,13 @@ impl Spin {
 
     /// What the rotors do at `offset_s` [s] after the tick.
     pub fn effort(&self, offset_s: f64) -> Effort {
-        self.rotors.effort(&self.speed(offset_s))
+        let (w, rotors) = (self.speed(offset_s), &self.rotors);
+        let mut effort = rotors.effort(&w);
+        if self.lags() && rotors.i_r < 0.0 {
+            let d_w = (self.command - w) / rotors.time_constant_s;
+            effort.tau.z -= rotors.i_r * net_speed(&d_w);
+        }
+        effort
     }
 
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
@@ -101,6 +109,8 @@ pub(crate) struct Rotors {
     allocation: Allocation,
     /// Time constant of the motors [s]; 0 is none.
     time_constant_s: f64,
+    /// I_R [kg m^2].
+    i_r: f64,
 }
 
 impl Rotors {
@@ -110,6 +120,7 @@ impl Rotors {
             efficiency: airframe.rotor_efficiency().into(),
             allocation: Allocation::new(airframe),
             time_constant_s: airframe.motor_time_constant_s(),
+            i_r: airframe.i_r(),
         }
     }
 

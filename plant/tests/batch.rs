@@ -16,6 +16,8 @@ struct Drawn {
     mass_kg: f64,
     inertia_x_kg_m2: f64,
     lag_s: f64,
+    i_r_kg_m2: f64,
+    w20_m_s: f64,
     attitude_rad: [f64; 3],
     rate_b_rad_s: [f64; 3],
     /// 1 of 4 has a ground, at 0.
@@ -39,6 +41,8 @@ prop_compose! {
         mass_kg in 0.3..0.7_f64,
         inertia_x_kg_m2 in 0.004..0.01_f64,
         lag_s in prop_oneof![Just(0.0), 0.001..0.1_f64],
+        i_r_kg_m2 in -1e-4..1e-4_f64,
+        w20_m_s in prop_oneof![Just(0.0), 0.1..20.0_f64],
         attitude_rad in prop::array::uniform3(angle()),
         rate_b_rad_s in [-20.0..20.0_f64, -20.0..20.0, -9.0..9.0],
         has_ground in prop::bool::weighted(0.25),
@@ -50,6 +54,8 @@ prop_compose! {
             mass_kg,
             inertia_x_kg_m2,
             lag_s,
+            i_r_kg_m2,
+            w20_m_s,
             attitude_rad,
             rate_b_rad_s,
             has_ground,
@@ -66,6 +72,9 @@ impl Drawn {
             (Parameter::Mass, self.mass_kg),
             (Parameter::InertiaX, self.inertia_x_kg_m2),
             (Parameter::MotorTimeConstant, self.lag_s),
+            (Parameter::RotorInertia, self.i_r_kg_m2),
+            (Parameter::Turbulence, self.w20_m_s),
+            (Parameter::WindY, 2.0),
         ]);
         let ground = Ground {
             z_m: 0.0,

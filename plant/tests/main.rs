@@ -12,6 +12,7 @@ mod reference_vectors;
 mod sensors;
 mod swaps;
 mod timing;
+mod wind;
 
 use messages::content::{RotorSpeeds, Stamped, State};
 use messages::parameters::{Airframe, Parameter};

@@ -202,3 +202,27 @@ proptest! {
         prop_assert!((means(1e-300).speed_squared.x - command * command).abs() < 1e-6);
     }
 }
+
+#[test]
+fn rotors_that_change_their_speed_turn_the_body_the_other_way() {
+    use Parameter::{DisturbanceGain, DragFactor, MotorTimeConstant, RotationalDrag, RotorInertia};
+    let yawing = |i_r: f64| {
+        let airframe = airframe(&[
+            (DisturbanceGain, 0.0),
+            (DragFactor, 0.0),
+            (RotationalDrag, 0.0),
+            (MotorTimeConstant, 0.02),
+            (RotorInertia, i_r),
+        ]);
+        let (from, to) = (hover(&airframe), Vector4::new(250.0, 150.0, 250.0, 150.0));
+        let spin = Spin::new(&airframe, from, to);
+        let body = integrate(&RigidBody::default(), &airframe, &spin, 0, 0.01, 40);
+        let w = spin.speed(0.01);
+        let of_rotors = i_r * (w.x - w.y + w.z - w.w);
+        (body.nu2.z, body.nu2.z * airframe.i_m()[2] + of_rotors)
+    };
+    let (rate, momentum) = yawing(-3.36e-5);
+    assert!(rate > 0.1 && momentum.abs() < 1e-12, "{rate} {momentum}");
+    // The paper's sign is none of a rotor, and has no reaction.
+    assert_eq!(yawing(3.36e-5).0, 0.0);
+}

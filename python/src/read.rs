@@ -88,6 +88,8 @@ impl Read {
             LogEntry::Theorem(Message { envelope, content }) => {
                 self.tables.push(envelope.tick, content);
             }
+            // Tables have one row a tick; `export` has these messages.
+            LogEntry::Decisions(_) | LogEntry::Loss(_) => {}
         }
     }
 

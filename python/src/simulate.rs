@@ -109,7 +109,7 @@ fn flight(
         Some(_) => None,
     };
     if outer.is_none() && inner.is_none() {
-        return Ok(Simulator::of(settings)?.with_monitor(theorem, settings.rt.channels));
+        return Ok(Simulator::of(settings)?.with_monitor(theorem));
     }
     let outer = match outer {
         None => settings.outer_stage()?,
@@ -127,5 +127,5 @@ fn flight(
             GuardedInner::new(made, &rig)
         }
     };
-    Ok(Simulator::with(settings, outer, inner)?.with_monitor(theorem, settings.rt.channels))
+    Ok(Simulator::with(settings, outer, inner)?.with_monitor(theorem))
 }

@@ -152,6 +152,8 @@ impl Plan<'_> {
                     let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
                     self.apart(group, SPECS.iter().map(spec).collect(), place);
                 }
+                // The plant's record for the replay, which a simulation does not have.
+                ("decision", Kind::Struct { fields, .. }) => self.leave_out(fields, place),
                 (name, Kind::Struct { fields, .. }) => {
                     let telemetry = self.telemetry.clone();
                     let group = match name {
@@ -170,6 +172,18 @@ impl Plan<'_> {
                     self.column(group, name.to_owned(), unit.to_owned(), field.length);
                     self.table.places.push(place);
                 }
+            }
+        }
+    }
+
+    fn leave_out(&mut self, fields: &[Field], place: Place) {
+        for field in fields {
+            match field.kind {
+                Kind::Struct { fields, .. } => self.leave_out(fields, place),
+                _ => self.table.places.push(Place {
+                    apart: Some(0),
+                    ..place
+                }),
             }
         }
     }

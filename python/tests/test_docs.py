@@ -54,7 +54,7 @@ def test_the_page_does_what_it_shows(ironbird_command, tmp_path, monkeypatch, ca
             result = ironbird_command(*flags)
             assert result.returncode == 0, f"{line}\n{result.stderr}"
     assert shown.index("python3 -m venv .venv") < shown.index(". .venv/bin/activate") < shown.index("python/build")
-    assert capsys.readouterr().out.startswith("<Flight lissajous, 20001 ticks, estimating + adaptive + priority: completed, ")
+    assert capsys.readouterr().out.startswith("<Flight lissajous, 20001 ticks, estimating + adaptive + roll_pitch_first: completed, ")
     law = next(text for _, file, text in BLOCKS if file)
     assert law == (ROOT / "python" / "examples" / "angles.py").read_text()
 

@@ -49,7 +49,7 @@ def position(tick, measured, reference):
 def test_functions_fly_both_loops():
     flight = ironbird.simulate("hover", 8, outer=position, inner=angles)
     assert flight.end == "completed" and flight.position_error_m[-1] < 0.03
-    assert flight.laws == {"outer": "position", "inner": "angles", "mixer": "priority"}
+    assert flight.laws == {"outer": "position", "inner": "angles", "mixer": "roll_pitch_first"}
     assert np.all(flight.wrench.mode == 0) and len(flight.theorem) == 0
     assert ironbird.simulate("hover", 8, outer=position, inner=angles).fingerprint == flight.fingerprint
 

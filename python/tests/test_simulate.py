@@ -55,11 +55,19 @@ def test_arrays_have_a_row_per_tick_and_a_unit():
     assert faults == [(200, 0.2, "mass_kg", 0.52, 0.6), (200, 0.2, "rotor_efficiency_3", 1.0, 0.9)]
     # Before the first command there is no tick of one.
     assert np.isnan(flight.state.command_tick[0]) and flight.state.command_tick[1] == 0
-    assert flight.laws == {"outer": "pd", "inner": "adaptive", "mixer": "priority"}
+    assert flight.laws == {"outer": "pd", "inner": "adaptive", "mixer": "roll_pitch_first"}
     assert (flight.end, flight.trajectory, flight.period_s) == ("completed", "lissajous", 1e-3)
     assert len(flight.timing) == 0 and flight.theorem.v_th.shape == (501,)
     expected = np.linalg.norm(flight.state.position_w_m - flight.reference.position_w_m, axis=1)
     assert np.array_equal(flight.position_error_m, expected)
+
+
+def test_yaw_and_tilt_errors_are_against_the_reference():
+    # A steady wind of 2 m/s needs a lean whose tangent is drag over weight.
+    flight = ironbird.simulate("hover", 20.0, faults="wind_x_m_s=2@5s")
+    assert flight.tilt_error_rad[5001] > 0.3 and flight.tilt_error_rad[-1] < 0.01
+    turned = ironbird.simulate("step", 1.0)
+    assert abs(turned.yaw_error_rad[0] - 0.5) < 1e-12 and turned.yaw_error_rad[-1] < 0.5
 
 
 def test_declared_names_are_those_that_there_are():
@@ -220,7 +228,7 @@ def test_a_flight_can_be_pickled_and_shown():
     flight = ironbird.simulate("hover", 0.1)
     again = pickle.loads(pickle.dumps(flight))
     assert np.array_equal(again.state.position_w_m, flight.state.position_w_m)
-    assert repr(again) == f"<Flight hover, 101 ticks, pd + adaptive + priority: completed, outputs {flight.fingerprint}>"
+    assert repr(again) == f"<Flight hover, 101 ticks, pd + adaptive + roll_pitch_first: completed, outputs {flight.fingerprint}>"
     with pytest.raises(AttributeError, match="State has no 'positon_w_m'; there are position_w_m, "):
         flight.state.positon_w_m
 

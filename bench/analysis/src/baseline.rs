@@ -2,8 +2,7 @@
 
 use crate::distribution::Distribution;
 use crate::host::Steal;
-use crate::series::Statistics;
-use hdrhistogram::Histogram;
+use crate::series::{Latencies, Statistics};
 use serde::{Deserialize, Serialize};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,12 +26,12 @@ pub struct SeriesBaseline {
 }
 
 impl SeriesBaseline {
-    pub fn of(series: &str, what: &str, histogram: &Histogram<u64>) -> Self {
+    pub fn of(series: &str, what: &str, latencies: &Latencies) -> Self {
         Self {
             series: series.into(),
             what: what.into(),
-            statistics: Statistics::of(what, histogram),
-            distribution: Distribution::of(what, histogram, 0),
+            statistics: Statistics::of(what, latencies),
+            distribution: Distribution::of(what, latencies, 0),
         }
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! [`crate::flight_metrics`] measures each flight; the crate `render` shows the outcomes.
 
+use crate::schema::AngleErrors;
 use crate::traces::Group;
 use flight_log::build::Build;
 use serde::{Deserialize, Serialize};
@@ -9,8 +10,6 @@ use serde::{Deserialize, Serialize};
 pub const SCHEMA: &str = "ironbird-comparison/1";
 /// How long after a fault a flight has to settle before its error counts as lasting [s].
 pub const SETTLING_S: f64 = 5.0;
-/// How long an error must stay below the bound to count as recovered [s].
-pub const STAYING_S: f64 = 1.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
@@ -80,8 +79,11 @@ pub struct Figures {
     pub error_from_fault: Option<ErrorFigures>,
     /// The same from [`SETTLING_S`] after the last fault on; none where the flight was over by then, or there is none.
     pub error_after: Option<ErrorFigures>,
-    /// Per fault, time until the true position error was below the bound, and stayed there until the next fault or the
-    /// end, for [`STAYING_S`] at least [s]; none where it was not.
+    /// Errors of the whole flight; none without a state.
+    pub yaw_error: Option<AngleErrors>,
+    pub tilt_error: Option<AngleErrors>,
+    /// Per fault, time until the true position error stayed below the bound ([`crate::recovery`]) [s]; none where it did
+    /// not.
     pub recovery_s: Vec<Option<f64>>,
     pub effort: Effort,
     /// The curves of a page; JSON has them only on request.

@@ -4,11 +4,11 @@
 //! ([`crate::statistics::permutation_test`]), because the ticks of one flight depend on each other: one stall delays
 //! many of them.
 
-use crate::distribution::PERCENTS;
+use crate::distribution::tail_percents;
 use crate::host::STEAL_LIMIT_PERCENT;
 use crate::phrase::name_of;
 use crate::report_file::RunFacts;
-use crate::schema::{FlightStatus, Report};
+use crate::schema::{AGITATION, FlightStatus, NOT_FRESH, Report};
 use crate::statistics::{Groups, median, permutation_test};
 use flight_log::build::Build;
 use serde::Serialize;
@@ -65,6 +65,8 @@ pub struct Side {
     pub ticks: u64,
     pub skipped: u64,
     pub missed: u64,
+    /// Ticks without a fresh command on time; none in lockstep.
+    pub not_fresh: Option<u64>,
     pub steal_percent: f64,
     pub theorem: String,
 }
@@ -122,6 +124,7 @@ impl ComparedRun {
             ticks: report.ticks.run,
             skipped: report.ticks.skipped,
             missed: report.deadlines.missed,
+            not_fresh: report.deadlines.not_fresh.map(|it| it.ticks),
             steal_percent: report.steal.percent,
             theorem: name_of(&report.words.theorem.word),
         }
@@ -348,33 +351,35 @@ type Figure = (Subject, String, Option<f64>);
 /// The figures of a flight; every flight has the same names in the same order, as long as it has the series.
 fn figures(report: &Report) -> Vec<Figure> {
     use Subject::{Timing, Tracking};
-    let (flight, missed) = (&report.flight, report.deadlines.missed);
+    let (flight, deadlines) = (&report.flight, &report.deadlines);
     let ticks = (report.ticks.run + report.ticks.skipped) as f64;
     let per_million = |count: u64| (ticks > 0.0).then(|| count as f64 / ticks * 1e6);
-    let [rms, largest, end] = [
-        flight.position_error_rms_m,
-        flight.position_error_max_m,
-        flight.position_error_final_m,
-    ]
-    .map(Some);
     let rate = flight.rate_error_final_rad_s;
     let skipped = per_million(report.ticks.skipped);
-    let figures = [
-        (Tracking, "position error, rms [m]", rms),
-        (Tracking, "position error, largest [m]", largest),
-        (Tracking, "position error, at the end [m]", end),
-        (Tracking, "rate error, at the end [rad/s]", rate),
-        (
-            Timing,
-            "deadlines missed [per million]",
-            per_million(missed),
-        ),
-        (Timing, "ticks skipped [per million]", skipped),
-    ];
-    let figures = figures.map(|(subject, name, value)| (subject, name.to_owned(), value));
-    let mut all = Vec::from(figures);
+    let not_fresh = deadlines.not_fresh.map(|it| it.per_million);
+    // The number that leads the timing verdict comes first.
+    let mut all = vec![(Timing, format!("{NOT_FRESH} [per million]"), not_fresh)];
+    for error in flight.errors().into_iter().flatten() {
+        let (name, unit) = (error.name, error.unit);
+        let numbers = [
+            ("rms", error.rms),
+            ("largest", error.max),
+            ("at the end", error.last),
+        ];
+        let named = |(which, value)| (Tracking, format!("{name}, {which} [{unit}]"), Some(value));
+        all.extend(numbers.map(named));
+    }
+    all.push((Tracking, "rate error, at the end [rad/s]".into(), rate));
+    all.extend(flight.effort.iter().flat_map(|it| {
+        let saturated = ("rotors saturated [%]", it.saturated_percent);
+        let both = [saturated, (AGITATION, it.agitation_rad_s)];
+        both.map(|(name, value)| (Tracking, name.to_owned(), Some(value)))
+    }));
+    let missed = per_million(deadlines.missed);
+    all.push((Timing, "deadlines missed [per million]".into(), missed));
+    all.push((Timing, "ticks skipped [per million]".into(), skipped));
     for distribution in &report.distributions {
-        all.extend(PERCENTS.map(|(percent, _)| {
+        all.extend(tail_percents(&distribution.name).map(|percent| {
             let name = format!("{} p{percent} [us]", distribution.name);
             let value = distribution.percentile(percent).map(|it| it.value_us);
             (Timing, name, value)

@@ -1,7 +1,7 @@
 //! Distribution of a latency series: percentile curve, histogram, confidence intervals.
 
+use crate::series::{Latencies, SLACK};
 use crate::statistics::ranks;
-use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ pub struct Distribution {
     pub curve: Vec<(f64, f64)>,
     /// The histogram: every value is in one bin, and empty bins are left out. Around 0, or around the length of a tick
     /// where the series is a period, bins are as narrow as three digits allow; far from it there are 24 a decade. There
-    /// are at most 220.
+    /// are at most 220 up to 10 s.
     pub bins: Vec<Bin>,
 }
 
@@ -48,7 +48,7 @@ pub struct Percentile {
     pub high_us: f64,
 }
 
-/// The percentiles of the report, with the number of values that each needs.
+/// The percentiles of a latency in the report, with the number of values that each needs.
 pub const PERCENTS: [(f64, u64); 5] = [
     (50.0, 0),
     (90.0, 0),
@@ -57,19 +57,26 @@ pub const PERCENTS: [(f64, u64); 5] = [
     (99.99, P9999_COUNT),
 ];
 
+/// The percentiles of a series on the side of its tail that matters.
+pub fn tail_percents(name: &str) -> [f64; PERCENTS.len()] {
+    match name {
+        SLACK => [50.0, 10.0, 1.0, 0.1, 0.01],
+        _ => PERCENTS.map(|(percent, _)| percent),
+    }
+}
+
 impl Distribution {
-    /// The distribution of a histogram of nanoseconds whose bins are finest around `about_ns`: the tick's length for a
-    /// period, 0 for other latencies.
-    pub fn of(name: &str, histogram: &Histogram<u64>, about_ns: u64) -> Self {
-        let allowed = PERCENTS
-            .into_iter()
-            .filter(|(_, needed)| histogram.len() >= *needed);
-        let percentiles = allowed.filter_map(|(percent, _)| percentile(histogram, percent));
+    /// The distribution of latencies whose bins are finest around `about_ns`: the tick's length for a period, 0 for
+    /// other latencies.
+    pub fn of(name: &str, latencies: &Latencies, about_ns: u64) -> Self {
+        let percents = tail_percents(name).into_iter().zip(PERCENTS);
+        let allowed = percents.filter(|(_, (_, needed))| latencies.len() >= *needed);
+        let percentiles = allowed.filter_map(|(percent, _)| percentile(latencies, percent));
         Self {
             name: name.to_owned(),
             percentiles: percentiles.collect(),
-            curve: curve(histogram),
-            bins: Bins::about(histogram, about_ns).of(histogram),
+            curve: curve(latencies),
+            bins: Bins::about(latencies, about_ns).of(latencies),
         }
     }
 
@@ -83,37 +90,39 @@ fn in_us(ns: u64) -> f64 {
     ns as f64 / 1e3
 }
 
-fn percentile(histogram: &Histogram<u64>, percent: f64) -> Option<Percentile> {
-    let count = histogram.len();
+fn percentile(latencies: &Latencies, percent: f64) -> Option<Percentile> {
+    let count = latencies.len();
     let (low, high) = ranks(count, percent / 100.0)?;
     // In the middle of the rank's share, where rounding cannot reach the next one.
-    let at_rank = |rank: u64| histogram.value_at_quantile((rank as f64 - 0.5) / count as f64);
+    let at_rank = |rank: u64| latencies.quantile_ns((rank as f64 - 0.5) / count as f64);
     Some(Percentile {
         percent,
-        value_us: in_us(histogram.value_at_quantile(percent / 100.0)),
-        low_us: in_us(histogram.lowest_equivalent(at_rank(low))),
+        value_us: in_us(latencies.quantile_ns(percent / 100.0)),
+        low_us: in_us(latencies.lowest_equivalent(at_rank(low))),
         high_us: in_us(at_rank(high)),
     })
 }
 
-fn curve(histogram: &Histogram<u64>) -> Vec<(f64, f64)> {
-    if histogram.is_empty() {
+fn curve(latencies: &Latencies) -> Vec<(f64, f64)> {
+    if latencies.is_empty() {
         return Vec::new();
     }
-    let largest = 1.0 - 0.5 / histogram.len() as f64;
-    let steps = histogram.iter_quantiles(CURVE_STEPS);
+    let largest = 1.0 - 0.5 / latencies.len() as f64;
+    let steps = latencies.iter_quantiles(CURVE_STEPS);
     let points = steps.map(|step| (step.quantile_iterated_to(), in_us(step.value_iterated_to())));
     // The last steps lie closer to 100 % than one value is.
     let points = points.filter(|(share, _)| *share < largest);
-    points.chain([(largest, in_us(histogram.max()))]).collect()
+    points
+        .chain([(largest, in_us(latencies.max_ns()))])
+        .collect()
 }
 
 /// A logarithmic histogram: three bars a decade.
-pub fn buckets(histogram: &Histogram<u64>) -> Vec<Bucket> {
+pub fn buckets(latencies: &Latencies) -> Vec<Bucket> {
     let steps = |decade| [1, 2, 5].map(|step| step * 10_u64.pow(decade));
-    let edges: Vec<u64> = [0].into_iter().chain((2..=10).flat_map(steps)).collect();
+    let edges: Vec<u64> = [0].into_iter().chain((2..=18).flat_map(steps)).collect();
     let bucket = |edges: &[u64]| {
-        let values = histogram.iter_recorded();
+        let values = latencies.iter_recorded();
         let inside = values.filter(|it| (edges[0]..edges[1]).contains(&it.value_iterated_to()));
         Bucket {
             from_us: in_us(edges[0]),
@@ -134,10 +143,10 @@ struct Bins {
 
 impl Bins {
     /// Bins no narrower than two steps of the histogram are wide: narrower ones would be empty in turns.
-    fn about(histogram: &Histogram<u64>, about_ns: u64) -> Self {
+    fn about(latencies: &Latencies, about_ns: u64) -> Self {
         Self {
             about_ns,
-            threshold_ns: 2.0 * histogram.equivalent_range(about_ns) as f64 / Self::STEP,
+            threshold_ns: 2.0 * latencies.equivalent_range(about_ns) as f64 / Self::STEP,
         }
     }
 
@@ -156,9 +165,9 @@ impl Bins {
         begin_ns.round() / 1e3
     }
 
-    fn of(&self, histogram: &Histogram<u64>) -> Vec<Bin> {
+    fn of(&self, latencies: &Latencies) -> Vec<Bin> {
         let mut counts: BTreeMap<i64, u64> = BTreeMap::new();
-        for value in histogram.iter_recorded() {
+        for value in latencies.iter_recorded() {
             let number = self.number(value.value_iterated_to());
             *counts.entry(number).or_default() += value.count_at_value();
         }
@@ -170,12 +179,11 @@ impl Bins {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::series::HIGHEST_NS;
 
-    fn histogram(values: impl Iterator<Item = u64>) -> Histogram<u64> {
-        let mut histogram = crate::series::histogram().unwrap();
-        values.for_each(|value| histogram.saturating_record(value));
-        histogram
+    fn histogram(values: impl Iterator<Item = u64>) -> Latencies {
+        let mut latencies = Latencies::new().unwrap();
+        values.for_each(|value| latencies.record(value));
+        latencies
     }
 
     #[test]
@@ -206,10 +214,11 @@ mod tests {
         let width = |i: usize| bins[i].1 - bins[i].0;
         let is_finest = width(1) < 1.1 && width(3) < 4.0 && width(4) > 5_000.0;
         assert!(is_finest && bins[1].1 == 1_000.0, "{bins:?}");
-        let widest = histogram([1, HIGHEST_NS].into_iter());
+        const LONG_NS: u64 = 10_000_000_000;
+        let widest = histogram([1, LONG_NS].into_iter());
         for about_ns in [0, 1_000_000, 10_000_000] {
             let bins = Bins::about(&widest, about_ns);
-            let count = bins.number(HIGHEST_NS) - bins.number(1) + 1;
+            let count = bins.number(LONG_NS) - bins.number(1) + 1;
             assert!(count <= 220, "{count} around {about_ns} ns");
         }
     }

@@ -37,8 +37,19 @@ impl InjectedFault {
         Self { live: true, ..self }
     }
 
-    /// Whether it can have a part in an outage of these ticks: an event, also in the tick after it; a stop, until it has
-    /// ended or its process was replaced.
+    /// First tick in which it can no longer act; none if it has no end. An event acts also in the tick after it; a stop,
+    /// until it has ended or its process was replaced.
+    pub fn end_tick(&self, period_s: f64, failures: &[ProcessFailure]) -> Option<u64> {
+        match self.happens_once() {
+            true => Some(
+                self.tick
+                    .saturating_add(2 + self.stop_ticks(period_s, failures)),
+            ),
+            false => self.to_tick,
+        }
+    }
+
+    /// True if the fault may have a part in an outage of these ticks.
     pub fn is_active(
         &self,
         first: u64,
@@ -46,12 +57,7 @@ impl InjectedFault {
         period_s: f64,
         failures: &[ProcessFailure],
     ) -> bool {
-        let to = match self.happens_once() {
-            true => self
-                .tick
-                .saturating_add(2 + self.stop_ticks(period_s, failures)),
-            false => self.to_tick.unwrap_or(u64::MAX),
-        };
+        let to = self.end_tick(period_s, failures).unwrap_or(u64::MAX);
         self.tick <= last && to > first && !self.is_cancelled()
     }
 

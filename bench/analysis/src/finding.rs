@@ -8,19 +8,10 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum Level {
     Ok,
+    Unknown,
     Warning,
     /// As it is, nothing flies in real time.
     Blocks,
-}
-
-impl Level {
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::Warning => "warning",
-            Self::Blocks => "BLOCKS",
-        }
-    }
 }
 
 /// What can be expected of a machine; the later, the better.
@@ -60,22 +51,26 @@ impl Finding {
         }
     }
 
+    /// It could not be examined; `found` says why.
+    pub fn unknown(self, allows: RealtimeClass) -> Self {
+        self.of_level(Level::Unknown, allows, None)
+    }
+
     /// It could be better, and wake-ups are as bounded as without it.
     pub fn could_be_better(self, fix: impl Into<String>) -> Self {
         let allows = self.allows;
-        self.fixed_by(Level::Warning, allows, fix)
+        self.of_level(Level::Warning, allows, Some(fix.into()))
     }
 
     pub fn softens(self, fix: impl Into<String>) -> Self {
-        self.fixed_by(Level::Warning, RealtimeClass::Soft, fix)
+        self.of_level(Level::Warning, RealtimeClass::Soft, Some(fix.into()))
     }
 
     pub fn blocks(self, fix: impl Into<String>) -> Self {
-        self.fixed_by(Level::Blocks, RealtimeClass::NotRealTime, fix)
+        self.of_level(Level::Blocks, RealtimeClass::NotRealTime, Some(fix.into()))
     }
 
-    fn fixed_by(self, level: Level, allows: RealtimeClass, fix: impl Into<String>) -> Self {
-        let fix = Some(fix.into());
+    fn of_level(self, level: Level, allows: RealtimeClass, fix: Option<String>) -> Self {
         Self {
             level,
             allows,

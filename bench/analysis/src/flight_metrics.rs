@@ -2,11 +2,12 @@
 //!
 //! They use the true state, not the measured one.
 
-use crate::comparison::{
-    Effort, ErrorFigures, Fault, Figures, Flight, POWER, STAYING_S, TRUE_ERROR,
-};
+use crate::comparison::{Effort, ErrorFigures, Figures, Flight, POWER, TRUE_ERROR};
+use crate::effort::EffortStatistics;
+use crate::recovery::Recoveries;
+use crate::schema::ControlPerformance;
 use crate::tracer::{Merge as _, Range, Stretches};
-use crate::tracking::{RecentStates, Tracking, TrackingError};
+use crate::tracking::{POSITION, StateErrors, Tracking, TrackingStatistics};
 use messages::content::{ROTORS, RotorSpeeds, State};
 use messages::math;
 use messages::parameters::Airframe;
@@ -14,50 +15,44 @@ use messages::parameters::Airframe;
 /// Tracking error, effort and tilt of a flight, summed up tick by tick.
 #[derive(Debug)]
 pub struct FlightMetrics {
-    pub error: TrackingError,
-    pub recent: RecentStates,
+    pub tracking: TrackingStatistics,
+    commands: EffortStatistics,
     /// Smallest component of body z along the vertical: it gives the largest tilt.
     upright_min: f64,
-    saturated: u64,
     /// Sum of the cubed rotor speeds in hover, of the airframe as it was built [rad^3/s^3].
     hover: f64,
     power_sum: f64,
-    /// Rotor command of the previous tick [rad/s].
-    command: Option<[f64; ROTORS]>,
-    changes_squared_sum: f64,
 }
 
 impl FlightMetrics {
     pub fn new(period_s: f64, airframe: &Airframe) -> Self {
         let hover = airframe.as_built().hover_speed_rad_s();
         Self {
-            error: TrackingError::default(),
-            recent: RecentStates::new(period_s),
+            tracking: TrackingStatistics::new(period_s),
+            commands: EffortStatistics::default(),
             upright_min: 1.0,
-            saturated: 0,
             hover: ROTORS as f64 * hover * hover * hover,
             power_sum: 0.0,
-            command: None,
-            changes_squared_sum: 0.0,
         }
     }
 
-    /// Adds a tick: its state, its true position error [m], and the command computed from it. Returns the power of the
-    /// tick relative to hover.
-    pub fn take(&mut self, tick: u64, state: &State, error_m: f64, rotors: &RotorSpeeds) -> f64 {
-        self.error.take(error_m);
-        self.recent.take(tick, state.truth.position_w_m[2], error_m);
+    /// Adds a tick: its state, its true errors, and the command computed from it. Returns the power of the tick relative to
+    /// hover.
+    pub fn take(
+        &mut self,
+        tick: u64,
+        state: &State,
+        errors: &StateErrors,
+        rotors: &RotorSpeeds,
+    ) -> f64 {
+        self.tracking.take(tick, state, errors);
         // The sensors' attitude is the true one.
         let [_, x, y, _] = state.measured.attitude_quaternion;
         self.upright_min = self.upright_min.min(1.0 - 2.0 * (x * x + y * y));
-        self.saturated += rotors.saturated;
+        self.commands.take(rotors);
         let speeds = state.measured.rotor_speed_mean_rad_s;
         let power = speeds.iter().map(|w| w * w * w).sum::<f64>() / self.hover;
         self.power_sum += power;
-        let command = rotors.speed_rad_s;
-        let before = self.command.replace(command).unwrap_or(command);
-        let squares = (0..ROTORS).map(|i| (command[i] - before[i]) * (command[i] - before[i]));
-        self.changes_squared_sum += squares.sum::<f64>();
         power
     }
 
@@ -66,13 +61,15 @@ impl FlightMetrics {
         math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
     }
 
+    pub fn performance(&self) -> ControlPerformance {
+        self.tracking.performance(&self.commands)
+    }
+
     pub fn effort(&self) -> Effort {
-        let ticks = self.error.states;
-        let changes = ROTORS as f64 * ticks.saturating_sub(1).max(1) as f64;
         Effort {
-            power: self.power_sum / ticks.max(1) as f64,
-            agitation_rad_s: (self.changes_squared_sum / changes).sqrt(),
-            saturated_percent: 100.0 * self.saturated as f64 / ticks.max(1) as f64,
+            power: self.power_sum / self.tracking.states.max(1) as f64,
+            agitation_rad_s: self.commands.agitation_rad_s(),
+            saturated_percent: self.commands.saturated_percent(),
         }
     }
 }
@@ -110,8 +107,9 @@ impl ComparedFlight {
         if self.lost.is_some() {
             return;
         }
-        let error_m = self.tracking.error_m(tick, state);
-        let power = self.metrics.take(tick, state, error_m, rotors);
+        let errors = self.tracking.errors(tick, state, None);
+        let power = self.metrics.take(tick, state, &errors, rotors);
+        let error_m = errors[POSITION];
         self.error_m.push(error_m);
         for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {
             *range = range.and(Range::of(value));
@@ -127,11 +125,18 @@ impl ComparedFlight {
         };
         let first = flight.faults.first().map(|fault| fault.tick);
         let settled = flight.settled_tick();
+        let ControlPerformance {
+            yaw_error,
+            tilt_error,
+            ..
+        } = self.metrics.performance();
         Figures {
             error: part(0, u64::MAX).unwrap_or_default(),
             error_before: first.and_then(|first| part(0, first)),
             error_from_fault: first.and_then(|first| part(first, u64::MAX)),
             error_after: settled.and_then(|settled| part(settled, u64::MAX)),
+            yaw_error,
+            tilt_error,
             recovery_s: self.recoveries(flight),
             effort: self.metrics.effort(),
             trace: Some(self.trace.group(&[TRUE_ERROR, POWER])),
@@ -140,17 +145,13 @@ impl ComparedFlight {
 
     /// Per fault, how long the error took to come back [s].
     fn recoveries(&self, flight: &Flight) -> Vec<Option<f64>> {
-        let staying = (STAYING_S / flight.period_s).round() as usize;
-        let next = flight.faults.iter().skip(1).map(|next| next.tick);
-        let ends = next.chain([flight.last_tick + 1]);
-        let recovered = |(fault, end): (&Fault, u64)| {
-            // Whether a flight that ended before would have stayed is unknown.
-            let errors = self.error_m.get(fault.tick as usize..end as usize)?;
-            let beyond = errors.iter().rposition(|error_m| *error_m > flight.bound_m);
-            let back = beyond.map_or(0, |last| last + 1);
-            (errors.len() - back >= staying).then(|| flight.time_s(back as u64))
-        };
-        flight.faults.iter().zip(ends).map(recovered).collect()
+        let faults = flight.faults.iter().map(|fault| fault.tick);
+        let mut recoveries =
+            Recoveries::new(faults, flight.last_tick, flight.bound_m, flight.period_s);
+        let errors = (0..).zip(&self.error_m);
+        errors.for_each(|(tick, error_m)| recoveries.take(tick, *error_m));
+        let ticks = recoveries.ticks().into_iter();
+        ticks.map(|ticks| Some(flight.time_s(ticks?))).collect()
     }
 }
 
@@ -173,6 +174,7 @@ mod tests {
     use controller::Trajectory;
 
     use super::*;
+    use crate::comparison::Fault;
 
     fn flight(last_tick: u64, faults: &[u64]) -> Flight {
         let fault = |tick: &u64| Fault {
@@ -266,12 +268,11 @@ mod tests {
         let found = recovered(&errors);
         assert_close(found[0].unwrap(), 2.6);
         assert_eq!(found[1..], [Some(0.0), None]);
-        // Less than a second below the bound is not yet a stay.
-        errors[130..].fill(0.1);
-        errors[192] = 0.6;
+        // Less than a fifth of the time is not yet a stay.
+        errors[187..].fill(0.1);
         assert_eq!(recovered(&errors)[2], None);
-        errors.swap(192, 190);
-        assert_close(recovered(&errors)[2].unwrap(), 6.1);
+        errors[186] = 0.1;
+        assert_close(recovered(&errors)[2].unwrap(), 5.6);
         // Of a flight that ended early, no recovery is known.
         let early = flown(&[0.1; 150]).figures(&flight(200, &[50, 100, 180]));
         assert_eq!(early.recovery_s, [Some(0.0), None, None]);

@@ -3,10 +3,12 @@
 //! The work of a stage in a tick counts after the plant has flown that tick, and the deadline of a command counts after
 //! the plant has judged it. A stage that continues after the plant has ended is not counted.
 
+use crate::command_verdicts::CommandVerdicts;
 use crate::deadlines::{DeadlineOutcome, Deadlines, Judged, LateCommands, MissRuns};
 use crate::faults::AppliedSwap;
 use crate::freshness::FreshnessStatistics;
 use crate::laws::{FlownLaws, NotFinite, SignalStatistics};
+use crate::losses::Losses;
 use crate::miss_analysis::MissAnalysis;
 use crate::process_failures::FailureStatistics;
 use crate::schema;
@@ -15,9 +17,8 @@ use crate::states::is_final_command;
 use crate::theorem::TheoremStatistics;
 use crate::timer_lead::{LeadSection, LeadStatistics};
 use crate::tracer::{Timing, Tracer};
-use crate::tracking::{ControlStatistics, RecentStates, Tracking};
+use crate::tracking::{ControlStatistics, POSITION, Tracking};
 use errors::Failure;
-use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
 use messages::blackboards;
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
@@ -32,6 +33,9 @@ use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 
 pub const SWAPS_KEPT: usize = 500;
+/// Places among [`TOPICS`].
+const STATES: usize = 0;
+const DECISIONS: usize = 6;
 
 #[derive(Debug)]
 pub struct FlightStatistics {
@@ -57,9 +61,9 @@ pub struct FlightStatistics {
     /// Commands whose deadlines the plant has not judged yet.
     commands: VecDeque<StampedCommand>,
     final_command_ns: Option<u64>,
-    sequences: [Sequence; TOPICS.len()],
+    losses: Losses,
+    verdicts: CommandVerdicts,
     flight: ControlStatistics,
-    recent: RecentStates,
     /// Answers that could not be used, of outer, inner and mixer law.
     pub not_finite: [NotFinite; 3],
     laws: FlownLaws,
@@ -68,30 +72,15 @@ pub struct FlightStatistics {
     pub swaps: Vec<AppliedSwap>,
     pub swaps_seen: u64,
     pub tracer: Tracer,
+    /// Tick of the newest state, and when it was sampled.
     newest: Option<(u64, u64)>,
-    /// With several channels, the messages of a topic are of changing processes.
-    channels: usize,
-    /// Ticks that the plant had skipped when it published the newest state.
+    /// What the plant had counted when it published that.
+    missed: u64,
     skipped: u64,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Sequence {
-    last: Option<(u64, u64)>,
-    lost: u64,
-}
-
-impl Sequence {
-    fn follow(&mut self, epoch: u64, seq: u64, joins: bool) -> bool {
-        let expected = match self.last {
-            Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
-            None if joins => seq,
-            _ => 0,
-        };
-        self.lost += seq.saturating_sub(expected);
-        self.last = Some((epoch, seq));
-        seq > expected
-    }
+    /// States that were published after the newest one that came.
+    unseen_states: u64,
+    /// With several channels, the messages of a stage are of changing processes.
+    channels: usize,
 }
 
 impl FlightStatistics {
@@ -119,9 +108,9 @@ impl FlightStatistics {
             passages: VecDeque::new(),
             commands: VecDeque::new(),
             final_command_ns: None,
-            sequences: [Sequence::default(); TOPICS.len()],
-            flight: ControlStatistics::default(),
-            recent: RecentStates::new(tracking.period_s()),
+            losses: Losses::default(),
+            verdicts: CommandVerdicts::default(),
+            flight: ControlStatistics::new(tracking.period_s()),
             not_finite: [NotFinite::default(); 3],
             laws: FlownLaws::default(),
             telemetry: [SignalStatistics::new(&[]); LAW_ROLES.len()],
@@ -129,8 +118,10 @@ impl FlightStatistics {
             swaps: Vec::new(),
             swaps_seen: 0,
             newest: None,
-            channels: 1,
+            missed: 0,
             skipped: 0,
+            unseen_states: 0,
+            channels: 1,
         })
     }
 
@@ -156,18 +147,11 @@ impl FlightStatistics {
         self.channels = channels;
     }
 
-    fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
-        if self.channels > 1 && C::SENDER != Role::Plant {
-            return false;
-        }
-        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
-    }
-
     /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
     ///
-    /// `is_virtual`: a hypervisor may run below; `shares_processor`: all loops were granted the same one.
-    pub fn begin_autopsy(&mut self, is_virtual: bool, shares_processor: bool) {
-        let analysis = |grid| MissAnalysis::new(grid, is_virtual, shares_processor);
+    /// `shares_processor`: all loops were granted the same one.
+    pub fn begin_autopsy(&mut self, shares_processor: bool) {
+        let analysis = |grid| MissAnalysis::new(grid, shares_processor);
         self.autopsy = self.grid.map(analysis);
     }
 
@@ -179,14 +163,35 @@ impl FlightStatistics {
             LogEntry::RotorSpeeds(message) => self.rotor_speeds(message),
             LogEntry::Swap(message) => self.swap(message),
             LogEntry::Theorem(message) => self.theorem(message),
+            LogEntry::Decisions(message) => {
+                let commands = message.content.commands().iter();
+                commands.for_each(|command| self.verdicts.take(command));
+            }
+            LogEntry::Loss(message) => {
+                self.losses.take(&message.content);
+                if let Some(autopsy) = &mut self.autopsy {
+                    autopsy.loss(&message.content);
+                }
+            }
         }
     }
 
+    /// Whether messages of a topic were lost between those of two ticks.
+    fn lacks(&self, topic: usize, ticks: RangeInclusive<u64>) -> bool {
+        self.losses.lacks(topic..=topic, ticks)
+    }
+
     fn state(&mut self, message: &Message<State>) {
-        let unseen = self.follow(0, message);
         let tick = message.envelope.tick;
+        let before = self.newest.map(|(before, _)| before);
+        let unseen = self.lacks(STATES, before.unwrap_or(0)..=tick)
+            || self.lacks(DECISIONS, before.unwrap_or(0)..=tick);
+        self.judge_commands(message, before, unseen);
         self.newest = Some((tick, message.envelope.sample_ns));
-        self.skipped = message.content.ticks_skipped;
+        (self.missed, self.skipped) = (
+            message.content.deadlines_missed,
+            message.content.ticks_skipped,
+        );
         self.deaths.message(message);
         self.stage(Self::passage(message, unseen));
         self.settle(tick, tick.checked_sub(1));
@@ -199,8 +204,6 @@ impl FlightStatistics {
             self.freshness.join(state);
         }
         self.states += 1;
-        self.freshness.state(message, unseen);
-        self.freshness.decide(self.grid, false);
         if self.grid.is_some() {
             let (lead_ns, late_ns) = (message.envelope.lead_ns, message.envelope.timer_late_ns);
             self.series.record(Series::Timer, late_ns);
@@ -212,12 +215,48 @@ impl FlightStatistics {
         }
         self.miss_runs
             .update(state.deadlines_missed, state.deadline_miss_run);
-        let error_m = self.tracking.error_m(tick, state);
-        self.deaths.error(tick, error_m);
-        self.flight.tracking.take(error_m);
-        self.recent.take(tick, state.truth.position_w_m[2], error_m);
+        let errors = self.tracking.errors(tick, state, None);
+        self.deaths.error(tick, errors[POSITION]);
+        self.flight.tracking.take(tick, state, &errors);
         self.flight.truth = state.truth.theta();
         self.theorem.truth(self.flight.truth);
+    }
+
+    /// Takes the plant's decisions between two states, and so which commands missed their deadlines.
+    fn judge_commands(&mut self, message: &Message<State>, before: Option<u64>, unseen: bool) {
+        let (tick, state) = (message.envelope.tick, &message.content);
+        if state.decision.count == 1 {
+            self.verdicts.take(&state.decision.command);
+        }
+        let joins_now = self.joins && before.is_none();
+        if unseen || joins_now {
+            self.verdicts.resume(tick, state);
+            let missed = state.deadlines_missed.saturating_sub(self.missed);
+            let skipped = state.ticks_skipped.saturating_sub(self.skipped);
+            if unseen {
+                self.freshness.missed += missed.saturating_sub(skipped);
+            }
+            if let Some(autopsy) = &mut self.autopsy {
+                autopsy.misses_unseen(missed);
+            }
+        } else {
+            self.judge_until(tick, before);
+        }
+    }
+
+    /// Judges the commands of the ticks from that of a state on.
+    fn judge_until(&mut self, tick: u64, before: Option<u64>) {
+        let mut has_missed = false;
+        let (verdicts, autopsy) = (&mut self.verdicts, &mut self.autopsy);
+        verdicts.judge(tick, |it| {
+            has_missed |= Some(it) == before.map(|before| before + 1);
+            if let Some(autopsy) = autopsy {
+                autopsy.miss(it - 1);
+            }
+        });
+        if let Some(before) = before {
+            self.freshness.judge(before, has_missed);
+        }
     }
 
     /// Tick of the newest state; 0 before the first.
@@ -228,13 +267,13 @@ impl FlightStatistics {
     fn setpoint(&mut self, message: &Message<Setpoint>) {
         let content = &message.content;
         self.loop_message(0, message, content.mode, &content.telemetry, None);
-        self.freshness.stage(0, message.envelope.tick, content.mode);
+        self.freshness.stage(message.envelope.tick, content.mode);
     }
 
     fn wrench(&mut self, message: &Message<Wrench>) {
         let content = &message.content;
         self.loop_message(1, message, content.mode, &content.telemetry, None);
-        self.freshness.stage(1, message.envelope.tick, content.mode);
+        self.freshness.stage(message.envelope.tick, content.mode);
         self.flight.wrench(&self.laws, content);
     }
 
@@ -247,7 +286,8 @@ impl FlightStatistics {
         telemetry: &Telemetry,
         loop_ns: Option<u64>,
     ) -> bool {
-        let follows_loss = self.follow(stage + 1, message);
+        let last = self.last_wake[C::SENDER as usize].map_or(0, |(tick, _)| tick);
+        let follows_loss = self.lacks(stage + 1, last..=message.envelope.tick);
         if self.channels <= 1 {
             self.deaths.message(message);
         }
@@ -274,15 +314,13 @@ impl FlightStatistics {
         let (envelope, content) = (&message.envelope, &message.content);
         let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
         if is_final_command(message) {
-            self.follow(3, message);
             self.final_command_ns = Some(sent_ns);
             return;
         }
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
         let follows_loss = self.loop_message(2, message, content.mode, &content.telemetry, loop_ns);
-        self.freshness.command(envelope, sent_ns, content.mode);
-        self.freshness.decide(self.grid, false);
-        self.flight.saturated += message.content.saturated;
+        self.freshness.command(envelope, content.mode);
+        self.flight.effort.take(content);
         let command = StampedCommand {
             tick: envelope.tick,
             sent_ns,
@@ -296,7 +334,6 @@ impl FlightStatistics {
     }
 
     fn swap(&mut self, message: &Message<SwapRecord>) {
-        self.follow(4, message);
         self.swaps_seen += 1;
         if self.swaps.len() < SWAPS_KEPT {
             let (tick, period_s) = (message.envelope.tick, self.tracking.period_s());
@@ -306,24 +343,21 @@ impl FlightStatistics {
     }
 
     pub fn theorem(&mut self, message: &Message<Monitor>) {
-        self.follow(5, message);
-        let epoch = match self.channels {
-            0 | 1 => message.envelope.epoch,
-            // All channels have one monitor.
-            _ => 0,
-        };
-        self.theorem.take(epoch, &message.content);
+        self.theorem.take(message.envelope.epoch, &message.content);
     }
 
     /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
     pub fn lost(&self) -> Counts {
-        self.sequences.map(|sequence| sequence.lost)
+        let mut lost = *self.losses.counts();
+        lost[STATES] += self.unseen_states;
+        lost
     }
 
     /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
     pub fn ticks(&self, run: &blackboards::Run) -> schema::Ticks {
         let elapsed_periods = self.newest.map_or(0, |(tick, sample_ns)| match self.grid {
-            Some(grid) => grid.tick_at(sample_ns) + 1,
+            // A plant that was stopped until the end flies the last tick after its time.
+            Some(grid) => grid.tick_at(sample_ns).min(run.last_tick) + 1,
             // Where ticks have no length, only their numbers can be compared.
             None => tick + 1,
         });
@@ -355,15 +389,20 @@ impl FlightStatistics {
         }
     }
 
+    /// Ticks that ran and whose command missed its deadline, and those whose command came of an older input.
+    pub const fn commands_not_fresh(&self) -> (u64, u64) {
+        (self.freshness.missed, self.freshness.stale)
+    }
+
     /// Ticks that flew without a fresh command on time; nothing in lockstep, where there are no deadlines.
     pub fn not_fresh(&self, ticks: &schema::Ticks) -> Option<schema::NotFresh> {
-        let (missed, stale) = (self.freshness.missed, self.freshness.stale);
+        let (missed, stale) = self.commands_not_fresh();
         self.grid
             .map(|_| schema::NotFresh::new(missed, stale, ticks))
     }
 
     pub fn flight(&self) -> schema::ControlPerformance {
-        self.flight.performance(&self.recent)
+        self.flight.performance()
     }
 }
 
@@ -506,19 +545,14 @@ impl FlightStatistics {
 
     /// The flight is over, at the latest at `now_ns`: what was still owed then is late until its end.
     pub fn finish(&mut self, run: &blackboards::Run, now_ns: u64) {
-        // States that were published after the newest one that came.
-        let known = self.states + self.sequences[0].lost;
-        self.sequences[0].lost += run.ticks_run.saturating_sub(known);
+        let known = self.states + self.losses.counts()[STATES];
+        self.unseen_states = run.ticks_run.saturating_sub(known);
         let Some((tick, sample_ns)) = self.newest else {
             return;
         };
         let completed = run.ending() == blackboards::EndReason::Completed;
-        if completed {
-            let (missed, skipped) = (run.deadlines_missed, run.ticks_skipped);
-            self.freshness
-                .finish(run.last_tick + 1, missed, skipped, self.grid);
-        } else {
-            self.freshness.decide(self.grid, true);
+        if completed && self.unseen_states == 0 {
+            self.judge_until(run.last_tick + 1, Some(run.last_tick));
         }
         // A flight that was planned to end with its last tick was awake to judge it; any other one judged up to its
         // last state.
@@ -556,6 +590,8 @@ impl FlightStatistics {
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
+    use flight_log::TOPICS;
+    use messages::content::{Decision, TakenCommand};
     use messages::header::{Header, Stamps};
 
     use super::*;
@@ -617,6 +653,7 @@ mod tests {
         let ticks = |phase: blackboards::RunPhase| {
             let run = blackboards::Run {
                 phase: phase as u64,
+                last_tick: 100,
                 ticks_skipped: 9,
                 ..blackboards::Run::default()
             };
@@ -652,6 +689,15 @@ mod tests {
         let mut state = message::<State>(envelope(20));
         state.content.deadlines_missed = late;
         state.content.deadline_miss_run = u64::from(is_late);
+        state.content.decision = Decision {
+            count: u64::from(tick > 0),
+            command: TakenCommand {
+                of_tick: tick.saturating_sub(1),
+                acts_from: tick + u64::from(is_late),
+                ..TakenCommand::default()
+            },
+            ..Decision::default()
+        };
         statistics.state(&state);
         statistics.setpoint(&message(envelope(30)));
         statistics.wrench(&message(envelope(40)));
@@ -666,7 +712,7 @@ mod tests {
     #[test]
     fn memory_is_bounded_however_long_a_flight_is() {
         let mut statistics = statistics();
-        statistics.begin_autopsy(true, true);
+        statistics.begin_autopsy(true);
         for tick in 0..60_000 {
             take_tick(&mut statistics, tick);
             statistics.autopsy.as_mut().unwrap().look();

@@ -4,8 +4,8 @@
 
 use crate::phrase::count;
 use crate::schema::{
-    AcceptanceResult, Explained, FlightStatus, Gate, Report, Speed, StabilityVerdict,
-    TimingVerdict, Verdicts,
+    AGITATION, AcceptanceResult, ControlPerformance, Explained, FlightStatus, Gate, NOT_FRESH,
+    QuantityError, Report, RotorEffort, Speed, StabilityVerdict, TimingVerdict, Verdicts,
 };
 use crate::series::Series;
 use crate::theorem::Theorem;
@@ -33,9 +33,17 @@ pub struct RequestedGates {
     pub max_loop_p999_us: Option<f64>,
     /// Position error in the last [`crate::tracking::RECENT_S`] at the most [m].
     pub max_tracking_error_m: Option<f64>,
+    /// Yaw error then at the most [rad].
+    pub max_yaw_error_rad: Option<f64>,
+    /// Share of the rotor commands that could not deliver the demand at the most [%].
+    pub max_saturated_percent: Option<f64>,
+    /// Root mean square of the change of a rotor's command in a tick at the most [rad/s].
+    pub max_agitation_rad_s: Option<f64>,
     /// What the host may take of the loops' processor at the most [%].
     pub max_steal_percent: Option<f64>,
     pub theorem: Option<TheoremGate>,
+    /// Whether channels with the same laws, states and inputs must have the same commands.
+    pub channels: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,10 +56,10 @@ pub enum TheoremGate {
 
 const ENVELOPE: &str = "flight envelope";
 
-/// What a gate measures: its name with the unit, and the number with its words, or why nothing was measured.
-struct Measured {
-    name: String,
-    value: Result<(f64, String), String>,
+/// Number that a gate judges: its name with the unit, and the number with its words, or why nothing was measured.
+pub struct Measured {
+    pub name: String,
+    pub value: Result<(f64, String), String>,
 }
 
 /// Judges a flight by its numbers: the gates, the status and the three verdicts. It still flies without an ending.
@@ -62,28 +70,25 @@ pub fn judge(
     limits: &TrackingLimits,
 ) {
     report.words = Verdicts::of(report, ending, limits);
-    let gates = gates(report, ending, requested);
-    let held = gates.iter().all(|gate| gate.held);
+    let result = AcceptanceResult::of(gates(report, ending, requested));
     let status = match ending {
         None => FlightStatus::Flying,
         Some(EndReason::Interrupted) => FlightStatus::Interrupted,
         Some(EndReason::Failed) => FlightStatus::Aborted,
-        _ if held && report.lost() > 0 => FlightStatus::Incomplete,
-        _ if held && gates.iter().any(|gate| gate.asked) => FlightStatus::Pass,
-        _ if held => FlightStatus::Completed,
-        _ => FlightStatus::Fail,
+        _ if result.status.is_good() && report.lost() > 0 => FlightStatus::Incomplete,
+        _ => result.status,
     };
     report.verdict = AcceptanceResult {
         status,
         exit_code: status.exit_code(),
-        gates,
+        ..result
     };
 }
 
 fn gates(report: &Report, ending: Option<EndReason>, requested: &RequestedGates) -> Vec<Gate> {
     // Late commands, commands from older inputs and skipped ticks in one number.
     let not_fresh = report.deadlines.not_fresh.unwrap_or_default();
-    let mut fresh = per_million(report, "ticks without a fresh command", not_fresh.ticks);
+    let mut fresh = per_million(report, NOT_FRESH, not_fresh.ticks);
     if let (Ok((_, words)), 1..) = (&mut fresh.value, not_fresh.ticks) {
         *words += &format!(" ({})", not_fresh.parts());
     }
@@ -99,27 +104,37 @@ fn gates(report: &Report, ending: Option<EndReason>, requested: &RequestedGates)
         (0, requested.max_steal_percent, steal(report)),
         (lost, requested.max_wake_p999_us, wake),
         (lost, requested.max_loop_p999_us, whole),
-        (lost, requested.max_tracking_error_m, tracking(report)),
     ];
+    let flown = requested.of_flight(&report.flight);
+    let limits = limits
+        .into_iter()
+        .chain(flown.map(|(limit, measured)| (lost, limit, measured)));
     let mut gates = vec![envelope(report, ending, requested), ticks(report)];
     for (lost, limit, measured) in limits {
-        gates.extend(limit.map(|limit| unless_lost(lost, at_most(limit, measured))));
+        gates.extend(limit.map(|limit| unless_lost(lost, Gate::at_most(limit, measured))));
     }
     let theorem = requested.theorem;
     let theorem = theorem.map(|gate| Gate::theorem(&report.theorem, gate));
     gates.extend(theorem.map(|gate| unless_lost(lost, gate)));
+    gates.extend(requested.channels.then(|| channels(report)));
     gates
 }
 
-fn at_most(limit: f64, measured: Measured) -> Gate {
-    let number = measured.value.as_ref().ok().map(|(number, _)| *number);
-    Gate {
-        name: measured.name,
-        limit: format!("<= {limit}"),
-        value: measured.value.map_or_else(nothing, |(_, words)| words),
-        held: number.is_some_and(|number| number <= limit),
-        asked: true,
-    }
+fn channels(report: &Report) -> Gate {
+    let section = report.redundancy.as_ref();
+    let section = section.filter(|section| section.ticks_compared > 0);
+    let value = section.map(|section| {
+        let words = format!(
+            "{} of {} ticks compared",
+            section.mismatches, section.ticks_compared
+        );
+        (section.mismatches as f64, words)
+    });
+    let measured = Measured {
+        name: "ticks in which channels disagreed".into(),
+        value: value.ok_or_else(|| "no commands of two channels could be compared".into()),
+    };
+    Gate::at_most(0.0, measured)
 }
 
 fn nothing(why: String) -> String {
@@ -139,24 +154,14 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
 }
 
 fn envelope(report: &Report, ending: Option<EndReason>, requested: &RequestedGates) -> Gate {
-    let (error_max_m, ground_z_m) = (requested.position_error_max_m, requested.ground_z_m);
-    let tilt_max_deg = requested.tilt_max_rad.to_degrees();
     let lowest_z_m = report.flight.lowest_z_m;
     let has_left = ending.is_some_and(EndReason::left_envelope);
-    let has_hit = lowest_z_m < ground_z_m;
+    let has_hit = lowest_z_m < requested.ground_z_m;
     let value = match has_hit && !has_left {
         true => format!("below ground: down to z = {lowest_z_m:.2} m"),
         false => envelope_words(ending).into(),
     };
-    Gate {
-        name: ENVELOPE.into(),
-        limit: format!(
-            "position error <= {error_max_m} m, tilt <= {tilt_max_deg:.0} deg, z >= {ground_z_m} m"
-        ),
-        value,
-        held: !has_left && !has_hit,
-        asked: false,
-    }
+    Gate::envelope(requested, value, !has_left && !has_hit)
 }
 
 /// What is known of the envelope, by how the flight ended; none while it flies.
@@ -230,13 +235,43 @@ fn p999(report: &Report, series: Series) -> Measured {
     })
 }
 
-fn tracking(report: &Report) -> Measured {
-    Measured {
-        name: "position error in the last 5 s [m]".into(),
-        value: match report.flight.states {
-            0 => Err("no state was seen".into()),
-            _ => Ok(number_words(report.flight.recent_error_max_m, 4)),
-        },
+impl RequestedGates {
+    /// The gates that need no clock: on tracking errors and effort. Each has its limit, if it was requested.
+    fn of_flight(&self, flight: &ControlPerformance) -> [(Option<f64>, Measured); 4] {
+        let [position, yaw, _] = flight.errors();
+        let error = |error: Option<QuantityError>| error.map(|it| number_words(it.recent_max, 4));
+        let effort = |of: fn(&RotorEffort) -> f64| {
+            let effort = flight.effort.as_ref().map(of);
+            effort.map(|value| number_words(value, 2))
+        };
+        let saturated = effort(|it| it.saturated_percent);
+        let agitation = effort(|it| it.agitation_rad_s);
+        let measured = |name: &str, value: Option<_>, lacks: &str| Measured {
+            name: name.into(),
+            value: value.ok_or_else(|| format!("no {lacks} was seen")),
+        };
+        [
+            (
+                self.max_tracking_error_m,
+                measured(
+                    "position error in the last 5 s [m]",
+                    error(position),
+                    "state",
+                ),
+            ),
+            (
+                self.max_yaw_error_rad,
+                measured("yaw error in the last 5 s [rad]", error(yaw), "state"),
+            ),
+            (
+                self.max_saturated_percent,
+                measured("rotors saturated [% of ticks]", saturated, "rotor command"),
+            ),
+            (
+                self.max_agitation_rad_s,
+                measured(AGITATION, agitation, "rotor command"),
+            ),
+        ]
     }
 }
 
@@ -252,17 +287,53 @@ fn steal(report: &Report) -> Measured {
 }
 
 impl Gate {
+    /// The gates of a flight without a clock: its envelope, with why it was left, and those requested of it.
+    pub fn of_simulation(
+        requested: &RequestedGates,
+        departure: Option<&str>,
+        flight: &ControlPerformance,
+        theorem: &Theorem,
+    ) -> Vec<Self> {
+        let value = departure.unwrap_or("not left").to_owned();
+        let envelope = Self::envelope(requested, value, departure.is_none());
+        let flown = requested.of_flight(flight).into_iter();
+        let flown = flown.filter_map(|(limit, measured)| Some(Self::at_most(limit?, measured)));
+        let theorem = requested.theorem.map(|gate| Self::theorem(theorem, gate));
+        [envelope].into_iter().chain(flown).chain(theorem).collect()
+    }
+
+    fn envelope(requested: &RequestedGates, value: String, held: bool) -> Self {
+        let (error_max_m, ground_z_m) = (requested.position_error_max_m, requested.ground_z_m);
+        let tilt_max_deg = requested.tilt_max_rad.to_degrees();
+        Self {
+            name: ENVELOPE.into(),
+            limit: format!(
+                "position error <= {error_max_m} m, tilt <= {tilt_max_deg:.0} deg, z >= {ground_z_m} m"
+            ),
+            value,
+            held,
+            asked: false,
+        }
+    }
+
+    pub fn at_most(limit: f64, Measured { name, value }: Measured) -> Self {
+        let number = value.as_ref().ok().map(|(number, _)| *number);
+        Self {
+            name,
+            limit: format!("<= {limit}"),
+            value: value.map_or_else(nothing, |(_, words)| words),
+            held: number.is_some_and(|number| number <= limit),
+            asked: true,
+        }
+    }
+
     pub fn theorem(theorem: &Theorem, gate: TheoremGate) -> Self {
         let Explained { word, why } = stability_verdict(theorem);
         let unwatched = theorem.ticks_unwatched;
         let (name, limit, held) = match gate {
             TheoremGate::Lenient => {
-                let is_judged = theorem.ticks_judged > 0;
-                let held = match word {
-                    StabilityVerdict::NotJudged => is_judged,
-                    word => word == StabilityVerdict::Holds,
-                };
-                ("theorem", "0 unexplained, estimates live", held)
+                let limit = "0 unexplained, estimates live, half of the ticks judged";
+                ("theorem", limit, word == StabilityVerdict::Holds)
             }
             TheoremGate::Strict => {
                 let is_judged = theorem.ticks_judged == theorem.ticks_checked;
@@ -274,6 +345,7 @@ impl Gate {
         let value = match word {
             StabilityVerdict::NotApplicable => nothing(why),
             _ if theorem.ticks > 0 && theorem.ticks_judged == 0 => nothing(theorem.counts()),
+            StabilityVerdict::NotJudged => format!("{}, {}", theorem.summary(), theorem.counts()),
             _ if gate == TheoremGate::Strict => {
                 format!("{}, {}", theorem.summary(), theorem.counts())
             }
@@ -295,6 +367,20 @@ impl Gate {
 }
 
 impl AcceptanceResult {
+    /// The result of a flight to its end.
+    pub fn of(gates: Vec<Gate>) -> Self {
+        let status = match gates.iter().all(|gate| gate.held) {
+            true if gates.iter().any(|gate| gate.asked) => FlightStatus::Pass,
+            true => FlightStatus::Completed,
+            false => FlightStatus::Fail,
+        };
+        Self {
+            status,
+            exit_code: status.exit_code(),
+            gates,
+        }
+    }
+
     /// How many of the gates that were asked for held, and how many were asked for.
     pub fn requested(&self) -> (usize, usize) {
         let asked = || self.gates.iter().filter(|gate| gate.asked);
@@ -333,10 +419,17 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) 
     (report.run.ending, report.run.in_flight) = (ending, false);
 }
 
-/// Puts in what became of the messages on their way to the flight log. A flight that lacks some is no plain PASS.
+/// Puts in what became of the messages on their way to the flight log.
 pub fn take_log(report: &mut Report, kept: &str, fate: &Fate) {
     report.recorder.log = crate::sections::log_section(kept, fate);
-    if report.unlogged() > 0 && report.verdict.status.is_good() {
+    if report.unlogged() > 0 {
+        mark_incomplete(report);
+    }
+}
+
+/// A flight that lacks something is no plain PASS.
+pub fn mark_incomplete(report: &mut Report) {
+    if report.verdict.status.is_good() {
         report.verdict.status = FlightStatus::Incomplete;
     }
 }
@@ -356,7 +449,11 @@ mod tests {
         max_wake_p999_us: Some(51.0),
         max_loop_p999_us: Some(51.0),
         max_tracking_error_m: Some(0.01),
+        max_yaw_error_rad: Some(0.01),
+        max_saturated_percent: Some(1.0),
+        max_agitation_rad_s: Some(10.0),
         max_steal_percent: Some(0.0),
+        channels: false,
         theorem: Some(TheoremGate::Lenient),
     };
 
@@ -390,7 +487,7 @@ mod tests {
         check(|_| (), "");
         let low = "flight envelope: below ground: down to z = -0.26 m";
         check(|it| it.flight.lowest_z_m = -0.26, low);
-        let fresh = |rest: &str| format!("ticks without a fresh command per million: {rest}");
+        let fresh = |rest: &str| format!("{NOT_FRESH} per million: {rest}");
         let missed = fresh("100.0 (2 missed + 0 stale + 0 skipped)");
         check(|it| not_fresh(it, 2, 0, 0), &missed);
         let stale = fresh("4950.0 (0 missed + 99 stale + 0 skipped)");
@@ -411,8 +508,20 @@ mod tests {
         check(|it| it.series[1].p999_us = Some(51.1), wake);
         let error = "position error in the last 5 s [m]: 0.0200";
         check(|it| it.flight.recent_error_max_m = 0.02, error);
+        let yaw: Change = |it| it.flight.yaw_error.as_mut().unwrap().recent_max_rad = 0.569;
+        check(yaw, "yaw error in the last 5 s [rad]: 0.5690");
+        let saturated: Change = |it| it.flight.effort.as_mut().unwrap().saturated_percent = 44.03;
+        check(saturated, "rotors saturated [% of ticks]: 44.03");
+        let agitation: Change = |it| it.flight.effort.as_mut().unwrap().agitation_rad_s = 23.5;
+        check(
+            agitation,
+            "change of a rotor's command in a tick, rms [rad/s]: 23.50",
+        );
         let unwatched = "theorem: 0 unexplained, estimates live, 1 tick not watched";
         check(|it| it.theorem.ticks_unwatched = 1, unwatched);
+        let hardly = "theorem: 0 unexplained, estimates live, V_th judged in 49 of 10001 ticks; it rose in none";
+        let change: Change = |it| (it.theorem.ticks, it.theorem.ticks_judged) = (10_001, 49);
+        check(change, hardly);
         let lifeless = "theorem: 0 unexplained, estimates do not move as predicted";
         let change: Change = |it| (it.theorem.holds, it.theorem.is_live) = (false, false);
         check(change, lifeless);
@@ -430,13 +539,14 @@ mod tests {
             );
         };
         check(|it| it.steal.of_ms = 0, "the kernel counted no time", 1);
-        check(|it| it.flight.states = 0, "no state was seen", 1);
+        let unseen: Change = |it| it.flight = ControlPerformance::default();
+        check(unseen, " was seen", 4);
         check(|it| it.roles.clear(), "no stage worked a tick", 1);
         check(|it| it.series.clear(), "it has no values", 2);
         let lockstep = "in lockstep there are no deadlines";
         check(|it| it.run.wall_period_us = 0.0, lockstep, 5);
-        // Fresh commands, wake-up, loop, position error and theorem are measured from messages.
+        // Fresh commands, wake-up, loop, errors, effort and theorem are measured from messages.
         let lost: Change = |it| it.recorder.lost = [("state".to_owned(), 3)].into();
-        check(lost, ", and 3 messages were not seen", 5);
+        check(lost, ", and 3 messages were not seen", 8);
     }
 }

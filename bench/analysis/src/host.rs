@@ -35,8 +35,7 @@ pub struct Steal {
     /// Stolen [ms], in the kernel's resolution of 10 ms.
     pub stolen_ms: u64,
     pub percent: f64,
-    /// Their time [ms]; 0 where the kernel counts none, and in reports from before it was kept.
-    #[serde(default)]
+    /// Their time [ms]; 0 where the kernel counts none.
     pub of_ms: u64,
     /// The processor; none where it is all of them together.
     pub processor: Option<u64>,
@@ -49,6 +48,19 @@ impl Steal {
             Some(number) => format!("processor {number}"),
         }
     }
+}
+
+/// Limits of the container (control group) that the loops flew in, and what its processor quota took from them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ContainerSection {
+    /// Its processor quota; none where it has none.
+    pub processors: Option<f64>,
+    /// Likewise [MiB].
+    pub memory_mib: Option<f64>,
+    /// Periods of the flight in which the quota was used up.
+    pub throttled_periods: u64,
+    /// How long processes then stood still, summed over the processors [us]. Real-time processes go on.
+    pub throttled_us: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

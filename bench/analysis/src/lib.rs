@@ -12,11 +12,12 @@
 //! Start with [`schema`], the data of a report, and [`flight_statistics`], which fills it.
 
 pub mod baseline;
-pub mod candidate_causes;
+pub mod command_verdicts;
 pub mod comparison;
 pub mod deadlines;
 pub mod diff;
 pub mod distribution;
+pub mod effort;
 pub mod faults;
 pub mod finding;
 pub mod flight_metrics;
@@ -26,13 +27,16 @@ pub mod gates;
 pub mod host;
 pub mod json;
 pub mod laws;
+pub mod losses;
 pub mod margin;
 pub mod miss_analysis;
 pub mod miss_causes;
+pub mod observations;
 pub mod outages;
 pub mod phrase;
 pub mod process_failures;
 pub mod processor_trace;
+pub mod recovery;
 pub mod report_file;
 #[cfg(test)]
 mod sample;

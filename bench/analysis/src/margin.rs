@@ -255,11 +255,8 @@ impl MarginSection {
     }
 
     pub fn with(mut self, outages: &OutageSection) -> Self {
-        // A report from before they were counted keeps what it says.
-        if let Some(longest) = &outages.longest {
-            self.outages.clone_from(longest);
-            self.unmeasured = outages.unmeasured;
-        }
+        self.outages.clone_from(&outages.longest);
+        self.unmeasured = outages.unmeasured;
         let ratio = |(stage, outage): (&String, &u64)| {
             let tolerated = self.tolerated.get(stage)?.ticks;
             Some((tolerated as f64 / *outage as f64, stage.clone()))
@@ -332,7 +329,7 @@ mod tests {
             .iter()
             .map(|(stage, ticks)| ((*stage).to_owned(), *ticks));
         OutageSection {
-            longest: Some(longest.collect()),
+            longest: longest.collect(),
             unmeasured,
             ..OutageSection::default()
         }

@@ -10,17 +10,16 @@
 //! ```
 //!
 //! A tick is *out* when a deadline was missed for its command, or a stage left it out, or worked it without its input.
-//! An outage is a row of such ticks, however long. It is classed once ([`crate::miss_causes`]), by the delay that
-//! it began with, up to the late stage's next sign of life. Every missed deadline belongs to one outage.
+//! An outage is a row of such ticks, however long. It has one cause ([`crate::miss_causes`]), which may be unknown. Every
+//! missed deadline belongs to one outage.
 
-use crate::candidate_causes::{
-    CounterSample, Life, Outage, StageTiming, TickTimings, TimingWindow,
-};
-use crate::miss_causes::{Attribution, MissCause, classify, index};
+use crate::losses::Losses;
+use crate::miss_causes::{Attribution, MissCause, classify};
+use crate::observations::{CounterSample, Life, Observations, Outage, StageTiming, TickTimings};
 use crate::outages::{CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick};
 use crate::processor_trace::Slice;
 use crate::schema::MACHINE;
-use messages::content::State;
+use messages::content::{Loss, State};
 use messages::grid::Grid;
 use messages::header::Message;
 use messages::role::{Role, STAGES};
@@ -41,15 +40,16 @@ const SAMPLES_BEYOND_NS: u64 = 200_000_000;
 #[derive(Clone, Debug, Default)]
 pub struct MissAnalysis {
     grid: Grid,
-    is_virtual: bool,
     share_processor: bool,
     traces: BTreeMap<u64, TickTimings>,
     samples: VecDeque<CounterSample>,
     /// Who ran on the loops' processor, where it is traced.
     slices: VecDeque<Slice>,
-    /// Ticks that the plant's next states judged: from, to, missed deadlines among them, the last one's verdict.
-    judged: Vec<Judged>,
-    last_state: Option<(u64, u64)>,
+    /// Tick of the newest state: the plant has judged the commands of all ticks before.
+    newest_state: u64,
+    /// Missed deadlines that were taken.
+    misses: u64,
+    losses: Losses,
     /// Ticks whose commands missed their deadlines, as long as their stamps are kept.
     missed: BTreeSet<u64>,
     /// The next tick to look at: from it on, misses are in no outage yet. None before the first state.
@@ -62,21 +62,10 @@ pub struct MissAnalysis {
     worst: Vec<OutageCase>,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Judged {
-    /// Ticks that the plant has judged: after this one ...
-    after: Option<u64>,
-    tick: u64,
-    missed: u64,
-    /// Whether the last one did; not known behind the last state.
-    last_missed: Option<bool>,
-}
-
 impl MissAnalysis {
-    pub fn new(grid: Grid, is_virtual: bool, share_processor: bool) -> Self {
+    pub fn new(grid: Grid, share_processor: bool) -> Self {
         Self {
             grid,
-            is_virtual,
             share_processor,
             ..Self::default()
         }
@@ -94,28 +83,34 @@ impl MissAnalysis {
         self.traces.entry(envelope.tick).or_default()[index(role)] = Some(passage);
     }
 
-    /// Takes a state: its stamps, and the plant's verdicts since the one before.
+    /// Takes a state. The misses up to its tick have been taken.
     pub fn state(&mut self, message: &Message<State>) {
         self.stamps(message);
-        let (tick, state) = (message.envelope.tick, &message.content);
-        self.next.get_or_insert(tick);
-        let last_missed = Some(state.deadline_miss_run > 0);
-        self.judge(tick, state.deadlines_missed, last_missed);
-        self.last_state = Some((tick, state.deadlines_missed));
+        self.newest_state = message.envelope.tick;
+        self.next.get_or_insert(self.newest_state);
     }
 
-    /// Takes how many deadlines the plant has missed up to a tick.
-    fn judge(&mut self, tick: u64, all_missed: u64, last_missed: Option<bool>) {
-        let missed = all_missed.saturating_sub(self.last_state.map_or(0, |(_, missed)| missed));
-        if missed > 0 {
-            let after = self.last_state.map(|(tick, _)| tick);
-            self.judged.push(Judged {
-                after,
-                tick,
-                missed,
-                last_missed,
-            });
+    pub fn loss(&mut self, loss: &Loss) {
+        self.losses.take(loss);
+    }
+
+    /// Takes a missed deadline of the command of a tick.
+    pub fn miss(&mut self, tick: u64) {
+        self.misses += 1;
+        self.missed.insert(tick);
+        // A plant that was stopped for very long judges ticks that were looked at.
+        let was_looked_at = self.next.is_some_and(|next| tick < next);
+        match self.open.as_mut().filter(|outage| outage.first <= tick) {
+            _ if !was_looked_at => {}
+            Some(outage) => outage.missed += 1,
+            None => self.count_unplaced(1),
         }
+    }
+
+    /// Takes missed deadlines whose ticks are not known, because states or decisions were lost.
+    pub fn misses_unseen(&mut self, count: u64) {
+        self.misses += count;
+        self.count_unplaced(count);
     }
 
     pub fn sample(&mut self, sample: CounterSample) {
@@ -139,20 +134,19 @@ impl MissAnalysis {
         self.samples.push_back(sample);
     }
 
-    /// Classes the outages that are over; to be called when the topics are drained.
+    /// Classes the outages that are over. Every message that was sent before the newest state has been taken: what a stage
+    /// had not sent [`AROUND_TICKS`] after a tick, it did not send in the tick.
     pub fn look(&mut self) {
-        self.find();
-        let newest = self.newest();
-        while let Some(tick) = self.next.filter(|tick| tick + AROUND_TICKS <= newest) {
+        let longest = self.newest().saturating_sub(LONGEST_TICKS);
+        let horizon = self.newest_state.max(longest);
+        while let Some(tick) = self.next.filter(|tick| tick + AROUND_TICKS <= horizon) {
             self.look_at(tick);
         }
-        self.forget(newest);
+        self.forget(horizon);
     }
 
-    /// Classes what is left, up to the last deadline missed: the flight is over.
-    pub fn finish(&mut self, missed: u64, last_tick: u64) {
-        self.judge(last_tick, missed, None);
-        self.find();
+    /// Classes what is left: the flight is over, with this number of missed deadlines.
+    pub fn finish(&mut self, missed: u64) {
         let last = self.newest().max(self.missed.last().copied().unwrap_or(0));
         while let Some(tick) = self.next.filter(|tick| *tick <= last) {
             self.look_at(tick);
@@ -163,7 +157,8 @@ impl MissAnalysis {
             _ => {}
         }
         // Of ticks before the first one that was seen.
-        self.count_unplaced(self.not_looked_at());
+        let unseen = missed.saturating_sub(self.misses);
+        self.count_unplaced(unseen + self.not_looked_at());
         self.missed.clear();
     }
 
@@ -178,7 +173,8 @@ impl MissAnalysis {
         let mut passages = trace.iter();
         let is_whole = passages.all(|passage| passage.is_some_and(|it| it.is_fresh));
         self.has_begun |= is_whole;
-        let is_out = missed > 0 || (self.has_begun && !is_whole);
+        let is_unknown = self.losses.lacks_any(tick);
+        let is_out = missed > 0 || (self.has_begun && !is_whole && !is_unknown);
         let lasts = |outage: &&mut Outage| is_out && tick - outage.first < LONGEST_TICKS;
         if let Some(outage) = self.open.as_mut().filter(lasts) {
             (outage.last, outage.missed) = (tick, outage.missed + missed);
@@ -206,41 +202,6 @@ impl MissAnalysis {
         }
     }
 
-    /// Finds the ticks of the misses: those whose command was not there when the next tick began.
-    fn find(&mut self) {
-        for it in std::mem::take(&mut self.judged) {
-            let (tick, missed) = (it.tick, it.missed);
-            let first = it.after.map_or(1, |after| after + 1);
-            let mut misses = Vec::from_iter((it.last_missed == Some(true)).then_some(tick));
-            let open_end = tick + u64::from(it.last_missed.is_none());
-            // Of the ticks between two states the plant tells only how many missed; the stamps tell which.
-            for skipped in (first..open_end).rev() {
-                if misses.len() as u64 == missed {
-                    break;
-                }
-                let trace = self.traces.get(&(skipped - 1));
-                let mixed = trace.and_then(|trace| trace[Role::Mixer as usize]);
-                if mixed.is_none_or(|passage| passage.send_ns > self.grid.begin_of(skipped)) {
-                    misses.push(skipped);
-                }
-            }
-            self.count_unplaced(missed - misses.len() as u64);
-            misses.into_iter().for_each(|tick| self.place(tick - 1));
-        }
-    }
-
-    /// Finds a place for a missed deadline. A plant that was away judges ticks that were looked at long ago: then the
-    /// outage lasts that they belong to.
-    fn place(&mut self, tick: u64) {
-        self.missed.insert(tick);
-        let was_looked_at = self.next.is_some_and(|next| tick < next);
-        match self.open.as_mut().filter(|outage| outage.first <= tick) {
-            _ if !was_looked_at => {}
-            Some(outage) => outage.missed += 1,
-            None => self.count_unplaced(1),
-        }
-    }
-
     fn close(&mut self, outage: Outage) {
         let first = outage.first.saturating_sub(AROUND_TICKS);
         let around = self.traces.range(first..=outage.last + AROUND_TICKS);
@@ -250,22 +211,22 @@ impl MissAnalysis {
         let until_ns = passages
             .map(|passage| passage.send_ns)
             .fold(end_ns, u64::max);
-        let scene = TimingWindow {
+        let seen = Observations {
             grid: self.grid,
-            traces: &traces,
+            timings: &traces,
             samples: self.samples.make_contiguous(),
             slices: self.slices.make_contiguous(),
             outage,
+            messages_lost: (outage.first..=outage.last).any(|it| self.losses.lacks_any(it)),
             until_ns,
-            is_virtual: self.is_virtual,
             share_processor: self.share_processor,
         };
         // What the recorder did not see is no outage of the loop.
-        let is_whole = !scene.messages_lost();
+        let is_whole = !seen.messages_lost;
         if outage.missed == 0 && !is_whole {
             return;
         }
-        let opinion = classify(&scene);
+        let opinion = classify(&seen);
         let cause = (opinion.class, opinion.stage);
         let (outages, missed) = self.counts.entry(cause).or_default();
         (*outages, *missed) = (*outages + 1, *missed + outage.missed);
@@ -357,12 +318,11 @@ impl MissAnalysis {
         };
         let mut classes: Vec<CauseCount> = self.counts.iter().map(class).collect();
         classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
-        let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
         let open = self.open.map_or(0, |outage| outage.missed);
         OutageSection {
             classes,
-            pending: judged + self.not_looked_at() + open,
-            longest: Some(self.rows.longest()),
+            pending: self.not_looked_at() + open,
+            longest: self.rows.longest(),
             unmeasured: self.rows.unmeasured,
             worst: self.worst.clone(),
         }
@@ -406,6 +366,11 @@ impl OutageRuns {
         let longest = names.map(str::to_owned).zip(self.longest);
         longest.filter(|(_, ticks)| *ticks > 0).collect()
     }
+}
+
+/// Stages of the loop by their place in [`STAGES`].
+fn index(role: Role) -> usize {
+    (role as usize).min(STAGES.len() - 1)
 }
 
 /// Which stages published nothing in a tick, or too late for the next one. What came in time and was not used is no

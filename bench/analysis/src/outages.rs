@@ -16,11 +16,9 @@ pub struct OutageSection {
     /// Deadlines missed in an outage that lasts, or is not classified yet.
     pub pending: u64,
     /// The longest row of ticks without an output in time, of each stage that had one, and of all stages at once
-    /// ([`MACHINE`](crate::schema::MACHINE)); none in reports from before it was counted.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub longest: Option<BTreeMap<String, u64>>,
+    /// ([`MACHINE`](crate::schema::MACHINE)).
+    pub longest: BTreeMap<String, u64>,
     /// Outages with missed deadlines that count in no such row: messages were lost there, so who was out is not known.
-    #[serde(default)]
     pub unmeasured: u64,
     /// The longest outages in ticks; of those alike, the ones with more deadlines missed first.
     pub worst: Vec<OutageCase>,
@@ -29,7 +27,7 @@ pub struct OutageSection {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CauseCount {
     pub class: MissCause,
-    /// The stage that they were due to; none where it was none, or is not known.
+    /// The stage that was late; none where the host or a quota stopped all, or where no stage is known.
     pub stage: Option<String>,
     pub outages: u64,
     pub missed: u64,
@@ -50,7 +48,6 @@ pub struct OutageCase {
     pub stage: Option<String>,
     pub evidence: String,
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
-    #[serde(default)]
     pub ran: Vec<RunnerTime>,
     /// Faults of messages, stages and the processor that acted in it, or just before.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -63,7 +60,6 @@ pub struct OutageCase {
 pub struct TimelineTick {
     pub tick: u64,
     /// Whether its command missed the deadline, by the plant's verdict.
-    #[serde(default)]
     pub missed: bool,
     /// Plant, outer, inner, mixer; those that published something.
     pub stages: Vec<TimelineStage>,
@@ -80,7 +76,7 @@ pub struct TimelineStage {
 }
 
 impl OutageSection {
-    /// The same, and each outage with the faults that were on.
+    /// Adds to each outage the faults that were on.
     pub fn with_faults(
         mut self,
         faults: &[InjectedFault],

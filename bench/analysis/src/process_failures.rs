@@ -3,7 +3,7 @@
 use crate::faults::{ProcessFailure, RecoveryPhases};
 use crate::schema::Report;
 use messages::blackboards::Arrival;
-use messages::grid::Grid;
+use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::{Role, STAGES};
 use messages::topic::Topic;
@@ -57,7 +57,13 @@ impl Replacement {
 }
 
 /// Puts in what the launcher saw: how each process ended, and deaths that no message tells of.
-pub fn note(report: &mut Report, noted: &[ObservedFailure], grid: &Grid) {
+///
+/// In lockstep, ticks have no place on the clock: how long it took is not known.
+pub fn note(report: &mut Report, noted: &[ObservedFailure], pace: &Pace) {
+    let grid = match pace {
+        Pace::Realtime(grid) => Some(grid),
+        Pace::Lockstep => None,
+    };
     let period_s = report.run.period_us / 1e6;
     for it in noted {
         let is_role = |death: &ProcessFailure| death.role == it.role;
@@ -65,9 +71,11 @@ pub fn note(report: &mut Report, noted: &[ObservedFailure], grid: &Grid) {
             is_role(death) && death.epoch == it.epoch && it.epoch != 0
         };
         if let Some(death) = report.deaths.iter_mut().find(is_it) {
+            death.how.clone_from(&it.how);
+            let Some(grid) = grid else { continue };
             let last_tick_ns = grid.begin_of(death.tick);
             let since_ns = it.noticed_ns.saturating_sub(last_tick_ns);
-            (death.how, death.noticed_after_ms) = (it.how.clone(), Some(since_ns as f64 / 1e6));
+            death.noticed_after_ms = Some(since_ns as f64 / 1e6);
             let is_back = death.back_after_ms.is_some();
             let lost = death.ticks_lost.filter(|_| is_back);
             let first_tick_ns = lost.map(|lost| grid.begin_of(death.tick + lost + 1));
@@ -75,7 +83,7 @@ pub fn note(report: &mut Report, noted: &[ObservedFailure], grid: &Grid) {
                 first_tick_ns.and_then(|first| it.way.parts(it.noticed_ns, last_tick_ns, first));
             continue;
         }
-        let tick = grid.tick_at(it.noticed_ns);
+        let tick = grid.map_or(report.ticks.run, |grid| grid.tick_at(it.noticed_ns));
         let covers = |death: &&ProcessFailure| {
             let lost = |lost| (death.tick..=death.tick + lost).contains(&tick);
             is_role(death) && death.ticks_lost.is_some_and(lost)

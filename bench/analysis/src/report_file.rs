@@ -13,8 +13,7 @@ use std::path::Path;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunFacts {
     pub version: String,
-    /// The executable; unknown in those from before builds were named.
-    #[serde(default)]
+    /// The executable.
     pub build: Build,
     pub instance: String,
     pub settings: Value,
@@ -23,8 +22,12 @@ pub struct RunFacts {
 
 impl Report {
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        let text = read_text("read the report", path)?;
-        let mut value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
+        Self::of(&read_text("read the report", path)?, path)
+    }
+
+    /// The report of a text that is, or was to be, in a file.
+    pub fn of(text: &str, path: &Path) -> Result<Self, Failure> {
+        let mut value: Value = serde_json::from_str(text).in_file("read the report", path)?;
         let schema = value["schema"].as_str().unwrap_or("none");
         if schema != SCHEMA {
             let path = path.display();
@@ -42,9 +45,9 @@ impl Report {
         serde_json::from_value(value).in_file("read the report", path)
     }
 
-    /// Writes the report so that a reader finds the old one or the new one, never a part.
-    pub fn write(&self, path: &Path) -> Result<(), Failure> {
-        let mut value = serde_json::to_value(self).in_file("write", path)?;
+    /// The text of report.json.
+    pub fn text(&self) -> serde_json::Result<String> {
+        let mut value = serde_json::to_value(self)?;
         let wrong = repair(&mut value);
         let text = if wrong.is_empty() {
             json::to_string(self)
@@ -57,10 +60,7 @@ impl Report {
             value["recorder"]["unwritten"]["report.json"] = why.into();
             json::to_string(&value)
         };
-        let text = text.in_file("write", path)?;
-        let draft = path.with_extension("json.draft");
-        std::fs::write(&draft, text + "\n").in_file("write", &draft)?;
-        std::fs::rename(&draft, path).in_file("write", path)
+        Ok(text? + "\n")
     }
 }
 
@@ -74,6 +74,8 @@ fn repair(report: &mut Value) -> Vec<String> {
 }
 
 fn walk(value: &mut Value, place: String, wrong: &mut Vec<String>) {
+    /// The first wrong values are enough, and a file may have millions.
+    const NAMED: usize = 20;
     const LARGEST: f64 = 1e30;
     /// Of ticks, counts and bytes, of which some are added up; the run's number is a time.
     const LARGEST_WHOLE: f64 = 1e15;
@@ -107,6 +109,8 @@ fn walk(value: &mut Value, place: String, wrong: &mut Vec<String>) {
         } else {
             0.into()
         };
-        wrong.push(what);
+        if wrong.len() < NAMED {
+            wrong.push(what);
+        }
     }
 }

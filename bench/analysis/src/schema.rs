@@ -4,7 +4,7 @@ use crate::baseline::Baseline;
 use crate::distribution::{Bucket, Distribution};
 use crate::faults::{AppliedSwap, InjectedFault, ProcessFailure};
 use crate::finding::Diagnosis;
-use crate::host::{Host, InterruptSection, Steal};
+use crate::host::{ContainerSection, Host, InterruptSection, Steal};
 use crate::outages;
 use crate::phrase::name_of;
 use crate::series::Statistics;
@@ -25,58 +25,53 @@ pub const SCHEMA: &str = "ironbird-report/2";
 pub struct Report {
     pub schema: String,
     pub run: RunSection,
-    /// Verdicts on tracking, timing and the theorem; empty in reports of versions without them.
-    #[serde(default)]
+    /// Verdicts on tracking, timing and the theorem.
     pub words: Verdicts,
     pub verdict: AcceptanceResult,
     /// Ticks and the identity that they must satisfy.
     pub ticks: Ticks,
     pub deadlines: DeadlineSection,
-    #[serde(default)]
     pub autopsy: outages::OutageSection,
-    /// The worst outage against what the loop tolerates; none in lockstep, where there are no outages, and in reports from
-    /// before margins were measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// The worst outage against what the loop tolerates; none in lockstep, where there are no outages.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub margin: Option<MarginSection>,
     /// What the redundant channels did; none of a flight with one channel.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub redundancy: Option<RedundancySection>,
     /// Processes that ended while the flight needed them; the first 500.
-    #[serde(default)]
     pub deaths: Vec<ProcessFailure>,
-    #[serde(default)]
     pub deaths_left_out: u64,
     pub flight: ControlPerformance,
-    /// The theorem, watched; empty in reports from before it was. Where the inner law has none, it says so and no more.
-    #[serde(default, serialize_with = "Theorem::serialize_applicable")]
+    /// Result of the Lyapunov monitor; `not applicable` where the inner law has no theorem.
+    #[serde(serialize_with = "Theorem::serialize_applicable")]
     pub theorem: Theorem,
     /// Swaps of plant parameters, in order; the first 500.
     pub swaps: Vec<AppliedSwap>,
-    #[serde(default)]
     pub swaps_left_out: u64,
     /// Faults of messages and stages that were planned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<InjectedFault>,
     pub series: Vec<Statistics>,
     pub roles: BTreeMap<String, RoleSection>,
-    /// How far ahead of its tick the plant's timer is set, and at what price; empty in reports from before it was.
-    #[serde(default)]
+    /// How far ahead of its tick the plant's timer is set, and at what price.
     pub lead: LeadSection,
     pub recorder: RecorderSection,
     pub host: Host,
     /// Whether the machine can fly in real time, by inspection: nothing is measured during a flight.
-    #[serde(default)]
     pub doctor: Diagnosis,
     /// What the host took during the flight.
     pub steal: Steal,
+    /// Limits of the loops' container.
+    pub container: ContainerSection,
     /// What interrupted the loops' processor during the flight.
-    #[serde(default)]
     pub interrupts: InterruptSection,
     /// How the latencies are distributed; empty while the flight is in the air.
-    #[serde(default)]
     pub distributions: Vec<Distribution>,
     /// The machine's baselines, if requested.
     pub beside: Option<Baseline>,
+    /// Of a lost flight: what became of it in a simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub loss: Option<LossSection>,
     /// The flight over time; none while it is in the air.
     pub traces: Option<Traces>,
 }
@@ -86,17 +81,16 @@ pub struct RunSection {
     /// Number of the run: its start on the wall clock [ns since 1970].
     pub run_id: u64,
     pub started: String,
+    /// Name of the machine.
+    pub hostname: String,
     pub instance: String,
     pub version: String,
-    /// The executable; unknown in reports from before builds were named.
-    #[serde(default)]
+    /// The executable.
     pub build: Build,
     pub trajectory: String,
-    /// Airframe, or the name of its file; empty in reports from before it was named.
-    #[serde(default)]
+    /// Airframe, or the name of its file.
     pub airframe: String,
     /// SHA-256 of its file; empty where it is built in.
-    #[serde(default)]
     pub airframe_sha256: String,
     pub preset: String,
     pub period_us: f64,
@@ -104,12 +98,10 @@ pub struct RunSection {
     pub wall_period_us: f64,
     /// Fingerprint of the settings that all roles shared.
     pub settings_fingerprint: String,
-    /// The law of each role; empty in reports from before they could be chosen.
-    #[serde(default)]
+    /// The law of each role.
     pub laws: BTreeMap<String, LawSection>,
     pub ending: String,
     /// What the process that died said last, a line each; empty where none did.
-    #[serde(default)]
     pub last_words: Vec<String>,
     /// Whether the flight is still running, so that these are partial numbers.
     pub in_flight: bool,
@@ -130,11 +122,10 @@ pub struct Gate {
     pub value: String,
     pub held: bool,
     /// Whether it was requested; some apply to every flight.
-    #[serde(default)]
     pub asked: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ticks {
     pub run: u64,
     /// Skipped because the plant woke too late.
@@ -148,8 +139,8 @@ pub struct Ticks {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeadlineSection {
-    /// Ticks that flew without a fresh command on time; none in lockstep, and in reports from before they were counted.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Ticks that flew without a fresh command on time; none in lockstep.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub not_fresh: Option<NotFresh>,
     pub missed: u64,
     pub missed_ppm: f64,
@@ -160,11 +151,12 @@ pub struct DeadlineSection {
     /// Runs of consecutive misses: length in ticks, how many.
     pub runs: Vec<RunLength>,
     /// Late commands by their stamps, those of consecutive ticks together; the first 500 stretches.
-    #[serde(default)]
     pub stretches: Vec<LateStretchSection>,
-    #[serde(default)]
     pub stretches_left_out: u64,
 }
+
+/// Name of [`NotFresh::ticks`], the number that leads the timing verdict, wherever it is shown.
+pub const NOT_FRESH: &str = "ticks without a fresh command on time";
 
 /// Ticks that flew without a fresh command on time ([`crate::freshness`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -190,6 +182,17 @@ impl NotFresh {
             stale,
             skipped,
         }
+    }
+
+    /// Share of the ticks with a fresh command on time [%], rounded down to two digits: 100 means all of them.
+    pub fn on_time_percent(&self) -> f64 {
+        (10_000.0 - self.per_million / 100.0).floor() / 100.0
+    }
+
+    pub fn sentence(&self, ticks: &Ticks) -> String {
+        let all = ticks.run.saturating_add(ticks.skipped);
+        let (without, ppm, parts) = (self.ticks, self.per_million, self.parts());
+        format!("{without} of {all} {NOT_FRESH} ({ppm:.1} per million): {parts}")
     }
 
     pub fn parts(&self) -> String {
@@ -219,22 +222,105 @@ pub struct ControlPerformance {
     pub position_error_rms_m: f64,
     pub position_error_max_m: f64,
     pub position_error_final_m: f64,
-    /// States that these are of; 0 in reports from before all states counted.
+    /// States that these are of.
     pub states: u64,
     /// Ticks that have no state: skipped by the plant, or lost by the recorder.
     pub ticks_without_state: u64,
     pub recent_error_max_m: f64,
     /// How long these were [s]: less than 5 in a short flight.
     pub recent_s: f64,
+    /// Difference of the yaw from the reference's, at most pi; none without a state, and in reports that lack it.
+    pub yaw_error: Option<AngleErrors>,
+    /// Angle between body z and the thrust that the reference needs.
+    pub tilt_error: Option<AngleErrors>,
     pub lowest_z_m: f64,
     /// Norm of the inner law's rate error at the end [rad/s]; missing where the law shows none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_error_final_rad_s: Option<f64>,
     /// Ticks in which the rotors could not deliver the demand.
     pub saturated_ticks: u64,
+    /// None without a rotor command, and in reports that lack it.
+    pub effort: Option<RotorEffort>,
     /// Estimates at the end, with what is true; missing where the inner law estimates nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub estimates: Vec<Estimate>,
+}
+
+/// Errors of an angle, none below 0 [rad].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct AngleErrors {
+    pub rms_rad: f64,
+    pub max_rad: f64,
+    pub final_rad: f64,
+    pub recent_max_rad: f64,
+}
+
+/// Title of [`RotorEffort::agitation_rad_s`].
+pub const AGITATION: &str = "change of a rotor's command in a tick, rms [rad/s]";
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RotorEffort {
+    /// Rotor commands that these are of.
+    pub commands: u64,
+    /// Share of the commands that could not deliver the demand [%].
+    pub saturated_percent: f64,
+    /// Root mean square of the change of a rotor's command from tick to tick [rad/s].
+    pub agitation_rad_s: f64,
+    /// Mean of all rotors' commands [rad/s].
+    pub command_mean_rad_s: f64,
+}
+
+impl RotorEffort {
+    /// Above it, saturation is large [% of the commands].
+    pub const SATURATED_PERCENT: f64 = 1.0;
+    /// Above it, the change of a command in a tick is large [% of the mean command].
+    pub const AGITATION_PERCENT: f64 = 5.0;
+
+    /// Whether a summary should name it.
+    pub fn is_large(&self) -> bool {
+        let agitation_percent = 100.0 * self.agitation_rad_s / self.command_mean_rad_s;
+        self.saturated_percent > Self::SATURATED_PERCENT
+            || agitation_percent > Self::AGITATION_PERCENT
+    }
+}
+
+/// Error of one quantity of a flight, in its unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuantityError {
+    pub name: &'static str,
+    pub unit: &'static str,
+    pub rms: f64,
+    pub max: f64,
+    pub last: f64,
+    /// Largest error of the last 5 s.
+    pub recent_max: f64,
+}
+
+impl ControlPerformance {
+    /// The errors of position, yaw and tilt; each none where it is unknown.
+    pub fn errors(&self) -> [Option<QuantityError>; 3] {
+        let angle = |name, it: &AngleErrors| QuantityError {
+            name,
+            unit: "rad",
+            rms: it.rms_rad,
+            max: it.max_rad,
+            last: it.final_rad,
+            recent_max: it.recent_max_rad,
+        };
+        let position = QuantityError {
+            name: "position error",
+            unit: "m",
+            rms: self.position_error_rms_m,
+            max: self.position_error_max_m,
+            last: self.position_error_final_m,
+            recent_max: self.recent_error_max_m,
+        };
+        [
+            (self.states > 0).then_some(position),
+            self.yaw_error.as_ref().map(|it| angle("yaw error", it)),
+            self.tilt_error.as_ref().map(|it| angle("tilt error", it)),
+        ]
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -298,7 +384,7 @@ pub struct RecorderSection {
 /// What became of the messages on their way to flight.mcap and the files that go on from it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LogSection {
-    /// What it was to keep: `all`, `around-misses` or `off`; empty in reports from before that could be chosen.
+    /// Setting of the log: `all`, `around-misses` or `off`.
     pub kept: String,
     pub files: u64,
     /// Their length [bytes].
@@ -340,19 +426,16 @@ pub fn sum(counts: &BTreeMap<String, u64>) -> u64 {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LawSection {
     pub name: String,
-    #[serde(default)]
     pub version: String,
     /// Its file; none where it is built in.
     pub file: Option<String>,
     pub sha256: Option<String>,
     /// Whether it promises nothing about its time.
-    #[serde(default)]
     pub not_real_time: bool,
     /// Ticks in which its answer was not finite, or one that no airframe can give, and was replaced.
     pub ticks_not_finite: u64,
     pub first_not_finite: Option<u64>,
-    /// What it showed of itself, in the order of its signals; empty in reports from before it was kept.
-    #[serde(default)]
+    /// Telemetry of the law, in the order of its signals.
     pub telemetry: Vec<SignalSection>,
 }
 
@@ -408,6 +491,28 @@ pub struct RobustnessMargin {
     pub is_most: bool,
 }
 
+/// [`Report::loss`]: the same flight, with its faults and parameter changes, in a simulation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LossSection {
+    /// With no delay but those of the faults.
+    pub without_delays: SimulatedLoss,
+    /// With the delays of the flight; none if they cannot be simulated.
+    pub with_delays: Option<SimulatedLoss>,
+    /// Why they cannot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why_not: Option<String>,
+    /// The flag of a law with which the flight without delays is not lost, if that was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_by: Option<String>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SimulatedLoss {
+    /// When it is lost; none if it is not.
+    pub lost_at_s: Option<f64>,
+    pub how: Option<String>,
+}
+
 /// [`Report::redundancy`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RedundancySection {
@@ -423,7 +528,9 @@ pub struct RedundancySection {
     pub ticks_masked: u64,
     /// Ticks without a fresh command on time from any channel.
     pub ticks_not_fresh: u64,
-    /// Ticks in which fresh commands of two channels differed in a bit.
+    /// Ticks in which fresh commands of channels with the same laws, states and inputs were compared.
+    pub ticks_compared: u64,
+    /// Ticks of these in which two differed in a bit.
     pub mismatches: u64,
     pub first_mismatch_s: Option<f64>,
     /// Ticks in which two channels contradicted each channel.
@@ -484,7 +591,7 @@ pub enum FlightVerdict {
     /// It did as far as it flew: it was aborted or interrupted.
     CutShort,
     OffTrack,
-    /// It left its envelope, or was below ground.
+    /// The vehicle left the flight envelope, or was below ground.
     Lost,
 }
 
@@ -508,7 +615,7 @@ pub enum StabilityVerdict {
     #[default]
     NotApplicable,
     Holds,
-    /// It does where it was watched; it was not at every tick.
+    /// The theorem holds in the steps that the monitor saw, which are not all.
     PartlyWatched,
     /// Nothing contradicts it, but in most ticks an assumption was broken.
     NotJudged,

@@ -68,6 +68,7 @@ pub fn redundancy(account: &Redundancy, period_s: f64) -> schema::RedundancySect
         longest_unprotected_ms: time_s(account.longest_unprotected) * 1e3,
         ticks_masked: account.masked,
         ticks_not_fresh: account.not_fresh,
+        ticks_compared: account.votes,
         mismatches: account.mismatches,
         first_mismatch_s: (account.mismatches > 0).then(|| time_s(account.first_mismatch)),
         ticks_outvoted: by_channel(&account.outvoted),

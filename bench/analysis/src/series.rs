@@ -1,4 +1,4 @@
-//! Latency series: HdrHistograms with fixed bounds, per flight and per interval of the log.
+//! Latency series: HdrHistograms, per flight and per interval of the log.
 
 use crate::distribution::{Distribution, P999_COUNT, P9999_COUNT};
 use errors::Failure;
@@ -8,18 +8,69 @@ use hdrhistogram::serialization::interval_log::{IntervalLogWriter, Tag};
 use messages::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
+use std::ops::Deref;
 use std::time::Duration;
 
 /// Resolution [ns].
 const LOWEST_NS: u64 = 1;
-/// Largest value; longer ones count as this [ns].
-pub const HIGHEST_NS: u64 = 10_000_000_000;
+/// Longest latency that a histogram has room for before it grows [ns].
+const ROOM_NS: u64 = 10_000_000_000;
 const DIGITS: u8 = 3;
+/// Name of the series whose small values are the bad ones.
+pub const SLACK: &str = "slack";
 
-/// An empty histogram of nanoseconds, with the bounds of every latency of the rig and its floors.
-pub fn histogram() -> Result<Histogram<u64>, Failure> {
-    Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, DIGITS)
-        .map_err(|e| Failure::failed(format!("cannot make a histogram: {e}")))
+/// Latencies of the rig or of the machine [ns]: a histogram of three digits that grows with its values, so that none is
+/// out of its range, and the exact smallest and largest value.
+#[derive(Clone, Debug)]
+pub struct Latencies {
+    histogram: Histogram<u64>,
+    min_ns: u64,
+    max_ns: u64,
+}
+
+impl Latencies {
+    pub fn new() -> Result<Self, Failure> {
+        let mut histogram = Histogram::new_with_bounds(LOWEST_NS, ROOM_NS, DIGITS)
+            .map_err(|e| Failure::failed(format!("cannot make a histogram: {e}")))?;
+        histogram.auto(true);
+        Ok(Self {
+            histogram,
+            min_ns: u64::MAX,
+            max_ns: 0,
+        })
+    }
+
+    pub fn record(&mut self, ns: u64) {
+        let recorded = self.histogram.record(ns);
+        debug_assert!(recorded.is_ok(), "room for 64 bits in 64 bits of memory");
+        (self.min_ns, self.max_ns) = (self.min_ns.min(ns), self.max_ns.max(ns));
+    }
+
+    pub fn min_ns(&self) -> u64 {
+        self.min_ns.min(self.max_ns)
+    }
+
+    pub const fn max_ns(&self) -> u64 {
+        self.max_ns
+    }
+
+    /// The largest value of the share `q` of the smallest values, rounded up to three digits.
+    pub fn quantile_ns(&self, q: f64) -> u64 {
+        self.histogram.value_at_quantile(q).min(self.max_ns)
+    }
+
+    pub fn clear(&mut self) {
+        self.histogram.reset();
+        (self.min_ns, self.max_ns) = (u64::MAX, 0);
+    }
+}
+
+impl Deref for Latencies {
+    type Target = Histogram<u64>;
+
+    fn deref(&self) -> &Histogram<u64> {
+        &self.histogram
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +84,7 @@ pub enum Series {
     Hop(Role, Role),
     /// From having the input in hand to publishing.
     Compute(Role),
-    /// From waking to being done with the tick: for the plant with the integration, for the others with the bell.
+    /// From waking to being done with the tick: for the plant with the integration, for the others with the notification.
     Busy(Role),
     /// From the sampling of the state to the publishing of the rotor command made from it.
     Loop,
@@ -63,7 +114,7 @@ impl Series {
             Self::Compute(role) => format!("compute.{role}"),
             Self::Busy(role) => format!("busy.{role}"),
             Self::Loop => "loop".into(),
-            Self::Slack => "slack".into(),
+            Self::Slack => SLACK.into(),
             Self::Late => "late".into(),
         }
     }
@@ -77,14 +128,14 @@ pub struct SeriesSet {
 #[derive(Debug)]
 struct Entry {
     series: Series,
-    flight: Histogram<u64>,
-    interval: Histogram<u64>,
+    flight: Latencies,
+    interval: Latencies,
 }
 
 impl SeriesSet {
     pub fn new() -> Result<Self, Failure> {
         let entry = |series| {
-            let (flight, interval) = (histogram()?, histogram()?);
+            let (flight, interval) = (Latencies::new()?, Latencies::new()?);
             Ok(Entry {
                 series,
                 flight,
@@ -100,12 +151,12 @@ impl SeriesSet {
 
     pub fn record(&mut self, series: Series, value_ns: u64) {
         if let Some(entry) = self.entries.iter_mut().find(|entry| entry.series == series) {
-            entry.flight.saturating_record(value_ns);
-            entry.interval.saturating_record(value_ns);
+            entry.flight.record(value_ns);
+            entry.interval.record(value_ns);
         }
     }
 
-    pub fn flight(&self, series: Series) -> Option<&Histogram<u64>> {
+    pub fn flight(&self, series: Series) -> Option<&Latencies> {
         let mut entries = self.entries.iter();
         entries
             .find(|entry| entry.series == series)
@@ -126,7 +177,7 @@ impl SeriesSet {
             let name = entry.series.name();
             log.write_histogram(&entry.interval, start, length, Tag::new(&name))
                 .map_err(|e| Failure::failed(format!("cannot write latency.hlog: {e:?}")))?;
-            entry.interval.reset();
+            entry.interval.clear();
         }
         Ok(())
     }
@@ -166,20 +217,20 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    pub fn of(name: &str, histogram: &Histogram<u64>) -> Self {
+    pub fn of(name: &str, latencies: &Latencies) -> Self {
         let us = |ns: u64| ns as f64 / 1e3;
-        let quantile = |q: f64| us(histogram.value_at_quantile(q));
-        let count = histogram.len();
+        let quantile = |q: f64| us(latencies.quantile_ns(q));
+        let count = latencies.len();
         Self {
             name: name.to_owned(),
             count,
-            min_us: us(histogram.min()),
+            min_us: us(latencies.min_ns()),
             p50_us: quantile(0.5),
             p90_us: quantile(0.9),
             p99_us: quantile(0.99),
             p999_us: (count >= P999_COUNT).then(|| quantile(0.999)),
             p9999_us: (count >= P9999_COUNT).then(|| quantile(0.9999)),
-            max_us: us(histogram.max()),
+            max_us: us(latencies.max_ns()),
         }
     }
 }
@@ -203,9 +254,22 @@ mod tests {
     }
 
     #[test]
-    fn values_beyond_the_bounds_are_kept_at_the_bound() {
+    fn no_value_is_out_of_range_and_the_ends_are_exact() {
         let mut set = SeriesSet::new().unwrap();
-        set.record(Series::Late, u64::MAX);
-        assert!(set.flight(Series::Late).unwrap().max() >= HIGHEST_NS);
+        let late_ns = [9, 12, 25, 3600].map(|s| s * 1_000_000_000 + 1);
+        let shares = [0.25, 0.5, 0.75, 1.0];
+        late_ns.iter().for_each(|ns| set.record(Series::Late, *ns));
+        let late = set.flight(Series::Late).unwrap();
+        assert_eq!((late.min_ns(), late.max_ns()), (late_ns[0], late_ns[3]));
+        for (share, ns) in shares.into_iter().zip(late_ns) {
+            let (found, exact) = (late.quantile_ns(share) as f64, ns as f64);
+            assert!((found / exact - 1.0).abs() < 1e-3, "{found} for {exact}");
+        }
+        let buckets = crate::distribution::buckets(late);
+        assert_eq!(
+            buckets.iter().map(|it| it.count).sum::<u64>(),
+            4,
+            "{buckets:?}"
+        );
     }
 }

@@ -91,12 +91,8 @@ impl StatesWriter {
 
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
-        match self.queue.as_ref().and_then(AsyncWriter::finish) {
-            None => Ok(()),
-            Some(reason) => Err(Failure::failed(format!(
-                "the states are not whole: {reason}"
-            ))),
-        }
+        let gap = self.queue.as_ref().and_then(AsyncWriter::finish);
+        gap.map_or(Ok(()), |reason| Err(Failure::failed(reason)))
     }
 }
 

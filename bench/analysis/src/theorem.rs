@@ -31,7 +31,7 @@ pub struct Theorem {
     pub holds: bool,
     /// The inner law, where it has no theorem with its settings.
     pub law_without: Option<String>,
-    /// Ticks with a wrench: 0 in reports of earlier versions.
+    /// Ticks with a wrench.
     pub ticks: u64,
     pub ticks_checked: u64,
     /// Steps at which every assumption of V_th held, so that a rise has no excuse.
@@ -90,12 +90,8 @@ impl Theorem {
     /// In how many ticks V_th could be judged, and how often it rose.
     pub fn counts(&self) -> String {
         let ticks = count(self.ticks, "tick");
-        let mut counts = match self.ticks {
-            // Of an earlier version.
-            0 => format!("{} checked", count(self.ticks_checked, "step")),
-            _ => format!("V_th judged in {} of {ticks}", self.ticks_judged),
-        };
-        if self.ticks > 0 && self.ticks_judged < self.ticks_checked && !self.broken.is_empty() {
+        let mut counts = format!("V_th judged in {} of {ticks}", self.ticks_judged);
+        if self.ticks_judged < self.ticks_checked && !self.broken.is_empty() {
             counts += &format!(" ({} in the others)", self.broken.join(", "));
         }
         if self.ticks_unwatched > 0 {

@@ -1,8 +1,7 @@
 //! Early wake-up of the plant: how long before each tick its timer expires, and the processor time spent waiting.
 
-use crate::series::histogram;
+use crate::series::Latencies;
 use errors::Failure;
-use hdrhistogram::Histogram;
 use messages::realtime::Lead;
 use serde::{Deserialize, Serialize};
 
@@ -27,9 +26,7 @@ pub struct LeadSection {
 
 #[derive(Debug)]
 pub(super) struct LeadStatistics {
-    leads: Histogram<u64>,
-    least_ns: u64,
-    most_ns: u64,
+    leads: Latencies,
     /// What the plant had left of them when it woke, over all ticks [ns].
     left_ns: u64,
 }
@@ -37,17 +34,14 @@ pub(super) struct LeadStatistics {
 impl LeadStatistics {
     pub(super) fn new() -> Result<Self, Failure> {
         Ok(Self {
-            leads: histogram()?,
-            least_ns: u64::MAX,
-            most_ns: 0,
+            leads: Latencies::new()?,
             left_ns: 0,
         })
     }
 
     /// Takes the lead of a tick, and how late the timer was that was set to it [ns]: the rest was waited out.
     pub(super) fn take(&mut self, lead_ns: u64, late_ns: u64) {
-        self.leads.saturating_record(lead_ns);
-        (self.least_ns, self.most_ns) = (self.least_ns.min(lead_ns), self.most_ns.max(lead_ns));
+        self.leads.record(lead_ns);
         self.left_ns += lead_ns.saturating_sub(late_ns);
     }
 
@@ -59,13 +53,11 @@ impl LeadStatistics {
         flown_ns: u64,
     ) -> LeadSection {
         let us = |ns: u64| ns as f64 / 1e3;
-        let least_ns = self.least_ns.min(self.most_ns);
-        let median_ns = self.leads.value_at_quantile(0.5);
         LeadSection {
             lead_us: us(at_take_off.lead_ns),
-            least_us: us(least_ns),
-            median_us: us(median_ns.clamp(least_ns, self.most_ns)),
-            most_us: us(self.most_ns),
+            least_us: us(self.leads.min_ns()),
+            median_us: us(self.leads.quantile_ns(0.5)),
+            most_us: us(self.leads.max_ns()),
             rehearsal_us: us(at_take_off.rehearsal_ns),
             timer_p90_us: us(at_take_off.timer_p90_ns),
             rehearsals,

@@ -54,7 +54,6 @@ pub struct Traces {
     /// The way flown, for pictures of it from three sides.
     pub path: Path,
     /// What the laws show, by role, of every tick in which they do.
-    #[serde(default)]
     pub telemetry: BTreeMap<String, Group>,
     pub violations: BTreeMap<String, Vec<Violations>>,
 }

@@ -1,24 +1,31 @@
-//! How far a flight is from its reference, in every state.
+//! Errors of a flight against its reference, in every state: position, yaw and tilt.
 //!
 //! It is judged by where the vehicle truly is, and not by what its sensors show: errors of the position do not make a
 //! flight that tracks one that does not, or the other way round.
 //! The reference is a function of time alone, so a state counts even if no setpoint was published for its tick. A
 //! flight without control is far from its reference, not without one.
 
+use crate::effort::EffortStatistics;
 use crate::laws::FlownLaws;
-use crate::phrase::count;
-use crate::schema::{ControlPerformance, Estimate};
+use crate::schema::{AngleErrors, ControlPerformance, Estimate};
 use controller::{ScaledTrajectory, Trajectory};
 use messages::content::{Reference, Setpoint, State, Wrench};
 use messages::parameters::ESTIMATED;
 use std::collections::VecDeque;
-use std::fmt;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Tracking {
     course: ScaledTrajectory,
     period_s: f64,
 }
+
+/// Errors of a state: of its position [m], of its yaw and of its tilt [rad], none below 0.
+pub type StateErrors = [f64; 3];
+
+/// Places in [`StateErrors`].
+pub const POSITION: usize = 0;
+pub const YAW: usize = 1;
+pub const TILT: usize = 2;
 
 impl Tracking {
     /// Of a trajectory that is flown in ticks of `period_s` [s].
@@ -48,90 +55,127 @@ impl Tracking {
         self.course.reference(tick as f64 * self.period_s)
     }
 
+    /// The reference of a tick: from its setpoint, if there is one, which has it already.
+    fn reference_of(&self, tick: u64, setpoint: Option<&Setpoint>) -> Reference {
+        setpoint.map_or_else(|| self.reference(tick), |setpoint| setpoint.reference)
+    }
+
     /// True distance of the state of a tick from its reference [m].
     pub fn error_m(&self, tick: u64, state: &State) -> f64 {
-        state.position_error_m(&self.reference(tick))
+        self.setpoint_error_m(tick, state, None)
     }
 
-    /// The same from the setpoint of the tick, which has the reference already; without one as [`Self::error_m`].
+    /// True distance of the state of a tick from the reference of its setpoint, if there is one [m].
     pub fn setpoint_error_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
-        setpoint.map_or_else(
-            || self.error_m(tick, state),
-            |setpoint| state.position_error_m(&setpoint.reference),
-        )
-    }
-}
-
-/// Distances of the states of a flight from their references, summed up.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct TrackingError {
-    pub states: u64,
-    squared_sum_m2: f64,
-    pub max_m: f64,
-    pub last_m: f64,
-}
-
-impl TrackingError {
-    pub fn take(&mut self, error_m: f64) {
-        self.states += 1;
-        self.squared_sum_m2 += error_m * error_m;
-        self.max_m = self.max_m.max(error_m);
-        self.last_m = error_m;
+        state.position_error_m(&self.reference_of(tick, setpoint))
     }
 
-    pub fn rms_m(&self) -> f64 {
-        (self.squared_sum_m2 / self.states.max(1) as f64).sqrt()
+    /// True errors of the state of a tick, against the reference of its setpoint, if there is one.
+    pub fn errors(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> StateErrors {
+        let reference = self.reference_of(tick, setpoint);
+        [
+            state.position_error_m(&reference),
+            state.yaw_error_rad(&reference),
+            state.tilt_error_rad(&reference),
+        ]
     }
 }
 
 /// Length of the end of a flight that says whether it tracked [s].
 pub const RECENT_S: f64 = 5.0;
 
-/// The last few seconds of a flight, and its lowest point.
+/// Errors of a flight, summed up; its lowest point, and its last few seconds.
 #[derive(Clone, Debug)]
-pub struct RecentStates {
+pub struct TrackingStatistics {
     length_ticks: u64,
     period_s: f64,
-    /// Ticks with their errors [m], of which each is larger than all that follow it.
-    errors: VecDeque<(u64, f64)>,
+    pub states: u64,
+    errors: [ErrorStatistics; 3],
     first_tick: Option<u64>,
     newest_tick: u64,
     lowest_z_m: f64,
 }
 
-impl RecentStates {
+#[derive(Clone, Debug, Default)]
+pub struct ErrorStatistics {
+    states: u64,
+    squared_sum: f64,
+    pub max: f64,
+    pub last: f64,
+    /// Ticks of the last few seconds with their errors, of which each is larger than all that follow it.
+    recent: VecDeque<(u64, f64)>,
+}
+
+impl ErrorStatistics {
+    fn take(&mut self, tick: u64, error: f64, length_ticks: u64) {
+        self.states += 1;
+        self.squared_sum += error * error;
+        self.max = self.max.max(error);
+        self.last = error;
+        let is_not_larger = |it: &mut (u64, f64)| it.1 <= error;
+        while self.recent.pop_back_if(is_not_larger).is_some() {}
+        self.recent.push_back((tick, error));
+        let is_over = |it: &mut (u64, f64)| it.0 + length_ticks <= tick;
+        while self.recent.pop_front_if(is_over).is_some() {}
+    }
+
+    pub fn rms(&self) -> f64 {
+        (self.squared_sum / self.states.max(1) as f64).sqrt()
+    }
+
+    /// Largest error of the last [`RECENT_S`].
+    pub fn recent_max(&self) -> f64 {
+        self.recent.front().map_or(0.0, |(_, error)| *error)
+    }
+
+    fn angle(&self) -> Option<AngleErrors> {
+        (self.states > 0).then(|| AngleErrors {
+            rms_rad: self.rms(),
+            max_rad: self.max,
+            final_rad: self.last,
+            recent_max_rad: self.recent_max(),
+        })
+    }
+}
+
+impl TrackingStatistics {
     pub fn new(period_s: f64) -> Self {
         Self {
             length_ticks: (RECENT_S / period_s).round() as u64,
             period_s,
-            errors: VecDeque::new(),
+            states: 0,
+            errors: Default::default(),
             first_tick: None,
             newest_tick: 0,
             lowest_z_m: f64::INFINITY,
         }
     }
 
-    /// Takes the state of a tick: its height and its distance from the reference [m].
-    pub fn take(&mut self, tick: u64, z_m: f64, error_m: f64) {
+    /// Takes the state of a tick, and its errors.
+    pub fn take(&mut self, tick: u64, state: &State, errors: &StateErrors) {
+        self.states += 1;
         self.first_tick.get_or_insert(tick);
         self.newest_tick = tick;
-        self.lowest_z_m = self.lowest_z_m.min(z_m);
-        while self
-            .errors
-            .pop_back_if(|(_, earlier)| *earlier <= error_m)
-            .is_some()
-        {}
-        self.errors.push_back((tick, error_m));
-        let is_over = |it: &mut (u64, f64)| it.0 + self.length_ticks <= tick;
-        while self.errors.pop_front_if(is_over).is_some() {}
+        self.lowest_z_m = self.lowest_z_m.min(state.truth.position_w_m[2]);
+        for (statistics, error) in self.errors.iter_mut().zip(errors) {
+            statistics.take(tick, *error, self.length_ticks);
+        }
     }
 
-    pub fn error_max_m(&self) -> f64 {
-        self.errors.front().map_or(0.0, |(_, error_m)| *error_m)
+    pub const fn position(&self) -> &ErrorStatistics {
+        &self.errors[POSITION]
     }
 
-    /// How long they last [s]: less than [`RECENT_S`] in a short flight.
-    pub fn length_s(&self) -> f64 {
+    pub const fn yaw(&self) -> &ErrorStatistics {
+        &self.errors[YAW]
+    }
+
+    pub const fn tilt(&self) -> &ErrorStatistics {
+        &self.errors[TILT]
+    }
+
+    /// Length of the last seconds [s]: less than [`RECENT_S`] in a short flight.
+    fn recent_s(&self) -> f64 {
         let flown = self
             .first_tick
             .map_or(0, |first| self.newest_tick - first + 1);
@@ -139,36 +183,54 @@ impl RecentStates {
     }
 
     /// Lowest point of the whole flight [m]; 0 without a state.
-    pub fn lowest_z_m(&self) -> f64 {
+    fn lowest_z_m(&self) -> f64 {
         let lowest = Some(self.lowest_z_m);
         lowest.filter(|z_m| z_m.is_finite()).unwrap_or(0.0)
     }
-}
 
-impl fmt::Display for TrackingError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (rms_m, max_m, last_m) = (self.rms_m(), self.max_m, self.last_m);
-        let states = count(self.states, "state");
-        write!(
-            f,
-            "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {states}"
-        )
+    /// The figures of the flight so far.
+    pub fn performance(&self, effort: &EffortStatistics) -> ControlPerformance {
+        let position = self.position();
+        ControlPerformance {
+            position_error_rms_m: position.rms(),
+            position_error_max_m: position.max,
+            position_error_final_m: position.last,
+            states: self.states,
+            recent_error_max_m: position.recent_max(),
+            recent_s: self.recent_s(),
+            yaw_error: self.yaw().angle(),
+            tilt_error: self.tilt().angle(),
+            lowest_z_m: self.lowest_z_m(),
+            saturated_ticks: effort.saturated,
+            effort: effort.section(),
+            ..ControlPerformance::default()
+        }
     }
 }
 
 /// What the messages have shown so far; truth and estimate are those of the newest ones.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct ControlStatistics {
     pub(super) truth: [f64; 3],
-    pub(super) tracking: TrackingError,
+    pub(super) tracking: TrackingStatistics,
+    pub(super) effort: EffortStatistics,
     /// What the inner law estimates, where it does.
     pub(super) estimate: Option<[f64; 3]>,
     /// Length of the newest rate error that was known [rad/s].
     pub(super) rate_error: Option<f64>,
-    pub(super) saturated: u64,
 }
 
 impl ControlStatistics {
+    pub(super) fn new(period_s: f64) -> Self {
+        Self {
+            truth: [0.0; 3],
+            tracking: TrackingStatistics::new(period_s),
+            effort: EffortStatistics::default(),
+            estimate: None,
+            rate_error: None,
+        }
+    }
+
     pub(super) fn wrench(&mut self, laws: &FlownLaws, wrench: &Wrench) {
         self.estimate = laws.estimates().map(|places| places.of(wrench));
         let e = laws.rate_error().map(|places| places.of(wrench));
@@ -176,7 +238,7 @@ impl ControlStatistics {
         self.rate_error = e.filter(|e| e.is_finite()).or(self.rate_error);
     }
 
-    pub(super) fn performance(&self, recent: &RecentStates) -> ControlPerformance {
+    pub(super) fn performance(&self) -> ControlPerformance {
         let estimate = |i: usize| {
             Some(Estimate {
                 name: ESTIMATED[i].name().into(),
@@ -185,17 +247,9 @@ impl ControlStatistics {
             })
         };
         ControlPerformance {
-            position_error_rms_m: self.tracking.rms_m(),
-            position_error_max_m: self.tracking.max_m,
-            position_error_final_m: self.tracking.last_m,
-            states: self.tracking.states,
-            ticks_without_state: 0,
-            recent_error_max_m: recent.error_max_m(),
-            recent_s: recent.length_s(),
-            lowest_z_m: recent.lowest_z_m(),
             rate_error_final_rad_s: self.rate_error,
-            saturated_ticks: self.saturated,
             estimates: (0..3).filter_map(estimate).collect(),
+            ..self.tracking.performance(&self.effort)
         }
     }
 }
@@ -207,6 +261,8 @@ mod tests {
     use control_api::{GuardedOuter, Rig};
     use controller::laws::Pd;
     use messages::content::{Measured, Stamped};
+    use messages::math;
+    use messages::parameters::Parameter;
 
     use super::*;
 
@@ -237,23 +293,70 @@ mod tests {
 
     #[test]
     fn the_end_of_a_flight_is_its_last_seconds_and_its_lowest_point_that_of_all() {
-        let mut recent = RecentStates::new(1e-3);
-        let numbers = |it: &RecentStates| [it.error_max_m(), it.length_s(), it.lowest_z_m()];
-        assert_eq!(numbers(&recent), [0.0; 3]);
+        let mut tracking = TrackingStatistics::new(1e-3);
+        let take = |tracking: &mut TrackingStatistics, tick: u64, z_m, error: f64| {
+            let mut state = State::default();
+            state.truth.position_w_m = [0.0, 0.0, z_m];
+            tracking.take(tick, &state, &[error, 2.0 * error, 3.0 * error]);
+        };
+        let numbers = |it: &TrackingStatistics| {
+            let of = it.performance(&EffortStatistics::default());
+            [of.recent_error_max_m, of.recent_s, of.lowest_z_m]
+        };
+        assert_eq!(numbers(&tracking), [0.0; 3]);
         for tick in 0..20_000 {
-            let error_m = match tick {
+            let error = match tick {
                 0..14_999 => 9.0,
                 14_999 => 8.0,
                 15_000 => 0.5,
                 _ => 1e-3,
             };
-            recent.take(tick, 1.0 + (tick as f64 - 3000.0).abs() / 3000.0, error_m);
+            let z_m = 1.0 + (tick as f64 - 3000.0).abs() / 3000.0;
+            take(&mut tracking, tick, z_m, error);
             // At most one of each size: what is not larger than a later one is not kept.
-            assert!(recent.errors.len() <= 4);
+            assert!(tracking.errors.iter().all(|it| it.recent.len() <= 4));
         }
         // Ticks 15 000 to 19 999 are the last 5 s.
-        assert_eq!(numbers(&recent), [0.5, RECENT_S, 1.0]);
-        recent.take(20_000, 0.0, 1e-4);
-        assert_eq!(recent.error_max_m(), 1e-3);
+        assert_eq!(numbers(&tracking), [0.5, RECENT_S, 1.0]);
+        take(&mut tracking, 20_000, 0.0, 1e-4);
+        assert_eq!(numbers(&tracking)[0], 1e-3);
+        let yaw = tracking.yaw().angle().unwrap();
+        let [max, last, recent_max] = [yaw.max_rad, yaw.final_rad, yaw.recent_max_rad];
+        assert_eq!([max, last, recent_max], [18.0, 2e-4, 2e-3]);
+    }
+
+    /// The errors of a level hover at a yaw, along a course with a yaw of 0.
+    fn errors_at(yaw_rad: f64, wind_m_s: f64, tilt_rad: f64) -> StateErrors {
+        let mut state = State::default();
+        state.truth.parameter = *messages::parameters::Airframe::nominal().values();
+        state.truth.parameter[Parameter::WindX as usize] = wind_m_s;
+        state.measured.attitude_rad = [0.0, tilt_rad, yaw_rad];
+        let (sin, cos) = math::sin_cos(tilt_rad / 2.0);
+        state.measured.attitude_quaternion = [cos, 0.0, sin, 0.0];
+        Tracking::of(Trajectory::Hover, 1e-3).errors(60_000, &state, None)
+    }
+
+    #[test]
+    fn the_yaw_error_is_wrapped_and_the_tilt_error_is_against_what_the_reference_needs() {
+        use std::f64::consts::{PI, TAU};
+        for (yaw_rad, expected) in [
+            (0.0, 0.0),
+            (0.3, 0.3),
+            (-0.3, 0.3),
+            (11.0 * TAU, 0.0),
+            (PI, PI),
+        ] {
+            let [_, yaw, tilt] = errors_at(yaw_rad, 0.0, 0.0);
+            assert!((yaw - expected).abs() < 1e-12 && tilt < 1e-12, "{yaw_rad}");
+        }
+        // The vehicle must lean into the wind by the angle whose tangent is drag over weight.
+        let [_, _, level] = errors_at(0.0, -2.0, 0.0);
+        let lean = (0.95_f64 / 0.52 * 2.0 / 9.8).atan();
+        let [_, _, leaning] = errors_at(0.0, -2.0, lean);
+        assert!(
+            (level - lean).abs() < 1e-12 && leaning < 1e-12,
+            "{level} {leaning}"
+        );
+        assert!((errors_at(0.0, 0.0, 2.0)[TILT] - 2.0).abs() < 1e-12);
     }
 }

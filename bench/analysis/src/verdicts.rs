@@ -6,8 +6,8 @@
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
 use crate::phrase::count;
 use crate::schema::{
-    ControlPerformance, Explained, FlightVerdict, NotFresh, Report, RunSection, Speed,
-    StabilityVerdict, Ticks, TimingVerdict, Verdicts,
+    ControlPerformance, Explained, FlightVerdict, NotFresh, QuantityError, Report, RunSection,
+    Speed, StabilityVerdict, Ticks, TimingVerdict, Verdicts,
 };
 use crate::theorem::Theorem;
 use messages::blackboards::EndReason;
@@ -17,6 +17,8 @@ use serde::{Deserialize, Serialize};
 pub struct TrackingLimits {
     /// Largest position error that is allowed in the last [`crate::tracking::RECENT_S`] [m].
     pub error_max_m: f64,
+    /// Largest yaw error that is allowed then [rad].
+    pub yaw_error_max_rad: f64,
     /// Height below which the airframe has hit the ground [m].
     pub ground_z_m: f64,
 }
@@ -74,14 +76,29 @@ pub fn flight_verdict(
         let why = format!("below ground: down to z = {lowest:.2} m, the ground is at {ground} m");
         (FlightVerdict::Lost, why)
     } else {
-        let (error, limit) = (performance.recent_error_max_m, limits.error_max_m);
-        let word = match error <= limit {
-            true => FlightVerdict::Tracked,
-            false => FlightVerdict::OffTrack,
+        let limits = [limits.error_max_m, limits.yaw_error_max_rad];
+        let errors = performance.errors().into_iter().zip(limits);
+        let judged = errors.filter_map(|(error, limit)| Some((error?, limit)));
+        let judged: Vec<(QuantityError, f64)> = judged.collect();
+        // Of a flight that is off its track, the errors that are too large.
+        let is_over = |(error, limit): &&(QuantityError, f64)| error.recent_max > *limit;
+        let (word, named) = match judged.iter().any(|it| is_over(&it)) {
+            false => (FlightVerdict::Tracked, judged.iter().collect()),
+            true => (
+                FlightVerdict::OffTrack,
+                judged.iter().filter(is_over).collect::<Vec<_>>(),
+            ),
         };
+        let words = named.iter().map(|(error, limit)| {
+            let QuantityError { name, unit, .. } = error;
+            format!(
+                "{name} up to {:.4} {unit} (limit {limit} {unit})",
+                error.recent_max
+            )
+        });
+        let words = words.collect::<Vec<_>>().join(", ");
         let recent_s = performance.recent_s;
-        let last = format!("in the last {recent_s:.1} s, limit {limit} m");
-        (word, format!("position error up to {error:.4} m {last}"))
+        (word, format!("{words} in the last {recent_s:.1} s"))
     };
     Explained { word, why }
 }
@@ -93,22 +110,18 @@ pub fn timing_verdict(
     steal: &Steal,
 ) -> Explained<TimingVerdict> {
     let all = ticks.run.saturating_add(ticks.skipped);
-    let counts = format!(
-        "{} of {all} ticks without a fresh command on time ({:.1} per million): {}",
-        not_fresh.ticks,
-        not_fresh.per_million,
-        not_fresh.parts()
-    );
+    let (percent, counts) = (not_fresh.on_time_percent(), not_fresh.sentence(ticks));
+    let share = format!("{percent:.2} % on time: {counts}");
     let (word, why) = if let Some(why) = speed.why_not_real_time() {
         (TimingVerdict::NotMeasured, why)
     } else if steal.percent > STEAL_LIMIT_PERCENT {
         let (percent, whose) = (steal.percent, steal.processors());
-        let why = format!("the host stole {percent:.1} % of {whose}; {counts}");
+        let why = format!("the host stole {percent:.1} % of {whose}; {share}");
         (TimingVerdict::NotMeasured, why)
     } else if all == 0 {
         (TimingVerdict::NotMeasured, "no tick was flown".into())
     } else if not_fresh.ticks > 0 {
-        (TimingVerdict::Late, counts)
+        (TimingVerdict::Late, share)
     } else {
         (TimingVerdict::InTime, counts)
     };
@@ -131,7 +144,10 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     } else if theorem.holds && theorem.is_hardly_judged() {
         (NotJudged, counts)
     } else if theorem.holds {
-        (Holds, counts)
+        // V of (22), with the rate error, is proven without delay alone.
+        let e = theorem.rate_error_final_rad_s;
+        let why = format!("{counts}; not judged: the rate error, {e:.1e} rad/s at the end");
+        (Holds, why)
     } else if unexplained == 0 {
         let why = "the estimates did not move as predicted";
         (Broken, why.into())
@@ -149,6 +165,7 @@ mod tests {
 
     const LIMITS: TrackingLimits = TrackingLimits {
         error_max_m: 0.1,
+        yaw_error_max_rad: 0.2,
         ground_z_m: -0.25,
     };
 
@@ -177,17 +194,40 @@ mod tests {
                 assert_eq!(words(&verdicts), expected, "{word} {i}");
             }
         };
-        let tracked: [Change; 3] = [
+        fn yaw(report: &mut Report, recent_max_rad: f64) {
+            report.flight.yaw_error.as_mut().unwrap().recent_max_rad = recent_max_rad;
+        }
+        let tracked: [Change; 4] = [
+            |it| yaw(it, 0.2),
             |it| it.flight.recent_error_max_m = 0.1,
             |it| it.flight.position_error_max_m = 3.0,
             |it| it.flight.lowest_z_m = -0.25,
         ];
         check(0, "tracked", &tracked);
-        check(
-            0,
-            "off track",
-            &[|it| it.flight.recent_error_max_m = 0.1001],
-        );
+        let off_track: [Change; 3] = [
+            |it| it.flight.recent_error_max_m = 0.1001,
+            |it| yaw(it, 0.2001),
+            |it| (it.flight.recent_error_max_m, it.flight.yaw_error) = (0.2, None),
+        ];
+        check(0, "off track", &off_track);
+        // Only what is too large is named.
+        for (error_m, yaw_rad, expected) in [
+            (
+                0.1,
+                0.3,
+                "yaw error up to 0.3000 rad (limit 0.2 rad) in the last 5.0 s",
+            ),
+            (
+                0.3,
+                0.1,
+                "position error up to 0.3000 m (limit 0.1 m) in the last 5.0 s",
+            ),
+        ] {
+            let mut report = good();
+            report.flight.recent_error_max_m = error_m;
+            yaw(&mut report, yaw_rad);
+            assert_eq!(Verdicts::of(&report, None, &LIMITS).flight.why, expected);
+        }
         check(0, "lost", &[|it| it.flight.lowest_z_m = -0.26]);
         check(0, "not seen", &[|it| it.flight.states = 0]);
         let late: [Change; 3] = [
@@ -226,6 +266,14 @@ mod tests {
         check(2, "not judged", &[|it| it.theorem.ticks_judged = 9_999]);
         let lost = Verdicts::of(&good(), Some(EndReason::Position), &LIMITS);
         assert_eq!(words(&lost)[0], "lost");
+        // A share is never rounded up to all.
+        for (missed, share) in [(1, "99.99"), (16, "99.92"), (10_000, "50.00")] {
+            let mut report = good();
+            not_fresh(&mut report, missed, 0, 0);
+            let why = Verdicts::of(&report, None, &LIMITS).timing.why;
+            let begin = format!("{share} % on time: {missed} of 20000 ticks without");
+            assert!(why.starts_with(&begin), "{why}");
+        }
     }
 
     #[test]

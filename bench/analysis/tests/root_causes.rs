@@ -4,17 +4,17 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use MissCause::{NotUsed, ProcessorStalled, StoppedOrDead};
+use MissCause::{CannotTell, NotUsed, StoppedOrDead};
 use Role::{Inner, Mixer, Outer, Plant};
-use analysis::candidate_causes::{
-    CounterSample, Counters, Life, Outage, StageTiming, TickTimings, TimingWindow,
-};
 use analysis::miss_analysis::{AROUND_TICKS, MissAnalysis};
-use analysis::miss_causes::{MissCause, classify};
+use analysis::miss_causes::{MissCause, OBSERVATIONS, classify};
+use analysis::observations::{
+    CounterSample, Counters, Life, Observations, Outage, StageTiming, TickTimings,
+};
 use analysis::outages::OutageSection;
 use analysis::processor_trace::{Runner, Slice};
 use analysis::schema::MACHINE;
-use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::content::{Loss, RotorSpeeds, Setpoint, State, Wrench};
 use messages::grid::Grid;
 use messages::header::{Header, Message, Stamps};
 use messages::role::{Role, STAGES};
@@ -36,7 +36,7 @@ struct Evidence {
     timings: BTreeMap<u64, TickTimings>,
     samples: Vec<CounterSample>,
     slices: Vec<Slice>,
-    is_virtual: bool,
+    loss: Option<Loss>,
     share_processor: bool,
 }
 
@@ -75,8 +75,19 @@ fn good() -> Evidence {
         timings: (0..TICKS).map(|tick| (tick, good_tick(tick))).collect(),
         samples: (0..=7).map(sample).collect(),
         slices: Vec::new(),
-        is_virtual: true,
+        loss: None,
         share_processor: true,
+    }
+}
+
+/// Rotor commands that the recorder lost between two ticks.
+fn loss(after_tick: u64, before_tick: u64) -> Loss {
+    Loss {
+        topic: 3,
+        channel: 0,
+        messages: before_tick - after_tick - 1,
+        after_tick,
+        before_tick,
     }
 }
 
@@ -148,8 +159,10 @@ impl Evidence {
                 *self.stage(tick(1), Mixer) = timing(tick(1), number(2), number(3), false)
             }
             "stolen" => self.sampled(number(1) as usize, |it| it.stolen = number(2)),
-            "busy" => self.sampled(number(1) as usize, |it| it.busy = number(2)),
-            "lost" => self.sampled(number(1) as usize, |it| it.lost = number(2)),
+            "throttled" => self.counted(number(1) as usize, role(2), |it| {
+                it.throttled_us += number(3)
+            }),
+            "lost" => self.loss = Some(loss(tick(1), tick(2))),
             "faults" => self.counted(number(1) as usize, role(2), |it| it.faults += number(3)),
             "waited" => self.counted(number(1) as usize, role(2), |it| {
                 it.waited_ns += number(3) * US
@@ -170,7 +183,6 @@ impl Evidence {
                 let sample = &mut self.samples[number(1) as usize];
                 (sample.from_ns, sample.at_ns) = (GRID.begin_of(tick(2)), GRID.begin_of(tick(3)));
             }
-            "hardware" => self.is_virtual = false,
             "apart" => self.share_processor = false,
             other => panic!("no change `{other}`"),
         }
@@ -186,18 +198,18 @@ impl Evidence {
         };
         let outage = (MISSED..TICKS).take_while(|tick| *tick == MISSED || !is_whole(tick));
         let sent = self.timings.values().flatten().flatten();
-        let cause = classify(&TimingWindow {
+        let cause = classify(&Observations {
             grid: GRID,
             outage: Outage {
                 first: MISSED,
                 last: outage.last().unwrap(),
                 missed: 1,
             },
-            traces: &self.timings,
+            messages_lost: self.loss.is_some(),
+            timings: &self.timings,
             samples: &self.samples,
             slices: &self.slices,
             until_ns: sent.map(|timing| timing.send_ns).max().unwrap(),
-            is_virtual: self.is_virtual,
             share_processor: self.share_processor,
         });
         let said = &cause.evidence;
@@ -211,7 +223,8 @@ impl Evidence {
 
     /// Feeds an analysis as the recorder does; gives the deadlines missed before the last state, too.
     fn analysed(&self) -> (MissAnalysis, u64) {
-        let mut analysis = MissAnalysis::new(GRID, true, true);
+        let mut analysis = MissAnalysis::new(GRID, true);
+        self.loss.iter().for_each(|loss| analysis.loss(loss));
         let mut samples = self.samples.iter().peekable();
         let (mut missed, mut judged) = (0, 0);
         for (tick, stages) in &self.timings {
@@ -242,6 +255,7 @@ impl Evidence {
                     } else {
                         content.deadline_miss_run += 1;
                         missed += 1;
+                        analysis.miss(begun - 1);
                     }
                 }
                 judged = *tick;
@@ -257,10 +271,10 @@ impl Evidence {
         (analysis, missed)
     }
 
-    /// The report's section after a flight that ended with a tick.
-    fn section(&self, last_tick: u64) -> OutageSection {
+    /// The report's section after the flight.
+    fn section(&self) -> OutageSection {
         let (mut analysis, missed) = self.analysed();
-        analysis.finish(missed, last_tick);
+        analysis.finish(missed);
         analysis.section()
     }
 }
@@ -272,7 +286,11 @@ fn stage(name: &str) -> Option<Role> {
 
 #[test]
 fn each_case_has_its_cause() {
-    let lines = include_str!("root_causes.txt").lines();
+    let cases = include_str!("root_causes.txt");
+    for (cause, _) in OBSERVATIONS {
+        assert!(cases.contains(&format!("| {cause:?}")), "{cause:?}");
+    }
+    let lines = cases.lines();
     for case in lines.filter(|line| !line.starts_with('#')) {
         let (changes, expected) = case.split_once(" | ").unwrap();
         let mut evidence = good();
@@ -319,8 +337,8 @@ fn a_trace_shows_which_thread_ran_instead() {
     interrupted.is("interrupted", "Preempted", Some(Plant), urgent);
     // The plant itself, the idle task and a less urgent thread keep no stage from the processor.
     for runner in [thread(100, 19), Runner::Idle, thread(4711, 120)] {
-        let words = "no stage ran, although others were due; meanwhile ran";
-        traced(&[(0, 1_820, runner)]).is("other", "ProcessorStalled", None, words);
+        let words = "nothing observed says why; meanwhile ran";
+        traced(&[(0, 1_820, runner)]).is("other", "CannotTell", Some(Plant), words);
     }
 }
 
@@ -333,7 +351,8 @@ fn every_missed_deadline_is_in_one_outage() {
     evidence.silence_of(Mixer, TICKS - 1..TICKS);
     let (mut analysis, missed) = evidence.analysed();
     assert_eq!((missed, analysis.section().pending), (2, 2));
-    analysis.finish(missed + 1, TICKS);
+    analysis.miss(TICKS - 1);
+    analysis.finish(missed + 1);
     let section = analysis.section();
     let counted: u64 = section.classes.iter().map(|class| class.missed).sum();
     assert_eq!(counted, missed + 1);
@@ -341,7 +360,7 @@ fn every_missed_deadline_is_in_one_outage() {
     let outages: Vec<_> = outages.map(|it| (it.tick, it.ticks, it.missed)).collect();
     assert_eq!(outages, [(MISSED, 2, 2), (TICKS - 1, 1, 1)]);
     let worst = &section.worst[0];
-    assert_eq!(worst.class, ProcessorStalled);
+    assert_eq!(worst.class, CannotTell);
     // From the begin of the first tick to the plant's waking, 120 us after the begin of the third.
     assert!((worst.delay_us - 2_120.0).abs() < 1e-6, "{worst:?}");
     let timeline = worst.timeline.iter();
@@ -394,7 +413,7 @@ fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
                 sample.stages[stage as usize].life = Life::Stopped;
             }
         }
-        let section = evidence.section(end);
+        let section = evidence.section();
         let [case] = &section.worst[..] else {
             panic!("{stage} for {ticks} ticks: {section:?}")
         };
@@ -415,7 +434,7 @@ fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
         // A stop of 5 ticks lies between two samples.
         let is_stopped = (case.class, case.stage.as_deref()) == (StoppedOrDead, Some(stage.name()));
         assert_eq!(is_stopped, ticks > 10, "{stage}, {ticks}: {case:?}");
-        let longest = section.longest.unwrap();
+        let longest = section.longest;
         assert_eq!(longest[stage.name()], ticks, "{longest:?}");
         assert!(!longest.contains_key(MACHINE), "{longest:?}");
     }
@@ -429,31 +448,27 @@ fn outages_are_those_of_stages_that_published_nothing_and_were_seen_whole() {
         evidence.timings.extend(silent);
         evidence
     };
-    let longest = out().section(TICKS - 1).longest.unwrap();
+    let longest = out().section().longest;
     assert_eq!(longest.len(), 5, "every stage and the machine: {longest:?}");
     assert!(longest.values().all(|ticks| *ticks == 8), "{longest:?}");
     // The recorder lost messages.
     let mut unseen = out();
-    unseen.sampled(4, |sample| sample.lost = 1);
-    let section = unseen.section(TICKS - 1);
-    assert_eq!((section.longest.unwrap().len(), section.unmeasured), (0, 1));
+    unseen.loss = Some(loss(MISSED - 1, MISSED + 8));
+    let section = unseen.section();
+    assert_eq!((section.longest.len(), section.unmeasured), (0, 1));
     // A message in time that was not used is no outage of its sender.
     let mut unused = good();
     for tick in MISSED..MISSED + 8 {
-        unused.stage(tick, Mixer).as_mut().unwrap().is_fresh = false;
+        *unused.stage(tick, Mixer) = timing(tick, 910, 915, false);
     }
-    let section = unused.section(TICKS - 1);
+    let section = unused.section();
     assert_eq!(section.classes[0].class, NotUsed);
-    assert_eq!(section.longest, Some(BTreeMap::new()));
+    assert_eq!(section.longest, BTreeMap::new());
     // Neither are the ticks before a stage began and after the flight.
     let mut ends = good();
     ends.silence_of(Inner, 0..3);
     ends.silence_of(Mixer, TICKS - 1..TICKS);
-    let none = OutageSection {
-        longest: Some(BTreeMap::new()),
-        ..OutageSection::default()
-    };
-    assert_eq!(ends.section(TICKS - 1), none);
+    assert_eq!(ends.section(), OutageSection::default());
 }
 
 /// A stage dies in the last tick, and ends the flight with it, before a sample shows it.
@@ -466,7 +481,8 @@ fn a_stage_that_ends_the_flight_by_its_death_is_named() {
     for is_dead in [true, false] {
         let (mut analysis, _) = evidence.analysed();
         analysis.ended_stages([false, false, false, is_dead], GRID.begin_of(MISSED + 4));
-        analysis.finish(1, MISSED + 1);
+        analysis.miss(MISSED);
+        analysis.finish(1);
         let section = analysis.section();
         let [cause] = &section.classes[..] else {
             panic!("{section:?}")
@@ -486,6 +502,6 @@ fn the_last_sample_is_evidence_where_the_flight_ends_in_an_outage() {
     evidence.samples.truncate(5);
     let (mut analysis, missed) = evidence.analysed();
     analysis.ended_stages([false; STAGES.len()], GRID.begin_of(TICKS));
-    analysis.finish(missed, TICKS - 1);
+    analysis.finish(missed);
     assert_eq!(analysis.section().classes[0].class, MissCause::HostStall);
 }

@@ -5,7 +5,7 @@ use std::io::{Read as _, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use errors::{Failure, InFile as _};
+use errors::{Failure, InFile as _, write_whole};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
 use crate::campaign::Campaign;
@@ -66,24 +66,8 @@ pub fn write(
     let path = path_of(directory, chunk);
     let table = Table::new(campaign, rows);
     let bytes = encoded(identity, Some((chunk, campaign.flights_of(chunk))), &table)?;
-    write_whole(&path, |file| file.write_all(&bytes))
-}
-
-/// Writes a file aside under a name of this process, and renames it when it is whole and on the disk.
-pub fn write_whole<E: std::fmt::Display>(
-    path: &Path,
-    write: impl FnOnce(&mut File) -> Result<(), E>,
-) -> Result<(), Failure> {
-    let aside = path.with_extension(format!("{}.aside", std::process::id()));
-    let mut file = File::create(&aside).in_file("write", &aside)?;
-    write(&mut file)
-        .in_file("write", &aside)
-        .and_then(|()| file.sync_all().in_file("write", &aside))
-        .and_then(|()| fs::rename(&aside, path).in_file("write", path))
-        .inspect_err(|_| {
-            // An incomplete file is of no use.
-            let _ = fs::remove_file(&aside);
-        })
+    let written = write_whole(&path, |file| file.write_all(&bytes), || true);
+    written.in_file("write", &path)
 }
 
 /// Bytes that a file of these rows takes.
@@ -287,7 +271,7 @@ impl Rows {
     ) -> Result<u64, Failure> {
         let mut table = Table::new(campaign, &[]);
         let mut rows = 0;
-        write_whole(to, |file| {
+        let write = |file: &mut File| {
             let refused = |e: parquet::errors::ParquetError| Failure::failed(e.to_string());
             let metadata = metadata(identity, None, None);
             let mut writer = writer(file, &table, &metadata, None).map_err(refused)?;
@@ -300,7 +284,8 @@ impl Rows {
                 }
             }
             writer.close().map(drop).map_err(refused)
-        })?;
+        };
+        write_whole(to, write, || true).in_file("write", to)?;
         Ok(rows)
     }
 }

@@ -3,7 +3,10 @@
 use crate::campaign::{Campaign, Factor, Submission, Target, Variant};
 use crate::distribution::{Distribution, fractional};
 use crate::fault::{Fault, is_loop_fault, value_type};
-use crate::gates::{Gates, METRICS, RECOVERED_BELOW_M, SignalGate};
+use crate::gates::{
+    Gates, METRICS, RECOVERED_BELOW_M, SignalGate, TRACKING_ERROR, TRACKING_YAW_ERROR,
+    YAW_ERROR_MAX_RAD,
+};
 use crate::lines::{Lines, line_of};
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
 use errors::Failure;
@@ -427,6 +430,12 @@ impl Reader {
                 ("recovered_below_m", _, Some(bound_m)) => gates.recovered_below_m = bound_m,
                 (_, Some(place), Some(most)) => gates.limits.push((place, most)),
             }
+        }
+        let place = |metric| known.iter().position(|name| *name == metric);
+        let is_limited = |metric| gates.limits.iter().any(|it| Some(it.0) == place(metric));
+        if is_limited(TRACKING_ERROR) && !is_limited(TRACKING_YAW_ERROR) {
+            let yaw = place(TRACKING_YAW_ERROR).map(|place| (place, YAW_ERROR_MAX_RAD));
+            gates.limits.extend(yaw);
         }
         gates.limits.sort_by_key(|(place, _)| *place);
         gates

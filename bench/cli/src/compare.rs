@@ -8,6 +8,8 @@ use std::path::PathBuf;
 
 use analysis::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
 use analysis::flight_metrics::ComparedFlight;
+use analysis::gates::Measured;
+use analysis::schema::Gate;
 use analysis::tracking::Tracking;
 use config::law_settings::{DEFAULT_PRESET, known};
 use messages::role::Role;
@@ -19,10 +21,10 @@ use toml::Value;
 use crate::build;
 use crate::cli::values::limit;
 use crate::cli::{CompareArgs, SUITES};
-use crate::report_command::publish;
+use crate::report_command::{exit_code, publish};
 use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
-use errors::{Failure, OK, USAGE, check_outputs, read_text, write_text};
+use errors::{Failure, USAGE, check_outputs, read_text, write_text};
 use experiments::combinations::{self, Combination};
 use experiments::parallel::{on_processors, processors};
 use sim::simulate::{self, InvalidOutputs};
@@ -80,7 +82,22 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
             .for_each(|it| it.figures.trace = None);
     }
     publish(&document, &comparison, args.format, args.page.as_deref())?;
-    Ok(OK)
+    judge(args.max_lost, [&comparison])
+}
+
+/// The exit code by the number of lost flights.
+fn judge<'a>(
+    max_lost: Option<u64>,
+    flown: impl IntoIterator<Item = &'a Comparison>,
+) -> Result<u8, Failure> {
+    let outcomes = flown.into_iter().flat_map(|it| &it.outcomes);
+    let lost = outcomes.filter(|it| it.lost.is_some()).count();
+    let lost = Measured {
+        name: "lost flights".into(),
+        value: Ok((lost as f64, lost.to_string())),
+    };
+    let gate = max_lost.map(|most| Gate::at_most(most as f64, lost));
+    Ok(exit_code(gate))
 }
 
 /// Flies all cases of a table, prints Markdown, and writes what else was asked for.
@@ -126,7 +143,7 @@ fn fly_table(
     write(&args.page, &|| flown.document().html())?;
     write(&args.picture, &|| flown.picture())?;
     write(&args.csv, &|| flown.csv())?;
-    Ok(OK)
+    judge(args.max_lost, flown.rows.iter().map(|(_, flown)| flown))
 }
 
 #[derive(Debug)]
@@ -290,7 +307,7 @@ impl CaseTable {
     }
 
     const HELP: &str =
-        "each row reads: [[row]], name = \"heavier\", faults = [\"mass_kg=+30%@8s\"]";
+        "each row reads: [[row]], name = \"drag\", faults = [\"rotational_drag_nm_s=+200%@8s\"]";
 
     fn read(place: String, text: &str) -> Result<Self, Failure> {
         let refused = |what: String| Failure::usage(format!("{place}: {what}")).help(Self::HELP);

@@ -7,14 +7,14 @@ use std::time::Duration;
 use analysis::finding::{Finding, RealtimeClass};
 use errors::{Failure, GATE, OK};
 use host::doctor::measured::{MeasuredMachine, TICK_NS};
-use host::doctor::{examine, render};
+use host::doctor::{examine, reason, render};
 use host::floor::timer::Schedule;
 use host::{Machine, own_executable};
 use messages::parameters::shown;
 use messages::role::{Replica, Role};
 
 use crate::cli::DoctorArgs;
-use crate::floor::loop_cpus;
+use crate::floor::loop_cpus::{Trial, Trials, figures, fly_channels, fly_each, text};
 use config::{Settings, check_cpu};
 use errors::output::{print, say};
 
@@ -44,20 +44,19 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
         cpu,
         priority,
     };
-    let measured = MeasuredMachine::take(&own_executable()?, &schedule)?;
-    let mut examination = examine(&machine, Some(measured));
-    let trials = loop_cpus::fly_each(cpu, schedule.duration);
-    examination.findings.push(Finding::ok(
-        "loop CPUs, flown",
-        trials.map_or_else(|e| format!("not flown: {e}"), |it| loop_cpus::text(&it)),
-        "stages that poll on CPUs of their own need no wake-up, but there is more that can disturb them",
-    ));
-    let trials = loop_cpus::fly_channels(cpu, schedule.duration);
-    examination.findings.push(Finding::ok(
-        "channels, flown",
-        trials.map_or_else(|e| format!("not flown: {e}"), |it| loop_cpus::figures(&it)),
-        "redundant channels share a CPU: their chains run one after the other in each tick",
-    ));
+    let duration = schedule.duration;
+    let mut flown = vec![
+        flown("loop CPUs, flown", fly_each(cpu, duration), text),
+        flown("channels, flown", fly_channels(cpu, duration), figures),
+    ];
+    let not_measured = |e: Failure| {
+        let subject = "timer and ring";
+        let finding = Finding::ok(subject, format!("not measured: {e}"), reason(subject));
+        flown.push(finding.unknown(RealtimeClass::Soft));
+    };
+    let measured = MeasuredMachine::take(&own_executable()?, &schedule);
+    let measured = measured.map_err(not_measured).ok();
+    let examination = examine(&machine, measured, flown);
     if args.json {
         let json = serde_json::to_string_pretty(&examination);
         print(&(json.map_err(|e| Failure::failed(e.to_string()))? + "\n"))?;
@@ -66,4 +65,18 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     }
     let is_realtime = examination.diagnosis.verdict != RealtimeClass::NotRealTime;
     Ok(if is_realtime { OK } else { GATE })
+}
+
+/// The finding of flights; where not even the plainest one ends as it should, nothing flies in real time.
+fn flown(subject: &str, (trials, failure): Trials, text: fn(&[Trial]) -> String) -> Finding {
+    // The failure of a flight has lines.
+    let ok = |found: String| Finding::ok(subject, found.replace('\n', ";"), reason(subject));
+    match failure {
+        None => ok(text(&trials)),
+        Some(e) if trials.is_empty() => ok(format!("no flight: {e}"))
+            .blocks("run `ironbird fly --duration 1s`, and do what it says"),
+        Some(e) => {
+            ok(format!("{}; then no flight: {e}", text(&trials))).unknown(RealtimeClass::Hard)
+        }
+    }
 }

@@ -6,12 +6,14 @@ use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::Channel;
 use messages::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
 use analysis::phrase::count;
+use analysis::schema::Report;
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
@@ -98,7 +100,29 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     create_directory(directory)?;
     let path = directory.join(perfetto::FILE);
     let file = replace(&path)?;
-    let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
+    // The log may have been taken away from its flight's directory.
+    let report = Report::read(&reader.path().with_file_name("report.json")).ok();
+    let faults = report.iter().flat_map(|it| &it.faults);
+    let faults = faults.filter(|it| !it.is_cancelled()).flat_map(|it| {
+        let end = it.to_tick.map(|tick| (tick, format!("{} ends", it.what)));
+        [Some((it.tick, it.what.clone())), end]
+            .into_iter()
+            .flatten()
+    });
+    let out = BufWriter::new(file);
+    let mut writer = PerfettoWriter::new(out, faults.collect()).in_file("write", &path)?;
+    if let (Some(report), Ok(Pace::Realtime(grid))) = (&report, reader.pace()) {
+        for case in report.autopsy.worst.iter().filter(|it| !it.ran.is_empty()) {
+            let ran = case
+                .ran
+                .iter()
+                .map(|it| format!("{} {:.0} us", it.who, it.us));
+            let ran = ran.collect::<Vec<_>>().join(", ");
+            let ends_us = [case.due_us, case.due_us + case.delay_us];
+            let ends_ns = ends_us.map(|us| grid.begin_of(case.tick) + (us * 1e3) as u64);
+            writer.others(ends_ns, &ran).in_file("write", &path)?;
+        }
+    }
     let mut read = trace_log(reader, &mut writer, &path)?;
     for channel in Channel::ALL {
         let own = reader

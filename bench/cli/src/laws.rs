@@ -105,7 +105,7 @@ fn of_file(library: &Library) -> String {
         true => "not real-time: it promises nothing about its time",
         false => "real-time",
     };
-    let warm_up = match library.is_rehearsed() {
+    let warm_up = match library.is_rehearsed {
         true => "yes",
         false => "no: it has no copy_into",
     };

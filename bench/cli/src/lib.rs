@@ -14,6 +14,7 @@ pub mod export;
 pub mod fault_text;
 pub mod floor;
 pub mod laws;
+pub mod loss;
 pub mod manual;
 pub mod margin;
 pub mod new_law;

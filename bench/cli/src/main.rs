@@ -8,29 +8,18 @@ use errors::{Failure, OK};
 use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
 use ironbird::floor;
 use ironbird::{
-    campaign, clean, compare, doctor, export, fault_text, laws, manual, margin, new_law, params,
-    report_command, resource_limits, runs,
+    campaign, clean, compare, doctor, export, fault_text, laws, loss, manual, margin, new_law,
+    params, report_command, resource_limits, runs,
 };
-use messages::checks;
 use messages::role::Role;
-use process::signals::forget_inherited;
+use process::signals::{end_with_launcher, forget_inherited};
 
 #[cfg(feature = "instrumented")]
 process::count_allocations!();
-#[cfg(feature = "instrumented")]
 plugin::name_exits!();
 
 fn main() -> ExitCode {
     flight_log::build::set_executable(ironbird::build::here());
-    if checks::IS_MUTANT
-        && let Ok(check) = std::env::var("IRONBIRD_CHECK_OFF")
-    {
-        let off = checks::switch_off(&check);
-        say(&format!(
-            "MUTANT: check `{check}` {}\n",
-            if off { "is off" } else { "is unknown" }
-        ));
-    }
     let started = forget_inherited()
         .map_err(Failure::from)
         .and_then(|()| resource_limits::check());
@@ -44,6 +33,14 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: &Cli) -> Result<u8, Failure> {
+    end_with_launcher(cli.launcher)?;
+    plugin::set_laws_run(match &cli.command {
+        Command::Simulate(_) | Command::Replay(_) | Command::Compare(_) => {
+            plugin::LawsRun::InOneChild
+        }
+        Command::Margin(_) | Command::Campaign(_) | Command::Laws(_) => plugin::LawsRun::InOneChild,
+        _ => plugin::LawsRun::AskedInChildren,
+    });
     match &cli.command {
         Command::Fly(args) => fly::fly(args),
         Command::Watch(args) => live::watch::watch(&args.instance, args.plain, args.launcher),
@@ -80,5 +77,6 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Record(args) => roles::record(args),
         Command::RingHop(args) => floor::ring_hop(args),
         Command::CpuLoad(args) => commands::cpu_load(args),
+        Command::ExamineLoss { log } => loss::print_section(log),
     }
 }

@@ -42,7 +42,7 @@ pub fn man(args: &ManArgs) -> Result<u8, Failure> {
 }
 
 /// A command and all its subcommands, except hidden ones.
-fn all(command: &Command) -> Vec<&Command> {
+pub fn all(command: &Command) -> Vec<&Command> {
     let is_visible = |it: &&Command| !it.is_hide_set() && it.get_name() != "help";
     let visible = command.get_subcommands().filter(is_visible);
     std::iter::once(command)
@@ -62,7 +62,8 @@ fn find<'a>(cli: &'a Command, words: &[String]) -> Result<&'a Command, Failure> 
     })
 }
 
-fn page_name(command: &Command) -> &str {
+/// The command's full name, with `-` between its words.
+pub fn page_name(command: &Command) -> &str {
     command.get_display_name().unwrap_or(command.get_name())
 }
 

@@ -9,7 +9,7 @@ use crate::cli::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use analysis::diff::{ComparedRun, compare};
 use analysis::gates::break_off;
 use analysis::json::print_json;
-use analysis::schema::{FlightStatus, Report};
+use analysis::schema::{AcceptanceResult, FlightStatus, Gate, Report};
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, check_outputs, read_text, write_text};
 use experiments::margin::table::look_again;
@@ -17,7 +17,7 @@ use flight_log::wall_time::utc;
 use recorder::hlog;
 use recorder::run_directory::{find, log_files};
 use render::document::Document;
-use render::{brief, diff, flight, junit};
+use render::{brief, diff, flight, junit, sentences};
 use serde::Serialize;
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
@@ -72,6 +72,14 @@ pub fn publish(
     Ok(())
 }
 
+/// The exit code of a command with these gates; those that do not hold are named.
+pub fn exit_code(gates: impl IntoIterator<Item = Gate>) -> u8 {
+    let result = AcceptanceResult::of(gates.into_iter().collect());
+    let failed = result.gates.iter().filter(|gate| !gate.held);
+    failed.for_each(|gate| say(&format!("{}\n", sentences::gate(gate))));
+    result.exit_code
+}
+
 /// A summary of a flight, with the paths of the page and the log.
 fn brief(report: &Report, directory: &Path) -> String {
     let page = Some(directory.join("report.html")).filter(|page| page.is_file());
@@ -86,11 +94,11 @@ pub fn ended(report: &Report, directory: &Path) -> String {
     brief(report, directory) + &flight::result_line(report, &directory.display().to_string()) + "\n"
 }
 
-/// Marks the last report of a recorder that died, with the time of death.
-fn abandon(report: &mut Report, directory: &Path) {
+/// Marks the last report of a recorder that died, or whose final report the disk did not take, with its time.
+pub fn abandon(report: &mut Report, directory: &Path) {
     let written = fs::metadata(directory.join("report.json")).and_then(|file| file.modified());
     let at = written.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
-    let ending = format!("the recorder of this flight died{at}");
+    let ending = format!("no final report: the recorder died, or the disk was full{at}");
     break_off(report, FlightStatus::Aborted, ending);
 }
 

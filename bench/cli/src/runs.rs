@@ -7,12 +7,13 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use analysis::phrase::count;
 use analysis::report_file::RunFacts;
-use analysis::schema::{NotFresh, Report};
+use analysis::schema::{NOT_FRESH, NotFresh, Report};
 use render::document::{Cell, Table, known, row};
 use serde::Serialize;
 
 use crate::cli::RunsArgs;
 use crate::export;
+use crate::report_command::abandon;
 use analysis::json::print_json;
 use config::airframe::PAPER;
 use config::last_name;
@@ -35,7 +36,7 @@ struct RecordedRun {
     /// Flight time [s]; none without a report.
     length_s: Option<f64>,
     missed: Option<u64>,
-    /// Ticks without a fresh command on time, and what they add up from; none in lockstep.
+    /// None in lockstep.
     not_fresh: Option<NotFresh>,
     /// Airframe, or the name of its file.
     airframe: String,
@@ -89,20 +90,23 @@ impl RecordedRun {
         let RunFacts { settings, .. } = serde_json::from_str(&text).ok()?;
         let airframe = settings["flight"]["airframe"].as_str().unwrap_or(PAPER);
         let report_file = directory.join("report.json");
-        let report = Report::read(&report_file).ok();
+        let is_in_the_air = directory.join(LATENCIES).exists() && hlog::lives(directory);
+        let is_held = is_held(directory);
+        let mut report = Report::read(&report_file).ok();
+        let unfinished = report.as_mut().filter(|it| it.run.in_flight);
+        let unfinished = unfinished.filter(|_| !is_in_the_air);
+        let has_ended_early = unfinished.map(|it| abandon(it, directory)).is_some();
         let report = report.as_ref();
         let modified = fs::metadata(&facts).and_then(|it| it.modified());
         let made = modified.unwrap_or(UNIX_EPOCH);
         let started_at = |report: &Report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id);
         let started_after = report.map_or(made, started_at).duration_since(UNIX_EPOCH);
-        let is_in_the_air = directory.join(LATENCIES).exists() && hlog::lives(directory);
-        let is_held = is_held(directory);
         let status = match report {
             _ if is_in_the_air => "in the air".into(),
             None if is_held => "starting".into(),
             None if report_file.exists() => "unreadable".into(),
             None => "no report".into(),
-            Some(report) if report.run.in_flight => "recorder ended".into(),
+            Some(_) if has_ended_early => "recorder ended".into(),
             Some(report) => report.verdict.status.to_string(),
         };
         let length_s =
@@ -130,8 +134,7 @@ impl RecordedRun {
     }
 
     fn row(&self) -> Vec<Cell> {
-        // Reports from before fresh commands were counted have the missed deadlines alone.
-        let late = self.not_fresh.map(|it| it.ticks).or(self.missed);
+        let on_time = |it: NotFresh| format!("{:.2} %", it.on_time_percent());
         let verdicts = self.words.as_ref();
         let verdicts = known(verdicts.map(|[flight, timing, _]| format!("{flight}, {timing}")));
         let name = self.name.replace(char::is_control, "?");
@@ -144,7 +147,7 @@ impl RecordedRun {
         row([
             &format!("{name}{latest}"),
             &known(self.length_s.map(length)),
-            &known(late),
+            &known(self.not_fresh.map(on_time)),
             &size(self.bytes),
             &self.status,
             &format!("{verdicts}{airframe}"),
@@ -156,11 +159,11 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
     if runs.is_empty() {
         return format!("{} holds no flight\n", out.display());
     }
-    let columns = "flight;length;late;size;status;flight, timing".split(';');
+    let columns = "flight;length;on time;size;status;flight, timing".split(';');
     let table = Table::new(columns, runs.iter().map(RecordedRun::row)).list();
     let note = |is_needed: bool, text: &'static str| if is_needed { text } else { "" };
     format!(
-        "{table}{} in {}{}{}\nlate: ticks without a fresh command on time (missed + stale + skipped)\n",
+        "{table}{} in {}{}{}\non time: the others are {NOT_FRESH}\n",
         count(runs.len() as u64, "flight"),
         size(runs.iter().map(|run| run.bytes).sum()),
         note(runs.iter().any(|run| run.is_latest), "; * is `latest`"),

@@ -1,6 +1,6 @@
 //! The Foxglove bridge: what clients get, what they may change, which ones are refused.
 
-use crate::rig::{Rig, Running};
+use crate::rig::{Rig, Running, wait_until};
 use flight_log::TOPICS;
 use flight_log::codec::decode;
 use flight_log::telemetry::TELEMETRY_TOPICS;
@@ -201,13 +201,15 @@ fn flown(name: &str, laws: &str, args: &str) -> (Rig, Running, Running, u16) {
     let rig = Rig::with_features(name);
     let flight = rig.take_off(format!("--rt off --duration 600s {laws}"));
     let (bridge, port) = open(&rig, args);
+    bridge.await_words("serving a flight");
     (rig, flight, bridge, port)
 }
 
 fn land(rig: &Rig, flight: Running, bridge: Running) {
     flight.signal(Signal::INT);
-    let ended = bridge.end().expect(0);
-    let ended = ended.says("the flight has ended: interrupted\n");
+    bridge.await_words("the flight has ended: interrupted\n");
+    bridge.signal(Signal::INT);
+    let ended = bridge.end().expect(130);
     assert!(!ended.stderr.contains("panicked"), "{ended}");
     flight.end().expect(130);
     rig.assert_nothing_left();
@@ -242,6 +244,23 @@ fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
         let found = client.channels[topic].pointer(path).unwrap();
         assert_eq!(found, expected, "{topic}");
     }
+    // The layout in the examples plots fields that there are.
+    let layout = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/foxglove-layout.json"
+    );
+    let layout: Value = serde_json::from_slice(&fs::read(layout).unwrap()).unwrap();
+    for panel in layout["configById"].as_object().unwrap().values() {
+        for path in panel["paths"].as_array().into_iter().flatten() {
+            let path = path["value"].as_str().unwrap();
+            let (topic, field) = path.split_once('.').unwrap();
+            let field = field.split(['.', '[']).next().unwrap();
+            let set = client.descriptors(topic);
+            let mut types = set.file[0].message_type.iter();
+            let has = types.any(|it| it.field.iter().any(|it| it.name() == field));
+            assert!(has, "{path}");
+        }
+    }
     let outer = ["tick", "thrust_scale", "mass_kg", "drag_1_s"];
     assert_eq!(client.fields("outer_telemetry"), outer);
     let inner = ["tick", "position_error_m", "attitude_error"];
@@ -263,6 +282,29 @@ fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
     }
     assert!(seen.iter().all(|ticks| ticks.is_sorted()), "{seen:?}");
     land(&rig, flight, bridge);
+}
+
+#[test]
+fn it_waits_for_a_flight_survives_its_end_and_serves_the_next() {
+    let rig = Rig::with_features("flights");
+    let (bridge, port) = open(&rig, "");
+    let await_line = |line: &str, times| {
+        wait_until(line, || {
+            (bridge.stdout().matches(line).count() == times).then_some(())
+        });
+    };
+    for flights in 1..=2 {
+        let flight = rig.take_off("--rt off --duration 600s");
+        await_line("serving a flight", flights);
+        let mut client = Client::connect(port);
+        client.subscribe(&["state"]);
+        client.data();
+        flight.interrupt().expect(130);
+        await_line("the flight has ended", flights);
+    }
+    bridge.signal(Signal::INT);
+    bridge.end().expect(130);
+    rig.assert_nothing_left();
 }
 
 #[test]
@@ -349,6 +391,7 @@ fn clients_change_nothing_unless_they_are_allowed_to() {
     assert_eq!(client.refused("mass_kg", &json!(0.6), why), mass(0.52));
     assert_eq!(rig.run("params", "--json").json()[0]["in_force"], 0.52);
     let (second, port) = open(&rig, "--allow-swaps");
+    second.await_words("serving a flight");
     let printed = second.stdout();
     assert!(
         printed.contains(", every client may change parameters; "),

@@ -41,18 +41,3 @@ fn compile(library: &str, source: &str, flags: &[&str]) {
 pub fn cascade(rig: &Rig) -> String {
     library(rig, "libcascade.so", "examples/law_c/cascade.c", &[])
 }
-
-/// Settings of a flight with the law `misbehaving` or `hostile` of `laws_c`, which does harm from a tick on. Nothing ends
-/// the flight early, however busy the machine is.
-pub fn harmful(rig: &Rig, law: &str, harm: &str, from_tick: u64) -> String {
-    let source = format!("bench/cli/tests/laws_c/{law}.c");
-    library(rig, &format!("lib{law}.so"), &source, &[]);
-    let setting = if law == "hostile" {
-        "harm"
-    } else {
-        "misbehave"
-    };
-    rig.airborne(&format!(
-        "trajectory = \"hover\"\n[inner]\nlaw = \"lib{law}.so\"\n{setting} = \"{harm}\"\nfrom_tick = {from_tick}\n"
-    ))
-}

@@ -1,13 +1,8 @@
-//! Pages of docs/ that tests read: the tutorial, the promises of security, the rows of the fault drill.
+//! Pages of docs/ that tests read: the tutorial, the promises of security. `transcripts/studies.md` has the others.
 
 use crate::c_laws::root;
-use crate::python::run_python;
 use crate::rig::{Rig, ironbird, lacks_tool};
-use messages::checks::Check;
-use serde_json::Value;
-use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
 use std::process::Command;
 
 /// Types the commands of a section of docs/your-law.md in an empty directory, and ends where one fails.
@@ -109,92 +104,5 @@ fn every_promise_names_its_file_and_a_test_that_is_there() {
         for [file, name] in tests {
             assert!(has_test(&read(file), name), "{file} has no test {name}");
         }
-    }
-}
-
-fn rows() -> Vec<Value> {
-    let listed = run_python("python3", "bench/drill/run", &[Path::new("--list")]);
-    serde_json::from_slice(&listed).unwrap()
-}
-
-fn text<'a>(row: &'a Value, key: &str) -> &'a str {
-    row[key]
-        .as_str()
-        .unwrap_or_else(|| panic!("no `{key}`: {row}"))
-}
-
-#[test]
-fn no_row_lacks_a_scenario_or_an_expectation() {
-    let rows = rows();
-    assert!(rows.len() >= 60, "{} rows", rows.len());
-    let names: BTreeSet<&str> = rows.iter().map(|row| text(row, "name")).collect();
-    assert_eq!(names.len(), rows.len(), "a name twice");
-    let page = read("bench/cli/tests/transcripts/drill.md");
-    for row in &rows {
-        for key in ["fault", "expected"] {
-            assert!(text(row, key).len() > 3, "{key} of {row}");
-        }
-        let scenario = format!("\n## {}", text(row, "name"));
-        let is_there = row["group"] == "Fault matrix" || page.contains(&scenario);
-        assert!(is_there && row["n"].as_u64().unwrap() > 0, "{row}");
-    }
-}
-
-#[test]
-fn every_check_has_a_row_that_its_absence_turns_red() {
-    let rows = rows();
-    let checks = rows
-        .iter()
-        .flat_map(|row| row["checks"].as_array().unwrap());
-    let named: BTreeSet<&str> = checks.map(|check| check.as_str().unwrap()).collect();
-    assert_eq!(named, Check::ALL.map(Check::name).into());
-}
-
-#[test]
-fn every_row_has_its_line_in_the_page_with_what_became_of_it() {
-    let page = read("docs/faults.md");
-    let data: Value = serde_json::from_str(&read("docs/faults.json")).unwrap();
-    let known = data["rows"].as_array().unwrap();
-    let untried = page.split("\n\n");
-    let mut untried = untried.filter(|paragraph| paragraph.starts_with("Not tried here"));
-    let untried = untried.next().unwrap_or_default();
-    for row in rows() {
-        let name = text(&row, "name");
-        let found = known.iter().find(|found| found["name"] == name).unwrap();
-        for key in ["fault", "expected"] {
-            assert_eq!(text(found, key), text(&row, key));
-        }
-        let [tried, survived] = ["tried", "survived"].map(|key| found[key].as_u64().unwrap());
-        if tried == 0 && ["lack", "why"].map(|key| text(found, key)) == [""; 2] {
-            assert_eq!(untried.matches(&format!("`{name}`")).count(), 1, "{name}");
-            continue;
-        }
-        let is_its = |line: &&str| {
-            let names = line.split(" | ").next().unwrap();
-            line.starts_with("| `") && names.contains(&format!("`{name}`"))
-        };
-        let lines: Vec<&str> = page.lines().filter(is_its).collect();
-        let [line] = lines[..] else {
-            panic!("{} lines of `{name}` in docs/faults.md", lines.len())
-        };
-        assert!(line.contains(text(&row, "expected")), "{line}");
-        let cells: Vec<&str> = line.split(" | ").collect();
-        if tried == 0 {
-            let is_reason = |cell: &&str| cell.starts_with("not tried: ") && cell.len() > 30;
-            assert!(cells[3..].iter().any(is_reason), "{line}");
-            continue;
-        }
-        let build = text(found, "build");
-        assert!(
-            build.starts_with("ironbird ") && !build.contains("mutant"),
-            "{build}"
-        );
-        assert!(page.contains(&format!("`{build}` on {}", text(found, "date"))));
-        let first = cells[3].split([' ', ',']).next().unwrap();
-        assert_eq!(
-            (first, cells[4]),
-            (&*tried.to_string(), &*survived.to_string()),
-            "{line}"
-        );
     }
 }

@@ -1,7 +1,6 @@
 //! How flights end: signals, closed terminals, limits; and what processes hold when they end.
 
-use crate::fault_matrix::await_gone;
-use crate::rig::{Rig, Running, in_parallel, not_tested, wait_until};
+use crate::rig::{Rig, Running, in_parallel, is_gone, not_tested, wait_until};
 use ipc::{SwapOrder, SwapOutcome, Wire};
 use messages::blackboards::{RUN, Run, RunPhase};
 use messages::parameters::Parameter;
@@ -21,7 +20,9 @@ fn policy(process: &Running) -> u32 {
 
 /// Demands that it ends without real time.
 fn ends_without_real_time(process: Running, code: i32) {
-    await_gone([process.pid()]);
+    wait_until("the process to end", || {
+        is_gone(process.pid()).then_some(())
+    });
     assert_eq!(policy(&process), 0);
     process.end().expect(code);
 }
@@ -36,6 +37,8 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
     in_parallel(STAGES.into_iter(), |role| {
         for signals in [&twice[2..3], &twice] {
             let rig = Rig::new("signals");
+            let recorder = rig.start("record", "--rt off");
+            recorder.await_words("waiting for");
             let process = rig.start(role, "--rt prefer");
             process.await_words("waiting for");
             // The others take their place in the loop when the flight begins.
@@ -43,6 +46,8 @@ fn a_role_ends_without_real_time_on_one_signal_on_two_and_after_a_flight() {
             assert_eq!(policy(&process), has_real_time, "{role}");
             signals.iter().for_each(|it| process.signal(*it));
             ends_without_real_time(process, 130);
+            recorder.signal(Signal::TERM);
+            recorder.end().expect(130);
             if signals.len() == 1 {
                 rig.assert_nothing_left();
             }

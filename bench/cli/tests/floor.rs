@@ -11,14 +11,12 @@ use host::floor::timer::Schedule;
 const FLOWN: Duration = Duration::from_millis(200);
 
 fn ring(
-    by_eventfd: bool,
     processes: usize,
     work: Work,
     duration: Duration,
     executable: &str,
 ) -> Result<RingFloor, Failure> {
     let settings = RingSettings {
-        by_eventfd,
         schedule: Schedule {
             period_ns: 1_000_000,
             duration,
@@ -33,21 +31,19 @@ fn ring(
 
 #[test]
 fn a_token_goes_around_once_a_tick_and_work_is_done_in_every_process() {
-    for by_eventfd in [false, true] {
-        let work = Work::lasting(50_000);
-        let floor = ring(by_eventfd, 4, work, FLOWN, ironbird()).unwrap();
-        assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
-        assert_eq!(floor.lap.len(), floor.ticks_run);
-        assert_eq!(floor.chain.len(), floor.ticks_run);
-        assert_eq!(floor.lateness.len(), 200);
-        // The chain is a part of the lap, three of its four hops.
-        assert!(floor.chain.max() <= floor.lap.max());
-        assert!(floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5));
-        // A chain with work is longer than one without; by how much depends on the processor's clock.
-        let idle = ring(by_eventfd, 4, Work::default(), FLOWN, ironbird()).unwrap();
-        let [worked_ns, idle_ns] = [&floor, &idle].map(|it| it.chain.min());
-        assert!(worked_ns > idle_ns, "{worked_ns} {idle_ns}");
-    }
+    let work = Work::lasting(50_000);
+    let floor = ring(4, work, FLOWN, ironbird()).unwrap();
+    assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
+    assert_eq!(floor.lap.len(), floor.ticks_run);
+    assert_eq!(floor.chain.len(), floor.ticks_run);
+    assert_eq!(floor.lateness.len(), 200);
+    // The chain is a part of the lap, three of its four hops.
+    assert!(floor.chain.max() <= floor.lap.max());
+    assert!(floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5));
+    // A chain with work is longer than one without; by how much depends on the processor's clock.
+    let idle = ring(4, Work::default(), FLOWN, ironbird()).unwrap();
+    let [worked_ns, idle_ns] = [&floor, &idle].map(|it| it.chain.min());
+    assert!(worked_ns > idle_ns, "{worked_ns} {idle_ns}");
 }
 
 #[test]
@@ -58,7 +54,7 @@ fn what_is_no_ring_is_refused() {
         (2, FLOWN, "/none", "cannot start a process of the ring"),
         (2, soon, ironbird(), "no tick of 1000000 ns"),
     ] {
-        let measured = ring(false, processes, Work::default(), duration, executable);
+        let measured = ring(processes, Work::default(), duration, executable);
         let error = measured.unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
@@ -68,7 +64,7 @@ fn what_is_no_ring_is_refused() {
 #[ignore = "long: part of the gate"]
 fn a_process_that_dies_ends_the_measurement() {
     // Every process of these rings ends at once, as one that is killed does.
-    let measured = ring(false, 3, Work::default(), FLOWN, "/bin/true");
+    let measured = ring(3, Work::default(), FLOWN, "/bin/true");
     let error = measured.unwrap_err().to_string();
     let expected = "a process of the ring hangs or has died";
     assert!(error.contains(expected), "{error}");

@@ -3,23 +3,17 @@
 
 #[cfg(feature = "foxglove")]
 mod bridge;
-mod build_identity;
 mod c_laws;
-mod campaign;
-mod compare;
 mod documentation;
 mod endings;
-mod engines;
-mod fault_matrix;
 mod floor;
 mod golden;
-mod law_misbehaves;
 mod law_trial;
 mod margin;
 mod message_faults;
-mod miss_analysis_flights;
 mod paper_facts;
 mod python;
+mod random_flights;
 mod recorded;
 mod reference_flights;
 mod reference_laws;
@@ -30,4 +24,3 @@ mod restarts;
 mod rig;
 mod theorem;
 mod transcripts;
-mod watch;

@@ -1,8 +1,6 @@
 //! Other implementations that read what ironbird writes: scripts for the Python that `IRONBIRD_PYTHON` names.
 
-use crate::c_laws::root;
 use crate::rig::lacks_tool;
-use std::path::Path;
 use std::process::Command;
 
 /// A Python that has these packages; `None` if no Python was named and `python3` lacks them.
@@ -21,16 +19,4 @@ pub fn python_with(packages: &str, purpose: &str) -> Option<String> {
     assert!(named.is_none(), "IRONBIRD_PYTHON: {missing}");
     lacks_tool(&format!("{purpose}: {missing}"));
     None
-}
-
-/// Runs a script of the repository and gives what it prints.
-pub fn run_python(python: &str, script: &str, arguments: &[&Path]) -> Vec<u8> {
-    let output = Command::new(python)
-        .arg(root().join(script))
-        .args(arguments)
-        .output()
-        .unwrap();
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{script}: {stderr}");
-    output.stdout
 }

@@ -31,7 +31,7 @@ for packet in trace.packet:
     else:
         instants.append([name, packet.timestamp, said])
 assert not open_since, f"slices without an end: {open_since}"
-assert list(tracks.values()) == ["ironbird", *STAGES, "deadlines missed", "swaps"], tracks
+assert list(tracks.values()) == ["ironbird", *STAGES, "deadlines missed", "swaps", "faults", "other programs, in outages"], tracks
 for place, (stage, topic) in enumerate(STAGES.items()):
     expected = []
     for line in (exported / f"{topic}.jsonl").read_text().splitlines():

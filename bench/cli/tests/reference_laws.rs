@@ -7,7 +7,7 @@ use controller::laws::{Adaptive, Pd};
 use controller::{Gains, ScaledTrajectory, Trajectory};
 use messages::content::{Setpoint, Stamped, State, Wrench};
 use messages::parameters::{Airframe, Parameter};
-use mixer::Priority;
+use mixer::RollPitchFirst;
 use plant::{Plant, PlantSettings, Swap};
 
 pub fn stages(
@@ -17,7 +17,7 @@ pub fn stages(
 ) -> (GuardedOuter, GuardedInner, GuardedMixer) {
     let route = ScaledTrajectory::of(trajectory).route(rig.period_s);
     let outer = Pd::new(rig, &Settings::default()).unwrap();
-    let mixer = Priority::new(rig, &Settings::default()).unwrap();
+    let mixer = RollPitchFirst::new(rig, &Settings::default()).unwrap();
     (
         GuardedOuter::new(outer.into(), route, rig),
         GuardedInner::new(Adaptive::with(rig, gains).into(), rig),

@@ -17,7 +17,7 @@ const PLOTS: [&str; 3] = [
     "roll pitch yaw x y z position-error rate-error distance thrust torque rotors i_r k_r delta i_r-error k_r-error \
      delta-error outer-acceleration_wanted_x_m_s2 outer-acceleration_wanted_y_m_s2 outer-acceleration_wanted_z_m_s2 \
      inner-rate_error_x_rad_s inner-rate_error_y_rad_s inner-rate_error_z_rad_s inner-rotor_inertia_kg_m2 \
-     inner-rotational_drag_nm_s inner-disturbance_gain_rad_s2 mixer-roll_pitch_share mixer-yaw_share path-xy path-xz \
+     inner-rotational_drag_nm_s inner-disturbance_gain_rad_s2 mixer-roll_pitch_share mixer-yaw_share mixer-thrust_excess_share path-xy path-xz \
      path-yz histogram-loop histogram-hop histogram-compute histogram-busy waterfall-p50 waterfall-p99 loop curve-loop \
      curve-hop curve-compute curve-busy v v-change",
     "violations-gyro_noise",

@@ -22,7 +22,7 @@ fn take_off(rig: &Rig, args: &str) -> (Running, Run) {
 const SLOWDOWN: u64 = 4;
 
 /// Waits until a tick begins, without a pause before it.
-pub(crate) fn await_begin(run: &Run, tick: u64) {
+fn await_begin(run: &Run, tick: u64) {
     let Pace::Realtime(grid) = run.pace() else {
         panic!("a flight in lockstep has no clock")
     };

@@ -2,26 +2,28 @@
 //!
 //! README.md of this directory describes the steps. `IRONBIRD_SCENARIOS=clean,export` chooses scenarios by the beginning of their titles.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
 use crate::c_laws::{library, root};
-use crate::miss_analysis_flights::TRACEFS;
 use crate::python::python_with;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
-    BUILT_WITH_TESTS, Ended, Rig, Running, in_own_mounts, in_parallel, lacks_feature, lacks_tool,
+    BUILT_WITH_TESTS, Ended, Rig, Running, can_mount, in_parallel, lacks_feature, lacks_tool,
     not_tested, rounds, send, signal_of, squeezed, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
+use rustix::process::geteuid;
 use serde_json::Value;
 
 struct Scenario<'a> {
-    title: &'a str,
+    title: String,
     text: &'a str,
+    /// Cells of its row, by their columns.
+    values: BTreeMap<&'a str, &'a str>,
 }
 
 fn page(name: &str) -> String {
@@ -29,11 +31,39 @@ fn page(name: &str) -> String {
     std::fs::read_to_string(path).unwrap()
 }
 
-fn scenarios(page: &str) -> impl Iterator<Item = Scenario<'_>> {
-    page.split("\n## ").skip(1).map(|text| {
-        let (title, text) = text.split_once('\n').unwrap();
-        Scenario { title, text }
-    })
+/// The scenarios of a page. Where it has a table with a column `outcome`, each row plays the scenario that it names; those
+/// after the first of an outcome are long.
+fn scenarios(page: &str) -> Vec<Scenario<'_>> {
+    fn cells(line: &str) -> Vec<&str> {
+        line.split(" |").map(str::trim).collect()
+    }
+    let sections = page.split("\n## ").skip(1);
+    let sections = sections.map(|text| text.split_once('\n').unwrap());
+    let mut lines = page.lines().filter_map(|line| line.strip_prefix("| "));
+    let columns = lines.next().map(cells).unwrap_or_default();
+    if !columns.contains(&"outcome") {
+        let scenario = |(title, text): (&str, _)| Scenario {
+            title: title.into(),
+            text,
+            values: BTreeMap::new(),
+        };
+        return sections.map(scenario).collect();
+    }
+    let sections: BTreeMap<&str, &str> = sections.collect();
+    let mut seen = BTreeSet::new();
+    let scenario = |line| {
+        let values: BTreeMap<_, _> = columns.iter().copied().zip(cells(line)).collect();
+        let long = match seen.insert(values["outcome"]) {
+            true => "",
+            false => " (long)",
+        };
+        Scenario {
+            title: format!("{}{long}", values["row"]),
+            text: sections[values["outcome"]],
+            values,
+        }
+    };
+    lines.map(scenario).collect()
 }
 
 /// Plays the scenarios of a page, those whose title ends with `(long)` or the others.
@@ -44,7 +74,7 @@ fn play(page: &str, long: bool) {
         let begins = |begin| it.title.starts_with(begin);
         it.title.ends_with("(long)") == long && chosen.split(',').any(begins)
     };
-    in_parallel(scenarios(&page).filter(is_chosen), |it| {
+    in_parallel(scenarios(&page).into_iter().filter(is_chosen), |it| {
         it.play(0);
     });
 }
@@ -53,10 +83,10 @@ fn play(page: &str, long: bool) {
 #[test]
 #[ignore = "bench/drill/run plays it"]
 fn drill() {
-    let page = page("drill");
+    let pages = ["drill", "fault_matrix"].map(page);
     let chosen = std::env::var("IRONBIRD_SCENARIOS").unwrap_or_default();
     let names: Vec<&str> = chosen.split(',').collect();
-    for scenario in scenarios(&page) {
+    for scenario in pages.iter().flat_map(|it| scenarios(it)) {
         let name = scenario.title.split(' ').next().unwrap();
         if names.contains(&name) {
             for round in 0..rounds() {
@@ -86,7 +116,7 @@ macro_rules! pages {
     };
 }
 
-pages! { airframes campaigns channels directories export flights gates laws law_files machines processes reports runs studies watch }
+pages! { airframes campaigns causes channels directories engines export fault_matrix flights gates laws law_files law_matrix machines processes reports runs studies watch }
 
 /// Settings of a flight that nothing ends early, however busy the machine is.
 const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
@@ -117,7 +147,13 @@ impl Scenario<'_> {
         }
         let mounts = [
             ("mounts", ("mount -t tmpfs tmpfs /mnt", "true")),
-            ("tracefs", TRACEFS),
+            (
+                "tracefs",
+                (
+                    "mount -t tracefs nodev /sys/kernel/tracing",
+                    "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$",
+                ),
+            ),
             (
                 "unprivileged",
                 (
@@ -127,13 +163,13 @@ impl Scenario<'_> {
             ),
         ];
         let mut needed = mounts.into_iter().filter(|(name, _)| needs(name));
-        if needed.any(|(_, (mount, probe))| in_own_mounts(mount, probe, "sh").is_none()) {
+        if needed.any(|(_, (mount, probe))| !can_mount(mount, probe)) {
             return false;
         }
         let rig = match features.into_iter().find(|(name, _)| needs(name)) {
             Some((_, true)) => Rig::with_features("page"),
             Some((name, false)) => {
-                lacks_feature(self.title, name);
+                lacks_feature(&self.title, name);
                 return false;
             }
             // What is mounted over /dev/shm must not hide the rig.
@@ -146,11 +182,15 @@ impl Scenario<'_> {
             let (_, name) = head.split_once(' ').unwrap();
             std::fs::write(rig.path(name), format!("{text}\n")).unwrap();
         }
-        let examples = Path::new(rig.executable()).with_file_name("examples");
         let programs = [
             ("strace", Path::new("/usr/bin/strace").exists()),
             ("stress-ng", Path::new("/usr/bin/stress-ng").exists()),
-            ("forge", examples.join("forge").exists()),
+            ("nm", Path::new("/usr/bin/nm").exists()),
+            (
+                "slurm",
+                Path::new("/usr/sbin/slurmctld").exists() && geteuid().is_root(),
+            ),
+            ("tmux", Path::new("/usr/bin/tmux").exists()),
         ];
         if let Some((program, _)) = programs.iter().find(|it| needs(it.0) && !it.1) {
             lacks_tool(&format!("{}: there is no {program}", self.title));
@@ -169,9 +209,15 @@ impl Scenario<'_> {
             ("round", round.to_string()),
             ("random", format!("{random:03}")),
         ];
-        let values = values.map(|(name, value)| (name.to_owned(), value));
+        let cells = self
+            .values
+            .iter()
+            .map(|(name, cell)| (*name, (*cell).to_owned()));
+        let values = values.into_iter().chain(cells);
         let mut stage = Stage {
-            values: values.into(),
+            values: values
+                .map(|(name, value)| (name.to_owned(), value))
+                .collect(),
             rig,
             running: BTreeMap::new(),
             ended: None,
@@ -331,8 +377,15 @@ impl Stage {
                 let look = || self.rig.processes_of(rest).first().copied();
                 wait_until(&format!("a process of {rest}"), look);
             }
+            // Without a command: all processes of the instance, and their locks.
+            "gone" if rest.is_empty() => wait_until("the end of all processes", || {
+                (self.rig.living().is_empty() && !self.rig.known().is_alive()).then_some(())
+            }),
             "gone" => wait_until(&format!("the end of {rest}"), || {
-                self.rig.processes_of(rest).is_empty().then_some(())
+                let mut commands = rest.split_whitespace();
+                commands
+                    .all(|it| self.rig.processes_of(it).is_empty())
+                    .then_some(())
             }),
             "close" => {
                 self.close();
@@ -342,6 +395,8 @@ impl Stage {
                 );
                 self.rig.assert_nothing_left();
             }
+            // A fault that the flags have planned.
+            "-" | "planned" => {}
             "kill" => self.rig.kill_all(),
             "nothing" => self.rig.assert_nothing_started(),
             other => panic!("no step {other}"),

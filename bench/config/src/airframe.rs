@@ -14,6 +14,7 @@ use messages::parameters::{Airframe, Parameter, ParameterError, SPECS, shown};
 use toml::{Table, Value};
 use toml_edit::{Document, Item, TableLike};
 
+use crate::airframe_checks::impossible_body;
 use crate::toml_access::{DEFAULT_TABLE, nearest, table, text_of};
 use crate::trajectory::{is_file, sha256_of};
 
@@ -181,7 +182,12 @@ impl Mistakes<'_> {
             .filter(|spec| spec.parameter.has_size() || spec.parameter == Parameter::Gravity);
         self.add_missing("airframe", given, needed.map(|spec| spec.name));
         let is_right = self.found.len() == before;
-        Airframe::built_with(values).ok().filter(|_| is_right)
+        let airframe = Airframe::built_with(values).ok().filter(|_| is_right)?;
+        if let Some(why) = impossible_body(&airframe) {
+            let line = given.get("inertia_x_kg_m2").map_or(1, |(_, line)| *line);
+            self.found.push((line, format!("airframe: {why}")));
+        }
+        Some(airframe)
     }
 
     fn rotor(&mut self, given: &Numbers) -> RotorLimits {

@@ -15,7 +15,7 @@ use plugin::Library;
 use toml::{Table, Value};
 
 pub use super::toml_access::nearest_first;
-use super::toml_access::{coerce, kind};
+use super::toml_access::{coerce, kind, utf8};
 use analysis::laws::{FlownLaws, NotFinite};
 use analysis::schema::{LawSection, SignalSection};
 use analysis::theorem::SEVERAL_LAWS;
@@ -142,6 +142,7 @@ pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<C
             role,
             moved.get(&role).map_or(Path::new(text), PathBuf::as_path),
         )?;
+        utf8(&library.file)?;
         let name = library.description.name;
         let mut built_in = LAW_ROLES.into_iter().flat_map(self::known);
         if built_in.any(|law| law.name == name) {

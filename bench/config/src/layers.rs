@@ -18,7 +18,7 @@ use crate::airframe::{self, Design, OWN, PAPER};
 use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256};
 use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
-    DEFAULT_TABLE, beside, coerce, example, kind, nearest, table, text, text_of,
+    DEFAULT_TABLE, coerce, example, kind, nearest, place_path, place_paths, table, text, text_of,
 };
 use errors::Failure;
 
@@ -40,10 +40,20 @@ pub(super) fn layered(
     file: Option<&Path>,
     overrides: &Overrides,
 ) -> Result<Table, Failure> {
+    let (mut given, mut overrides) = (given, overrides.clone());
+    let folder = file.and_then(Path::parent).unwrap_or(Path::new(""));
+    place_paths(&mut given, folder)?;
+    for (flag, value) in &mut overrides {
+        let (_, key) = overrides::parts(flag)
+            .1
+            .rsplit_once('.')
+            .unwrap_or_default();
+        place_path(key, value, Path::new(""))?;
+    }
     Layers {
         given,
         file,
-        overrides: overrides.clone(),
+        overrides,
     }
     .merge()
 }
@@ -205,11 +215,7 @@ impl Layers<'_> {
                     let law = named(channel, role).zip(keys.as_table());
                     let ((channel, role), keys) =
                         law.ok_or_else(|| unknown(place, channel, role))?;
-                    let mut keys = keys.clone();
-                    if let Some(law) = keys.get_mut(LAW) {
-                        *law = beside(self.file, law);
-                    }
-                    laws.push((channel, role, keys));
+                    laws.push((channel, role, keys.clone()));
                 }
             }
         }
@@ -257,8 +263,7 @@ impl Layers<'_> {
                 Some(name) => law_settings::named(role, Some(name), &Moved::new()),
                 None => {
                     let name = self.given.get(section).and_then(|keys| keys.get(LAW));
-                    let name = name.map(|name| beside(self.file, name));
-                    law_settings::named(role, name.as_ref(), &Moved::new())
+                    law_settings::named(role, name, &Moved::new())
                         .map_err(|failure| failure.append(&self.place()))
                 }
             };
@@ -372,8 +377,7 @@ impl Layers<'_> {
         let Some(Value::Table(keys)) = self.given.get_mut(section) else {
             return Ok(());
         };
-        let named = keys.get(LAW).map(|law| beside(self.file, law));
-        let named = named.as_ref().and_then(Value::as_str);
+        let named = keys.get(LAW).and_then(Value::as_str).map(str::to_owned);
         let Some(named) = named.filter(|named| !flag.is_named(named)) else {
             return Ok(());
         };
@@ -382,7 +386,7 @@ impl Layers<'_> {
             return Err(mixed(
                 self.file,
                 &[section],
-                ("law", named),
+                ("law", &named),
                 (section, &other),
             ));
         }
@@ -484,11 +488,15 @@ fn check_section(
     let here = |what: String| here(place, what);
     for (key, value) in keys {
         let Some(expected) = known.get(key) else {
-            let law = known.get(LAW).map(|law| format!(" of the law {law}"));
-            return Err(here(format!(
-                "unknown key `{section}.{key}`{}{}",
-                law.unwrap_or_default(),
-                nearest(key, known.keys())
+            let near = nearest(key, known.keys());
+            let Some(law) = known.get(LAW).and_then(Value::as_str) else {
+                return Err(here(format!("unknown key `{section}.{key}`{near}")));
+            };
+            let own = known.keys().filter(|key| is_laws(key)).cloned();
+            let own = own.collect::<Vec<_>>().join(", ");
+            let unknown = format!("unknown key `{section}.{key}` of the law \"{law}\"{near}");
+            return Err(here(unknown).help(format!(
+                "its settings are {own}; `ironbird laws {law}` explains them"
             )));
         };
         *value = coerce(value, expected)

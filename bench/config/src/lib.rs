@@ -4,6 +4,7 @@
 //! [`Settings::resolve`].
 
 pub mod airframe;
+mod airframe_checks;
 pub mod law_settings;
 mod layers;
 pub mod overrides;
@@ -19,8 +20,6 @@ mod validation;
 use std::path::Path;
 
 use errors::Failure;
-use messages::role::Role;
-use messages::telemetry::LAW_ROLES;
 use toml::Table;
 
 pub use layers::check_foreign_law;
@@ -35,38 +34,38 @@ impl Settings {
     /// The settings that result from a file and flags. An error names the key, the value, what is allowed, and where it
     /// came from.
     pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
-        Self::resolve_to_make(&LAW_ROLES, file, overrides)
+        Self::resolve_asking(true, file, overrides)
     }
 
-    /// As [`Self::resolve`], for a process that creates the laws of these roles alone.
-    pub fn resolve_to_make(
-        makes: &[Role],
+    /// As [`Self::resolve`]; a process of a flight need not ask laws of files whether they accept their settings.
+    pub fn resolve_asking(
+        asks: bool,
         file: Option<&Path>,
         overrides: &Overrides,
     ) -> Result<Self, Failure> {
         let given = file.map(read).transpose()?.unwrap_or_default();
-        Self::over(makes, given, file, overrides)
+        Self::over(asks, given, file, overrides)
     }
 
     /// The settings that result from sections of keys, as a file would have them, and from keys that are set beside them.
     pub fn of(given: Table, beside: &Overrides) -> Result<Self, Failure> {
-        Self::over(&LAW_ROLES, given, None, &typed(beside)?)
+        Self::over(true, given, None, &typed(beside)?)
     }
 
-    /// As [`Self::of`], for the sections of a file; relative paths of laws start at its folder.
+    /// As [`Self::of`], for the sections of a file; relative paths start at its folder.
     pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
-        Self::over(&LAW_ROLES, given, Some(file), &Overrides::new())
+        Self::over(true, given, Some(file), &Overrides::new())
     }
 
     fn over(
-        makes: &[Role],
+        asks: bool,
         given: Table,
         file: Option<&Path>,
         overrides: &Overrides,
     ) -> Result<Self, Failure> {
         let resolved = |overrides: &Overrides| {
             let table = layered(given.clone(), file, overrides)?;
-            Self::from_table(table, makes).map_err(|failure| match file {
+            Self::from_table(table, asks).map_err(|failure| match file {
                 Some(path) if !validation::is_of_flags(&failure, overrides) => {
                     failure.append(&format!(" (settings file {})", path.display()))
                 }

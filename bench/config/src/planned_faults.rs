@@ -31,42 +31,12 @@ impl Settings {
 
     /// The same, each with its ticks.
     fn spans(&self) -> Result<Vec<(Fault, Span)>, Failure> {
-        let spans = |faults: Vec<Fault>| {
-            let span = |fault: Fault| {
-                let span = fault.span(self.flight.period_s)?;
-                Ok((fault, span))
-            };
-            faults.into_iter().map(span).collect()
-        };
-        let spans: Result<_, FaultError> = self.typed_faults().and_then(spans);
-        spans.map_err(|e| Failure::usage(format!("fault: {e}")))
+        spans(&self.flight.faults, self.flight.period_s)
     }
 
     /// The faults of messages, stages and their processor, for the report.
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
-        let period_s = self.flight.period_s;
-        let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
-        for (fault, Span { from, to }) in self.spans()? {
-            let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
-            if what.is_empty() {
-                continue;
-            }
-            let kinds = fault.of_the_loop().flat_map(Change::kinds);
-            let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
-            let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
-            for (fault, kinds) in &mut injected {
-                if !kinds.is_empty() && kinds.iter().all(is_ended) {
-                    fault.end(from, period_s);
-                }
-            }
-            let to = (to != Span::FOR_GOOD).then_some(to);
-            let described = InjectedFault::new(what.join(","), from, to, period_s);
-            injected.push((
-                described,
-                begins.into_iter().map(|(kind, _)| kind).collect(),
-            ));
-        }
-        Ok(injected.into_iter().map(|(fault, _)| fault).collect())
+        injected(&self.flight.faults, self.flight.period_s)
     }
 
     pub(super) fn check_faults(&self) -> Result<(), Failure> {
@@ -125,6 +95,42 @@ impl Settings {
     }
 }
 
+fn spans(faults: &[String], period_s: f64) -> Result<Vec<(Fault, Span)>, Failure> {
+    let span = |text: &String| {
+        let fault: Fault = text.parse()?;
+        let span = fault.span(period_s)?;
+        Ok((fault, span))
+    };
+    let spans: Result<_, FaultError> = faults.iter().map(span).collect();
+    spans.map_err(|e| Failure::usage(format!("fault: {e}")))
+}
+
+/// The faults of messages, stages and their processor among these, in a flight with ticks of `period_s` [s].
+pub fn injected(faults: &[String], period_s: f64) -> Result<Vec<InjectedFault>, Failure> {
+    let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
+    for (fault, Span { from, to }) in spans(faults, period_s)? {
+        let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
+        if what.is_empty() {
+            continue;
+        }
+        let kinds = fault.of_the_loop().flat_map(Change::kinds);
+        let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
+        let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
+        for (fault, kinds) in &mut injected {
+            if !kinds.is_empty() && kinds.iter().all(is_ended) {
+                fault.end(from, period_s);
+            }
+        }
+        let to = (to != Span::FOR_GOOD).then_some(to);
+        let described = InjectedFault::new(what.join(","), from, to, period_s);
+        injected.push((
+            described,
+            begins.into_iter().map(|(kind, _)| kind).collect(),
+        ));
+    }
+    Ok(injected.into_iter().map(|(fault, _)| fault).collect())
+}
+
 /// Refuses a fault in a channel that the flight does not have; `what` is how it was typed.
 pub fn check_channel(kind: &FaultKind, what: &str, channels: usize) -> Result<(), Failure> {
     match kind.channel() {
@@ -155,7 +161,7 @@ pub fn check_possible(
     launched: bool,
 ) -> Result<(), Failure> {
     match kind {
-        FaultKind::Messages { .. } => Ok(()),
+        FaultKind::Messages { .. } | FaultKind::Switch { .. } => Ok(()),
         FaultKind::Hog { .. } | FaultKind::Load { .. } if in_lockstep => Err(Failure::usage(
             format!("{what}: in lockstep no tick is late, however busy the processor is"),
         )
@@ -164,7 +170,7 @@ pub fn check_possible(
             "{what}: in lockstep ticks wait for a stage that is not ready"
         ))
         .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
-        FaultKind::Late { .. } | FaultKind::Switch { .. } => Ok(()),
+        FaultKind::Late { .. } => Ok(()),
         _ if !launched => Err(Failure::usage(format!(
             "{what}: only `ironbird fly` can inject this, and these processes were started by hand"
         ))

@@ -5,18 +5,21 @@ use std::collections::BTreeMap;
 use control_api::description::{self, Description};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::feasibility::{Start, excesses};
-use controller::{Limits, TheoremMonitor, gains};
+use controller::{Limits, TheoremMonitor, motor_lag};
 use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
 use messages::channels::{Arrangement, Envelope};
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
+use plant::command_hold::waiting_ticks;
 use toml::{Table, Value};
 
 use super::airframe::{OWN, PAPER, built};
+use super::airframe_checks::{implausible, impossible_body};
 use super::law_settings::{self, Chosen};
 use super::settings::{PaceName, Settings};
+use super::trajectory::PointsFile;
 use super::validation::refused;
 use analysis::laws::FlownLaws;
 use analysis::phrase::count;
@@ -136,6 +139,11 @@ impl Settings {
         }
     }
 
+    /// Ticks for which a command can wait in the plant.
+    pub fn waiting_ticks(&self) -> u64 {
+        waiting_ticks(self.flight.period_s) as u64
+    }
+
     pub fn has_several_laws(&self) -> bool {
         self.groups() != [Channel::A; MOST_CHANNELS]
     }
@@ -217,16 +225,20 @@ impl Settings {
         Ok(GuardedMixer::new(law.map_err(refused)?, &rig))
     }
 
-    /// Checks whether the law of a role can be created. The law of a file is created only by processes that fly it: its
-    /// code does not run where it is not needed.
-    pub(super) fn check_law(&self, role: Role, makes: &[Role]) -> Result<(), Failure> {
-        if self.chosen(role)?.0.library().is_some() && !makes.contains(&role) {
-            return Ok(());
-        }
-        match role {
+    /// Checks whether the law of a role can be created. A law of a file is asked, if `asks`.
+    pub(super) fn check_law(&self, role: Role, asks: bool) -> Result<(), Failure> {
+        let made = || match role {
             Role::Outer => self.outer_stage().map(drop),
             Role::Mixer => self.mixer_stage().map(drop),
             _ => self.inner_stage().map(drop),
+        };
+        match self.chosen(role)?.0.library() {
+            None => made(),
+            Some(_) if !asks => Ok(()),
+            Some(law) => {
+                let answer = || made().map(|()| String::new());
+                plugin::ask(&format!("the {}", law.words()), answer).map(drop)
+            }
         }
     }
 
@@ -312,6 +324,7 @@ impl Settings {
                 mode: RealtimeMode::Off,
                 cpu: None,
                 loop_cpus: 1,
+                channel_cpus: 1,
                 lead: LeadSetting::Fixed(0),
                 rehearse: false,
                 ..settings
@@ -353,12 +366,6 @@ impl Settings {
         }
         if channels == 1 {
             return Ok(());
-        }
-        if self.flight.pace == PaceName::Lockstep {
-            return refused(
-                format!("rt.channels = {channels}: in lockstep every tick waits for its command"),
-                "fly redundant channels on the clock: --pace realtime; or one channel: --channels 1",
-            );
         }
         if loop_cpus > 1 {
             return refused(
@@ -432,11 +439,18 @@ impl Settings {
         let start = Start {
             position_w_m: self.initial.position_w_m,
             yaw_rad: self.initial.attitude_rad[2],
+            ground_z_m: self.flight.ground_z_m,
         };
         let duration_s = self.flight.duration_s;
         let excesses = excesses(&self.course()?, &rig, self.limits()?, &start, duration_s);
         let excesses = excesses.iter().map(|it| format!("trajectory {name} {it}"));
-        let mut warnings: Vec<String> = excesses.collect();
+        let built = rig.airframe.as_built();
+        let mut warnings = implausible(&built, &rig.rotor);
+        let body = impossible_body(&self.airframe()?);
+        warnings.extend(body.map(|why| format!("the airframe at tick 0 is flown as it is: {why}")));
+        let points = self.points.iter().flat_map(PointsFile::warnings);
+        warnings.extend(points.map(|it| format!("trajectory {name} {it}")));
+        warnings.extend(excesses);
         warnings.extend(self.motor_lag(&rig)?);
         Ok(warnings)
     }
@@ -453,25 +467,13 @@ impl Settings {
         Ok(None)
     }
 
-    /// Whether a rate loop with the paper's alpha is too fast for its motors.
-    fn motor_lag(&self, rig: &Rig) -> Result<Option<String>, Failure> {
-        // Damping of the rate loop below which its motors' lag is named.
-        const DAMPING_MIN: f64 = 0.5;
+    /// Warnings of the inner law's loops that are too fast for the motors.
+    fn motor_lag(&self, rig: &Rig) -> Result<Vec<String>, Failure> {
         let (law, settings) = self.chosen(Role::Inner)?;
-        if !law.description().settings.contains(&gains::ALPHA_1_S) {
-            return Ok(None);
-        }
-        let alpha_1_s = settings.number(&gains::ALPHA_1_S);
-        let lag_s = rig.airframe.motor_time_constant_s();
-        // tau s^2 + s + alpha.
-        let damping = 0.5 / (alpha_1_s * lag_s).sqrt();
-        Ok((damping < DAMPING_MIN).then(|| {
-            format!(
-                "inner.alpha_1_s = {alpha_1_s} with motors that lag by {lag_s} s leaves the rate loop a damping of \
-                 {damping:.2}; {DAMPING_MIN} needs {:.1} or less",
-                1.0 / (4.0 * DAMPING_MIN * DAMPING_MIN * lag_s)
-            )
-        }))
+        let built_s = rig.airframe.motor_time_constant_s();
+        let lag_s = self.airframe()?.motor_time_constant_s();
+        let law = law.description();
+        Ok(motor_lag::warnings(law, &settings, built_s, lag_s))
     }
 }
 

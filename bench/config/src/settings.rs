@@ -1,7 +1,6 @@
 //! The sections of the settings with their keys, and what follows from them: texts, trajectory, gates, log plan.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use analysis::gates::{RequestedGates, TheoremGate};
 use analysis::verdicts::TrackingLimits;
@@ -84,6 +83,8 @@ pub struct FlightSettings {
     pub faults: Vec<String>,
     pub position_error_max_m: f64,
     pub tracking_error_max_m: f64,
+    #[serde(default = "tracking_yaw_error_max_rad")]
+    pub tracking_yaw_error_max_rad: f64,
     pub tilt_max_rad: f64,
     pub ground_z_m: f64,
 }
@@ -126,6 +127,8 @@ pub struct RealtimeSection {
     pub channels: usize,
     #[serde(default = "one")]
     pub channel_cpus: usize,
+    #[serde(default = "ten")]
+    pub start_timeout_s: f64,
     pub rehearse: bool,
 }
 
@@ -145,6 +148,21 @@ const fn one() -> usize {
     1
 }
 
+/// The yaw limit of settings that have none.
+const fn tracking_yaw_error_max_rad() -> f64 {
+    0.1
+}
+
+/// The limit of a gate in settings that do not know it.
+const fn no_limit() -> f64 {
+    -1.0
+}
+
+/// The time limit of a start in settings that have none.
+const fn ten() -> f64 {
+    10.0
+}
+
 /// What is recorded, and the gates: a negative limit is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -162,10 +180,18 @@ pub struct RecorderSettings {
     pub max_wake_p999_us: f64,
     pub max_loop_p999_us: f64,
     pub max_tracking_error_m: f64,
+    #[serde(default = "no_limit")]
+    pub max_yaw_error_rad: f64,
+    #[serde(default = "no_limit")]
+    pub max_saturated_percent: f64,
+    #[serde(default = "no_limit")]
+    pub max_agitation_rad_s: f64,
     pub max_steal_percent: f64,
     pub gate_theorem: bool,
     #[serde(default)]
     pub gate_theorem_strict: bool,
+    #[serde(default)]
+    pub gate_channels: bool,
     pub trace: bool,
 }
 
@@ -228,11 +254,7 @@ impl Settings {
             self.trajectory.sha256.clear();
             return Ok(self);
         }
-        // Where the roles of a flight stand in different folders, they mean the same file.
-        if let Ok(path) = Path::new(&self.flight.trajectory).canonicalize() {
-            self.flight.trajectory = path.to_string_lossy().into_owned();
-        }
-        let read = PointsFile::read(&self.flight.trajectory)?;
+        let read = PointsFile::read(&self.flight.trajectory, self.trajectory.tolerance)?;
         self.take_points(read)?;
         Ok(self)
     }
@@ -305,6 +327,7 @@ impl Settings {
     pub const fn tracking_limits(&self) -> TrackingLimits {
         TrackingLimits {
             error_max_m: self.flight.tracking_error_max_m,
+            yaw_error_max_rad: self.flight.tracking_yaw_error_max_rad,
             ground_z_m: self.flight.ground_z_m,
         }
     }
@@ -339,6 +362,9 @@ impl Settings {
     pub fn requested_gates(&self) -> RequestedGates {
         let limit = |limit: f64| (limit >= 0.0).then_some(limit);
         let recorder = &self.recorder;
+        let max_tracking_error_m = limit(recorder.max_tracking_error_m);
+        // A flight that points elsewhere has not tracked.
+        let implied = max_tracking_error_m.map(|_| self.flight.tracking_yaw_error_max_rad);
         RequestedGates {
             position_error_max_m: self.flight.position_error_max_m,
             ground_z_m: self.flight.ground_z_m,
@@ -348,9 +374,13 @@ impl Settings {
             max_stale_rate_ppm: limit(recorder.max_stale_rate_ppm),
             max_wake_p999_us: limit(recorder.max_wake_p999_us),
             max_loop_p999_us: limit(recorder.max_loop_p999_us),
-            max_tracking_error_m: limit(recorder.max_tracking_error_m),
+            max_tracking_error_m,
+            max_yaw_error_rad: limit(recorder.max_yaw_error_rad).or(implied),
+            max_saturated_percent: limit(recorder.max_saturated_percent),
+            max_agitation_rad_s: limit(recorder.max_agitation_rad_s),
             max_steal_percent: limit(recorder.max_steal_percent),
             theorem: recorder.theorem_gate(),
+            channels: recorder.gate_channels,
         }
     }
 }

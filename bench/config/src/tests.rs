@@ -4,7 +4,7 @@ use std::io::Write as _;
 
 use messages::limits::RotorLimits;
 use messages::parameters::Airframe;
-use messages::role::Channel;
+use messages::role::{Channel, Role};
 use toml::Value;
 
 use crate::*;
@@ -127,7 +127,10 @@ fn what_an_observer_knows_of_the_laws_is_what_the_flight_knows() {
 fn the_default_is_the_laws_default() {
     let settings = default();
     let laws = settings.laws().unwrap();
-    assert_eq!(laws.map(|law| law.name), ["pd", "adaptive", "priority"]);
+    assert_eq!(
+        laws.map(|law| law.name),
+        ["pd", "adaptive", "roll_pitch_first"]
+    );
     for (law, section) in laws
         .iter()
         .zip([&settings.outer, &settings.inner, &settings.mixer])

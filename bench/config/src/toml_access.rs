@@ -4,9 +4,12 @@ use std::io::{self, Read as _};
 use std::path::Path;
 use std::sync::LazyLock;
 
-use errors::open_file;
+use errors::{Failure, open_file};
 use messages::parameters::{self, did_you_mean};
 use toml::{Table, Value};
+
+use crate::law_settings::LAW;
+use crate::trajectory::is_file;
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
@@ -69,7 +72,7 @@ pub(super) fn kind(expected: &Value) -> String {
 /// How such a value is written: as the default has it, unless that is empty.
 pub(super) fn example(expected: &Value) -> String {
     match expected {
-        Value::Array(values) if values.is_empty() => "[\"mass_kg=0.6@8s\"]".into(),
+        Value::Array(values) if values.is_empty() => "[\"rotational_drag_nm_s=0.315@8s\"]".into(),
         other => other.to_string(),
     }
 }
@@ -98,15 +101,35 @@ pub(super) fn same(a: &toml_edit::Value, b: &toml_edit::Value) -> bool {
     }
 }
 
-/// A law's name as a settings file means it: a relative file is beside it.
-pub(super) fn beside(settings: Option<&Path>, name: &Value) -> Value {
-    let folder = settings.and_then(Path::parent);
-    match name
-        .as_str()
-        .filter(|name| plugin::is_file(name))
-        .zip(folder)
-    {
-        Some((name, folder)) => Value::from(folder.join(name).to_string_lossy().into_owned()),
-        None => name.clone(),
+/// Makes relative paths start at a folder: that of the file that has them, or the working directory.
+pub(super) fn place_paths(keys: &mut Table, folder: &Path) -> Result<(), Failure> {
+    let mut keys = keys.iter_mut();
+    keys.try_for_each(|(key, value)| place_path(key, value, folder))
+}
+
+pub(super) fn place_path(key: &str, value: &mut Value, folder: &Path) -> Result<(), Failure> {
+    match value {
+        Value::Table(keys) => place_paths(keys, folder)?,
+        Value::String(name) if key == LAW && plugin::is_file(name) => {
+            *name = utf8(&folder.join(&*name))?;
+        }
+        Value::String(name) if ["trajectory", "airframe"].contains(&key) && is_file(name) => {
+            // Roles in different folders mean the same file.
+            let path = folder.join(&*name);
+            *name = utf8(&path.canonicalize().unwrap_or(path))?;
+        }
+        _ => {}
     }
+    Ok(())
+}
+
+/// A path as the text that settings, reports and logs have of it.
+pub(super) fn utf8(path: &Path) -> Result<String, Failure> {
+    path.to_str().map(str::to_owned).ok_or_else(|| {
+        let what = format!(
+            "{}: this path is not UTF-8, as settings and logs are",
+            path.display()
+        );
+        Failure::usage(what).help("rename its folder, or move the file into another one")
+    })
 }

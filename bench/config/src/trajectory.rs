@@ -3,13 +3,14 @@
 //! The roles share the SHA-256 of the points, not the points: each reads the file itself, and one whose file differs is
 //! refused by both hashes. The flight log keeps the file, so a replay needs no other.
 
+use std::f64::consts::PI;
 use std::fmt;
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use analysis::phrase::count;
-use controller::trajectory::{Point, UnknownTrajectory};
+use controller::trajectory::{AXES, Deviation, Point, UnknownTrajectory};
 use controller::{ScaledTrajectory, Spline, Trajectory};
 use errors::{Failure, open_file};
 use faults::grammar::begin_of;
@@ -19,8 +20,8 @@ use sha2::{Digest as _, Sha256};
 
 /// First line of a file of points.
 pub const HEADER: &str = "t,x,y,z,yaw";
-/// Points at the most: a curve of so many takes 3.4 MB, which each role locks in memory.
-const MOST_POINTS: usize = 10_000;
+/// Points at the most: a curve through so many takes 6.7 MB, which each role locks in memory.
+const MOST_POINTS: usize = 20_000;
 /// Longest file [bytes].
 const MOST_BYTES: u64 = 4 << 20;
 /// Shortest time between two points [s]: a tick at 1 kHz.
@@ -31,6 +32,15 @@ const ROUNDING_S: f64 = 1e-9;
 const LATEST_S: f64 = 1e6;
 /// Furthest point [m], and most turned one [rad], inside of what messages may say.
 const FURTHEST: f64 = 1e4;
+/// Value of [`TrajectorySection::tolerance`] for the last digit in the file.
+const LAST_DIGIT: f64 = -1.0;
+/// Largest tolerance that a last digit makes [m], [rad]: a file of few digits has round numbers, not rounded ones.
+const LAST_DIGIT_MAX: f64 = 0.01;
+/// Yaw [rad], and its rate [rad/s], above which both together look like degrees: two turns, half a turn per second.
+const DEGREES_RAD: f64 = 4.0 * PI;
+const DEGREES_RAD_S: f64 = PI;
+/// How often a curve is looked at for that.
+const LOOKS: u32 = 10_000;
 
 /// How a trajectory is stretched, and which points it has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,8 +50,24 @@ pub struct TrajectorySection {
     pub size: f64,
     /// It takes so many times as long.
     pub period: f64,
+    /// Largest distance of the curve from the points of the file [m], [rad of yaw]; negative: one unit of the last digit
+    /// in the file. Logs of earlier versions do not have it.
+    #[serde(default = "last_digit", skip_serializing_if = "is_last_digit")]
+    pub tolerance: f64,
     /// SHA-256 of the file of points; empty where there is none.
     pub sha256: String,
+}
+
+const fn last_digit() -> f64 {
+    LAST_DIGIT
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_last_digit(tolerance: &f64) -> bool {
+    *tolerance == LAST_DIGIT
 }
 
 impl Default for TrajectorySection {
@@ -49,6 +75,7 @@ impl Default for TrajectorySection {
         Self {
             size: 1.0,
             period: 1.0,
+            tolerance: LAST_DIGIT,
             sha256: String::new(),
         }
     }
@@ -59,6 +86,8 @@ pub struct PointsFile {
     pub text: String,
     pub sha256: String,
     pub course: ScaledTrajectory,
+    /// Where the curve is further from the points than its tolerance.
+    pub deviation: Option<Deviation>,
 }
 
 impl fmt::Debug for PointsFile {
@@ -79,7 +108,7 @@ pub fn built_in(name: &str) -> Result<ScaledTrajectory, UnknownTrajectory> {
 }
 
 impl PointsFile {
-    pub fn read(path: &str) -> Result<Self, Failure> {
+    pub fn read(path: &str, tolerance: f64) -> Result<Self, Failure> {
         let unread = |why: &dyn fmt::Display| {
             Failure::usage(format!("cannot read the trajectory file {path}: {why}"))
                 .help("name a CSV file that you can read; docs/airframes.md has the format")
@@ -101,35 +130,97 @@ impl PointsFile {
                 .count();
             unread(&format!("line {line} is not UTF-8"))
         })?;
-        Self::of(text).map_err(|why| {
+        Self::of(text, tolerance).map_err(|why| {
             Failure::usage(format!("trajectory file {path}: {why}")).help(format!(
                 "a first line {HEADER} and a line per point, in s, m and rad; see docs/airframes.md"
             ))
         })
     }
 
-    pub fn of(text: String) -> Result<Self, String> {
+    /// The curve near the points of a text, with the tolerance of [`TrajectorySection::tolerance`].
+    pub fn of(text: String, tolerance: f64) -> Result<Self, String> {
         let sha256 = sha256_of(&text);
         // A curve stays for as long as the process does, and a campaign flies the same one a million times.
-        static CURVES: Mutex<Vec<(String, ScaledTrajectory)>> = Mutex::new(Vec::new());
+        static CURVES: Mutex<Vec<(f64, PointsFile)>> = Mutex::new(Vec::new());
         let mut curves = CURVES.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, course)) = curves.iter().find(|(known, _)| *known == sha256) {
-            return Ok(Self {
-                text,
-                sha256,
-                course: *course,
-            });
+        let is_known = |known: &&(f64, Self)| known.0 == tolerance && known.1.sha256 == sha256;
+        if let Some((_, known)) = curves.iter().find(is_known) {
+            return Ok(known.clone());
+        }
+        if tolerance < 0.0 && !is_last_digit(&tolerance) {
+            return Err(format!(
+                "trajectory.tolerance = {tolerance}: write 0 or more, or {LAST_DIGIT} for the last digit in the file"
+            ));
         }
         let points = points(&text)?;
-        let spline = Spline::through(&points).map_err(|e| e.to_string())?;
-        let course = ScaledTrajectory::along(spline);
-        curves.push((sha256.clone(), course));
-        Ok(Self {
+        let tolerances = match tolerance {
+            given if given >= 0.0 => [given; AXES],
+            _ => last_digits(&text, &points),
+        };
+        let (spline, deviation) = Spline::near(&points, &tolerances).map_err(|e| e.to_string())?;
+        let file = Self {
             text,
             sha256,
-            course,
-        })
+            course: ScaledTrajectory::along(spline),
+            deviation,
+        };
+        curves.push((tolerance, file.clone()));
+        Ok(file)
     }
+
+    /// Warnings of a curve that is far from its points, and of a yaw that looks like degrees.
+    pub fn warnings(&self) -> Vec<String> {
+        let deviation = self.deviation.map(|it| {
+            let axis = HEADER.split(',').nth(it.axis + 1).unwrap_or_default();
+            format!(
+                "is {:.4} from the {axis} of its point at {} s: allowed are {} (trajectory.tolerance)",
+                it.away, it.t_s, it.allowed
+            )
+        });
+        let end_s = self.course.end_s().unwrap_or_default();
+        let is_in_degrees = |t_s: &f64| {
+            let reference = self.course.reference(*t_s);
+            reference.yaw_rad.abs() > DEGREES_RAD
+        };
+        let times = || (0..=LOOKS).map(|i| end_s * f64::from(i) / f64::from(LOOKS));
+        let turns_fast =
+            times().any(|t_s| self.course.reference(t_s).yaw_rate_rad_s.abs() > DEGREES_RAD_S);
+        let degrees = times().find(is_in_degrees).filter(|_| turns_fast).map(|t_s| {
+            format!("has more than two turns of yaw at {t_s:.2} s: yaw is in rad, and these look like degrees")
+        });
+        deviation.into_iter().chain(degrees).collect()
+    }
+}
+
+/// The unit of the last digit in each column, as far as its larger numbers show it: those of `%g` have fewer decimals than
+/// the small ones.
+fn last_digits(text: &str, points: &[Point]) -> [f64; AXES] {
+    let rows: Vec<&str> = text
+        .lines()
+        .skip(1)
+        .filter(|line| !line.trim().is_empty())
+        .collect();
+    std::array::from_fn(|axis| {
+        let largest = points
+            .iter()
+            .fold(0.0, |most, it| it.value[axis].abs().max(most));
+        let is_large = |point: &Point| point.value[axis].abs() >= 0.5 * largest;
+        let large = rows.iter().zip(points).filter(|(_, point)| is_large(point));
+        let fields = large.filter_map(|(row, _)| row.split(',').nth(axis + 1));
+        let decimals = fields.map(decimals).max().unwrap_or_default();
+        let unit = format!("1e{}", -decimals).parse().unwrap_or(LAST_DIGIT_MAX);
+        LAST_DIGIT_MAX.min(unit)
+    })
+}
+
+/// Decimals of a number: -2 of `1e2`.
+fn decimals(field: &str) -> i64 {
+    let field = field.trim();
+    let (digits, exponent) = field.split_once(['e', 'E']).unwrap_or((field, "0"));
+    let after_point = digits
+        .split_once('.')
+        .map_or(0, |(_, decimals)| decimals.len());
+    after_point as i64 - exponent.parse::<i64>().unwrap_or_default()
 }
 
 /// The SHA-256 of a text, as `sha256sum` writes it.
@@ -220,6 +311,26 @@ mod tests {
         assert_eq!((plain[1].t_s, plain[1].value), (1.5, [1.0, -2.0, 0.5, 3.0]));
         let marked = "\u{feff}t, x, y, z, yaw\r\n0,0,0,0,0\r\n 1.5 , 1 ,-2,0.5,3";
         assert_eq!(points(marked).unwrap(), plain);
+    }
+
+    #[test]
+    fn the_last_digit_of_each_column_is_the_tolerance() {
+        for (columns, expected) in [
+            (
+                "1.000,2.5,1e-3,0 -0.500,2.25,9e-3,1",
+                [1e-3, 0.01, 1e-3, 0.01],
+            ),
+            // Six significant digits: small numbers have more decimals.
+            (
+                "123.456,1.23457,3,0.5 0.00123456,0.123457,3,0.5",
+                [1e-3, 1e-5, 0.01, 0.01],
+            ),
+        ] {
+            let rows = columns.split(' ').enumerate();
+            let rows: String = rows.map(|(t, row)| format!("\n{t},{row}")).collect();
+            let text = format!("{HEADER}{rows}\n");
+            assert_eq!(last_digits(&text, &points(&text).unwrap()), expected);
+        }
     }
 
     #[test]

@@ -8,11 +8,11 @@ use control_api::description::Refused;
 use errors::Failure;
 use messages::blackboards::SETTINGS_MAX;
 use messages::parameters::shown;
-use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
 use plant::Plant;
 use toml::{Table, Value};
 
+use super::airframe_checks::impossible_body;
 use super::layers::layered;
 use super::overrides::{self, Overrides};
 use super::settings::Settings;
@@ -21,15 +21,18 @@ use super::settings::Settings;
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Section, key, least and largest value. A key of several numbers has the same range for each, except an attitude.
-const RANGES: [(&str, &str, f64, f64); 24] = [
+const RANGES: [(&str, &str, f64, f64); 27] = [
     ("flight", "slowdown", 1.0, 1000.0),
     ("flight", "position_error_max_m", 0.01, 1e4),
     ("flight", "tracking_error_max_m", 0.0, 1e4),
+    ("flight", "tracking_yaw_error_max_rad", 0.0, PI),
     ("flight", "tilt_max_rad", 0.1, PI),
     ("flight", "ground_z_m", -1e4, 0.0),
     ("trajectory", "size", 0.01, 100.0),
     ("trajectory", "period", 0.01, 100.0),
+    ("trajectory", "tolerance", -1.0, 10.0),
     ("rt", "priority", 1.0, 95.0),
+    ("rt", "start_timeout_s", 1.0, 3600.0),
     ("initial", "position_w_m", -1e4, 1e4),
     ("initial", "velocity_w_m_s", -100.0, 100.0),
     ("initial", "attitude_rad", -PI, PI),
@@ -145,7 +148,7 @@ fn check_texts(section: &str, table: &Table) -> Result<(), Failure> {
 /// Whether flags fail in the same way without a settings file, so that it has no part in it.
 pub(super) fn is_of_flags(failure: &Failure, overrides: &Overrides) -> bool {
     let alone =
-        layered(Table::new(), None, overrides).and_then(|table| Settings::from_table(table, &[]));
+        layered(Table::new(), None, overrides).and_then(|table| Settings::from_table(table, false));
     alone.is_err_and(|alone| alone.to_string() == failure.to_string())
 }
 
@@ -171,7 +174,7 @@ pub(super) fn blamed(
 }
 
 impl Settings {
-    pub(super) fn from_table(table: Table, makes: &[Role]) -> Result<Self, Failure> {
+    pub(super) fn from_table(table: Table, asks: bool) -> Result<Self, Failure> {
         check_texts("", &table)?;
         let ranges = check_ranges(&table);
         let settings = table
@@ -179,18 +182,14 @@ impl Settings {
             .map_err(|e| unreadable(&e))?
             .with_points()?;
         ranges?;
-        settings.check(makes).map(|()| settings)
+        settings.check(asks).map(|()| settings)
     }
 
-    fn check(&self, makes: &[Role]) -> Result<(), Failure> {
+    fn check(&self, asks: bool) -> Result<(), Failure> {
         let flight = &self.flight;
         Rig::check_period(flight.period_s).map_err(refused)?;
         let (period_s, duration_s) = (flight.period_s, flight.duration_s);
         within("flight.duration_s", duration_s, period_s, LONGEST_S)?;
-        if flight.resume_estimates == Some(true) {
-            return Err(Failure::usage("flight.resume_estimates = true: there is no such setting any more")
-                .help("remove it: a process that is started again continues from the state of the one that died"));
-        }
         if self.recorder.log_files == 1 {
             return Err(Failure::usage(
                 "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",
@@ -198,14 +197,18 @@ impl Settings {
             .help("the newest file may have only just begun; `ironbird fly --print-config` explains every setting"));
         }
         self.rig()?.check().map_err(refused)?;
+        if let Some(why) = impossible_body(&self.airframe()?.as_built()) {
+            return Err(Failure::usage(format!("airframe.{why}"))
+                .help("correct the section [airframe]; docs/airframes.md has the format"));
+        }
         for role in LAW_ROLES {
-            self.check_law(role, makes)?;
+            self.check_law(role, asks)?;
         }
         for channel in self.channel.keys() {
             let own = self.of_channel(*channel);
             for role in LAW_ROLES {
                 let what = |failure: Failure| failure.append(&format!(" (channel {channel})"));
-                own.check_law(role, makes).map_err(what)?;
+                own.check_law(role, asks).map_err(what)?;
             }
         }
         if self.recorder.theorem_gate().is_some()
@@ -220,6 +223,12 @@ impl Settings {
                     "fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem",
                 ),
             );
+        }
+        if self.recorder.gate_channels && self.rt.channels == 1 {
+            return Err(Failure::usage(
+                "recorder.gate_channels = true: the flight has one channel, which nothing can be compared with",
+            )
+            .help("fly with --channels 2 or 3, or without --gate channels"));
         }
         self.check_faults()?;
         self.check_start()?;

@@ -1,9 +1,9 @@
 //! Prints the progress of long work: items done, rate and time left.
 
-use std::io::{self, IsTerminal as _};
+use std::io;
 use std::time::{Duration, Instant};
 
-use errors::output::say;
+use errors::output::{has_screen, say};
 
 #[derive(Debug)]
 pub struct Progress {
@@ -25,7 +25,7 @@ impl Progress {
             thing,
             begun: now,
             printed: now,
-            is_terminal: io::stderr().is_terminal(),
+            is_terminal: has_screen(&io::stderr()),
             is_open: false,
         }
     }

@@ -1,12 +1,18 @@
 //! Machine facts for a report, and how much processor time others took.
 
-use analysis::candidate_causes::JIFFY_NS;
 use analysis::host::{Host, Steal};
+use analysis::observations::JIFFY_NS;
 
 use crate::machine::{Machine, RT_RUNTIME};
 
 pub fn host() -> Host {
     host_of(&Machine::files())
+}
+
+/// The name of this machine in the network.
+pub fn hostname() -> String {
+    let name = Machine::files().read("/proc/sys/kernel/hostname");
+    name.unwrap_or_else(|| "unknown".into())
 }
 
 /// The facts of a machine; what cannot be read is said to be unknown.
@@ -41,8 +47,6 @@ pub struct CpuTimes {
     total: u64,
     /// Time stolen since the machine was started, in the unit of /proc/stat.
     pub stolen: u64,
-    /// Time that something ran, interrupts included: without idling, waiting for a disk, and what was stolen.
-    pub busy: u64,
 }
 
 const JIFFY_MS: u64 = JIFFY_NS / 1_000_000;
@@ -65,13 +69,12 @@ impl CpuTimes {
             .filter_map(|field| field.parse().ok())
             .collect();
         // user nice system idle iowait irq softirq steal; guest times are part of user.
-        let of = |place: usize| fields.get(place).copied().unwrap_or(0);
-        let (total, stolen) = (fields.iter().take(8).sum::<u64>(), of(7));
+        let total = fields.iter().take(8).sum();
+        let stolen = fields.get(7).copied().unwrap_or(0);
         Self {
             processor,
             total,
             stolen,
-            busy: total - stolen - of(3) - of(4),
         }
     }
 

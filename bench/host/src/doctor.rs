@@ -11,18 +11,21 @@ use std::fmt::Write as _;
 use std::io;
 
 use analysis::finding::{Diagnosis, Finding, Level, RealtimeClass};
-use analysis::host::Host;
-use ipc::Wire;
+use analysis::host::{Host, InterruptCount, InterruptKind};
+use analysis::phrase::{count, name_of};
 use ipc::instance::SHARED_MEMORY;
+use ipc::{DEEP, Wire};
 use messages::realtime::RealtimeStep;
 use process::rt::{WITHOUT_ROOT, remedy};
 use rustix::io::Errno;
 use serde::{Deserialize, Serialize};
 
 use crate::cpu_times::{CpuTimes, host_of};
+use crate::interrupts::Interrupts;
 use crate::{CLOCK_SOURCE, Machine, RT_RUNTIME, cpu_list, own_executable};
 use measured::MeasuredMachine;
-use reasons::{MakeFinding, reason, steal_finding};
+pub use reasons::reason;
+use reasons::{MakeFinding, steal_finding};
 
 /// Version of the schema of `doctor --json`: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-doctor/1";
@@ -38,21 +41,27 @@ pub struct Examination {
 
 type Check = fn(&Machine, MakeFinding) -> Finding;
 
-const CHECKS: [(&str, Check); 17] = [
+const CHECKS: [(&str, Check); 19] = [
     ("kernel", preemption),
     ("throttling", throttling),
     ("scheduling", scheduling),
     ("rt cgroup", cgroup),
+    ("processor quota", |machine, found| {
+        container_limit(machine, found, "cpu", 1.0)
+    }),
     ("processors", processors),
     ("isolation", isolation),
     ("SMT", siblings),
+    ("interrupts", interrupts),
     ("governor", governor),
     ("deep sleep", deep_sleep),
     ("hypervisor", hypervisor),
     ("clock", clock),
     ("timers", timers),
-    ("timer slack", timer_slack),
     ("memory lock", memory_lock),
+    ("memory limit", |machine, found| {
+        container_limit(machine, found, "memory", 128.0)
+    }),
     ("shared memory", shared_memory),
     ("leftovers", leftovers),
     ("steal since boot", |machine, found| {
@@ -66,14 +75,20 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
         let why = reason(subject);
         check(machine, &|found| Finding::ok(subject, found, why))
     });
-    checked.collect()
+    checked.chain(switches(machine)).collect()
 }
 
-pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examination {
+/// Examines a machine; `others` are findings of those who have measured more.
+pub fn examine(
+    machine: &Machine,
+    measured: Option<MeasuredMachine>,
+    others: Vec<Finding>,
+) -> Examination {
     let mut findings = findings(machine);
     // Not in the table: during a flight, the flight's own processes run on that CPU.
     findings.push(other_programs::finding(machine));
     findings.extend(measured.iter().flat_map(MeasuredMachine::findings));
+    findings.extend(others);
     Examination {
         schema: SCHEMA.into(),
         diagnosis: Diagnosis::of(&findings),
@@ -159,41 +174,44 @@ fn may_use_fifo(machine: &Machine) -> bool {
 
 /// The real-time budget of this process's cpu cgroup, where the kernel keeps such budgets.
 fn cgroup(machine: &Machine, found: MakeFinding) -> Finding {
-    let groups = machine.read("/proc/self/cgroup").unwrap_or_default();
-    for line in groups.lines() {
-        let Some((controllers, group)) =
-            line.split_once(':').and_then(|(_, it)| it.split_once(':'))
-        else {
-            continue;
-        };
-        if !controllers.split(',').any(|controller| controller == "cpu") {
-            continue;
-        }
-        let below = group.trim_end_matches('/');
-        let budget = [controllers, "cpu"]
-            .map(|mount| format!("/sys/fs/cgroup/{mount}{below}/cpu.rt_runtime_us"))
-            .into_iter()
-            .find_map(|path| Some((machine.number(&path)?, path)));
-        if let Some((budget_us, path)) = budget {
-            let finding = found(&format!("{group} has {budget_us} us of real time a period"));
-            if budget_us > 0 {
-                return finding;
-            }
-            return finding.blocks(format!(
-                "echo 400000 | sudo tee {path}, after the same in each group above"
-            ));
-        }
+    let files = machine.groups("self", "cpu").into_iter();
+    let files = files.map(|group| format!("{group}/cpu.rt_runtime_us"));
+    let mut budgets = files.filter_map(|file| Some((machine.number(&file)?, file)));
+    match budgets.next() {
+        Some((0, file)) => found(&format!("no real time: {file}")).blocks(format!(
+            "echo 400000 | sudo tee {file}, after the same in each group above"
+        )),
+        // -1 is no limit.
+        Some((us, file)) => found(&format!("{us} us of real time a period: {file}")),
+        None => found("no cgroup budget limits SCHED_FIFO"),
     }
-    let unified = groups.lines().find_map(|line| line.strip_prefix("0::"));
-    match (unified.filter(|group| *group != "/"), machine.answers.fifo_errno) {
-        (Some(group), Some(_)) if may_use_fifo(machine) => found(&format!(
-            "SCHED_FIFO is refused in {group} although this process may have it"
-        ))
-        .blocks(
-            "start in the root cgroup: echo $$ | sudo tee /sys/fs/cgroup/cgroup.procs; or boot with \
-             rt_group_sched=0",
-        ),
-        _ => found("no cgroup budget limits SCHED_FIFO"),
+}
+
+/// A limit of this process's container; `needed` is the least with which a flight with one channel can do.
+fn container_limit(
+    machine: &Machine,
+    found: MakeFinding,
+    controller: &str,
+    needed: f64,
+) -> Finding {
+    let Some((limit, file)) = machine.group_limit("self", controller) else {
+        return found("none");
+    };
+    let is_quota = controller == "cpu";
+    let unit = if is_quota { "processors" } else { "MiB" };
+    let none = if file.ends_with(".max") { "max" } else { "-1" };
+    let finding = found(&format!(
+        "{limit:.2} {unit}, a flight needs {needed}: {file}"
+    ));
+    let fix = format!(
+        "echo {none} | sudo tee {file} (docker: docker update --cpus 2 --memory 512m CONTAINER)"
+    );
+    // No quota stops the loops under SCHED_FIFO.
+    let is_bearable = is_quota && machine.answers.fifo_errno.is_none();
+    match limit < needed {
+        true if is_bearable => finding.could_be_better(fix),
+        true => finding.blocks(fix),
+        false => finding,
     }
 }
 
@@ -240,7 +258,51 @@ fn siblings(machine: &Machine, found: MakeFinding) -> Finding {
 
 fn listed(cpus: &[usize]) -> String {
     let cpus: Vec<String> = cpus.iter().map(usize::to_string).collect();
-    cpus.join(", ")
+    cpus.join(",")
+}
+
+/// The devices that interrupt, and may do so on the loops' processor.
+fn interrupts(machine: &Machine, found: MakeFinding) -> Finding {
+    let cpu = machine.loops_cpu();
+    let is_allowed = |it: &InterruptCount| {
+        let cpus = machine.read(&format!("/proc/irq/{}/smp_affinity_list", it.name));
+        it.kind == InterruptKind::Hard && cpu_list(&cpus.unwrap_or_default()).contains(&cpu)
+    };
+    let mut devices = Interrupts::default().until(&Interrupts::of(machine, None));
+    devices.retain(is_allowed);
+    let mut others = machine.allowed_cpus();
+    others.retain(|other| *other != cpu);
+    let Some(most) = devices.first().filter(|_| !others.is_empty()) else {
+        return found(&format!("processor {cpu} has none that could be moved"));
+    };
+    let often = format!("{} {} ({} so far)", most.name, most.source, most.count);
+    let numbers: Vec<&str> = devices.iter().map(|it| &*it.name).collect();
+    let (numbers, others) = (numbers.join(" "), listed(&others));
+    let all = count(devices.len() as u64, "device");
+    found(&format!(
+        "{all} may take processor {cpu}, most often {often}"
+    ))
+    .could_be_better(format!(
+        "for i in {numbers}; do echo {others} | sudo tee /proc/irq/$i/smp_affinity_list; done"
+    ))
+}
+
+/// Settings of the kernel that stop processes now and then: subject, file, how the file begins if all is well, remedy.
+const SWITCHES: &str = include_str!("doctor/switches.txt");
+
+fn switches(machine: &Machine) -> impl Iterator<Item = Finding> {
+    SWITCHES.lines().filter_map(|line| {
+        let [subject, file, good, fix] = line.splitn(4, " | ").collect::<Vec<_>>()[..] else {
+            return None;
+        };
+        let value = machine.read(file);
+        let found = value.as_deref().unwrap_or("the kernel has none");
+        let finding = Finding::ok(subject, found, reason(subject));
+        Some(match value.is_some_and(|value| !value.starts_with(good)) {
+            true => finding.could_be_better(fix),
+            false => finding,
+        })
+    })
 }
 
 fn governor(machine: &Machine, found: MakeFinding) -> Finding {
@@ -280,7 +342,7 @@ fn hypervisor(machine: &Machine, found: MakeFinding) -> Finding {
              (libvirt: virsh vcpupin, with isolcpus on the host)",
         ),
         Some(false) => found("none"),
-        None => found("not known: neither the processor nor the firmware identifies a hypervisor"),
+        None => found("neither the processor nor the firmware says").unknown(RealtimeClass::Hard),
     }
 }
 
@@ -297,6 +359,7 @@ fn clock(machine: &Machine, found: MakeFinding) -> Finding {
     match source.as_str() {
         "jiffies" | "refined-jiffies" => found(&source).blocks(fix),
         "hpet" | "acpi_pm" | "pit" => found(&source).softens(fix),
+        "unknown" => found("the kernel names no clock source").unknown(RealtimeClass::Hard),
         _ => found(&source),
     }
 }
@@ -310,14 +373,6 @@ fn timers(machine: &Machine, found: MakeFinding) -> Finding {
     } else {
         finding.blocks("boot a kernel with CONFIG_HIGH_RES_TIMERS=y, without highres=off")
     }
-}
-
-fn timer_slack(machine: &Machine, found: MakeFinding) -> Finding {
-    let slack_ns = machine.number("/proc/self/timerslack_ns");
-    let slack = slack_ns.map_or("unknown".into(), |ns| {
-        format!("{} us by default", ns / 1000)
-    });
-    found(&format!("{slack}; the loops ask for 1 ns"))
 }
 
 /// What the role with most memory locks [bytes]: address space, which is what the limit counts.
@@ -341,7 +396,7 @@ fn memory_lock(machine: &Machine, found: MakeFinding) -> Finding {
 }
 
 fn shared_memory(machine: &Machine, found: MakeFinding) -> Finding {
-    let (path, needed) = (SHARED_MEMORY, Wire::needed_bytes(1));
+    let (path, needed) = (SHARED_MEMORY, Wire::needed_bytes(1, DEEP));
     let Some(free) = machine.answers.shared_memory_free_bytes else {
         return found(&format!("{path} is not there"))
             .blocks(format!("sudo mount -t tmpfs -o size=256M tmpfs {path}"));
@@ -379,9 +434,9 @@ pub fn render(examination: &Examination) -> String {
 
 fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
     for finding in &examination.findings {
-        let (level, subject) = (finding.level, &finding.subject);
-        writeln!(out, "{:<8} {subject:<17} {}", level.word(), finding.found)?;
-        if level != Level::Ok {
+        let (level, subject) = (name_of(&finding.level), &finding.subject);
+        writeln!(out, "{level:<8} {subject:<17} {}", finding.found)?;
+        if finding.level != Level::Ok {
             writeln!(out, "{:>13}  {}", "why", finding.why)?;
             if let Some(fix) = &finding.fix {
                 writeln!(out, "{:>13}  {fix}", "fix")?;
@@ -392,7 +447,7 @@ fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
         measured.write(out)?;
     }
     let Diagnosis { verdict, reasons } = &examination.diagnosis;
-    writeln!(out, "\nVERDICT {}", analysis::phrase::name_of(verdict))?;
+    writeln!(out, "\nVERDICT {}", name_of(verdict))?;
     for reason in reasons {
         writeln!(out, "  {reason}")?;
     }

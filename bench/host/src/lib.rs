@@ -3,6 +3,7 @@
 //! Code that draws conclusions takes a [`Machine`], so a test can make one up: a directory in place of `/`, and
 //! prepared answers in place of the system calls.
 
+mod control_group;
 pub mod cpu_times;
 pub mod doctor;
 pub mod floor;

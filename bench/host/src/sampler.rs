@@ -7,15 +7,18 @@ use messages::blackboards::{RolePhase, Status};
 use messages::realtime::RealtimeStep;
 use messages::role::STAGES;
 
+use crate::Machine;
 use crate::cpu_times::CpuTimes;
-use analysis::candidate_causes::{CounterSample, Counters, Life};
+use analysis::observations::{CounterSample, Counters, Life};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Watch {
     /// The processor that all loops were granted; none where they were not, or not the same.
     pub processor: Option<u64>,
     /// A hypervisor may run below, and take time from them.
     pub is_virtual: bool,
+    /// Files that count how often processor quotas of the plant, which stands for all loops, were used up.
+    pub quota_counters: Vec<String>,
 }
 
 impl Watch {
@@ -28,20 +31,26 @@ impl Watch {
         Self {
             processor: first.filter(|first| cpus.all(|cpu| cpu == Some(*first))),
             is_virtual,
+            quota_counters: Machine::files().group_counters(&loops[0].pid.to_string(), "cpu"),
         }
     }
 
-    pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
+    pub fn sample(&self, loops: &[Status; STAGES.len()]) -> CounterSample {
         let from_ns = now_ns();
-        let times = CpuTimes::read(self.processor);
-        let stolen = if self.is_virtual { times.stolen } else { 0 };
-        let stages = loops.map(|status| counters(status.pid));
+        let stolen = match self.is_virtual {
+            true => CpuTimes::read(self.processor).stolen,
+            false => 0,
+        };
+        let [_, throttled_us] = Machine::files().throttled(&self.quota_counters);
+        let stages = loops.map(|status| Counters {
+            // Quotas are for SCHED_OTHER.
+            throttled_us: throttled_us * u64::from(status.grants.policy == 0),
+            ..counters(status.pid)
+        });
         CounterSample {
             from_ns,
             stages,
             stolen,
-            busy: times.busy,
-            lost,
             at_ns: now_ns(),
         }
     }
@@ -210,5 +219,17 @@ mod tests {
             ..Status::default()
         });
         assert_eq!(fallen(&loops), [false, false, true, false]);
+    }
+
+    #[test]
+    fn a_quota_throttles_only_loops_that_are_not_real_time() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(&file, "throttled_usec 7\n").unwrap();
+        let mut loops = [Status::default(); STAGES.len()];
+        let mut watch = Watch::new(&loops, true);
+        watch.quota_counters = vec![file.path().display().to_string()];
+        loops[1].grants.policy = 1;
+        let sampled = watch.sample(&loops).stages.map(|it| it.throttled_us);
+        assert_eq!(sampled, [7, 0, 7, 7]);
     }
 }

@@ -1,14 +1,10 @@
 //! The doctor: what it finds on machines that are made up.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-#[path = "../../cli/tests/rig/table.rs"]
-mod table;
-
 use analysis::finding::{Finding, Level, RealtimeClass};
 use host::doctor::{Examination, examine};
 use host::{Answers, Machine};
 use std::fs;
-use table::table;
 use tempfile::TempDir;
 
 /// Limits of an ordinary user.
@@ -26,13 +22,25 @@ fn fine_answers() -> Answers {
     }
 }
 
+/// The rows of the first table of a Markdown page.
+fn table<const COLUMNS: usize>(page: &'static str) -> Vec<[&'static str; COLUMNS]> {
+    let (_, table) = page.split_once("|---|").unwrap();
+    let rows = table.lines().skip(1).filter(|line| !line.is_empty());
+    let cells = |line: &'static str| {
+        let line = line.strip_prefix('|').unwrap().strip_suffix('|').unwrap();
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        cells.try_into().expect(line)
+    };
+    rows.map(cells).collect()
+}
+
 /// A cell of a table that stands for lines.
 fn unescaped(cell: &str) -> String {
     cell.replace("\\n", "\n").replace("\\t", "\t")
 }
 
-/// The examination of the fine machine with some of its files and answers changed.
-fn with(files: &[(&str, &str)], answers: Answers) -> Examination {
+/// The fine machine with some of its files and answers changed.
+fn machine(files: &[(&str, &str)], answers: Answers) -> (TempDir, Machine) {
     let root = TempDir::new().unwrap();
     let write = |path: &str, text: &str| {
         let path = root.path().join(path);
@@ -43,7 +51,20 @@ fn with(files: &[(&str, &str)], answers: Answers) -> Examination {
         write(path, &unescaped(text));
     }
     files.iter().for_each(|(path, text)| write(path, text));
-    examine(&Machine::under(root.path(), answers), None)
+    let machine = Machine::under(root.path(), answers);
+    (root, machine)
+}
+
+fn with(files: &[(&str, &str)], answers: Answers) -> Examination {
+    examine(&machine(files, answers).1, None, Vec::new())
+}
+
+#[test]
+fn what_limits_cost_is_counted_in_all_groups_of_both_versions() {
+    let (_root, machine) = machine(&[], fine_answers());
+    let [cpu, memory] = ["cpu", "memory"].map(|it| machine.group_counters("self", it));
+    assert_eq!(machine.throttled(&cpu), [1 + 2 + 4, 5 + 70 + 800]);
+    assert_eq!(machine.counted(&memory, ["oom_kill"]), [1 + 2]);
 }
 
 fn finding<'a>(examination: &'a Examination, subject: &str) -> &'a Finding {
@@ -124,45 +145,18 @@ fn what_files_and_the_system_show_is_found_with_its_weight_and_a_fix() {
 }
 
 #[test]
-fn a_cgroup_without_real_time_is_named_with_the_file_that_changes_it() {
-    let group = "sys/fs/cgroup/cpu,cpuacct/jobs/cpu.rt_runtime_us";
-    let cgroup = ("proc/self/cgroup", "4:cpu,cpuacct:/jobs\n0::/\n");
-    let found = |files: &[(&str, &str)], answers| {
-        let examination = with(files, answers);
-        let it = finding(&examination, "rt cgroup");
-        (
-            it.level,
-            it.found.clone(),
-            it.fix.clone().unwrap_or_default(),
-        )
-    };
-    let (level, _, fix) = found(&[cgroup, (group, "0\n")], fine_answers());
-    assert_eq!(level, Level::Blocks);
-    assert!(fix.contains(&format!("tee /{group}")), "{fix}");
-    let (level, found_us, _) = found(&[cgroup, (group, "400000\n")], fine_answers());
-    assert_eq!(level, Level::Ok);
-    assert_eq!(found_us, "/jobs has 400000 us of real time a period");
-
-    // In the unified hierarchy nothing but the refusal shows it, and only to those who may have SCHED_FIFO.
-    let status = "Cpus_allowed_list:\t0-3\nCapEff:\t00000000ffffffff\n";
-    let refused = Answers {
-        fifo_errno: Some(EPERM),
-        ..fine_answers()
-    };
-    let (level, group, _) = found(&[("proc/self/status", status)], refused.clone());
-    assert_eq!(level, Level::Blocks);
-    assert!(group.contains("/user.slice/session-1.scope"), "{group}");
-    assert_eq!(found(&[], refused).0, Level::Ok);
-}
-
-#[test]
 fn an_examination_is_printed_with_reasons_and_fixes() {
     let answers = Answers {
         fifo_errno: Some(EPERM),
         deep_sleep_errno: Some(EACCES),
         ..fine_answers()
     };
-    let examination = with(&[("proc/sys/kernel/version", "#1 SMP")], answers);
+    let files = [
+        ("proc/sys/kernel/version", "#1 SMP"),
+        ("proc/cpuinfo", ""),
+        ("sys/fs/cgroup/user.slice/cpu.max", "50000 100000\n"),
+    ];
+    let examination = with(&files, answers);
     let executable = std::env::current_exe().unwrap().display().to_string();
     let text = host::doctor::render(&examination).replace(&executable, "EXECUTABLE");
     insta::assert_snapshot!(text);

@@ -16,30 +16,26 @@ use std::net::{Ipv6Addr, SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use foxglove::websocket::Status;
 use foxglove::{Context, FoxgloveError, WebSocketServer, WebSocketServerHandle};
-use ipc::error::Error;
 use ipc::instance::Instance;
 use messages::blackboards::EndReason;
 
-use crate::inject::flying;
 use crate::observation::{DRAIN_EVERY, Observation};
 use analysis::theorem::no_theorem;
 use channels::Channels;
 use config::law_settings;
 use errors::output::print;
-use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
+use errors::{Failure, INTERRUPTED, OCCUPIED};
 use origin_proxy::{LIMITS, OriginProxy, hidden_address};
 use parameters::ParameterMirror;
 use process::signals::stop_flag;
 use recorder::kernel_trace::remove_leftovers;
 
-/// How long it may take to join a flying instance: joining fails for an instant while roles start.
-const JOIN_TIMEOUT: Duration = Duration::from_secs(2);
-/// How long the SDK may take to send the last status.
-const FINAL_STATUS: Duration = Duration::from_millis(200);
+/// How often to look for a flight.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// Messages that a slow client may fall behind before it loses the oldest: a second of all topics.
 const BACKLOG: usize = 4096;
 
@@ -55,16 +51,14 @@ pub struct FoxgloveOptions {
     pub allow_origin: Vec<String>,
 }
 
+/// Serves one flight of the instance after the other, until a signal comes.
 pub fn foxglove(options: &FoxgloveOptions) -> Result<u8, Failure> {
     let instance = Instance::new(&options.instance)?;
     let stop = stop_flag()?;
-    let mut observation = join(&instance)?;
     let context = Context::new();
-    let laws = law_settings::shared(&observation.settings)?;
-    let mut channels = Channels::new(&context, &observation.run(), &laws)?;
     let mirror = Arc::new(ParameterMirror {
         instance: instance.clone(),
-        active: Mutex::new(observation.active_parameters()),
+        active: Mutex::default(),
         allows_swaps: options.allow_swaps,
     });
     let (server, proxy) = start(options, &context, &mirror)?;
@@ -77,46 +71,49 @@ pub fn foxglove(options: &FoxgloveOptions) -> Result<u8, Failure> {
     print(&format!(
         "serving instance `{name}` on ws://{address}, {access}; Ctrl-C ends\n"
     ))?;
-    if let Some(why) = laws.without_theorem.map(no_theorem) {
-        print(&format!(
-            "topic theorem stays empty, not applicable: {why}\n"
-        ))?;
-    }
-    let served = serve(&mut observation, &mut channels, &mirror, &server, &stop);
-    let ended = |ending: EndReason| format!("the flight has ended: {}", ending.name());
-    if let Ok(Some(ending)) = served {
-        server.publish_status(Status::info(ended(ending)));
-        // The SDK drops what it has not sent when it is stopped.
-        sleep(FINAL_STATUS);
-    }
+    let served = serve(&instance, &context, &mirror, &server, &stop);
     server.stop().wait_blocking();
     proxy.await_empty();
-    drop(observation);
-    // If all other processes have ended before.
-    remove_leftovers(&instance);
-    match served? {
-        Some(ending) => {
-            print(&(ended(ending) + "\n"))?;
-            Ok(OK)
-        }
-        None => Ok(INTERRUPTED),
-    }
+    served.map(|()| INTERRUPTED)
 }
 
-fn join(instance: &Instance) -> Result<Observation, Failure> {
-    let until = Instant::now() + JOIN_TIMEOUT;
-    loop {
-        // Its error names the running instances.
-        drop(flying(instance)?);
-        match Observation::join(instance) {
-            Ok(Some(observation)) => return Ok(observation),
-            Err(error @ (Error::Crowded { .. } | Error::Incompatible { .. })) => {
-                return Err(error.into());
-            }
-            Err(error) if Instant::now() >= until => return Err(error.into()),
-            Ok(None) | Err(_) => sleep(DRAIN_EVERY),
+/// Waits for flights, and serves each until it ends. The channels of a flight stay until the next one begins.
+fn serve(
+    instance: &Instance,
+    context: &Arc<Context>,
+    mirror: &ParameterMirror,
+    server: &WebSocketServerHandle,
+    stop: &AtomicBool,
+) -> Result<(), Failure> {
+    let (mut failed, mut before) = (0, None::<Channels>);
+    while !stop.load(Ordering::Relaxed) {
+        let Some(mut observation) = Observation::join(instance, &mut failed)? else {
+            sleep(LOOK_EVERY);
+            continue;
+        };
+        if let Some(channels) = before.take() {
+            channels.close();
         }
+        let laws = law_settings::shared(&observation.settings)?;
+        let mut channels = Channels::new(context, &observation.run(), &laws)?;
+        print("serving a flight\n")?;
+        if let Some(why) = laws.without_theorem.map(no_theorem) {
+            print(&format!(
+                "topic theorem stays empty, not applicable: {why}\n"
+            ))?;
+        }
+        let ending = serve_flight(&mut observation, &mut channels, mirror, server, stop);
+        drop(observation);
+        // If all other processes have ended before.
+        remove_leftovers(instance);
+        if let Some(ending) = ending? {
+            let ended = format!("the flight has ended: {}", ending.name());
+            server.publish_status(Status::info(&ended));
+            print(&format!("{ended}\n"))?;
+        }
+        before = Some(channels);
     }
+    Ok(())
 }
 
 fn start(
@@ -162,7 +159,7 @@ fn address(host: &str, port: u16) -> String {
 }
 
 /// Serves until the flight ends; returns why it ended, or `None` if a signal came first.
-fn serve(
+fn serve_flight(
     observation: &mut Observation,
     channels: &mut Channels,
     mirror: &ParameterMirror,

@@ -5,32 +5,44 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use flight_log::causal_order::CausalOrder;
 use flight_log::entry::LogEntry;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Receiver, Wire};
 use messages::blackboards::{
-    ActiveParameters, EndReason, IN_FORCE, RUN, Run, RunPhase, SETTINGS, SettingsText, Status,
+    ActiveParameters, EndReason, IN_FORCE, RUN, Run, RunPhase, SETTINGS, SUPERVISION, SettingsText,
+    Status, Supervision,
 };
+use messages::content::Loss;
 use messages::inspection::Expected;
 use messages::monitor::Monitor;
-use messages::role::{Replica, Role};
+use messages::role::{Channel, Replica, Role};
 
 use config::airframe::pairs;
+use faults::live::LiveFault;
+use recorder::injected_faults::InjectedFaults;
 use recorder::ports::{Ports, horizon};
 use recorder::role_statuses::RoleStatuses;
 
 pub use recorder::ports::DRAIN_EVERY;
 
+/// How often joining may fail in a row: it can while roles start or end.
+const TRIES: u32 = 20;
 /// How long after the end of a flight the recorder may still pass messages on.
 const LAST_MESSAGES: Duration = Duration::from_millis(200);
 
 pub struct Observation {
     ports: Ports,
     theorem: Receiver<Monitor>,
+    losses: Receiver<Loss>,
+    order: CausalOrder,
     run: BlackboardReader<Run>,
     active: BlackboardReader<ActiveParameters>,
     statuses: RoleStatuses,
+    /// None if the processes were started by hand.
+    supervision: Option<BlackboardReader<Supervision>>,
+    faults: InjectedFaults,
     /// Settings shared by all roles of the run, by key.
     pub settings: BTreeMap<String, String>,
     /// When the end of the flight was noticed.
@@ -39,8 +51,21 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Joins the flight of an instance; `None` while none is running.
-    pub fn join(instance: &Instance) -> Result<Option<Self>, Error> {
+    /// Joins the flight of an instance; `None` while none is running. `failed` counts attempts in a row that failed.
+    pub fn join(instance: &Instance, failed: &mut u32) -> Result<Option<Self>, Error> {
+        match Self::joined(instance) {
+            Err(Error::Wire { .. }) if *failed < TRIES => {
+                *failed += 1;
+                Ok(None)
+            }
+            joined => {
+                *failed = 0;
+                joined
+            }
+        }
+    }
+
+    fn joined(instance: &Instance) -> Result<Option<Self>, Error> {
         // Without a flight, no shared memory is opened.
         if !instance.is_occupied(Role::Plant) {
             return Ok(None);
@@ -57,22 +82,28 @@ impl Observation {
         if flown.phase() != RunPhase::Flying {
             return Ok(None);
         }
-        let (mut ports, mut theorem) = (Ports::observing(&wire)?, wire.observer()?);
+        let mut ports = Ports::observing(&wire)?;
+        let (mut theorem, mut losses) = (wire.observer()?, wire.observer()?);
         let expected = Expected {
             run_id: flown.run_id,
             settings: flown.settings,
         };
         ports.arm(expected)?;
         theorem.arm(expected)?;
+        losses.arm(expected)?;
         let text = wire.blackboard_reader::<SettingsText>(SETTINGS)?;
         let settings = text.map(|board| pairs(board.get().text()));
         let statuses = RoleStatuses::open(&wire)?;
         Ok(Some(Self {
             ports,
             theorem,
+            losses,
+            order: CausalOrder::joining(),
             run,
             active,
             statuses,
+            supervision: wire.blackboard_reader(SUPERVISION)?,
+            faults: InjectedFaults::open(&wire)?,
             settings: settings.unwrap_or_default(),
             ended: None,
             wire,
@@ -89,6 +120,18 @@ impl Observation {
 
     pub fn statuses(&self) -> BTreeMap<Replica, Status> {
         self.statuses.statuses()
+    }
+
+    /// Actions of the supervisor; nothing if there is none.
+    pub fn supervision(&self) -> Supervision {
+        let supervision = self.supervision.as_ref();
+        supervision.map_or_else(Supervision::default, BlackboardReader::get)
+    }
+
+    /// Faults that were injected into the running flight.
+    pub fn injected(&mut self) -> &[LiveFault] {
+        self.faults.update();
+        &self.faults.faults
     }
 
     /// Whether the role's process is alive; its blackboard outlives it.
@@ -112,12 +155,27 @@ impl Observation {
         (ended.elapsed() >= LAST_MESSAGES).then_some(ending)
     }
 
-    /// Passes every message since the last call to `each`, topic by topic in the order of the data flow.
+    /// Passes messages to `each` in the order in which they were sent. The recorder passes them on in that order, and the
+    /// states are read first: what was sent before the newest state is there.
     pub fn drain(&mut self, mut each: impl FnMut(&LogEntry)) -> Result<(), Error> {
         let run = &self.run;
         let horizon = horizon(run.get().pace(), || run.get());
-        self.ports.drain(horizon, &mut each)?;
-        self.theorem
-            .drain(horizon, |it| each(&LogEntry::Theorem(*it)))
+        let (order, mut newest_state_ns) = (&mut self.order, 0);
+        self.ports.drain(horizon, |entry| {
+            if let LogEntry::State(message) = entry {
+                newest_state_ns = message.envelope.sent_ns();
+            }
+            order.receive(Channel::A, entry);
+        })?;
+        self.theorem.drain(horizon, |it| {
+            order.receive(Channel::A, &LogEntry::Theorem(*it));
+        })?;
+        self.losses.drain(horizon, |it| {
+            order.take(Channel::A, &LogEntry::Loss(*it));
+        })?;
+        let is_over = run.get().phase() == RunPhase::Closed;
+        let before_ns = if is_over { u64::MAX } else { newest_state_ns };
+        order.release(before_ns, |_, entry| each(entry));
+        Ok(())
     }
 }

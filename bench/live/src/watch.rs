@@ -10,18 +10,19 @@ mod feed;
 pub mod screen;
 mod terminal;
 
-use std::io::{self, IsTerminal as _};
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ipc::instance::Instance;
-use process::signals::{end_with_launcher, stop_flag};
+use process::signals::stop_flag;
 
 use crate::observation::DRAIN_EVERY;
+use analysis::schema::NOT_FRESH;
 use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
-use errors::output::{print, say};
+use errors::output::{has_screen, print, say};
 use errors::{Failure, INTERRUPTED, OK};
 use feed::Feed;
 
@@ -30,12 +31,11 @@ const PRINT_EVERY: Duration = Duration::from_secs(1);
 pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8, Failure> {
     let instance = Instance::new(instance)?;
     let stop = stop_flag()?;
-    end_with_launcher(launcher)?;
     // https://no-color.org
     let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let mut model = Model::new(instance.name(), launcher.is_some(), colours);
     let mut feed = Feed::new(instance);
-    if is_plain || !io::stdout().is_terminal() || !io::stdin().is_terminal() {
+    if is_plain || !has_screen(&io::stdout()) || !has_screen(&io::stdin()) {
         return print_lines(&mut model, &mut feed, &stop);
     }
     terminal::run(&mut model, &mut feed, launcher, &stop)
@@ -43,10 +43,12 @@ pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8
 
 /// Prints lines until the flight ends.
 fn print_lines(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<u8, Failure> {
-    let instance = &model.instance;
-    say(&format!(
-        "waiting for instance `{instance}` to fly (ironbird fly)\n"
-    ));
+    if !model.launched {
+        let instance = &model.instance;
+        say(&format!(
+            "waiting for instance `{instance}` to fly (ironbird fly)\n"
+        ));
+    }
     let mut next = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         feed.update(model)?;
@@ -76,7 +78,8 @@ pub fn line(flight: &WatchedFlight) -> String {
         let Statistics { p50_us, p99_us, .. } = Statistics::of("loop", histogram);
         line += &format!("   loop p50 {p50_us:.1} p99 {p99_us:.1} us");
     }
-    line += &format!("   missed {}", flight.run.deadlines_missed);
+    let (_, not_fresh) = flight.verdicts();
+    line += &format!("   {} {NOT_FRESH}", not_fresh.ticks);
     if let Some(monitor) = &flight.monitor {
         let (v, unexplained) = (monitor.v, monitor.violations[0]);
         let violations: u64 = monitor.violations.iter().sum();

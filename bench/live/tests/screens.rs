@@ -9,12 +9,12 @@ use live::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
 use live::watch::line;
 use live::watch::screen::{SMALLEST, draw};
 use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status};
+use messages::content::{Decision, Loss, SwapRecord, TakenCommand, Truth, Wrench};
 use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
-use messages::content::{SwapRecord, Truth, Wrench};
 use messages::header::{Header, Message, Stamps};
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{Airframe, Parameter};
-use messages::role::ROLES;
+use messages::role::{Channel, ROLES, Replica, Role};
 use messages::telemetry::Telemetry;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -120,7 +120,10 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
 /// A dashboard that has seen ticks of a flight. Its reference is (1, -1, 1) m from tick 0 on.
 fn joined(settings: &[(&str, &str)], ticks: std::ops::Range<u64>) -> Model {
     let mut model = Model::new("left", false, true);
-    let all = [("flight.trajectory", "step"), ("mixer.law", "priority")];
+    let all = [
+        ("flight.trajectory", "step"),
+        ("mixer.law", "roll_pitch_first"),
+    ];
     let all = all.iter().chain(settings);
     let all = all.map(|(key, value)| ((*key).to_owned(), (*value).to_owned()));
     model.join(&run(), all.collect()).unwrap();
@@ -136,6 +139,7 @@ fn flight(model: &mut Model) -> &mut WatchedFlight {
 fn model() -> Model {
     let limits = [
         ("flight.tracking_error_max_m", "0.1"),
+        ("flight.tracking_yaw_error_max_rad", "0.1"),
         ("flight.ground_z_m", "-0.25"),
     ];
     let mut model = joined(&limits, 100..1100);
@@ -157,6 +161,48 @@ fn model() -> Model {
         ..Status::default()
     };
     flight.statuses = ROLES.map(|role| (role.into(), status)).into();
+    let recorder = flight.statuses.get_mut(&Role::Record.into()).unwrap();
+    (recorder.commands_missed, recorder.commands_stale) = (2, 5);
+    model
+}
+
+/// A dashboard of a flight with two channels, of which b took over when a's inner stage was killed.
+fn handed_over() -> Model {
+    let faults = r#"["a.inner.kill@tick1050", "state.drop=0.1@tick1060..tick3100", "outer.late=1ms@tick1090..2s"]"#;
+    let mut model = model();
+    let settings = [("flight.faults", faults), ("flight.trajectory", "step")];
+    let settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned()));
+    let channels = Run {
+        channels: 2,
+        ..flight(&mut model).run
+    };
+    let statuses = flight(&mut model).statuses.clone();
+    model.join(&channels, settings.into()).unwrap();
+    let seen = flight(&mut model);
+    let all = Replica::all(2).map(|replica| (replica, statuses[&replica.role.into()]));
+    seen.statuses = all.collect();
+    for (tick, channel) in [(1048, Channel::A), (1049, Channel::A), (1050, Channel::B)] {
+        let command = TakenCommand {
+            of_tick: tick,
+            channel: channel as u64,
+            acts_from: tick + 1,
+            is_offered: 1,
+            ..TakenCommand::default()
+        };
+        let decision = Decision {
+            count: 1,
+            command,
+            ..Decision::default()
+        };
+        let content = State {
+            decision,
+            ..State::default()
+        };
+        seen.take(&LogEntry::State(message(tick + 1, content)));
+    }
+    (seen.supervision.failed, seen.supervision.restarted) = (1, 1);
+    let killed = "the inner process of channel a was killed by the fault a.inner.kill of tick 1050; it is started again";
+    seen.supervision.add(1052, killed);
     model
 }
 
@@ -232,8 +278,19 @@ fn each_page_is_its_snapshot() {
     flight(&mut noisy).active.value[Parameter::GyroNoise as usize] = 0.01;
     let mut landed = model();
     flight(&mut landed).ending = Some(EndReason::Completed);
+    let starting = Model::new("left", true, true);
     for (name, mut model, keys, size) in [
         ("waiting", waiting, "", NORMAL),
+        ("starting", starting, "", NORMAL),
+        ("handed_over", handed_over(), "1", NORMAL),
+        ("handed_over_last_rows", handed_over(), "1<End>", NORMAL),
+        ("real_time_channels", handed_over(), "5", NORMAL),
+        (
+            "real_time_channels_last_rows",
+            handed_over(),
+            "5<End>",
+            NORMAL,
+        ),
         ("flight", model(), "1", NORMAL),
         ("latency", model(), "2", NORMAL),
         ("latency_last", model(), "2<End>", NORMAL),
@@ -319,6 +376,27 @@ fn control_keys_are_not_typed_and_ctrl_u_empties_the_line() {
 }
 
 #[test]
+fn pages_scroll_to_their_last_row_and_back() {
+    let mut model = handed_over();
+    press(&mut model, "5");
+    let first = screen(&model, NORMAL);
+    assert!(first.contains("rows 1 to 19 of 30"), "{first}");
+    press(&mut model, "<End>");
+    let last = screen(&model, NORMAL);
+    assert!(last.contains("rows 12 to 30 of 30"), "{last}");
+    press(&mut model, "<Down>");
+    assert_eq!(screen(&model, NORMAL), last);
+    press(&mut model, "<Up>");
+    assert_ne!(
+        screen(&model, NORMAL),
+        last,
+        "keys beyond the end are not counted"
+    );
+    press(&mut model, "<Home>");
+    assert_eq!(screen(&model, NORMAL), first);
+}
+
+#[test]
 fn keys_open_tabs_and_help_and_end_the_dashboard_or_the_flight() {
     let mut model = model();
     for (keys, tab) in [
@@ -351,8 +429,15 @@ fn keys_open_tabs_and_help_and_end_the_dashboard_or_the_flight() {
 #[test]
 fn a_reset_restarts_statistics_and_keeps_the_number_of_lost_messages() {
     let mut model = model();
+    let loss = Loss {
+        messages: 50,
+        before_tick: 1110,
+        ..Loss::default()
+    };
+    let loss = Message::of_tick(1110, loss);
+    flight(&mut model).take(&LogEntry::Loss(loss));
     take_tick(flight(&mut model), 1110);
-    assert_eq!(flight(&mut model).lost(), 50, "ten ticks of five topics");
+    assert_eq!(flight(&mut model).lost(), 50);
     model.reset().unwrap();
     press(&mut model, "2");
     shows(&model, "loop                       -");
@@ -408,7 +493,7 @@ fn every_page_fits_every_terminal_with_visible_colours_or_none() {
 fn a_line_of_plain_text_has_the_main_figures() {
     assert_eq!(
         line(flight(&mut model())),
-        "tick 1099   1.1 s   error 0.5000 m   loop p50 30.0 p99 30.0 us   missed 4   V 2.500e-1 rad^2/s^2   \
+        "tick 1099   1.1 s   error 0.5000 m   loop p50 30.0 p99 30.0 us   10 ticks without a fresh command on time   V 2.500e-1 rad^2/s^2   \
          violations 12 (0 unexplained)"
     );
 }

@@ -11,9 +11,9 @@
 
 use rustix::fs::fstatvfs;
 use std::collections::VecDeque;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::Write;
-use std::os::unix::fs::FileExt as _;
+use std::os::unix::fs::{FileExt as _, MetadataExt as _};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::{io, thread};
@@ -32,6 +32,10 @@ const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(if cfg!(test) { 1 } els
 /// Where an [`AsyncWriter`] writes: a file, or one that is made when it is first used.
 pub trait Disk: Send + 'static {
     fn file(&self) -> io::Result<&File>;
+
+    fn metadata(&self) -> Option<Metadata> {
+        self.file().ok()?.metadata().ok()
+    }
 
     /// Bytes that are free on it; nothing where that is not known.
     fn free(&self) -> Option<u64> {
@@ -56,6 +60,20 @@ impl Disk for File {
     fn file(&self) -> io::Result<&File> {
         Ok(self)
     }
+}
+
+/// Compares a file with how this process left it: fails if another program has changed it, and says whether one may have
+/// written into it. Some file systems set the time later.
+pub fn compare(left: &Metadata, there: &Metadata) -> Result<bool, String> {
+    if (left.dev(), left.ino()) != (there.dev(), there.ino()) {
+        return Err("another program replaced it".into());
+    }
+    let (before, now) = (left.len(), there.len());
+    if before != now {
+        let what = format!("another program changed its length from {before} to {now} bytes");
+        return Err(what);
+    }
+    Ok((left.mtime(), left.mtime_nsec()) != (there.mtime(), there.mtime_nsec()))
 }
 
 /// A file, shared by the code that writes it and the code that watches it.
@@ -87,9 +105,19 @@ struct QueueState {
     refused: Option<String>,
     has_gap: bool,
     has_given_up: bool,
+    condition: Condition,
     /// Nothing more comes: what is there is to be written and synced at once.
     is_last: bool,
     is_closed: bool,
+}
+
+/// Length and identity of a file that was written, to compare it with later.
+#[derive(Clone, Debug, Default)]
+pub struct Condition {
+    /// The file as it was left.
+    pub left: Option<Metadata>,
+    /// Whether another program may have written into it.
+    pub is_doubtful: bool,
 }
 
 enum DiskJob {
@@ -137,9 +165,9 @@ impl AsyncWriter {
     }
 
     pub fn note_dropped(&self) {
-        let (mut state, mib) = (self.state(), MOST_WAITING_BYTES >> 20);
-        state.refuse(format!("the disk is too slow: {mib} MiB waited for it"));
-        state.has_gap = true;
+        let mib = MOST_WAITING_BYTES >> 20;
+        let why = format!("the disk is too slow: {mib} MiB waited for it");
+        self.state().note_gap(why);
     }
 
     /// As [`Self::settle`], has what is there synced at once, and takes nothing more.
@@ -198,10 +226,15 @@ impl AsyncWriter {
         self.0.0.changed.notify_all();
     }
 
-    fn gap(&self) -> Option<String> {
+    /// Why the file may lack something.
+    pub fn gap(&self) -> Option<String> {
         let state = self.state();
         let has_gap = state.has_gap || state.on_disk < state.handed;
         state.refused.clone().filter(|_| has_gap)
+    }
+
+    pub fn condition(&self) -> Condition {
+        self.state().condition.clone()
     }
 
     pub fn refused(&self) -> Option<String> {
@@ -212,6 +245,12 @@ impl AsyncWriter {
 impl QueueState {
     fn refuse(&mut self, reason: String) {
         self.refused.get_or_insert(reason);
+    }
+
+    fn note_gap(&mut self, why: String) {
+        if !std::mem::replace(&mut self.has_gap, true) {
+            self.refused = Some(why);
+        }
     }
 
     fn end(&mut self) {
@@ -256,19 +295,56 @@ impl Queue {
     fn serve(&self, disk: &impl Disk, left_free: u64) {
         let mut synced_at = Instant::now();
         loop {
-            match self.next(synced_at) {
-                DiskJob::Write(piece, place) => {
-                    let written = write(disk, &piece, place, left_free);
-                    self.wrote(piece, written);
+            let job = self.next(synced_at);
+            let found = disk.metadata();
+            let outcome = match &job {
+                DiskJob::Write(piece, place) => write(disk, piece, *place, left_free),
+                DiskJob::Cut(length) => {
+                    let cut = disk.cut(*length);
+                    cut.map_err(|e| format!("cannot cut the file: {e}"))
                 }
-                DiskJob::Cut(length) => self.done("cut", disk.cut(length)),
                 DiskJob::Sync => {
                     synced_at = Instant::now();
-                    self.done("sync", disk.sync());
+                    let synced = disk.sync();
+                    synced.map_err(|e| format!("cannot sync the file: {e}"))
                 }
                 DiskJob::End => return,
-            }
+            };
+            self.end_job(job, outcome, found, disk.metadata());
         }
+    }
+
+    /// Takes what came of a job, and the file before and after it. A piece that was not taken is tried again.
+    fn end_job(
+        &self,
+        job: DiskJob,
+        outcome: Result<(), String>,
+        found: Option<Metadata>,
+        left: Option<Metadata>,
+    ) {
+        let mut state = self.state();
+        let before = state.condition.left.as_ref().zip(found);
+        match before.map_or(Ok(false), |(left, found)| compare(left, &found)) {
+            Ok(is_doubtful) => state.condition.is_doubtful |= is_doubtful,
+            Err(why) => state.note_gap(why),
+        }
+        state.condition.left = left;
+        state.busy = false;
+        match (job, outcome) {
+            (DiskJob::Write(..), _) if state.has_given_up => {}
+            (DiskJob::Write(piece, _), Ok(())) => {
+                state.on_disk += piece.len() as u64;
+                (state.unsynced, state.retry_at) = (true, None);
+            }
+            (DiskJob::Write(piece, _), Err(reason)) => {
+                state.refuse(reason);
+                state.retry_at = Some(Instant::now() + RETRY_EVERY);
+                state.pieces.push_front(piece);
+            }
+            (_, Ok(())) => {}
+            (_, Err(why)) => state.note_gap(why),
+        }
+        self.changed.notify_all();
     }
 
     fn next(&self, synced_at: Instant) -> DiskJob {
@@ -293,34 +369,6 @@ impl Queue {
             state.busy = !matches!(job, DiskJob::End);
             return job;
         }
-    }
-
-    /// What came of a piece; one that was not taken is tried again.
-    fn wrote(&self, piece: Vec<u8>, written: Result<(), String>) {
-        let mut state = self.state();
-        state.busy = false;
-        match written {
-            _ if state.has_given_up => {}
-            Ok(()) => {
-                state.on_disk += piece.len() as u64;
-                (state.unsynced, state.retry_at) = (true, None);
-            }
-            Err(reason) => {
-                state.refuse(reason);
-                state.retry_at = Some(Instant::now() + RETRY_EVERY);
-                state.pieces.push_front(piece);
-            }
-        }
-        self.changed.notify_all();
-    }
-
-    fn done(&self, what: &str, outcome: io::Result<()>) {
-        let mut state = self.state();
-        state.busy = false;
-        if let Err(e) = outcome {
-            state.refuse(format!("cannot {what} the file: {e}"));
-        }
-        self.changed.notify_all();
     }
 }
 

@@ -63,7 +63,7 @@ impl Build {
     }
 }
 
-/// Nothing is known, as of a report from before builds were named.
+/// A build of which nothing is known.
 impl Default for Build {
     fn default() -> Self {
         let unknown = || UNKNOWN.to_owned();

@@ -5,7 +5,7 @@ use mcap::records::{Record, op};
 use zstd::bulk::Decompressor;
 
 /// A record longer than this, or a chunk, is no log's [bytes].
-pub(crate) const RECORD_LIMIT: usize = 1 << 28;
+pub(crate) const RECORD_LIMIT: usize = 1 << 27;
 
 /// Length of what stands before a record: what it is, and how long [bytes].
 const RECORD_HEADER: usize = 1 + 8;

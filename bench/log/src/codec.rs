@@ -7,8 +7,11 @@
 //!
 //! What a law shows in its stage's message is left out: it has a message of its own, with names ([`crate::telemetry`]).
 
+use messages::content::Decision;
 use messages::header::{Header, Message};
+use messages::history::LawState;
 use messages::layout::{FNV_OFFSET, Field, Kind, Visit, Visitor, VisitorMut, fnv1a};
+use messages::parameters::{FIRST_PARAMETERS, PARAMETERS};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
@@ -34,7 +37,7 @@ const fn is_called_telemetry(name: &str) -> bool {
 
 pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     let begin = out.len();
-    out.resize(begin + <C as LoggedLength>::MESSAGE, 0);
+    out.resize(begin + const { message_length::<C, false>() }, 0);
     let mut encoder = Encoder {
         out: &mut out[begin..],
         at: 0,
@@ -45,20 +48,40 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     message.content.visit(&mut encoder);
 }
 
+/// Whether logs of format 1 lack a field: its struct was added later, as the last field of a message or its header.
+pub(crate) const fn is_added(field: &Field) -> bool {
+    matches!(field.kind, Kind::Struct { name, .. } if is_called_added(name))
+}
+
+const fn is_called_added(name: &str) -> bool {
+    const LAW_STATE: u64 = fnv1a(FNV_OFFSET, LawState::STRUCT.as_bytes());
+    const DECISION: u64 = fnv1a(FNV_OFFSET, Decision::STRUCT.as_bytes());
+    matches!(fnv1a(FNV_OFFSET, name.as_bytes()), LAW_STATE | DECISION)
+}
+
+/// Length of an array that is logged.
+const fn logged_length(length: usize, earlier: bool) -> usize {
+    if earlier && length == PARAMETERS {
+        FIRST_PARAMETERS
+    } else {
+        length
+    }
+}
+
 /// Reads a message, without what a law shows in it; `None` where the bytes are not one.
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     let mut message = Message::default();
-    decode_into(bytes, &mut message).then_some(message)
+    decode_into::<C, false>(bytes, &mut message).then_some(message)
 }
 
-/// Reads a message into the place of another one, of which the telemetry stays; false where the bytes are not one, and
-/// then none stands there.
-pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
+/// Reads a message into the place of another one, of which the telemetry stays, and with `EARLIER` what logs of format 1
+/// lack; false where the bytes are not one, and then none stands there.
+pub fn decode_into<C: Logged, const EARLIER: bool>(bytes: &[u8], message: &mut Message<C>) -> bool {
     // So every field has its place, which the compiler knows.
-    if bytes.len() != <C as LoggedLength>::MESSAGE {
+    if bytes.len() != const { message_length::<C, EARLIER>() } {
         return false;
     }
-    let mut decoder = Decoder {
+    let mut decoder = Decoder::<EARLIER> {
         bytes,
         at: 0,
         number: ENVELOPE_NUMBER,
@@ -94,29 +117,25 @@ pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
     Some(u64::from_le_bytes(*word))
 }
 
-/// Lengths as they are logged [bytes].
-trait LoggedLength: Visit {
-    const MESSAGE: usize = delimited_length(1, <Header as Nested>::LENGTH)
-        + encoded_length(Self::FIELDS, CONTENT_NUMBER);
+/// Length of a message as it is logged [bytes].
+const fn message_length<C: Logged, const EARLIER: bool>() -> usize {
+    delimited_length(1, nested_length::<Header>(EARLIER))
+        + encoded_length(C::FIELDS, CONTENT_NUMBER, EARLIER)
 }
 
-impl<L: Visit> LoggedLength for L {}
-
-trait Nested: Visit {
-    const LENGTH: usize = encoded_length(Self::FIELDS, ENVELOPE_NUMBER);
+const fn nested_length<L: Visit>(earlier: bool) -> usize {
+    encoded_length(L::FIELDS, ENVELOPE_NUMBER, earlier)
 }
-
-impl<L: Visit> Nested for L {}
 
 /// Length of a struct's fields, numbered from `first` on [bytes].
-const fn encoded_length(fields: &[Field], first: u32) -> usize {
+const fn encoded_length(fields: &[Field], first: u32, earlier: bool) -> usize {
     let (mut sum, mut i) = (0, 0);
     while i < fields.len() {
         let tag = varint_length(((first as u64) + i as u64) << 3);
         sum += match (fields[i].kind, fields[i].length) {
-            _ if is_telemetry(&fields[i]) => 0,
+            _ if is_telemetry(&fields[i]) || (earlier && is_added(&fields[i])) => 0,
             (Kind::Struct { fields, .. }, length) => {
-                let each = delimited_length(tag, encoded_length(fields, ENVELOPE_NUMBER));
+                let each = delimited_length(tag, encoded_length(fields, ENVELOPE_NUMBER, earlier));
                 match length {
                     Some(length) => length * each,
                     None => each,
@@ -124,7 +143,7 @@ const fn encoded_length(fields: &[Field], first: u32) -> usize {
             }
             (Kind::U64 | Kind::F64, None) => tag + size_of::<u64>(),
             (Kind::U64 | Kind::F64, Some(length)) => {
-                delimited_length(tag, length * size_of::<u64>())
+                delimited_length(tag, logged_length(length, earlier) * size_of::<u64>())
             }
             // Not shown to a visitor, and in no message.
             (Kind::U8 | Kind::I64, _) => 0,
@@ -169,7 +188,7 @@ impl Encoder<'_> {
     #[inline(always)]
     fn nested<L: Visit>(&mut self, value: &L) {
         self.tag(LENGTH_DELIMITED);
-        self.varint(<L as Nested>::LENGTH as u64);
+        self.varint(const { nested_length::<L>(false) as u64 });
         let outside = self.number;
         self.number = ENVELOPE_NUMBER;
         value.visit(self);
@@ -218,14 +237,14 @@ impl Visitor for Encoder<'_> {
 }
 
 /// Reads fields from bytes of the right length. Inlined as [`Encoder`] is.
-struct Decoder<'a> {
+struct Decoder<'a, const EARLIER: bool> {
     bytes: &'a [u8],
     at: usize,
     number: u32,
     whole: bool,
 }
 
-impl Decoder<'_> {
+impl<const EARLIER: bool> Decoder<'_, EARLIER> {
     /// Takes a varint, which must be this one and as short as it can be.
     #[inline(always)]
     fn expect(&mut self, mut value: u64) {
@@ -246,7 +265,7 @@ impl Decoder<'_> {
     #[inline(always)]
     fn nested<L: Visit>(&mut self, value: &mut L) {
         self.tag(LENGTH_DELIMITED);
-        self.expect(<L as Nested>::LENGTH as u64);
+        self.expect(const { nested_length::<L>(EARLIER) as u64 });
         let outside = self.number;
         self.number = ENVELOPE_NUMBER;
         value.visit_mut(self);
@@ -255,7 +274,7 @@ impl Decoder<'_> {
 
     #[inline(always)]
     fn words(&mut self, field: &Field, count: usize) -> impl Iterator<Item = u64> {
-        let length = count * size_of::<u64>();
+        let length = logged_length(count, EARLIER) * size_of::<u64>();
         if field.length.is_some() {
             self.tag(LENGTH_DELIMITED);
             self.expect(length as u64);
@@ -269,7 +288,7 @@ impl Decoder<'_> {
     }
 }
 
-impl VisitorMut for Decoder<'_> {
+impl<const EARLIER: bool> VisitorMut for Decoder<'_, EARLIER> {
     #[inline(always)]
     fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
         let words = self.words(field, values.len());
@@ -288,7 +307,7 @@ impl VisitorMut for Decoder<'_> {
 
     #[inline(always)]
     fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
-        if const { is_called_telemetry(L::STRUCT) } {
+        if const { is_called_telemetry(L::STRUCT) || (EARLIER && is_called_added(L::STRUCT)) } {
             return;
         }
         for value in values {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::content::{Decisions, Loss, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::{Header, Message};
 use messages::monitor::Monitor;
 use messages::role::Role;
@@ -25,6 +25,8 @@ pub enum LogEntry {
     RotorSpeeds(Message<RotorSpeeds>),
     Swap(Message<SwapRecord>),
     Theorem(Message<Monitor>),
+    Decisions(Message<Decisions>),
+    Loss(Message<Loss>),
 }
 
 /// The same for a message of any topic: `with_message!(entry, message => message.envelope.tick)`.
@@ -38,6 +40,8 @@ macro_rules! with_message {
             $crate::entry::LogEntry::RotorSpeeds($message) => $same,
             $crate::entry::LogEntry::Swap($message) => $same,
             $crate::entry::LogEntry::Theorem($message) => $same,
+            $crate::entry::LogEntry::Decisions($message) => $same,
+            $crate::entry::LogEntry::Loss($message) => $same,
         }
     };
 }
@@ -49,6 +53,8 @@ pub struct TopicFormat {
     pub sender: Role,
     pub schema_name: fn() -> String,
     pub descriptor_set: fn() -> Vec<u8>,
+    /// The schema that logs of the format before have.
+    pub(crate) earlier_descriptor_set: fn() -> Vec<u8>,
     pub describe: fn() -> BTreeMap<String, String>,
     pub columns: fn() -> Vec<String>,
     pub(crate) empty: fn() -> LogEntry,
@@ -60,7 +66,8 @@ impl TopicFormat {
             name: C::NAME,
             sender: C::SENDER,
             schema_name: schema::name::<C>,
-            descriptor_set: schema::descriptor_set::<C>,
+            descriptor_set: schema::descriptor_set::<C, false>,
+            earlier_descriptor_set: schema::descriptor_set::<C, true>,
             describe: units::describe::<C>,
             columns: rows::columns::<C>,
             empty,
@@ -68,19 +75,23 @@ impl TopicFormat {
     }
 }
 
-pub const FORMATS: [TopicFormat; 6] = [
+pub const FORMATS: [TopicFormat; 8] = [
     TopicFormat::of::<State>(|| LogEntry::State(Message::default())),
     TopicFormat::of::<Setpoint>(|| LogEntry::Setpoint(Message::default())),
     TopicFormat::of::<Wrench>(|| LogEntry::Wrench(Message::default())),
     TopicFormat::of::<RotorSpeeds>(|| LogEntry::RotorSpeeds(Message::default())),
     TopicFormat::of::<SwapRecord>(|| LogEntry::Swap(Message::default())),
     TopicFormat::of::<Monitor>(|| LogEntry::Theorem(Message::default())),
+    TopicFormat::of::<Decisions>(|| LogEntry::Decisions(Message::default())),
+    TopicFormat::of::<Loss>(|| LogEntry::Loss(Message::default())),
 ];
 
 /// Topics of the loop, in the order of data flow, then the others.
-pub const TOPICS: [&str; 6] = {
-    let [a, b, c, d, e, f] = &FORMATS;
-    [a.name, b.name, c.name, d.name, e.name, f.name]
+pub const TOPICS: [&str; FORMATS.len()] = {
+    let [a, b, c, d, e, f, g, h] = &FORMATS;
+    [
+        a.name, b.name, c.name, d.name, e.name, f.name, g.name, h.name,
+    ]
 };
 
 impl LogEntry {
@@ -94,7 +105,7 @@ impl LogEntry {
             Self::Setpoint(message) => Some(&mut message.content.telemetry),
             Self::Wrench(message) => Some(&mut message.content.telemetry),
             Self::RotorSpeeds(message) => Some(&mut message.content.telemetry),
-            Self::State(_) | Self::Swap(_) | Self::Theorem(_) => None,
+            _ => None,
         }
     }
 
@@ -106,6 +117,8 @@ impl LogEntry {
             Self::RotorSpeeds(_) => 3,
             Self::Swap(_) => 4,
             Self::Theorem(_) => 5,
+            Self::Decisions(_) => 6,
+            Self::Loss(_) => 7,
         }
     }
 }

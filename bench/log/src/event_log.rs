@@ -178,7 +178,7 @@ mod tests {
             let expected: Vec<u64> = ranges.into_iter().flatten().collect();
             assert_eq!(kept, [expected.clone(), expected], "{batch} at a time");
             let left_out = (excerpt.stretches, excerpt.left_out);
-            assert_eq!(left_out, (4, [422, 0, 422, 0, 0, 0]));
+            assert_eq!(left_out, (4, [422, 0, 422, 0, 0, 0, 0, 0]));
         }
     }
 

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use messages::grid::Pace;
 use messages::telemetry::Signals;
 
-/// Version of the log: changed whenever a reader of the old one would misunderstand the new one.
-pub const FORMAT: &str = "ironbird-log/1";
+/// Version of the log: changed whenever a reader of the old one would misunderstand the new one. Logs of version 1 lack the
+/// decisions of the processes: they can be exported, and not replayed.
+pub const FORMAT: &str = "ironbird-log/2";
 /// Name of the record that says which run it is, and how its clocks go.
 pub const RUN: &str = "run";
 /// What [`RUN`] calls the channel whose messages the log has; the log of a flight does not say.

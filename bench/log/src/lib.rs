@@ -1,7 +1,7 @@
 //! The flight log: every message in one MCAP file, which other tools can read too.
 //!
 //! ```text
-//! messages --event_log, codec--> writer --chunks--> async_writer --> flight.mcap, flight.1.mcap, ...
+//! topics --causal_order, channel_merge--> messages --event_log, codec--> writer --chunks--> async_writer --> flight.mcap, flight.1.mcap, ...
 //!                                                           --> reader --> export, replay
 //! ```
 //!
@@ -12,6 +12,8 @@ use messages::role::Channel;
 
 pub mod async_writer;
 pub mod build;
+pub mod causal_order;
+pub mod channel_merge;
 mod chunk;
 pub mod codec;
 pub mod entry;

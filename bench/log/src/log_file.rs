@@ -3,7 +3,7 @@
 //! There is one chunk per [`CHUNK_NS`]. Inside a chunk the messages are grouped by topic, because zstd compresses
 //! similar data best. After a killed recorder the file is readable up to the last chunk.
 
-use crate::async_writer::AsyncWriter;
+use crate::async_writer::{AsyncWriter, Condition};
 use crate::codec::{Logged, encode};
 use crate::entry::{Counts, FORMATS, LogEntry, with_message};
 use crate::facts::{Facts, LANDING, Record};
@@ -22,6 +22,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 /// Longest time between two chunks [ns].
 pub const CHUNK_NS: u64 = NS_PER_S / 2;
+/// A chunk is compressed within this time [ns].
+const COMPRESSION_NS: u64 = CHUNK_NS / 2;
 /// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
 const CHUNK_BYTES: usize = 1 << 20;
 /// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
@@ -31,12 +33,16 @@ const LEVEL: i32 = 3;
 /// the time, which a replay reads in little more than half.
 const LOCKSTEP_LEVEL: i32 = -3;
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct FileFate {
     pub bytes: u64,
     /// Messages in it, or on their way to a disk that has taken everything so far.
     pub written: Counts,
     pub dropped: Counts,
+    pub refused: Option<String>,
+    /// Why the file may lack something.
+    pub gap: Option<String>,
+    pub condition: Condition,
 }
 
 /// Messages of a channel, each with what belongs right behind it.
@@ -70,6 +76,8 @@ pub(crate) struct LogFile {
     chunk: BTreeMap<u16, Part>,
     /// What is still to be written of the chunk before it.
     ending: VecDeque<Part>,
+    /// When that chunk ended [ns], and how many channels it had.
+    ending_since: (u64, usize),
     /// Empty parts for reuse: new memory costs as much as the messages.
     spare: Vec<Part>,
     /// Messages that had come when that one ended, without those that were dropped.
@@ -147,6 +155,7 @@ impl LogFile {
             scene_sequence: [0; scene::CHANNELS.len()],
             chunk: BTreeMap::new(),
             ending: VecDeque::new(),
+            ending_since: (0, 0),
             spare: Vec::new(),
             ended: [0; TOPICS.len()],
             taken: [0; TOPICS.len()],
@@ -160,10 +169,11 @@ impl LogFile {
         Ok(file)
     }
 
-    /// Takes a message, and every few ticks puts airframe and reference into the scene.
-    pub fn take(&mut self, entry: &LogEntry) {
+    /// Takes a message with its position in the recorder's order, and every few ticks puts airframe and reference into the
+    /// scene.
+    pub fn take(&mut self, entry: &LogEntry, position: u64) {
         self.taken[entry.topic()] += 1;
-        with_message!(entry, message => self.write(message));
+        with_message!(entry, message => self.write(message, position));
         match entry {
             LogEntry::State(message) => self.place(message, Placed::airframe),
             LogEntry::Setpoint(message) => self.place(message, Placed::reference),
@@ -171,14 +181,14 @@ impl LogFile {
         }
     }
 
-    fn write<C: Logged>(&mut self, message: &Message<C>) {
+    fn write<C: Logged>(&mut self, message: &Message<C>, position: u64) {
         let envelope = &message.envelope;
         let log_time = self.log_time(message);
         // Where the sender is no stage there is no send time, and MCAP asks for the log time.
         let sent_ns = envelope.stamps_of(C::SENDER).send_ns;
         let header = MessageHeader {
             channel_id: self.channels[<C as Topic>::NAME],
-            sequence: envelope.seq as u32,
+            sequence: position as u32,
             log_time,
             publish_time: if sent_ns > 0 { sent_ns } else { log_time },
         };
@@ -228,7 +238,8 @@ impl LogFile {
     /// Ends a chunk when it is time, and hands it to the disk; to be called often. Says whether all but the present
     /// chunk is handed over.
     ///
-    /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
+    /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops. A
+    /// recorder that is seldom called compresses as many as are due.
     pub fn keep(&mut self, now_ns: u64) -> Result<bool, McapError> {
         if self.ending.is_empty() {
             if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
@@ -236,10 +247,15 @@ impl LogFile {
             }
             self.next_chunk_ns = now_ns + CHUNK_NS;
             self.begin_end();
+            self.ending_since = (now_ns, self.ending.len());
         }
+        let (since_ns, channels) = self.ending_since;
+        let share = now_ns.saturating_sub(since_ns) as f64 / COMPRESSION_NS as f64;
+        let due = (channels as f64 * share) as usize;
+        let done = channels.saturating_sub(self.ending.len());
         self.compress(match self.pace {
             Pace::Lockstep => usize::MAX,
-            Pace::Realtime(_) => 1,
+            Pace::Realtime(_) => due.saturating_sub(done).max(1),
         })?;
         let is_handed_over = self.ending.is_empty();
         if is_handed_over {
@@ -306,13 +322,10 @@ impl LogFile {
         self.output.written()
     }
 
-    pub fn refused(&self) -> Option<String> {
-        self.output.refused()
-    }
-
     pub fn fate(&self) -> FileFate {
         // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
-        let (bytes, written) = if self.output.refused().is_some() {
+        let refused = self.output.refused();
+        let (bytes, written) = if refused.is_some() {
             self.settled
         } else {
             (self.output.written(), self.taken)
@@ -321,6 +334,9 @@ impl LogFile {
             bytes,
             written,
             dropped: less(self.taken, written),
+            refused,
+            gap: self.output.gap(),
+            condition: self.output.condition(),
         }
     }
 
@@ -332,8 +348,9 @@ impl LogFile {
 
     /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
     pub fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
-        self.add_metadata(LANDING, last_facts)?;
+        // A record between two topics of a chunk would part it.
         self.end_chunk()?;
+        self.add_metadata(LANDING, last_facts)?;
         self.writer.finish()?;
         self.chunks.push_back((self.output.written(), self.ended));
         self.output.end();
@@ -372,7 +389,8 @@ mod tests {
     use super::*;
     use crate::async_writer::Disk;
     use crate::facts::LogPlan;
-    use messages::content::State;
+    use messages::content::{State, SwapRecord, Wrench};
+    use messages::grid::Grid;
     use messages::telemetry::Signals;
     use std::fs::File;
     use std::io;
@@ -434,6 +452,33 @@ mod tests {
     }
 
     #[test]
+    fn a_chunk_is_written_in_parts_and_at_once_if_the_recorder_was_away() {
+        let calls = |every_ns: u64| {
+            let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
+            let output = AsyncWriter::new(File::create(&path).unwrap(), 1).unwrap();
+            let pace = Pace::Realtime(Grid {
+                t0_ns: 0,
+                period_ns: 1_000_000,
+            });
+            let facts = Facts {
+                pace,
+                ..facts(LogPlan::WHOLE)
+            };
+            let mut file = LogFile::begin(output, &facts, 0, 0).unwrap();
+            file.take(&LogEntry::State(Message::of_tick(1, State::default())), 1);
+            file.take(&LogEntry::Wrench(Message::of_tick(1, Wrench::default())), 2);
+            file.take(
+                &LogEntry::Swap(Message::of_tick(1, SwapRecord::default())),
+                3,
+            );
+            let mut calls = 1..;
+            calls.find(|call| file.keep(CHUNK_NS + call * every_ns).unwrap())
+        };
+        assert_eq!(calls(1_000_000), Some(3));
+        assert_eq!(calls(CHUNK_NS), Some(2));
+    }
+
+    #[test]
     fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
         let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
         let goes_on = Arc::new(AtomicBool::new(false));
@@ -444,7 +489,7 @@ mod tests {
             let (begin, states) = (tick, noise(tick));
             tick += states.len() as u64;
             for state in states {
-                file.take(&LogEntry::State(state));
+                file.take(&LogEntry::State(state), 0);
             }
             before_its_end();
             assert!(file.keep(tick).unwrap());
@@ -468,7 +513,7 @@ mod tests {
         let fate = file.fate();
         let expected = (kept.len() as u64, dropped.count() as u64);
         assert_eq!((fate.written[0], fate.dropped[0]), expected);
-        assert!(file.refused().unwrap().contains("the disk is too slow"));
+        assert!(fate.refused.unwrap().contains("the disk is too slow"));
         assert_eq!(fate.bytes, path.metadata().unwrap().len());
         let mut reader = crate::reader::LogReader::open(&path).unwrap();
         let mut read = Vec::new();

@@ -1,8 +1,9 @@
-//! A flight as a Perfetto trace: a track per stage, missed deadlines and swaps as instants; with several channels, a track
-//! per stage of what was flown, and of each channel.
+//! A flight as a Perfetto trace: a track per stage, missed deadlines, swaps and faults as instants, and what else ran in
+//! outages; with several channels, a track per stage of what was flown, and of each channel.
 //!
 //! The field numbers are those of Perfetto's `trace_packet.proto`, `track_event.proto`, `track_descriptor.proto` and `debug_annotation.proto`.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -21,7 +22,9 @@ const SEQUENCE: u64 = 1;
 /// Tracks beside those of the stages, which have the numbers of [`STAGES`] and one more. After them are those of channels.
 const MISSES: u64 = STAGES.len() as u64 + 1;
 const SWAPS: u64 = MISSES + 1;
-const FLIGHT: u64 = SWAPS + 1;
+const FAULTS: u64 = SWAPS + 1;
+const OTHERS: u64 = FAULTS + 1;
+const FLIGHT: u64 = OTHERS + 1;
 
 const SLICE_BEGIN: u64 = 1;
 const SLICE_END: u64 = 2;
@@ -32,6 +35,8 @@ const EXPLICIT_ORDER: u64 = 3;
 #[derive(Debug)]
 pub struct PerfettoWriter<W> {
     out: W,
+    /// Begins and ends of faults by their tick, the latest first.
+    faults: Vec<(u64, String)>,
     /// As the newest state counts them; none before the first one.
     deadlines_missed: Option<u64>,
     /// When the first state of each parameter epoch was sampled [ns].
@@ -43,10 +48,16 @@ pub struct PerfettoWriter<W> {
     pub instants: u64,
 }
 
+/// More parameter changes without a state are no flight's.
+const MOST_WAITING: usize = 10_000;
+
 impl<W: Write> PerfettoWriter<W> {
-    pub fn new(out: W) -> io::Result<Self> {
+    /// Starts a trace; `faults` are their begins and ends, by tick.
+    pub fn new(out: W, mut faults: Vec<(u64, String)>) -> io::Result<Self> {
+        faults.sort_by_key(|(tick, _)| Reverse(*tick));
         let mut writer = Self {
             out,
+            faults,
             deadlines_missed: None,
             epochs: BTreeMap::new(),
             waiting: Vec::new(),
@@ -60,7 +71,24 @@ impl<W: Write> PerfettoWriter<W> {
         }
         writer.track(MISSES, "deadlines missed", Some(FLIGHT))?;
         writer.track(SWAPS, "swaps", Some(FLIGHT))?;
+        writer.track(FAULTS, "faults", Some(FLIGHT))?;
+        writer.track(OTHERS, "other programs, in outages", Some(FLIGHT))?;
         Ok(writer)
+    }
+
+    /// Enters which programs had the loops' processor from an instant to another one [ns].
+    pub fn others(&mut self, [from_ns, to_ns]: [u64; 2], ran: &str) -> io::Result<()> {
+        self.slices += 1;
+        let begin = [
+            (9, Number(SLICE_BEGIN)),
+            (11, Number(OTHERS)),
+            (23, Text(ran)),
+        ];
+        self.event(from_ns, &begin)?;
+        self.event(
+            to_ns.max(from_ns),
+            &[(9, Number(SLICE_END)), (11, Number(OTHERS))],
+        )
     }
 
     /// Begins with the messages that a channel sent.
@@ -81,7 +109,7 @@ impl<W: Write> PerfettoWriter<W> {
             LogEntry::Setpoint(message) => self.work(message),
             LogEntry::Wrench(message) => self.work(message),
             LogEntry::RotorSpeeds(message) => self.work(message),
-            LogEntry::State(_) | LogEntry::Swap(_) | LogEntry::Theorem(_) => Ok(()),
+            _ => Ok(()),
         }
     }
 
@@ -97,6 +125,9 @@ impl<W: Write> PerfettoWriter<W> {
             let count = number("count", missed - before);
             let annotations = [count, number("up to tick", tick)];
             self.instant(MISSES, at_ns, "missed", &annotations)?;
+        }
+        while let Some((_, fault)) = self.faults.pop_if(|(of, _)| *of <= tick) {
+            self.instant(FAULTS, at_ns, &fault, &[])?;
         }
         self.epochs
             .entry(message.content.parameter_epoch)
@@ -140,6 +171,10 @@ impl<W: Write> PerfettoWriter<W> {
     fn swap(&mut self, swap: &Message<SwapRecord>) -> io::Result<()> {
         // A swap that another one follows at once is in no state by itself.
         let Some((_, at_ns)) = self.epochs.range(swap.content.parameter_epoch..).next() else {
+            if self.waiting.len() == MOST_WAITING {
+                let what = format!("{MOST_WAITING} parameter changes are in no state");
+                return Err(io::Error::other(what));
+            }
             self.waiting.push(*swap);
             return Ok(());
         };

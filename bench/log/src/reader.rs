@@ -30,6 +30,12 @@ const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 /// that it has: memory follows what the file holds.
 const READ_AHEAD: usize = 1 << 21;
 
+/// Longest schema or channel that is read [bytes]: a decoded schema takes up to 300 times as much memory.
+const SHORT_BYTES: usize = 1 << 16;
+/// Most bytes of all records of a file besides its messages: a trajectory has up to 16 MiB, and settings of many short
+/// entries take 12 times as much memory.
+const FACTS_BYTES: usize = 18 << 20;
+
 const READ: &str = "read the flight log";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,8 +55,16 @@ pub struct LogReader {
     assembly: Assembly,
     schemas: BTreeMap<u16, Vec<u8>>,
     facts: BTreeMap<String, facts::Record>,
+    /// Bytes of schemas, channels and metadata in this file so far.
+    facts_bytes: usize,
+    /// True for the first file that is read.
+    is_first: bool,
     end: Option<End>,
     read: Counts,
+    /// Chunks that have been opened.
+    pub chunks: u64,
+    /// Position of the newest message in the recorder's order, of which the last bits are logged.
+    position: u64,
     has_data_end: bool,
     has_footer: bool,
 }
@@ -66,8 +80,12 @@ impl LogReader {
             assembly: Assembly::new(),
             schemas: BTreeMap::new(),
             facts: BTreeMap::new(),
+            facts_bytes: 0,
+            is_first: true,
             end: None,
             read: [0; TOPICS.len()],
+            chunks: 0,
+            position: 0,
             has_data_end: false,
             has_footer: false,
         })
@@ -84,6 +102,12 @@ impl LogReader {
             }
         }
         Ok(None)
+    }
+
+    /// Position of the newest message in the order in which the recorder took the messages of all logs of the flight.
+    /// Inside a chunk, they are grouped by topic.
+    pub const fn position(&self) -> u64 {
+        self.position
     }
 
     pub const fn newest(&self) -> &LogEntry {
@@ -131,6 +155,7 @@ impl LogReader {
                     return Ok(false);
                 }
                 Some(Ok(LinearReadEvent::Record { opcode, data })) if opcode == op::CHUNK => {
+                    self.chunks += 1;
                     match self.chunk.open(data) {
                         Ok(()) => return Ok(false),
                         Err(e) => Err(e),
@@ -151,12 +176,30 @@ impl LogReader {
             && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
         {
             let channel = u16::from_le_bytes([header[0], header[1]]);
+            let position = u32::from_le_bytes([header[2], header[3], header[4], header[5]]);
+            let change = position.wrapping_sub(self.position as u32).cast_signed();
+            self.position = self.position.wrapping_add_signed(change.into());
             let taken = self.assembly.take(channel, data);
             return taken.map_err(|what| self.damaged(&what));
         }
-        // Of no use here, and covered by the checksum of all messages.
-        if opcode == op::MESSAGE_INDEX {
-            return Ok(false);
+        let is_long = data.len() > SHORT_BYTES;
+        let (kind, longest) = match opcode {
+            // Settings may contain a trajectory. Those of the first file count.
+            op::METADATA if is_long && !self.is_first => return Ok(false),
+            op::METADATA => ("metadata", FACTS_BYTES),
+            op::SCHEMA => ("schema", SHORT_BYTES),
+            op::CHANNEL => ("channel", SHORT_BYTES),
+            op::DATA_END | op::FOOTER => ("last", SHORT_BYTES),
+            // Of no use here, and covered by the checksum of all messages.
+            _ => return Ok(false),
+        };
+        self.facts_bytes += data.len();
+        if data.len() > longest || self.facts_bytes > FACTS_BYTES {
+            let (length, all) = (data.len(), self.facts_bytes);
+            let what = format!(
+                "a {kind} record of {length} bytes (allowed: {longest}) makes {all} bytes of facts (allowed: {FACTS_BYTES})"
+            );
+            return Err(self.damaged(&what));
         }
         let record = mcap::parse_record(opcode, data).map(Record::into_owned);
         let record = record.map_err(|e| self.damaged(&e.to_string()))?;
@@ -197,6 +240,7 @@ impl LogReader {
         self.end = None;
         (self.path, self.file, self.parser) = (path, file, parser());
         self.schemas.clear();
+        (self.facts_bytes, self.is_first) = (0, false);
         let assembly = &mut self.assembly;
         assembly.channels.clear();
         assembly.beside.clear();
@@ -213,7 +257,9 @@ impl LogReader {
             // Every file of a log says the same, but for its number: that of the first is kept.
             Record::Metadata(metadata) => {
                 self.check_follows(&metadata)?;
-                self.facts.entry(metadata.name).or_insert(metadata.metadata);
+                if self.is_first {
+                    self.facts.entry(metadata.name).or_insert(metadata.metadata);
+                }
             }
             Record::Schema { header, data } => {
                 self.schemas.insert(header.id, data.into_owned());
@@ -399,8 +445,8 @@ impl LogReader {
 
 /// The channels of a file, and the message that is being put together.
 struct Assembly {
-    /// What is read by the messages' layouts: places in [`TOPICS`] by channel.
-    channels: BTreeMap<u16, usize>,
+    /// What is read by the messages' layouts, by channel: place in [`TOPICS`], and whether the log has format 1.
+    channels: BTreeMap<u16, (usize, bool)>,
     /// Topics whose messages have what their law shows right behind them, by place in [`TOPICS`].
     beside: BTreeMap<usize, String>,
     /// What the laws show: places in [`LAW_ROLES`] by channel.
@@ -435,12 +481,14 @@ impl Assembly {
         let Some(place) = TOPICS.iter().position(|topic| *topic == name) else {
             return true;
         };
-        self.channels.insert(channel.id, place);
+        let format = &FORMATS[place];
+        let is_earlier = schema == Some(&(format.earlier_descriptor_set)());
+        self.channels.insert(channel.id, (place, is_earlier));
         let beside = channel.metadata.get(BESIDE);
         self.beside
             .extend(beside.map(|topic| (place, topic.clone())));
         // Only what is laid out as here can be read.
-        schema == Some(&(FORMATS[place].descriptor_set)())
+        is_earlier || schema == Some(&(format.descriptor_set)())
     }
 
     /// Takes the bytes of a channel; true where a message is whole now.
@@ -448,11 +496,11 @@ impl Assembly {
         if let Some(place) = self.telemetry_channels.get(&channel) {
             return self.take_telemetry(*place, data).map(|()| true);
         }
-        let Some(topic) = self.channels.get(&channel).copied() else {
+        let Some((topic, is_earlier)) = self.channels.get(&channel).copied() else {
             return Ok(false);
         };
         self.check_whole()?;
-        if !read(topic, data, &mut self.newest) {
+        if !read(topic, is_earlier, data, &mut self.newest) {
             return Err(format!(
                 "a message of topic `{}` does not follow its schema",
                 TOPICS[topic]
@@ -498,12 +546,15 @@ impl Assembly {
 }
 
 /// Reads a message of a topic into the place of another one; false where its bytes do not follow the layout.
-fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
+fn read(topic: usize, is_earlier: bool, data: &[u8], entry: &mut LogEntry) -> bool {
     // Messages of a topic stand together: most come into the place of one of their own.
     if entry.topic() != topic {
         *entry = (FORMATS[topic].empty)();
     }
-    with_message!(entry, message => decode_into(data, message))
+    with_message!(entry, message => match is_earlier {
+        true => decode_into::<_, true>(data, message),
+        false => decode_into::<_, false>(data, message),
+    })
 }
 
 #[cfg(test)]
@@ -539,7 +590,7 @@ mod tests {
         let beside = BTreeMap::from([(BESIDE.to_owned(), "inner_telemetry".to_owned())]);
         assert!(assembly.take_channel(
             &channel(WRENCH, "wrench", beside),
-            Some(&schema::descriptor_set::<Wrench>())
+            Some(&schema::descriptor_set::<Wrench, false>())
         ));
         let shown = channel(SHOWN, "inner_telemetry", topic().metadata());
         assert!(assembly.take_channel(&shown, Some(&topic().descriptor_set())));
@@ -582,7 +633,7 @@ mod tests {
         file.take(WRENCH, &eighth).unwrap();
         assert_eq!(file.take(SHOWN, &shown), Err(other.into()));
         let shown = channel(SHOWN, "inner_telemetry", BTreeMap::new());
-        for schema in [None, Some(&schema::descriptor_set::<Wrench>()[..])] {
+        for schema in [None, Some(&schema::descriptor_set::<Wrench, false>()[..])] {
             assert!(!Assembly::new().take_channel(&shown, schema));
         }
     }

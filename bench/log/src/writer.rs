@@ -8,12 +8,13 @@
 //! Every file has its own index and facts, and says which one goes on. A full disk costs messages, which are counted,
 //! but never the flight.
 
-use crate::async_writer::{AsyncWriter, Disk, LEFT_FREE_BYTES};
+use crate::async_writer::{AsyncWriter, Disk, LEFT_FREE_BYTES, compare};
 use crate::entry::{Counts, LogEntry};
 use crate::event_log::EventLog;
 use crate::facts::{CONTINUED_IN, Facts, INJECTED, Record};
 pub use crate::log_file::CHUNK_NS;
 use crate::log_file::{FileFate, LogFile};
+use crate::reader::LogReader;
 use crate::{TOPICS, file_name};
 use errors::{Failure, InFile as _};
 use mcap::McapError;
@@ -38,6 +39,8 @@ pub struct Fate {
     pub removed: Counts,
     pub stretches: u64,
     pub refused: Option<String>,
+    /// Why its files may lack something.
+    pub gap: Option<String>,
 }
 
 pub struct FlightLog {
@@ -80,11 +83,13 @@ impl FlightLog {
         })
     }
 
-    pub fn take(&mut self, entry: &LogEntry) {
+    /// Takes a message. Messages of several logs that were taken at the same position belong together.
+    pub fn take(&mut self, entry: &LogEntry, position: u64) {
         let Self { excerpt, file, .. } = self;
         match excerpt {
-            Some(excerpt) => excerpt.take(*entry, |entry| file.take(entry)),
-            None => file.take(entry),
+            // An excerpt is not replayed.
+            Some(excerpt) => excerpt.take(*entry, |entry| file.take(entry, position)),
+            None => file.take(entry, position),
         }
     }
 
@@ -93,7 +98,6 @@ impl FlightLog {
         let is_handed_over = self.file.keep(now_ns).map_err(broken)?;
         if let Some(closed) = self.closing.take_if(LogFile::is_on_disk) {
             self.closed.push_back(closed.fate());
-            self.refused = self.refused.take().or_else(|| closed.refused());
         }
         // Between two chunks: nothing is half compressed. If this process is killed, the file has it.
         if is_handed_over {
@@ -113,7 +117,7 @@ impl FlightLog {
         let next = self.part + 1;
         let files = self.facts.plan.files;
         let removed = files.and_then(|files| next.checked_sub(files));
-        let path = |part: u64| self.first_path.with_file_name(file_name(part));
+        let path = |part| self.path(part);
         let disk = NextFile {
             path: path(next),
             removes: removed.map(path),
@@ -132,6 +136,7 @@ impl FlightLog {
         self.has_injected = self.injected.is_empty();
         if removed.is_some() {
             let removed = self.closed.pop_front().unwrap_or_default();
+            self.refused = self.refused.take().or(removed.refused);
             add(&mut self.removed, removed.written);
             add(&mut self.dropped, removed.dropped);
         }
@@ -140,20 +145,17 @@ impl FlightLog {
 
     pub fn fate(&self) -> Fate {
         let excerpt = self.excerpt.as_ref();
-        let closing = self.closing.as_ref();
-        let refused = self.refused.clone();
         let mut fate = Fate {
             removed: self.removed,
             dropped: self.dropped,
             left_out: excerpt.map_or([0; TOPICS.len()], |it| it.left_out),
             stretches: excerpt.map_or(0, |it| it.stretches),
-            refused: refused
-                .or_else(|| closing?.refused())
-                .or_else(|| self.file.refused()),
+            refused: self.refused.clone(),
             ..Fate::default()
         };
-        let written = self.closing.iter().chain([&self.file]).map(LogFile::fate);
-        for file in self.closed.iter().copied().chain(written) {
+        for file in self.files() {
+            fate.refused = fate.refused.or(file.refused);
+            fate.gap = fate.gap.or(file.gap);
             fate.files += 1;
             fate.file_bytes += file.bytes;
             add(&mut fate.written, file.written);
@@ -194,13 +196,47 @@ impl FlightLog {
         self.write_injected()?;
         let Self { excerpt, file, .. } = &mut self;
         if let Some(excerpt) = excerpt {
-            excerpt.finish(|entry| file.take(entry));
+            excerpt.finish(|entry| file.take(entry, 0));
         }
         last_facts.extend(self.messages());
         self.file.close(last_facts).map_err(broken)?;
         let files = self.closing.iter_mut().chain([&mut self.file]);
         files.for_each(LogFile::wait);
-        Ok(self.fate())
+        let mut fate = self.fate();
+        let checked = self.check_files().map_err(|failure| failure.to_string());
+        fate.gap = fate.gap.or(checked.err());
+        Ok(fate)
+    }
+
+    /// State of the files that are kept, in order.
+    fn files(&self) -> impl Iterator<Item = FileFate> {
+        let open = self.closing.iter().chain([&self.file]);
+        self.closed.iter().cloned().chain(open.map(LogFile::fate))
+    }
+
+    /// Checks that all files are as they were left. If one may have been written into, the log is read.
+    fn check_files(&self) -> Result<(), Failure> {
+        let first = self.part + 1 - self.files().count() as u64;
+        let mut is_doubtful = false;
+        for (part, file) in (first..).zip(self.files()) {
+            let (path, condition) = (self.path(part), file.condition);
+            // A file that could not be created was not left.
+            if let Some(left) = condition.left {
+                let there = fs::symlink_metadata(&path).in_file("find", &path)?;
+                is_doubtful |= compare(&left, &there).in_file("trust", &path)?;
+            }
+            is_doubtful |= condition.is_doubtful;
+        }
+        let path = self.path(first);
+        let mut log = is_doubtful.then(|| LogReader::open(&path)).transpose()?;
+        while let Some(log) = &mut log
+            && log.next_entry()?.is_some()
+        {}
+        Ok(())
+    }
+
+    fn path(&self, part: u64) -> PathBuf {
+        self.first_path.with_file_name(file_name(part))
     }
 }
 

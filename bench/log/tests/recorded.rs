@@ -55,7 +55,7 @@ fn lines<C: Logged>(reader: &LogReader, message: &Message<C>) -> String {
 
 fn perfetto(entries: &[LogEntry]) -> String {
     let mut trace = Vec::new();
-    let mut writer = PerfettoWriter::new(&mut trace).unwrap();
+    let mut writer = PerfettoWriter::new(&mut trace, Vec::new()).unwrap();
     entries.iter().for_each(|it| writer.take(it).unwrap());
     writer.begin_channel(Channel::ALL[1]).unwrap();
     entries.iter().for_each(|it| writer.take(it).unwrap());
@@ -149,7 +149,7 @@ fn a_log_that_is_written_again_has_the_same_messages_or_an_excerpt() {
             let path = directory.path().join("flight.mcap");
             let mut log = FlightLog::create(&path, &facts).unwrap();
             for (i, entry) in (0..).zip(&all) {
-                log.take(entry);
+                log.take(entry, i);
                 // A chunk for each hundred messages.
                 log.keep(i * CHUNK_NS / 100).unwrap();
             }

@@ -2,7 +2,7 @@
 
 use analysis::finding::Diagnosis;
 use analysis::flight_statistics::FlightStatistics;
-use analysis::host::{Host, InterruptSection, Steal};
+use analysis::host::{ContainerSection, Host, InterruptSection, Steal};
 use errors::Failure;
 use host::cpu_times::{CpuTimes, host_of};
 use host::interrupts::Interrupts;
@@ -21,6 +21,8 @@ pub struct HostMonitor {
     trace: KernelTrace,
     cpu_times: CpuTimes,
     interrupts: Interrupts,
+    /// With what the quota had taken before the flight.
+    container: ContainerSection,
 }
 
 impl HostMonitor {
@@ -31,14 +33,25 @@ impl HostMonitor {
         instance: &Instance,
     ) -> Result<Self, Failure> {
         let host = host_of(machine);
-        let counters = Watch::new(&roles.loops(), host.hypervisor != Some(false));
+        let loops = roles.loops();
+        let counters = Watch::new(&loops, host.hypervisor != Some(false));
+        let (here, plant) = (Machine::files(), loops[0].pid.to_string());
+        let limit = |controller| here.group_limit(&plant, controller).map(|(limit, _)| limit);
+        let [throttled_periods, throttled_us] = here.throttled(&counters.quota_counters);
+        let container = ContainerSection {
+            processors: limit("cpu"),
+            memory_mib: limit("memory"),
+            throttled_periods,
+            throttled_us,
+        };
         Ok(Self {
             host,
             diagnosis: Diagnosis::of(&doctor::findings(machine)),
-            counters,
             trace: KernelTrace::start(is_traced, instance, counters.processor)?,
             cpu_times: CpuTimes::read(counters.processor),
             interrupts: Interrupts::read(counters.processor),
+            container,
+            counters,
         })
     }
 
@@ -47,15 +60,13 @@ impl HostMonitor {
         &mut self,
         roles: &RoleStatuses,
         statistics: &mut FlightStatistics,
-        is_flying: bool,
+        is_over: bool,
     ) -> Result<(), Failure> {
-        let sample = self
-            .counters
-            .sample(&roles.loops(), statistics.lost().iter().sum());
+        let sample = self.counters.sample(&roles.loops());
         let traced = self.read_trace(statistics);
         if let Some(autopsy) = &mut statistics.autopsy {
             // After the last tick it is normal that processes end.
-            if is_flying {
+            if !is_over {
                 autopsy.sample(sample);
             }
             autopsy.look();
@@ -68,12 +79,12 @@ impl HostMonitor {
         &mut self,
         roles: &RoleStatuses,
         statistics: &mut FlightStatistics,
-        (missed, ticks): (u64, u64),
+        missed: u64,
     ) -> Result<(), Failure> {
         let traced = self.read_trace(statistics);
         if let Some(autopsy) = &mut statistics.autopsy {
             autopsy.ended_stages(fallen(&roles.loops()), now_ns());
-            autopsy.finish(missed, ticks);
+            autopsy.finish(missed);
         }
         traced
     }
@@ -90,6 +101,17 @@ impl HostMonitor {
     pub fn steal(&self) -> Steal {
         self.cpu_times
             .steal_until(&CpuTimes::read(self.counters.processor))
+    }
+
+    /// The limits of the loops' container, and what its processor quota took since the start.
+    pub fn container(&self) -> ContainerSection {
+        let before = self.container;
+        let [periods, us] = Machine::files().throttled(&self.counters.quota_counters);
+        ContainerSection {
+            throttled_periods: periods.saturating_sub(before.throttled_periods),
+            throttled_us: us.saturating_sub(before.throttled_us),
+            ..before
+        }
     }
 
     /// Interrupts on the loops' CPU since the start.

@@ -4,14 +4,13 @@
 //! topics --drain--> analysis::flight_statistics --each second--> latency.hlog, report.json
 //!               |-> states.csv                --at the end--> report.txt, report.html, flight.svg
 //!               |-> flight.mcap (the crate flight_log)
-//!               \-> pairs --> Lyapunov monitor --> topic `theorem`, recorded like the others
+//!               \-> Lyapunov monitor --> topic `theorem`, recorded like the others
 //! ```
 //!
 //! Start reading in [`recording::run`]. One part has one job: [`message_streams`] reads the topics, [`run_files`] writes
 //! the files, [`host_monitor`] samples the kernel's counters, [`report_builder`] makes the report.
 
 pub mod atomic_file;
-pub mod channel_merge;
 pub mod hlog;
 pub mod host_monitor;
 pub mod injected_faults;
@@ -19,7 +18,6 @@ mod inner_states;
 pub mod kernel_trace;
 pub mod log_metadata;
 pub mod message_streams;
-mod pairs;
 pub mod ports;
 pub mod recording;
 pub mod report_builder;

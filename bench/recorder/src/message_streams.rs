@@ -3,24 +3,26 @@
 use analysis::flight_statistics::FlightStatistics;
 use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::Failure;
+use flight_log::causal_order::CausalOrder;
+use flight_log::channel_merge::ChannelMerge;
 use flight_log::entry::LogEntry;
+use ipc::clock::{Horizon, now_ns};
 use ipc::error::Error;
-use ipc::{BlackboardReader, Wire};
-use messages::content::{Stamped, State, Wrench};
+use ipc::{BlackboardReader, DEEP, Wire};
+use messages::content::{State, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::inspection::{Expected, Rejections};
+use messages::message_window::MessageWindow;
 use messages::role::Channel;
 use process::session::JoinedRun;
 
-use super::channel_merge::ChannelMerge;
 use super::inner_states::InnerStates;
-use super::pairs::Pairs;
 use super::ports::{ChannelPorts, Ports, Relays, horizon};
 use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
 
-use messages::channels::{Arrangement, Redundancy};
+use messages::channels::Redundancy;
 
 /// The report names this if messages could not be passed on to observers.
 const OBSERVERS: &str = "what observers see";
@@ -50,16 +52,33 @@ impl StreamPorts {
         others.try_for_each(|(_, ports)| ports.arm(expected))?;
         self.receivers.arm(expected)
     }
+
+    /// Reads what has arrived of every topic.
+    fn drain(&mut self, horizon: impl Horizon, order: &mut CausalOrder) -> Result<(), Error> {
+        self.receivers
+            .drain(horizon, |entry| order.receive(Channel::A, entry))?;
+        for (channel, ports) in &mut self.others {
+            ports.drain(horizon, |entry| order.receive(*channel, entry))?;
+        }
+        Ok(())
+    }
 }
 
 pub struct MessageStreams {
     ports: StreamPorts,
+    order: CausalOrder,
     /// Of a flight with several channels.
     merge: Option<ChannelMerge>,
     /// The plant's account of the channels.
     redundancy: Option<BlackboardReader<Redundancy>>,
+    flight: FlightStream,
+}
+
+/// What happens to the messages of the flight, in the order in which they were sent.
+pub struct FlightStream {
     pub statistics: FlightStatistics,
-    pairs: Pairs,
+    /// The newest states: a stage that was stopped between reading and working may use one this old.
+    states: MessageWindow<State>,
     inner_states: InnerStates,
     monitor: FlightMonitor,
     joiner: Joiner,
@@ -69,24 +88,34 @@ pub struct MessageStreams {
 impl MessageStreams {
     pub fn new(
         ports: StreamPorts,
-        arrangement: Arrangement,
+        merge: Option<ChannelMerge>,
         redundancy: Option<BlackboardReader<Redundancy>>,
         statistics: FlightStatistics,
         inner_states: InnerStates,
         monitor: FlightMonitor,
     ) -> Self {
-        let has_channels = arrangement.channels > 1;
         Self {
             ports,
-            merge: has_channels.then(|| ChannelMerge::new(arrangement)),
+            order: CausalOrder::default(),
+            merge,
             redundancy,
-            statistics,
-            pairs: Pairs::default(),
-            inner_states,
-            monitor,
-            joiner: Joiner::default(),
-            parameter_epoch: 0,
+            flight: FlightStream {
+                statistics,
+                states: MessageWindow::keeping(DEEP),
+                inner_states,
+                monitor,
+                joiner: Joiner::default(),
+                parameter_epoch: 0,
+            },
         }
+    }
+
+    pub const fn statistics(&self) -> &FlightStatistics {
+        &self.flight.statistics
+    }
+
+    pub const fn statistics_mut(&mut self) -> &mut FlightStatistics {
+        &mut self.flight.statistics
     }
 
     pub fn redundancy(&self) -> Option<Redundancy> {
@@ -101,79 +130,47 @@ impl MessageStreams {
         files: &mut RunFiles<'_>,
         ends: bool,
     ) -> Result<(), Failure> {
-        let horizon = horizon(pace, || run.get());
-        let mut newest_state = self.statistics.newest_tick();
-        // Takes a message of the flight, for everything but the logs of the channels.
-        let mut take = |files: &mut RunFiles<'_>, entry: &LogEntry| {
-            files.log(entry, |of| of.is_none());
-            let relayed = self.ports.relays.pass_on(entry);
-            files.note(OBSERVERS, relayed.map_err(Failure::from));
-            let tick = entry.envelope().tick;
-            self.statistics.take(entry);
-            if let Some(part) = LoopMessage::of(entry) {
-                self.joiner.take(tick, part);
-            }
-            match entry {
-                LogEntry::State(message) => {
-                    self.parameter_epoch = message.content.parameter_epoch;
-                    self.pairs.state(&self.inner_states.with_faults(message));
+        let Self {
+            ports,
+            order,
+            merge,
+            flight,
+            ..
+        } = self;
+        let begun_ns = if ends { u64::MAX } else { now_ns() };
+        ports.drain(horizon(pace, || run.get()), order)?;
+        let relays = &mut ports.relays;
+        order.release(begun_ns, |channel, entry| {
+            files.next_position();
+            match merge {
+                None => flight.take(entry, relays, files),
+                Some(merge) => {
+                    let is_of_all = matches!(entry, LogEntry::State(_) | LogEntry::Swap(_));
+                    let is_own = !matches!(entry, LogEntry::Decisions(_));
+                    files.log(entry, |of| {
+                        of.is_some_and(|of| is_of_all || is_own && of == channel)
+                    });
+                    merge.take(channel, entry, |entry| flight.take(entry, relays, files));
                 }
-                LogEntry::Wrench(message) => self.pairs.wrench(message),
-                _ => {}
             }
-        };
-        if let Some(merge) = &mut self.merge {
-            // Read first: the messages that it counts have arrived by then.
-            let account = self.redundancy.as_ref().map(BlackboardReader::get);
-            let account = account.unwrap_or_default();
-            self.ports.receivers.drain(horizon, |entry| {
-                let is_of_channel = merge.take(Channel::A, entry);
-                files.log(entry, |of| {
-                    of.is_some_and(|it| it == Channel::A || !is_of_channel)
-                });
-                if !is_of_channel {
-                    newest_state = newest_state.max(entry.envelope().tick);
-                    take(files, entry);
-                }
-            })?;
-            for (channel, ports) in &mut self.ports.others {
-                ports.drain(horizon, |entry| {
-                    merge.take(*channel, entry);
-                    files.log(entry, |of| of == Some(*channel));
-                })?;
-            }
-            let newest = (!ends).then_some(newest_state);
-            merge.close(newest, &account, |entry| take(files, entry));
-        } else {
-            let receivers = &mut self.ports.receivers;
-            receivers.drain(horizon, |entry| take(files, entry))?;
+        });
+        files.next_position();
+        if let Some(merge) = merge.as_mut().filter(|_| ends) {
+            merge.finish(|entry| flight.take(entry, relays, files));
         }
-        while let Some((wrench, state)) = self.pairs.paired() {
-            self.monitor_wrench(&wrench, state.as_ref(), files);
-        }
-        while let Some(joined) = self.joiner.next_complete() {
-            self.write_state(&joined, files);
-        }
+        flight.write_complete(files);
         Ok(())
     }
 
     /// Whether every parameter change that the plant counted has been received.
     pub fn has_all_swaps(&self, counted_by_plant: u64) -> bool {
-        // The plant also counts the change of a tick that was skipped at the very end, which is in no state.
-        self.statistics.swaps_seen >= self.parameter_epoch.max(counted_by_plant)
-    }
-
-    /// Passes the last wrenches to the monitor; no state arrives any more.
-    pub fn finish_monitor(&mut self, files: &mut RunFiles<'_>) {
-        while let Some((wrench, state)) = self.pairs.rest() {
-            self.monitor_wrench(&wrench, state.as_ref(), files);
-        }
+        self.flight.statistics.swaps_seen >= self.flight.parameter_epoch.max(counted_by_plant)
     }
 
     /// Writes the states whose tick is incomplete; no message arrives any more.
     pub fn finish_states(&mut self, files: &mut RunFiles<'_>) {
-        while let Some(joined) = self.joiner.rest() {
-            self.write_state(&joined, files);
+        while let Some(joined) = self.flight.joiner.rest() {
+            self.flight.write_state(&joined, files);
         }
         files.finish_states();
     }
@@ -186,24 +183,46 @@ impl MessageStreams {
     }
 
     pub const fn incomplete_ticks(&self) -> u64 {
-        self.joiner.incomplete
+        self.flight.joiner.incomplete
+    }
+}
+
+impl FlightStream {
+    /// Takes a message of the flight, for everything but the logs of the channels.
+    fn take(&mut self, entry: &LogEntry, relays: &mut Relays, files: &mut RunFiles<'_>) {
+        self.publish(entry, relays, files);
+        if let Some(part) = LoopMessage::of(entry) {
+            self.joiner.take(entry.envelope().tick, part);
+        }
+        match entry {
+            LogEntry::State(message) => {
+                self.parameter_epoch = message.content.parameter_epoch;
+                self.states.push(self.inner_states.with_faults(message));
+            }
+            LogEntry::Wrench(message) => self.monitor_wrench(message, relays, files),
+            _ => {}
+        }
+    }
+
+    fn publish(&mut self, entry: &LogEntry, relays: &mut Relays, files: &mut RunFiles<'_>) {
+        files.log(entry, |of| of.is_none());
+        let relayed = relays.pass_on(entry);
+        files.note(OBSERVERS, relayed.map_err(Failure::from));
+        self.statistics.take(entry);
     }
 
     /// Evaluates the Lyapunov monitor for a wrench, then publishes, logs and counts its result.
     fn monitor_wrench(
         &mut self,
         wrench: &Message<Wrench>,
-        state: Option<&Stamped<State>>,
+        relays: &mut Relays,
         files: &mut RunFiles<'_>,
     ) {
-        let result = self.monitor.watch(wrench, state);
+        let state = self.states.input(wrench.envelope.input_tick[0]);
+        let result = self.monitor.watch(wrench, state.as_ref());
         match &result {
             Some(message) => {
-                let entry = LogEntry::Theorem(*message);
-                let relayed = self.ports.relays.pass_on(&entry);
-                files.note(OBSERVERS, relayed.map_err(Failure::from));
-                files.log(&entry, |of| of.is_none());
-                self.statistics.theorem(message);
+                self.publish(&LogEntry::Theorem(*message), relays, files);
                 let innovation = self.monitor.innovation();
                 self.statistics.theorem.innovation(&innovation);
             }
@@ -213,6 +232,12 @@ impl MessageStreams {
         let result = result.map(|message| message.content);
         let content = LoopMessage::Wrench(wrench.content, result);
         self.joiner.take(wrench.envelope.tick, content);
+    }
+
+    fn write_complete(&mut self, files: &mut RunFiles<'_>) {
+        while let Some(joined) = self.joiner.next_complete() {
+            self.write_state(&joined, files);
+        }
     }
 
     fn write_state(&mut self, joined: &Joined, files: &mut RunFiles<'_>) {

@@ -6,9 +6,11 @@ use std::time::Duration;
 use flight_log::entry::LogEntry;
 use ipc::clock::{Horizon, now_ns, sleep_until};
 use ipc::error::Error;
-use ipc::{DEEP, Receiver, Relay, Wire};
+use ipc::{Receiver, Relay, Wire};
 use messages::blackboards::Run;
-use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::content::{
+    Decisions, Loss, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench,
+};
 use messages::grid::{Grid, Pace};
 use messages::inspection::{Expected, Rejections};
 use messages::monitor::Monitor;
@@ -31,7 +33,7 @@ macro_rules! receivers {
             /// The recorder's ports of a channel, with queues deep enough for its longest pause.
             pub fn new(wire: &Wire, channel: Channel) -> Result<Self, Error> {
                 Ok(Self {
-                    $($topic: wire.receiver_of(channel, DEEP)?,)+
+                    $($topic: wire.recorder_of(channel)?,)+
                 })
             }
 
@@ -86,6 +88,7 @@ macro_rules! ports {
         pub struct Relays {
             $($topic: Relay<$content>,)+
             theorem: Relay<Monitor>,
+            losses: Relay<Loss>,
         }
 
         impl Relays {
@@ -93,6 +96,7 @@ macro_rules! ports {
                 Ok(Self {
                     $($topic: wire.relay()?,)+
                     theorem: wire.relay()?,
+                    losses: wire.relay()?,
                 })
             }
 
@@ -100,6 +104,7 @@ macro_rules! ports {
                 match entry {
                     $(LogEntry::$entry(message) => self.$topic.pass_on(message),)+
                     LogEntry::Theorem(message) => self.theorem.pass_on(message),
+                    LogEntry::Loss(message) => self.losses.pass_on(message),
                 }
             }
         }
@@ -112,6 +117,7 @@ ports! {
     wrenches: Wrench(Wrench),
     rotor_speeds: RotorSpeeds(RotorSpeeds),
     swaps: Swap(SwapRecord),
+    decisions: Decisions(Decisions),
 }
 
 /// The latest tick that a message can belong to: by the clock, as for the stages.

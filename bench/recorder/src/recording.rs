@@ -7,6 +7,7 @@ use analysis::flight_statistics::FlightStatistics;
 use analysis::schema::{MarginSection, Report};
 use analysis::tracking::Tracking;
 use errors::Failure;
+use flight_log::channel_merge::ChannelMerge;
 use flight_log::facts::record;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use host::Machine;
@@ -54,7 +55,6 @@ pub fn run(
     );
     let (mut roles, mut faults) = (RoleStatuses::default(), InjectedFaults::default());
     let (mut redundancy, mut injected) = (None, None);
-    let arrangement = settings.arrangement();
     let armed = session.join(|wire, expected, _| {
         // Before the plant takes off: a flight can be over before the recorder has created its files.
         roles = RoleStatuses::open(wire)?;
@@ -79,12 +79,14 @@ pub fn run(
     let instance = session.wire().instance();
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let laws = settings.flown_laws()?;
-    let host = HostMonitor::start(&machine, &roles, settings.recorder.trace, instance)?;
+    let mut host = HostMonitor::start(&machine, &roles, settings.recorder.trace, instance)?;
     let mut statistics = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
     statistics.theorem.set_airframe(&settings.airframe()?);
     statistics.set_laws(laws);
     statistics.set_channels(channels);
-    statistics.begin_autopsy(host.counters.is_virtual, host.counters.processor.is_some());
+    statistics.begin_autopsy(host.counters.processor.is_some());
+    // The counters before the first tick.
+    host.sample(&roles, &mut statistics, false)?;
     let metadata = |channel| {
         let (run, roles) = (armed.run.get(), roles.sections());
         metadata(&run, settings, channel, instance.name(), &host.host, &roles)
@@ -94,10 +96,12 @@ pub fn run(
         .chain(own)
         .map(|channel| Ok((channel, metadata(channel)?)));
     let logs = logs.collect::<Result<Vec<_>, Failure>>()?;
-    let monitor = FlightMonitor::new(settings.theorem()?, channels);
+    let monitor = FlightMonitor::new(settings.theorem()?);
+    let merge = || ChannelMerge::new(settings.arrangement(), settings.waiting_ticks());
+    let merge = (channels > 1).then(merge);
     let streams = MessageStreams::new(
         ports,
-        arrangement,
+        merge,
         redundancy,
         statistics,
         InnerStates::new(settings.planned()?.loops, injected),
@@ -141,7 +145,12 @@ impl Recorder<'_> {
         self.wait_for_landing();
         self.drain(false)?;
         self.wait_for_swaps()?;
-        self.finish(ending, closed_ns)
+        let report = self.finish(ending, closed_ns)?;
+        if let Some(not_fresh) = &report.deadlines.not_fresh {
+            session.status.commands_missed = not_fresh.missed;
+            session.status.commands_stale = not_fresh.stale;
+        }
+        Ok(report)
     }
 
     /// Records until the plant closes the run or dies.
@@ -150,7 +159,12 @@ impl Recorder<'_> {
             rest(self.armed.pace);
             self.drain(false)?;
             self.sample_host();
-            session.status.ticks_run = self.streams.statistics.newest_tick();
+            session.status.ticks_run = self.streams.statistics().newest_tick();
+            session.status.rounds += 1;
+            (
+                session.status.commands_missed,
+                session.status.commands_stale,
+            ) = self.streams.statistics().commands_not_fresh();
             session.pass_on_stop();
             self.update_faults();
             self.files.flush_log();
@@ -173,7 +187,7 @@ impl Recorder<'_> {
         let every = self.settings.recorder.hlog_every_s;
         if self.seconds.is_multiple_of(every) {
             self.files
-                .write_latencies(&mut self.streams.statistics.series);
+                .write_latencies(&mut self.streams.statistics_mut().series);
         }
         let report = self.build_report(None)?;
         self.files.write_partial_report(&report);
@@ -187,10 +201,10 @@ impl Recorder<'_> {
     }
 
     fn sample_host(&mut self) {
-        let is_flying = self.armed.run.get().phase() == RunPhase::Flying;
+        let is_over = self.armed.run.get().phase() == RunPhase::Closed;
         let traced = self
             .host
-            .sample(&self.roles, &mut self.streams.statistics, is_flying);
+            .sample(&self.roles, self.streams.statistics_mut(), is_over);
         self.files.note(TRACE, traced);
     }
 
@@ -228,20 +242,17 @@ impl Recorder<'_> {
     fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
         let run = self.armed.run.get();
         self.drain(true)?;
-        self.streams.finish_monitor(&mut self.files);
-        let statistics = &mut self.streams.statistics;
+        let statistics = self.streams.statistics_mut();
         statistics.finish(&run, closed_ns);
         statistics
             .deaths
             .finish(fallen(&self.roles.loops()), statistics.newest_tick());
         self.files.finish_latencies(&mut statistics.series);
         self.streams.finish_states(&mut self.files);
-        let statistics = &mut self.streams.statistics;
-        let traced = self.host.finish(
-            &self.roles,
-            statistics,
-            (run.deadlines_missed, run.last_tick + 1),
-        );
+        let statistics = self.streams.statistics_mut();
+        let traced = self
+            .host
+            .finish(&self.roles, statistics, run.deadlines_missed);
         self.files.note(TRACE, traced);
         statistics
             .miss_runs
@@ -254,7 +265,7 @@ impl Recorder<'_> {
             ("ticks_skipped", &run.ticks_skipped.to_string()),
             ("deadlines_missed", &run.deadlines_missed.to_string()),
         ]);
-        self.files.finish(&mut report, last_record)?;
+        self.files.finish(&mut report, last_record);
         Ok(report)
     }
 

@@ -15,6 +15,7 @@ use analysis::series::Series;
 use errors::Failure;
 use faults::live::LiveFault;
 use flight_log::TOPICS;
+use host::cpu_times::hostname;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use messages::channels::Redundancy;
@@ -73,7 +74,7 @@ impl<'a> ReportBuilder<'a> {
         parts: &RecordedParts<'_>,
         ending: Option<EndReason>,
     ) -> Result<Report, Failure> {
-        let (statistics, host) = (&parts.streams.statistics, parts.host);
+        let (statistics, host) = (parts.streams.statistics(), parts.host);
         let period_s = self.settings.flight.period_s;
         let ticks = statistics.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(statistics.states);
@@ -102,6 +103,7 @@ impl<'a> ReportBuilder<'a> {
         let section = schema::RunSection {
             run_id: run.run_id,
             started,
+            hostname: hostname(),
             instance: self.instance.clone(),
             version: env!("CARGO_PKG_VERSION").into(),
             build: flight_log::build::executable(),
@@ -159,11 +161,12 @@ impl<'a> ReportBuilder<'a> {
                 incomplete_ticks: parts.streams.incomplete_ticks(),
                 cpu_percent: 100.0 * self.meter.read().cpu_ns as f64 / elapsed_ns as f64,
                 log: parts.files.log_section(),
-                unwritten: parts.files.incomplete(),
+                unwritten: parts.files.incomplete.clone(),
             },
             host: host.host.clone(),
             doctor: host.diagnosis.clone(),
             steal: host.steal(),
+            container: host.container(),
             interrupts: host.interrupts(),
             // Only the page shows these, so they are computed once, at the end.
             distributions: if ending.is_some() {
@@ -173,6 +176,7 @@ impl<'a> ReportBuilder<'a> {
             },
             // The launcher measures them after all processes have landed.
             beside: None,
+            loss: None,
             traces: ending.map(|_| statistics.tracer.traces()),
         };
         let limits = self.settings.tracking_limits();

@@ -11,11 +11,12 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use messages::role::{Channel, MOST_CHANNELS, Replica};
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, MemfdFlags, flock, memfd_create};
 use rustix::io::Errno;
 use toml::Table;
 
 use analysis::report_file::RunFacts;
+use analysis::schema::Report;
 use config::{LogName, Settings};
 use errors::{Failure, InFile as _, open_file, read_text};
 use flight_log::FILE;
@@ -28,6 +29,8 @@ pub struct RunDirectory {
     pub path: PathBuf,
     /// The file run.json, locked until this value is dropped: the flight has not ended.
     held: Option<Arc<File>>,
+    /// A file in memory, which the recorder gets as standard input to hand over its final report, whatever the disk does.
+    pub memory: Arc<File>,
 }
 
 /// Whether the process that created a run directory still runs.
@@ -44,12 +47,10 @@ pub const LATENCIES: &str = "latency.hlog";
 pub const LATEST: &str = "latest";
 
 /// Files of a flight besides its log and the output of its processes.
-const FILES: [&str; 11] = [
+const FILES: [&str; 9] = [
     FACTS,
     "settings.toml",
     "report.json",
-    "report.json.next",
-    "report.json.draft",
     "report.txt",
     "report.html",
     "flight.svg",
@@ -62,6 +63,7 @@ const FILES: [&str; 11] = [
 pub fn is_ours(name: &str) -> bool {
     let of_process = |name: &str| Replica::all(MOST_CHANNELS).any(|it| it.to_string() == name);
     FILES.contains(&name)
+        || name.ends_with(".aside") && FILES.iter().any(|file| name.starts_with(file))
         || name.strip_suffix(".log").is_some_and(of_process)
         || flight_log::part_of(name).is_some()
 }
@@ -108,7 +110,10 @@ impl RunDirectory {
                 Err(e) => return Err(refused(e)),
             }
         };
-        let mut directory = Self { path, held: None };
+        let memory = memfd_create("report", MemfdFlags::CLOEXEC);
+        let memory = memory.map_err(|e| Failure::failed(format!("no memory for a report: {e}")))?;
+        let (held, memory) = (None, Arc::new(memory.into()));
+        let mut directory = Self { path, held, memory };
         match directory.describe(settings, instance) {
             Ok(()) => Ok(directory),
             Err(failure) => {
@@ -157,6 +162,16 @@ impl RunDirectory {
         let _ = fs::remove_dir(&self.path);
     }
 
+    /// The last report of its recorder, if there is one. To be called once: what was handed over is then read.
+    pub fn report(&self) -> Result<Option<Report>, Failure> {
+        let path = self.path.join("report.json");
+        let handed_over = io::read_to_string(&*self.memory).unwrap_or_default();
+        match Report::of(&handed_over, &path) {
+            Ok(report) => Ok(Some(report)),
+            Err(_) => path.exists().then(|| Report::read(&path)).transpose(),
+        }
+    }
+
     pub fn settings_file(&self) -> PathBuf {
         self.path.join("settings.toml")
     }
@@ -184,11 +199,14 @@ pub fn check_latest(directory: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Makes the link `latest` point to a run directory. To be called once the flight has a report.
+/// Makes the link `latest` point to a run directory that has a report.
 pub fn make_latest(directory: &Path) -> Result<(), Failure> {
     let (Some(out), Some(name)) = (directory.parent(), directory.file_name()) else {
         return Ok(());
     };
+    if !directory.join("report.json").exists() {
+        return Ok(());
+    }
     check_latest(directory)?;
     let link = out.join(LATEST);
     // Replaced in one step, so that `latest` always points to a flight.

@@ -4,11 +4,12 @@
 //! is incomplete, the report gives the first reason, and the flight and the other files go on.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs;
+use std::fs::{self, File};
+use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use analysis::laws::FlownLaws;
-use analysis::schema::{FlightStatus, LogSection, Report};
+use analysis::schema::{LogSection, Report};
 use analysis::sections::log_section;
 use analysis::series::SeriesSet;
 use analysis::states::{Joined, StatesWriter};
@@ -25,32 +26,37 @@ use render::files::write_all;
 
 use super::atomic_file::AtomicFileWriter;
 use super::hlog::Hlog;
-use crate::run_directory::{LATENCIES, LATEST, check_latest, make_latest};
+use crate::run_directory::{LATENCIES, LATEST, check_latest, is_ours, make_latest};
 use config::{LogName, Settings};
 
 const REPORT: &str = "report.json";
 const STATES: &str = "states.csv";
 
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Files {
     pub directory: PathBuf,
+    /// Where a supervisor gets the final report, whatever the disk does.
+    pub memory: Option<File>,
     /// Where to write the states a second time.
     pub states: Option<PathBuf>,
 }
 
 pub struct RunFiles<'a> {
     directory: &'a Path,
+    memory: Option<&'a File>,
     latencies: Hlog<'a>,
     states: Vec<StatesWriter>,
     /// None if the settings switch them off; without those that broke. That of the flight, and with several channels each
     /// one's own.
     logs: VecDeque<(Option<Channel>, FlightLog)>,
+    /// Number of the message that was released last.
+    position: u64,
     log_name: &'static str,
     /// report.json while the flight lasts.
     partial_report: AtomicFileWriter,
     is_latest: bool,
     /// Incomplete files, each with the first reason.
-    incomplete: BTreeMap<&'static str, String>,
+    pub incomplete: BTreeMap<String, String>,
 }
 
 impl<'a> RunFiles<'a> {
@@ -81,9 +87,11 @@ impl<'a> RunFiles<'a> {
         };
         Ok(Self {
             directory,
+            memory: files.memory.as_ref(),
             latencies,
             states,
             logs,
+            position: 0,
             log_name: settings.recorder.log.name(),
             partial_report: AtomicFileWriter::new(directory.join(REPORT))?,
             is_latest: false,
@@ -94,7 +102,7 @@ impl<'a> RunFiles<'a> {
     pub fn note(&mut self, file: &'static str, written: Result<(), Failure>) {
         if let Err(failure) = written {
             self.incomplete
-                .entry(file)
+                .entry(file.into())
                 .or_insert_with(|| failure.to_string());
         }
     }
@@ -103,9 +111,14 @@ impl<'a> RunFiles<'a> {
     pub fn log(&mut self, entry: &LogEntry, is_wanted: impl Fn(Option<Channel>) -> bool) {
         for (channel, log) in &mut self.logs {
             if is_wanted(*channel) {
-                log.take(entry);
+                log.take(entry, self.position);
             }
         }
+    }
+
+    /// Everything that is logged until the next call follows from the next message that was released.
+    pub const fn next_position(&mut self) {
+        self.position += 1;
     }
 
     pub fn log_injected(&mut self, injected: &Record) {
@@ -182,43 +195,44 @@ impl<'a> RunFiles<'a> {
     }
 
     /// Ends the log, then writes the final report.
-    pub fn finish(mut self, report: &mut Report, ending: Record) -> Result<(), Failure> {
+    pub fn finish(mut self, report: &mut Report, ending: Record) {
         // The log is the last file that needs much room; the report says whether it is complete.
         for (channel, log) in std::mem::take(&mut self.logs) {
             match log.finish(ending.clone()) {
-                Ok(fate) if channel.is_none() => {
-                    analysis::gates::take_log(report, self.log_name, &fate);
-                }
-                // A channel's log that lacks messages is incomplete.
                 Ok(fate) => {
-                    let refused = fate.refused.map(Failure::failed);
-                    self.note(flight_log::FILE, refused.map_or(Ok(()), Err));
+                    if channel.is_none() {
+                        analysis::gates::take_log(report, self.log_name, &fate);
+                    }
+                    // Messages that the log of a flight lacks are counted.
+                    let is_counted = channel.is_none() && report.unlogged() > 0;
+                    let why = fate.gap.filter(|_| !is_counted).map(Failure::failed);
+                    self.note(flight_log::FILE, why.map_or(Ok(()), Err));
                 }
                 Err(failure) => self.note(flight_log::FILE, Err(failure)),
             }
         }
-        if self.incomplete.contains_key(flight_log::FILE) && report.verdict.status.is_good() {
-            report.verdict.status = FlightStatus::Incomplete;
+        report.recorder.unwritten = self.incomplete.clone();
+        if self.incomplete.keys().any(|file| is_ours(file)) {
+            analysis::gates::mark_incomplete(report);
         }
-        report.recorder.unwritten = self.incomplete();
+        // A disk that blocks keeps the report no longer than its files.
+        self.hand_over(report);
         self.partial_report.close();
-        let written = write_all(report, self.directory);
+        write_all(report, self.directory);
+        self.hand_over(report);
         let is_free = !self.is_latest && !self.incomplete.contains_key(LATEST);
-        if is_free
-            && self.directory.join(REPORT).exists()
-            && let Err(failure) = make_latest(self.directory)
-        {
+        if is_free && let Err(failure) = make_latest(self.directory) {
             say(&format!("warning: {failure}\n"));
         }
-        written
     }
 
-    /// Incomplete files, each with the first reason.
-    pub fn incomplete(&self) -> BTreeMap<String, String> {
-        self.incomplete
-            .iter()
-            .map(|(file, why)| ((*file).to_owned(), why.clone()))
-            .collect()
+    fn hand_over(&self, report: &Report) {
+        let (Some(memory), Ok(text)) = (self.memory, report.text()) else {
+            return;
+        };
+        // If this fails, the supervisor reads the file.
+        let cleared = memory.set_len(0);
+        let _ = cleared.and_then(|()| memory.write_all_at(text.as_bytes(), 0));
     }
 
     pub fn log_section(&self) -> LogSection {

@@ -1,18 +1,17 @@
-//! The summary that `fly` prints at its end: at most 29 lines of 80 columns, the most important first.
+//! The summary that `fly` prints at its end: at most 29 lines of 80 columns, the verdicts last, where a terminal shows them.
 
 use crate::document::{Table, known, row, us};
+use crate::latencies::notes;
 use crate::{flight, outages as outage_section, sentences as shared};
 use analysis::outages::CauseCount;
 use analysis::phrase::{INDENT, WIDTH, count, wrap};
 use analysis::process_failures;
-use analysis::schema::{FlightVerdict, Report, Speed};
+use analysis::schema::{Report, Speed};
 use messages::role::{Role, STAGES};
 use std::collections::BTreeMap;
 
 /// Lines; with that of the result they are 30.
 const HEIGHT: usize = 29;
-/// An outage of so many ticks can lose a flight.
-const LONG_OUTAGE_TICKS: u64 = 20;
 /// Parameter changes in the line of faults.
 const CHANGES: usize = 2;
 /// Lines of a sentence; where it ends is in the whole report.
@@ -20,9 +19,8 @@ const LINES: usize = 3;
 /// Last line of what there is no room for.
 const MORE: &str = "          ... the rest: ironbird report --full";
 /// The latencies that say how the loop did: those of the whole, then of each step.
-const SERIES: [&str; 7] = [
+const SERIES: [&str; 6] = [
     "loop",
-    "slack",
     "timer",
     "wake.plant",
     "hop.plant_outer",
@@ -39,34 +37,44 @@ pub struct Left {
 
 /// Renders the short report of a flight, with where the rest is.
 pub fn render(report: &Report, left: &Left) -> String {
-    let foot = [latencies(report), foot(left)].concat();
-    let sentences = sentences(report);
-    let mut head: Vec<String> = sentences.iter().flat_map(|it| lines(it)).collect();
-    let room = HEIGHT - foot.len();
-    if head.len() > room {
-        head.truncate(room - 1);
-        head.push(MORE.into());
-    }
-    [head, foot].concat().join("\n") + "\n"
+    let in_lines = |all: Vec<String>| all.iter().flat_map(|it| lines(it)).collect::<Vec<_>>();
+    let tail = [latencies(report), foot(left)].concat();
+    let (mut verdicts, mut details) = (in_lines(verdicts(report)), in_lines(details(report)));
+    cut(&mut verdicts, HEIGHT - tail.len());
+    cut(&mut details, HEIGHT - tail.len() - verdicts.len());
+    [details, tail, verdicts].concat().join("\n") + "\n"
 }
 
-fn sentences(report: &Report) -> Vec<String> {
+/// Cuts lines to the room that there is, and says so.
+fn cut(lines: &mut Vec<String>, room: usize) {
+    if lines.len() > room {
+        lines.truncate(room.saturating_sub(1));
+        lines.extend((room > 0).then(|| MORE.to_owned()));
+    }
+}
+
+fn verdicts(report: &Report) -> Vec<String> {
     let word = |(subject, word, why): (&str, String, &str)| {
         format!("{subject:<9} {}: {why}", word.to_uppercase())
     };
     let mut all = shared::verdicts(&report.words).map(word).to_vec();
-    all.extend(lost_by_lateness(report));
+    let loss = report.loss.as_ref().map(shared::loss);
+    all.extend(loss.map(|it| format!("Why lost  {it}")));
     all.extend(shared::warnings(report));
     all.push(format!("Gates     {}", shared::acceptance(&report.verdict)));
     let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
     all.extend(failed.map(|gate| format!("  {}", shared::gate(gate))));
-    all.push(format!(
+    all
+}
+
+fn details(report: &Report) -> Vec<String> {
+    let mut all = vec![format!(
         "Flown     {}: {}; {:.1} s from {}",
         flight::ending(report),
         flight::pace(report),
         report.ticks.elapsed_s,
         report.run.started
-    ));
+    )];
     let changes = report.swaps.iter().take(CHANGES);
     let changes = changes.map(|it| format!("{} at {:.3} s", shared::swap(it), it.time_s));
     let faults = report.faults.iter().map(shared::short_fault);
@@ -87,6 +95,7 @@ fn sentences(report: &Report) -> Vec<String> {
             number => format!("Deaths    {number}, the last one: {last}"),
         }
     }));
+    all.extend(refusals(report));
     all.extend(floors(report));
     all.extend(outages(report));
     // How to measure can wait: what is refused matters more, and there is room for little.
@@ -94,8 +103,17 @@ fn sentences(report: &Report) -> Vec<String> {
     let is_known = margin.is_some_and(|it| it.unknown.is_none());
     let margin = shared::margin(report).map(|margin| format!("Margin    {margin}"));
     all.extend(margin.clone().filter(|_| is_known));
-    all.push(format!("Tracking  {}", flight::position_error(report)));
-    all.extend(refusals(report));
+    let attitude = match report.flight.errors() {
+        [_, Some(yaw), Some(tilt)] => format!(
+            "; {} up to {:.4} rad, tilt {:.4} rad",
+            yaw.name, yaw.max, tilt.max
+        ),
+        _ => String::new(),
+    };
+    let position = shared::errors(&report.flight).into_iter().next();
+    all.extend(position.map(|it| format!("Tracking  {it}{attitude}")));
+    let effort = shared::large_effort(&report.flight);
+    all.extend(effort.map(|it| format!("Effort    {it}")));
     all.extend(margin.filter(|_| !is_known));
     all
 }
@@ -124,7 +142,8 @@ fn latencies(report: &Report) -> Vec<String> {
     });
     let columns = ["Latencies [us]", "count", "p50", "p99", "p99.9", "max"];
     let table = Table::new(columns, rows).text();
-    table.lines().map(str::to_owned).collect()
+    let notes = notes(report).into_iter().map(|note| format!("  {note}"));
+    table.lines().map(str::to_owned).chain(notes).collect()
 }
 
 fn foot(left: &Left) -> Vec<String> {
@@ -151,24 +170,6 @@ fn shorten(path: &str) -> String {
     let head: String = path.chars().take(HEAD).collect();
     let tail = path.chars().skip(length - (ROOM - HEAD - "...".len()));
     format!("{head}...{}", tail.collect::<String>())
-}
-
-/// That a lost flight was lost to the machine, where the record shows that, and what to type.
-fn lost_by_lateness(report: &Report) -> Option<String> {
-    let is_lost = report.words.flight.word == FlightVerdict::Lost;
-    let outage = report.autopsy.worst.first()?;
-    let is_of_the_machine = outage.class.is_of_the_machine()
-        && outage.faults.is_empty()
-        && outage.ticks >= LONG_OUTAGE_TICKS;
-    (is_lost && is_of_the_machine && report.deaths.is_empty()).then(|| {
-        format!(
-            "Why lost  the machine was late by up to {} ({}); that is not the law's fault. \
-             Try `ironbird doctor`, or fly without a clock: `ironbird simulate` or \
-             `ironbird fly --pace lockstep`",
-            count(outage.ticks, "tick"),
-            outage.class.words()
-        )
-    })
 }
 
 /// How many outages there were, what most misses were due to, and the longest one.

@@ -1,6 +1,6 @@
 //! Flights of the same laws in several cases: Markdown tables, a page, a picture, and CSV.
 
-use crate::comparison::{conditions, millimetres, significant};
+use crate::comparison::{conditions, significant, thousandths};
 use crate::document::{Block, Cell, Document, Section, Table, known};
 use crate::plot::STYLE;
 use analysis::comparison::{Comparison, ErrorFigures, Laws, Outcome, SETTLING_S};
@@ -171,7 +171,8 @@ impl Cases {
 
     pub fn csv(&self) -> String {
         let mut text = "case,trajectory,preset,outer,inner,mixer,outputs,lost_s,rms_m,worst_m,rms_from_fault_m,\
-                        worst_from_fault_m,worst_after_5s_m,recovery_s,agitation_rad_s,saturated_percent,power_hover\n"
+                        worst_from_fault_m,worst_after_5s_m,recovery_s,agitation_rad_s,saturated_percent,power_hover,\
+                        yaw_error_rms_rad,yaw_error_max_rad,tilt_error_rms_rad,tilt_error_max_rad\n"
             .to_owned();
         for (name, comparison) in &self.rows {
             for outcome in &comparison.outcomes {
@@ -199,6 +200,10 @@ impl Cases {
                     Some(it.effort.agitation_rad_s),
                     Some(it.effort.saturated_percent),
                     Some(it.effort.power),
+                    it.yaw_error.map(|it| it.rms_rad),
+                    it.yaw_error.map(|it| it.max_rad),
+                    it.tilt_error.map(|it| it.rms_rad),
+                    it.tilt_error.map(|it| it.max_rad),
                 ];
                 let numbers = numbers.map(|it| it.map_or(String::new(), |it| it.to_string()));
                 text += &format!("{},{}\n", words.join(","), numbers.join(","));
@@ -246,7 +251,7 @@ fn tracking(
     let error = error.or(whole);
     let errors = of
         .iter()
-        .map(|of| known(error.as_ref().map(of).map(millimetres)));
+        .map(|of| known(error.as_ref().map(of).map(thousandths)));
     let recovery_s = figures.recovery_s.last().copied().flatten();
     let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
     let text: Vec<String> = errors.chain([recovery]).collect();

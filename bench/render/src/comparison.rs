@@ -4,8 +4,10 @@ use crate::document::{Block, Document, Figure, Section, Table};
 use crate::plot::{Axis, Chart, LAWS, Layer, braided, through};
 use crate::scale::Scale;
 use analysis::comparison::{
-    Comparison, ErrorFigures, Fault, Figures, Flight, Outcome, POWER, STAYING_S, TRUE_ERROR,
+    Comparison, ErrorFigures, Fault, Figures, Flight, Outcome, POWER, TRUE_ERROR,
 };
+use analysis::recovery::{STAYING_S, STAYING_SHARE};
+use analysis::schema::{AGITATION, AngleErrors};
 use analysis::traces::Span;
 
 /// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
@@ -41,22 +43,33 @@ pub fn document(comparison: &Comparison) -> Document {
         }
         _ => sections.push(errors(comparison, "error", "", |it| Some(it.error))),
     }
+    let columns = ["yaw rms", "yaw largest", "tilt rms", "tilt largest"];
+    let attitude = table(comparison, columns, |outcome| {
+        let of = |error: &Option<AngleErrors>| {
+            let numbers = |it: &AngleErrors| [it.rms_rad, it.max_rad].map(thousandths);
+            error.as_ref().map_or(["-".into(), "-".into()], numbers)
+        };
+        let figures = &outcome.figures;
+        [of(&figures.yaw_error), of(&figures.tilt_error)].concat()
+    });
+    sections.push(Section::new(
+        "attitude",
+        "True attitude error [mrad]",
+        vec![attitude],
+    ));
     if !flight.faults.is_empty() {
         let faults = flight.faults.iter();
         let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
         let title = format!(
-            "Recovery from the fault at: when the true error stays below {} m, for at least {STAYING_S} s",
-            flight.bound_m
+            "Recovery from the fault at: when the true error stays below {} m: for at least {STAYING_S} s and {:.0} % of \
+             the time after the fault, and longer than it was below before",
+            flight.bound_m,
+            100.0 * STAYING_SHARE
         );
         let table = table(comparison, columns, |it| recoveries_of(it).collect());
         sections.push(Section::new("recovery", title, vec![table]));
     }
-    let columns = [
-        "power [hover]",
-        "change of a command in a tick, rms [rad/s]",
-        "saturated [%]",
-        "outputs",
-    ];
+    let columns = ["power [hover]", AGITATION, "saturated [%]", "outputs"];
     let effort = table(comparison, columns, |outcome| {
         let effort = &outcome.figures.effort;
         vec![
@@ -117,7 +130,7 @@ fn errors(
     of: fn(&Figures) -> Option<ErrorFigures>,
 ) -> Section {
     let cells = |outcome: &Outcome| match of(&outcome.figures) {
-        Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(millimetres).into(),
+        Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(thousandths).into(),
         None => vec!["-".to_owned(); 3],
     };
     let table = table(comparison, ["rms", "p99", "worst"], cells);
@@ -238,8 +251,8 @@ fn recoveries_of(outcome: &Outcome) -> impl Iterator<Item = String> {
     each.map(|(i, time_s)| match time_s {
         Some(0.0) => "never above".into(),
         Some(time_s) => format!("after {time_s:.3} s"),
-        None if i + 1 == recovery_s.len() => "not in this flight".into(),
-        None => "not before the next".into(),
+        None if i + 1 == recovery_s.len() => "not recovered within the flight".into(),
+        None => "not recovered before the next".into(),
     })
 }
 
@@ -252,9 +265,9 @@ fn ending(outcome: &Outcome) -> Option<String> {
     })
 }
 
-/// A length in millimetres [mm], with three digits that count.
-pub fn millimetres(length_m: f64) -> String {
-    significant(1e3 * length_m)
+/// A length in millimetres or an angle in milliradians, with three digits that count.
+pub fn thousandths(value: f64) -> String {
+    significant(1e3 * value)
 }
 
 /// A number with about three digits that count, and without an exponent.

@@ -3,6 +3,7 @@
 use crate::document::{self, Block, known, row, table};
 use analysis::diff::{Conclusion, Diff, Difference, FigureDiff, LEVEL_OF_THREE, Says, Side};
 use analysis::phrase::{count, wrap};
+use analysis::schema::NOT_FRESH;
 use serde_json::Value;
 use std::ops::RangeInclusive;
 
@@ -102,13 +103,13 @@ fn number(value: f64) -> String {
 fn sides(name: &str, sides: &[Side]) -> Block {
     let side = |(number, side): (usize, &Side)| {
         format!(
-            "{name}{number}  {}  {}\n    {}\n    ticks {} + {} skipped, {} missed, {:.2} % stolen, theorem {}",
+            "{name}{number}  {}  {}\n    {}\n    ticks {} + {} skipped, {} {NOT_FRESH}\n    {:.2} % stolen, theorem {}",
             side.run,
             side.status,
             side.build,
             side.ticks,
             side.skipped,
-            side.missed,
+            known(side.not_fresh),
             side.steal_percent,
             side.theorem
         )

@@ -2,34 +2,49 @@
 
 use crate::figures::Figures;
 use crate::{flight, picture};
+use analysis::gates::mark_incomplete;
 use analysis::schema::Report;
-use errors::{Failure, InFile as _};
+use errors::write_whole;
 use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
 
-/// Writes report.json, report.txt, report.html, and flight.svg where the report has traces.
-pub fn write_all(report: &Report, directory: &Path) -> Result<(), Failure> {
-    report.write(&directory.join("report.json"))?;
-    let write = |name: &str, text: String| {
-        let path = directory.join(name);
-        std::fs::write(&path, text).in_file("write", &path)
-    };
-    write("report.txt", flight::text(report))?;
-    write("report.html", flight::page(report))?;
+const JSON: &str = "report.json";
+
+/// Writes report.json, report.txt, report.html, and flight.svg where the report has traces. A file that cannot be written
+/// is named in the report.
+pub fn write_all(report: &mut Report, directory: &Path) {
+    let known = report.recorder.unwritten.len();
+    let json = report.text();
+    write(report, directory, JSON, json);
+    let mut texts = vec![
+        ("report.txt", flight::text(report)),
+        ("report.html", flight::page(report)),
+    ];
     if let Some(figures) = Figures::of(report) {
         let figures = Figures {
             late: &[],
             ..figures
         };
         let picture = picture::render(&figures, &flight::title(&report.run));
-        write("flight.svg", picture)?;
+        texts.push(("flight.svg", picture));
     }
-    sync(directory);
-    Ok(())
+    for (name, text) in texts {
+        write(report, directory, name, Ok(text));
+    }
+    if report.recorder.unwritten.len() > known {
+        let json = report.text();
+        write(report, directory, JSON, json);
+    }
 }
 
-/// Has the report reach the medium: it is the last word on a flight. A disk that cannot be synced still has it.
-fn sync(directory: &Path) {
-    let report = File::open(directory.join("report.json")).and_then(|file| file.sync_all());
-    let _ = report.and_then(|()| File::open(directory)?.sync_all());
+fn write(report: &mut Report, directory: &Path, name: &str, text: serde_json::Result<String>) {
+    let written = text.map_err(|e| e.to_string()).and_then(|text| {
+        let write = |file: &mut File| file.write_all(text.as_bytes());
+        write_whole(&directory.join(name), write, || true)
+    });
+    if let Err(why) = written {
+        report.recorder.unwritten.entry(name.into()).or_insert(why);
+        mark_incomplete(report);
+    }
 }

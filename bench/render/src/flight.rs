@@ -8,12 +8,12 @@ use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
 use analysis::baseline::Baseline;
 use analysis::faults::{ProcessFailure, RecoveryPhases};
-use analysis::host::{InterruptCount, InterruptKind};
+use analysis::host::{ContainerSection, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
-    ChannelOutage, LawSection, LogSection, LoopUsage, RedundancySection, Report, RoleSection,
-    RunSection, Speed, Switchover, TimingVerdict, sum,
+    ChannelOutage, LawSection, LogSection, LoopUsage, NOT_FRESH, RedundancySection, Report,
+    RoleSection, RunSection, Speed, Switchover, sum,
 };
 use analysis::series::Statistics;
 use analysis::timer_lead::LeadSection;
@@ -102,7 +102,7 @@ pub fn airframe(name: &str, sha256: &str) -> String {
     }
 }
 
-/// What a run flew; reports from before airframes were named have none.
+/// Trajectory, preset and airframe of a run.
 fn run_conditions(run: &RunSection) -> String {
     let airframe = airframe(&run.airframe, &run.airframe_sha256);
     conditions(&run.trajectory, &run.preset, &airframe)
@@ -122,11 +122,14 @@ pub fn result_line(report: &Report, directory: &str) -> String {
     let (held, asked) = report.verdict.requested();
     let pairs = sentences::verdicts(&report.words)
         .map(|(subject, word, _)| format!("{}={}", subject.to_lowercase(), word.replace(' ', "-")));
+    let redundancy = report.redundancy.as_ref();
+    let disagreements = redundancy.map(|it| format!("disagreements={} ", it.mismatches));
     format!(
-        "RESULT status={} gates={held}/{asked} {} ticks={} skipped={} misses={} loop_p50_us={} loop_p999_us={} \
-         wake_p99_us={} rt={rt} steal={:.2} deaths={} lost={} unlogged={} build={} run={directory}",
+        "RESULT status={} gates={held}/{asked} {} {} ticks={} skipped={} misses={} loop_p50_us={} loop_p999_us={} \
+         wake_p99_us={} rt={rt} steal={:.2} deaths={} lost={} unlogged={} {}build={} run={directory}",
         report.verdict.status,
         pairs.join(" "),
+        sentences::error_tokens(&report.flight),
         report.ticks.run,
         report.ticks.skipped,
         report.deadlines.missed,
@@ -137,6 +140,7 @@ pub fn result_line(report: &Report, directory: &str) -> String {
         number(report),
         report.lost(),
         report.unlogged(),
+        disagreements.unwrap_or_default(),
         report.run.build.token()
     )
 }
@@ -158,12 +162,16 @@ fn key_figures(report: &Report) -> Vec<(String, String, String)> {
     let (ticks, deadlines) = (&report.ticks, &report.deadlines);
     let [whole, wake] = ["loop", "wake.plant"].map(|name| report.series(name));
     let latency = |name, value: Option<f64>| Some((name, us(value?), "us".to_owned()));
-    let is_on_clock = report.run.wall_period_us > 0.0;
-    let late = deadlines.not_fresh.filter(|_| is_on_clock).map(|sum| {
+    let late = deadlines.not_fresh.map(|sum| {
         let ppm = format!("{:.1} ppm", sum.per_million);
-        ("ticks without a fresh command", sum.ticks.to_string(), ppm)
+        (NOT_FRESH, sum.ticks.to_string(), ppm)
     });
-    let error_mm = format!("{:.3}", 1e3 * report.flight.position_error_rms_m);
+    let flight = &report.flight;
+    let error_mm = format!("{:.3}", 1e3 * flight.position_error_rms_m);
+    let yaw = flight.yaw_error.as_ref();
+    let yaw_mrad = yaw.map(|it| format!("{:.3}", 1e3 * it.rms_rad));
+    let effort = flight.effort.as_ref();
+    let saturated = effort.map(|it| format!("{:.2}", it.saturated_percent));
     let figures = [
         latency("loop p50", whole.map(|it| it.p50_us)),
         latency("loop p99", whole.map(|it| it.p99_us)),
@@ -173,6 +181,8 @@ fn key_figures(report: &Report) -> Vec<(String, String, String)> {
         Some(("ticks flown", ticks.run.to_string(), String::new())),
         Some(("ticks skipped", ticks.skipped.to_string(), String::new())),
         Some(("position error rms", error_mm, "mm".into())),
+        yaw_mrad.map(|yaw| ("yaw error rms", yaw, "mrad".into())),
+        saturated.map(|percent| ("rotors saturated", percent, "%".into())),
     ];
     let figures = figures.into_iter().flatten();
     figures
@@ -204,7 +214,15 @@ fn head(report: &Report) -> Vec<Block> {
         steal.percent,
         steal.processors()
     ));
-    say(format!("real time here: {}", here(report)));
+    let doctor = &report.doctor;
+    let mut set_up = format!("real time by the set-up: {}", name_of(&doctor.verdict));
+    if !doctor.reasons.is_empty() {
+        set_up += &format!(" ({})", doctor.reasons.join("; "));
+    }
+    say(set_up);
+    if report.container != ContainerSection::default() {
+        say(container(&report.container));
+    }
     let missing = sentences::warnings(report).into_iter();
     blocks.extend(missing.map(Block::Warning));
     if !run.last_words.is_empty() {
@@ -222,20 +240,13 @@ pub fn ending(report: &Report) -> &str {
     }
 }
 
-/// What the flight says of real time on this machine, and what the doctor expects of it.
-fn here(report: &Report) -> String {
-    let (doctor, timing) = (&report.doctor, &report.words.timing);
-    let mut expected = name_of(&doctor.verdict);
-    if !doctor.reasons.is_empty() {
-        expected += &format!(" ({})", doctor.reasons.join("; "));
-    }
-    let why = &timing.why;
-    match timing.word {
-        TimingVerdict::InTime => expected,
-        TimingVerdict::Late => format!("not in this flight: {why}; by its set-up {expected}"),
-        TimingVerdict::CutShort => format!("{expected}; {why}"),
-        TimingVerdict::NotMeasured => format!("not measured: {why}; by its set-up {expected}"),
-    }
+fn container(it: &ContainerSection) -> String {
+    let quota = known(it.processors.map(|quota| format!("{quota:.2}")));
+    let memory = known(it.memory_mib.map(|mib| format!("{mib:.0} MiB")));
+    let (periods, ms) = (it.throttled_periods, it.throttled_us / 1000);
+    format!(
+        "container: processor quota {quota}, used up in {periods} periods ({ms} ms); memory {memory}"
+    )
 }
 
 pub fn pace(report: &Report) -> String {
@@ -255,7 +266,7 @@ pub fn pace(report: &Report) -> String {
     format!("{}, T = {:.0} us{pace}", run_conditions(run), run.period_us)
 }
 
-/// Which laws flew, in words; nothing in reports from before they could be chosen.
+/// Laws that flew, in words.
 pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
     let named = |(role, law): (&str, &LawSection)| {
         let slow = if law.not_real_time {
@@ -280,12 +291,8 @@ fn deadlines(report: &Report) -> Vec<Block> {
             "run {run} + skipped {skipped} = {all} {is} elapsed {elapsed_s:.3} s / period = {periods}"
         ),
     )];
-    blocks.extend(deadlines.not_fresh.as_ref().map(|not_fresh| {
-        let (ticks, ppm, parts) = (not_fresh.ticks, not_fresh.per_million, not_fresh.parts());
-        let said =
-            format!("{ticks} ticks without a fresh one on time ({ppm:.1} per million): {parts}");
-        Block::Fact("Commands", said)
-    }));
+    let not_fresh = deadlines.not_fresh.as_ref();
+    blocks.extend(not_fresh.map(|it| Block::Fact("Commands", it.sentence(ticks))));
     let (missed, ppm, late) = (
         deadlines.missed,
         deadlines.missed_ppm,
@@ -319,7 +326,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
         Block::Fact(
             "Without redundancy",
             format!(
-                "{}, longest {:.0} ms; misses that another channel masked: {}; ticks without a fresh command: {}",
+                "{}, longest {:.0} ms; misses that another channel masked: {}; ticks run in which no channel's command was fresh and on time: {} (the timing verdict counts skipped ticks, too)",
                 count(section.ticks_unprotected, "tick"),
                 section.longest_unprotected_ms,
                 section.ticks_masked,
@@ -327,18 +334,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
             ),
         ),
     ];
-    let contradicted = match section.first_mismatch_s {
-        None => "none".into(),
-        Some(first_s) if section.channels == 2 => format!(
-            "{} from {first_s:.3} s on; two channels do not show which one was wrong",
-            count(section.mismatches, "tick")
-        ),
-        Some(first_s) => format!(
-            "{} from {first_s:.3} s on; contradicted by two channels, in ticks: {}",
-            count(section.mismatches, "tick"),
-            sentences::by_channel(&section.ticks_outvoted)
-        ),
-    };
+    let contradicted = sentences::contradiction(section);
     blocks.push(Block::Fact("Commands that differed", contradicted));
     for (channel, it) in &section.differences {
         let (rms_rad_s, max_rad_s) = (it.rms_rad_s, it.max_rad_s);
@@ -564,7 +560,7 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
     ));
     items.push(log(&recorder.log));
     let unwritten = recorder.unwritten.iter();
-    items.extend(unwritten.map(|(file, reason)| format!("{file} is incomplete: {reason}")));
+    items.extend(unwritten.map(|(file, reason)| format!("{file}: {reason}")));
     blocks.push(Block::Items(items));
     blocks.push(Block::Heading("Real time: requested and granted".into()));
     let granted = stages
@@ -685,27 +681,11 @@ fn log(log: &LogSection) -> String {
     text
 }
 
-/// The position error in words, for all that is said of a flight.
-pub fn position_error(report: &Report) -> String {
-    let flight = &report.flight;
-    let without = match flight.ticks_without_state {
-        0 => String::new(),
-        1 => "; 1 tick has none".into(),
-        ticks => format!("; {ticks} ticks without one"),
-    };
-    format!(
-        "position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {}{without}",
-        flight.position_error_rms_m,
-        flight.position_error_max_m,
-        flight.position_error_final_m,
-        count(flight.states, "state")
-    )
-}
-
 fn tracking(report: &Report) -> Vec<Block> {
     let flight = &report.flight;
-    let saturated = count(flight.saturated_ticks, "tick");
-    let mut items = vec![format!("rotors saturated in {saturated}")];
+    let mut errors = sentences::errors(flight).into_iter();
+    let tracking = Block::Fact("Tracking", errors.next().unwrap_or_default());
+    let mut items: Vec<String> = errors.chain(sentences::effort(flight)).collect();
     let rate_error = flight.rate_error_final_rad_s;
     let rate_error =
         rate_error.map(|e| format!("rate error of the inner law at the end {e:.3e} rad/s"));
@@ -720,7 +700,6 @@ fn tracking(report: &Report) -> Vec<Block> {
     }
     let faults = report.faults.iter();
     items.extend(faults.map(|fault| format!("fault {}", sentences::fault(fault))));
-    let tracking = Block::Fact("Tracking", position_error(report));
     let mut blocks = vec![tracking, Block::Items(items)];
     if !flight.estimates.is_empty() {
         let rows = flight.estimates.iter().map(|it| {

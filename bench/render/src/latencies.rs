@@ -7,7 +7,7 @@ use crate::scale::{Kind, Scale};
 use analysis::distribution::{Bin, Distribution};
 use analysis::phrase::count;
 use analysis::schema::{Report, Speed};
-use analysis::series::{Series, Statistics};
+use analysis::series::{SLACK, Series, Statistics};
 use messages::role::STAGES;
 
 /// A tick in the order of the data's way.
@@ -41,8 +41,6 @@ const GROUPS: [(&str, &str, &str, Value); 8] = {
         ("busy", "Busy", "", Bare),
     ]
 };
-
-const SLACK: &str = "slack";
 
 fn group(series: &str) -> &str {
     match series {
@@ -287,7 +285,27 @@ fn percentiles(report: &Report) -> Vec<Block> {
         ("p99.99", |it| known(it.p9999_us.map(us))),
         ("max", |it| us(it.max_us)),
     ];
-    let table = Block::Table(Table::of(&columns, &report.series));
+    let others = report.series.iter().filter(|it| it.name != SLACK);
+    let table = Block::Table(Table::of(&columns, others));
     let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
-    vec![table, Block::Items(vec![few.into()])]
+    vec![
+        table,
+        Block::Items([notes(report), vec![few.into()]].concat()),
+    ]
+}
+
+/// The low end of the slack, which is the tail that matters, and why `wake.plant` is short.
+pub fn notes(report: &Report) -> Vec<String> {
+    let slack = report.series(SLACK).map(|it| {
+        let [min, p50] = [it.min_us, it.p50_us].map(us);
+        let tail = report.distributions.iter().find(|it| it.name == SLACK);
+        let low = |percent| tail.and_then(|it| it.percentile(percent));
+        let [p0_1, p1] = [0.1, 1.0].map(|it| known(low(it).map(|it| us(it.value_us))));
+        format!("slack before the deadline: min {min}, p0.1 {p0_1}, p1 {p1}, p50 {p50}")
+    });
+    let lead_us = report.lead.lead_us;
+    let early = (lead_us > 0.0).then(|| {
+        format!("wake.plant: the plant is woken {lead_us:.0} us early, so only longer delays show")
+    });
+    slack.into_iter().chain(early).collect()
 }

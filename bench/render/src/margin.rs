@@ -1,6 +1,6 @@
 //! Robustness margins: the limits of each combination of laws as tables, then what its flights did as curves.
 
-use crate::comparison::millimetres;
+use crate::comparison::thousandths;
 use crate::document::{Block, Document, Figure, Section, Table, known};
 use crate::plot::{Axis, Chart, LAWS, Layer};
 use crate::scale::Scale;
@@ -281,7 +281,7 @@ fn unfaulted(margins: &Margins) -> Option<Section> {
         };
         let saturated = format!("{:.1}", it.saturated_percent);
         vec![
-            known(it.peak_m.map(millimetres)),
+            known(it.peak_m.map(thousandths)),
             saturated,
             qualified,
             law.flights.to_string(),

@@ -1,5 +1,7 @@
 //! Outages: their causes, and each of the worst ones with its timeline.
 
+use std::collections::BTreeMap;
+
 use crate::document::{self, Block, Figure, known, row, table};
 use crate::plot::{Axis, Chart, Layer};
 use crate::scale::Scale;
@@ -68,6 +70,7 @@ fn list(outages: &OutageSection) -> Vec<Block> {
     blocks.push(Block::Note(
         "An outage is a row of ticks in which a deadline was missed, or a stage did not work on its input.".into(),
     ));
+    blocks.extend(culprits(outages));
     let worst = outages.worst.iter().take(WORST_SHOWN);
     let mut text: String = worst.map(case_text).collect();
     if !text.is_empty() {
@@ -75,6 +78,25 @@ fn list(outages: &OutageSection) -> Vec<Block> {
     }
     blocks.push(Block::Terminal(text));
     blocks
+}
+
+/// The programs and interrupts that ran instead of the late stages, those that took the most time first; none without a
+/// trace.
+fn culprits(outages: &OutageSection) -> Option<Block> {
+    let mut culprits = BTreeMap::<&str, (u64, f64)>::new();
+    for ran in outages.worst.iter().flat_map(|case| &case.ran) {
+        let (outages, us) = culprits.entry(&ran.who).or_default();
+        (*outages, *us) = (*outages + 1, *us + ran.us);
+    }
+    let mut culprits: Vec<(&str, (u64, f64))> = culprits.into_iter().collect();
+    culprits.sort_by(|a, b| b.1.1.total_cmp(&a.1.1));
+    let rows = culprits.iter().take(WORST_SHOWN);
+    let rows = rows.map(|(who, (outages, us))| row([who, outages, &format!("{us:.0}")]));
+    let of = format!(
+        "Ran in the longest {}",
+        count(outages.worst.len() as u64, "outage")
+    );
+    (!culprits.is_empty()).then(|| table([of.as_str(), "outages", "us"], rows))
 }
 
 pub fn text(outages: &OutageSection) -> String {

@@ -4,13 +4,76 @@ use std::collections::BTreeMap;
 
 use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
 use analysis::schema::{
-    AcceptanceResult, Gate, LawSection, MarginSection, RedundancySection, Report, RobustnessMargin,
-    RoleSection, Speed, Verdicts, sum,
+    AGITATION, AcceptanceResult, ControlPerformance, Gate, LawSection, LossSection, MarginSection,
+    QuantityError, RedundancySection, Report, RobustnessMargin, RoleSection, RotorEffort,
+    SimulatedLoss, Speed, Verdicts, sum,
 };
 use flight_log::facts::OFF;
 use messages::role::Role;
 
 pub use analysis::phrase::{count, name_of};
+
+/// The errors of a flight, a sentence for each of position, yaw and tilt.
+pub fn errors(flight: &ControlPerformance) -> Vec<String> {
+    let states = count(flight.states, "state");
+    let without = match flight.ticks_without_state {
+        0 => String::new(),
+        1 => "; 1 tick has none".into(),
+        ticks => format!("; {ticks} ticks without one"),
+    };
+    let sentence = |QuantityError {
+                        name,
+                        unit,
+                        rms,
+                        max,
+                        last,
+                        ..
+                    }: QuantityError| {
+        format!("{name} rms {rms:.4} {unit}, largest {max:.4} {unit}, at the end {last:.4} {unit}")
+    };
+    let mut all: Vec<String> = flight
+        .errors()
+        .into_iter()
+        .flatten()
+        .map(sentence)
+        .collect();
+    match all.first_mut() {
+        Some(position) => *position += &format!(", over {states}{without}"),
+        None => all.push("no state was seen".into()),
+    }
+    all
+}
+
+/// `rotors saturated in 3523 of 8001 ticks (44.03 %), change of a rotor's command in a tick, rms [rad/s]: 29.5`.
+pub fn effort(flight: &ControlPerformance) -> Option<String> {
+    let it = flight.effort.as_ref()?;
+    Some(format!(
+        "rotors saturated in {} of {} ({:.2} %), {AGITATION}: {:.2}",
+        flight.saturated_ticks,
+        count(it.commands, "tick"),
+        it.saturated_percent,
+        it.agitation_rad_s
+    ))
+}
+
+/// The effort, where a summary should name it.
+pub fn large_effort(flight: &ControlPerformance) -> Option<String> {
+    let is_large = flight.effort.as_ref().is_some_and(RotorEffort::is_large);
+    effort(flight).filter(|_| is_large)
+}
+
+/// `position_error_m=0.0017 yaw_error_rad=0.0002`: the largest of the last 5 s, for programs.
+pub fn error_tokens(flight: &ControlPerformance) -> String {
+    let [position, yaw, _] = flight.errors();
+    let value = |error: Option<QuantityError>| {
+        error.map_or_else(|| "-".into(), |error| format!("{:.4}", error.recent_max))
+    };
+    format!(
+        "position_error_m={} yaw_error_rad={}",
+        value(position),
+        value(yaw)
+    )
+}
 
 /// `setpoint.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)`.
 pub fn fault(fault: &InjectedFault) -> String {
@@ -63,7 +126,57 @@ pub fn channels(section: &RedundancySection) -> String {
         .iter()
         .map(|(stage, law)| format!("; law of {stage}: {law}"));
     let laws: String = laws.collect();
-    format!("{channels}, ticks flown: {flown}; active at the end: {active}{laws}")
+    let differed = match section.first_mismatch_s {
+        None => String::new(),
+        Some(_) => format!("; COMMANDS DIFFERED in {}", contradiction(section)),
+    };
+    format!("{channels}, ticks flown: {flown}; active at the end: {active}{laws}{differed}")
+}
+
+/// Ticks in which channels with the same laws, states and inputs had different commands, and what is known of the cause.
+pub fn contradiction(section: &RedundancySection) -> String {
+    let differed = format!(
+        "{} of {} compared",
+        section.mismatches,
+        count(section.ticks_compared, "tick")
+    );
+    match section.first_mismatch_s {
+        None => differed,
+        Some(first_s) if section.ticks_outvoted.values().all(|ticks| *ticks == 0) => format!(
+            "{differed}, from {first_s:.3} s on; two channels do not show which one is wrong"
+        ),
+        Some(first_s) => format!(
+            "{differed}, from {first_s:.3} s on; contradicted by two channels, in ticks: {}",
+            by_channel(&section.ticks_outvoted)
+        ),
+    }
+}
+
+/// What is known of why a flight was lost.
+pub fn loss(section: &LossSection) -> String {
+    let at = |lost: &SimulatedLoss| lost.lost_at_s.map(|s| format!("at {s:.2} s"));
+    let with = section.with_delays.as_ref();
+    let why = match (at(&section.without_delays), with.map(at)) {
+        (Some(at), _) => {
+            format!("not by the machine's delays: simulated without them, it is lost as well, {at}")
+        }
+        (None, Some(Some(at))) => format!(
+            "by the machine's delays: simulated without them, it is not lost, and with them it is, {at}"
+        ),
+        (None, Some(None)) => {
+            "not known: simulated, it is lost neither without the machine's delays nor with them"
+                .into()
+        }
+        (None, None) => {
+            let why_not = section.why_not.as_deref().unwrap_or("not said why");
+            format!(
+                "not known: simulated without the machine's delays, it is not lost; with them it was not simulated ({why_not})"
+            )
+        }
+    };
+    let held_by = section.held_by.as_ref();
+    let held_by = held_by.map(|flag| format!(". With `{flag}` it is not lost"));
+    why + &held_by.unwrap_or_default()
 }
 
 pub fn by_channel(ticks: &BTreeMap<String, u64>) -> String {
@@ -128,8 +241,15 @@ pub fn warnings(report: &Report) -> Vec<String> {
         let why = String::from_iter(why);
         sentences.push(format!("flight.mcap lacks {unlogged} messages{why}"));
     }
-    let unwritten = recorder.unwritten.iter();
-    sentences.extend(unwritten.map(|(file, why)| format!("{file} is incomplete: {why}")));
+    let mut reasons: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (file, why) in &recorder.unwritten {
+        reasons.entry(why).or_default().push(file);
+    }
+    sentences.extend(
+        reasons
+            .iter()
+            .map(|(why, files)| format!("{}: {why}", files.join(", "))),
+    );
     for sentence in &mut sentences {
         sentence.insert_str(0, "INCOMPLETE RECORD: ");
     }

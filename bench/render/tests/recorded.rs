@@ -16,7 +16,7 @@ use analysis::comparison::{
     TRUE_ERROR,
 };
 use analysis::diff::{ComparedRun, compare};
-use analysis::schema::Report;
+use analysis::schema::{AngleErrors, Report};
 use analysis::traces::{Group, Trace};
 use render::brief::Left;
 use render::cases::Cases;
@@ -42,9 +42,9 @@ fn reports_are_their_snapshots() {
     let of_both = ["brief.txt", "report.txt"];
     let more = ["flight.svg", "junit.xml", "report.html"];
     for (name, more) in [("outages", &more[..]), ("lockstep", &[])] {
-        let report = Report::read(&recorded(name, "report.json")).unwrap();
+        let mut report = Report::read(&recorded(name, "report.json")).unwrap();
         let written = tempfile::tempdir().unwrap();
-        files::write_all(&report, written.path()).unwrap();
+        files::write_all(&mut report, written.path());
         junit::write(&report, &written.path().join("junit.xml")).unwrap();
         let left = Left {
             page: Some("report.html".into()),
@@ -98,7 +98,7 @@ fn outcome(inner: &str, error_m: f64, lost_s: Option<f64>) -> Outcome {
         laws: Laws {
             outer: "pd".into(),
             inner: inner.into(),
-            mixer: "priority".into(),
+            mixer: "roll_pitch_first".into(),
         },
         preset: if inner == "indi" { "flight" } else { "soft" }.into(),
         ticks: lost_s.map_or(9001, |time_s| (1e3 * time_s) as u64),
@@ -111,6 +111,12 @@ fn outcome(inner: &str, error_m: f64, lost_s: Option<f64>) -> Outcome {
             error_before: Some(error(0.01)),
             error_from_fault: Some(error(1.5)),
             error_after: lost_s.is_none().then(|| error(0.5)),
+            yaw_error: Some(AngleErrors {
+                rms_rad: 0.01,
+                max_rad: 0.03,
+                ..AngleErrors::default()
+            }),
+            tilt_error: None,
             recovery_s: vec![lost_s.is_none().then_some(10.0 * error_m)],
             effort: Effort {
                 power: 1.01,

@@ -1,55 +1,48 @@
-//! Passes the messages of a log to the replay thread in batches.
+//! Passes the messages of a log to the replay thread, chunk by chunk, in the order in which the recorder took them.
 
-use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use flight_log::entry::LogEntry;
 
-/// Batch size [messages]: replaying one takes longer than waking a thread.
-const BATCH: usize = 256;
-/// Batches in flight: one chunk of the log, which is decompressed at once.
-const ON_THEIR_WAY: usize = 16;
+/// Chunks on their way: one is decompressed while another one is replayed.
+const ON_THEIR_WAY: usize = 1;
 
-/// Messages in the order of the log.
-pub type Batch = Vec<LogEntry>;
+/// A message with its position in the recorder's order.
+pub type Positioned = (u64, LogEntry);
 
 #[derive(Debug)]
-pub struct ToFlight {
-    batch: Batch,
-    full: SyncSender<Batch>,
-    /// Empty batches for reuse: new memory costs as much as the messages.
-    empty: Receiver<Batch>,
+pub struct ToReplay {
+    chunk: Vec<Positioned>,
+    number: u64,
+    full: SyncSender<Vec<Positioned>>,
 }
 
 #[derive(Debug)]
 pub struct FromLog {
-    full: Receiver<Batch>,
-    empty: Sender<Batch>,
-    newest: Batch,
+    full: Receiver<Vec<Positioned>>,
+    chunk: VecDeque<Positioned>,
 }
 
-pub fn batches() -> (ToFlight, FromLog) {
-    let (to_flight, full) = sync_channel(ON_THEIR_WAY);
-    let (to_log, empty) = channel();
-    let to_flight = ToFlight {
-        batch: Batch::with_capacity(BATCH),
-        full: to_flight,
-        empty,
+pub fn batches() -> (ToReplay, FromLog) {
+    let (to_replay, full) = sync_channel(ON_THEIR_WAY);
+    let to_replay = ToReplay {
+        chunk: Vec::new(),
+        number: 0,
+        full: to_replay,
     };
-    let from_log = FromLog {
-        full,
-        empty: to_log,
-        newest: Batch::new(),
-    };
-    (to_flight, from_log)
+    let chunk = VecDeque::new();
+    (to_replay, FromLog { full, chunk })
 }
 
-impl ToFlight {
-    /// Adds a message; ignored after the replay has ended.
-    pub fn push(&mut self, entry: &LogEntry) {
-        self.batch.push(*entry);
-        if self.batch.len() == BATCH {
+impl ToReplay {
+    /// Adds a message of a chunk, which has a number of its own.
+    pub fn push(&mut self, chunk: u64, message: Positioned) {
+        if chunk != self.number {
+            self.number = chunk;
             self.hand_over();
         }
+        self.chunk.push(message);
     }
 
     pub fn finish(mut self) {
@@ -57,25 +50,26 @@ impl ToFlight {
     }
 
     fn hand_over(&mut self) {
-        let mut next = match self.empty.try_recv() {
-            Ok(empty) => empty,
-            Err(TryRecvError::Empty) => Batch::with_capacity(BATCH),
-            // The flight has ended. The log is still read to its end.
-            Err(TryRecvError::Disconnected) => return self.batch.clear(),
-        };
-        next.clear();
-        // The flight may end between the two.
-        let _ = self.full.send(std::mem::replace(&mut self.batch, next));
+        let mut chunk = std::mem::take(&mut self.chunk);
+        // Stable: messages at one position follow from the same message, and stand in their order.
+        chunk.sort_by_key(|(position, _)| *position);
+        // The replay may have ended at a difference.
+        let _ = self.full.send(chunk);
     }
 }
 
 impl FromLog {
-    /// The next batch; none at the end of the log.
-    pub fn next_batch(&mut self) -> Option<&Batch> {
-        let batch = self.full.recv().ok()?;
-        // A reader that has finished needs none.
-        let _ = self.empty.send(std::mem::replace(&mut self.newest, batch));
-        Some(&self.newest)
+    /// Position of the next message; none at the end of the log.
+    pub fn position(&mut self) -> Option<u64> {
+        while self.chunk.is_empty() {
+            self.chunk = self.full.recv().ok()?.into();
+        }
+        self.chunk.front().map(|(position, _)| *position)
+    }
+
+    pub fn next_entry(&mut self) -> Option<LogEntry> {
+        self.position()?;
+        self.chunk.pop_front().map(|(_, entry)| entry)
     }
 }
 
@@ -86,38 +80,31 @@ mod tests {
 
     use super::*;
 
-    const MESSAGES: u64 = 3 * (BATCH * ON_THEIR_WAY) as u64 + 1;
-
-    /// The ticks that a flight gets of a log, if it ends after `batches`.
-    fn ticks_until(most_batches: usize) -> Vec<u64> {
-        let (mut to_flight, mut from_log) = batches();
-        let mut ticks = Vec::new();
-        std::thread::scope(|scope| {
-            scope.spawn(move || {
-                for tick in 0..MESSAGES {
-                    let message = Message::of_tick(tick, State::default());
-                    to_flight.push(&LogEntry::State(message));
+    #[test]
+    fn messages_come_in_the_order_of_their_positions_and_the_log_is_read_to_its_end() {
+        for most in [usize::MAX, 5] {
+            let (mut to_replay, mut from_log) = batches();
+            let mut positions = Vec::new();
+            std::thread::scope(|scope| {
+                scope.spawn(move || {
+                    for chunk in 0..100 {
+                        for position in [3, 4, 1, 2] {
+                            let message = Message::of_tick(position, State::default());
+                            let position = 4 * chunk + position;
+                            to_replay.push(chunk, (position, LogEntry::State(message)));
+                        }
+                    }
+                    to_replay.finish();
+                });
+                while positions.len() < most
+                    && let Some(position) = from_log.position()
+                {
+                    positions.push(position);
+                    assert!(from_log.next_entry().is_some());
                 }
-                to_flight.finish();
+                drop(from_log);
             });
-            for _ in 0..most_batches {
-                let Some(batch) = from_log.next_batch() else {
-                    break;
-                };
-                ticks.extend(batch.iter().map(|entry| entry.envelope().tick));
-            }
-            drop(from_log);
-        });
-        ticks
-    }
-
-    #[test]
-    fn every_message_arrives_once_and_in_order() {
-        assert!(ticks_until(usize::MAX).into_iter().eq(0..MESSAGES));
-    }
-
-    #[test]
-    fn the_log_is_read_to_its_end_after_the_flight_has_ended() {
-        assert_eq!(ticks_until(1).len(), BATCH);
+            assert!(positions.into_iter().eq((1..=400).take(most)));
+        }
     }
 }

@@ -105,20 +105,23 @@ impl ReplayComparison {
 
     /// A message was recorded, and the replay has none; `field` is its first one.
     pub fn lacks<C: Logged>(&mut self, tick: u64, field: &str) {
-        self.note::<C>(tick, [field, "published", "nothing"]);
+        self.differs::<C>(tick, field, ["published", "nothing"].map(str::to_owned));
     }
 
-    /// A message of the log of a flight is in that of no channel, or differs there.
-    pub fn has_no_sender<C: Logged>(&mut self, tick: u64) {
-        self.note::<C>(
-            tick,
-            ["message", "in flight.mcap", "in the log of no channel"],
-        );
+    /// A message follows from the others, and was not recorded.
+    pub fn has_more<C: Logged>(&mut self, tick: u64) {
+        self.differs::<C>(tick, "message", ["missing", "published"].map(str::to_owned));
     }
 
-    fn note<C: Logged>(&mut self, tick: u64, values: [&str; 3]) {
+    /// A field of a message differs.
+    pub fn differs<C: Logged>(
+        &mut self,
+        tick: u64,
+        field: &str,
+        [recorded, replayed]: [String; 2],
+    ) {
         if tick >= self.from_tick {
-            self.keep::<C>(tick, C::NAME, values.map(str::to_owned));
+            self.keep::<C>(tick, C::NAME, [field.to_owned(), recorded, replayed]);
         }
     }
 

@@ -5,8 +5,12 @@
 //!             --replay-----> per message: its stage's law on the recorded inputs, compared   another thread
 //! ```
 //!
-//! With several channels, each has a log of its own: the stages are replayed from those, tick by tick together, and the
-//! plant from the log of the flight, whose messages must be among them.
+//! A replay is a fold over the messages in the order in which the recorder took them, in which every message comes after
+//! all that it goes back to. Each process recorded its decisions: the plant which commands it took, a stage the state and
+//! the inputs that it continued from. What the log does not say is an error.
+//!
+//! With several channels, each has a log of its own: the stages are replayed from those, and the plant from the log of the
+//! flight, whose other messages follow from them.
 //!
 //! Every stage, and the theorem's monitor, gets recorded inputs, so a difference shows at the stage that caused it and
 //! does not spread. Each log is read once. An error found by the log check takes precedence over one of the replay.
@@ -14,48 +18,43 @@
 pub mod airframe;
 pub mod batches;
 pub mod comparison;
+pub mod expected;
 pub mod inputs;
 pub mod log_check;
 pub mod loops;
-pub mod stage_states;
+pub mod loss;
 pub mod summary;
 
 use std::path::{Path, PathBuf};
 use std::thread::{self, Builder};
 use std::time::Instant;
 
-use messages::channels::Arrangement;
-use messages::content::State;
+use messages::content::{RotorSpeeds, State};
 use messages::header::Message;
 use messages::message_window::MessageWindow;
-use messages::role::{Channel, Role};
-use messages::telemetry::Telemetry;
+use messages::monitor::Monitor;
+use messages::role::Channel;
 
 use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
 use crate::comparison::ReplayComparison;
-use crate::inputs::{Inputs, of};
+use crate::expected::Expected;
+use crate::inputs::window;
 use crate::log_check::{LogCheck, LogValidator};
-use crate::loops::LoopsReplay;
-use crate::stage_states::StageStates;
+use crate::loops::{LoopsReplay, SavedStates};
 use crate::summary::Summary;
 use analysis::phrase::count;
 use analysis::states::is_final_command;
 use analysis::tracking::Tracking;
 use config::law_settings::Moved;
+use controller::FlightMonitor;
 use errors::output::{print, say};
 use errors::{Failure, GATE, OK};
-use flight_log::codec::Logged;
+use flight_log::channel_merge::ChannelMerge;
 use flight_log::entry::LogEntry;
 use flight_log::reader::End;
 use flight_log::wall_time::speed;
-
-/// How many messages to read ahead while a message may still depend on one that has not been read: more than the recorder
-/// takes at once after its longest absence, since it drains topic after topic.
-pub const LOOKAHEAD: usize = 20_000;
-/// How many messages to read ahead while a swap's record is missing. Another thread of the plant writes it, in lockstep any
-/// number of ticks later; this is about one second of lockstep.
-const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
+use sim::expected_messages::gap;
 
 /// Replays a log from tick 0, compares from a tick on, and prints the verdict or a summary.
 pub fn replay(path: &Path, from: u64, verify: bool, moved: &Moved) -> Result<u8, Failure> {
@@ -100,22 +99,27 @@ pub fn fly_again(
     let failed = |e| Failure::failed(format!("cannot start a thread for the replay: {e}"));
     let panicked = || Failure::failed("a thread of the replay panicked");
     thread::scope(|scope| {
-        let (mut replays, mut checks) = (Vec::new(), Vec::new());
+        let mut replay = FlightReplay::new(&logs[0].1, from_tick);
+        let (mut streams, mut checks) = (Vec::new(), Vec::new());
         for (log, validator) in logs {
-            let (mut to_flight, from_log) = batches();
-            let replay = LogReplay::new(&log, &validator, from_log, from_tick);
-            replays.push(replay.map_err(|e| of_log(&log, e)));
+            let (mut to_replay, messages) = batches();
+            if let (Ok(replay), true) = (&mut replay, is_of_channel(&validator)) {
+                let added = replay.add_channel(&validator, from_tick);
+                added.map_err(|e| of_log(&log, e))?;
+            }
+            streams.push(Stream {
+                path: log.clone(),
+                channel: validator.channel,
+                messages,
+            });
             let check = move || {
-                let check = validator.look_through(|entry| to_flight.push(entry));
-                to_flight.finish();
+                let check = validator.look_through(|chunk, entry| to_replay.push(chunk, entry));
+                to_replay.finish();
                 check.map_err(|e| of_log(&log, e))
             };
             checks.push(Builder::new().spawn_scoped(scope, check).map_err(failed)?);
         }
-        let fly = move || {
-            let replays = replays.into_iter().collect::<Result<Vec<_>, _>>()?;
-            FlightReplay::new(replays).fly(stops)
-        };
+        let fly = move || replay?.fly(streams, stops);
         let flight = Builder::new().spawn_scoped(scope, fly).map_err(failed)?;
         let mut checks = checks
             .into_iter()
@@ -247,286 +251,281 @@ fn print_summary(replayed: &ReplayResult) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// All logs of a flight, replayed together.
+/// Whether the stages of a channel are replayed from a log: its own, or that of a flight with one channel.
+fn is_of_channel(log: &LogValidator) -> bool {
+    log.channel.is_some() || log.arrangement.channels == 1
+}
+
+/// Messages of a log.
+struct Stream {
+    path: PathBuf,
+    /// None of the log of the flight.
+    channel: Option<Channel>,
+    messages: FromLog,
+}
+
+/// Stages of a channel, and what they sent.
+struct ChannelReplay {
+    loops: LoopsReplay,
+    comparison: ReplayComparison,
+    rotor_speeds: MessageWindow<RotorSpeeds>,
+    /// States in its own log, which are those of the flight.
+    states: Expected<State>,
+}
+
 struct FlightReplay {
-    flown: LogReplay,
-    /// With several channels, their own logs.
-    channels: Vec<LogReplay>,
-    states: StageStates,
+    from_tick: u64,
+    airframe: AirframeReplay,
+    states: MessageWindow<State>,
+    /// In the order of the channels.
+    channels: Vec<ChannelReplay>,
+    saved: SavedStates,
+    /// The stream of the flight, of several channels.
+    merge: Option<ChannelMerge>,
+    /// Messages of the flight's log that follow from those of the channels.
+    flown: expected::Flown,
+    monitor: FlightMonitor,
+    theorem: Expected<Monitor>,
+    comparison: ReplayComparison,
+    summary: Summary,
+    last_tick: u64,
+    /// Whether the plant has decided on the commands after the last tick.
+    is_ended: bool,
 }
 
 impl FlightReplay {
-    /// The first log is that of the flight.
-    fn new(mut logs: Vec<LogReplay>) -> Self {
-        let arrangement = logs[0].arrangement;
-        Self {
-            channels: logs.split_off(1),
-            flown: logs.remove(0),
-            states: StageStates::new(arrangement),
-        }
-    }
-
-    /// Replays to the end of the logs, or to the first difference if `stops`.
-    fn fly(mut self, stops: bool) -> Result<(ReplayComparison, Summary), Failure> {
-        // Alone, a log need not wait for others.
-        let is_alone = self.channels.is_empty();
-        let mut until = if is_alone { u64::MAX } else { 0 };
-        let states = &mut self.states;
-        loop {
-            let mut next = None;
-            for channel in &mut self.channels {
-                let reached = channel.advance(until, stops, states, &[])?;
-                next = [next, reached].into_iter().flatten().min();
-            }
-            let reached = self.flown.advance(until, stops, states, &self.channels)?;
-            match [next, reached].into_iter().flatten().min() {
-                Some(tick) => until = tick,
-                None => break,
-            }
-            let differs = |it: &LogReplay| it.comparison.first.is_some();
-            if stops && (differs(&self.flown) || self.channels.iter().any(differs)) {
-                break;
-            }
-        }
-        let mut summary = self.flown.summary;
-        for it in self.channels.iter().chain([&self.flown]) {
-            summary.restarts += it.loops.restarts - it.restarts_before;
-            summary.takeovers += it.loops.takeovers;
-        }
-        // Of differences in one tick, that of a channel is the cause.
-        let channels = self.channels.into_iter().rev();
-        let comparison = channels.fold(self.flown.comparison, |all, mut it| {
-            it.comparison.add(all);
-            it.comparison
-        });
-        Ok((comparison, summary))
-    }
-}
-
-/// A log that is replayed: of a flight with one channel, of one with several, or a channel's own.
-struct LogReplay {
-    path: PathBuf,
-    /// None at its end.
-    log: Option<FromLog>,
-    arrangement: Arrangement,
-    from_tick: u64,
-    /// None in a channel's own log.
-    airframe: Option<AirframeReplay>,
-    /// Whether the laws are replayed: not from the log of a flight with several channels.
-    has_stages: bool,
-    has_other_laws: bool,
-    loops: Box<LoopsReplay>,
-    comparison: ReplayComparison,
-    summary: Summary,
-    /// Restarts of the inner loop before the first compared tick.
-    restarts_before: u64,
-    inputs: Inputs,
-    /// Messages that were read and not replayed yet.
-    ahead: usize,
-}
-
-impl LogReplay {
-    fn new(
-        path: &Path,
-        validator: &LogValidator,
-        log: FromLog,
-        from_tick: u64,
-    ) -> Result<Self, Failure> {
-        let (settings, pace) = (&validator.settings, validator.reader.pace()?);
+    fn new(flown: &LogValidator, from_tick: u64) -> Result<Self, Failure> {
+        let (settings, pace) = (&flown.settings, flown.reader.pace()?);
         let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
         let faults = settings.planned()?.loops.messages;
-        let channel = validator.channel.unwrap_or(Channel::A);
-        let is_whole = validator.channel.is_none();
-        let arrangement = validator.arrangement;
-        let airframe =
-            || -> Result<_, Failure> { Ok(AirframeReplay::new(&settings.plant()?, pace, &faults)) };
+        let (arrangement, signals) = (flown.arrangement, settings.flown_laws()?.signals);
+        let merge = || ChannelMerge::new(arrangement, settings.waiting_ticks());
         Ok(Self {
-            path: path.to_owned(),
-            log: Some(log),
-            arrangement,
             from_tick,
-            airframe: is_whole.then(airframe).transpose()?,
-            has_stages: !is_whole || arrangement.channels == 1,
-            has_other_laws: !arrangement.are_alike(channel, Channel::A),
-            loops: Box::new(LoopsReplay::new(settings, channel)?),
-            comparison: ReplayComparison::from(from_tick, channel, settings.flown_laws()?.signals),
+            airframe: AirframeReplay::new(&settings.plant()?, pace, &faults),
+            states: window(),
+            channels: Vec::new(),
+            saved: SavedStates::default(),
+            merge: (arrangement.channels > 1).then(merge),
+            flown: expected::Flown::default(),
+            monitor: FlightMonitor::new(settings.theorem()?),
+            theorem: Expected::default(),
+            comparison: ReplayComparison::from(from_tick, Channel::A, signals),
             summary: Summary::new(tracking, from_tick),
-            restarts_before: 0,
-            inputs: Inputs::new(is_whole && settings.theorem()?.is_some(), pace, &faults),
-            ahead: 0,
+            last_tick: 0,
+            is_ended: false,
         })
     }
 
-    /// Replays up to a tick, or to the first difference if `stops`; returns the tick of the next message, if there is one.
-    fn advance(
-        &mut self,
-        until: u64,
+    fn add_channel(&mut self, own: &LogValidator, from_tick: u64) -> Result<(), Failure> {
+        let channel = own.channel.unwrap_or(Channel::A);
+        let signals = own.settings.flown_laws()?.signals;
+        self.channels.push(ChannelReplay {
+            loops: LoopsReplay::new(&own.settings, channel)?,
+            comparison: ReplayComparison::from(from_tick, channel, signals),
+            rotor_speeds: window(),
+            states: Expected::default(),
+        });
+        Ok(())
+    }
+
+    /// Replays to the end of the logs, or to the first difference if `stops`.
+    fn fly(
+        mut self,
+        mut streams: Vec<Stream>,
         stops: bool,
-        states: &mut StageStates,
-        channels: &[Self],
-    ) -> Result<Option<u64>, Failure> {
-        while let Some((tick, stage)) = self.read_next() {
-            if tick > until {
-                return Ok(Some(tick));
-            }
-            let stepped = self.step(tick, stage, states, channels);
-            stepped.map_err(|e| of_log(&self.path, e))?;
-            self.ahead -= 1;
-            if stops && self.comparison.first.is_some() {
-                break;
-            }
-        }
-        Ok(None)
-    }
-
-    /// Reads until it is certain which message is next, or enough have been read; none at the end of the log.
-    fn read_next(&mut self) -> Option<(u64, Role)> {
+    ) -> Result<(ReplayComparison, Summary), Failure> {
         loop {
-            let next = self.inputs.earliest();
-            let waits_for_swap = self.waits_for_swap();
-            let Some(log) = &mut self.log else {
-                return next.map(|it| (it.tick, it.stage));
+            // At one position, the message of a channel comes before what follows from it in the flight.
+            let position = |(place, stream): (usize, &mut Stream)| {
+                Some((stream.messages.position()?, stream.channel.is_none(), place))
             };
-            if let Some(next) = next
-                && (next.is_settled || self.ahead > LOOKAHEAD)
-                && !(next.stage == Role::Plant && waits_for_swap)
-            {
-                return Some((next.tick, next.stage));
+            let next = streams.iter_mut().enumerate().filter_map(position).min();
+            let Some((.., place)) = next else { break };
+            let Stream {
+                path,
+                channel,
+                messages,
+            } = &mut streams[place];
+            let Some(entry) = messages.next_entry() else {
+                break;
+            };
+            let stepped = self.step(*channel, &entry);
+            stepped.map_err(|e| of_log(path, e))?;
+            if stops && self.differs() {
+                return Ok(self.result());
             }
-            let Some(batch) = log.next_batch() else {
-                self.log = None;
-                continue;
-            };
-            for entry in batch {
-                match (entry, &mut self.airframe) {
-                    (LogEntry::Swap(swap), Some(airframe)) => airframe.push_swap(swap),
-                    (LogEntry::Swap(_), None) => {}
-                    _ => {
-                        self.inputs.take(entry);
-                        self.ahead += 1;
-                    }
+        }
+        self.finish()?;
+        Ok(self.result())
+    }
+
+    fn differs(&self) -> bool {
+        let mut channels = self.channels.iter();
+        self.comparison.first.is_some() || channels.any(|it| it.comparison.first.is_some())
+    }
+
+    /// Of differences in one tick, that of a channel is the cause.
+    fn result(mut self) -> (ReplayComparison, Summary) {
+        for channel in &self.channels {
+            self.summary.restarts += channel.loops.restarts;
+            self.summary.takeovers += channel.loops.takeovers;
+        }
+        let channels = self.channels.into_iter().rev();
+        let comparison = channels.fold(self.comparison, |all, mut it| {
+            it.comparison.add(all);
+            it.comparison
+        });
+        (comparison, self.summary)
+    }
+
+    /// Takes a message of the log of a channel, or of that of the flight.
+    fn step(&mut self, channel: Option<Channel>, entry: &LogEntry) -> Result<(), Failure> {
+        let comparison = &mut self.comparison;
+        match (channel, entry) {
+            (Some(channel), LogEntry::State(message)) => {
+                if let Some(own) = self.channels.get_mut(channel as usize) {
+                    own.states.recorded(message, &mut own.comparison);
                 }
+                Ok(())
+            }
+            // Those of the flight are the same, as the log check compares.
+            (Some(_), LogEntry::Swap(_) | LogEntry::Decisions(_)) | (_, LogEntry::Loss(_)) => {
+                Ok(())
+            }
+            (_, LogEntry::State(message)) => {
+                self.state(message)?;
+                self.merge(Channel::A, entry)
+            }
+            (_, LogEntry::Swap(swap)) => {
+                self.airframe.push_swap(swap);
+                self.merge(Channel::A, entry)
+            }
+            (_, LogEntry::Decisions(message)) => {
+                self.airframe.push_decisions(message);
+                self.is_ended = message.envelope.tick > self.last_tick;
+                self.merge(Channel::A, entry)
+            }
+            (_, LogEntry::Theorem(message)) => {
+                self.theorem.recorded(message, comparison);
+                Ok(())
+            }
+            (None, _) if self.merge.is_some() => {
+                self.flown.recorded(entry, comparison);
+                Ok(())
+            }
+            (channel, _) => {
+                let channel = channel.unwrap_or(Channel::A);
+                self.stage(channel, entry)?;
+                self.merge(channel, entry)
             }
         }
     }
 
-    /// Whether the next state includes a swap whose record has not been read yet.
-    fn waits_for_swap(&self) -> bool {
-        let (state, airframe) = (self.inputs.states.next(), self.airframe.as_ref());
-        self.ahead < LOOKAHEAD_FOR_SWAPS
-            && state
-                .zip(airframe)
-                .is_some_and(|(state, airframe)| !airframe.knows_swaps_of(&state.content))
-    }
-
-    fn step(
-        &mut self,
-        tick: u64,
-        stage: Role,
-        states: &mut StageStates,
-        channels: &[Self],
-    ) -> Result<(), Failure> {
-        let (inputs, comparison) = (&mut self.inputs, &mut self.comparison);
-        let (loops, outputs) = (&mut self.loops, &mut self.summary.outputs);
-        match stage {
-            Role::Plant => {
-                let message = of(&inputs.states, tick)?;
-                let differs = |channel: &Self| {
-                    let own = channel.inputs.states.of(tick);
-                    !own.is_some_and(|own| is_same(own, message))
-                };
-                if channels.iter().any(differs) {
-                    comparison.has_no_sender::<State>(tick);
-                }
-                if let Some(airframe) = &mut self.airframe {
-                    let state = airframe.step(message, &inputs.rotor_speeds, comparison)?;
-                    outputs.take(tick, &state);
-                    self.summary.state(tick, &state);
-                }
-                loops.take_state(message);
-                inputs.states.advance();
-            }
-            Role::Outer => {
-                let message = of(&inputs.setpoints, tick)?;
-                loops.take_setpoint(message);
-                let setpoint = if self.has_stages {
-                    loops.setpoint(message, inputs, states, comparison)?
-                } else {
-                    sent_by_one(message, channels, |it| &it.setpoints, comparison)
-                };
-                if let Some(setpoint) = setpoint {
-                    outputs.take(tick, &setpoint);
-                }
-                inputs.setpoints.advance();
-            }
-            Role::Inner => {
-                let message = of(&inputs.wrenches, tick)?;
-                loops.take_wrench(message);
-                let wrench = if self.has_stages {
-                    Some(loops.wrench(message, inputs, states, comparison)?)
-                } else {
-                    sent_by_one(message, channels, |it| &it.wrenches, comparison)
-                };
-                if let Some(wrench) = wrench {
-                    outputs.take(tick, &wrench);
-                    if tick >= self.from_tick {
-                        self.summary.wrench(&wrench);
-                    } else {
-                        self.restarts_before = loops.restarts;
-                    }
-                }
-                inputs.wrenches.advance();
-            }
-            Role::Mixer => {
-                let message = of(&inputs.rotor_speeds, tick)?;
-                let speeds = if self.has_stages {
-                    Some(loops.rotor_speeds(message, inputs, states, comparison)?)
-                } else {
-                    sent_by_one(message, channels, |it| &it.rotor_speeds, comparison)
-                };
-                // After the last tick the mixer stops the rotors; that command answers no state.
-                if let Some(speeds) = speeds.filter(|_| !is_final_command(message)) {
-                    outputs.take(tick, &speeds);
-                    if tick >= self.from_tick {
-                        self.summary.rotor_speeds(&speeds);
-                    }
-                }
-                inputs.rotor_speeds.advance();
-            }
-            Role::Record => {
-                loops.theorem(of(&inputs.theorem, tick)?, inputs, comparison)?;
-                inputs.theorem.advance();
+    fn state(&mut self, message: &Message<State>) -> Result<(), Failure> {
+        let tick = message.envelope.tick;
+        let channels = &self.channels;
+        let command =
+            |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
+        let state = self.airframe.step(message, command, &mut self.comparison)?;
+        self.summary.state(tick, &state);
+        self.summary.outputs.take(tick, &state);
+        self.states.push(*message);
+        (self.last_tick, self.is_ended) = (tick, false);
+        for channel in &mut self.channels {
+            channel.loops.take_state(message);
+            if self.merge.is_some() {
+                channel.states.follows(message, &mut channel.comparison);
             }
         }
         Ok(())
     }
-}
 
-fn is_same<C: Logged>(one: &Message<C>, other: &Message<C>) -> bool {
-    one.envelope == other.envelope && one.content.is_same(&other.content)
-}
-
-/// The content of a flown message, if a channel sent it: without the signals if its laws are others than those of channel a.
-fn sent_by_one<C: Logged>(
-    flown: &Message<C>,
-    channels: &[LogReplay],
-    topic: fn(&Inputs) -> &MessageWindow<C>,
-    comparison: &mut ReplayComparison,
-) -> Option<C> {
-    let tick = flown.envelope.tick;
-    let is_sent = channels.iter().any(|channel| {
-        let sent = topic(&channel.inputs).of(tick).copied();
-        sent.is_some_and(|mut sent| {
-            if channel.has_other_laws
-                && let Some(signals) = sent.content.telemetry_mut()
-            {
-                *signals = Telemetry::default();
+    /// Replays what a stage of a channel sent.
+    fn stage(&mut self, channel: Channel, entry: &LogEntry) -> Result<(), Failure> {
+        let Some(own) = self.channels.get_mut(channel as usize) else {
+            return Err(gap(&format!("it has no channel {channel}")));
+        };
+        let (loops, saved, comparison) = (&mut own.loops, &mut self.saved, &mut own.comparison);
+        match entry {
+            LogEntry::Setpoint(message) => loops.setpoint(message, saved, comparison),
+            LogEntry::Wrench(message) => {
+                let is_counted = message.envelope.tick >= self.from_tick;
+                loops.wrench(message, is_counted, saved, comparison)
             }
-            is_same(&sent, flown)
-        })
-    });
-    if !is_sent {
-        comparison.has_no_sender::<C>(tick);
+            LogEntry::RotorSpeeds(message) => {
+                own.rotor_speeds.push(*message);
+                loops.rotor_speeds(message, saved, comparison)
+            }
+            _ => Ok(()),
+        }
     }
-    is_sent.then_some(flown.content)
+
+    /// Takes the messages of the flight that are decided on with this one.
+    fn merge(&mut self, channel: Channel, entry: &LogEntry) -> Result<(), Failure> {
+        let Some(merge) = &mut self.merge else {
+            return self.flown(entry);
+        };
+        let mut flown = Vec::new();
+        merge.take(channel, entry, |it| flown.push(*it));
+        flown.iter().try_for_each(|it| self.flown(it))
+    }
+
+    /// Takes a message of the flight.
+    fn flown(&mut self, entry: &LogEntry) -> Result<(), Failure> {
+        if self.merge.is_some() {
+            self.flown.follows(entry, &mut self.comparison);
+        }
+        let tick = entry.envelope().tick;
+        let (summary, is_counted) = (&mut self.summary, tick >= self.from_tick);
+        match entry {
+            LogEntry::Setpoint(message) => summary.outputs.take(tick, &message.content),
+            LogEntry::Wrench(message) => {
+                summary.outputs.take(tick, &message.content);
+                if is_counted {
+                    summary.wrench(&message.content);
+                }
+                let truth = self.states.input(message.envelope.input_tick[0]);
+                // The inner loops of all channels have the same faults at their inputs.
+                let loops = self.channels.first().map(|it| &it.loops);
+                let state = loops.map_or(Ok(None), |it| it.monitored(message, truth))?;
+                if let Some(result) = self.monitor.watch(message, state.as_ref()) {
+                    self.theorem.follows(&result, &mut self.comparison);
+                }
+            }
+            // After the last tick the mixer stops the rotors; that command answers no state.
+            LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
+                summary.outputs.take(tick, &message.content);
+                if is_counted {
+                    summary.rotor_speeds(&message.content);
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Completes the flight: no message comes any more.
+    fn finish(&mut self) -> Result<(), Failure> {
+        if let Some(mut merge) = self.merge.take() {
+            let mut flown = Vec::new();
+            merge.finish(|it| flown.push(*it));
+            self.merge = Some(merge);
+            flown.iter().try_for_each(|it| self.flown(it))?;
+        }
+        if self.is_ended {
+            let channels = &self.channels;
+            let command =
+                |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
+            let comparison = &mut self.comparison;
+            let missed = self.airframe.end(self.last_tick, command, comparison)?;
+            self.summary.end(missed);
+        }
+        self.flown.finish(&mut self.comparison);
+        self.theorem.finish(&mut self.comparison);
+        for channel in &mut self.channels {
+            channel.states.finish(&mut channel.comparison);
+        }
+        Ok(())
+    }
 }

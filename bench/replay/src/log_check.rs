@@ -24,6 +24,9 @@ use sim::expected_messages::{ExpectedMessages, gap};
 pub use sim::recorded_timing::first_of;
 use sim::recorded_timing::{check_whole, recorded_settings};
 
+/// Parameter changes that a replay keeps at the most.
+const MOST_SWAPS: usize = 100_000;
+
 #[derive(Clone, Debug)]
 pub struct LogCheck {
     /// The log, or the first file of a channel's that is truncated.
@@ -76,21 +79,28 @@ impl LogValidator {
         })
     }
 
-    /// Reads to the end of the log and passes on each valid message.
-    pub fn look_through(mut self, mut hand_on: impl FnMut(&LogEntry)) -> Result<LogCheck, Failure> {
+    /// Reads to the end of the log and passes on each valid message, with the number of its chunk and its position.
+    pub fn look_through(
+        mut self,
+        mut hand_on: impl FnMut(u64, (u64, LogEntry)),
+    ) -> Result<LogCheck, Failure> {
         let mut newest = None;
-        let mut next = Some(&self.first);
-        while let Some(entry) = next {
+        let mut next = Some(self.first);
+        while let Some(entry) = &next {
             self.expected.check(entry)?;
             match entry {
                 LogEntry::State(Message { envelope, content }) => {
                     newest = Some((envelope.tick, content.parameter_epoch));
                 }
+                LogEntry::Swap(_) if self.swaps.len() == MOST_SWAPS => {
+                    let what = format!("it has more than {MOST_SWAPS} parameter changes");
+                    return Err(self.reader.damaged(&what));
+                }
                 LogEntry::Swap(message) => self.swaps.push(*message),
                 _ => {}
             }
-            hand_on(entry);
-            next = self.reader.next_entry()?;
+            hand_on(self.reader.chunks, (self.reader.position(), *entry));
+            next = self.reader.next_entry()?.copied();
         }
         let (reader, swaps) = (self.reader, self.swaps);
         if reader.end() == End::Complete {
@@ -117,7 +127,8 @@ impl LogValidator {
 pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     let mut settings = recorded_settings(reader)?;
     if is_file(&settings.flight.trajectory) {
-        let points = PointsFile::of(reader.fact(SETTINGS, POINTS)?.to_owned());
+        let tolerance = settings.trajectory.tolerance;
+        let points = PointsFile::of(reader.fact(SETTINGS, POINTS)?.to_owned(), tolerance);
         let points = points.map_err(|e| reader.damaged(&format!("its {POINTS}: {e}")))?;
         settings
             .take_points(points)

@@ -1,4 +1,6 @@
-//! Replays outer loop, inner loop, mixer and the theorem's monitor, each on the inputs that its messages name.
+//! Replays outer loop, inner loop and mixer of a channel, each from the state and the inputs that its messages name.
+
+use std::collections::{BTreeMap, VecDeque};
 
 use control_api::guard::Guarded;
 use control_api::law::CopyState;
@@ -7,19 +9,46 @@ use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use faults::Port;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::{Header, Message};
-use messages::layout::Visit as _;
-use messages::monitor::Monitor;
+use messages::history::LawState;
 use messages::role::{Channel, Replica, Role};
 
 use crate::comparison::ReplayComparison;
-use crate::inputs::{Inputs, RecordedInput, input, of};
-use crate::stage_states::StageStates;
+use crate::inputs::RecordedInput;
 use analysis::states::is_final_command;
 use config::Settings;
-use controller::flight_monitor::FlightMonitor;
 use errors::Failure;
+use flight_log::codec::Logged;
+use sim::expected_messages::gap;
 
-/// Outer loop, inner loop and mixer of a channel, and the theorem's monitor.
+/// States that are kept of each stage. Another process continues from one of the last; half a second at 8 kHz is ample.
+const STATES_KEPT: usize = 4096;
+
+/// A state of a stage, with its tick and history.
+type DatedState = ((u64, u64), Vec<u8>);
+
+/// States of the stages of all channels after their last messages.
+#[derive(Default)]
+pub struct SavedStates {
+    states: BTreeMap<Replica, VecDeque<DatedState>>,
+}
+
+impl SavedStates {
+    fn push(&mut self, stage: Replica, of: (u64, u64), state: &SavedState) {
+        let states = self.states.entry(stage).or_default();
+        let is_full = states.len() == STATES_KEPT;
+        let (_, mut place) = states.pop_front_if(|_| is_full).unwrap_or_default();
+        place.clear();
+        place.extend_from_slice(state);
+        states.push_back((of, place));
+    }
+
+    fn of(&self, stage: Replica, of: (u64, u64)) -> Option<&[u8]> {
+        let mut states = self.states.get(&stage)?.iter().rev();
+        let (_, state) = states.find(|(it, _)| *it == of)?;
+        Some(state)
+    }
+}
+
 pub struct LoopsReplay {
     settings: Settings,
     channel: Channel,
@@ -27,13 +56,12 @@ pub struct LoopsReplay {
     inner: Option<Replayed<GuardedInner>>,
     mixer: Option<Replayed<GuardedMixer>>,
     outer_state: RecordedInput<State>,
-    inner_state: RecordedInput<State>,
+    pub inner_state: RecordedInput<State>,
     inner_setpoint: RecordedInput<Setpoint>,
     mixer_wrench: RecordedInput<Wrench>,
-    theorem: FlightMonitor,
     /// Of the inner loop.
     pub restarts: u64,
-    /// Messages that follow only from the state of another channel, or of the process before.
+    /// Messages that continue from the state of another process.
     pub takeovers: u64,
 }
 
@@ -55,240 +83,207 @@ impl LoopsReplay {
             inner_state: RecordedInput::new(&faults, Port::InnerState),
             inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint),
             mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench),
-            theorem: FlightMonitor::new(settings.theorem()?, settings.rt.channels),
             restarts: 0,
             takeovers: 0,
         })
     }
 
-    /// Takes the next recorded state; call it before any output that used the state.
     pub fn take_state(&mut self, message: &Message<State>) {
         self.outer_state.take(message);
         self.inner_state.take(message);
     }
 
-    pub fn take_setpoint(&mut self, message: &Message<Setpoint>) {
-        self.inner_setpoint.take(message);
-    }
-
-    pub fn take_wrench(&mut self, message: &Message<Wrench>) {
-        self.mixer_wrench.take(message);
-    }
-
     pub fn setpoint(
         &mut self,
         message: &Message<Setpoint>,
-        inputs: &Inputs,
-        states: &mut StageStates,
+        states: &mut SavedStates,
         comparison: &mut ReplayComparison,
-    ) -> Result<Option<Setpoint>, Failure> {
+    ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
-        let tick = envelope.tick;
-        let state = self
-            .outer_state
-            .input(&inputs.states, envelope.input_tick[0], tick)?;
-        let output = Replayed::work(
+        let (tick, input_tick) = (envelope.tick, envelope.input_tick);
+        self.inner_setpoint.take(message);
+        let state = self.outer_state.input(input_tick[0], tick)?;
+        let work = Replayed::work(
             &mut self.outer,
             (Replica::new(Role::Outer, self.channel), envelope),
             states,
             || self.settings.outer_stage(),
             |outer| outer.tick(tick, &state),
-            |output| output.is_some_and(|it| it.is_same(content)),
         )?;
-        self.takeovers += u64::from(output.is_takeover);
-        match &output.content {
+        self.takeovers += u64::from(work.is_takeover);
+        match &work.output {
             Some(setpoint) => comparison.compare(tick, content, setpoint),
             None => comparison.lacks::<Setpoint>(tick, "thrust_n"),
         }
-        Ok(output.content)
+        let inputs = [self.outer_state.history(input_tick[0])];
+        check_history::<Setpoint>(envelope, &inputs, comparison);
+        Ok(())
     }
 
+    /// Replays a wrench; a restart before it is counted if the wrench is.
     pub fn wrench(
         &mut self,
         message: &Message<Wrench>,
-        inputs: &Inputs,
-        states: &mut StageStates,
+        is_counted: bool,
+        states: &mut SavedStates,
         comparison: &mut ReplayComparison,
-    ) -> Result<Wrench, Failure> {
+    ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
-        let tick = envelope.tick;
-        let state = self
-            .inner_state
-            .input(&inputs.states, envelope.input_tick[0], tick)?;
-        let setpoint =
-            self.inner_setpoint
-                .input(&inputs.setpoints, envelope.input_tick[1], tick)?;
-        let output = Replayed::work(
+        let (tick, input_tick) = (envelope.tick, envelope.input_tick);
+        self.mixer_wrench.take(message);
+        let state = self.inner_state.input(input_tick[0], tick)?;
+        let setpoint = self.inner_setpoint.input(input_tick[1], tick)?;
+        let work = Replayed::work(
             &mut self.inner,
             (Replica::new(Role::Inner, self.channel), envelope),
             states,
             || self.settings.inner_stage(),
             |inner| inner.tick(tick, &state, &setpoint),
-            |output| output.is_same(content),
         )?;
-        self.restarts += u64::from(output.is_new);
-        self.takeovers += u64::from(output.is_takeover);
-        comparison.compare(tick, content, &output.content);
-        Ok(output.content)
+        self.restarts += u64::from(work.is_restart && is_counted);
+        self.takeovers += u64::from(work.is_takeover);
+        comparison.compare(tick, content, &work.output);
+        let inputs = [
+            self.inner_setpoint.history(input_tick[1]),
+            self.inner_state.history(input_tick[0]),
+        ];
+        check_history::<Wrench>(envelope, &inputs, comparison);
+        Ok(())
     }
 
     pub fn rotor_speeds(
         &mut self,
         message: &Message<RotorSpeeds>,
-        inputs: &Inputs,
-        states: &mut StageStates,
+        states: &mut SavedStates,
         comparison: &mut ReplayComparison,
-    ) -> Result<RotorSpeeds, Failure> {
+    ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
-        let tick = envelope.tick;
+        let (tick, input_tick) = (envelope.tick, envelope.input_tick);
         let is_final = is_final_command(message);
-        let wrench = if is_final {
-            Stamped::never()
-        } else {
-            self.mixer_wrench
-                .input(&inputs.wrenches, envelope.input_tick[2], tick)?
-        };
-        let output = Replayed::work(
+        if is_final {
+            // It idles the rotors, whatever state the law had.
+            let idle = self.settings.mixer_stage()?.idle();
+            comparison.compare(tick, content, &idle);
+            return Ok(());
+        }
+        let wrench = self.mixer_wrench.input(input_tick[2], tick)?;
+        let work = Replayed::work(
             &mut self.mixer,
             (Replica::new(Role::Mixer, self.channel), envelope),
             states,
             || self.settings.mixer_stage(),
-            |mixer| match is_final {
-                true => mixer.idle(),
-                false => mixer.tick(tick, &wrench),
-            },
-            |output| output.is_same(content),
+            |mixer| mixer.tick(tick, &wrench),
         )?;
-        self.takeovers += u64::from(output.is_takeover);
-        comparison.compare(tick, content, &output.content);
-        Ok(output.content)
+        self.takeovers += u64::from(work.is_takeover);
+        comparison.compare(tick, content, &work.output);
+        let inputs = [self.mixer_wrench.history(input_tick[2])];
+        check_history::<RotorSpeeds>(envelope, &inputs, comparison);
+        Ok(())
     }
 
-    pub fn theorem(
-        &mut self,
-        message: &Message<Monitor>,
-        inputs: &Inputs,
-        comparison: &mut ReplayComparison,
-    ) -> Result<(), Failure> {
-        let tick = message.envelope.tick;
-        let wrench = of(&inputs.wrenches, tick)?;
-        let input_tick = wrench.envelope.input_tick[0];
-        let mut state = input(&inputs.states, input_tick, tick)?;
-        let faulty = self.inner_state.input(&inputs.states, input_tick, tick)?;
-        state.content.measured = faulty.content.measured;
-        match self.theorem.watch(wrench, Some(&state)) {
-            Some(replayed) => comparison.compare(tick, &message.content, &replayed.content),
-            None => comparison.lacks::<Monitor>(tick, "ticks_checked"),
-        }
-        Ok(())
+    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it.
+    pub fn monitored(
+        &self,
+        wrench: &Message<Wrench>,
+        truth: Option<Stamped<State>>,
+    ) -> Result<Option<Stamped<State>>, Failure> {
+        let Header {
+            tick, input_tick, ..
+        } = wrench.envelope;
+        let had = self.inner_state.input(input_tick[0], tick)?;
+        Ok(truth.map(|mut truth| {
+            truth.content.measured = had.content.measured;
+            truth
+        }))
     }
 }
 
-/// States of a stage that are kept beside the first one that a message follows from.
-const MOST_OTHERS: usize = 256;
+/// Compares the history that a message names with that of its state and its inputs.
+fn check_history<C: Logged>(
+    envelope: &Header,
+    inputs: &[(u64, u64)],
+    comparison: &mut ReplayComparison,
+) {
+    let recorded = envelope.law_state;
+    let mut replayed = recorded;
+    replayed.advance(envelope.tick, inputs.iter().copied());
+    if replayed.after != recorded.after {
+        let histories = [recorded.after, replayed.after].map(|it| format!("{it}"));
+        comparison.differs::<C>(envelope.tick, "envelope.law_state.after", histories);
+    }
+}
 
 /// A stage, and the process that it replays.
 struct Replayed<S> {
     epoch: u64,
+    /// Tick of its last message, and the history of its state after that.
+    of: (u64, u64),
     stage: S,
-    /// States that it may have instead: its messages with stale inputs follow from them, too.
-    others: Vec<Vec<u8>>,
 }
 
-/// What a stage sent, replayed.
-struct Output<O> {
-    content: O,
+/// Output of a stage, replayed.
+struct Work<O> {
+    output: O,
     /// Whether it is the first message of a process that has replaced another one.
-    is_new: bool,
+    is_restart: bool,
     is_takeover: bool,
 }
 
 impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
-    /// Replays a message, for which `is_it` is true of the output.
-    ///
-    /// The log does not say from which state a stage continued that was disturbed or is new: its own, that of the process
-    /// before it, or one of another channel. It is the first of them from which the message follows. A message with stale
-    /// inputs may follow from several: the others are kept until one with fresh inputs decides. A new process whose law
-    /// cannot be saved begins with the initial state.
+    /// Works a tick from the state that the message names: that after the stage's own last message, the initial one, or
+    /// that of another process after a tick.
     fn work<O>(
         replayed: &mut Option<Self>,
         (replica, header): (Replica, &Header),
-        states: &mut StageStates,
+        states: &mut SavedStates,
         make: impl Fn() -> Result<Guarded<L, M>, Failure>,
-        tick: impl Fn(&mut Guarded<L, M>) -> O,
-        is_it: impl Fn(&O) -> bool,
-    ) -> Result<Output<O>, Failure> {
-        let epoch = header.epoch;
+        tick: impl FnOnce(&mut Guarded<L, M>) -> O,
+    ) -> Result<Work<O>, Failure> {
+        let LawState {
+            from_tick: from,
+            channel,
+            before,
+            after,
+        } = header.law_state;
+        let (of, is_own) = ((from, before), channel == replica.channel as u64);
         let last = replayed.take();
-        let is_new = last.as_ref().is_some_and(|it| it.epoch != epoch);
-        let has_own = states.of(replica).next().is_some();
-        let (stage, others) = match last {
-            Some(last) if !is_new || has_own => (last.stage, last.others),
-            _ => (make()?, Vec::new()),
-        };
-        let Self { stage, others, .. } = replayed.insert(Self {
-            epoch,
-            stage,
-            others,
-        });
-        let mut content = tick(stage);
-        let mut is_takeover = false;
-        if !is_it(&content) {
-            let before = states.of(replica).skip(1).filter(|_| is_new);
-            let mut candidates = others
-                .iter()
-                .map(Vec::as_slice)
-                .chain(before)
-                .chain(states.of_twins(replica));
-            let found = candidates.find_map(|state| {
-                let content = stage.load(state).then(|| tick(stage))?;
-                is_it(&content).then_some(content)
-            });
-            is_takeover = found.is_some();
-            content = if let Some(found) = found {
-                found
-            } else {
-                // It differs, and goes on from its own state.
-                let own = states.of(replica).next().filter(|_| !is_new);
-                if !own.is_some_and(|own| stage.load(own)) {
-                    *stage = make()?;
+        let is_restart = last.as_ref().is_some_and(|it| it.epoch != header.epoch);
+        let mut room = SavedState::new();
+        let mut stage = match last {
+            _ if from == NO_TICK => make()?,
+            Some(mut last) if is_own && last.of == of => {
+                if is_restart {
+                    last.stage.replace_by(make()?, &mut room);
                 }
-                tick(stage)
-            };
-        }
-        let mut state = SavedState::new();
-        if stage.save(&mut state) {
-            let is_stale = |it: &u64| ![header.tick, NO_TICK].contains(it);
-            let before = std::mem::take(others);
-            if header.input_tick.iter().any(is_stale) {
-                let twins = states.of_twins(replica).map(<[u8]>::to_vec);
-                *others = after(stage, &state, twins.chain(before), |it| is_it(&tick(it)));
-                stage.load(&state);
+                last.stage
             }
-            states.push(replica, &state);
+            last => {
+                let own = last.filter(|_| !is_restart);
+                let mut stage = own.map_or_else(&make, |it| Ok(it.stage))?;
+                let twin = Channel::from_wire(channel).map(|it| Replica::new(replica.role, it));
+                let state = twin.and_then(|twin| states.of(twin, of));
+                if !state.is_some_and(|state| stage.load(state)) {
+                    return Err(gap(&format!(
+                        "at tick {} stage {replica} continued from the state of channel {} after tick {from}, which is not \
+                         in it",
+                        header.tick,
+                        twin.map_or("?", |it| it.channel.name()),
+                    )));
+                }
+                stage
+            }
+        };
+        let output = tick(&mut stage);
+        let of = (header.tick, after);
+        if stage.save(&mut room) {
+            states.push(replica, of, &room);
         }
-        Ok(Output {
-            content,
-            is_new,
-            is_takeover,
+        let epoch = header.epoch;
+        *replayed = Some(Self { epoch, of, stage });
+        Ok(Work {
+            output,
+            is_restart,
+            is_takeover: from != NO_TICK && (is_restart || !is_own),
         })
     }
-}
-
-/// The states of a stage after a message that follows from some of the `candidates`, `does` replaying it; without `known`.
-fn after<L: CopyState + ?Sized, M: Field + Clone>(
-    stage: &mut Guarded<L, M>,
-    known: &[u8],
-    candidates: impl Iterator<Item = Vec<u8>>,
-    does: impl Fn(&mut Guarded<L, M>) -> bool,
-) -> Vec<Vec<u8>> {
-    let (mut all, mut state) = (Vec::new(), SavedState::new());
-    for candidate in candidates {
-        let follows = stage.load(&candidate) && does(stage) && stage.save(&mut state);
-        let is_new = known != &state[..] && all.iter().all(|it: &Vec<u8>| it[..] != state[..]);
-        if follows && is_new && all.len() < MOST_OTHERS {
-            all.push(state.to_vec());
-        }
-    }
-    all
 }

@@ -6,14 +6,15 @@ use messages::header::Message;
 use messages::output_hash::OutputHash;
 
 use crate::log_check::LogCheck;
+use analysis::effort::EffortStatistics;
 use analysis::faults::AppliedSwap;
 use analysis::phrase::count;
-use analysis::tracking::{Tracking, TrackingError};
+use analysis::tracking::{Tracking, TrackingStatistics};
 
 /// How many ticks a stage was in each mode.
 type Modes = [u64; Mode::ALL.len()];
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Summary {
     tracking: Tracking,
     from_tick: u64,
@@ -23,10 +24,10 @@ pub struct Summary {
     /// Ticks skipped and deadlines missed before the first counted tick.
     before: [u64; 2],
     newest: Option<(u64, State)>,
-    error: TrackingError,
+    errors: TrackingStatistics,
     inner: Modes,
     mixer: Modes,
-    saturated: u64,
+    effort: EffortStatistics,
     estimate: [f64; 3],
     /// Over all replayed outputs.
     pub outputs: OutputHash,
@@ -42,10 +43,10 @@ impl Summary {
             takeovers: 0,
             before: [0; 2],
             newest: None,
-            error: TrackingError::default(),
+            errors: TrackingStatistics::new(tracking.period_s()),
             inner: [0; Mode::ALL.len()],
             mixer: [0; Mode::ALL.len()],
-            saturated: 0,
+            effort: EffortStatistics::default(),
             estimate: [0.0; 3],
             outputs: OutputHash::default(),
         }
@@ -58,7 +59,15 @@ impl Summary {
         }
         self.ticks += 1;
         self.newest = Some((tick, *state));
-        self.error.take(self.tracking.error_m(tick, state));
+        let errors = self.tracking.errors(tick, state, None);
+        self.errors.take(tick, state, &errors);
+    }
+
+    /// Takes all missed deadlines of a flight that is over.
+    pub const fn end(&mut self, deadlines_missed: u64) {
+        if let Some((_, state)) = &mut self.newest {
+            state.deadlines_missed = deadlines_missed;
+        }
     }
 
     pub fn wrench(&mut self, wrench: &Wrench) {
@@ -68,7 +77,7 @@ impl Summary {
 
     pub fn rotor_speeds(&mut self, speeds: &RotorSpeeds) {
         take(&mut self.mixer, speeds.mode);
-        self.saturated += speeds.saturated;
+        self.effort.take(speeds);
     }
 
     /// Ticks from the first to the newest one, including skipped ones.
@@ -87,17 +96,20 @@ impl Summary {
             0 => String::new(),
             from => format!("from tick {from} "),
         };
-        let [replayed, saturated] = [self.ticks, self.saturated].map(|ticks| count(ticks, "tick"));
+        let replayed = count(self.ticks, "tick");
+        let performance = self.errors.performance(&self.effort);
+        let errors = render::sentences::errors(&performance).join("\n");
+        let effort = render::sentences::effort(&performance);
+        let effort = effort.unwrap_or_else(|| "no rotor command".into());
         let mut text = format!(
             "{}: {replayed} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n\
-             position error {}\n\
+             {errors}\n\
              inner loop {}; started {} in flight\n\
-             mixer      {}; rotors saturated in {saturated}\n\
+             mixer      {}; {effort}\n\
              outputs    {}\n",
             survey.settings.conditions(),
             tick as f64 * flight.period_s,
             count(missed, "deadline"),
-            self.error,
             modes(&self.inner),
             count(self.restarts, "time"),
             modes(&self.mixer),

@@ -7,7 +7,8 @@ use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
 use flight_log::facts::{CHANNEL, RUN};
 use flight_log::reader::LogReader;
-use messages::header::LAYOUT;
+use messages::header::{LAYOUT, Message};
+use messages::role::Channel;
 
 pub fn gap(what: &str) -> Failure {
     Failure::failed(format!("the log has a gap: {what}"))
@@ -72,7 +73,7 @@ impl ExpectedMessages {
 
     pub fn check(&mut self, entry: &LogEntry) -> Result<(), Failure> {
         let (place, topic) = (entry.topic(), TOPICS[entry.topic()]);
-        let many_per_tick = matches!(entry, LogEntry::Swap(_));
+        let many_per_tick = matches!(entry, LogEntry::Swap(_) | LogEntry::Decisions(_));
         let envelope = entry.envelope();
         let (run_id, settings) = (envelope.run_id, envelope.settings);
         let (epoch, seq, tick) = (envelope.epoch, envelope.seq, envelope.tick);
@@ -84,11 +85,24 @@ impl ExpectedMessages {
             )));
         }
         self.messages[place] += 1;
+        if let LogEntry::Loss(Message { content, .. }) = entry {
+            let topic = usize::try_from(content.topic).ok();
+            let topic = topic.and_then(|it| TOPICS.get(it)).unwrap_or(&"?");
+            let channel = Channel::from_wire(content.channel).map_or("?", Channel::name);
+            return Err(gap(&format!(
+                "the recorder lost {} of topic `{topic}` of channel {channel} before tick {}",
+                count(content.messages, "message"),
+                content.before_tick
+            )));
+        }
         let last = self.newest[place].replace(Sent { epoch, seq, tick });
         let same_sender = last.filter(|last| last.epoch == epoch);
         let owed = same_sender.map_or(0, |last| last.seq.saturating_add(1));
-        let is_of_channels =
-            self.has_many_senders && !matches!(entry, LogEntry::State(_) | LogEntry::Swap(_));
+        let is_of_stage = matches!(
+            entry,
+            LogEntry::Setpoint(_) | LogEntry::Wrench(_) | LogEntry::RotorSpeeds(_)
+        );
+        let is_of_channels = self.has_many_senders && is_of_stage;
         if seq != owed && !is_of_channels {
             let missing = count(seq.wrapping_sub(owed), "message");
             return Err(gap(&format!(

@@ -11,8 +11,8 @@ use analysis::states::is_final_command;
 use flight_log::entry::LogEntry;
 use flight_log::facts::SETTINGS;
 use flight_log::reader::{End, LogReader};
+use messages::content::TakenCommand;
 use messages::grid::Pace;
-use messages::header::Message;
 use messages::role::Role;
 use sha2::{Digest as _, Sha256};
 
@@ -22,7 +22,7 @@ use errors::Failure;
 
 #[derive(Clone, Debug)]
 pub struct Timing {
-    /// Events in the order of the clock.
+    /// Events in the order in which they happened.
     pub events: Vec<Event>,
     pub last_tick: u64,
     sample_time_ns: u64,
@@ -30,7 +30,6 @@ pub struct Timing {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
-    pub sent_ns: u64,
     pub tick: u64,
     /// Start of the sending process; a new process starts with initial estimates.
     pub epoch: u64,
@@ -39,11 +38,10 @@ pub struct Event {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    State {
-        /// Number of rotor commands that the plant had taken.
-        taken: u64,
-        /// Tick of the newest of them.
-        taken_tick: u64,
+    State,
+    /// The plant took the command of a tick, before its next state.
+    Taken {
+        command: u64,
     },
     /// A setpoint, from the state of a tick.
     Setpoint {
@@ -77,47 +75,56 @@ impl Timing {
             ))
             .help("name a flight in real time: `ironbird fly --log all --pace realtime`"));
         }
-        let mut take = |entry: &LogEntry| {
-            let (envelope, role, source) = match entry {
-                LogEntry::State(Message { envelope, content }) => {
+        let mut take = |position: u64, entry: &LogEntry| {
+            let envelope = entry.envelope();
+            let mut event = |source: Source| {
+                let (tick, epoch) = (envelope.tick, envelope.epoch);
+                let event = Event {
+                    tick,
+                    epoch,
+                    source,
+                };
+                events.push((position, event));
+            };
+            let mut taken = |command: &TakenCommand| {
+                if command.is_offered == 1 {
+                    event(Source::Taken {
+                        command: command.of_tick,
+                    });
+                }
+            };
+            match entry {
+                LogEntry::Decisions(message) => message.content.commands().iter().for_each(taken),
+                LogEntry::State(message) => {
                     last_tick = envelope.tick;
-                    let source = Source::State {
-                        taken: content.commands_taken,
-                        taken_tick: content.command_taken_tick,
-                    };
-                    (envelope, Role::Plant, source)
+                    if message.content.decision.count == 1 {
+                        taken(&message.content.decision.command);
+                    }
+                    event(Source::State);
                 }
-                LogEntry::Setpoint(Message { envelope, .. }) => {
+                LogEntry::Setpoint(_) => {
                     let state = envelope.input_tick[0];
-                    (envelope, Role::Outer, Source::Setpoint { state })
+                    event(Source::Setpoint { state });
                 }
-                LogEntry::Wrench(Message { envelope, .. }) => {
+                LogEntry::Wrench(_) => {
                     let [state, setpoint, _] = envelope.input_tick;
-                    (envelope, Role::Inner, Source::Wrench { state, setpoint })
+                    event(Source::Wrench { state, setpoint });
                 }
                 LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
-                    let envelope = &message.envelope;
                     let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-                    let source = Source::RotorSpeeds {
+                    event(Source::RotorSpeeds {
                         wrench: envelope.input_tick[2],
                         acts_from: pace.effective_tick(envelope.tick, sent_ns),
-                    };
-                    (envelope, Role::Mixer, source)
+                    });
                 }
-                LogEntry::RotorSpeeds(_) | LogEntry::Swap(_) | LogEntry::Theorem(_) => return,
-            };
-            events.push(Event {
-                sent_ns: envelope.stamps_of(role).send_ns,
-                tick: envelope.tick,
-                epoch: envelope.epoch,
-                source,
-            });
+                _ => {}
+            }
         };
-        expected.check(&first)?;
-        take(&first);
-        while let Some(entry) = reader.next_entry()? {
-            expected.check(entry)?;
-            take(entry);
+        let mut next = Some(first);
+        while let Some(entry) = next {
+            expected.check(&entry)?;
+            take(reader.position(), &entry);
+            next = reader.next_entry()?.copied();
         }
         if reader.end() != End::Complete {
             return Err(Failure::failed(format!(
@@ -127,9 +134,9 @@ impl Timing {
             .help("the flight is still running, or its recorder died; name another flight"));
         }
         expected.check_landing(&reader)?;
-        events.sort_by_key(|event| event.sent_ns);
+        events.sort_by_key(|(position, _)| *position);
         Ok(Self {
-            events,
+            events: events.into_iter().map(|(_, event)| event).collect(),
             last_tick,
             sample_time_ns,
         })
@@ -147,7 +154,8 @@ impl Timing {
         for event in &self.events {
             let (tick, epoch) = (event.tick, event.epoch);
             match event.source {
-                Source::State { taken, taken_tick } => add(&[0, tick, epoch, taken, taken_tick]),
+                Source::State => add(&[0, tick, epoch]),
+                Source::Taken { command } => add(&[4, tick, command]),
                 Source::Setpoint { state } => add(&[1, tick, epoch, state]),
                 Source::Wrench { state, setpoint } => add(&[2, tick, epoch, state, setpoint]),
                 Source::RotorSpeeds { wrench, acts_from } => {

@@ -9,17 +9,19 @@ use messages::parameters::ESTIMATED;
 use crate::recorded_timing::Timing;
 use crate::simulator::Simulator;
 pub use crate::simulator::simulated_flight::{Judge, SimulatedFlight, fly, fly_with, follow};
+use analysis::effort::EffortStatistics;
 use analysis::laws::NotFinite;
 use analysis::phrase::count;
-use analysis::schema::{FlightStatus, Gate};
+use analysis::schema::{AcceptanceResult, ControlPerformance, FlightVerdict, Gate};
 use analysis::states::StatesWriter;
 use analysis::theorem::TheoremStatistics;
 use analysis::tracer::Tracer;
-use analysis::tracking::{RecentStates, Tracking};
+use analysis::tracking::{Tracking, TrackingStatistics};
+use analysis::verdicts::flight_verdict;
 use config::Settings;
 use config::law_settings::Chosen;
 use errors::output::print;
-use errors::{Failure, GATE, OK, write_text};
+use errors::{Failure, write_text};
 use flight_log::wall_time::speed;
 use render::figures::Figures;
 use render::picture;
@@ -30,18 +32,18 @@ pub struct OutputFiles<'a> {
     pub plot: Option<&'a Path>,
 }
 
-/// Simulates a flight, optionally with recorded timing, and prints the result. Returns the flight and the exit code.
+/// Simulates a flight, optionally with recorded timing, and prints the result. Returns the flight and its result.
 pub fn report(
     settings: &Settings,
     timing: Option<&Timing>,
     leaves: &OutputFiles<'_>,
-) -> Result<(SimulatedFlight, u8), Failure> {
+) -> Result<(SimulatedFlight, AcceptanceResult), Failure> {
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let laws = settings.flown_laws()?;
     let every = settings.recorder.states_every_ticks;
     let create = |path| StatesWriter::create(path, tracking, laws, every, false);
     let mut states = leaves.states.map(create).transpose()?;
-    let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?, settings.rt.channels);
+    let mut rig = Simulator::of(settings)?.with_monitor(settings.theorem()?);
     let mut observations = Observations::new(settings, tracking)?;
     let start = Instant::now();
     let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
@@ -73,11 +75,17 @@ pub fn report(
         states.flush()?;
     }
     let theorem = observations.theorem.section();
-    let gate = settings.recorder.theorem_gate();
-    let gate = gate.map(|gate| Gate::theorem(&theorem, gate));
-    let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
+    let performance = observations.performance();
+    let result = AcceptanceResult::of(Gate::of_simulation(
+        &settings.requested_gates(),
+        flown.departure.as_deref(),
+        &performance,
+        &theorem,
+    ));
     let mut lines = observations.unusable.sentences(settings)?;
-    lines.extend(observations.off_track(settings));
+    let verdict = flight_verdict(&performance, None, &settings.tracking_limits());
+    let is_off_track = verdict.word == FlightVerdict::OffTrack;
+    lines.extend(is_off_track.then(|| format!("off track: {}", verdict.why)));
     for fault in settings.injected()? {
         lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
@@ -85,32 +93,24 @@ pub fn report(
         lines.push(outages(&rig));
     }
     lines.extend(flown.departure.clone());
-    lines.extend(
-        gate.iter()
-            .filter(|gate| !gate.held)
-            .map(render::sentences::gate),
-    );
-    let mut text = summary(&flown, settings, wall_s)
+    let failed = result.gates.iter().filter(|gate| gate.asked && !gate.held);
+    lines.extend(failed.map(render::sentences::gate));
+    let mut text = summary(&flown, &performance, settings, wall_s)
         + &observations.estimates()
         + "\n"
         + &render::theorem::text(&theorem);
     for line in lines {
         text += &(line + "\n");
     }
-    let status = match (passes, &gate) {
-        (true, Some(_)) => FlightStatus::Pass,
-        (true, None) => FlightStatus::Completed,
-        (false, _) => FlightStatus::Fail,
-    };
-    let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
+    let (status, (held, all)) = (result.status, result.requested());
     text += &format!(
-        "RESULT status={status} gates={held}/{} ticks={} outputs={} run=none\n",
-        gate.iter().len(),
+        "RESULT status={status} gates={held}/{all} ticks={} outputs={} {} run=none\n",
         flown.ticks,
-        flown.outputs
+        flown.outputs,
+        render::sentences::error_tokens(&performance)
     );
     print(&text)?;
-    Ok((flown, if passes { OK } else { GATE }))
+    Ok((flown, result))
 }
 
 /// Effects of message and stage faults or of recorded timing.
@@ -124,14 +124,21 @@ fn outages(rig: &Simulator) -> String {
     )
 }
 
-fn summary(flown: &SimulatedFlight, settings: &Settings, wall_s: f64) -> String {
+fn summary(
+    flown: &SimulatedFlight,
+    performance: &ControlPerformance,
+    settings: &Settings,
+    wall_s: f64,
+) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
+    let errors = render::sentences::errors(performance).into_iter();
+    let errors = errors.chain(render::sentences::large_effort(performance));
     format!(
-        "{}: {}, {flown_s:.3} s simulated in {}\nposition error {}\n",
+        "{}: {}, {flown_s:.3} s simulated in {}\n{}\n",
         settings.conditions(),
         count(flown.ticks, "tick"),
         speed(flown_s, wall_s),
-        flown.error
+        errors.collect::<Vec<_>>().join("\n")
     )
 }
 
@@ -143,7 +150,8 @@ struct Observations {
     newest: Option<[(f64, f64); ESTIMATED.len()]>,
     unusable: InvalidOutputs,
     tracking: Tracking,
-    recent: RecentStates,
+    errors: TrackingStatistics,
+    effort: EffortStatistics,
 }
 
 impl Observations {
@@ -160,24 +168,21 @@ impl Observations {
             newest: None,
             unusable: InvalidOutputs::default(),
             tracking,
-            recent: RecentStates::new(tracking.period_s()),
+            errors: TrackingStatistics::new(tracking.period_s()),
+            effort: EffortStatistics::default(),
         })
     }
 
-    /// Where the flight was at its end, if that was off its track.
-    fn off_track(&self, settings: &Settings) -> Option<String> {
-        let limit_m = settings.flight.tracking_error_max_m;
-        let (error_m, recent_s) = (self.recent.error_max_m(), self.recent.length_s());
-        (error_m > limit_m).then(|| {
-            format!("off track: position error up to {error_m:.4} m in the last {recent_s:.1} s, limit {limit_m} m")
-        })
+    fn performance(&self) -> ControlPerformance {
+        self.errors.performance(&self.effort)
     }
 
     fn take(&mut self, rig: &Simulator) {
         self.unusable.take(rig);
         let (tick, state) = (rig.flown_tick(), rig.state());
-        let error_m = self.tracking.setpoint_error_m(tick, state, rig.setpoint());
-        self.recent.take(tick, state.truth.position_w_m[2], error_m);
+        let errors = self.tracking.errors(tick, state, rig.setpoint());
+        self.errors.take(tick, state, &errors);
+        self.effort.take(rig.rotor_speeds());
         let actual = rig.state().truth.theta();
         self.theorem.truth(actual);
         let Some(wrench) = rig.new_wrench() else {
@@ -185,7 +190,7 @@ impl Observations {
         };
         match rig.monitor() {
             Some(monitor) => {
-                self.theorem.take(rig.theorem().epoch(), monitor);
+                self.theorem.take(rig.theorem().number(), monitor);
                 self.theorem.innovation(&rig.theorem().innovation());
             }
             None if self.has_estimates => self.theorem.count_unwatched(),

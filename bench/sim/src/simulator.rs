@@ -5,7 +5,7 @@
 //!
 //! With message or stage faults, the stages read their inputs through [`faults::filter`]. A stage in an
 //! outage does nothing, and the others see it silent, like a stopped process. After an outage of the plant, its next tick
-//! integrates the missed ones with the commands active then.
+//! integrates the missed ones with the commands active then. The last tick is always flown.
 
 pub mod simulated_flight;
 pub mod timed;
@@ -26,7 +26,7 @@ use messages::inspection::Rejections;
 use messages::monitor::Monitor;
 use messages::role::{Role, STAGES};
 use messages::topic::Topic;
-use plant::command_hold::PENDING_COMMANDS;
+use plant::command_hold::pending_commands;
 use plant::{EnvelopeViolation, Plant};
 
 use config::Settings;
@@ -67,7 +67,7 @@ impl Simulator {
             rotor_speeds: Stamped::never(),
             tick: 0,
             envelope: Ok(()),
-            theorem: FlightMonitor::new(None, 1),
+            theorem: FlightMonitor::new(None),
             monitor: None,
             faulted: None,
         }
@@ -128,10 +128,11 @@ impl Simulator {
     }
 
     /// Adds the theorem's monitor, if the inner law has a theorem.
-    pub fn with_monitor(self, theorem: Option<TheoremMonitor>, channels: usize) -> Self {
-        let mut theorem = FlightMonitor::new(theorem, channels);
-        theorem.begin(0);
-        Self { theorem, ..self }
+    pub fn with_monitor(self, theorem: Option<TheoremMonitor>) -> Self {
+        Self {
+            theorem: FlightMonitor::new(theorem),
+            ..self
+        }
     }
 
     /// A copy of this flight that continues under other settings, which may differ in message and stage faults that begin
@@ -333,12 +334,14 @@ struct Faulted {
     stages: Vec<StageFault>,
     /// First tick in which a stage can run after a long one.
     next_tick: [u64; STAGES.len()],
+    last_tick: u64,
     outer_state: FaultyInput<State>,
     inner_state: FaultyInput<State>,
     inner_setpoint: FaultyInput<Setpoint>,
     mixer_wrench: FaultyInput<Wrench>,
-    /// Rotor commands sent to the plant, each with the first tick in which it may act.
+    /// Rotor commands sent to the plant, each with the first tick in which it may act; as many as its port keeps.
     commands: VecDeque<(Stamped<RotorSpeeds>, u64)>,
+    port_depth: usize,
     /// States, for the theorem's monitor: their truth is that of their tick.
     states: VecDeque<Stamped<State>>,
     /// The true state that the inner loop worked with last.
@@ -365,16 +368,19 @@ impl Faulted {
             };
             replacements.push((fault.span.to, replacement));
         }
+        let port_depth = pending_commands(settings.flight.period_s);
         Ok(Self {
             replacements,
             messages,
             stages: planned.stages.clone(),
             next_tick: [0; STAGES.len()],
+            last_tick: settings.last_tick(),
             outer_state: FaultyInput::new(&messages, Port::OuterState),
             inner_state: FaultyInput::new(&messages, Port::InnerState),
             inner_setpoint: FaultyInput::new(&messages, Port::InnerSetpoint),
             mixer_wrench: FaultyInput::new(&messages, Port::MixerWrench),
-            commands: VecDeque::with_capacity(PENDING_COMMANDS + 1),
+            commands: VecDeque::with_capacity(port_depth + 1),
+            port_depth,
             states: VecDeque::with_capacity(KEPT + 1),
             used: Stamped::never(),
             rejections: Rejections::default(),
@@ -413,7 +419,8 @@ impl Faulted {
     fn tick(&mut self, rig: &mut Simulator) {
         let tick = rig.tick;
         self.replace_killed(tick, rig);
-        let plant_works = self.works(Role::Plant, tick);
+        // A plant that is stopped until the end flies the last tick after its time.
+        let plant_works = self.works(Role::Plant, tick) || tick == self.last_tick;
         if plant_works {
             self.plant(tick, rig);
         }
@@ -437,7 +444,7 @@ impl Faulted {
                 .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
             rig.rotor_speeds.tick = tick;
             let late = self.lateness(Role::Mixer, tick);
-            if self.commands.len() == PENDING_COMMANDS {
+            if self.commands.len() == self.port_depth {
                 self.commands.pop_front();
             }
             let acts_from = tick + 1 + late.output;
@@ -510,8 +517,9 @@ impl Faulted {
                     replace(&mut self.outer_state, unused).rejections()
                 }
                 Replacement::Inner(inner) => {
-                    rig.inner.replace_by(inner, &mut saved);
-                    rig.theorem.begin(rig.theorem.epoch() + 1);
+                    if !rig.inner.replace_by(inner, &mut saved) {
+                        rig.theorem.begin();
+                    }
                     let unused = FaultyInput::new(messages, Port::InnerState);
                     let states = replace(&mut self.inner_state, unused).rejections();
                     let unused = FaultyInput::new(messages, Port::InnerSetpoint);

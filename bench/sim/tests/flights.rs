@@ -28,7 +28,7 @@ fn recorded(flight: &str) -> PathBuf {
 fn flown(settings: &Settings, timing: Option<&Timing>) -> String {
     let mut rig = Simulator::of(settings)
         .unwrap()
-        .with_monitor(settings.theorem().unwrap(), settings.rt.channels);
+        .with_monitor(settings.theorem().unwrap());
     let mut unusable = InvalidOutputs::default();
     let flight = simulate::fly_with(&mut rig, settings, timing, |rig| {
         unusable.take(rig);
@@ -41,7 +41,8 @@ fn flown(settings: &Settings, timing: Option<&Timing>) -> String {
         states: Some(&states),
         plot: None,
     };
-    let (reported, code) = simulate::report(settings, timing, &files).unwrap();
+    let (reported, result) = simulate::report(settings, timing, &files).unwrap();
+    let code = result.exit_code;
     assert_eq!(reported.outputs, flight.outputs);
     let rows = fs::read_to_string(states).unwrap().lines().count();
     format!(
@@ -85,8 +86,7 @@ fn flights_with_faults_losses_and_recorded_timing_are_their_snapshots() {
 #[test]
 fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
     let mut timing = Timing::read(&recorded("real-time")).unwrap();
-    let is_last_state =
-        |event: &Event| event.tick == 200 && matches!(event.source, Source::State { .. });
+    let is_last_state = |event: &Event| event.tick == 200 && matches!(event.source, Source::State);
     timing.events.retain(|event| !is_last_state(event));
     // The inner loop goes on with what it had.
     for event in timing.events.iter_mut().filter(|event| event.tick == 200) {

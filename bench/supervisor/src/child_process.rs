@@ -60,7 +60,10 @@ impl Spawner {
         recording: &RunDirectory,
     ) -> Result<Child, Failure> {
         let mut command = self.command(replica)?;
+        command.stdin(Stdio::null());
         if replica.role == Role::Record {
+            let memory = recording.memory.try_clone();
+            command.stdin(memory.in_file("record into", &recording.path)?);
             command.arg("--run-dir").arg(&recording.path);
             // Only the first recorder writes the file of --states, which begins with the flight.
             let is_first = recording.path == self.directory;
@@ -68,7 +71,7 @@ impl Spawner {
                 command.arg("--states").arg(states);
             }
         }
-        command.stdin(Stdio::null()).spawn().map_err(|e| {
+        command.spawn().map_err(|e| {
             let title = title(replica);
             Failure::failed(format!("cannot start the {title}: {e}")).help(
                 "a flight has five processes of some threads each, and three more for each further channel: see \
@@ -84,14 +87,13 @@ impl Spawner {
             .append(true)
             .open(&log_path)
             .in_file("write", &log_path)?;
-        let mut command = Command::new(&self.executable);
+        let mut command = process::signals::child(&self.executable, replica.role.name());
         command
-            .arg(replica.role.name())
             .args((replica.channel != Channel::A).then(|| format!("--channel={}", replica.channel)))
             .arg("--config")
             .arg(&self.settings_file)
             .args(["--instance", &self.instance])
-            .args(["--launcher", &std::process::id().to_string()])
+            .envs(plugin::answers())
             .args((!self.allowed_cpus.is_empty()).then(|| {
                 let cpus: Vec<String> = self.allowed_cpus.iter().map(usize::to_string).collect();
                 format!("--allowed-cpus={}", cpus.join(","))

@@ -4,22 +4,18 @@ use std::ops::Range;
 
 use ipc::clock::{busy_wait, now_ns, sleep_through, sleep_until};
 use process::rt::take_stand;
-use process::signals::end_with_launcher;
 
 use errors::{Failure, OK};
 
 /// The time of which a share is busy [ns].
 const CYCLE_NS: u64 = 10_000_000;
 
-/// Keeps a processor busy in this share of a time on CLOCK_MONOTONIC [ns]. Priority 0 is SCHED_OTHER. Ends with the
-/// launcher, a process number.
+/// Keeps a processor busy in this share of a time on CLOCK_MONOTONIC [ns]. Priority 0 is SCHED_OTHER.
 pub fn cpu_load(
     (cpu, priority): (usize, i32),
     share: f64,
     time_ns: Range<u64>,
-    launcher: u32,
 ) -> Result<u8, Failure> {
-    end_with_launcher(Some(launcher))?;
     sleep_through(time_ns.start);
     let standing = take_stand(cpu, priority);
     if standing.priority != priority || !standing.refused.is_empty() {

@@ -3,9 +3,9 @@
 //! The supervisor continues when the user leaves the dashboard. It restores the terminal before it prints, even if the
 //! dashboard was killed.
 
-use std::io::{self, IsTerminal as _};
+use std::io;
 use std::path::Path;
-use std::process::{Child, Command};
+use std::process::Child;
 use std::time::Duration;
 
 use ipc::instance::Instance;
@@ -17,6 +17,7 @@ use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr}
 
 use crate::child_process::{end, wait_at_most};
 use errors::Failure;
+use errors::output::has_screen;
 
 /// How long the dashboard may take to notice the end of the flight and to restore the terminal.
 const EXIT_TIMEOUT: Duration = Duration::from_secs(1);
@@ -30,26 +31,19 @@ pub struct Dashboard {
 
 impl Dashboard {
     pub fn open(executable: &Path, instance: &Instance) -> Result<Self, Failure> {
-        let has_terminal = io::stdin().is_terminal() && io::stdout().is_terminal();
+        let has_terminal = has_screen(&io::stdin()) && has_screen(&io::stdout());
         let before = tcgetattr(io::stdin()).ok().filter(|_| has_terminal);
-        let launcher = std::process::id().to_string();
-        let child = Command::new(executable)
-            .args([
-                "watch",
-                "--instance",
-                instance.name(),
-                "--launcher",
-                &launcher,
-            ])
+        let child = process::signals::child(executable, "watch")
+            .args(["--instance", instance.name()])
             .spawn()
             .map_err(|e| Failure::failed(format!("cannot start the dashboard: {e}")))?;
         Ok(Self { child, before })
     }
 
-    /// Whether the dashboard still runs. Restores the terminal if the dashboard was killed.
-    pub fn is_open(&mut self) -> bool {
+    /// Whether the dashboard has the terminal. Restores the terminal if the dashboard was killed.
+    pub fn has_terminal(&mut self) -> bool {
         let status = match self.child.try_wait() {
-            Ok(None) => return true,
+            Ok(None) => return self.before.is_some(),
             ended => ended.ok().flatten(),
         };
         let was_killed = status.is_none_or(|status| status.code().is_none());
@@ -64,7 +58,7 @@ impl Dashboard {
         if wait_at_most(&mut self.child, EXIT_TIMEOUT).is_none() {
             end(&mut self.child, EXIT_TIMEOUT);
         }
-        self.is_open();
+        self.has_terminal();
     }
 }
 

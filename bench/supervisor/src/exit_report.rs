@@ -16,6 +16,7 @@ use analysis::process_failures::{self, ObservedFailure};
 use analysis::schema::{FlightStatus, Report};
 use errors::output::say;
 use errors::{FAILED, Failure, GATE, INTERRUPTED, harmless};
+use host::Machine;
 
 #[derive(Default)]
 pub struct Outcome {
@@ -42,7 +43,7 @@ pub struct ProcessExit {
     pub(super) status: ExitStatus,
     /// Whether a signal to the supervisor had requested the end by then.
     pub(super) interrupted: bool,
-    /// Why the supervisor killed it.
+    /// Why it was killed, where that is known.
     pub(super) killed: Option<KillReason>,
     pub(super) not_restarted: Option<String>,
 }
@@ -53,8 +54,14 @@ pub enum KillReason {
     /// Two channels contradicted its own.
     Outvoted,
     AfterFlight,
+    /// The process ran another program.
+    Replaced,
+    /// The process made no progress at the start: the step that is missing.
+    Late(&'static str),
     /// A fault of this tick.
     Fault(u64),
+    /// Lack of memory, by the kernel.
+    Memory,
 }
 
 impl Outcome {
@@ -116,8 +123,8 @@ impl Outcome {
 
     /// Adds the processes that failed in flight to the report; returns whether there were any.
     fn note_failures(&self, report: &mut Report) -> bool {
-        if let Some(Pace::Realtime(grid)) = &self.grid {
-            process_failures::note(report, &self.noted, grid);
+        if let Some(pace) = &self.grid {
+            process_failures::note(report, &self.noted, pace);
         }
         self.grid.is_some()
     }
@@ -160,7 +167,13 @@ impl Outcome {
                     .status
                     .code()
                     .and_then(|code| u8::try_from(code).ok());
-                let what = format!("the {} ended before {when}", title(failed.replica));
+                let title = title(failed.replica);
+                if let Some(KillReason::Late(why)) = failed.killed {
+                    let what = format!("the flight did not begin: the {title} is late: {why}");
+                    return Failure::failed(what)
+                        .help("rt.start_timeout_s says how long no process may come further");
+                }
+                let what = format!("the {title} ended before {when}");
                 Failure::new(code.filter(|code| *code != 0).unwrap_or(FAILED), what)
             }
             _ if self.interrupted => {
@@ -204,6 +217,13 @@ impl ProcessExit {
             Some(KillReason::Fault(tick)) => {
                 format!("killed by the fault {}.kill of tick {tick}", self.replica)
             }
+            Some(KillReason::Memory) => {
+                let limit = Machine::files().group_limit("self", "memory");
+                let limit = limit.map(|(mib, _)| format!(": its container may use {mib:.0} MiB"));
+                "killed for lack of memory".to_owned() + &limit.unwrap_or_default()
+            }
+            Some(KillReason::Replaced) => "replaced by another program, and killed".into(),
+            Some(KillReason::Late(why)) => format!("late, and was killed: {why}"),
             Some(KillReason::AfterFlight) | None => self.status.to_string(),
         }
     }
@@ -229,9 +249,7 @@ impl ProcessExit {
                 LANDING_TIMEOUT.as_secs()
             ),
             Some(KillReason::Hang) => format!("the {process} hung, and was killed"),
-            Some(KillReason::Fault(_) | KillReason::Outvoted) => {
-                format!("the {process} was {}", self.cause())
-            }
+            Some(_) => format!("the {process} was {}", self.cause()),
             None if self.is_in_order() => {
                 format!("the {process} ended before the flight did: {}", self.status)
             }

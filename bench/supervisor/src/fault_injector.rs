@@ -4,7 +4,7 @@
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
@@ -21,7 +21,6 @@ use rustix::process::Signal;
 use crate::child_process::{ChildWatch, kill_and_reap};
 use config::Settings;
 use errors::Failure;
-use errors::output::say;
 use faults::grammar::{Fault, planned_again};
 
 /// How often to look for injected faults: if possible, four times between an injection and its first tick.
@@ -50,6 +49,8 @@ pub(super) struct FaultInjector {
     killed: Vec<(u32, u64)>,
     /// The flight ends: nothing is injected any more.
     is_released: bool,
+    /// Messages for the supervisor to announce.
+    pub(super) messages: Vec<String>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -100,6 +101,7 @@ impl FaultInjector {
             loads: Vec::new(),
             killed: Vec::new(),
             is_released: false,
+            messages: Vec::new(),
         })
     }
 
@@ -211,10 +213,11 @@ impl FaultInjector {
             match action {
                 Action::Inject(fault) => {
                     if let Some(delay) = delay(&fault, grid.tick_at(now)) {
-                        say(&delay);
+                        self.messages.push(delay);
                     }
                     if let Err(failure) = self.inject(&fault, run, grid, players) {
-                        say(&format!("a fault was not injected: {failure}\n"));
+                        let message = format!("a fault was not injected: {failure}");
+                        self.messages.push(message);
                     }
                 }
                 Action::Continue(pid) => {
@@ -277,13 +280,11 @@ impl FaultInjector {
     ) -> Result<(), Failure> {
         let span = fault.span;
         let until_ns = grid.begin_of(span.to.min(run.last_tick + 1));
-        let child = Command::new(&self.executable)
-            .arg("cpu-load")
+        let child = process::signals::child(&self.executable, "cpu-load")
             .args(["--cpu", &self.cpu.to_string()])
             .args(["--priority", &priority.to_string()])
             .args(["--instance", &self.instance])
             .args(["--share", &share.to_string()])
-            .args(["--launcher", &std::process::id().to_string()])
             .args(["--from-ns", &grid.begin_of(span.from).to_string()])
             .args(["--until-ns", &until_ns.to_string()])
             .stdin(Stdio::null())
@@ -329,7 +330,7 @@ fn delay(fault: &LiveFault, tick: u64) -> Option<String> {
         .map(Fault::to_string)
         .collect();
     Some(format!(
-        "the fault {what} begins {ticks} ticks late: the supervisor was notified, or scheduled, late\n"
+        "the fault {what} begins {ticks} ticks late: the supervisor was notified, or scheduled, late"
     ))
 }
 
@@ -412,7 +413,12 @@ mod tests {
     #[test]
     fn a_signal_reaches_the_child_and_not_the_process_that_the_lock_file_names() {
         with_injector(&["inner.kill@tick0"], |wire, injector, run| {
-            let sleeper = || Command::new("sleep").arg("600").spawn().unwrap();
+            let sleeper = || {
+                std::process::Command::new("sleep")
+                    .arg("600")
+                    .spawn()
+                    .unwrap()
+            };
             let (mut inner, mut foreign) = (sleeper(), sleeper());
             let instance = wire.instance();
             let lock = instance.lock(Role::Inner).unwrap();

@@ -11,6 +11,8 @@
 //! ```
 
 use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::PathBuf;
 use std::process::Child;
@@ -19,8 +21,10 @@ use std::time::{Duration, Instant};
 use host::sampler::Look;
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
-use ipc::{BlackboardReader, Wire};
-use messages::blackboards::{LOCKSTEP, RUN, RolePhase, Run, RunPhase, Status};
+use ipc::{Blackboard, BlackboardReader, Wire};
+use messages::blackboards::{
+    LOCKSTEP, RUN, RolePhase, Run, RunPhase, SUPERVISION, Status, Supervision,
+};
 use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::NO_TICK;
 use messages::realtime::{RealtimeMode, RealtimeSettings};
@@ -42,8 +46,7 @@ use crate::stop_requests::StopRequests;
 use analysis::process_failures::{ObservedFailure, Replacement};
 use config::Settings;
 use errors::Failure;
-use errors::output::say;
-use host::own_executable;
+use host::{Machine, own_executable};
 use recorder::role_statuses::RoleStatuses;
 use recorder::run_directory::RunDirectory;
 
@@ -58,7 +61,9 @@ const OUTVOTED_TICKS: u64 = 3;
 const GETTING_IN_STEP: Duration = Duration::from_millis(500);
 /// Longest wait for the memory and files of a killed process to be free.
 const RELEASED: Duration = Duration::from_millis(200);
-/// How long processes may take to be ready before the supervisor reports it, and a restarted one to fly.
+/// How often the supervisor looks how far the processes have come, before a flight begins.
+const LOOK_AT_START: Duration = Duration::from_secs(1);
+/// How long a restarted process may take to fly.
 const GETTING_READY: Duration = Duration::from_secs(10);
 
 pub(super) struct FlightSupervisor {
@@ -93,25 +98,36 @@ pub(super) struct FlightSupervisor {
     /// The status blackboards of all roles, from the first tick on.
     role_statuses: Option<RoleStatuses>,
     dashboard: Option<Dashboard>,
+    supervision: Supervision,
+    supervision_blackboard: Blackboard<Supervision>,
+    /// Newest tick that the plant published.
+    tick: u64,
     wire: Wire,
     status_line: StatusLine,
     phase: Phase,
+    start_timeout: Duration,
+    progress: StartProgress,
     outcome: Outcome,
+    /// Kills for lack of memory that are known: before the flight, and of the supervised processes.
+    memory_kills: u64,
 }
 
 /// A child that plays a role.
 struct RoleProcess {
     replica: Replica,
     child: Child,
+    /// `None` if the system does not say.
+    program: Option<(u64, u64)>,
     killed: Option<KillReason>,
     /// A restarted process that was ready too late for the flight and is being ended.
     is_dismissed: bool,
 }
 
 impl RoleProcess {
-    const fn new(replica: Replica, child: Child) -> Self {
+    fn new(replica: Replica, child: Child) -> Self {
         Self {
             replica,
+            program: program_of(child.id()),
             child,
             killed: None,
             is_dismissed: false,
@@ -122,6 +138,17 @@ impl RoleProcess {
         self.killed.get_or_insert(reason);
         kill(&mut self.child);
     }
+}
+
+/// How far the processes have come before a flight begins.
+#[derive(Default)]
+struct StartProgress {
+    /// Of each process, the number of its [`RolePhase`]; `None` before it has its place.
+    phases: Vec<Option<u64>>,
+    /// Time since one of them came further.
+    idle: Duration,
+    /// Run time of the one that is least far [ns].
+    ran_ns: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -136,10 +163,7 @@ pub struct FlightOptions {
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    Starting {
-        since: Instant,
-        is_reported: bool,
-    },
+    Starting,
     Flying,
     /// The flight is over; the processes end by themselves.
     Landing {
@@ -207,13 +231,16 @@ impl FlightSupervisor {
             outvoted: [0; MOST_CHANNELS],
             role_statuses: None,
             dashboard: None,
+            supervision: Supervision::default(),
+            supervision_blackboard: wire.blackboard(SUPERVISION)?,
+            tick: 0,
             wire,
             status_line: StatusLine::new(&directory.path, settings.flight.duration_s),
-            phase: Phase::Starting {
-                since: now,
-                is_reported: false,
-            },
+            phase: Phase::Starting,
+            start_timeout: Duration::from_secs_f64(settings.rt.start_timeout_s),
+            progress: StartProgress::default(),
             outcome: Outcome::default(),
+            memory_kills: memory_kills(),
         };
         for replica in Replica::all(supervisor.channels) {
             let child = supervisor.spawner.start(replica, directory)?;
@@ -239,20 +266,25 @@ impl FlightSupervisor {
             run_blackboard =
                 run_blackboard.or_else(|| self.wire.blackboard_reader(RUN).ok().flatten());
             let run = run_blackboard.as_ref().map(BlackboardReader::get);
+            if let Some(run) = run.filter(has_taken_off) {
+                self.tick = run.tick;
+            }
             self.observe(run.as_ref())?;
             self.take_exits(exits, run.as_ref());
             self.next_phase(run.as_ref(), requests.is_urgent);
             self.act(run.as_ref())?;
-            let terminal_taken = self.dashboard.as_mut().is_some_and(Dashboard::is_open);
+            let is_taken = self.dashboard.as_mut().is_some_and(Dashboard::has_terminal);
+            self.status_line.set_taken(is_taken);
             if let Some(run) = run.filter(|_| shown.elapsed() >= LOOK_EVERY) {
                 shown = Instant::now();
-                self.status_line.show(&run, terminal_taken);
+                self.status_line.show(&run);
             }
         }
         (self.raised, self.off_loops) = (None, None);
         if let Some(dashboard) = &mut self.dashboard {
             dashboard.close();
         }
+        self.status_line.set_taken(false);
         self.status_line.clear();
         Ok(std::mem::take(&mut self.outcome))
     }
@@ -272,6 +304,16 @@ impl FlightSupervisor {
         };
         self.fault_injector
             .rest(&self.wire, run.as_ref(), look_every, &mut players);
+        for message in std::mem::take(&mut self.fault_injector.messages) {
+            self.announce(&message);
+        }
+    }
+
+    /// Publishes what has happened, for the dashboards, and prints it.
+    fn announce(&mut self, message: &str) {
+        self.supervision.add(self.tick, message);
+        self.supervision_blackboard.put(self.supervision);
+        self.status_line.tell(message);
     }
 
     /// Reaps the children that have ended; returns how each did.
@@ -294,7 +336,10 @@ impl FlightSupervisor {
             let by_fault = || self.fault_injector.killed(pid).map(KillReason::Fault);
             // It may have ended by itself before the signal came.
             let is_killed = status.signal() == Some(Signal::KILL.as_raw());
-            let killed = process.killed.or_else(by_fault).filter(|_| is_killed);
+            let by_memory = || (memory_kills() > self.memory_kills).then_some(KillReason::Memory);
+            let killed = process.killed.or_else(by_fault).or_else(by_memory);
+            let killed = killed.filter(|_| is_killed);
+            self.memory_kills += u64::from(killed == Some(KillReason::Memory));
             self.fault_injector.forget(pid);
             if !process.is_dismissed {
                 exits.push(ProcessExit {
@@ -342,19 +387,25 @@ impl FlightSupervisor {
         let is_early = run.is_some_and(|run| run.phase() != RunPhase::Closed);
         for exit in exits {
             let unresolved = match self.in_flight(run) {
-                Some(run) if !exit.was_interrupted() => self
-                    .schedule_restart(exit, run)
-                    .filter(|exit| !self.is_covered(exit)),
+                Some(run) if !exit.was_interrupted() => self.schedule_restart(exit, run),
                 _ => Some(exit),
             };
-            if let Some(exit) = unresolved {
-                self.outcome.take(exit, self.phase.is_ending(), is_early);
+            match unresolved {
+                Some(exit) if self.is_covered(&exit, run) => {
+                    self.announce(&format!(
+                        "{}; the flight goes on without channel {}",
+                        exit.describe(""),
+                        exit.replica.channel
+                    ));
+                }
+                Some(exit) => self.outcome.take(exit, self.phase.is_ending(), is_early),
+                None => {}
             }
         }
     }
 
     /// Whether the flight goes on without a process that has ended: another channel has all of its own.
-    fn is_covered(&self, exit: &ProcessExit) -> bool {
+    fn is_covered(&self, exit: &ProcessExit, run: Option<&Run>) -> bool {
         let plays = |replica| self.children.iter().any(|it| it.replica == replica);
         let is_whole = |channel| {
             CHANNEL_ROLES
@@ -363,49 +414,29 @@ impl FlightSupervisor {
                 .all(plays)
         };
         let replica = exit.replica;
-        let is_covered = CHANNEL_ROLES.contains(&replica.role)
+        self.in_flight(run).is_some()
+            && !exit.was_interrupted()
+            && CHANNEL_ROLES.contains(&replica.role)
             && Channel::first(self.channels)
                 .filter(|it| {
                     self.is_guarded
                         || self.groups[*it as usize] == self.groups[replica.channel as usize]
                 })
-                .any(|it| it != replica.channel && is_whole(it));
-        if is_covered {
-            say(&format!(
-                "{}; the flight goes on without channel {}\n",
-                exit.describe(""),
-                replica.channel
-            ));
-        }
-        is_covered
+                .any(|it| it != replica.channel && is_whole(it))
     }
 
     fn next_phase(&mut self, run: Option<&Run>, is_urgent: bool) {
         let now = Instant::now();
-        if let Phase::Starting { since, is_reported } = &mut self.phase {
-            let is_late = since.elapsed() > GETTING_READY;
-            if is_late && !std::mem::replace(is_reported, is_late) {
-                say("still waiting for all processes to be ready; plant.log says for which\n");
-                for process in &self.children {
-                    if is_stopped(process.child.id()) {
-                        say(&format!(
-                            "the {} process is stopped (SIGSTOP)\n",
-                            process.replica
-                        ));
-                    }
-                }
-            }
-            if run.is_some_and(has_taken_off) {
-                self.outcome.flown = true;
-                self.phase = Phase::Flying;
-            }
+        if matches!(self.phase, Phase::Starting) && run.is_some_and(has_taken_off) {
+            self.outcome.flown = true;
+            self.phase = Phase::Flying;
         }
         if !self.phase.is_ending() && self.outcome.is_over() {
             self.request_end();
             self.phase = Phase::Stopping { since: now };
         }
         match self.phase {
-            Phase::Starting { .. } | Phase::Flying if run.is_some_and(is_over) => {
+            Phase::Starting | Phase::Flying if run.is_some_and(is_over) => {
                 // Before anything waits for a process that a fault has stopped.
                 self.fault_injector.release(&self.child_watch);
                 self.phase = Phase::Landing { since: now };
@@ -420,7 +451,9 @@ impl FlightSupervisor {
     }
 
     fn act(&mut self, run: Option<&Run>) -> Result<(), Failure> {
+        self.kill_replaced();
         match (self.phase, run) {
+            (Phase::Starting, run) => self.watch_start(run)?,
             (Phase::Flying, Some(run))
                 if self.restarts_roles && self.in_flight(Some(run)).is_some() =>
             {
@@ -431,6 +464,65 @@ impl FlightSupervisor {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Kills the process that is least far, if none has come further for too long. While it waits for a processor or a
+    /// disk, its time passes more slowly.
+    fn watch_start(&mut self, run: Option<&Run>) -> Result<(), Failure> {
+        let elapsed = self.last_look.elapsed();
+        if elapsed < LOOK_AT_START {
+            return Ok(());
+        }
+        self.last_look = Instant::now();
+        let statuses = RoleStatuses::open(&self.wire)?;
+        // The plant does not arm itself: it waits for the others.
+        let is_opening = run.is_some_and(|run| run.phase() == RunPhase::Opening);
+        let phase = |it: &RoleProcess| {
+            let status = statuses.of_process(it.replica, it.child.id());
+            let phase = status.map(|status| status.phase() as u64);
+            let waits = it.replica.role == Role::Plant && is_opening;
+            phase.max(waits.then_some(RolePhase::Armed as u64))
+        };
+        let phases: Vec<Option<u64>> = self.children.iter().map(phase).collect();
+        let children = self.children.iter_mut().zip(&phases);
+        let Some((process, phase)) = children.min_by_key(|(_, phase)| **phase) else {
+            return Ok(());
+        };
+        let look = Look::at(u64::from(process.child.id()));
+        let ran_ns = look.map_or(0, |look| look.ran_ns);
+        let before = std::mem::replace(&mut self.progress.ran_ns, ran_ns);
+        let ran = Duration::from_nanos(ran_ns.saturating_sub(before));
+        let waits = |look: Look| look.state == 'D' || look.state == 'R' && ran < elapsed / 2;
+        self.progress.idle += if look.is_some_and(waits) {
+            elapsed / 10
+        } else {
+            elapsed
+        };
+        if phases != self.progress.phases {
+            self.progress = StartProgress {
+                phases,
+                ran_ns,
+                idle: Duration::ZERO,
+            };
+        } else if self.progress.idle > self.start_timeout {
+            process.kill(KillReason::Late(match phase {
+                _ if look.is_some_and(Look::is_stopped) => "a signal has stopped it",
+                None => "it has not read its settings and made its law",
+                Some(0) => "it has not made its ports",
+                Some(_) => "it has not connected to the other processes",
+            }));
+        }
+        Ok(())
+    }
+
+    /// Kills children that run another program: code of a law has put it in the place of the role.
+    fn kill_replaced(&mut self) {
+        for process in &mut self.children {
+            let program = program_of(process.child.id());
+            if program.is_some() && process.program.is_some() && program != process.program {
+                process.kill(KillReason::Replaced);
+            }
+        }
     }
 
     /// Restarts failed roles, and kills those that hang.
@@ -484,7 +576,7 @@ impl FlightSupervisor {
         self.role_statuses.as_ref()?.of_process(replica, pid)
     }
 
-    /// Kills loops that hang, and restarted processes that do not come to fly.
+    /// Kills processes that hang, and restarted processes that do not come to fly.
     fn kill_hanging(&mut self, run: &Run) {
         let since = std::mem::replace(&mut self.last_look, Instant::now()).elapsed();
         let Some(statuses) = &self.role_statuses else {
@@ -576,10 +668,11 @@ impl FlightSupervisor {
             way: Replacement::default(),
         };
         let mut due = None;
+        let has_law = CHANNEL_ROLES.contains(&exit.replica.role);
+        let is_unsaved = status.is_some_and(|it| it.ticks_run > 0 && it.is_saved == 0);
         if self.restarts_roles && exit.replica.role == Role::Plant {
             exit.not_restarted = Some("a plant cannot be started again in flight".into());
-        } else if self.channels > 1 && status.is_some_and(|it| it.ticks_run > 0 && it.is_saved == 0)
-        {
+        } else if self.channels > 1 && has_law && is_unsaved {
             exit.not_restarted = Some(UNSAVED.into());
             noted.how += "; ";
             noted.how += UNSAVED;
@@ -600,6 +693,7 @@ impl FlightSupervisor {
             noted.way.cleaned_ns = now_ns();
         }
         self.outcome.noted.push(noted);
+        self.supervision.failed += 1;
         let Some(due) = due else {
             return Some(exit);
         };
@@ -609,22 +703,23 @@ impl FlightSupervisor {
 
     fn restart_due(&mut self) -> Result<(), Failure> {
         let now = Instant::now();
-        for (exit, _) in self.due.extract_if(.., |(_, due)| *due <= now) {
+        let due: Vec<_> = self.due.extract_if(.., |(_, due)| *due <= now).collect();
+        for (exit, _) in due {
             let replica = exit.replica;
             let how = exit.describe("");
             if replica.role == Role::Record
                 && let Err(failure) = self.recordings.begin_another()
             {
-                say(&format!(
-                    "{how}; the flight goes on without a recorder: {failure}\n"
+                self.announce(&format!(
+                    "{how}; the flight goes on without a recorder: {failure}"
                 ));
                 continue;
             }
             let child = match self.spawner.start(replica, self.recordings.newest()) {
                 Ok(child) => child,
                 Err(failure) if self.channels > 1 && CHANNEL_ROLES.contains(&replica.role) => {
-                    say(&format!(
-                        "{how}; the flight goes on without channel {}: {failure}\n",
+                    self.announce(&format!(
+                        "{how}; the flight goes on without channel {}: {failure}",
                         replica.channel
                     ));
                     continue;
@@ -640,8 +735,8 @@ impl FlightSupervisor {
                 noted.way.pid = child.id();
             }
             self.children.push(RoleProcess::new(replica, child));
-            self.status_line.clear();
-            say(&format!("{how}; it is started again\n"));
+            self.supervision.restarted += 1;
+            self.announce(&format!("{how}; it is started again"));
         }
         Ok(())
     }
@@ -688,6 +783,15 @@ fn await_release(instance: &Instance, replica: Replica) {
     }
 }
 
+/// Processes of this container that the kernel has killed for lack of memory.
+fn memory_kills() -> u64 {
+    let machine = Machine::files();
+    let files = machine.group_counters("self", "memory");
+    // The groups above its own count it again.
+    let [kills] = machine.counted(files.get(..1).unwrap_or_default(), ["oom_kill"]);
+    kills
+}
+
 fn is_ours(run: &Run) -> bool {
     run.launcher_pid == u64::from(std::process::id())
 }
@@ -706,6 +810,12 @@ fn is_over(run: &Run) -> bool {
         .wrapping_add(run.t0_ns);
     let is_past = run.phase() == RunPhase::Flying && run.period_ns != LOCKSTEP && now_ns() > end_ns;
     is_ours(run) && (run.phase() == RunPhase::Closed || is_past)
+}
+
+/// Device and inode of the program that a process runs; `None` if it has ended, or may not be looked at.
+fn program_of(pid: u32) -> Option<(u64, u64)> {
+    let program = fs::metadata(format!("/proc/{pid}/exe")).ok()?;
+    Some((program.dev(), program.ino()))
 }
 
 fn is_stopped(pid: u32) -> bool {

@@ -1,7 +1,7 @@
-//! Hang detection: a loop hangs when the tick counter it publishes stops advancing.
+//! Hang detection: a process hangs when the counter it publishes stops advancing.
 //!
-//! A loop counts a tick even if its input is missing, so the counter does not depend on other loops. Four reasons for a
-//! counter to stop are no hang:
+//! A loop counts ticks, even if its input is missing, so the counter does not depend on other loops. The recorder counts
+//! how often it looks for messages, and has more time: it is not real-time. Some reasons for a counter to stop are no hang:
 //!
 //! | reason | how it is recognized |
 //! |---|---|
@@ -9,6 +9,7 @@
 //! | the loop waits for the processor | it is ready, and has run in less than half of the time; or it has just counted |
 //! | the process has been killed or has failed, and is not gone yet | the kernel reports that it is dying |
 //! | the machine, or the loops' processor, stood still | no other loop's counter advanced either |
+//! | the recorder waits for a disk | its state is D |
 //!
 //! A process that a signal has stopped hangs, whatever the other loops do.
 
@@ -17,7 +18,6 @@ use std::time::Duration;
 
 use host::sampler::Look;
 use messages::blackboards::{RolePhase, Status};
-use messages::checks::{Check, is_on};
 use messages::role::{Replica, Role};
 
 /// How often the supervisor looks if it restarts roles.
@@ -25,28 +25,33 @@ pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// A counter that does not advance for this time, or for [`TICKS`], is a hang: it is noticed within 100 ms.
 pub(super) const HANG_TIMEOUT: Duration = Duration::from_millis(80);
 const TICKS: u32 = 5;
+/// The same of the recorder, which writes its report each second, to a disk that may be slow.
+const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
 #[derive(Debug)]
 pub(super) struct HangDetector {
     timeout: Duration,
-    counters: BTreeMap<Replica, TickCounter>,
+    counters: BTreeMap<Replica, Counter>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct TickCounter {
-    /// Epoch and ticks; `None` if the loop does not fly.
+struct Counter {
+    /// Epoch and count; `None` if the process does not fly.
     count: Option<(u64, u64)>,
     stopped_for: Duration,
     /// Run time of its thread when the counter was first seen to have stopped [ns].
     ran_ns: u64,
 }
 
-/// Epoch and ticks of a loop; `None` if it does not fly.
-fn count(status: &Status) -> Option<(u64, u64)> {
-    // Any process of the user can write the numbers.
-    let ticks = status.ticks_run.wrapping_add(status.ticks_skipped);
+/// Epoch and count of a process; `None` if it does not fly.
+fn count(role: Role, status: &Status) -> Option<(u64, u64)> {
+    let count = match role {
+        Role::Record => status.rounds,
+        // Any process of the user can write the numbers.
+        _ => status.ticks_run.wrapping_add(status.ticks_skipped),
+    };
     let is_flying = status.phase() == RolePhase::Flying;
-    is_flying.then_some((status.epoch, ticks))
+    is_flying.then_some((status.epoch, count))
 }
 
 impl HangDetector {
@@ -58,8 +63,8 @@ impl HangDetector {
         }
     }
 
-    /// Updates the counters, `since` the last look; returns the loops that hang. It reads the statuses again after a look
-    /// at a loop that seems to hang.
+    /// Updates the counters, `since` the last look; returns the processes that hang. It reads the statuses again after a
+    /// look at one that seems to hang.
     pub(super) fn hanging(
         &mut self,
         read: impl Fn() -> BTreeMap<Replica, Status>,
@@ -68,14 +73,13 @@ impl HangDetector {
     ) -> Vec<Replica> {
         let since = since.min(2 * LOOK_EVERY);
         let statuses = read();
-        let loops = || statuses.iter().filter(|(it, _)| it.role != Role::Record);
-        for (replica, status) in loops() {
+        for (replica, status) in &statuses {
             let counter = self.counters.entry(*replica).or_default();
-            let count = count(status);
+            let count = count(replica.role, status);
             if count != counter.count || count.is_none() {
-                *counter = TickCounter {
+                *counter = Counter {
                     count,
-                    ..TickCounter::default()
+                    ..Counter::default()
                 };
             } else {
                 if counter.stopped_for.is_zero() {
@@ -86,27 +90,34 @@ impl HangDetector {
         }
         let hangs = |(replica, status): &(&Replica, &Status)| {
             let counter = &self.counters[*replica];
-            counter.stopped_for >= self.timeout
-                && is_on(Check::Heartbeat)
-                && look(status.pid).is_some_and(|look| self.is_hang(counter, look))
+            counter.stopped_for >= self.timeout(replica.role)
+                && look(status.pid).is_some_and(|look| self.is_hang(**replica, counter, look))
         };
-        let mut hanging: Vec<Replica> = loops().filter(hangs).map(|(it, _)| *it).collect();
+        let mut hanging: Vec<Replica> = statuses.iter().filter(hangs).map(|it| *it.0).collect();
         if !hanging.is_empty() {
             let now = read();
-            hanging.retain(|it| now.get(it).and_then(count) == self.counters[it].count);
+            let count_now = |it: &Replica| count(it.role, now.get(it)?);
+            hanging.retain(|it| count_now(it) == self.counters[it].count);
         }
         hanging
     }
 
-    fn is_hang(&self, counter: &TickCounter, look: Look) -> bool {
+    fn timeout(&self, role: Role) -> Duration {
+        match role {
+            Role::Record => RECORDER_TIMEOUT,
+            _ => self.timeout,
+        }
+    }
+
+    fn is_hang(&self, replica: Replica, counter: &Counter, look: Look) -> bool {
         let half = counter.stopped_for / 2;
         let ran = Duration::from_nanos(look.ran_ns.saturating_sub(counter.ran_ns));
         let is_starved = look.state == 'R' && ran < half;
-        let others_advanced = self
-            .counters
-            .values()
-            .any(|other| other.count.is_some() && other.stopped_for < half);
-        !look.is_dying && (look.is_stopped() || (others_advanced && !is_starved))
+        let waits_for_disk = look.state == 'D' && replica.role == Role::Record;
+        let others_advanced = self.counters.iter().any(|(of, other)| {
+            of.role != Role::Record && other.count.is_some() && other.stopped_for < half
+        });
+        !look.is_dying && (look.is_stopped() || (others_advanced && !is_starved && !waits_for_disk))
     }
 }
 
@@ -186,6 +197,32 @@ mod tests {
                 hanging, expected,
                 "{advances:?} {state} {ran_share} {looks}"
             );
+        }
+    }
+
+    #[test]
+    fn a_recorder_hangs_after_10_s_unless_it_waits_for_the_processor_or_a_disk() {
+        for (state, ran_share, expected) in [
+            ('S', 0.0, Some(1000)),
+            ('T', 0.0, Some(1000)),
+            ('R', 0.9, Some(1000)),
+            ('R', 0.1, None),
+            ('D', 0.0, None),
+        ] {
+            let mut detector = HangDetector::new(Duration::from_millis(1));
+            let looks = (0..1100).find(|&ticks| {
+                // Its newest tick advances, and its rounds do not.
+                let mut statuses = of_stages([flying(ticks); 4]);
+                statuses.insert(Role::Record.into(), flying(ticks));
+                let look = Look {
+                    state,
+                    ran_ns: (ticks as f64 * 1e7 * ran_share) as u64,
+                    is_dying: false,
+                };
+                let hanging = detector.hanging(|| statuses.clone(), MS_10, |_| Some(look));
+                !hanging.is_empty()
+            });
+            assert_eq!(looks, expected, "{state} {ran_share}");
         }
     }
 

@@ -20,8 +20,8 @@ use std::path::Path;
 
 use analysis::schema::Report;
 use errors::Failure;
-use ipc::Wire;
 use ipc::instance::Instance;
+use ipc::{Wire, recorder_depth};
 
 use config::Settings;
 use exit_report::Outcome;
@@ -48,17 +48,16 @@ pub fn fly(
     let instance = Instance::new(&options.instance)?;
     // If another supervisor flies it already, that is the error.
     if !instance.is_alive() {
-        instance.check_shared_memory(Wire::needed_bytes(settings.rt.channels))?;
+        let depth = recorder_depth(settings.wall_period_ns());
+        instance.check_shared_memory(Wire::needed_bytes(settings.rt.channels, depth))?;
     }
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let ended = supervise(&instance, settings, options, requests);
     drop(lock);
     remove_leftovers(&instance);
-    let (directory, outcome) = ended?;
-    let report_path = directory.path.join("report.json");
-    if report_path.exists() {
-        let report = Report::read(&report_path)?;
+    let ((directory, report), outcome) = ended?;
+    if let Some(report) = report {
         return Ok(FinishedFlight {
             directory,
             outcome,
@@ -84,7 +83,7 @@ fn supervise(
     settings: &Settings,
     options: &FlightOptions,
     requests: &mut StopRequests,
-) -> Result<(RunDirectory, Outcome), Failure> {
+) -> Result<((RunDirectory, Option<Report>), Outcome), Failure> {
     let out = Path::new(&settings.recorder.out);
     let directory = RunDirectory::create(out, settings, instance.name())?;
     match FlightSupervisor::start(instance, &directory, settings, options) {

@@ -33,28 +33,25 @@ impl Recordings {
         Ok(())
     }
 
-    /// The directory with the last report, when the flight is over: the reports before it say where the flight goes on.
-    pub(super) fn settle(&self) -> Result<RunDirectory, Failure> {
-        let all: Vec<&RunDirectory> = std::iter::once(&self.first).chain(&self.later).collect();
-        let is_reported = |directory: &&RunDirectory| directory.path.join("report.json").exists();
-        let last = all.iter().rposition(is_reported).unwrap_or(0);
-        let next = all[last]
-            .path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy();
-        for (place, directory) in all.iter().enumerate().filter(|(place, _)| *place != last) {
-            if is_reported(directory) {
-                let mut report = Report::read(&directory.path.join("report.json"))?;
+    /// The last report and its directory, when the flight is over: the reports before it say where the flight goes on.
+    pub(super) fn settle(&self) -> Result<(RunDirectory, Option<Report>), Failure> {
+        let all = std::iter::once(&self.first).chain(&self.later);
+        let all = all.map(|directory| Ok((directory, directory.report()?)));
+        let mut all = all.collect::<Result<Vec<_>, Failure>>()?;
+        let last = all.iter().rposition(|(_, report)| report.is_some());
+        let (last, report) = all.remove(last.unwrap_or(0));
+        let next = last.path.file_name().unwrap_or_default().to_string_lossy();
+        for (directory, earlier) in all {
+            if let Some(mut earlier) = earlier {
                 let ending = format!(
                     "the recorder died; the flight went on, and another recorder wrote {next}"
                 );
-                break_off(&mut report, FlightStatus::Aborted, ending);
-                write_all(&report, &directory.path)?;
-            } else if place > 0 {
+                break_off(&mut earlier, FlightStatus::Aborted, ending);
+                write_all(&mut earlier, &directory.path);
+            } else if directory.path != self.first.path {
                 directory.discard();
             }
         }
-        Ok(all[last].clone())
+        Ok((last.clone(), report))
     }
 }

@@ -1,9 +1,9 @@
-//! The launcher's status line on a terminal.
+//! The launcher's status line on a terminal, and its messages, which wait while the dashboard has the terminal.
 //!
 //! It costs the same with and without a terminal, so a flight from a script is no different.
 
 use std::fs;
-use std::io::{self, IsTerminal as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -11,10 +11,12 @@ use messages::blackboards::{Run, RunPhase};
 use rustix::termios::tcgetwinsize;
 use serde::Deserialize;
 
-use errors::output::say;
+use errors::output::{has_screen, say};
 
 pub(super) struct StatusLine {
     on_terminal: bool,
+    /// Messages that wait for the dashboard to leave the terminal; none while it has not got it.
+    waiting: Option<String>,
     duration_s: f64,
     figures: ReportFigures,
 }
@@ -22,7 +24,8 @@ pub(super) struct StatusLine {
 impl StatusLine {
     pub(super) fn new(directory: &Path, duration_s: f64) -> Self {
         Self {
-            on_terminal: io::stderr().is_terminal(),
+            on_terminal: has_screen(&io::stderr()),
+            waiting: None,
             duration_s,
             figures: ReportFigures {
                 path: directory.join("report.json"),
@@ -32,8 +35,26 @@ impl StatusLine {
         }
     }
 
+    /// Notes whether the dashboard has the terminal; prints what waited for it to leave.
+    pub(super) fn set_taken(&mut self, is_taken: bool) {
+        if is_taken {
+            self.waiting.get_or_insert_default();
+        } else if let Some(waiting) = self.waiting.take() {
+            say(&waiting);
+        }
+    }
+
+    /// Prints a message in a line of its own, or when the terminal is free.
+    pub(super) fn tell(&mut self, message: &str) {
+        self.clear();
+        match &mut self.waiting {
+            Some(waiting) => *waiting += &format!("{message}\n"),
+            None => say(&format!("{message}\n")),
+        }
+    }
+
     /// Shows how the flight goes, unless the dashboard has the terminal.
-    pub(super) fn show(&mut self, run: &Run, terminal_taken: bool) {
+    pub(super) fn show(&mut self, run: &Run) {
         self.figures.look();
         let line = match run.phase() {
             RunPhase::Mustering | RunPhase::Opening => {
@@ -43,7 +64,7 @@ impl StatusLine {
             RunPhase::Flying if run.tick == messages::content::NO_TICK => "armed".into(),
             RunPhase::Flying => self.flying(run),
         };
-        if self.on_terminal && !terminal_taken {
+        if self.on_terminal && self.waiting.is_none() {
             say(&format!("\r\x1b[K{}", cut(&line, columns())));
         }
     }
@@ -61,7 +82,7 @@ impl StatusLine {
     }
 
     pub(super) fn clear(&self) {
-        if self.on_terminal {
+        if self.on_terminal && self.waiting.is_none() {
             say("\r\x1b[K");
         }
     }

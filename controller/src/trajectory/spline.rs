@@ -13,12 +13,12 @@ use messages::content::Reference;
 use nalgebra::{Matrix4, SMatrix};
 use thiserror::Error;
 
-use crate::trajectory::{ORDERS, reference_of};
+use crate::trajectory::{ORDERS, knots, reference_of};
 
 /// Values with their axes: x, y, z [m] and psi [rad].
-const AXES: usize = 4;
+pub const AXES: usize = 4;
 /// Coefficients of a polynomial of degree 9.
-const COEFFICIENTS: usize = 2 * ORDERS;
+pub(super) const COEFFICIENTS: usize = 2 * ORDERS;
 /// Largest jump at a point that rounding may leave, in units of what the curve does in the interval beside it.
 const ROUNDING: f64 = 1e-6;
 
@@ -32,6 +32,17 @@ pub struct Point {
     pub t_s: f64,
     /// x, y, z [m], world frame, and psi [rad], not wrapped.
     pub value: [f64; AXES],
+}
+
+/// A point from which a curve is further away than it should be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deviation {
+    /// Time of the point [s].
+    pub t_s: f64,
+    /// 0 to 2: x, y, z [m]; 3: psi [rad].
+    pub axis: usize,
+    pub away: f64,
+    pub allowed: f64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +80,15 @@ type Derivatives = SMatrix<f64, 4, AXES>;
 impl Spline {
     /// The curve through points whose times rise.
     pub fn through(points: &[Point]) -> Result<Self, SplineError> {
+        Self::near(points, &[0.0; AXES]).map(|(spline, _)| spline)
+    }
+
+    /// The curve near points whose times rise, which may be off by a tolerance: through them where they are far apart, and
+    /// as near as it gets where they are so dense that their roundings would shape it. It rests where they pause.
+    pub fn near(
+        points: &[Point],
+        tolerance: &[f64; AXES],
+    ) -> Result<(Self, Option<Deviation>), SplineError> {
         let (Some(end), true) = (points.last(), points.len() >= 2) else {
             return Err(SplineError::TooFew);
         };
@@ -81,23 +101,52 @@ impl Spline {
             }
         }
         let hermite = Hermite::new();
-        let derivatives = hermite.solve(points).map_err(SplineError::Uneven)?;
-        let segments: Vec<Segment> = (1..points.len())
-            .map(|i| {
-                hermite.segment(
-                    [&points[i - 1], &points[i]],
-                    [&derivatives[i - 1], &derivatives[i]],
-                )
-            })
-            .collect();
-        let spline = Self {
-            segments,
+        let mut spline = Self {
+            segments: Vec::new(),
             end: *end,
         };
+        let shortest_s = knots::shortest_s(points, tolerance);
+        for pair in knots::rests(points, tolerance, shortest_s).windows(2) {
+            let knots = knots::knots(&points[pair[0]..=pair[1]], tolerance, shortest_s);
+            let derivatives = hermite
+                .solve(&knots)
+                .map_err(|i| SplineError::Uneven(pair[0] + i))?;
+            spline.segments.extend((1..knots.len()).map(|i| {
+                hermite.segment(
+                    [&knots[i - 1], &knots[i]],
+                    [&derivatives[i - 1], &derivatives[i]],
+                )
+            }));
+        }
         match spline.first_jump() {
             Some(point) => Err(SplineError::Uneven(point)),
-            None => Ok(spline),
+            None => {
+                let deviation = spline.deviation(points, tolerance);
+                Ok((spline, deviation))
+            }
         }
+    }
+
+    /// Where it is furthest from points, in tolerances, if that is more than one.
+    fn deviation(&self, points: &[Point], tolerance: &[f64; AXES]) -> Option<Deviation> {
+        let mut worst = 1.0;
+        let mut deviation = None;
+        for point in points {
+            let axes = self.axes(point.t_s);
+            for axis in 0..AXES {
+                let away = (axes[axis][0] - point.value[axis]).abs();
+                if away > worst * tolerance[axis] && tolerance[axis] > 0.0 {
+                    worst = away / tolerance[axis];
+                    deviation = Some(Deviation {
+                        t_s: point.t_s,
+                        axis,
+                        away,
+                        allowed: tolerance[axis],
+                    });
+                }
+            }
+        }
+        deviation
     }
 
     /// When it comes to rest [s].

@@ -7,7 +7,7 @@ use controller::Trajectory;
 use messages::content::{Stamped, Wrench};
 use messages::parameters::Parameter;
 use messages::telemetry::Telemetry;
-use mixer::Priority;
+use mixer::RollPitchFirst;
 use nalgebra::Vector3;
 use plant::{Plant, PlantSettings, Swap};
 
@@ -33,6 +33,8 @@ pub struct Track {
     pub agitation_rad_s: Vec<f64>,
     /// What the outer law shows of itself.
     pub telemetry: Vec<Telemetry>,
+    /// Attitude at the end [rad].
+    pub attitude_rad: [f64; 3],
 }
 
 pub fn course(trajectory: Trajectory) -> ScaledTrajectory {
@@ -108,7 +110,7 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         let swap = Swap::new(tick, &[(parameter, value)]).unwrap();
         plant.schedule(swap).unwrap();
     }
-    let mut mixer = GuardedMixer::new(law::<Priority>(vec![]).into(), &Rig::default());
+    let mut mixer = GuardedMixer::new(law::<RollPitchFirst>(vec![]).into(), &Rig::default());
     let mut track = Track::default();
     let mut before = plant.state().measured.rotor_speed_command_rad_s;
     let ticks = (course.seconds / period_s).round() as u64;
@@ -157,6 +159,7 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         track.agitation_rad_s.push(change.fold(0.0, f64::max));
         before = measured.rotor_speed_command_rad_s;
         track.telemetry.push(telemetry);
+        track.attitude_rad = measured.attitude_rad;
         if lost {
             track.error_m = vec![f64::INFINITY; ticks as usize];
             return track;

@@ -45,7 +45,7 @@ pub struct PlantBatch {
     body: Columns<13>,
     /// Roll, pitch, yaw, and 1 where they are not known.
     eta2: Columns<4>,
-    dynamics: Columns<18>,
+    dynamics: Columns<21>,
     /// Without the disturbance. Of rotors without a lag, that of the first instant is that of all.
     forcing: [Columns<5>; INSTANTS],
 }
@@ -132,7 +132,7 @@ vectorised! {
     /// Carries all bodies to the next tick, as [`crate::integrator::integrate`] does one.
     fn integrate(
         body: &mut Columns<13>,
-        dynamics: &Columns<18>,
+        dynamics: &Columns<21>,
         forcing: &[Columns<5>],
         h: &[Vector3<f64>; INSTANTS],
         half_s: f64,

@@ -16,12 +16,10 @@ use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{
-    ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner, Sender,
-    SwapAnswer, SwapOrder, SwapOutcome, Wakes, Wire,
+    ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner,
+    SwapAnswer, SwapOrder, SwapOutcome, Wire,
 };
-use messages::content::{NO_TICK, SwapRecord};
-use messages::header::Header;
-use messages::inspection::Expected;
+use messages::content::NO_TICK;
 use messages::parameters::{PARAMETERS, Parameter, ParameterError};
 
 /// Requests that may lie between the server and the loop.
@@ -89,14 +87,14 @@ pub enum Event {
     },
 }
 
-/// Serves until the loop closes the channel `opened`, which brings what the run's messages carry. Sends to `ready` once
-/// when clients can connect.
+/// Serves from when the loop sends to `opened`, that is, once a run is open, until it closes that channel. Sends to `ready`
+/// once when clients can connect.
 ///
 /// A swap that was accepted holds at its tick even if its client has left.
 pub(super) fn serve(
     instance: &Instance,
     ready: &mpsc::Sender<()>,
-    opened: &mpsc::Receiver<(Expected, u64)>,
+    opened: &mpsc::Receiver<()>,
     requests: Producer<'_, Request>,
     mut events: Consumer<'_, Event>,
 ) -> Result<(), Error> {
@@ -104,7 +102,6 @@ pub(super) fn serve(
     let (swap_server, fault_server) = (wire.server::<SwapOrder>()?, wire.server::<FaultOrder>()?);
     let event = wire.wake_event(Owner::Requests)?;
     let mut server = Server {
-        records: wire.sender(Wakes::default())?,
         requests,
         changes: heapless::Vec::new(),
         injections: heapless::Vec::new(),
@@ -112,10 +109,9 @@ pub(super) fn serve(
     };
     // The loop waits for this, so it is there.
     let _ = ready.send(());
-    let Ok((expected, epoch)) = opened.recv() else {
+    if opened.recv().is_err() {
         return Ok(());
-    };
-    server.records.arm(expected, epoch)?;
+    }
     loop {
         let closed = opened.try_recv() == Err(mpsc::TryRecvError::Disconnected);
         // First: the next client may have come into the place of one that has left.
@@ -132,7 +128,7 @@ pub(super) fn serve(
             server.receive_faults(call);
         }
         while let Some(outcome) = events.dequeue() {
-            server.report(outcome)?;
+            server.report(outcome);
         }
         if closed {
             server.end();
@@ -148,7 +144,6 @@ pub(super) fn serve(
 type Waiting<C> = heapless::Vec<(u64, C), INBOX>;
 
 struct Server<'a> {
-    records: Sender<SwapRecord>,
     requests: Producer<'a, Request>,
     changes: Waiting<Call<SwapOrder>>,
     injections: Waiting<Call<FaultOrder>>,
@@ -206,21 +201,19 @@ impl Server<'_> {
         }
     }
 
-    /// Answers the client of an event, and publishes a parameter change.
-    fn report(&mut self, event: Event) -> Result<(), Error> {
+    /// Answers the client of an event.
+    fn report(&mut self, event: Event) {
         match event {
             Event::Refused { id, tick, reason } => {
                 reply(&mut self.changes, id, swap_refusal(&reason, tick));
             }
             Event::Applied(applied) => {
-                let record = applied.record();
-                self.records.send(applied.tick, &Header::new(), record)?;
                 let answer = SwapAnswer {
                     verdict: SwapOutcome::Applied as u64,
                     tick: applied.tick,
                     parameter_epoch: applied.epoch,
                     parameter: 0,
-                    old: record.old,
+                    old: applied.record().old,
                 };
                 reply(&mut self.changes, applied.request_id, answer);
             }
@@ -238,7 +231,6 @@ impl Server<'_> {
                 reply(&mut self.injections, id, answer);
             }
         }
-        Ok(())
     }
 
     /// Answers all waiting clients that the run is over.

@@ -197,6 +197,27 @@ class Flight:
         error: Array = np.linalg.norm(self.state.position_w_m - self.reference.position_w_m, axis=1)
         return error
 
+    @property
+    def yaw_error_rad(self) -> Array:
+        """Difference between the yaw and that of the reference, at most pi [rad]."""
+        difference = self.reference.yaw_rad - self.state.attitude_rad[:, 2]
+        error: Array = np.abs((difference + np.pi) % (2.0 * np.pi) - np.pi)
+        return error
+
+    @property
+    def tilt_error_rad(self) -> Array:
+        """Angle between body z and the thrust that the reference needs of the true airframe in the steady wind [rad]."""
+        truth, reference = self.truth, self.reference
+        wind = np.column_stack([truth["wind_x_m_s"], truth["wind_y_m_s"], truth["wind_z_m_s"]])
+        drag = (truth["translational_drag_kg_s"] / truth["mass_kg"])[:, None]
+        thrust = reference.acceleration_w_m_s2 + drag * (reference.velocity_w_m_s - wind)
+        thrust[:, 2] += truth["gravity_m_s2"]
+        w, x, y, z = self.state.attitude_quaternion.T
+        body_z = np.column_stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])
+        across = np.linalg.norm(np.cross(body_z, thrust), axis=1)
+        error: Array = np.arctan2(across, np.sum(body_z * thrust, axis=1))
+        return error
+
     def __repr__(self) -> str:
         flown = f"{self.trajectory}, {len(self.t)} ticks, {' + '.join(self.laws.values())}"
         return f"<Flight {flown}: {self.end}, outputs {self.fingerprint}>"

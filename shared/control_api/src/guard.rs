@@ -12,7 +12,6 @@
 use std::sync::Arc;
 
 use messages::allocation::Allocation;
-use messages::checks::{Check, is_on};
 use messages::content::{
     Mode, NO_TICK, ROTORS, Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench,
 };
@@ -69,11 +68,12 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Guarded<L, M> {
         self.transfer(&mut Fields::Read(state))
     }
 
-    /// Gives its place to another instance, which continues from its state; `room` is for that state.
-    pub fn replace_by(&mut self, next: Self, room: &mut SavedState) {
+    /// Gives its place to another instance, which continues from its state; `room` is for that state. False if the law
+    /// cannot be saved, and the other instance begins with its initial state.
+    pub fn replace_by(&mut self, next: Self, room: &mut SavedState) -> bool {
         self.save(room);
         *self = next;
-        self.load(room);
+        self.load(room)
     }
 
     fn transfer(&mut self, fields: &mut Fields) -> bool {
@@ -332,8 +332,7 @@ impl InnerMemory {
         let is_lost = self.is_past(self.measured_at, tick);
         let first_tick = *self.first_tick.get_or_insert(tick);
         let seen_at = self.measured_at.unwrap_or(first_tick);
-        let is_blind =
-            !is_fresh && tick.saturating_sub(seen_at) > self.blind_ticks && is_on(Check::Stale);
+        let is_blind = !is_fresh && tick.saturating_sub(seen_at) > self.blind_ticks;
         if is_fresh {
             if is_lost {
                 self.began = rest_at(&state.content, state.content.measured.attitude_rad[2]);
@@ -394,7 +393,7 @@ impl InnerMemory {
 
     /// Whether something was longer ago than it is held for, or never was.
     fn is_past(&self, at: Option<u64>, tick: u64) -> bool {
-        at.is_none_or(|at| tick.saturating_sub(at) > self.hold_ticks && is_on(Check::Stale))
+        at.is_none_or(|at| tick.saturating_sub(at) > self.hold_ticks)
     }
 
     /// The setpoint and reference to follow in this tick.
@@ -405,7 +404,7 @@ impl InnerMemory {
         setpoint: &Stamped<Setpoint>,
     ) -> (Desired, Reference, Mode) {
         let content = &setpoint.content;
-        if setpoint.age(tick) <= self.hold_ticks || !is_on(Check::Stale) {
+        if setpoint.age(tick) <= self.hold_ticks {
             self.stays = None;
             let mode = if setpoint.tick == tick {
                 Mode::Fresh
@@ -550,14 +549,13 @@ impl Rotors {
             thrust_n: wrench.content.thrust_n,
             torque_b_nm: wrench.content.torque_b_nm,
         };
-        let is_checked = is_on(Check::Stale);
         let is_idle = wrench.content.mode == Mode::Idle as u64;
-        if is_idle || (age >= self.idle_after_ticks && is_checked) {
+        if is_idle || age >= self.idle_after_ticks {
             return self.idle(speeds);
         }
         let mode = if age == 0 {
             Mode::Fresh
-        } else if age <= self.held_ticks || !is_checked {
+        } else if age <= self.held_ticks {
             Mode::Held
         } else {
             demand.torque_b_nm = [0.0; 3];

@@ -7,12 +7,14 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, absolute};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::{fmt, fs, io};
 
 use rustix::fs::{Access, OFlags, access, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::process::geteuid;
+use serde::{Deserialize, Serialize};
 
 /// Exit code of a run or command that did what it should.
 pub const OK: u8 = 0;
@@ -26,7 +28,7 @@ pub const NO_REAL_TIME: u8 = 4;
 pub const OCCUPIED: u8 = 5;
 pub const INTERRUPTED: u8 = 130;
 
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Failure {
     pub code: u8,
     message: String,
@@ -248,6 +250,38 @@ pub fn replace(path: &Path) -> Result<File, Failure> {
         Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e).in_file("write", path),
         _ => File::create_new(path).in_file("write", path),
     }
+}
+
+/// Writes a file under another name (`.aside`), has it synced, and gives it its name if it is still wanted: a reader finds
+/// the old file or the new one, never a part. If only syncing fails, the file is replaced, and the reason returned.
+pub fn write_whole<E: fmt::Display>(
+    path: &Path,
+    write: impl FnOnce(&mut File) -> Result<(), E>,
+    is_wanted: impl FnOnce() -> bool,
+) -> Result<(), String> {
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    let (process, number) = (std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{process}-{number}.aside"));
+    let aside = path.with_file_name(name);
+    let mut file = File::create(&aside).map_err(|e| e.to_string())?;
+    let mut synced = Ok(());
+    let written = write(&mut file).map_err(|e| e.to_string());
+    let replaced = written.and_then(|()| {
+        synced = file.sync_all();
+        let renamed = is_wanted().then(|| fs::rename(&aside, path));
+        renamed.unwrap_or(Ok(())).map_err(|e| e.to_string())
+    });
+    // It is not there if it has got its name.
+    let _ = fs::remove_file(&aside);
+    replaced?;
+    let of_directory = || match File::open(path.with_file_name("."))?.sync_all() {
+        // Not every file system can.
+        Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),
+        synced => synced,
+    };
+    let synced = synced.and_then(|()| of_directory());
+    synced.map_err(|e| format!("it is not synced: {e}"))
 }
 
 /// Checks before anything starts that the files which flags name are different ones and can be written, without creating

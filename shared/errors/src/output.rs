@@ -1,6 +1,6 @@
 //! Writes to standard output and standard error. A reader that has gone is no failure.
 
-use std::io::{self, ErrorKind, Write as _};
+use std::io::{self, ErrorKind, IsTerminal, Write as _};
 
 use rustix::fs::{FileType, fstat};
 use rustix::io::Errno;
@@ -17,6 +17,12 @@ pub fn print(text: &str) -> Result<(), Failure> {
         ),
         _ => Ok(()),
     }
+}
+
+/// Whether a stream is a terminal that knows escape sequences.
+pub fn has_screen(stream: &impl IsTerminal) -> bool {
+    stream.is_terminal()
+        && std::env::var_os("TERM").is_some_and(|name| !name.is_empty() && name != "dumb")
 }
 
 /// Writes a text to standard error, if anybody still reads it.

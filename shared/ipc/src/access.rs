@@ -13,6 +13,7 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
 use crate::error::{Error, Refusal, RefusalKind, SHARED_MEMORY, Shortage, Tried as _, shortage};
 use crate::instance::{Instance, Lock};
+use crate::ports::DEEP;
 use crate::wake_file::WakeFile;
 use messages::role::Channel;
 
@@ -35,6 +36,8 @@ pub struct Wire {
     /// The channel whose topics it sends and receives, and how many there are.
     pub(super) channel: Channel,
     pub(super) channels: usize,
+    /// Messages that the recorder's receivers keep of a topic.
+    pub(super) depth: usize,
     /// Number of dead processes whose leftovers were removed.
     pub cleaned: u64,
     // Last: no process removes the shared memory while a port of this process is in it.
@@ -72,15 +75,18 @@ impl Wire {
             wake_file: WakeFile::join(instance)?,
             channel: Channel::A,
             channels: 1,
+            depth: DEEP,
             cleaned,
             _in_use: in_use,
         })
     }
 
-    /// The same access, for a process of `channel` in a flight with `channels` channels.
+    /// The same access, for a process of `channel` in a flight with `channels` channels and a [`recorder_depth`].
+    ///
+    /// [`recorder_depth`]: crate::recorder_depth
     #[must_use]
-    pub const fn in_channel(mut self, channel: Channel, channels: usize) -> Self {
-        (self.channel, self.channels) = (channel, channels);
+    pub const fn in_flight(mut self, channel: Channel, channels: usize, depth: usize) -> Self {
+        (self.channel, self.channels, self.depth) = (channel, channels, depth);
         self
     }
 

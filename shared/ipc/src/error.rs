@@ -173,7 +173,7 @@ impl Error {
             Self::RealtimeRefused { remedy, .. } => remedy.clone(),
             Self::SharedMemoryFull { path, .. } => format!(
                 "remove what fills it (`ironbird clean` removes leftovers of ours), or enlarge it: \
-                 mount -o remount,size=256M {}",
+                 mount -o remount,size=256M {}; in a container: docker run --shm-size=256m, or podman run likewise",
                 path.display()
             ),
             Self::Incompatible { .. } => {

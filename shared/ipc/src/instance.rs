@@ -31,6 +31,8 @@ const MIB: u64 = 1 << 20;
 const NAME_MAX: usize = 32;
 /// The file that says that we have made a directory. Without it, nothing in a directory is ever removed.
 const MARK: &str = ".ironbird";
+/// End of the name of the page of wake-up events in shared memory.
+pub(crate) const WAKE_EVENTS: &str = "wake_events";
 
 pub type Name = heapless::String<NAME_MAX>;
 

@@ -16,7 +16,9 @@ mod wake_file;
 
 pub use access::Wire;
 pub use blackboard::{Blackboard, BlackboardReader, Notice, SHEETS};
-pub use ports::{DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Relay, Sender, TopicPorts, Wakes};
+pub use ports::{
+    DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Relay, Sender, TopicPorts, Wakes, recorder_depth,
+};
 pub use requests::{
     ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, RequestClient,
     RequestServer, SwapAnswer, SwapOrder, SwapOutcome,

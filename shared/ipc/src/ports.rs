@@ -16,7 +16,9 @@ use crate::clock::{Horizon, now_ns};
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use crate::wake_event::Notifier;
-use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench};
+use messages::content::{
+    Decisions, Loss, NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench,
+};
 use messages::header::{Header, LAYOUT, Message};
 use messages::inspection::{Expected, Inspector, Rejections};
 use messages::monitor::Monitor;
@@ -25,8 +27,13 @@ use messages::topic::Topic;
 
 /// Samples kept by a receiver that needs only the newest.
 pub const LATEST: usize = 1;
-/// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz, 0.44 at 8. An instance fits into the 64 MiB of a container.
+/// Messages that the recorder's receivers keep of a topic at the least: 3.5 seconds at 1 kHz.
 pub const DEEP: usize = 3500;
+/// How long the recorder may be absent at any rate without losing a message [ns].
+const ABSENCE_NS: u64 = 1_000_000_000;
+/// Shared memory of the services themselves, the blackboards, events and requests [bytes].
+const EVERYTHING_ELSE: u64 = 7 << 19;
+const EVERYTHING_ELSE_OF_A_CHANNEL: u64 = 1 << 20;
 /// Processes that may observe an instance at the same time.
 pub const OBSERVERS: usize = 4;
 /// Messages of a topic that an observer may fall behind before it loses the oldest: half a second at 1 kHz.
@@ -64,7 +71,11 @@ macro_rules! topic_ports {
             }
 
             fn publisher(service: &Open<Self>) -> Result<TopicPublisher<Self>, PublisherCreateError> {
-                service.publisher_builder().max_loaned_samples(1).create()
+                let config = service.static_config();
+                let depth = config.subscriber_max_buffer_size();
+                let slots = slots(config.max_subscribers(), depth);
+                let builder = service.publisher_builder().max_loaned_samples(1);
+                builder.override_sample_preallocation(move |_| slots).create()
             }
 
             fn subscriber(
@@ -77,36 +88,49 @@ macro_rules! topic_ports {
     )*};
 }
 
-topic_ports!(State, Setpoint, Wrench, RotorSpeeds, SwapRecord, Monitor);
+topic_ports!(
+    State,
+    Setpoint,
+    Wrench,
+    RotorSpeeds,
+    SwapRecord,
+    Decisions,
+    Monitor,
+    Loss
+);
 
 impl Wire {
-    /// Shared memory that an instance with so many channels takes [bytes]: twice that of the topics, to cover everything
-    /// else, and that of the observers' topics.
-    pub fn needed_bytes(channels: usize) -> u64 {
+    /// Shared memory that an instance takes with so many channels, if the recorder keeps so many messages [bytes].
+    pub fn needed_bytes(channels: usize, depth: usize) -> u64 {
         fn observers<C: Topic>() -> u64 {
-            slot_bytes::<C>(OBSERVERS, OBSERVED)
+            topic_bytes::<C>(OBSERVERS, OBSERVED)
         }
-        fn topic<C: Topic>(channels: usize) -> u64 {
-            2 * slot_bytes::<C>(subscribers::<C>(channels), DEEP)
+        fn topic<C: Topic>(channels: usize, depth: usize) -> u64 {
+            topic_bytes::<C>(subscribers::<C>(channels), depth_of::<C>(depth))
         }
-        let of_a_channel = topic::<Setpoint>(channels)
-            + topic::<Wrench>(channels)
-            + topic::<RotorSpeeds>(channels);
-        channels as u64 * of_a_channel
-            + topic::<State>(channels)
-            + topic::<SwapRecord>(channels)
+        let of_a_channel = topic::<Setpoint>(channels, depth)
+            + topic::<Wrench>(channels, depth)
+            + topic::<RotorSpeeds>(channels, depth);
+        EVERYTHING_ELSE
+            + channels as u64 * (EVERYTHING_ELSE_OF_A_CHANNEL + of_a_channel)
+            + topic::<State>(channels, depth)
+            + topic::<SwapRecord>(channels, depth)
+            + topic::<Decisions>(channels, depth)
             + observers::<State>()
             + observers::<Setpoint>()
             + observers::<Wrench>()
             + observers::<RotorSpeeds>()
             + observers::<SwapRecord>()
+            + observers::<Decisions>()
+            + observers::<Loss>()
             + observers::<Monitor>()
     }
 
     fn topic<C: TopicPorts>(&self, channel: Channel) -> Result<Open<C>, Error> {
         let prefix = Replica::new(C::SENDER, channel).channel.prefix();
         let name = format!("{prefix}{}", C::NAME);
-        C::open(self, &name, subscribers::<C>(self.channels), DEEP)
+        let depth = depth_of::<C>(self.depth);
+        C::open(self, &name, subscribers::<C>(self.channels), depth)
     }
 
     fn publish_subscribe<C: Topic>(
@@ -151,7 +175,12 @@ impl Wire {
         self.receiver_of(self.channel, depth)
     }
 
-    /// The same of another channel.
+    /// The recorder's receiver of a topic.
+    pub fn recorder_of<C: TopicPorts>(&self, channel: Channel) -> Result<Receiver<C>, Error> {
+        self.receiver_of(channel, depth_of::<C>(self.depth))
+    }
+
+    /// A receiver of a topic of another channel.
     pub fn receiver_of<C: TopicPorts>(
         &self,
         channel: Channel,
@@ -159,7 +188,7 @@ impl Wire {
     ) -> Result<Receiver<C>, Error> {
         let subscriber = C::subscriber(&self.topic(channel)?, depth)
             .wire(|| format!("cannot receive topic `{}`", C::NAME))?;
-        Ok(Receiver::new(subscriber))
+        Ok(Receiver::new(subscriber, false))
     }
 }
 
@@ -168,11 +197,27 @@ const fn subscribers<C: Topic>(channels: usize) -> usize {
     C::SUBSCRIBERS + C::SUBSCRIBERS_PER_CHANNEL * (channels - 1)
 }
 
-/// Shared memory that the slots of a topic take [bytes].
-fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
-    // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
-    let slots = subscribers * (depth + 1) + 2;
-    (slots * (size_of::<Sealed<Message<C>>>() + 64)) as u64
+/// Messages that the recorder's receivers keep of a topic, by the length of a tick on the clock.
+pub fn recorder_depth(wall_period_ns: u64) -> usize {
+    let ticks = ABSENCE_NS.checked_div(wall_period_ns).unwrap_or(0);
+    DEEP.max(ticks as usize)
+}
+
+/// Messages that the recorder keeps of a topic. What it receives alone is no part of every tick.
+const fn depth_of<C: Topic>(depth: usize) -> usize {
+    if C::SUBSCRIBERS == 1 { DEEP } else { depth }
+}
+
+/// Places for messages that a sender needs. All receivers keep a part of the newest `depth` messages, so that they share
+/// them. Each may hold one more that it reads, and the sender one that it fills.
+const fn slots(subscribers: usize, depth: usize) -> usize {
+    depth + subscribers + 2
+}
+
+/// Shared memory that a topic takes [bytes].
+fn topic_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
+    // A slot, and two places in the queues of the deepest receiver.
+    (slots(subscribers, depth) * (size_of::<Sealed<Message<C>>>() + 64 + 24)) as u64
 }
 
 /// A place for a message in shared memory, before it is sent.
@@ -286,16 +331,20 @@ pub struct Receiver<C: Topic> {
     inspector: Inspector,
     newest: Message<C>,
     rejections: Rejections,
+    /// Whether the messages come through the recorder, from changing senders.
+    is_relayed: bool,
 }
 
 impl<C: Topic> Receiver<C> {
-    fn new(subscriber: TopicSubscriber<C>) -> Self {
+    fn new(subscriber: TopicSubscriber<C>, is_relayed: bool) -> Self {
+        let nothing = Expected {
+            run_id: 0,
+            settings: 0,
+        };
         Self {
             subscriber,
-            inspector: Inspector::new(Expected {
-                run_id: 0,
-                settings: 0,
-            }),
+            inspector: Inspector::new(nothing, is_relayed),
+            is_relayed,
             newest: Message::default(),
             rejections: Rejections::default(),
         }
@@ -306,7 +355,7 @@ impl<C: Topic> Receiver<C> {
         self.subscriber
             .update_connections()
             .wire(|| format!("cannot connect the receiver of topic `{}`", C::NAME))?;
-        self.inspector = Inspector::new(expected);
+        self.inspector = Inspector::new(expected, self.is_relayed);
         self.newest = Message::default();
         Ok(())
     }
@@ -395,7 +444,11 @@ impl Wire {
         let service = self.observed()?;
         let publisher = C::publisher(&service)
             .wire(|| format!("cannot become the relay of topic `{}`", C::NAME))?;
-        Ok(Relay { publisher, service })
+        Ok(Relay {
+            publisher,
+            seq: 0,
+            service,
+        })
     }
 
     /// A receiver of what the recorder passes on of a topic, from the next message on.
@@ -407,27 +460,32 @@ impl Wire {
             },
             e => Error::wire(format!("cannot observe topic `{}`", C::NAME), e),
         })?;
-        Ok(Receiver::new(subscriber))
+        Ok(Receiver::new(subscriber, true))
     }
 }
 
-/// Passes messages of a topic on, as they came, or as the recorder made them.
+/// Passes messages of a topic on, as they came, or as the recorder made them. They are numbered anew: those of changing
+/// channels have no common numbers, and an observer finds by them what it was too slow to read.
 #[derive(Debug)]
 pub struct Relay<C: Topic> {
     publisher: TopicPublisher<C>,
+    seq: u64,
     service: Open<C>,
 }
 
 impl<C: Topic> Relay<C> {
     /// Passes a message on to all observers. It costs next to nothing without observers, and never waits.
-    pub fn pass_on(&self, message: &Message<C>) -> Result<(), Error> {
+    pub fn pass_on(&mut self, message: &Message<C>) -> Result<(), Error> {
+        let mut message = *message;
+        message.envelope.seq = self.seq;
+        self.seq += 1;
         if self.service.dynamic_config().number_of_subscribers() == 0 {
             return Ok(());
         }
         let failed = || format!("cannot pass topic `{}` on", C::NAME);
         let sample = self.publisher.loan_uninit().wire(failed)?;
         sample
-            .write_payload(Sealed::new(*message))
+            .write_payload(Sealed::new(message))
             .send()
             .wire(failed)?;
         Ok(())

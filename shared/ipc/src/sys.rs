@@ -14,7 +14,6 @@ use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering};
 
 use iceoryx2::prelude::ZeroCopySend;
 use messages::check_word::check_word;
-use messages::checks::{Check, is_on};
 use messages::inspection::Reason;
 use messages::layout::{Layout, Plain, words};
 use rustix::fs::{FlockOperation, flock, fstat};
@@ -53,8 +52,7 @@ impl<T: Layout> Sealed<T> {
     /// The content, if its check word is right. Call it on a copy: shared memory may change after the check.
     #[inline]
     pub fn open(&self) -> Result<&T, Reason> {
-        let is_whole = check_word(words(&self.content)) == self.check || !is_on(Check::Checksum);
-        if is_whole {
+        if check_word(words(&self.content)) == self.check {
             Ok(&self.content)
         } else {
             Err(Reason::Checksum)
@@ -117,7 +115,7 @@ impl Deref for WakePage {
 
     fn deref(&self) -> &Self::Target {
         // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for
-        // `Notifier`, and every content is a valid one of its atomics, which other processes may change at any time.
+        // `WakeWord`, and every content is a valid one of its atomics, which other processes may change at any time.
         unsafe { self.page.as_ref() }
     }
 }

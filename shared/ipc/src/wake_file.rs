@@ -9,7 +9,7 @@ use rustix::fs::{FallocateFlags, FlockOperation, fallocate, flock};
 use rustix::io::Errno;
 
 use crate::error::Error;
-use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
+use crate::instance::{Instance, SHARED_MEMORY, WAKE_EVENTS, is_at, lock_soon, shared_memory};
 use crate::sys::{EVENTS, Locked, WakePage};
 use messages::layout::{FNV_OFFSET, fnv1a};
 
@@ -29,7 +29,7 @@ pub(super) struct WakeFile {
 
 impl WakeFile {
     pub(super) fn join(instance: &Instance) -> Result<Self, Error> {
-        let name = format!("{}wake_events", instance.prefix());
+        let name = format!("{}{WAKE_EVENTS}", instance.prefix());
         let path = Path::new(SHARED_MEMORY).join(&name);
         let failed = |e| Error::system(format!("cannot make {}", path.display()), e);
         let memory = shared_memory()?.ok_or_else(|| failed(Errno::NOENT))?;

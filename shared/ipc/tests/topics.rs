@@ -231,13 +231,13 @@ fn observer(wire: &Wire) -> Receiver<State> {
 fn observers_get_what_is_relayed_from_when_they_joined() {
     let site = Site::new();
     let (wire, elsewhere) = (site.wire(), site.wire());
-    let relay = wire.relay().unwrap();
-    let pass_on = |tick| relay.pass_on(&message(tick)).unwrap();
-    (0..3).for_each(pass_on);
+    let mut relay = wire.relay().unwrap();
+    let mut pass_on = |tick| relay.pass_on(&message(tick)).unwrap();
+    (0..3).for_each(&mut pass_on);
     let mut first = observer(&elsewhere);
-    (3..5).for_each(pass_on);
+    (3..5).for_each(&mut pass_on);
     let mut second = observer(&elsewhere);
-    (5..7).for_each(pass_on);
+    (5..7).for_each(&mut pass_on);
     assert_eq!(drain(&mut first), [3, 4, 5, 6]);
     assert_eq!(drain(&mut second), [5, 6]);
     assert_eq!(second.newest(), &message(6), "with header and stamps");
@@ -252,7 +252,7 @@ fn observers_get_what_is_relayed_from_when_they_joined() {
 fn a_slow_observer_loses_the_oldest_and_delays_no_loop() {
     let site = Site::new();
     let wire = site.wire();
-    let relay = wire.relay().unwrap();
+    let mut relay = wire.relay().unwrap();
     let (mut sleeper, mut awake) = (observer(&wire), observer(&wire));
     let sent = 3 * OBSERVED as u64;
     for tick in 0..sent {
@@ -277,7 +277,7 @@ fn what_an_observer_uses_is_not_removed() {
     let mut observer = observer(&wire);
     assert!(!site.instance.is_alive(), "no role of it lives");
     assert!(site.instance.remove_leftovers().unwrap().is_empty());
-    let relay = site.wire().relay().unwrap();
+    let mut relay = site.wire().relay().unwrap();
     relay.pass_on(&message(1)).unwrap();
     // The recorder of the next flight relays to it.
     assert_eq!(drain(&mut observer), [1]);

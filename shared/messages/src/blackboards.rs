@@ -4,6 +4,7 @@
 
 use crate::content::NO_TICK;
 use crate::grid::{Grid, Pace};
+use crate::history::LawState;
 use crate::layout::{layout, wire_enum, zeroed};
 use crate::parameters::PARAMETERS;
 use crate::realtime::{Grants, Lead, Usage};
@@ -15,6 +16,8 @@ pub const RUN: &str = "run";
 pub const IN_FORCE: &str = "in_force";
 /// Name of the plant's blackboard with the [`SettingsText`].
 pub const SETTINGS: &str = "settings";
+/// Name of the supervisor's blackboard with the [`Supervision`].
+pub const SUPERVISION: &str = "supervision";
 
 /// Length of a tick on the clock that stands for lockstep: the ticks have no length [ns].
 pub const LOCKSTEP: u64 = 0;
@@ -189,6 +192,12 @@ layout! {
         pub grants: Grants,
         /// What its loop used since it was armed; final once it has landed.
         pub usage: Usage,
+        /// Ticks that flew without a fresh command on time, as the recorder counts them: those whose command missed its deadline,
+        /// and those whose command came of an older input; 0 of loops.
+        pub commands_missed: u64,
+        pub commands_stale: u64,
+        /// How often the recorder has looked for messages: it shows that it lives, also while the plant does not; 0 of loops.
+        pub rounds: u64,
         /// 1 where its state is published after each tick; 0 before the first, or if its law cannot be saved.
         pub is_saved: u64,
         /// The tick after the one whose [`StageState`] it began with; 0 where it began with its initial state.
@@ -213,8 +222,8 @@ layout! {
         /// The run that it is of; 0 where there is none.
         pub run_id: u64,
         pub tick: u64,
-        /// 1 where all inputs were of the tick, and the state may not differ from that of other channels.
-        pub is_fresh: u64,
+        /// The state that the tick was worked from, and the history of both.
+        pub law_state: LawState,
         pub length: u64,
         pub bytes: [u8; STATE_BYTES],
     }
@@ -283,6 +292,41 @@ impl SettingsText {
     }
 }
 
+layout! {
+    /// What the supervisor did in a flight.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct Supervision {
+        /// Processes that ended although the flight needed them.
+        pub failed: u64,
+        pub restarted: u64,
+        /// Its newest messages, each in a line with the tick before it.
+        pub events: SettingsText,
+    }
+}
+
+impl Supervision {
+    /// Adds a message; the oldest ones give way.
+    pub fn add(&mut self, tick: u64, message: &str) {
+        let all = format!("{}{tick} {message}\n", self.events.text());
+        let mut newest = all.as_str();
+        self.events = loop {
+            if let Some(events) = SettingsText::new(newest) {
+                break events;
+            }
+            newest = newest.split_once('\n').map_or("", |(_, newer)| newer);
+        };
+    }
+
+    /// Ticks and messages, the oldest first.
+    pub fn events(&self) -> impl Iterator<Item = (u64, &str)> {
+        let lines = self.events.text().lines();
+        lines.filter_map(|line| {
+            let (tick, message) = line.split_once(' ')?;
+            Some((tick.parse().ok()?, message))
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -291,5 +335,16 @@ mod tests {
     fn settings_text_comes_back_whole_or_is_refused() {
         assert_eq!(SettingsText::new("a = 1\n").unwrap().text(), "a = 1\n");
         assert!(SettingsText::new(&"x".repeat(SETTINGS_MAX + 1)).is_none());
+    }
+
+    #[test]
+    fn the_newest_messages_of_the_supervisor_are_kept() {
+        let mut supervision = Supervision::default();
+        let message = |tick| format!("{tick}: {}", "x".repeat(90));
+        (0..200).for_each(|tick| supervision.add(tick, &message(tick)));
+        let kept: Vec<_> = supervision.events().collect();
+        assert!(kept.len() > 70 && kept.len() < 200);
+        assert_eq!(kept.last(), Some(&(199, &*message(199))));
+        assert!(kept.is_sorted());
     }
 }

@@ -2,8 +2,9 @@
 
 use std::cmp::Reverse;
 
-use crate::content::{ROTORS, RotorSpeeds};
+use crate::content::{NO_TICK, ROTORS, RotorSpeeds, TakenCommand};
 use crate::header::Message;
+use crate::history::UNDISTURBED;
 use crate::layout::{Visit as _, layout, wire_enum, zeroed};
 use crate::role::{Channel, MOST_CHANNELS, Role};
 
@@ -18,6 +19,9 @@ pub struct Candidate {
     pub effective_tick: u64,
     /// Whether every stage computed it from the state of the tick.
     pub is_fresh: bool,
+    /// History of its mixer's state, and so of all that it was computed from ([`crate::history`]).
+    pub history: u64,
+    pub seq: u64,
     pub command: RotorSpeeds,
 }
 
@@ -34,8 +38,29 @@ impl Candidate {
             tick: envelope.tick,
             effective_tick,
             is_fresh: envelope.input_tick == [envelope.tick; 3],
+            history: envelope.law_state.after,
+            seq: envelope.seq,
             command: *content,
         })
+    }
+
+    /// The record that it was taken and acts from a tick on.
+    pub const fn taken(&self, acts_from: u64) -> TakenCommand {
+        TakenCommand {
+            of_tick: self.tick,
+            channel: self.channel as u64,
+            seq: self.seq,
+            acts_from,
+            is_offered: 1,
+        }
+    }
+
+    /// The record that it was refused when it was read.
+    pub const fn refused(&self) -> TakenCommand {
+        TakenCommand {
+            is_offered: 0,
+            ..self.taken(NO_TICK)
+        }
     }
 
     const fn is_on_time(&self) -> bool {
@@ -51,33 +76,40 @@ impl Candidate {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Selection {
     pub chosen: Candidate,
-    /// Whether two usable commands differ in a bit.
+    /// Whether another usable command has the same history, and can be compared.
+    pub is_compared: bool,
+    /// Whether one of those differs in a bit.
     pub differs: bool,
-    /// The channel that two others contradict.
+    /// The channel that two others with the same history contradict.
     pub outvoted: Option<Channel>,
 }
 
-/// Chooses the command of a tick: one that may act earlier before any other, then one that is fresh, that of the majority if
-/// three are alike in that and one differs, and then that of the first channel. The candidates are in the order of their
-/// channels.
+/// Chooses the command of a tick: one that may act earlier before any other, then one that is fresh, one with an undisturbed
+/// history, that of the majority of three with the same history, and then that of the first channel. The candidates are in
+/// the order of their channels. Commands with different histories follow from other states or inputs: they are not compared.
 pub fn select(candidates: &[Candidate]) -> Option<Selection> {
-    let rank = |it: &Candidate| (Reverse(it.effective_tick), it.is_fresh);
+    let rank = |it: &Candidate| {
+        let is_undisturbed = it.history == UNDISTURBED;
+        (Reverse(it.effective_tick), it.is_fresh, is_undisturbed)
+    };
     let best = candidates.iter().map(rank).max()?;
     let same = |a: &Candidate, b: &Candidate| a.command.is_same(&b.command);
     let rivals = || candidates.iter().filter(|it| rank(it) == best);
-    let is_contradicted = |it: &Candidate| {
-        let others = || rivals().filter(|other| other.channel != it.channel);
-        others().count() == 2 && !others().any(|other| same(it, other))
+    let peers = |it: &Candidate| {
+        let it = *it;
+        rivals().filter(move |other| other.channel != it.channel && other.history == it.history)
     };
-    let chosen = |it: &Candidate| rank(it) == best && !is_contradicted(it);
-    let first = |it: &Candidate| rank(it) == best;
-    let place = candidates.iter().position(chosen);
+    let is_contradicted =
+        |it: &Candidate| peers(it).count() == 2 && !peers(it).any(|other| same(it, other));
+    let place = rivals().position(|it| !is_contradicted(it));
     // Where all three differ, none has a majority.
-    let chosen = candidates[place.or_else(|| candidates.iter().position(first))?];
-    let differs = chosen.is_usable() && rivals().any(|it| !same(it, &chosen));
+    let chosen = *rivals().nth(place.unwrap_or(0))?;
+    let is_compared = chosen.is_usable() && peers(&chosen).next().is_some();
+    let differs = is_compared && peers(&chosen).any(|it| !same(it, &chosen));
     let outvoted = rivals().find(|it| place.is_some() && differs && is_contradicted(it));
     Some(Selection {
         chosen,
+        is_compared,
         differs,
         outvoted: outvoted.map(|it| it.channel),
     })
@@ -335,10 +367,6 @@ layout! {
 /// Outages that are kept each; later ones are only counted.
 pub const OUTAGES_KEPT: usize = 64;
 
-/// Ticks of which the account has whose command was taken.
-const TAKEN_KEPT: u64 = 1024;
-const TICKS_PER_WORD: u64 = 32;
-
 layout! {
     /// The plant's account of the channels.
     #[derive(Clone, Copy, Debug, PartialEq)]
@@ -346,10 +374,6 @@ layout! {
         pub channels: u64,
         /// Place of the channel whose command is in force.
         pub active: u64,
-        /// The tick after the newest one of which a command was taken.
-        pub taken_end: u64,
-        /// Of each of the last ticks, in two bits, the place of the channel whose command was taken, and 1; 0 where none was.
-        pub taken: [u64; (TAKEN_KEPT / TICKS_PER_WORD) as usize],
         /// Ticks whose command was each channel's.
         pub flown: [u64; MOST_CHANNELS],
         /// Ticks for which fewer than two channels had a command that could be flown.
@@ -359,7 +383,8 @@ layout! {
         pub masked: u64,
         /// Ticks without a fresh command on time from any channel.
         pub not_fresh: u64,
-        /// Ticks in which two fresh commands differed.
+        /// Ticks in which two usable commands with the same history were compared, and those in which they differed.
+        pub votes: u64,
         pub mismatches: u64,
         /// The first of them.
         pub first_mismatch: u64,
@@ -385,38 +410,6 @@ impl Redundancy {
         let kept = (self.switchover_count as usize).min(SWITCHOVERS_KEPT);
         &self.switchovers[..kept]
     }
-
-    /// Notes that the plant took a channel's command of a tick, which is later than any before.
-    fn take(&mut self, tick: u64, channel: Channel) {
-        for passed in self.taken_end.max(tick.saturating_sub(TAKEN_KEPT - 1))..tick {
-            self.set_taken(passed, 0);
-        }
-        self.set_taken(tick, channel as u64 + 1);
-        self.taken_end = tick + 1;
-    }
-
-    const fn set_taken(&mut self, tick: u64, bits: u64) {
-        let (word, shift) = place_of(tick);
-        self.taken[word] = self.taken[word] & !(3 << shift) | bits << shift;
-    }
-
-    /// The channel whose command of a tick the plant took; none if it took none, if that is not decided, or long ago.
-    pub fn taken(&self, tick: u64) -> Option<Channel> {
-        let (word, shift) = place_of(tick);
-        let is_kept = tick < self.taken_end && tick + TAKEN_KEPT >= self.taken_end;
-        let bits = self.taken[word] >> shift & 3;
-        let channel = bits.checked_sub(1).filter(|_| is_kept)?;
-        Some(Channel::ALL[channel as usize])
-    }
-}
-
-/// Word and bit of [`Redundancy::taken`] where a tick is.
-const fn place_of(tick: u64) -> (usize, u64) {
-    let place = tick % TAKEN_KEPT;
-    (
-        (place / TICKS_PER_WORD) as usize,
-        2 * (place % TICKS_PER_WORD),
-    )
 }
 
 impl Default for Redundancy {
@@ -458,11 +451,6 @@ impl RedundancyAccount {
             *place = switchover;
         }
         account.switchover_count += 1;
-    }
-
-    /// Enters that the command of a channel is taken.
-    pub fn take(&mut self, tick: u64, channel: Channel) {
-        self.redundancy.take(tick, channel);
     }
 
     /// Enters a tick that a group flew, with the commands that there were when one was selected.
@@ -545,6 +533,7 @@ impl RedundancyAccount {
         account.flown[chosen.channel as usize] += 1;
         account.not_fresh += u64::from(!chosen.is_usable());
         account.masked += u64::from(chosen.is_usable() && chosen.channel != group);
+        account.votes += u64::from(selection.is_compared);
         if selection.differs {
             if account.mismatches == 0 {
                 account.first_mismatch = tick;
@@ -561,21 +550,6 @@ impl RedundancyAccount {
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_account_knows_whose_command_of_the_last_ticks_was_taken() {
-        let mut account = Redundancy::default();
-        assert_eq!(account.taken(0), None);
-        account.take(0, Channel::C);
-        account.take(5, Channel::B);
-        let taken = |account: &Redundancy, ticks: [u64; 4]| ticks.map(|tick| account.taken(tick));
-        let (b, c) = (Some(Channel::B), Some(Channel::C));
-        assert_eq!(taken(&account, [0, 4, 5, 6]), [c, None, b, None]);
-        account.take(5 + TAKEN_KEPT, Channel::A);
-        let later = [5, TAKEN_KEPT, 4 + TAKEN_KEPT, 5 + TAKEN_KEPT];
-        let a = Some(Channel::A);
-        assert_eq!(taken(&account, later), [None, None, None, a]);
-    }
-
     fn candidate(channel: Channel, is_on_time: bool, is_fresh: bool, thrust_n: f64) -> Candidate {
         let command = RotorSpeeds {
             thrust_n,
@@ -586,6 +560,8 @@ mod tests {
             tick: 7,
             effective_tick: if is_on_time { 8 } else { 9 },
             is_fresh,
+            history: UNDISTURBED,
+            seq: 0,
             command,
         }
     }
@@ -594,6 +570,10 @@ mod tests {
     fn a_fresh_command_on_time_wins_and_of_three_the_majority() {
         use Channel::{A, B, C};
         let usable = |channel, thrust_n| candidate(channel, true, true, thrust_n);
+        let late_law = |channel, thrust_n| Candidate {
+            history: 7,
+            ..usable(channel, thrust_n)
+        };
         for (candidates, expected) in [
             (vec![], None),
             (vec![usable(A, 1.0), usable(B, 1.0)], Some((A, false, None))),
@@ -629,6 +609,19 @@ mod tests {
             ),
             // A zero of the other sign is another bit.
             (vec![usable(A, 0.0), usable(B, -0.0)], Some((A, true, None))),
+            // Other states or inputs: an undisturbed command is flown, and nothing is compared.
+            (
+                vec![late_law(A, 2.0), usable(B, 1.0)],
+                Some((B, false, None)),
+            ),
+            (
+                vec![late_law(A, 2.0), usable(B, 1.0), usable(C, 1.0)],
+                Some((B, false, None)),
+            ),
+            (
+                vec![late_law(A, 1.0), late_law(B, 1.0), late_law(C, 2.0)],
+                Some((A, true, Some(C))),
+            ),
         ] {
             let selected = select(&candidates);
             let found = selected.map(|it| (it.chosen.channel, it.differs, it.outvoted));

@@ -8,8 +8,12 @@ use ironbird_law::abi::IRONBIRD_ROTORS;
 pub use ironbird_law::{Desired, Given, Measured, Reference};
 use nalgebra::Vector3;
 
+use crate::attitude::Attitude;
+use crate::frames::wrap;
 use crate::layout::{layout, wire_enum};
+use crate::math::atan2;
 use crate::parameters::{ESTIMATED, PARAMETERS, Parameter};
+use crate::role::MOST_CHANNELS;
 use crate::telemetry::Telemetry;
 
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
@@ -72,6 +76,63 @@ layout! {
         pub parameter_epoch: u64,
         /// What no sensor shows; for monitors and records alone, never for a law.
         pub truth: Truth,
+        pub decision: Decision,
+    }
+}
+
+layout! {
+    /// A rotor command that the plant took.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct TakenCommand {
+        /// Tick that it was made for.
+        pub of_tick: u64,
+        /// Place of its channel among [`crate::role::Channel::ALL`].
+        pub channel: u64,
+        /// Its sequence number.
+        pub seq: u64,
+        /// Tick from which on it acts if no newer command does; [`NO_TICK`] if a fault dropped it or no place was free.
+        pub acts_from: u64,
+        /// 0 if it was refused when it was read, because the command of another tick had its place; else 1.
+        pub is_offered: u64,
+    }
+}
+
+layout! {
+    /// Commands that the plant took since the state before.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct Decision {
+        /// Their number. One is `command`; more are in the topic `decisions`, before the state.
+        pub count: u64,
+        /// Commands so far for which no place was free.
+        pub refused: u64,
+        /// The command, if there is exactly one.
+        pub command: TakenCommand,
+    }
+}
+
+/// Commands of a message of topic `decisions`.
+pub const DECISIONS: usize = 16;
+
+layout! {
+    /// Topic `decisions`: commands that the plant took since the state before, in this order, if they are not exactly one.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct Decisions {
+        /// Number of entries.
+        pub count: u64,
+        pub command: [TakenCommand; DECISIONS],
+    }
+}
+
+impl TakenCommand {
+    pub const fn is_known(&self) -> bool {
+        self.channel < MOST_CHANNELS as u64 && self.is_offered <= 1
+    }
+}
+
+impl Decisions {
+    pub fn commands(&self) -> &[TakenCommand] {
+        let count = usize::try_from(self.count).unwrap_or(DECISIONS);
+        &self.command[..count.min(DECISIONS)]
     }
 }
 
@@ -124,6 +185,25 @@ impl State {
     pub fn position_error_m(&self, reference: &Reference) -> f64 {
         (Vector3::from(self.truth.position_w_m) - Vector3::from(reference.position_w_m)).norm()
     }
+
+    /// Difference between the yaw and that of the reference, at most pi [rad].
+    pub fn yaw_error_rad(&self, reference: &Reference) -> f64 {
+        wrap(reference.yaw_rad - self.measured.attitude_rad[2]).abs()
+    }
+
+    /// Angle between body z and the thrust that the reference needs of the true airframe in the steady wind [rad]. The
+    /// sensors' attitude is the true one.
+    pub fn tilt_error_rad(&self, reference: &Reference) -> f64 {
+        use Parameter::{Gravity, Mass, TranslationalDrag, WindX, WindY, WindZ};
+        let truth = |parameter| self.truth.get(parameter);
+        let wind_w_m_s = Vector3::from([WindX, WindY, WindZ].map(truth));
+        let air_w_m_s = Vector3::from(reference.velocity_w_m_s) - wind_w_m_s;
+        let drag_1_s = truth(TranslationalDrag) / truth(Mass);
+        let mut thrust_w = Vector3::from(reference.acceleration_w_m_s2) + drag_1_s * air_w_m_s;
+        thrust_w.z += truth(Gravity);
+        let z_b_w = Attitude::of_wxyz(self.measured.attitude_quaternion).z_b_in_w();
+        atan2(z_b_w.cross(&thrust_w).norm(), z_b_w.dot(&thrust_w))
+    }
 }
 
 layout! {
@@ -170,6 +250,22 @@ layout! {
         pub new: [f64; PARAMETERS],
         /// Equal steps in which they get there, one a tick from the record's on; 1 is at once.
         pub steps: [u64; PARAMETERS],
+    }
+}
+
+layout! {
+    /// Topic `losses`: messages of a topic that were overwritten before the recorder read them.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct Loss {
+        /// Place of the topic in the log's list of topics.
+        pub topic: u64,
+        /// Place of the sender's channel among [`crate::role::Channel::ALL`].
+        pub channel: u64,
+        pub messages: u64,
+        /// Tick of the last message before them; [`NO_TICK`] if there was none.
+        pub after_tick: u64,
+        /// Tick of the first message after them.
+        pub before_tick: u64,
     }
 }
 

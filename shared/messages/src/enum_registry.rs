@@ -5,27 +5,28 @@
 
 use crate::blackboards::{EndReason, RolePhase, RunPhase};
 use crate::content::Mode;
+use crate::fault_id::{FaultId, FaultRefusal};
 use crate::layout::{Layout, fingerprint, fnv1a, hash_of};
 use crate::monitor::Cause;
 use crate::parameters::SPECS;
 use crate::realtime::RealtimeStep;
 use crate::rejections::Reason;
 
+const ENUMS: [u64; 9] = [
+    RunPhase::ENUM_HASH,
+    RolePhase::ENUM_HASH,
+    EndReason::ENUM_HASH,
+    Mode::ENUM_HASH,
+    Cause::ENUM_HASH,
+    Reason::ENUM_HASH,
+    RealtimeStep::ENUM_HASH,
+    FaultId::ENUM_HASH,
+    FaultRefusal::ENUM_HASH,
+];
+
 /// Hash over what numbers on the wire stand for: a parameter's place in the table, the variants of enums.
 pub const VOCABULARY: u64 = {
-    let mut hash = hash_of(&[
-        RunPhase::ENUM_HASH,
-        RolePhase::ENUM_HASH,
-        EndReason::ENUM_HASH,
-        Mode::ENUM_HASH,
-        Cause::ENUM_HASH,
-        Reason::ENUM_HASH,
-        RealtimeStep::ENUM_HASH,
-        // Those of the kinds 1 to 13 and the refusals 1 to 5: later ones are only added, and a build that does not know a
-        // number refuses it.
-        0x7b3d_89e8_7a91_71d5,
-        0x1655_26aa_4768_70fc,
-    ]);
+    let mut hash = hash_of(&ENUMS);
     let mut i = 0;
     while i < SPECS.len() {
         hash = fnv1a(hash, SPECS[i].name.as_bytes());
@@ -43,6 +44,13 @@ impl<T: Layout> Fingerprint for T {}
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
+    #[test]
+    fn two_builds_that_number_faults_or_refusals_differently_do_not_connect() {
+        assert!(ENUMS.contains(&FaultId::ENUM_HASH) && ENUMS.contains(&FaultRefusal::ENUM_HASH));
+    }
+
     #[test]
     fn variants_in_another_order_change_the_hash() {
         #[allow(dead_code, reason = "known by its hash alone")]

@@ -5,8 +5,12 @@
 
 use std::mem::offset_of;
 
-use crate::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Truth, Wrench};
+use crate::content::{
+    Decision, Decisions, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, TakenCommand, Truth,
+    Wrench,
+};
 use crate::enum_registry::Fingerprint as _;
+use crate::history::LawState;
 use crate::layout::{Element, Field, Kind, Layout, Plain, Visit, hash_of, layout, zeroed};
 use crate::monitor::Monitor;
 use crate::role::{Role, STAGES};
@@ -51,6 +55,8 @@ layout! {
         pub previous_busy_ns: u64,
         /// Stamps of each stage so far, in the order of [`STAGES`]; zero for stages not passed in this tick.
         pub stamps: [Stamps; STAGES.len()],
+        /// The state that the sender's law continued from.
+        pub law_state: LawState,
     }
 }
 
@@ -61,6 +67,7 @@ impl Header {
             layout: LAYOUT,
             tick: NO_TICK,
             input_tick: [NO_TICK; 3],
+            law_state: LawState::INITIAL,
             ..zeroed()
         }
     }
@@ -69,6 +76,12 @@ impl Header {
     pub fn made_from(mut self, sender: Role, tick: u64) -> Self {
         self.input_tick[sender as usize] = tick;
         self
+    }
+
+    /// When the message was sent [ns]: no message is sent before one that it goes back to.
+    pub fn sent_ns(&self) -> u64 {
+        let sent_ns = self.stamps.iter().map(|it| it.send_ns);
+        sent_ns.max().unwrap_or(0)
     }
 
     /// Stamps of a stage of the loop; the recorder has none.
@@ -135,8 +148,12 @@ impl<C: Visit> Layout for Message<C> {
 pub const LAYOUT: u64 = hash_of(&[
     Header::FINGERPRINT,
     Stamps::FINGERPRINT,
+    LawState::FINGERPRINT,
     State::FINGERPRINT,
     Truth::FINGERPRINT,
+    Decision::FINGERPRINT,
+    TakenCommand::FINGERPRINT,
+    Decisions::FINGERPRINT,
     Setpoint::FINGERPRINT,
     Wrench::FINGERPRINT,
     Monitor::FINGERPRINT,

@@ -1,6 +1,5 @@
 //! Entry check of every message: copied once, then accepted or counted by reason.
 
-use crate::checks::{Check, is_on};
 use crate::content::NO_TICK;
 use crate::header::{LAYOUT, Message};
 pub use crate::rejections::{Reason, Rejections};
@@ -17,15 +16,18 @@ pub struct Expected {
 #[derive(Clone, Copy, Debug)]
 pub struct Inspector {
     expected: Expected,
+    /// Whether the messages are of changing senders, so that epochs and sequence numbers say nothing.
+    is_relayed: bool,
     epoch: u64,
     seq: u64,
     tick: u64,
 }
 
 impl Inspector {
-    pub const fn new(expected: Expected) -> Self {
+    pub const fn new(expected: Expected, is_relayed: bool) -> Self {
         Self {
             expected,
+            is_relayed,
             epoch: 0,
             seq: 0,
             tick: NO_TICK,
@@ -46,26 +48,19 @@ impl Inspector {
             || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK));
         let Expected { run_id, settings } = self.expected;
         let failed = [
-            (envelope.layout != LAYOUT, Check::Layout, Reason::Layout),
-            (envelope.run_id != run_id, Check::Run, Reason::Run),
-            (
-                envelope.settings != settings,
-                Check::Settings,
-                Reason::Settings,
-            ),
-            (is_replaced, Check::Sequence, Reason::Sequence),
-            (is_of_other_tick, Check::Tick, Reason::Tick),
+            (envelope.layout != LAYOUT, Reason::Layout),
+            (envelope.run_id != run_id, Reason::Run),
+            (envelope.settings != settings, Reason::Settings),
+            (is_replaced && !self.is_relayed, Reason::Sequence),
+            (is_of_other_tick, Reason::Tick),
         ];
-        let failed = failed
-            .iter()
-            .find(|(fails, check, _)| *fails && is_on(*check));
-        if let Some((_, _, reason)) = failed {
+        if let Some((_, reason)) = failed.iter().find(|(fails, _)| *fails) {
             return Err(*reason);
         }
-        if !content.finite() && is_on(Check::NonFinite) {
+        if !content.finite() {
             return Err(Reason::NonFinite);
         }
-        if !content.plausible() && is_on(Check::Implausible) {
+        if !content.plausible() {
             return Err(Reason::Implausible);
         }
         self.epoch = envelope.epoch;

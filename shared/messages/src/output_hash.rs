@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use crate::layout::words;
 use crate::role::STAGES;
 use crate::topic::Topic;
 use crate::vectors::vectorised;
@@ -16,7 +15,7 @@ impl OutputHash {
     pub fn take<C: Topic>(&mut self, tick: u64, content: &C) {
         if let Some(outputs) = self.0.get_mut(C::SENDER as usize) {
             outputs.take_one(tick);
-            outputs.take(words(content));
+            outputs.take(content.flight_words());
         }
     }
 }
@@ -87,6 +86,7 @@ vectorised! {
 #[cfg(test)]
 mod tests {
     use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
+    use crate::parameters::Parameter;
 
     use super::*;
 
@@ -108,10 +108,14 @@ mod tests {
         type Change = fn(u64, &mut State, &mut Wrench);
         let same = of(|_, _, _| ());
         assert_eq!((same.len(), &same), (16, &of(|_, _, _| ())));
-        let changes: [Change; 3] = [
+        let changes: [Change; 4] = [
             |tick, state, _| state.measured.position_w_m[2] = f64::from_bits(u64::from(tick == 1)),
             |tick, _, wrench| wrench.telemetry.value[1] = if tick == 2 { -0.0 } else { 0.0 },
             |tick, state, _| state.ticks_skipped = tick / 2,
+            |tick, state, _| {
+                let wind = Parameter::WindY as usize;
+                state.truth.parameter[wind] = f64::from_bits(u64::from(tick == 1));
+            },
         ];
         for change in changes {
             assert_ne!(of(change), same);

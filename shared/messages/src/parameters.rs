@@ -64,6 +64,10 @@ macro_rules! parameters {
 
         pub const PARAMETERS: usize = [$($name),+].len();
 
+        /// How many of them, the first ones, logs of format 1 have. The later ones are in the hash of a flight's outputs
+        /// only where they are not 0.
+        pub const FIRST_PARAMETERS: usize = 28;
+
         /// The table: nominal values are the paper's Table I; the thrust coefficient, missing there, is that of
         /// Bouabdallah's OS4 (see docs/paper.md).
         pub const SPECS: [Spec; PARAMETERS] = [$(Spec {
@@ -87,7 +91,7 @@ parameters! {
     ArmLength, "arm_length_m", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l";
     ThrustCoefficient, "thrust_coefficient_n_s2", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k";
     DragFactor, "drag_factor_nm_s2", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d";
-    RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "gyroscopic rotor inertia, I_R; its sign is the spin sense";
+    RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "rotor inertia, I_R; its sign is the spin sense, negative the physical one";
     InertiaX, "inertia_x_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x";
     InertiaY, "inertia_y_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y";
     InertiaZ, "inertia_z_kg_m2", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z";
@@ -108,6 +112,10 @@ parameters! {
     GyroDrift, "gyro_drift_rad_s2_rthz", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density";
     GyroNoiseDensity, "gyro_noise_rad_s_rthz", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density";
     GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T";
+    WindX, "wind_x_m_s", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world x";
+    WindY, "wind_y_m_s", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world y";
+    WindZ, "wind_z_m_s", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world z";
+    Turbulence, "turbulence_w20_m_s", "m/s", 0.0..=50.0, 0.0, "beyond", "wind at 20 ft that sets the Dryden turbulence; 0 is none";
 }
 
 impl Parameter {
@@ -294,6 +302,13 @@ impl Airframe {
     pub const fn i_m(&self) -> [f64; 3] {
         use Parameter::{InertiaX, InertiaY, InertiaZ};
         [self.get(InertiaX), self.get(InertiaY), self.get(InertiaZ)]
+    }
+
+    /// Mean velocity of the air, world frame [m/s].
+    #[inline]
+    pub const fn wind(&self) -> [f64; 3] {
+        use Parameter::{WindX, WindY, WindZ};
+        [self.get(WindX), self.get(WindY), self.get(WindZ)]
     }
 
     /// Efficiency of each rotor, 0 to 1.

@@ -1,10 +1,15 @@
 //! The topics of the loop, and the checks that a content must pass.
 
-use crate::content::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use crate::layout::{Field, Visit, Visitor};
+use std::mem::offset_of;
+
+use crate::content::{
+    DECISIONS, Decisions, Loss, Mode, RotorSpeeds, Setpoint, State, SwapRecord, TakenCommand,
+    Wrench,
+};
+use crate::layout::{Field, Visit, Visitor, words};
 use crate::monitor::{CAUSES, Monitor};
-use crate::parameters::{PARAMETERS, Parameter};
-use crate::role::Role;
+use crate::parameters::{FIRST_PARAMETERS, PARAMETERS, Parameter};
+use crate::role::{MOST_CHANNELS, Role};
 use crate::telemetry::Telemetry;
 use Bound::{Any, Positive, Size};
 
@@ -25,6 +30,11 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
 
     /// Whether flags and indices are ones that exist.
     fn has_known_flags(&self) -> bool;
+
+    /// Words that make the flight: all but the record of whose command was taken.
+    fn flight_words(&self) -> &[u64] {
+        words(self)
+    }
 
     /// What the law of its sender shows in it; none where the sender has no law.
     fn telemetry(&self) -> Option<&Telemetry> {
@@ -130,7 +140,16 @@ impl Topic for State {
     }
 
     fn has_known_flags(&self) -> bool {
-        self.command_saturated <= 1 && self.truth.touches_ground <= 1
+        self.command_saturated <= 1
+            && self.truth.touches_ground <= 1
+            && self.decision.command.is_known()
+    }
+
+    fn flight_words(&self) -> &[u64] {
+        let words = &words(self)[..offset_of!(Self, decision) / size_of::<u64>()];
+        let (first, later) = words.split_at(words.len() - (PARAMETERS - FIRST_PARAMETERS));
+        let used = later.iter().rposition(|word| *word != 0);
+        &words[..first.len() + used.map_or(0, |last| last + 1)]
     }
 }
 
@@ -232,6 +251,32 @@ impl Topic for SwapRecord {
         let is_known =
             |(index, steps): (&u64, u64)| Parameter::from_index(*index).is_some() && steps > 0;
         self.count <= PARAMETERS as u64 && changes.take(self.count as usize).all(is_known)
+    }
+}
+
+impl Topic for Decisions {
+    const NAME: &'static str = "decisions";
+    const SENDER: Role = Role::Plant;
+    const SUBSCRIBERS: usize = 1;
+    const MANY_PER_TICK: bool = true;
+
+    fn numbers(&self, _: impl FnMut(&[f64], Bound)) {}
+
+    fn has_known_flags(&self) -> bool {
+        self.count <= DECISIONS as u64 && self.command.iter().all(TakenCommand::is_known)
+    }
+}
+
+impl Topic for Loss {
+    const NAME: &'static str = "losses";
+    const SENDER: Role = Role::Record;
+    const SUBSCRIBERS: usize = 0;
+    const MANY_PER_TICK: bool = true;
+
+    fn numbers(&self, _: impl FnMut(&[f64], Bound)) {}
+
+    fn has_known_flags(&self) -> bool {
+        self.channel < MOST_CHANNELS as u64
     }
 }
 

@@ -1,7 +1,7 @@
 //! What is plausible of each number and word of a message is as in `snapshots/`: `INSTA_UPDATE=always cargo test -p
 //! messages` accepts a change.
 
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::Message;
 use messages::layout::change_words;
 use messages::message_window::MessageWindow;
@@ -50,26 +50,21 @@ fn what_is_plausible_is_its_snapshot() {
 
 #[test]
 fn a_window_finds_messages_by_tick_with_and_without_gaps() {
-    let mut window = MessageWindow::<Wrench>::keeping(6);
-    for tick in (0..12).chain(20..30) {
-        window.push(Message::of_tick(tick, Wrench::default()));
-        window.advance();
+    let mut window = MessageWindow::<Wrench>::keeping(8);
+    (0..12)
+        .chain(20..30)
+        .for_each(|tick| window.push(Message::of_tick(tick, Wrench::default())));
+    for (tick, is_there) in [
+        (19, false),
+        (20, false),
+        (21, true),
+        (29, true),
+        (30, false),
+    ] {
+        let found = window.input(tick).map(|it| it.tick);
+        assert_eq!(found, is_there.then_some(tick));
     }
-    fn ticks<'a>(found: Option<impl Iterator<Item = &'a Message<Wrench>>>) -> Option<Vec<u64>> {
-        Some(found?.map(|message| message.envelope.tick).collect())
-    }
-    let of = [19, 22, 23, 26, 29, 30].map(|tick| window.of(tick).map(|it| it.envelope.tick));
-    assert_eq!(of, [None, None, Some(23), Some(26), Some(29), None]);
-    assert_eq!(window.newest_tick(), Some(29));
-    assert_eq!(ticks(window.up_to(27, 3)), Some(vec![25, 26, 27]));
-    assert_eq!(
-        (ticks(window.up_to(24, 3)), ticks(window.up_to(24, 0))),
-        (None, Some(vec![]))
-    );
-    assert_eq!(ticks(window.parted(23, 1, 28, 2)), Some(vec![24, 27, 28]));
-    assert_eq!(ticks(window.parted(23, 3, 28, 2)), None);
-    window.forget_before(26);
-    assert_eq!((window.of(25), window.next()), (None, None));
-    window.push(Message::of_tick(31, Wrench::default()));
-    assert_eq!(window.next().map(|it| it.envelope.tick), Some(31));
+    window.push(Message::of_tick(40, Wrench::default()));
+    let found = [28, 40, NO_TICK].map(|tick| window.input(tick).map(|it| it.tick));
+    assert_eq!(found, [Some(28), Some(40), Some(NO_TICK)]);
 }

@@ -16,7 +16,9 @@ use control_api::law::{
 };
 use control_api::registry::Made;
 use control_api::saved_state::Fields;
-use ironbird_law::abi::{IRONBIRD_NEVER, IRONBIRD_STATE_BYTES, IronbirdRotorSpeeds, IronbirdValue};
+use ironbird_law::abi::{
+    IRONBIRD_NEVER, IRONBIRD_STATE_BYTES, IronbirdLaw, IronbirdRotorSpeeds, IronbirdValue,
+};
 use messages::content::ROTORS;
 use messages::telemetry::Telemetry;
 
@@ -26,6 +28,7 @@ use crate::loader::Refusal;
 
 struct Instance {
     library: &'static Library,
+    table: &'static IronbirdLaw,
     /// What `create` gave; NULL for the twin of a law that is not rehearsed.
     law: *mut c_void,
 }
@@ -35,8 +38,8 @@ unsafe impl Send for Instance {}
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        let Library { table, words, .. } = self.library;
-        if let Some(destroy) = table.destroy.filter(|_| !self.law.is_null()) {
+        let words = self.library.words;
+        if let Some(destroy) = self.table.destroy.filter(|_| !self.law.is_null()) {
             // SAFETY: `create` gave it, and it is not used any more.
             Call::new(words, "as it was freed").wait(|| unsafe { destroy(self.law) });
         }
@@ -61,10 +64,6 @@ impl Library {
         self.words
     }
 
-    pub const fn is_rehearsed(&self) -> bool {
-        self.table.copy_into.is_some()
-    }
-
     constructors!(outer: OuterLaw, inner: InnerLaw, mixer: MixerLaw);
 
     /// The law before tick 0, and its twin for warm-up runs.
@@ -75,11 +74,11 @@ impl Library {
         of_role: fn(Box<Instance>) -> Box<L>,
     ) -> Result<Made<L>, Refused> {
         let law = self.instance(rig, settings)?;
-        let twin = match self.table.copy_into {
-            Some(_) => self.instance(rig, settings)?,
-            None => Instance {
-                library: self,
+        let twin = match self.is_rehearsed {
+            true => self.instance(rig, settings)?,
+            false => Instance {
                 law: ptr::null_mut(),
+                ..law
             },
         };
         Ok(Made {
@@ -91,18 +90,23 @@ impl Library {
     }
 
     fn instance(&'static self, rig: &Rig, settings: &Settings) -> Result<Instance, Refused> {
+        let table = self.table().map_err(|e| Refused(e.to_string()))?;
         let mut refusal = Refusal::new();
         let (text, size) = refusal.buffer();
         let (rig, values) = (ironbird_law::Rig::from(rig), self.values(settings));
         let law = Call::new(self.words, "as it was made").wait(|| {
-            let create = self.table.create?;
-            let (context, values) = (self.table.context, values.as_ptr());
+            let create = table.create?;
+            let (context, values) = (table.context, values.as_ptr());
             // SAFETY: rig, values (one per setting) and buffer live for the time of the call; the table is as it was
             // checked.
             Some(unsafe { create(context, &raw const rig, values, text, size) })
         });
         match law {
-            Some(law) if !law.is_null() => Ok(Instance { library: self, law }),
+            Some(law) if !law.is_null() => Ok(Instance {
+                library: self,
+                table,
+                law,
+            }),
             _ => Err(Refused(format!(
                 "the {} refuses its settings: {}",
                 self.words,
@@ -135,15 +139,15 @@ impl Instance {
 
 impl CopyState for Instance {
     fn copy_into(&self, other: &mut dyn Any) -> bool {
-        let Library { table, words, .. } = self.library;
+        let Self { library, table, .. } = self;
         let (Some(copy_into), Some(other)) = (table.copy_into, other.downcast_mut::<Self>()) else {
             return false;
         };
-        if !ptr::eq(self.library, other.library) || other.law.is_null() {
+        if !ptr::eq(*library, other.library) || other.law.is_null() {
             return false;
         }
         // SAFETY: both are instances of this table, and they are two.
-        Call::new(words, "as it was copied for a warm-up run")
+        Call::new(library.words, "as it was copied for a warm-up run")
             .make(|| unsafe { copy_into(self.law, other.law) });
         true
     }
@@ -153,7 +157,7 @@ impl CopyState for Instance {
     }
 
     fn transfer(&mut self, fields: &mut Fields) -> bool {
-        let Library { table, words, .. } = self.library;
+        let (table, words) = (self.table, self.library.words);
         let (Some(save), Some(load)) = (table.save, table.load) else {
             return false;
         };
@@ -190,7 +194,7 @@ impl OuterLaw for Instance {
             limited: 0,
         };
         self.call(input.tick, telemetry, |law, telemetry| {
-            if let Some(tick) = self.library.table.tick_outer {
+            if let Some(tick) = self.table.tick_outer {
                 // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
                 unsafe { tick(law, input, &raw mut wanted, telemetry) };
             }
@@ -207,7 +211,7 @@ impl InnerLaw for Instance {
             torque_b_nm: [f64::NAN; 3],
         };
         self.call(input.tick, telemetry, |law, telemetry| {
-            if let Some(tick) = self.library.table.tick_inner {
+            if let Some(tick) = self.table.tick_inner {
                 // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
                 unsafe { tick(law, input, &raw mut demand, telemetry) };
             }
@@ -223,7 +227,7 @@ impl MixerLaw for Instance {
             saturated: 0,
         };
         self.call(input.tick, telemetry, |law, telemetry| {
-            if let Some(tick) = self.library.table.tick_mixer {
+            if let Some(tick) = self.table.tick_mixer {
                 // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
                 unsafe { tick(law, input, &raw mut speeds, telemetry) };
             }

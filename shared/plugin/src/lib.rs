@@ -8,9 +8,12 @@
 //! ```
 //!
 //! A library is loaded once in a process, and never unloaded. Its functions are called through `call`, and `crash` names
-//! the law in whose call a process dies. It knows no tick and no port. Start reading in [`open`].
+//! the law in whose call a process dies. A process that only asks what a law is has a child process load it
+//! (`child`). It knows no tick and no port. Start reading in [`open`].
 
+mod answer;
 mod call;
+mod child;
 mod crash;
 mod instance;
 mod loader;
@@ -19,13 +22,14 @@ mod object;
 mod process_exit;
 mod table;
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use control_api::description::Description;
 use errors::{Failure, open_file};
@@ -33,9 +37,12 @@ use ironbird_law::abi::IronbirdLaw;
 use messages::role::Role;
 use sha2::{Digest as _, Sha256};
 
+use crate::answer::Answer;
 use crate::call::Call;
+use crate::child::{asks_children, go_on_in_child, note_exit_code};
 use crate::loader::{unusable, words};
 
+pub use child::{LawsRun, ask, set_laws_run};
 #[doc(hidden)]
 pub use crash::exit;
 pub use loader::{PYTHON_ADAPTER, has_python_adapter};
@@ -52,7 +59,12 @@ pub struct Library {
     pub sha256: String,
     pub description: &'static Description,
     pub not_real_time: bool,
-    table: &'static IronbirdLaw,
+    /// Whether it can be copied for a warm-up run.
+    pub is_rehearsed: bool,
+    /// Description as text, as a child process answers it.
+    answer: String,
+    /// `None` until this process has loaded it.
+    table: OnceLock<&'static IronbirdLaw>,
     content: Content,
     /// The law and its role, with its file.
     words: &'static str,
@@ -128,36 +140,38 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
     }
     let bytes = read(opened).map_err(unread)?;
     let digest = Sha256::digest(&bytes);
-    let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    let sha256: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
     if !loader::is_for_python(&file) {
         object::check(&bytes).map_err(|(what, remedy)| unusable(named, &what).help(remedy))?;
     }
     drop(bytes);
-    crash::name_laws();
-    let called: &'static str = words(named).leak();
-    let table = loader::table(&file, named, called)?;
+    let table = OnceLock::new();
+    let answer = if asks_children() {
+        let asked = || ask(&words(named), || Ok(read_law(&file, named)?.1));
+        given_answer(&sha256).map_or_else(asked, Ok)?
+    } else {
+        go_on_in_child()?;
+        let (loaded, answer) = read_law(&file, named)?;
+        let _ = table.set(loaded);
+        answer
+    };
     // The sum is that of what was read, and the loader has read once more.
     if content_of(&file).ok() != Some(content) {
         return Err(changed(named, "while it was loaded"));
     }
-    let described = Call::new(called, "as its table was read").wait(|| table::described(table));
-    let (table, description) = described.map_err(|what| {
-        unusable(named, &what)
-            .help("the author of the law corrects that; docs/laws.md says what the rig reads")
-    })?;
-    let (role, name) = (description.role, description.name);
-    let words = format!("{role} law `{name}` ({})", file.display()).leak();
-    if let Some(create) = table.create {
-        crash::remember(create as *const () as usize, words);
-    }
+    let law: Answer = serde_json::from_str(&answer)
+        .map_err(|e| unusable(named, &format!("its description cannot be read: {e}")))?;
+    let description: &'static Description = Box::leak(Box::new(law.description()));
     let library = Library {
+        words: full_words(description, &file),
         file,
         sha256,
         description,
-        not_real_time: table.not_real_time != 0,
+        not_real_time: law.not_real_time,
+        is_rehearsed: law.is_rehearsed,
+        answer,
         table,
         content,
-        words,
         modes_put_back: AtomicU64::new(0),
     };
     let library: &'static Library = Box::leak(Box::new(library));
@@ -165,7 +179,64 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
     Ok(library)
 }
 
+/// Loads a file; returns its table, and what it says of itself.
+fn read_law(file: &Path, named: &Path) -> Result<(&'static IronbirdLaw, String), Failure> {
+    crash::name_laws();
+    let called: &'static str = words(named).leak();
+    let table = loader::table(file, named, called)?;
+    let described = Call::new(called, "as its table was read").wait(|| table::described(table));
+    let (table, description) = described.map_err(|what| {
+        unusable(named, &what)
+            .help("the author of the law corrects that; docs/laws.md says what the rig reads")
+    })?;
+    if let Some(create) = table.create {
+        crash::remember(create as *const () as usize, full_words(description, file));
+    }
+    Ok((table, Answer::of(table, description).text()))
+}
+
+/// The law and its role, with its file.
+fn full_words(law: &Description, file: &Path) -> &'static str {
+    let Description { role, name, .. } = law;
+    format!("{role} law `{name}` ({})", file.display()).leak()
+}
+
+/// The environment variable by which a process hands the answers of laws on, by the SHA-256 of their files.
+const ANSWERS: &str = "IRONBIRD_LAWS";
+/// The system takes no longer variable [bytes].
+const ANSWERS_MAX: usize = 100_000;
+
+/// Descriptions of the loaded laws, as an environment variable for processes that then need not ask again.
+pub fn answers() -> Option<(&'static str, String)> {
+    let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+    let answers = loaded.iter().map(|it| (&it.sha256, &it.answer));
+    let answers: BTreeMap<_, _> = answers.collect();
+    let text = serde_json::to_string(&answers).ok()?;
+    (!answers.is_empty() && text.len() <= ANSWERS_MAX).then_some((ANSWERS, text))
+}
+
+fn given_answer(sha256: &str) -> Option<String> {
+    let text = std::env::var(ANSWERS).ok()?;
+    let mut answers: BTreeMap<String, String> = serde_json::from_str(&text).ok()?;
+    answers.remove(sha256)
+}
+
 impl Library {
+    /// Its table, for which this process loads it, if it has not yet.
+    fn table(&self) -> Result<&'static IronbirdLaw, Failure> {
+        if let Some(table) = self.table.get() {
+            return Ok(table);
+        }
+        let (table, answer) = read_law(&self.file, &self.file)?;
+        if content_of(&self.file).ok() != Some(self.content) {
+            return Err(changed(&self.file, "since it was described"));
+        }
+        if answer != self.answer {
+            return Err(unusable(&self.file, "it describes itself in two ways"));
+        }
+        Ok(self.table.get_or_init(|| table))
+    }
+
     /// Whether a name means its file: the file itself, or the folder that it is the law of.
     pub fn is_at(&self, named: &Path) -> bool {
         in_folder(named).is_ok_and(|file| file.canonicalize().is_ok_and(|file| file == self.file))
@@ -194,6 +265,7 @@ pub fn leave(code: u8) -> ExitCode {
         .filter_map(|it| it.changed_modes_warning())
         .collect();
     drop(loaded);
+    note_exit_code(code);
     crash::leave(code, warnings)
 }
 

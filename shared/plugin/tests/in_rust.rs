@@ -71,7 +71,7 @@ fn a_law_in_rust_is_one_line_away_from_the_rig() {
         (description.name, description.version, description.source),
         ("spring", "3", "Hooke, 1678")
     );
-    assert!(library.not_real_time && library.is_rehearsed());
+    assert!(library.not_real_time && library.is_rehearsed);
     let given = description.settings.iter().map(Setting::default);
     assert!(given.eq([
         Value::Number(0.5),

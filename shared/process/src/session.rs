@@ -11,22 +11,24 @@
 mod join;
 mod open;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 pub use join::{Armed, JoinedRun};
 pub use open::Opened;
 
 use crate::rt::{self, Ahead, Engaged, UsageMeter};
-use crate::signals::{end_with_launcher, ends_at_once, stop_signals};
+use crate::signals::{ends_at_once, stop_signals};
+use crate::throttled_log::ThrottledLog;
 use errors::{FAILED, INTERRUPTED};
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, Lock};
 use ipc::{Blackboard, Wire};
-use messages::blackboards::{Arrival, EndReason, RolePhase, Run, Status};
-use messages::checks::{Check, is_on};
+use messages::blackboards::{Arrival, EndReason, RUN, RolePhase, Run, RunPhase, Status};
 use messages::content::NO_TICK;
 use messages::realtime;
 use messages::role::{Channel, Replica, Role};
@@ -40,6 +42,8 @@ pub struct StartConfig {
     /// The options that every role of the run needs for its laws, as `--inner geometric`; empty for the usual ones.
     pub law_options: String,
     pub channel: Channel,
+    /// Messages that the recorder's receivers keep of a topic.
+    pub depth: usize,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
     /// When the process was started [ns].
@@ -69,7 +73,7 @@ pub struct RoleSession {
     /// The role's status; published by [`RoleSession::publish_status`].
     pub status: Status,
     // Last: everything else is released before another process may take the role.
-    _lock: Lock,
+    lock: Lock,
 }
 
 impl RoleSession {
@@ -94,16 +98,16 @@ impl RoleSession {
 
     fn start(role: Role, config: StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let made_ns = now_ns();
-        end_with_launcher(config.launcher)?;
         let (replica, channels) = (Replica::new(role, config.channel), config.rt.channels);
+        let depth = config.depth;
         // If another process has the role, that is the error.
         if !config.instance.is_occupied(replica) {
             config
                 .instance
-                .check_shared_memory(Wire::needed_bytes(channels))?;
+                .check_shared_memory(Wire::needed_bytes(channels, depth))?;
         }
         let lock = config.instance.lock(replica)?;
-        let wire = Wire::open(&config.instance)?.in_channel(replica.channel, channels);
+        let wire = Wire::open(&config.instance)?.in_flight(replica.channel, channels, depth);
         let board = wire.blackboard(&status_board(replica))?;
         let epoch = now_ns();
         let ahead = match role {
@@ -133,7 +137,7 @@ impl RoleSession {
             stop,
             plant_pid: 0,
             status,
-            _lock: lock,
+            lock,
         })
     }
 
@@ -175,6 +179,31 @@ impl RoleSession {
         self.publish_status();
     }
 
+    /// Waits until the recorder has made its ports, or a run flies. A message reaches receivers in the order in which they
+    /// were made: what a process sent as it was killed is in the log if it has reached a loop.
+    pub fn await_recorder(&self) -> Result<(), Error> {
+        let mut log = ThrottledLog::new(self.replica.role);
+        let board = status_board(Replica::new(Role::Record, Channel::A));
+        let is_there = |role: Role| self.config.instance.is_occupied(role);
+        loop {
+            let recorder = self.wire.blackboard_reader::<Status>(&board)?;
+            let has_ports = recorder.is_some_and(|it| it.get().arrival.ported_ns > 0);
+            let run = self.wire.blackboard_reader::<Run>(RUN)?;
+            let flies = run.is_some_and(|it| it.get().phase() == RunPhase::Flying);
+            if has_ports && is_there(Role::Record) || flies && is_there(Role::Plant) {
+                return Ok(());
+            }
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            log.waiting_for(|| match is_there(Role::Plant) {
+                true => "the recorder (`ironbird record`)".into(),
+                false => "the plant (`ironbird plant`)".into(),
+            });
+            sleep(5 * LOOK_EVERY);
+        }
+    }
+
     /// Says that the ports are made, after real time is engaged.
     ///
     /// Real time is given back when what this returns is dropped: before the ports and the place.
@@ -202,7 +231,9 @@ impl RoleSession {
         let is_there = instance.is_occupied(Role::Plant)
             // The number is missing in the instant before the plant has written it.
             && (self.plant_pid == 0 || instance.pid_of(Role::Plant).is_none_or(|pid| u64::from(pid) == self.plant_pid));
-        is_there || !is_on(Check::RunCheck)
+        let has_process = || Path::new(&format!("/proc/{}", self.plant_pid)).exists();
+        // If another program has removed the locks, its process alone shows it.
+        is_there || !self.lock.is_in_place() && has_process()
     }
 }
 

@@ -13,11 +13,20 @@
 //! SIGCHLD would hide the launcher's children from it. SIGHUP and SIGQUIT stay ignored if they were: that is what
 //! `nohup` and a shell's background jobs ask for.
 
-use std::fs;
+use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::thread::{self, sleep};
+use std::time::Duration;
+use std::{fs, io};
 
 use errors::Failure;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
+use rustix::process::{
+    Pid, PidfdFlags, Signal, getpid, kill_process, pidfd_open, set_parent_process_death_signal,
+};
 use signal_hook::consts::{SIGALRM, SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::flag;
 
@@ -77,21 +86,47 @@ pub fn forget_inherited() -> Result<(), Error> {
     })
 }
 
+/// A command of an `ironbird` executable for a child that ends with this process.
+pub fn child(executable: &Path, command: &str) -> Command {
+    let mut child = Command::new(executable);
+    child.args([command, "--launcher", &std::process::id().to_string()]);
+    child
+}
+
+/// How long a process may take to end after its launcher has died.
+const ENDS_WITHIN: Duration = Duration::from_secs(10);
+
 /// Asks the kernel for SIGTERM when the launcher, who must be the parent, dies.
 ///
-/// It comes once for each thread of the launcher; the process must take all of them for one.
+/// It comes once for each thread of the launcher; the process must take all of them for one. If it then does not end,
+/// because a law does not return, it is killed.
 pub fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
     let Some(launcher) = launcher else {
         return Ok(());
     };
-    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
-        .map_err(|e| Error::system("cannot tie the process to its launcher", e))?;
+    let failed = |e: io::Error| Error::system("cannot tie the process to its launcher", e);
+    set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| failed(e.into()))?;
     // It may have died before the wish was known.
-    if is_parent(launcher) {
-        Ok(())
-    } else {
-        Err(Error::Interrupted)
+    if !is_parent(launcher) {
+        return Err(Error::Interrupted);
     }
+    let pid = i32::try_from(launcher).ok().and_then(Pid::from_raw);
+    // Before Linux 5.3 there is no such descriptor.
+    if let Some(Ok(end)) = pid.map(|pid| pidfd_open(pid, PidfdFlags::empty())) {
+        let watch = move || {
+            while let Err(Errno::INTR) = poll(&mut [PollFd::new(&end, PollFlags::IN)], None) {}
+            if !is_parent(launcher) {
+                sleep(ENDS_WITHIN);
+                let _ = kill_process(getpid(), Signal::KILL);
+            }
+        };
+        let name = "launcher".to_owned();
+        thread::Builder::new()
+            .name(name)
+            .spawn(watch)
+            .map_err(failed)?;
+    }
+    Ok(())
 }
 
 /// Whether this process has no launcher, or its launcher has died: then no process cleans up after it.

@@ -32,8 +32,9 @@ use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::flight_plan::LOCKSTEP_PATIENCE_NS;
 use messages::grid::{NS_PER_S, Pace};
 use messages::header::{Header, Stamps};
+use messages::history::LawState;
 use messages::inspection::Expected;
-use messages::role::{Replica, Role, STAGES};
+use messages::role::{Channel, Replica, Role, STAGES};
 
 /// How often a stage in lockstep looks for an input that is being delivered.
 const DELIVERY_LOOK_UP: Duration = Duration::from_micros(20);
@@ -64,6 +65,9 @@ pub struct StageLoop<S: Stage> {
     lockstep: bool,
     faults: ActiveFaults,
     slowdown: u64,
+    channel: Channel,
+    /// The state that the law has now.
+    law_state: LawState,
     /// Nothing in lockstep, where a stage that fails ends the flight.
     continuity: Option<Continuity>,
 }
@@ -79,6 +83,8 @@ impl<S: Stage> StageLoop<S> {
             lockstep: flight.lockstep,
             faults: ActiveFaults::new(replica, flight.faults),
             slowdown: flight.slowdown,
+            channel: replica.channel,
+            law_state: LawState::INITIAL,
             continuity: match flight.lockstep {
                 true => None,
                 false => Some(Continuity::new(wire, replica)?),
@@ -120,8 +126,9 @@ impl<S: Stage> StageLoop<S> {
         let tick = context.tick;
         self.inputs.settle(tick);
         let fresh = self.inputs.fresh(tick);
+        let law_state = &mut self.law_state;
         if let Some(continuity) = &mut self.continuity
-            && continuity.plan(&mut self.stage, tick, fresh) == TickPlan::Skip
+            && continuity.plan(&mut self.stage, tick, fresh, law_state) == TickPlan::Skip
         {
             return Ok(fresh);
         }
@@ -141,13 +148,16 @@ impl<S: Stage> StageLoop<S> {
                 receive_ns: context.receive_ns,
                 send_ns: 0,
             };
+            self.law_state.advance(tick, self.inputs.histories());
+            history.law_state = self.law_state;
             self.output.send(tick, &history, output)?;
+            if let Some(continuity) = &mut self.continuity {
+                continuity.publish(&mut self.stage, tick, &self.law_state);
+            }
+            self.law_state = LawState::after(tick, self.channel, self.law_state.after);
         } else if self.lockstep {
             // Nothing else wakes the next stage.
             self.output.pass(tick)?;
-        }
-        if let Some(continuity) = &mut self.continuity {
-            continuity.publish(&mut self.stage, tick, fresh);
         }
         Ok(fresh)
     }
@@ -294,6 +304,7 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
         wire.wake_event(replica)
     }?;
     let wakes = wakes(wire, replica, &rt, flight.lockstep)?;
+    session.await_recorder()?;
     let mut stage = StageLoop::new(wire, stage, wakes, flight)?;
     let armed = session.join(|wire, expected, epoch| {
         if let Some(continuity) = &mut stage.continuity {
@@ -302,7 +313,8 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
         stage.arm(wire, expected, epoch)
     })?;
     if let Some(continuity) = &mut stage.continuity {
-        continuity.begin(&mut stage.stage, armed.first_tick, armed.is_from_take_off);
+        let (first_tick, took_off) = (armed.first_tick, armed.is_from_take_off);
+        continuity.begin(&mut stage.stage, first_tick, took_off, &mut stage.law_state);
         session.status.resumed_at = continuity.resumed_at;
     }
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);

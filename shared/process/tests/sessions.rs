@@ -7,6 +7,7 @@ use std::thread::{scope, sleep};
 use std::time::Duration;
 
 use faults::live::LoopFaults;
+use ipc::DEEP;
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::Instance;
@@ -41,6 +42,7 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> RoleSession {
         settings: "flight.seed = 1\n".into(),
         law_options: String::new(),
         channel: Channel::A,
+        depth: DEEP,
         launcher: None,
         begun_ns: 0,
     };
@@ -57,21 +59,21 @@ fn grid(pace: Pace) -> Grid {
 /// A role's run: its grid, its first tick, and when it armed: from and to [ns].
 type Agreed = (Grid, u64, Vec<(u64, u64)>);
 
-/// Arms for so long the first time.
-fn arm(needs: &mut Option<Duration>, armed_ns: &mut Vec<(u64, u64)>) -> Result<(), Error> {
+/// Arms for so long, each time.
+fn arm(needs: Duration, armed_ns: &mut Vec<(u64, u64)>) -> Result<(), Error> {
     let begin_ns = now_ns();
-    sleep(needs.take().unwrap_or_default());
+    sleep(needs);
     armed_ns.push((begin_ns, now_ns()));
     Ok(())
 }
 
-/// What each role agrees on, the plant last, when the plant or the roles need some time to arm for the first t_0.
+/// What each role agrees on, the plant last, when the plant or the roles need some time to arm.
 fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Agreed> {
     let site = Site::new();
     let join = |role: &Role| {
         let mut session = take(&site.instance, *role, RealtimeMode::Off);
-        let (mut needs, mut armed_ns) = (Some(role_needs), Vec::new());
-        let armed = session.join(|_, _, _| arm(&mut needs, &mut armed_ns));
+        let mut armed_ns = Vec::new();
+        let armed = session.join(|_, _, _| arm(role_needs, &mut armed_ns));
         let armed = armed.unwrap();
         (grid(armed.pace), armed.first_tick, armed_ns)
     };
@@ -79,8 +81,8 @@ fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Agreed> {
         let spawn = |role| scope.spawn(move || join(role));
         let joining: Vec<_> = ROLES[1..].iter().map(spawn).collect();
         let mut session = take(&site.instance, Role::Plant, RealtimeMode::Off);
-        let (mut needs, mut armed_ns) = (Some(plant_needs), Vec::new());
-        let opened = session.open_run(PLAN, |_, _| arm(&mut needs, &mut armed_ns));
+        let mut armed_ns = Vec::new();
+        let opened = session.open_run(PLAN, |_, _, _| arm(plant_needs, &mut armed_ns));
         let plant = (grid(opened.unwrap().pace), 0, armed_ns);
         let agreed = joining.into_iter().map(|it| it.join().unwrap());
         agreed.chain([plant]).collect()
@@ -88,21 +90,17 @@ fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Agreed> {
 }
 
 #[test]
-fn a_t_0_that_has_passed_before_all_have_armed_is_moved_for_all() {
+fn a_t_0_that_has_passed_before_all_have_armed_is_moved_for_all_and_they_arm_once() {
     let (none, late) = (Duration::ZERO, Duration::from_millis(300));
     for (plant_needs, role_needs) in [(none, none), (late, none), (none, late)] {
         let agreed = agree(plant_needs, role_needs);
         let grid = agreed[0].0;
         for (theirs, first_tick, armed_ns) in &agreed {
             assert_eq!((*theirs, *first_tick), (grid, 0));
-            assert!(armed_ns.iter().all(|(_, end_ns)| *end_ns < grid.t0_ns));
+            assert!(matches!(armed_ns[..], [(_, end_ns)] if end_ns < grid.t0_ns));
         }
-        // The plant arms for each t_0 that it announces.
-        let announced = &agreed[4].2;
-        if plant_needs + role_needs > none {
-            assert!(announced.len() > 1, "t_0 was moved: {agreed:?}");
-            assert!(grid.t0_ns > announced[0].0 + 300_000_000);
-        }
+        let needed_ns = (plant_needs + role_needs).as_nanos() as u64;
+        assert!(grid.t0_ns > agreed[4].2[0].0 + needed_ns, "{agreed:?}");
     }
 }
 
@@ -181,7 +179,7 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
                 wait();
                 stop.store(true, Ordering::Relaxed);
             });
-            if let Ok(mut opened) = session.open_run(PLAN, |_, _| Ok(())) {
+            if let Ok(mut opened) = session.open_run(PLAN, |_, _, _| Ok(())) {
                 let grants = opened.statuses[1].1.get().grants;
                 let is_fifo = grants.of(RealtimeStep::Scheduler).granted();
                 assert_eq!(is_fifo, fifo_refusal(12).is_none());

@@ -9,7 +9,7 @@ use campaign::results_document::document;
 use errors::{Failure, GATE, OK, check_outputs};
 
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs};
-use crate::report_command::publish;
+use crate::report_command::{exit_code, publish};
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{Plan, plan_of};
 use render::document::Block;
@@ -120,5 +120,9 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
         .lead
         .push(Block::Details(title.into(), vec![lines]));
     publish(&document, &results, args.format, args.page.as_deref())?;
-    Ok(OK)
+    let gates = args.min_success.into_iter().flat_map(|least| {
+        let arms = results.arms.iter();
+        arms.map(move |arm| arm.success_gate(least, results.planned))
+    });
+    Ok(exit_code(gates))
 }

@@ -61,6 +61,7 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         directory: out.clone(),
         format: DiffFormat::Text,
         page: None,
+        min_success: None,
     };
     if args.on == Engine::Local {
         let code = run::run(&CampaignRunArgs {

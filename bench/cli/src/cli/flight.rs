@@ -32,10 +32,10 @@ pub struct TrajectoryArgs {
     /// Rate of the loop in Hz or kHz, for example 500 or 4k [default: 1k].
     #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = values::period_s)]
     pub rate: Option<f64>,
-    /// Seed of the sensor noise [default: 1].
+    /// Seed of sensor noise, gusts and random faults [default: 1].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::within(0..=i64::MAX))]
     pub seed: Option<i64>,
-    /// Settings file (TOML); flags override it.
+    /// Settings file (TOML); flags override it. Relative paths in it start at its folder.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Setting by its key, as in inner.alpha_1_s=150; may be repeated. It overrides the settings file; other flags
@@ -81,7 +81,7 @@ pub struct FlightArgs {
     /// Law of the inner loop [default: adaptive].
     #[arg(long, value_name = "LAW|FILE")]
     pub inner: Option<String>,
-    /// Law of the mixer [default: priority].
+    /// Law of the mixer [default: roll_pitch_first].
     #[arg(long, value_name = "LAW|FILE")]
     pub mixer: Option<String>,
 }
@@ -142,7 +142,7 @@ pub struct RtArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum RtMode {
-    /// Exit with code 4 if SCHED_FIFO, locked memory or anything else needed is refused.
+    /// Exit with code 4 if SCHED_FIFO, locked memory or anything else is refused, except /dev/cpu_dma_latency.
     Require,
     /// Fly with what is granted, and report what was not.
     Prefer,
@@ -177,13 +177,14 @@ pub(crate) fn check_clock_flags(
 
 impl RtArgs {
     /// The flags that need the clock, each with whether it is given.
-    pub(crate) fn clock_flags(&self) -> [(&'static str, bool); 4] {
+    pub(crate) fn clock_flags(&self) -> [(&'static str, bool); 5] {
         let wants_rt = self.rt.is_some_and(|mode| !matches!(mode, RtMode::Off));
         [
             ("--rt", wants_rt),
             ("--cpu", self.cpu.is_some()),
             ("--lead", self.lead.is_some()),
             ("--rehearse", self.rehearse.is_some()),
+            ("--channel-cpus", self.channel_cpus.is_some()),
         ]
     }
 
@@ -227,9 +228,8 @@ pub struct GateArgs {
     /// Maximum 99.9th percentile of the loop latency [us].
     #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_loop_p999: Option<f64>,
-    /// Maximum position error in the last 5 s [m].
-    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = values::limit)]
-    pub max_tracking_error: Option<f64>,
+    #[command(flatten)]
+    pub flight: FlightGateArgs,
     /// Maximum share of the loops' CPU time that the host steals [%].
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_steal: Option<f64>,
@@ -245,6 +245,8 @@ pub enum GateName {
     /// The same, and no assumption of the theorem may be broken in any step.
     #[value(name = "theorem=strict")]
     TheoremStrict,
+    /// Channels with the same laws, states and inputs have the same commands in every tick.
+    Channels,
 }
 
 impl GateArgs {
@@ -255,18 +257,46 @@ impl GateArgs {
             set("recorder.max_stale_rate_ppm", self.max_stale_rate),
             set("recorder.max_wake_p999_us", self.max_wake_p999),
             set("recorder.max_loop_p999_us", self.max_loop_p999),
-            set("recorder.max_tracking_error_m", self.max_tracking_error),
             set("recorder.max_steal_percent", self.max_steal),
         ]);
-        [limits, theorem_gates(&self.gates)].concat()
+        [limits, self.flight.overrides(), gate_overrides(&self.gates)].concat()
     }
 }
 
-fn theorem_gates(gates: &[GateName]) -> Overrides {
+/// Gates that need no clock.
+#[derive(Clone, Debug, Default, Args)]
+pub struct FlightGateArgs {
+    /// Maximum position error in the last 5 s [m]; the yaw error then is limited, too (flight.tracking_yaw_error_max_rad).
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_tracking_error: Option<f64>,
+    /// Maximum yaw error in the last 5 s [rad].
+    #[arg(long, value_name = "RAD", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_yaw_error: Option<f64>,
+    /// Maximum share of ticks in which the rotors could not deliver the demand [%].
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_saturated: Option<f64>,
+    /// Maximum rms change of a rotor's command from tick to tick [rad/s].
+    #[arg(long, value_name = "RAD_S", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_agitation: Option<f64>,
+}
+
+impl FlightGateArgs {
+    fn overrides(&self) -> Overrides {
+        overrides([
+            set("recorder.max_tracking_error_m", self.max_tracking_error),
+            set("recorder.max_yaw_error_rad", self.max_yaw_error),
+            set("recorder.max_saturated_percent", self.max_saturated),
+            set("recorder.max_agitation_rad_s", self.max_agitation),
+        ])
+    }
+}
+
+fn gate_overrides(gates: &[GateName]) -> Overrides {
     let asked = |key, gate| set(key, gates.contains(&gate).then_some(true));
     overrides([
         asked("recorder.gate_theorem", GateName::Theorem),
         asked("recorder.gate_theorem_strict", GateName::TheoremStrict),
+        asked("recorder.gate_channels", GateName::Channels),
     ])
 }
 
@@ -384,8 +414,7 @@ pub struct RoleArgs {
     pub flight: FlightArgs,
     #[command(flatten)]
     pub rt: RtArgs,
-    /// Exit when the process with this number, which must be the parent, ends.
-    #[arg(long, hide = true)]
+    #[arg(from_global)]
     pub launcher: Option<u32>,
     /// Processors that this process may use: its launcher keeps to some of them.
     #[arg(long, hide = true, value_delimiter = ',')]
@@ -425,7 +454,15 @@ pub struct SimulateArgs {
     /// Write one row of states every N ticks [default: 50].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::every)]
     pub every: Option<u32>,
-    /// A condition that must hold, else exit code 3; may be repeated.
+    /// Write the acceptance results to FILE as JUnit XML.
+    #[arg(long, value_name = "FILE.xml")]
+    pub junit: Option<PathBuf>,
+    #[command(
+        flatten,
+        next_help_heading = "Gates: exit code 3 if one fails or measured nothing"
+    )]
+    pub flight_gates: FlightGateArgs,
+    /// A condition that must hold; may be repeated.
     #[arg(long = "gate", value_enum, value_name = "GATE")]
     pub gates: Vec<GateName>,
 }
@@ -433,6 +470,7 @@ pub struct SimulateArgs {
 impl SimulateArgs {
     pub fn overrides(&self) -> Overrides {
         let own = overrides([set("recorder.states_every_ticks", self.every)]);
-        [self.flight.overrides(), own, theorem_gates(&self.gates)].concat()
+        let gates = [self.flight_gates.overrides(), gate_overrides(&self.gates)];
+        [self.flight.overrides(), own, gates.concat()].concat()
     }
 }

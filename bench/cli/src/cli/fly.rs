@@ -10,13 +10,15 @@ use crate::browser::open_page;
 use crate::cli::flight::check_clock_flags;
 use crate::cli::{FlyArgs, NumberOrAuto, OnDeath};
 use crate::floor::{flight_baseline, loop_cpus};
+use crate::loss;
 use crate::report_command;
 use analysis::baseline::Baseline;
-use analysis::schema::Report;
+use analysis::schema::{FlightVerdict, Report};
 use config::law_settings::Chosen;
 use config::{PaceName, Settings};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, InFile as _, OK, check_outputs, open_file};
+use host::cpu_times::hostname;
 use host::own_executable;
 use recorder::kernel_trace;
 use recorder::run_directory::make_latest;
@@ -45,7 +47,9 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
         Ok(Some((settings, requests, flight))) => complete(args, &settings, requests, flight),
         Err(failure) => {
             let junit = junit.filter(|path| states != Some(*path));
-            let written = junit.map_or(Ok(()), |path| junit::write_failure(&failure, path));
+            let written = junit.map_or(Ok(()), |path| {
+                junit::write_failure(&failure, &hostname(), path)
+            });
             Err(match written {
                 Ok(()) => failure,
                 Err(unwritten) => failure.append(&format!("; {unwritten}")),
@@ -71,9 +75,9 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         return Err(Failure::usage("--channel-cpus: the flight has one channel")
             .help("leave it out, or fly with more: --channels 2"));
     }
-    let default = match settings.rt.channels {
-        1 => OnDeath::End,
-        _ => OnDeath::Restart,
+    let default = match (settings.rt.channels, settings.flight.pace) {
+        (2.., PaceName::Realtime) => OnDeath::Restart,
+        _ => OnDeath::End,
     };
     let restarts_roles = args.on_death.unwrap_or(default) == OnDeath::Restart;
     check_clock_flags(&settings, &args.rt.clock_flags())?;
@@ -100,7 +104,9 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     settings.check_cpu()?;
     settings.check_priorities()?;
     if args.rt.loop_cpus == Some(NumberOrAuto::Auto) && settings.flight.pace == PaceName::Realtime {
-        let trials = loop_cpus::fly_each(settings.realtime()?.cpu, Duration::from_secs(2))?;
+        let cpu = settings.realtime()?.cpu;
+        let (trials, failure) = loop_cpus::fly_each(cpu, Duration::from_secs(2));
+        failure.map_or(Ok(()), Err)?;
         say(&format!("tried: {}\n", loop_cpus::text(&trials)));
         settings.rt.loop_cpus = loop_cpus::recommended(&trials);
     }
@@ -156,17 +162,24 @@ fn complete(
             Err(failure) => measured = Err(failure),
         }
     }
-    // Every step is taken, whatever becomes of the one before; the first failure is reported.
+    if report.words.flight.word == FlightVerdict::Lost {
+        match loss::examine(&directory.path) {
+            Ok(section) => report.loss = Some(section),
+            Err(failure) => say(&format!(
+                "warning: why the flight was lost was not examined: {failure}\n"
+            )),
+        }
+    }
+    if corrected || report.beside.is_some() || report.loss.is_some() {
+        write_all(&mut report, &directory.path);
+    }
+    // A recorder that died may not have come to it.
+    if corrected && let Err(failure) = make_latest(&directory.path) {
+        say(&format!("warning: {failure}\n"));
+    }
     let mut written = Ok(());
-    if corrected || report.beside.is_some() {
-        written = write_all(&report, &directory.path);
-    }
-    if corrected {
-        // A recorder that died may not have come to it.
-        written = written.and(make_latest(&directory.path));
-    }
     if let Some(path) = &args.junit {
-        written = written.and(junit::write(&report, path));
+        written = junit::write(&report, path);
     }
     if let Some(failed) = &outcome.failed {
         say(&failed.log(&directory.path));

@@ -16,8 +16,7 @@ pub struct WatchArgs {
     /// Print one line per second instead of the dashboard.
     #[arg(long)]
     pub plain: bool,
-    /// Exit with the flight and with this process, which must be the parent; forward Ctrl-C to it.
-    #[arg(long, hide = true)]
+    #[arg(from_global)]
     pub launcher: Option<u32>,
 }
 

@@ -2,48 +2,22 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use clap_complete::Shell;
-use serde::{Deserialize, Serialize};
 
 use crate::cli::values;
 
 #[derive(Clone, Debug, Args)]
 pub struct FloorArgs {
-    /// What to measure, separated by commas [default: everything].
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "SET")]
-    pub only: Vec<Set>,
-    /// Pairs of measurements in each comparison; fewer than 6 give no verdict.
+    /// Pairs of measurements; fewer than 6 give no verdict.
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub pairs: u32,
     /// Length of each measurement [s]; less than 11 s is too short for a 99.9th percentile.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
-    /// Write benchmarks.md and benchmarks.json to this directory; sets not measured this time are kept.
+    /// Write benchmarks.md and benchmarks.json to this directory.
     #[arg(long, value_name = "DIR")]
     pub write: Option<PathBuf>,
-}
-
-/// A set of comparisons.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Set {
-    /// Wake-ups, loop latency and misses of flights.
-    Flights,
-    /// Loop latency and misses of flights on two CPUs.
-    Cpus,
-    /// Loop latency and late commands of flights with two channels.
-    Channels,
-    /// Wake-ups and misses of flights under CPU load.
-    Load,
-    /// Misses, loop latency and processor time of flights at 1, 2, 4 and 8 kHz.
-    Rates,
-    /// Lockstep ticks.
-    Lockstep,
-    /// One tick of the laws, and one of `simulate`.
-    Laws,
-    /// Replaying a flight from its log and comparing it bit for bit.
-    Replay,
 }
 
 /// Flags of the hidden `ring-hop`.
@@ -60,18 +34,9 @@ pub struct HopArgs {
     /// SCHED_FIFO priority; 0 is SCHED_OTHER.
     #[arg(long)]
     pub priority: i32,
-    /// Whether standard input and output are eventfds; otherwise standard input is a page of futexes.
-    #[arg(long)]
-    pub by_eventfd: bool,
     /// Iterations of arithmetic between being woken and waking the next process.
     #[arg(long)]
     pub work: u64,
-    /// How long it reads its event in a loop before it waits in the kernel [ns].
-    #[arg(long)]
-    pub polls_ns: u64,
-    /// Process that measures; this one exits with it.
-    #[arg(long)]
-    pub launcher: u32,
 }
 
 /// Flags of the hidden `cpu-load`.
@@ -94,9 +59,6 @@ pub struct CpuLoadArgs {
     /// Name of the instance that it disturbs, shown in the list of processes.
     #[arg(long)]
     pub instance: String,
-    /// Process number of the supervisor; this process ends with it.
-    #[arg(long)]
-    pub launcher: u32,
 }
 
 #[derive(Clone, Debug, Args)]

@@ -105,7 +105,7 @@ pub enum ExportFormat {
     Csv,
     /// One JSON object per message, each on its own line.
     Json,
-    /// A trace for ui.perfetto.dev: one track per stage, missed deadlines and parameter changes as instants.
+    /// A trace for ui.perfetto.dev: one track per stage; missed deadlines, parameter changes and faults as instants.
     Perfetto,
 }
 

@@ -1,12 +1,15 @@
 //! `ironbird plant | outer | inner | mixer | record`: one role in this process.
 
-use std::io::IsTerminal as _;
+use std::fs::File;
+use std::io;
+use std::os::fd::AsFd as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
+use ipc::recorder_depth;
 use messages::flight_plan::FlightPlan;
 use messages::role::{Channel, Replica, Role};
 use plant::PlantSettings;
@@ -20,6 +23,7 @@ use crate::cli::{NumberOrAuto, RecordArgs, RoleArgs};
 use crate::report_command::ended;
 use analysis::phrase::count;
 use config::{Overrides, PaceName, Settings};
+use errors::output::has_screen;
 use errors::output::print;
 use errors::{Failure, OK, check_outputs};
 use experiments::margin::table;
@@ -31,7 +35,7 @@ use recorder::run_files::Files;
 /// Runs a role of the loop until the run is over.
 pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
-    let settings = resolve(args, &[role], Overrides::new())?;
+    let settings = resolve(args, Overrides::new())?;
     settings.check_faults_of_processes(args.launcher.is_some())?;
     let stage = Stage::new(role, &settings.of_channel(args.channel))?;
     let session = RoleSession::take(role, start_config(role, args, &settings, begun_ns)?)?;
@@ -43,13 +47,13 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
         .map_err(|failure| failure.broken_off(stop.load(Ordering::Relaxed)))
 }
 
-fn resolve(args: &RoleArgs, makes: &[Role], more: Overrides) -> Result<Settings, Failure> {
+fn resolve(args: &RoleArgs, more: Overrides) -> Result<Settings, Failure> {
     if !args.allowed_cpus.is_empty() {
         allow_cpus(&args.allowed_cpus);
     }
     let overrides = [args.flight.overrides(), args.rt.overrides(), more].concat();
     let file = args.flight.course.config.as_deref();
-    let settings = Settings::resolve_to_make(makes, file, &overrides)?;
+    let settings = Settings::resolve_asking(false, file, &overrides)?;
     check_clock_flags(&settings, &args.rt.clock_flags())?;
     if args.rt.loop_cpus == Some(NumberOrAuto::Auto) {
         return Err(
@@ -129,7 +133,7 @@ fn leave(instance: &Instance, args: &RoleArgs) {
 /// Records until the run is over; without a supervisor, prints the report.
 pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
-    let settings = resolve(&args.role, &[], args.recorder.overrides())?;
+    let settings = resolve(&args.role, args.recorder.overrides())?;
     check_clock_flags(&settings, &[("--trace", args.recorder.trace)])?;
     check_outputs(&[("--states", args.recorder.states.as_deref())])?;
     // A supervisor has checked it already.
@@ -158,8 +162,11 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
         .or(created_path)
         .cloned()
         .unwrap_or_default();
+    let is_supervised = args.role.launcher.is_some();
+    let memory = is_supervised.then(|| io::stdin().as_fd().try_clone_to_owned());
     let files = Files {
         directory: directory.clone(),
+        memory: memory.and_then(Result::ok).map(File::from),
         states: args.recorder.states.clone(),
     };
     let stop = session.stop_flag();
@@ -196,6 +203,7 @@ fn start_config(
         settings: settings.shared_text()?,
         law_options: settings.law_options()?,
         channel: channel(role, args, settings)?,
+        depth: recorder_depth(settings.wall_period_ns()),
         launcher: args.launcher,
         begun_ns,
     })
@@ -223,8 +231,8 @@ fn channel(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Channel, 
 /// Messages of a process that waits go to standard error; a loop that flies writes none.
 fn log_to_stderr() {
     tracing_subscriber::fmt()
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(io::stderr)
+        .with_ansi(has_screen(&io::stderr()))
         .with_target(false)
         .without_time()
         // If the log's disk is full there is no other place to say so; the default would print, and panic.

@@ -28,7 +28,7 @@ pub struct LawSetArgs {
     /// Law of the inner loop; may be repeated [default: adaptive].
     #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub inner: Vec<String>,
-    /// Law of the mixer; may be repeated [default: priority].
+    /// Law of the mixer; may be repeated [default: roll_pitch_first].
     #[arg(long, value_name = "LAW|FILE[:PRESET,KEY=VALUE]")]
     pub mixer: Vec<String>,
 }
@@ -48,6 +48,9 @@ pub struct CompareArgs {
     /// Also write the comparison to this file, as a page with plots.
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
+    /// Maximum number of lost flights, else exit code 3 [default: no limit].
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::within(0..=u64::MAX))]
+    pub max_lost: Option<u64>,
     /// JSON: include the curves of the page.
     #[arg(long)]
     pub traces: bool,
@@ -196,6 +199,9 @@ pub struct CampaignReportArgs {
     /// Also write the report to this file, as a page with plots.
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
+    /// Least success rate of every arm [%], else exit code 3; without all flights of the campaign it fails, too.
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = values::percent)]
+    pub min_success: Option<f64>,
 }
 
 #[derive(Clone, Debug, Args)]

@@ -147,6 +147,12 @@ pub(crate) fn limit(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more, as in 100 or 2.5".into())
 }
 
+/// A share [%].
+pub(crate) fn percent(text: &str) -> Result<f64, String> {
+    let percent = limit(text).ok().filter(|percent| *percent <= 100.0);
+    percent.ok_or_else(|| "write a number from 0 to 100, as in 95 or 99.9".into())
+}
+
 /// A whole number of a range.
 pub(crate) fn within<T: FromStr + PartialOrd + Display + Clone>(
     range: RangeInclusive<T>,

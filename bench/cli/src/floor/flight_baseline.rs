@@ -32,7 +32,7 @@ pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
         return Err(Failure::usage(
             "--floor: lockstep has no deadlines, so there is no baseline to measure",
         )
-        .help("fly in real time, or measure lockstep with `ironbird floor --only lockstep`"));
+        .help("fly in real time, without --pace lockstep"));
     }
     if !(Duration::from_secs(1)..=Duration::from_secs(3600)).contains(&duration) {
         return Err(

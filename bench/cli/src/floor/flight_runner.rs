@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use analysis::report_file::RunFacts;
@@ -34,25 +34,25 @@ impl FlightRunner {
         })
     }
 
-    /// The command of a flight with these flags, and its future run directory.
-    pub fn command(&self, flags: &[&str]) -> (Command, PathBuf) {
+    pub fn fly(&self, flags: &[&str]) -> Result<Report, Failure> {
         let number = self.launched.fetch_add(1, Ordering::Relaxed);
         let out = self.directory.path().join(format!("flight{number}"));
-        let mut command = Command::new(&self.executable);
-        command.arg("fly").args(flags);
+        let mut command = process::signals::child(&self.executable, "fly");
+        command.args(flags);
         command.args(["--instance", &self.instance]);
         command.arg("--out").arg(&out).stdin(Stdio::null());
         command.stdout(Stdio::null()).stderr(Stdio::piped());
-        (command, out.join("latest"))
-    }
-
-    pub fn fly(&self, flags: &[&str]) -> Result<Report, Failure> {
-        let (mut command, run) = self.command(flags);
+        let run = out.join("latest");
         let output = command
             .output()
             .map_err(|e| Failure::failed(format!("cannot launch a flight: {e}")))?;
         // A failed acceptance criterion does not invalidate the measurement.
-        let ended = command_end("a flight", &output);
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        let ended = format!(
+            "a flight ended with {}: {}",
+            output.status,
+            complaint.trim()
+        );
         let flown = [OK, GATE].map(|code| Some(i32::from(code)));
         if !flown.contains(&output.status.code()) {
             return Err(Failure::failed(ended));
@@ -61,12 +61,6 @@ impl FlightRunner {
             Report::read(&run.join("report.json")).map_err(|e| e.append(&format!("; {ended}")))?;
         complete(report, requested_ticks(&run.join("run.json"))?)
     }
-}
-
-/// How a command ended, with what it printed to standard error.
-pub(super) fn command_end(what: &str, output: &Output) -> String {
-    let complaint = String::from_utf8_lossy(&output.stderr);
-    format!("{what} ended with {}: {}", output.status, complaint.trim())
 }
 
 fn requested_ticks(path: &Path) -> Result<u64, Failure> {

@@ -17,37 +17,43 @@ pub struct Trial {
     late: u64,
 }
 
+/// The flights of increasing numbers, up to the first one that failed, with why.
+pub type Trials = (Vec<Trial>, Option<Failure>);
+
 /// Flies on each number of CPUs that this process has, on `first` before all others.
-pub fn fly_each(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, Failure> {
+pub fn fly_each(first: Option<usize>, duration: Duration) -> Trials {
     let cpu = first.unwrap_or_else(loops_cpu);
     let here = |cpus: &usize| loop_processors(cpu, *cpus).len() == *cpus;
     let numbers = LOOP_CPUS.into_iter().filter(here);
     fly_with("--loop-cpus", numbers, cpu, duration)
 }
 
-pub fn fly_channels(first: Option<usize>, duration: Duration) -> Result<Vec<Trial>, Failure> {
+pub fn fly_channels(first: Option<usize>, duration: Duration) -> Trials {
     let cpu = first.unwrap_or_else(loops_cpu);
     fly_with("--channels", 1..=MOST_CHANNELS, cpu, duration)
 }
 
 fn fly_with(
     flag: &str,
-    numbers: impl Iterator<Item = usize>,
+    mut numbers: impl Iterator<Item = usize>,
     cpu: usize,
     duration: Duration,
-) -> Result<Vec<Trial>, Failure> {
-    let runner = FlightRunner::new()?;
-    let fly = |number: usize| {
-        let ms = duration.as_millis().max(2);
-        let flags = format!("--log off --cpu {cpu} {flag} {number} --duration {ms}ms");
-        let report = runner.fly(&flags.split(' ').collect::<Vec<_>>())?;
-        Ok(Trial {
-            number,
-            loop_p99_us: series(&report, "loop")?.p99_us,
-            late: report.deadlines.not_fresh.map_or(0, |it| it.ticks),
+) -> Trials {
+    let mut trials = Vec::new();
+    let flown = FlightRunner::new().and_then(|runner| {
+        numbers.try_for_each(|number| {
+            let ms = duration.as_millis().max(2);
+            let flags = format!("--log off --cpu {cpu} {flag} {number} --duration {ms}ms");
+            let report = runner.fly(&flags.split(' ').collect::<Vec<_>>())?;
+            trials.push(Trial {
+                number,
+                loop_p99_us: series(&report, "loop")?.p99_us,
+                late: report.deadlines.not_fresh.map_or(0, |it| it.ticks),
+            });
+            Ok(())
         })
-    };
-    numbers.map(fly).collect()
+    });
+    (trials, flown.err())
 }
 
 /// The number with the shortest loop at the 99th percentile of those that are late no more often than one CPU is.

@@ -20,11 +20,13 @@
 enum { HARM, FROM_TICK, LEVEL, SETTINGS };
 enum { NOTHING, EXIT, QUICK_EXIT, RAW_EXIT, THREAD_EXIT, BLOCK_AND_LOOP, ROUND, TRAP, RAISE, SHOW, FORK, FORK_AWAY,
        EXIT_WHEN_MADE, WAIT_WHEN_MADE, EXIT_WHEN_FREED, CRASH_AT_EXIT, THREAD,
-       FORK_WHEN_MADE };
+       FORK_WHEN_MADE, ALARM_WHEN_MADE, SLOW_WHEN_MADE, EXEC,
+       TRUNCATE };
 static const char *const WORDS[] = {"nothing", "exit", "quick_exit", "raw_exit", "thread_exit", "block_and_loop",
                                     "round", "trap", "raise", "show", "fork", "fork_away",
                                     "exit_when_made", "wait_when_made", "exit_when_freed", "crash_at_exit", "thread",
-                                    "fork_when_made"};
+                                    "fork_when_made", "alarm_when_made", "slow_when_made",
+                                    "exec", "truncate"};
 static const char *const LEVELS[] = {"1", "2.5", "2024-01-01"};
 static const IronbirdSetting settings[SETTINGS] = {
     [HARM] = {.name = "harm", .meaning = "what to do", .kind = IRONBIRD_WORD, .words = WORDS,
@@ -64,6 +66,10 @@ static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *
     }
     if (harm == EXIT_WHEN_MADE)
         _exit(0);
+    if (harm == SLOW_WHEN_MADE)
+        sleep(20);
+    if (harm == ALARM_WHEN_MADE)
+        raise(SIGALRM);
     while (harm == WAIT_WHEN_MADE)
         sleep(1);
     if (harm == CRASH_AT_EXIT)
@@ -111,6 +117,12 @@ static void harm(const Law *law, uint64_t tick, IronbirdTelemetry *shown)
     case EXIT: _exit(0);
     case QUICK_EXIT: quick_exit(0);
     case RAW_EXIT: syscall(SYS_exit_group, 0); break;
+    case EXEC: execl("/bin/sleep", "sleep", "60", (char *)NULL); break;
+    case TRUNCATE:
+        for (int file = 3; file < 256; file++)
+            if (ftruncate(file, 0) != 0)
+                continue;
+        break;
     case THREAD_EXIT: pthread_exit(NULL);
     case BLOCK_AND_LOOP:
         sigfillset(&all);

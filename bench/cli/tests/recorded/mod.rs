@@ -4,27 +4,32 @@
 //! publish as their processes do.
 #![allow(dead_code, reason = "each test program uses its part")]
 
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
 use analysis::host::Host;
 use config::Settings;
 use controller::flight_monitor::FlightMonitor;
+use flight_log::causal_order::CausalOrder;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
 use flight_log::reader::LogReader;
 use flight_log::writer::{CHUNK_NS, FlightLog};
 use messages::blackboards::Run;
-use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench};
+use messages::content::{
+    DECISIONS, Decision, Decisions, NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord,
+    TakenCommand, Wrench,
+};
 use messages::grid::{Grid, Pace};
 use messages::header::{Header, Message, Stamps};
+use messages::history::LawState;
 use messages::monitor::Monitor;
 use messages::role::{Channel, Role};
 use messages::settings_text::fingerprint;
 use messages::topic::Topic;
 use plant::Plant;
-use plant::command_hold::PENDING_COMMANDS;
+use plant::command_hold::pending_commands;
 
 pub const GRID: Grid = Grid {
     t0_ns: 5_000_000_000,
@@ -41,6 +46,9 @@ pub struct TickFaults {
     pub mixer_late_ns: u64,
     /// A new process of the inner loop begins with this tick.
     pub inner_restarts: bool,
+    /// A new process of the inner loop begins with this tick, from the state before the last one: the process before it was
+    /// killed between sending and saving.
+    pub inner_resumes: bool,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -50,6 +58,7 @@ pub struct Published {
     pub wrenches: Vec<Message<Wrench>>,
     pub rotor_speeds: Vec<Message<RotorSpeeds>>,
     pub swaps: Vec<Message<SwapRecord>>,
+    pub decisions: Vec<Message<Decisions>>,
     pub theorem: Vec<Message<Monitor>>,
 }
 
@@ -83,8 +92,10 @@ pub fn fly(settings: &Settings, faults: impl Fn(u64) -> TickFaults) -> Published
         inner: settings.inner_stage().unwrap(),
         inner_epoch: EPOCH,
         inner_seq: 0,
+        inner_before: (SavedState::new(), LawState::INITIAL),
         mixer: settings.mixer_stage().unwrap(),
-        theorem: FlightMonitor::new(settings.theorem().unwrap(), 1),
+        theorem: FlightMonitor::new(settings.theorem().unwrap()),
+        law_states: [LawState::INITIAL; 3],
         published: Published::default(),
         sent: VecDeque::new(),
         last_sent_ns: 0,
@@ -102,6 +113,7 @@ pub fn fly(settings: &Settings, faults: impl Fn(u64) -> TickFaults) -> Published
         }
     }
     let landed = settings.last_tick() + 1;
+    flight.take_commands(landed, GRID.begin_of(landed));
     let idle = flight.mixer.idle();
     flight.send(landed, Header::new(), 0, GRID.begin_of(landed), idle);
     flight.published
@@ -115,8 +127,12 @@ struct Flight<'a> {
     inner: GuardedInner,
     inner_epoch: u64,
     inner_seq: usize,
+    /// State of the inner loop before its last tick.
+    inner_before: (SavedState, LawState),
     mixer: GuardedMixer,
     theorem: FlightMonitor,
+    /// Of outer loop, inner loop and mixer.
+    law_states: [LawState; 3],
     published: Published,
     /// Commands that the plant has not received yet.
     sent: VecDeque<Message<RotorSpeeds>>,
@@ -151,18 +167,59 @@ impl Flight<'_> {
         Message { envelope, content }
     }
 
-    fn plant(&mut self, tick: u64, offset_ns: u64) {
-        let wake_ns = GRID.begin_of(tick) + offset_ns;
+    /// Takes the commands that were sent until `wake_ns`, and records the decisions before the state of a tick.
+    fn take_commands(&mut self, tick: u64, wake_ns: u64) -> Decision {
         let sent_ns = |it: &Message<RotorSpeeds>| it.envelope.stamps_of(Role::Mixer).send_ns;
         let there = self.sent.partition_point(|it| sent_ns(it) <= wake_ns);
         let there: Vec<_> = self.sent.drain(..there).collect();
         // Commands that do not fit the plant's port have been overwritten.
-        for message in &there[there.len().saturating_sub(PENDING_COMMANDS)..] {
+        let kept = there.len().saturating_sub(pending_commands(1e-3));
+        let mut decided = Vec::new();
+        for message in &there[kept..] {
             let (tick, content) = (message.envelope.tick, message.content);
             let effective = Pace::Realtime(GRID).effective_tick(tick, sent_ns(message));
-            self.plant.offer(&Stamped { tick, content }, effective);
+            decided.push(TakenCommand {
+                of_tick: tick,
+                seq: message.envelope.seq,
+                acts_from: self.plant.offer(&Stamped { tick, content }, effective),
+                is_offered: 1,
+                channel: 0,
+            });
         }
-        let state = self.plant.begin(tick);
+        if decided.len() > 1 || tick > self.settings.last_tick() {
+            let none: &[TakenCommand] = &[];
+            let is_none = decided.is_empty();
+            for part in decided.chunks(DECISIONS).chain(is_none.then_some(none)) {
+                let mut content = Decisions {
+                    count: part.len() as u64,
+                    ..Decisions::default()
+                };
+                content.command[..part.len()].copy_from_slice(part);
+                let history = stamped(Header::new(), Role::Plant, 0, wake_ns + 1_500);
+                let seq = self.published.decisions.len();
+                let message = self.message(tick, EPOCH, seq, history, content);
+                self.published.decisions.push(message);
+            }
+        }
+        let command = match decided[..] {
+            [command] => command,
+            _ => TakenCommand::default(),
+        };
+        Decision {
+            count: decided.len() as u64,
+            refused: 0,
+            command,
+        }
+    }
+
+    fn plant(&mut self, tick: u64, offset_ns: u64) {
+        let wake_ns = GRID.begin_of(tick) + offset_ns;
+        let decision = self.take_commands(tick, wake_ns);
+        let mut state = self.plant.begin(tick);
+        state.decision = Decision {
+            refused: state.decision.refused,
+            ..decision
+        };
         let history = Header {
             sample_ns: wake_ns,
             parameter_epoch: state.parameter_epoch,
@@ -173,10 +230,21 @@ impl Flight<'_> {
         self.published.states.push(message);
         for applied in self.plant.applied() {
             let (seq, record) = (self.published.swaps.len(), applied.record());
-            let message = self.message(applied.tick, EPOCH, seq, Header::new(), record);
+            let history = stamped(Header::new(), Role::Plant, 0, wake_ns + 1_000);
+            let message = self.message(applied.tick, EPOCH, seq, history, record);
             self.published.swaps.push(message);
         }
         self.plant.finish();
+    }
+
+    /// The state that a stage continues from in a tick with these inputs; its state is then that after the tick.
+    fn law_state(&mut self, stage: usize, tick: u64, inputs: &[&Header]) -> LawState {
+        let state = &mut self.law_states[stage];
+        let histories = inputs.iter().map(|it| (it.tick, it.law_state.after));
+        state.advance(tick, histories);
+        let continued = *state;
+        *state = LawState::after(tick, Channel::A, continued.after);
+        continued
     }
 
     fn others(&mut self, tick: u64, faults: &TickFaults, offset_ns: u64) {
@@ -186,29 +254,42 @@ impl Flight<'_> {
         if !outer_is_silent && let Some(setpoint) = self.outer.tick(tick, &state) {
             let mut history = stamped(of_state, Role::Outer, begin_ns, begin_ns + 1_000);
             history.input_tick[0] = state.tick;
+            history.law_state = self.law_state(0, tick, &[&of_state]);
             let seq = self.published.setpoints.len();
             let message = self.message(tick, EPOCH, seq, history, setpoint);
             self.published.setpoints.push(message);
         }
         if faults.inner_restarts {
             self.inner = self.settings.inner_stage().unwrap();
+            self.law_states[1] = LawState::INITIAL;
+            (self.inner_epoch, self.inner_seq) = (begin_ns, 0);
+        }
+        if faults.inner_resumes {
+            self.inner = self.settings.inner_stage().unwrap();
+            assert!(self.inner.load(&self.inner_before.0));
+            self.law_states[1] = self.inner_before.1;
             (self.inner_epoch, self.inner_seq) = (begin_ns, 0);
         }
         if !inner_is_silent {
-            let (setpoint, _) = newest(&self.published.setpoints);
+            assert!(self.inner.save(&mut self.inner_before.0));
+            self.inner_before.1 = self.law_states[1];
+            let (setpoint, of_setpoint) = newest(&self.published.setpoints);
             let wrench = self.inner.tick(tick, &state, &setpoint);
             let mut history = stamped(of_state, Role::Inner, begin_ns, begin_ns + 2_000);
             history.input_tick = [state.tick, setpoint.tick, NO_TICK];
+            history.law_state = self.law_state(1, tick, &[&of_setpoint, &of_state]);
             let message = self.message(tick, self.inner_epoch, self.inner_seq, history, wrench);
             self.inner_seq += 1;
             self.published.wrenches.push(message);
-            let monitored = self.theorem.watch(&message, Some(&state)).unwrap();
-            self.published.theorem.push(monitored);
+            let monitored = self.theorem.watch(&message, Some(&state));
+            self.published.theorem.extend(monitored);
         }
         if !mixer_is_silent {
             let (wrench, mut history) = newest(&self.published.wrenches);
             let speeds = self.mixer.tick(tick, &wrench);
+            let of_wrench = history;
             history.input_tick[2] = wrench.tick;
+            history.law_state = self.law_state(2, tick, &[&of_wrench]);
             let send_ns = begin_ns + 3_000 + faults.mixer_late_ns;
             self.send(tick, history, begin_ns, send_ns, speeds);
         }
@@ -246,31 +327,31 @@ pub fn facts(settings: &Settings, channel: Option<Channel>) -> Facts {
     recorder::log_metadata::metadata(&run, settings, channel, "none", &host, &roles).unwrap()
 }
 
-/// Writes a flight as the recorder does: ten ticks at a time, topic after topic, swaps later than their ticks.
+/// Writes a flight as the recorder does.
 pub fn write(path: &Path, settings: &Settings, published: &Published) {
-    const SWAPS_LATER: u64 = 25;
-    let mut log = FlightLog::create(path, &facts(settings, None)).unwrap();
-    let end = settings.last_tick() + 1 + SWAPS_LATER;
-    for from in (0..=end).step_by(10) {
-        fn of<'a, C: Topic>(
-            messages: &'a [Message<C>],
-            from: u64,
-            entry: fn(Message<C>) -> LogEntry,
-        ) -> impl Iterator<Item = LogEntry> + 'a {
-            let is_now = move |it: &&Message<C>| (from..from + 10).contains(&it.envelope.tick);
-            messages.iter().filter(is_now).map(move |it| entry(*it))
-        }
-        let entries = of(&published.states, from, LogEntry::State)
-            .chain(of(&published.setpoints, from, LogEntry::Setpoint))
-            .chain(of(&published.wrenches, from, LogEntry::Wrench))
-            .chain(of(&published.rotor_speeds, from, LogEntry::RotorSpeeds))
-            .chain(of(&published.theorem, from, LogEntry::Theorem));
-        entries.for_each(|entry| log.take(&entry));
-        let is_now = |tick: u64| (from..from + 10).contains(&(tick + SWAPS_LATER));
-        let swaps = published.swaps.iter().filter(|it| is_now(it.envelope.tick));
-        swaps.for_each(|it| log.take(&LogEntry::Swap(*it)));
-        log.keep(GRID.begin_of(0) + from * CHUNK_NS).unwrap();
+    fn take<C: Topic>(
+        order: &mut CausalOrder,
+        messages: &[Message<C>],
+        entry: fn(Message<C>) -> LogEntry,
+    ) {
+        let entries = messages.iter().map(|it| entry(*it));
+        entries.for_each(|entry| order.take(Channel::A, &entry));
     }
+    let mut order = CausalOrder::default();
+    take(&mut order, &published.states, LogEntry::State);
+    take(&mut order, &published.setpoints, LogEntry::Setpoint);
+    take(&mut order, &published.wrenches, LogEntry::Wrench);
+    take(&mut order, &published.rotor_speeds, LogEntry::RotorSpeeds);
+    take(&mut order, &published.swaps, LogEntry::Swap);
+    take(&mut order, &published.decisions, LogEntry::Decisions);
+    take(&mut order, &published.theorem, LogEntry::Theorem);
+    let mut log = FlightLog::create(path, &facts(settings, None)).unwrap();
+    let mut position = 0;
+    order.release(u64::MAX, |_, entry| {
+        position += 1;
+        log.take(entry, position);
+        log.keep(position * CHUNK_NS / 50).unwrap();
+    });
     log.finish(record(&[("ending", "completed")])).unwrap();
 }
 
@@ -288,7 +369,7 @@ pub fn rewrite(
     let mut log = FlightLog::create(to, &facts(&settings(text), channel)).unwrap();
     while let Some(mut entry) = reader.next_entry().unwrap().copied() {
         if keep(&mut entry) {
-            log.take(&entry);
+            log.take(&entry, reader.position());
         }
     }
     log.finish(record(landing)).unwrap();

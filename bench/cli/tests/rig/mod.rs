@@ -3,7 +3,6 @@
 
 mod role_process;
 mod system;
-mod table;
 pub mod unprivileged;
 
 use std::fs::{self, File};
@@ -31,7 +30,6 @@ pub use system::{
     command_line, files_below, is_gone, processes, send, signal_of, stop_for, wait_until,
 };
 use system::{hear_signals, names};
-pub use table::table;
 
 /// The executable under test: the one that the variable IRONBIRD names, else the release build if it is up to date, else
 /// the one that cargo built beside the tests.
@@ -313,20 +311,25 @@ impl Rig {
     pub fn assert_nothing_left(&self) {
         let none: [u32; 0] = [];
         assert_eq!(self.segments(), [""; 0], "left in /dev/shm");
-        let living = processes().filter(|pid| self.is_ours(*pid) && !is_gone(*pid));
-        assert_eq!(living.collect::<Vec<_>>(), none, "living processes");
+        assert_eq!(self.living(), none, "living processes");
     }
 
-    /// Living processes of the instance that were started as `ironbird COMMAND`, without those that release their memory.
+    /// Living processes of the instance.
+    pub fn living(&self) -> Vec<u32> {
+        let lives = |pid: &u32| self.is_ours(*pid) && !is_gone(*pid);
+        processes().filter(lives).collect()
+    }
+
+    /// Those that were started as `ironbird COMMAND`, without those that release their memory.
     pub fn processes_of(&self, command: &str) -> Vec<u32> {
         let is_it = |pid: &u32| {
             let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
             let line = command_line(*pid);
             line.get(1).is_some_and(|first| first == command) && name.trim_end() == "ironbird"
         };
-        processes()
-            .filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid))
-            .collect()
+        let mut living = self.living();
+        living.retain(is_it);
+        living
     }
 
     /// A process that was started for a role, another one than `dead`.
@@ -406,12 +409,12 @@ pub fn lacks_feature(what: &str, feature: &str) {
     not_tested(&format!("{what}: needs --features {feature}"));
 }
 
-/// Three rows of a table at a time: they wait more than they compute.
+/// Two rows of a table at a time: two flights and those of another test are what two processors carry.
 pub fn in_parallel<T>(rows: impl Iterator<Item = T> + Send, run: impl Fn(&T) + Sync) {
     let rows = Mutex::new(rows);
     let next = || rows.lock().unwrap().next();
     std::thread::scope(|scope| {
-        for _ in 0..3 {
+        for _ in 0..2 {
             scope.spawn(|| std::iter::from_fn(next).for_each(|row| run(&row)));
         }
     });
@@ -421,20 +424,16 @@ pub fn rounds() -> u64 {
     std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
 }
 
-/// A program in a mount namespace of its own, in which a shell's script has mounted something first; nothing where that
-/// is not permitted, or `probe` fails in it.
-pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command> {
+/// Whether a mount namespace of its own, a mount in it, and what `probe` does there are permitted.
+pub fn can_mount(mount: &str, probe: &str) -> bool {
     let can = Command::new("unshare")
         .args(["-m", "sh", "-c", &format!("{mount} && {probe}")])
         .status();
-    if !can.is_ok_and(|status| status.success()) {
+    let can = can.is_ok_and(|status| status.success());
+    if !can {
         not_tested(&format!("not permitted here: unshare -m, {mount}, {probe}"));
-        return None;
     }
-    let mut command = Command::new("unshare");
-    let script = format!("{mount} && exec \"$0\" \"$@\"");
-    command.args(["-m", "sh", "-c", &script, program]);
-    Some(command)
+    can
 }
 
 pub fn read_log(log: &Path) -> (Vec<LogEntry>, End) {

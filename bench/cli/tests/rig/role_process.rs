@@ -29,10 +29,6 @@ impl Running {
         send(self.pid(), signal);
     }
 
-    pub fn is_running(&mut self) -> bool {
-        self.child.try_wait().unwrap().is_none()
-    }
-
     pub fn stderr(&self) -> String {
         fs::read_to_string(&self.stderr).unwrap()
     }

@@ -7,10 +7,10 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use ::campaign::campaign::{Campaign, Variant};
-use ::campaign::chunk::{Identity, SCHEMA, write_whole};
+use ::campaign::chunk::{Identity, SCHEMA};
 use ::campaign::file;
 use ::campaign::gates::SignalGate;
-use errors::{Failure, InFile as _, USAGE, read_text};
+use errors::{Failure, InFile as _, USAGE, read_text, write_whole};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
@@ -286,7 +286,8 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         if fs::read_to_string(path).is_ok_and(|there| there == *text) {
             continue;
         }
-        write_whole(path, |file| file.write_all(text.as_bytes()))?;
+        let written = write_whole(path, |file| file.write_all(text.as_bytes()), || true);
+        written.in_file("write", path)?;
     }
     Ok(())
 }

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::AtomicBool;
 
-use analysis::comparison::STAYING_S;
 use analysis::margin::{Bounds, Cause, Point};
+use analysis::recovery::STAYING_S;
 use analysis::tracking::Tracking;
 use faults::LONGEST_DELAY_TICKS;
 use plant::EnvelopeViolation;

@@ -8,13 +8,12 @@ use analysis::json;
 use analysis::margin::{Margins, SCHEMA, SURVIVES};
 use analysis::phrase::count;
 use analysis::schema::{MarginSection, Report};
-use campaign::chunk::write_whole;
 use flight_log::build::Build;
 use messages::grid::Pace;
 
 use config::Settings;
 use config::trajectory::sha256_of;
-use errors::{Failure, InFile as _, read_text};
+use errors::{Failure, InFile as _, read_text, write_whole};
 use flight_log::build;
 
 /// Directory of the tables, next to the flights.
@@ -83,7 +82,8 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
             ..margins.clone()
         };
         let text = json::to_string(&table).in_file("write", &path)?;
-        write_whole(&path, |file| writeln!(file, "{text}"))?;
+        let written = write_whole(&path, |file| writeln!(file, "{text}"), || true);
+        written.in_file("write", &path)?;
         lines.push(format!("written, for reports of flights: {place}\n"));
     }
     Ok(lines)
@@ -127,8 +127,7 @@ pub fn look_again(report: &mut Report, directory: &Path) {
     };
     let (fingerprint, autopsy) = (&margin.fingerprint, &report.autopsy);
     let is_name = !fingerprint.is_empty() && fingerprint.bytes().all(|it| it.is_ascii_hexdigit());
-    // Reports from before outages were counted by stage have nothing to compare with a table.
-    if margin.unknown.is_some() && is_name && autopsy.longest.is_some() {
+    if margin.unknown.is_some() && is_name {
         *margin = section(fingerprint, directory, &report.run.build).with(autopsy);
     }
 }

@@ -4,21 +4,16 @@
 
 use std::process::Command;
 
-use analysis::series::histogram;
+use analysis::series::Latencies;
 use errors::Failure;
-use hdrhistogram::Histogram;
-use process::rt::loops_cpu;
+use process::rt::{end_with_this_thread, loops_cpu};
 
 use super::timer::Schedule;
-
-pub fn is_installed() -> bool {
-    Command::new("cyclictest").arg("--help").output().is_ok()
-}
 
 /// How late it woke [ns].
 ///
 /// It prints nothing for ticks that it slept through; they enter with their whole lateness, as the rig's do.
-pub fn measure(schedule: &Schedule) -> Result<Histogram<u64>, Failure> {
+pub fn measure(schedule: &Schedule) -> Result<Latencies, Failure> {
     let (period_ns, priority) = (schedule.period_ns, schedule.priority);
     let cpu = schedule.cpu.unwrap_or_else(loops_cpu);
     let (period_us, seconds) = (period_ns / 1000, schedule.duration.as_secs().max(1));
@@ -27,8 +22,7 @@ pub fn measure(schedule: &Schedule) -> Result<Histogram<u64>, Failure> {
         "--mlockall --threads=1 --distance=0 --nsecs --verbose --affinity={cpu} --priority={priority} \
          --interval={period_us} --duration={seconds}"
     );
-    let output = Command::new("cyclictest")
-        .args(arguments.split(' '))
+    let output = end_with_this_thread(Command::new("cyclictest").args(arguments.split(' ')))
         .output()
         .map_err(|e| {
             Failure::failed(format!("cannot start cyclictest: {e}"))
@@ -36,15 +30,15 @@ pub fn measure(schedule: &Schedule) -> Result<Histogram<u64>, Failure> {
         })?;
     if !output.status.success() {
         let (status, complaint) = (output.status, String::from_utf8_lossy(&output.stderr));
-        let complaint = complaint.trim();
+        let complaint = complaint.trim().replace('\n', " ");
         return Err(Failure::failed(format!(
             "cyclictest ended with {status}: {complaint}"
         )));
     }
     let text = String::from_utf8_lossy(&output.stdout);
-    let mut lateness = histogram()?;
+    let mut lateness = Latencies::new()?;
     for sample in text.lines().filter_map(sample) {
-        owed(sample, period_ns).for_each(|late| lateness.saturating_record(late));
+        owed(sample, period_ns).for_each(|late| lateness.record(late));
     }
     if lateness.is_empty() {
         return Err(Failure::failed("cyclictest printed no sample"));

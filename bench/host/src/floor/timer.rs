@@ -4,9 +4,8 @@ use std::fs::File;
 use std::thread;
 use std::time::Duration;
 
-use analysis::series::histogram;
+use analysis::series::Latencies;
 use errors::Failure;
-use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, sleep_until};
 use messages::grid::Grid;
 use process::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
@@ -24,7 +23,7 @@ pub struct Schedule {
 #[derive(Clone, Debug)]
 pub struct TimerFloor {
     /// From the beginning of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
-    pub lateness: Histogram<u64>,
+    pub lateness: Latencies,
     pub ticks_skipped: u64,
     pub standing: Standing,
 }
@@ -76,7 +75,7 @@ pub(super) struct PeriodicTimer {
     grid: Grid,
     next_tick: u64,
     ticks: u64,
-    pub lateness: Histogram<u64>,
+    pub lateness: Latencies,
     pub skipped: u64,
 }
 
@@ -90,10 +89,10 @@ impl PeriodicTimer {
             ))
             .help("measure for longer, as in --seconds 5"));
         }
-        let mut lateness = histogram()?;
+        let mut lateness = Latencies::new()?;
         // Writes its counts once, so that no page of them is missing when it matters.
-        lateness.saturating_record(1);
-        lateness.reset();
+        lateness.record(1);
+        lateness.clear();
         let t0_ns = now_ns() + BEGINS_NS;
         Ok(Self {
             grid: Grid { t0_ns, period_ns },
@@ -125,8 +124,7 @@ impl PeriodicTimer {
         }
         let current = self.grid.tick_at(woken_ns).min(self.ticks - 1);
         for owed in self.next_tick..=current {
-            self.lateness
-                .saturating_record(woken_ns - self.grid.begin_of(owed));
+            self.lateness.record(woken_ns - self.grid.begin_of(owed));
         }
         self.skipped += current - self.next_tick;
         self.next_tick = current + 1;

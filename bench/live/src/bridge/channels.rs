@@ -75,6 +75,13 @@ impl Channels {
         })
     }
 
+    /// Withdraws the channels from the clients.
+    pub(super) fn close(&self) {
+        let telemetry = self.telemetry.values().map(|(channel, _)| channel);
+        let all = self.topics.values().chain(telemetry).chain(&self.scene);
+        all.for_each(|channel| channel.close());
+    }
+
     /// Sends a message to the clients that have subscribed to its channel.
     pub(super) fn pass_on(&mut self, entry: &LogEntry) {
         with_message!(entry, message => self.send(message));

@@ -20,7 +20,8 @@ use faults::grammar::{Desired, RequestedValue};
 #[derive(Debug)]
 pub(super) struct ParameterMirror {
     pub(super) instance: Instance,
-    pub(super) active: Mutex<ActiveParameters>,
+    /// None before the first flight.
+    pub(super) active: Mutex<Option<ActiveParameters>>,
     pub(super) allows_swaps: bool,
 }
 
@@ -34,18 +35,19 @@ impl ParameterMirror {
     /// Takes the active parameters; returns all values if any has changed.
     pub(super) fn update(&self, active: ActiveParameters) -> Option<Vec<Parameter>> {
         let mut known = self.active();
-        let has_changed = *known != active;
-        *known = active;
-        has_changed.then(|| values(&known, |_| true))
+        let has_changed = known.replace(active) != Some(active);
+        has_changed.then(|| values(known.as_ref(), |_| true))
     }
 
-    fn active(&self) -> MutexGuard<'_, ActiveParameters> {
+    fn active(&self) -> MutexGuard<'_, Option<ActiveParameters>> {
         self.active.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-fn values(active: &ActiveParameters, is_named: impl Fn(&str) -> bool) -> Vec<Parameter> {
-    let all = SPECS.iter().zip(active.value);
+fn values(active: Option<&ActiveParameters>, is_named: impl Fn(&str) -> bool) -> Vec<Parameter> {
+    let all = active
+        .into_iter()
+        .flat_map(|active| SPECS.iter().zip(active.value));
     all.filter(|(spec, _)| is_named(spec.name))
         .map(|(spec, value)| Parameter::float64(spec.name, value))
         .collect()
@@ -97,7 +99,7 @@ impl ParameterHandler for ParameterMirror {
         }
         // No names stand for all names.
         let is_named = |name: &str| names.is_empty() || names.iter().any(|it| it == name);
-        let mut known = values(&self.active(), is_named);
+        let mut known = values(self.active().as_ref(), is_named);
         if self.allows_swaps && is_named(INJECT) {
             known.push(Parameter::string(INJECT, ""));
         }
@@ -137,14 +139,16 @@ impl ParameterHandler for ParameterMirror {
             match changes.and_then(|changes| ask(&instance, &changes, NOW)) {
                 Ok(applied) => {
                     for change in applied.changes {
-                        active.value[change.parameter as usize] = change.new;
+                        if let Some(active) = &mut active {
+                            active.value[change.parameter as usize] = change.new;
+                        }
                     }
                 }
                 // The values stay; the client is sent them, and the reason.
                 Err(failure) => client.send_error(failure.to_string()),
             }
             let is_named = |name: &str| swaps.iter().any(|swap| swap.name == name);
-            responder.respond([values(&active, is_named), answers].concat());
+            responder.respond([values(active.as_ref(), is_named), answers].concat());
         });
     }
 }

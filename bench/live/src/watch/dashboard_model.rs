@@ -2,27 +2,29 @@
 //!
 //! It has no inputs and outputs of its own: others pass it messages and keys, and carry out the action of [`Model::key`].
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-use messages::blackboards::{ActiveParameters, EndReason, Run, Status};
-use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::blackboards::{ActiveParameters, EndReason, LOCKSTEP, Run, Status, Supervision};
+use messages::content::{RotorSpeeds, Setpoint, State, TakenCommand, Wrench};
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
-use messages::role::{Replica, STAGES};
+use messages::role::{Channel, Replica, Role, STAGES};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::inject::parse_line;
-use analysis::faults::AppliedSwap;
+use analysis::faults::{AppliedSwap, InjectedFault};
 use analysis::flight_statistics::FlightStatistics;
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
-use analysis::schema::{Explained, Speed, Verdicts};
+use analysis::schema::{Explained, NotFresh, Speed, Ticks, Verdicts};
 use analysis::series::Series;
 use analysis::states::is_final_command;
 use analysis::tracking::Tracking;
 use analysis::verdicts::{TrackingLimits, flight_verdict, stability_verdict, timing_verdict};
 use config::airframe::airframe_of;
+use config::planned_faults::injected;
 use config::trajectory::{built_in, is_file};
 use config::{PointsFile, law_settings};
 use errors::Failure;
@@ -33,6 +35,8 @@ use host::sampler::Watch;
 
 const NUMBER_MAX: usize = 24;
 const FAULT_MAX: usize = 120;
+/// Events that are shown.
+pub const EVENTS: usize = 5;
 /// Allowed characters besides digits: for numbers, `nominal`, shares, and the units of a ramp's duration.
 const NUMBER: &str = ".+-eE%~nominalmsuhd";
 
@@ -97,6 +101,8 @@ pub struct Model {
     pub help: bool,
     /// Row of the table of latencies.
     pub series: usize,
+    /// First row that is shown of a page without a table; drawing limits it to what the terminal has no room for.
+    pub scrolled: Cell<usize>,
     pub parameters: ParameterPage,
     pub flight: Option<WatchedFlight>,
 }
@@ -147,27 +153,33 @@ impl Model {
             KeyCode::Char('r') => return Action::Reset,
             KeyCode::Tab | KeyCode::Right => self.turn(1),
             KeyCode::BackTab | KeyCode::Left => self.turn(Tab::ALL.len() - 1),
-            KeyCode::Char(digit @ '1'..='6') => {
-                self.tab = Tab::ALL[digit as usize - '1' as usize].0;
-            }
+            KeyCode::Char(digit @ '1'..='6') => self.open(digit as usize - '1' as usize),
             code => self.move_in_table(code),
         }
         Action::None
     }
 
     fn turn(&mut self, by: usize) {
-        self.tab = Tab::ALL[(self.tab as usize + by) % Tab::ALL.len()].0;
+        self.open((self.tab as usize + by) % Tab::ALL.len());
+    }
+
+    fn open(&mut self, page: usize) {
+        self.tab = Tab::ALL[page].0;
+        self.scrolled.set(0);
     }
 
     fn move_in_table(&mut self, code: KeyCode) {
         let (selected, last) = match self.tab {
             Tab::Latency => (&mut self.series, Series::all().len() - 1),
             Tab::Plant => (&mut self.parameters.selected, SPECS.len() - 1),
-            _ => return,
+            _ => (self.scrolled.get_mut(), usize::MAX),
         };
+        const PAGE: usize = 10;
         match code {
             KeyCode::Up | KeyCode::Char('k') => *selected = selected.saturating_sub(1),
             KeyCode::Down | KeyCode::Char('j') => *selected = (*selected + 1).min(last),
+            KeyCode::PageUp => *selected = selected.saturating_sub(PAGE),
+            KeyCode::PageDown => *selected = selected.saturating_add(PAGE).min(last),
             KeyCode::Home => *selected = 0,
             KeyCode::End => *selected = last,
             KeyCode::Enter | KeyCode::Char('f') if self.tab == Tab::Plant => {
@@ -272,6 +284,15 @@ pub struct WatchedFlight {
     pub v_th: Trace,
     pub statuses: BTreeMap<Replica, Status>,
     pub active: ActiveParameters,
+    pub supervision: Box<Supervision>,
+    /// Faults of the settings.
+    planned: Vec<InjectedFault>,
+    /// Faults that were injected into the running flight.
+    pub injected: Vec<InjectedFault>,
+    /// The channel whose command the plant took last, and its first tick; unknown if that was before the dashboard joined.
+    pub channel: Option<(Channel, Option<u64>)>,
+    /// The newest handover: its tick, and the channels before and after.
+    handover: Option<(u64, [Channel; 2])>,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
     pub airframe: Airframe,
@@ -286,6 +307,10 @@ impl WatchedFlight {
         let tracking = tracking(run, &settings)?;
         let airframe = airframe_of(&settings)?;
         let laws = law_settings::shared(&settings)?;
+        let faults = settings.get("flight.faults").map_or("[]", String::as_str);
+        let unreadable =
+            |e| Failure::failed(format!("flight.faults of the flight is {faults}: {e}"));
+        let faults: Vec<String> = serde_json::from_str(faults).map_err(unreadable)?;
         let mut statistics = Self::statistics(run, tracking, laws)?;
         statistics.theorem.set_airframe(&airframe);
         Ok(Self {
@@ -307,6 +332,11 @@ impl WatchedFlight {
             v_th: Trace::default(),
             statuses: BTreeMap::new(),
             active: ActiveParameters::default(),
+            supervision: Box::default(),
+            planned: injected(&faults, run.flight_time_s(1))?,
+            injected: Vec::new(),
+            channel: (run.channels <= 1).then_some((Channel::A, Some(0))),
+            handover: None,
             newest_swap: None,
             cpu_times: None,
             steal: Steal::default(),
@@ -366,6 +396,10 @@ impl WatchedFlight {
                 let error_m = self.tracking.error_m(tick, &message.content);
                 self.position_error
                     .take(self.run.flight_time_s(tick), error_m);
+                let decision = &message.content.decision;
+                if decision.count == 1 {
+                    self.note_channel(&decision.command);
+                }
             }
             LogEntry::Setpoint(message) => self.setpoint = Some(message.content),
             LogEntry::Wrench(message) => self.wrench = Some(message.content),
@@ -383,7 +417,72 @@ impl WatchedFlight {
                 let time_s = self.run.flight_time_s(message.envelope.tick);
                 self.v_th.take(time_s, message.content.v_th);
             }
+            LogEntry::Decisions(message) => {
+                let commands = message.content.commands().iter();
+                commands.for_each(|command| self.note_channel(command));
+            }
+            LogEntry::Loss(_) => {}
         }
+    }
+
+    /// Notes whose command the plant took.
+    fn note_channel(&mut self, command: &TakenCommand) {
+        let channel = Channel::from_wire(command.channel).filter(|_| command.is_offered == 1);
+        let Some(channel) = channel else { return };
+        let tick = command.of_tick;
+        match self.channel {
+            Some((before, _)) if before == channel => {}
+            Some((before, _)) => {
+                self.channel = Some((channel, Some(tick)));
+                self.handover = Some((tick, [before, channel]));
+            }
+            None => self.channel = Some((channel, (tick == 0).then_some(0))),
+        }
+    }
+
+    fn faults(&self) -> impl Iterator<Item = &InjectedFault> {
+        let all = self.planned.iter().chain(&self.injected);
+        all.filter(|fault| !fault.is_cancelled() && !fault.what.ends_with("=off"))
+    }
+
+    /// Faults that act now, and how long they still will [s]; none if they have no end.
+    pub fn active_faults(&self) -> Vec<(&str, Option<f64>)> {
+        let (tick, period_s) = (self.run.tick, self.run.flight_time_s(1));
+        let mut active = Vec::new();
+        for fault in self.faults() {
+            if fault.is_active(tick, tick, period_s, &[]) {
+                let end = fault.end_tick(period_s, &[]);
+                let rest_s = end.map(|end| self.run.flight_time_s(end.saturating_sub(tick)));
+                active.push((fault.what.as_str(), rest_s));
+            }
+        }
+        active
+    }
+
+    /// The newest events with their ticks, the newest first.
+    pub fn events(&self) -> Vec<(u64, String)> {
+        let supervised = self.supervision.events();
+        let supervised = supervised.map(|(tick, message)| (tick, message.to_owned()));
+        let handover = self.handover.iter().map(|(tick, [before, after])| {
+            (
+                *tick,
+                format!("channel {after} flies in place of channel {before}"),
+            )
+        });
+        let begun = self
+            .faults()
+            .map(|it| (it.tick, format!("fault {}", it.what)));
+        let ended = self
+            .faults()
+            .filter_map(|it| Some((it.to_tick?, format!("end of the fault {}", it.what))));
+        let swap = self.newest_swap.as_ref();
+        let swap = swap.map(|it| (it.tick, render::sentences::swap(it)));
+        let all = supervised.chain(handover).chain(begun).chain(ended);
+        let is_past = |(tick, _): &(u64, String)| *tick <= self.run.tick;
+        let mut events: Vec<_> = all.chain(swap).filter(is_past).collect();
+        events.sort_by_key(|(tick, _)| std::cmp::Reverse(*tick));
+        events.truncate(EVENTS);
+        events
     }
 
     /// Updates the time that the hypervisor took from the loops' CPU.
@@ -397,34 +496,41 @@ impl WatchedFlight {
         }
     }
 
-    pub fn verdicts(&self) -> Verdicts {
+    /// The verdicts so far, and what the one on timing follows from: the plant counts the ticks, and the recorder those
+    /// without a fresh command on time, from the start of the flight.
+    pub fn verdicts(&self) -> (Verdicts, NotFresh) {
         let (run, statistics) = (&self.run, &self.statistics);
-        // Counted by the plant, from the start of the flight.
-        let mut ticks = statistics.ticks(run);
-        ticks.skipped = run.ticks_skipped;
-        // None yet for NO_TICK, the largest number.
-        let begun = self.tick().wrapping_add(1);
-        ticks.run = begun.saturating_sub(run.ticks_skipped);
+        let ticks = Ticks {
+            run: run.ticks_run,
+            skipped: run.ticks_skipped,
+            ..Ticks::default()
+        };
+        let recorder = self.statuses.get(&Role::Record.into());
+        let [missed, stale] = recorder.map_or([0; 2], |it| [it.commands_missed, it.commands_stale]);
+        let not_fresh = match run.period_ns {
+            LOCKSTEP => NotFresh::default(),
+            _ => NotFresh::new(missed, stale, &ticks),
+        };
         let limit = |key: &str| self.setting(key).parse::<f64>().ok();
-        let limits = limit("flight.tracking_error_max_m").zip(limit("flight.ground_z_m"));
+        let limits = || {
+            Some(TrackingLimits {
+                error_max_m: limit("flight.tracking_error_max_m")?,
+                yaw_error_max_rad: limit("flight.tracking_yaw_error_max_rad")?,
+                ground_z_m: limit("flight.ground_z_m")?,
+            })
+        };
         let unknown = || Explained {
             why: "the limits of the flight are unknown".into(),
             ..Explained::default()
         };
-        let tracked = |(error_max_m, ground_z_m)| {
-            let limits = TrackingLimits {
-                error_max_m,
-                ground_z_m,
-            };
-            flight_verdict(&statistics.flight(), self.ending, &limits)
-        };
-        let not_fresh = statistics.not_fresh(&ticks).unwrap_or_default();
+        let tracked = |limits| flight_verdict(&statistics.flight(), self.ending, &limits);
         let speed = Speed::of(run.period_ns, run.sample_time_ns);
-        Verdicts {
-            flight: limits.map_or_else(unknown, tracked),
+        let verdicts = Verdicts {
+            flight: limits().map_or_else(unknown, tracked),
             timing: timing_verdict(&ticks, &not_fresh, speed, &self.steal),
             theorem: stability_verdict(&statistics.theorem.section()),
-        }
+        };
+        (verdicts, not_fresh)
     }
 }
 
@@ -433,13 +539,14 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
     let name = setting("flight.trajectory");
     let course = if is_file(name) {
         let sha256 = setting("trajectory.sha256");
+        let tolerance = setting("trajectory.tolerance").parse().unwrap_or(-1.0);
         let gone = |what: String| {
             Failure::failed(what).help(format!(
                 "restore the file with SHA-256 {sha256}, and start watch again; the flight itself continues, and flight.mcap \
                  contains its points"
             ))
         };
-        let points = PointsFile::read(name)
+        let points = PointsFile::read(name, tolerance)
             .map_err(|e| gone(format!("the trajectory of the flight cannot be shown: {e}")))?;
         if points.sha256 != sha256 {
             let what = format!("the trajectory file {name} has changed since the flight began");

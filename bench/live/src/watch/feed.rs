@@ -3,17 +3,15 @@
 use std::time::{Duration, Instant};
 
 use errors::Failure;
-use ipc::error::Error;
 use ipc::instance::Instance;
 use messages::role::Role;
 
 use super::dashboard_model::Model;
 use crate::observation::Observation;
+use recorder::injected_faults::injected;
 
 /// How often to look for a flight and to check its processes.
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// How often joining may fail in a row: it can while roles start or end.
-const TRIES: u32 = 20;
 
 /// Updates the model: waits for a flight, joins it, reads its messages, and notices its end.
 pub(super) struct Feed {
@@ -51,6 +49,9 @@ impl Feed {
         }
         flight.active = observation.active_parameters();
         flight.statuses = observation.statuses();
+        *flight.supervision = observation.supervision();
+        let period_s = flight.run.flight_time_s(1);
+        flight.injected = injected(observation.injected(), period_s);
         flight.update_steal();
         // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
         let lives = observation.lives(Role::Record);
@@ -65,15 +66,9 @@ impl Feed {
     }
 
     fn join(&mut self, model: &mut Model) -> Result<(), Failure> {
-        match Observation::join(&self.instance) {
-            Ok(Some(observation)) => {
-                self.failed = 0;
-                model.join(&observation.run(), observation.settings.clone())?;
-                self.joined = Some(observation);
-            }
-            Ok(None) => {}
-            Err(Error::Wire { .. }) if self.failed < TRIES => self.failed += 1,
-            Err(error) => return Err(error.into()),
+        if let Some(observation) = Observation::join(&self.instance, &mut self.failed)? {
+            model.join(&observation.run(), observation.settings.clone())?;
+            self.joined = Some(observation);
         }
         Ok(())
     }

@@ -50,7 +50,7 @@ pub fn draw(model: &Model, frame: &mut Frame<'_>) {
     let area = page.inner(Margin::new(1, 0));
     let mut region = Region { frame, area };
     match &model.flight {
-        None => waiting(&model.instance, &mut region),
+        None => waiting(model, &mut region),
         Some(flight) => pages::draw(model, flight, &mut region),
     }
     if model.help {
@@ -97,7 +97,8 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
             add(format!("{trajectory}, gains {preset}"), FAINT);
         }
     } else {
-        add("waits for a flight".into(), PLAIN);
+        let words = ["waits for a flight", "starts"][usize::from(model.launched)];
+        add(words.into(), PLAIN);
     }
     fitting(parts, width)
 }
@@ -106,7 +107,7 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let Some(flight) = &model.flight else {
         return Line::default();
     };
-    let verdicts = flight.verdicts();
+    let (verdicts, not_fresh) = flight.verdicts();
     let lost_at = flight.lost_at();
     let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
     let theorem = verdicts.theorem.word;
@@ -118,7 +119,7 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
         };
         Line::from_iter([Span::styled(subject, FAINT), Span::styled(word, style)])
     };
-    let flight = [
+    let on_track = [
         tracked == FlightVerdict::Tracked,
         matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
     ];
@@ -126,11 +127,15 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
         timing == TimingVerdict::InTime,
         timing == TimingVerdict::Late,
     ];
+    let timing = match timing {
+        TimingVerdict::Late => format!("late, {:.2} % on time", not_fresh.on_time_percent()),
+        word => name_of(&word),
+    };
     let holds = [StabilityVerdict::Holds, StabilityVerdict::Broken].map(|it| theorem == it);
     let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), BAD));
     let parts = [
-        verdict(" ", name_of(&tracked), flight),
-        verdict("   timing ", name_of(&timing), in_time),
+        verdict(" ", name_of(&tracked), on_track),
+        verdict("   timing ", timing, in_time),
         verdict("   theorem ", name_of(&theorem), holds),
     ];
     fitting(until.into_iter().chain(parts), width)
@@ -157,7 +162,7 @@ fn key_line<'a>(model: &Model, width: u16) -> Line<'a> {
         _ if model.parameters.typed.is_some() => &[("Enter", "inject"), ("Esc", "leave it")],
         Tab::Plant => &[("Up/Down", "select"), ("Enter", "edit"), ("f", "fault")],
         Tab::Latency => &[("Up/Down", "select"), ("r", "reset")],
-        _ => &[("Tab", "next"), ("r", "reset")],
+        _ => &[("Tab", "next"), ("Up/Down", "scroll"), ("r", "reset")],
     };
     let on_every_page = match model.parameters.typed {
         Some(_) => vec![],
@@ -173,14 +178,18 @@ fn key_line<'a>(model: &Model, width: u16) -> Line<'a> {
     fitting(keys.chain(lost), width)
 }
 
-fn waiting(instance: &str, region: &mut Region<'_, '_>) {
-    let flag = match instance {
+fn waiting(model: &Model, region: &mut Region<'_, '_>) {
+    let instance = &model.instance;
+    let flag = match instance.as_str() {
         "default" => String::new(),
         name => format!(" --instance {name}"),
     };
-    let text = format!(
-        "Waits for instance `{instance}` to fly.\n\nStart a flight in another terminal:\n  ironbird fly{flag}"
-    );
+    let text = match model.launched {
+        true => format!("The flight of instance `{instance}` starts: its processes get ready."),
+        false => format!(
+            "Waits for instance `{instance}` to fly.\n\nStart a flight in another terminal:\n  ironbird fly{flag}"
+        ),
+    };
     let text = Paragraph::new(text).wrap(Wrap { trim: false });
     region.frame.render_widget(text, region.area);
 }
@@ -188,7 +197,7 @@ fn waiting(instance: &str, region: &mut Region<'_, '_>) {
 fn help_window(launched: bool, frame: &mut Frame<'_>) {
     let ctrl_c = ["leave", "end the flight"][usize::from(launched)];
     let text = format!(
-        " 1 .. 6      pages\n Tab, S-Tab  next page, previous page\n Up, Down    rows\n Enter       edit and inject (Plant)\n \
+        " 1 .. 6      pages\n Tab, S-Tab  next page, previous page\n Up, Down    rows, scroll\n Enter       edit and inject (Plant)\n \
          f           inject a fault (Plant)\n r           restart statistics\n q, Esc      leave; it flies on\n \
          Ctrl-C      {ctrl_c}\n any key closes"
     );

@@ -106,8 +106,13 @@ fn show(
         }
         // Show the effect of a key at once.
         next_draw = Instant::now();
-        let Event::Key(key) = event::read().map_err(unusable)? else {
-            continue;
+        let key = match event::read().map_err(unusable)? {
+            Event::Key(key) => key,
+            Event::Resize(..) => {
+                terminal.clear().map_err(unusable)?;
+                continue;
+            }
+            _ => continue,
         };
         match model.key(key) {
             Action::None => {}

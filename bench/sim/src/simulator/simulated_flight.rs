@@ -7,7 +7,7 @@ use crate::recorded_timing::{Event, Source, Timing};
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
 use analysis::faults::AppliedSwap;
-use analysis::tracking::{Tracking, TrackingError};
+use analysis::tracking::Tracking;
 use config::Settings;
 use errors::Failure;
 
@@ -15,10 +15,18 @@ use errors::Failure;
 pub struct SimulatedFlight {
     pub ticks: u64,
     pub outputs: OutputHash,
-    pub error: TrackingError,
     pub swaps: Vec<AppliedSwap>,
     /// Why the flight left its envelope, if it did.
     pub departure: Option<String>,
+    /// The first tick outside of it.
+    pub departure_tick: Option<u64>,
+}
+
+impl SimulatedFlight {
+    fn depart(&mut self, tick: u64, what: String) {
+        self.departure = Some(what);
+        self.departure_tick.get_or_insert(tick);
+    }
 }
 
 /// Runs to the last tick or until the flight leaves its envelope, and calls `look` after each tick.
@@ -73,7 +81,7 @@ pub fn follow(
             break;
         }
         timed.play(event, rig, settings, &mut judge.flown.outputs)?;
-        if matches!(event.source, Source::State { .. }) {
+        if matches!(event.source, Source::State) {
             if !judge.enters(rig) {
                 break;
             }
@@ -151,13 +159,17 @@ impl Judge {
     /// Checks a new state; false if it is not finite.
     fn enters(&mut self, rig: &Simulator) -> bool {
         if let Err(departure) = rig.envelope() {
-            self.flown.departure = Some(departure.to_string());
+            self.flown.depart(rig.state.tick, departure.to_string());
             // As in a flight of processes, what is no number is not published.
             if matches!(departure, EnvelopeViolation::NotFinite { .. }) {
                 return false;
             }
         }
-        self.lowest_z_m = self.lowest_z_m.min(rig.state().truth.position_w_m[2]);
+        let z_m = rig.state().truth.position_w_m[2];
+        self.lowest_z_m = self.lowest_z_m.min(z_m);
+        if z_m < self.ground_z_m {
+            self.flown.departure_tick.get_or_insert(rig.state.tick);
+        }
         let (applied, period_s) = (rig.plant().applied().iter(), self.period_s);
         self.flown
             .swaps
@@ -169,14 +181,14 @@ impl Judge {
     fn leaves(&mut self, rig: &Simulator) {
         let (tick, state, setpoint) = (rig.state.tick, rig.state(), rig.setpoint());
         let error_m = self.tracking.setpoint_error_m(tick, state, setpoint);
-        self.flown.error.take(error_m);
         let allowed_m = self.allowed_m;
         // It is the outer loop that ends a flight for this, where it works.
         if setpoint.is_some() && error_m > allowed_m {
-            self.flown.departure = Some(format!(
+            let what = format!(
                 "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are \
                  {allowed_m} m"
-            ));
+            );
+            self.flown.depart(tick, what);
         }
     }
 

@@ -4,15 +4,14 @@ use std::collections::VecDeque;
 
 use ipc::DEEP;
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
-use messages::header::Message;
 use messages::output_hash::OutputHash;
-use messages::topic::Topic;
 
 use crate::recorded_timing::{Event, Source};
 use crate::simulator::Simulator;
 use config::Settings;
 use control_api::SavedState;
 use errors::Failure;
+use messages::header::Message;
 use messages::message_window::MessageWindow;
 use plant::EnvelopeViolation;
 
@@ -24,7 +23,6 @@ pub struct Timed {
     wrenches: MessageWindow<Wrench>,
     /// Each with the first tick in which it may act.
     commands: VecDeque<(Stamped<RotorSpeeds>, u64)>,
-    taken: u64,
     /// Epochs of the current outer loop, inner loop and mixer.
     epochs: [Option<u64>; 3],
     saved: SavedState,
@@ -37,7 +35,6 @@ impl Timed {
             setpoints: MessageWindow::keeping(DEEP),
             wrenches: MessageWindow::keeping(DEEP),
             commands: VecDeque::new(),
-            taken: 0,
             epochs: [None; 3],
             saved: SavedState::new(),
         }
@@ -54,13 +51,13 @@ impl Timed {
     ) -> Result<(), Failure> {
         let tick = event.tick;
         match event.source {
-            Source::State { taken, taken_tick } => {
-                self.offer(taken, taken_tick, rig);
+            Source::Taken { command } => self.offer(command, rig),
+            Source::State => {
                 rig.plant.begin_into(tick, &mut rig.state.content);
                 (rig.state.tick, rig.tick) = (tick, tick + 1);
                 rig.envelope = rig.plant.envelope();
                 if !matches!(rig.envelope, Err(EnvelopeViolation::NotFinite { .. })) {
-                    put(&mut self.states, tick, &rig.state.content);
+                    self.states.push(Message::of_tick(tick, rig.state.content));
                 }
                 rig.plant.finish();
             }
@@ -74,15 +71,18 @@ impl Timed {
                     rig.outer.tick_into(tick, &state, &mut rig.setpoint.content)
                 }) {
                     rig.setpoint.tick = tick;
-                    put(&mut self.setpoints, tick, &rig.setpoint.content);
+                    self.setpoints
+                        .push(Message::of_tick(tick, rig.setpoint.content));
                     outputs.take(tick, &rig.setpoint.content);
                 }
             }
             Source::Wrench { state, setpoint } => {
-                if begins(&mut self.epochs[1], event.epoch) {
-                    rig.inner
-                        .replace_by(settings.inner_stage()?, &mut self.saved);
-                    rig.theorem.begin(rig.theorem.epoch() + 1);
+                if begins(&mut self.epochs[1], event.epoch)
+                    && !rig
+                        .inner
+                        .replace_by(settings.inner_stage()?, &mut self.saved)
+                {
+                    rig.theorem.begin();
                 }
                 if let (Some(state), Some(setpoint)) =
                     (self.states.input(state), self.setpoints.input(setpoint))
@@ -90,7 +90,8 @@ impl Timed {
                     rig.inner
                         .tick_into(tick, &state, &setpoint, &mut rig.wrench.content);
                     rig.wrench.tick = tick;
-                    put(&mut self.wrenches, tick, &rig.wrench.content);
+                    self.wrenches
+                        .push(Message::of_tick(tick, rig.wrench.content));
                     outputs.take(tick, &rig.wrench.content);
                     rig.watch(&state);
                 }
@@ -112,27 +113,16 @@ impl Timed {
         Ok(())
     }
 
-    /// Offers the commands that the plant took before a state; older ones were lost.
-    fn offer(&mut self, taken: u64, taken_tick: u64, rig: &mut Simulator) {
-        let new = taken.saturating_sub(self.taken);
-        self.taken = taken;
-        let until = self
-            .commands
-            .iter()
-            .take_while(|(command, _)| new > 0 && command.tick <= taken_tick)
-            .count();
-        let lost = until.saturating_sub(usize::try_from(new).unwrap_or(usize::MAX));
-        for (command, acts_from) in self.commands.drain(..until).skip(lost) {
-            rig.plant.offer(&command, acts_from);
+    /// Offers the command that the plant took for a tick; older ones were not taken.
+    fn offer(&mut self, tick: u64, rig: &mut Simulator) {
+        while let Some((command, acts_from)) = self.commands.pop_front_if(|it| it.0.tick <= tick) {
+            if command.tick == tick {
+                rig.plant.offer(&command, acts_from);
+            }
         }
     }
 }
 
 fn begins(epoch: &mut Option<u64>, now: u64) -> bool {
     epoch.replace(now).is_some_and(|before| before != now)
-}
-
-fn put<C: Topic>(window: &mut MessageWindow<C>, tick: u64, content: &C) {
-    window.push(Message::of_tick(tick, *content));
-    window.advance();
 }

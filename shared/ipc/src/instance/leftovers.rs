@@ -97,7 +97,7 @@ impl Instance {
                 contents.map_or_else(|_| Vec::new(), |all| self.paths(&all))
             }
             // The directory was removed by hand, and the segments are left.
-            Ok(None) if self.has_no_directory() => self.paths_of_segments(),
+            Ok(None) if self.has_only_memory() => self.paths_of_segments(),
             _ => Vec::new(),
         }
     }
@@ -114,7 +114,7 @@ impl Instance {
 
     /// Why nothing is removed of an instance that has segments in shared memory: its directory is not to be used.
     pub fn refusal(&self) -> Option<Error> {
-        if self.has_no_directory() || self.segments().is_empty() {
+        if self.has_only_memory() || self.segments().is_empty() {
             return None;
         }
         let directory = match Directory::open(&self.directory()) {
@@ -132,7 +132,7 @@ impl Instance {
     /// Removes what is left of the instance when no process lives that uses it, and says what it removed.
     pub fn remove_leftovers(&self) -> Result<Vec<PathBuf>, Error> {
         let mut removed = Vec::new();
-        if self.has_no_directory() {
+        if self.has_only_memory() {
             // It was removed by hand, and the segments are left.
             removed = self.paths_of_segments();
             if removed.is_empty() {
@@ -172,13 +172,14 @@ impl Instance {
         };
         let is_free = door.directory.file(&name).and_then(is_free);
         // If that cannot be read, it may be.
-        self.is_alive() || !is_free.unwrap_or(false)
+        self.is_alive() || !is_free.unwrap_or(false) || self.is_memory_used().unwrap_or(true)
     }
 
-    fn has_no_directory(&self) -> bool {
-        self.directory()
-            .symlink_metadata()
-            .is_err_and(|e| e.kind() == io::ErrorKind::NotFound)
+    /// Whether it has no directory, and no process uses its shared memory.
+    fn has_only_memory(&self) -> bool {
+        let directory = self.directory().symlink_metadata();
+        directory.is_err_and(|e| e.kind() == io::ErrorKind::NotFound)
+            && !self.is_memory_used().unwrap_or(true)
     }
 
     /// Removes what dead processes left in the shared memory and of the middleware's files.

@@ -7,7 +7,11 @@
 //!   ROLE.lock         exclusive   as long as the process plays the role; holds its process number. Of channels b and c:
 //!                                 b.ROLE.lock, c.ROLE.lock
 //!   in_use.lock       shared      as long as the process uses the shared memory
+//!   the root          shared      as long as the process uses the shared memory: systemd-tmpfiles then leaves it alone
 //! ```
+//!
+//! If the directory is removed nevertheless, the page of wake-up events, which lies in the shared memory and is locked too,
+//! shows that the shared memory is in use.
 //!
 //! Locks are `flock`s: the kernel releases them when a process dies, however it dies. A child that was forked from the
 //! process, by code of a law say, does not share them ([`Locked`]).
@@ -24,7 +28,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, test_kill_process};
 
 use super::directory::{Directory, PRIVATE_DIRECTORY, is_at};
-use super::{Instance, MARK};
+use super::{Instance, MARK, WAKE_EVENTS, shared_memory};
 use crate::error::{Error, remedy_of};
 use crate::sys::Locked;
 use messages::role::{MOST_CHANNELS, Replica};
@@ -42,14 +46,24 @@ const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 #[derive(Debug)]
 pub struct Lock {
-    _file: Locked,
+    file: Locked,
+    path: PathBuf,
+    _root: Option<Directory>,
 }
 
 impl Lock {
     fn keep(file: File, path: &Path) -> Result<Self, Error> {
-        Locked::new(file)
-            .map(|file| Self { _file: file })
-            .map_err(|e| Error::system(format!("cannot keep the lock {}", path.display()), e))
+        let failed = |e| Error::system(format!("cannot keep the lock {}", path.display()), e);
+        Ok(Self {
+            file: Locked::new(file).map_err(failed)?,
+            path: path.to_owned(),
+            _root: None,
+        })
+    }
+
+    /// Whether its file is where others look for it: another program may have removed it, with the directory.
+    pub fn is_in_place(&self) -> bool {
+        is_at(&self.file, &self.path)
     }
 }
 
@@ -110,11 +124,40 @@ impl Instance {
         let file = door.directory.file_or_new(&lock_name(IN_USE))?;
         let path = self.lock_path(IN_USE);
         if lock_if_free(&file, FlockOperation::NonBlockingLockExclusive, &path)? {
+            if self.is_memory_used()? {
+                let directory = self.directory();
+                return Err(Error::Occupied {
+                    instance: self.name().into(),
+                    role: format!("flight, whose {} was removed", directory.display()),
+                    pid: None,
+                });
+            }
             self.remove_memory(&door)?;
         }
         // Only a process that holds the directory has it exclusively.
         lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
-        Lock::keep(file, &path)
+        let lock = Lock::keep(file, &path)?;
+        let root = Directory::open(&self.root)?;
+        // If it is refused, only cleaners of /tmp are not held off.
+        let _ = root
+            .as_ref()
+            .map(|it| flock(it, FlockOperation::NonBlockingLockShared));
+        Ok(Lock {
+            _root: root,
+            ..lock
+        })
+    }
+
+    /// Whether a process has the page of wake-up events, which no removal of a directory takes away.
+    pub(super) fn is_memory_used(&self) -> Result<bool, Error> {
+        let name = format!("{}{WAKE_EVENTS}", self.prefix());
+        match shared_memory()?.map_or(Ok(None), |memory| memory.file(&name)) {
+            Ok(Some(page)) => try_lock(&page, Path::new(&name)).map(|is_free| !is_free),
+            // What is not ours is refused where it is used.
+            Ok(None) | Err(Error::NotOurs { .. }) => Ok(false),
+            Err(Error::RootPath { source, .. }) if remedy_of(&source).is_none() => Ok(false),
+            Err(e) => Err(e),
+        }
     }
 
     /// Whether a process plays the role now; if that cannot be read for lack of file descriptors, one does.

@@ -1,4 +1,4 @@
-//! Messages that a receiver must reject, and a publisher that sends them: for the tests and for `examples/forge.rs`.
+//! Messages that a receiver must reject, and a publisher that sends them.
 //!
 //! The forger holds the topic's only publisher, so none of the sender's checks protect the receiver.
 

@@ -2,6 +2,8 @@
 #![allow(unsafe_code, reason = "system calls; every use says why it is sound")]
 
 use std::io;
+use std::os::unix::process::CommandExt as _;
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
@@ -127,6 +129,12 @@ pub(crate) fn exit_when_signalled(
     };
     // SAFETY: the handler reads two atomics and makes two system calls; it neither allocates nor locks nor panics.
     unsafe { signal_hook::low_level::register(signal, exit) }
+}
+
+/// Lets a program that is not ours end with the thread that starts it.
+pub fn end_with_this_thread(command: &mut Command) -> &mut Command {
+    // SAFETY: between fork and exec this makes one system call, which takes numbers alone.
+    unsafe { command.pre_exec(|| check(libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM))) }
 }
 
 /// Gives a signal that is ignored its default action back; one that has a handler keeps it.

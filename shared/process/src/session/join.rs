@@ -6,7 +6,7 @@
 //!      ^                         |  ^ |                         |                        ^
 //!      |     it dies or closes   |  | |    it flies already     |                        |
 //!      +-------------------------+  | +-------------------------)------------------------+
-//!                                   +---- it announces another --+
+//!                                   +----- it begins again ------+
 //! ```
 //!
 //! A blackboard outlives its writer, so a run is believed only while the plant that wrote it holds its place. A role cannot
@@ -22,7 +22,6 @@ use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::{EndReason, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText};
-use messages::checks::{Check, is_on};
 use messages::grid::Pace;
 use messages::inspection::Expected;
 use messages::role::Role;
@@ -108,7 +107,12 @@ impl RoleSession {
                     // A short flight may be over before its last role has looked.
                     RunPhase::Flying | RunPhase::Closed if is_same => {}
                     // The plant keeps to this t_0 or announces another one: that it has passed means nothing.
-                    RunPhase::Opening if is_same && self.plant_lives() => {
+                    RunPhase::Opening if run.run_id == before.run_id && self.plant_lives() => {
+                        if !is_same {
+                            armed = Some(run);
+                            self.status.armed_t0_ns = run.t0_ns;
+                            self.publish_status();
+                        }
                         log.waiting_for(|| "the plant to open the run".into());
                         sleep(LOOK_EVERY);
                         continue;
@@ -128,7 +132,7 @@ impl RoleSession {
                 continue;
             } else if run.phase() == RunPhase::Mustering {
                 log.waiting_for(|| "the plant to open the run".into());
-                sleep(LOOK_EVERY);
+                sleep(5 * LOOK_EVERY);
                 continue;
             } else if run.phase() == RunPhase::Flying && run.pace() == Pace::Lockstep {
                 return Err(self.too_late());
@@ -163,7 +167,7 @@ impl RoleSession {
         // A launched role flies with the plant of its own launcher: another one's is about to end.
         let is_ours = launcher.is_none_or(|pid| u64::from(pid) == run.launcher_pid)
             && instance.pid_of(Role::Plant).map(u64::from) == Some(run.plant_pid);
-        if run.phase() == RunPhase::Closed || (!is_ours && is_on(Check::RunCheck)) {
+        if run.phase() == RunPhase::Closed || !is_ours {
             return Ok(None);
         }
         self.plant_pid = run.plant_pid;

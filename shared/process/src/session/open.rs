@@ -3,9 +3,12 @@
 //! ```text
 //!   Mustering --all ready--> Opening, t_0 announced --all armed--> Flying
 //!       ^                       |    |  ^
-//!       +------- one gone ------+    +--+ one late: another t_0
+//!       +------- one gone ------+    +--+ one late: another t_0, and more time
 //! ```
+//!
+//! A role arms once: for another t_0 of the same run it only says that it has seen it.
 
+use std::collections::BTreeMap;
 use std::thread::sleep;
 
 use super::{LOOK_EVERY, RoleSession, state_board, status_board, wall_ns};
@@ -14,7 +17,7 @@ use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
 use ipc::clock::now_ns;
 use ipc::error::Error;
-use ipc::{Blackboard, BlackboardReader};
+use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::{
     EndReason, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, StageState,
     Status,
@@ -25,7 +28,7 @@ use messages::inspection::Expected;
 use messages::realtime::RealtimeStep;
 use messages::role::{Channel, Replica, Role};
 
-/// From the announcement of t_0 to t_0 [ns].
+/// From the first announcement of t_0 to t_0, and by how much longer than the roles needed for it the next one is [ns].
 const ANNOUNCE_NS: u64 = 200_000_000;
 /// Roles must have armed this long before t_0 [ns] for the plant to keep to it; else it announces another one.
 const ARMED_BEFORE_NS: u64 = 40_000_000;
@@ -83,7 +86,7 @@ impl RoleSession {
     pub fn open_run(
         &mut self,
         plan: FlightPlan,
-        mut arm: impl FnMut(Expected, u64) -> Result<(), Error>,
+        mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
     ) -> Result<Opened, Error> {
         let blackboard = self.wire.blackboard::<Run>(RUN)?;
         let settings = self.wire.blackboard::<SettingsText>(SETTINGS)?;
@@ -97,31 +100,29 @@ impl RoleSession {
         let mut run = self.own_run(plan);
         blackboard.put(run);
         let engaged = self.report_ready()?;
-        let expected = Expected {
-            run_id: wall_ns(),
-            settings: run.settings,
-        };
         let mut log = ThrottledLog::new(self.replica.role);
         let mut states = Vec::new();
-        let statuses = loop {
+        let (statuses, expected) = loop {
             let statuses = self.await_ready(&blackboard, &mut run, &mut log)?;
             states.clear();
             for (replica, _) in &statuses {
                 states.extend(self.wire.blackboard_reader(&state_board(*replica))?);
             }
             run.phase = RunPhase::Opening as u64;
-            run.run_id = expected.run_id;
-            run.t0_ns = now_ns() + ANNOUNCE_NS;
-            run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
-            blackboard.put(run);
-            arm(expected, self.status.epoch)?;
+            run.run_id = wall_ns();
+            let expected = Expected {
+                run_id: run.run_id,
+                settings: run.settings,
+            };
+            // Those who arm for the announced t_0 find the plant's ports.
+            arm(&self.wire, expected, self.status.epoch)?;
+            self.announce(&blackboard, &mut run, ANNOUNCE_NS);
+            let epochs = statuses.iter().map(|(_, status)| status.get().epoch);
+            let epochs: Vec<u64> = epochs.collect();
             settle(self.ahead.as_ref().map(|ahead| &ahead.locked))?;
-            let late = self.await_armed(&statuses, run.t0_ns)?;
-            if late.is_empty() {
-                break statuses;
+            if self.await_armed(&statuses, &epochs, &blackboard, &mut run, &mut log)? {
+                break (statuses, expected);
             }
-            // A role that has exited meanwhile is missing in the next check.
-            log.waiting_for(|| format!("{} to arm for t_0", late.join(", ")));
         };
         run.phase = RunPhase::Flying as u64;
         blackboard.put(run);
@@ -161,26 +162,28 @@ impl RoleSession {
         run: &mut Run,
         log: &mut ThrottledLog,
     ) -> Result<RoleStatuses, Error> {
+        let mut statuses = BTreeMap::new();
         loop {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            let mut statuses = RoleStatuses::new();
             let mut missing = Vec::new();
             let replicas = Replica::all(self.config.rt.channels);
             for replica in replicas.filter(|it| it.role != Role::Plant) {
-                let status = self
-                    .wire
-                    .blackboard_reader::<Status>(&status_board(replica))?;
-                match status.filter(|status| {
+                if !statuses.contains_key(&replica)
+                    && let Some(status) = self.wire.blackboard_reader(&status_board(replica))?
+                {
+                    statuses.insert(replica, status);
+                }
+                let is_ready = statuses.get(&replica).is_some_and(|status| {
                     self.config.instance.is_occupied(replica) && self.is_ready(&status.get())
-                }) {
-                    Some(status) => statuses.push((replica, status)),
-                    None => missing.push(replica),
+                });
+                if !is_ready {
+                    missing.push(replica);
                 }
             }
             if missing.is_empty() {
-                return Ok(statuses);
+                return Ok(statuses.into_iter().collect());
             }
             if run.phase() != RunPhase::Mustering {
                 run.phase = RunPhase::Mustering as u64;
@@ -210,24 +213,48 @@ impl RoleSession {
             && status.settings == self.status.settings
     }
 
-    /// Waits until all have armed for t_0; returns those that have not, or have exited.
-    fn await_armed(&self, statuses: &RoleStatuses, t0_ns: u64) -> Result<Vec<String>, Error> {
-        let is_late = |(replica, status): &&(Replica, BlackboardReader<Status>)| {
-            status.get().armed_t0_ns != t0_ns || !self.config.instance.is_occupied(*replica)
-        };
+    fn announce(&self, blackboard: &Blackboard<Run>, run: &mut Run, ahead_ns: u64) {
+        run.t0_ns = now_ns() + ahead_ns;
+        run.t0_wall_ns = wall_ns() + ahead_ns;
+        blackboard.put(*run);
+    }
+
+    /// Waits until all have armed, and have seen a t_0 early enough; false if one is gone, or another process.
+    ///
+    /// If they needed longer than until t_0, there is longer until the next one.
+    fn await_armed(
+        &self,
+        statuses: &RoleStatuses,
+        epochs: &[u64],
+        blackboard: &Blackboard<Run>,
+        run: &mut Run,
+        log: &mut ThrottledLog,
+    ) -> Result<bool, Error> {
+        let mut ahead_ns = ANNOUNCE_NS;
         loop {
             if self.stop_requested() {
                 return Err(Error::Interrupted);
             }
-            let late = statuses.iter().filter(is_late);
-            let late: Vec<_> = late.map(|(replica, _)| replica.to_string()).collect();
-            let is_due = now_ns() + ARMED_BEFORE_NS >= t0_ns;
-            if is_due && late.is_empty() {
-                // All have armed, but too late to be sure of tick 0.
-                return Ok(vec!["all roles".into()]);
+            let mut late = Vec::new();
+            for ((replica, status), epoch) in statuses.iter().zip(epochs) {
+                let status = status.get();
+                if status.epoch != *epoch || !self.config.instance.is_occupied(*replica) {
+                    return Ok(false);
+                }
+                if status.armed_t0_ns != run.t0_ns {
+                    late.push(replica.to_string());
+                }
             }
-            if is_due || late.is_empty() {
-                return Ok(late);
+            let now = now_ns();
+            if late.is_empty() && now + ARMED_BEFORE_NS < run.t0_ns {
+                return Ok(true);
+            }
+            if late.is_empty() {
+                let needed_ns = now + ahead_ns - run.t0_ns;
+                ahead_ns = needed_ns + ANNOUNCE_NS;
+                self.announce(blackboard, run, ahead_ns);
+            } else if now > run.t0_ns {
+                log.waiting_for(|| format!("{} to arm for t_0", late.join(", ")));
             }
             sleep(LOOK_EVERY);
         }

@@ -1,20 +1,24 @@
 //! The state of a stage beyond its process: published after each tick, and continued from by another process.
 //!
-//! With one channel, a process that replaces another one continues from its last state. With several, the processes of a
-//! role in all channels have the same state after the same tick, as long as each works every tick with fresh inputs. One that
-//! missed a tick, or that joins, takes the state of another channel over:
+//! With one channel, a process that replaces another one continues from its last state. With several, the state of another
+//! channel is taken over where it is better than the own one. Histories ([`messages::history`]) say which is:
 //!
-//! | the state of another channel, made from fresh inputs | what is done in tick k |
-//! |---|---|
-//! | of tick k or later | taken over; nothing is sent |
-//! | of tick k-1, and the own inputs are fresh | taken over; tick k is worked from it |
-//! | of an earlier tick, but newer than the own state | taken over; tick k is worked from it |
-//! | none of these, or two that differ | tick k is worked from the own state; a process that joins waits for a state of another channel first |
+//! | own state before tick k, and inputs | state of another channel | what is done in tick k |
+//! |---|---|---|
+//! | undisturbed, fresh inputs | is not read | tick k is worked |
+//! | undisturbed, stale inputs | undisturbed, of tick k or later | taken over; nothing is sent |
+//! | disturbed, or none yet | undisturbed, of tick k-1 or later, or ahead of the own one | taken over; tick k is worked, unless it has been |
+//! | disturbed, or none yet | of the first channel, and not the own one | the same |
+//! | any other | | tick k is worked; a process that joins waits for a state first |
+//!
+//! Every message names the state that its tick was worked from.
 
 use control_api::SavedState;
 use ipc::error::Error;
 use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::StageState;
+use messages::content::NO_TICK;
+use messages::history::{LawState, UNDISTURBED};
 use messages::realtime::RealtimeSettings;
 use messages::role::{Channel, Replica};
 
@@ -31,19 +35,14 @@ pub(super) struct Continuity {
     /// What the process before this one left.
     left: Option<StageState>,
     twins: Vec<(Channel, BlackboardReader<StageState>)>,
-    /// The tick that the own state is ready for; nothing in a process that joins and has no state yet.
-    next: Option<u64>,
     channel: Channel,
-    /// Whether the own state may differ from that of other channels.
-    is_doubtful: bool,
+    /// Whether the process joins a flight and has no state yet.
+    is_joining: bool,
     waited: u32,
     /// See [`messages::blackboards::Status`].
     pub(super) resumed_at: u64,
     pub(super) is_saved: bool,
 }
-
-/// A channel works as long as its last state is no older.
-const WORKS_TICKS: u64 = 3;
 
 /// What to do with a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,9 +62,8 @@ impl Continuity {
             saved: SavedState::new(),
             state: StageState::default(),
             twins: Vec::new(),
-            next: None,
             channel: replica.channel,
-            is_doubtful: false,
+            is_joining: false,
             waited: 0,
             resumed_at: 0,
             is_saved: false,
@@ -94,107 +92,144 @@ impl Continuity {
 
     /// Before the first tick: a process that joins a flight with one channel continues from what was left. One that took part
     /// in the take-off begins with its initial state, even if it is late.
-    pub(super) fn begin<S: Stage>(&mut self, stage: &mut S, first_tick: u64, took_off: bool) {
+    pub(super) fn begin<S: Stage>(
+        &mut self,
+        stage: &mut S,
+        first_tick: u64,
+        took_off: bool,
+        own: &mut LawState,
+    ) {
         self.is_saved = stage.save(&mut self.saved);
-        if took_off {
-            (self.next, self.is_doubtful) = (Some(first_tick), first_tick > 0);
-        } else if self.twins.is_empty() {
-            self.resume(stage, first_tick);
+        self.is_joining = !took_off;
+        if self.is_joining && self.twins.is_empty() {
+            self.resume(stage, first_tick, own);
         }
     }
 
     /// Continues from the newest state there is, or from the initial one.
-    fn resume<S: Stage>(&mut self, stage: &mut S, tick: u64) {
+    fn resume<S: Stage>(&mut self, stage: &mut S, tick: u64, own: &mut LawState) {
         let run_id = self.state.run_id;
-        let twins = self.twins.iter().map(|(_, board)| board.get());
-        let states = twins.chain(self.left.take());
+        let left = self.left.take().map(|state| (self.channel, state));
+        let states = self.states().chain(left);
         let newest = states
-            .filter(|it| it.run_id == run_id && it.length > 0 && it.tick < tick)
-            .max_by_key(|it| it.tick);
-        if let Some(state) = newest.filter(|it| stage.load(it.bytes())) {
-            self.resumed_at = state.tick + 1;
+            .filter(|(_, it)| it.run_id == run_id && it.tick < tick)
+            .max_by_key(|(_, it)| it.tick);
+        if let Some((channel, state)) = newest {
+            self.take_over(stage, channel, &state, own);
         }
-        self.next = Some(tick);
+        self.is_joining = false;
+    }
+
+    /// Continues from a state; false if the law does not take it.
+    fn take_over<S: Stage>(
+        &mut self,
+        stage: &mut S,
+        channel: Channel,
+        state: &StageState,
+        own: &mut LawState,
+    ) -> bool {
+        if !stage.load(state.bytes()) {
+            return false;
+        }
+        if self.is_joining {
+            (self.is_joining, self.resumed_at) = (false, state.tick + 1);
+        }
+        *own = LawState::after(state.tick, channel, state.law_state.after);
+        true
+    }
+
+    fn states(&self) -> impl Iterator<Item = (Channel, StageState)> {
+        let states = self
+            .twins
+            .iter()
+            .map(|(channel, board)| (*channel, board.get()));
+        states.filter(|(_, state)| state.run_id == self.state.run_id && state.length > 0)
     }
 
     /// Decides on a tick, whose inputs are fresh or not, and takes over the state that it is worked from.
-    pub(super) fn plan<S: Stage>(&mut self, stage: &mut S, tick: u64, is_fresh: bool) -> TickPlan {
-        if self.twins.is_empty() || (self.next == Some(tick) && is_fresh && !self.is_doubtful) {
+    pub(super) fn plan<S: Stage>(
+        &mut self,
+        stage: &mut S,
+        tick: u64,
+        is_fresh: bool,
+        own: &mut LawState,
+    ) -> TickPlan {
+        let is_undisturbed = !self.is_joining && own.is_undisturbed_before(tick);
+        if self.twins.is_empty() || (is_undisturbed && is_fresh) {
             return TickPlan::Work;
         }
-        let run_id = self.state.run_id;
-        let least = if is_fresh {
-            tick.saturating_sub(1)
-        } else {
-            tick
-        };
-        let twins = self.twins.iter().map(|(_, board)| board.get());
-        let is_ahead = |it: &StageState| self.next.is_some_and(|next| it.tick >= next);
-        let is_sound = |it: &StageState| it.run_id == run_id && it.is_fresh == 1;
-        let sound = twins.filter(|it| is_sound(it) && (it.tick >= least || is_ahead(it)));
-        let mut newest: Option<StageState> = None;
-        for state in sound {
-            match &newest {
-                Some(other) if other.tick > state.tick => {}
-                // One of them is wrong.
-                Some(other) if other.tick == state.tick && other.bytes() != state.bytes() => {
-                    newest = None;
-                    break;
-                }
-                _ => newest = Some(state),
-            }
-        }
-        if let Some(state) = newest {
-            if !stage.load(state.bytes()) {
+        if let Some((channel, state)) = self.better(tick, is_fresh, is_undisturbed, own) {
+            if !self.take_over(stage, channel, &state, own) {
                 // It would not the next time either.
                 self.twins.clear();
                 return TickPlan::Work;
             }
-            if self.next.is_none() {
-                self.resumed_at = state.tick + 1;
-            }
-            self.next = Some(state.tick + 1);
-            let is_worked = state.tick >= tick;
-            self.is_doubtful = !is_worked && !is_fresh;
-            return if is_worked {
+            return if state.tick >= tick {
                 TickPlan::Skip
             } else {
                 TickPlan::Work
             };
         }
-        if self.next.is_none() {
+        if self.is_joining {
             self.waited += 1;
             if self.waited <= JOINING_TICKS {
                 return TickPlan::Skip;
             }
-            self.resume(stage, tick);
+            self.resume(stage, tick, own);
         }
-        // If all channels were disturbed, the others continue from the first that works.
-        self.is_doubtful = !(is_fresh && self.is_doubtful && self.is_first(tick));
         TickPlan::Work
     }
 
-    /// Whether no channel before this one works its ticks.
-    fn is_first(&self, tick: u64) -> bool {
-        let run_id = self.state.run_id;
-        let works = |board: &BlackboardReader<StageState>| {
-            let state = board.get();
-            state.run_id == run_id && state.tick + WORKS_TICKS >= tick
+    /// A state of another channel to continue from instead of the own one.
+    fn better(
+        &self,
+        tick: u64,
+        is_fresh: bool,
+        is_undisturbed: bool,
+        own: &LawState,
+    ) -> Option<(Channel, StageState)> {
+        let least = tick.saturating_sub(u64::from(is_fresh));
+        let is_behind = |it: &StageState| {
+            !self.is_joining && (own.from_tick == NO_TICK || own.from_tick < it.tick)
         };
-        let mut before = self.twins.iter().filter(|(it, _)| *it < self.channel);
-        !before.any(|(_, board)| works(board))
+        let usable = |(_, it): &(Channel, StageState)| it.tick >= least || is_behind(it);
+        let sound = |(_, it): &(Channel, StageState)| it.law_state.after == UNDISTURBED;
+        let mut newest: Option<(Channel, StageState)> = None;
+        for it in self.states().filter(usable).filter(sound) {
+            match &newest {
+                Some((_, other)) if other.tick > it.1.tick => {}
+                // One of them is wrong.
+                Some((_, other)) if other.tick == it.1.tick && other.bytes() != it.1.bytes() => {
+                    return None;
+                }
+                _ => newest = Some(it),
+            }
+        }
+        if newest.is_some() || is_undisturbed {
+            return newest;
+        }
+        let is_own = |it: &StageState| {
+            let continued = &it.law_state;
+            [
+                (it.tick, continued.after),
+                (continued.from_tick, continued.before),
+            ]
+            .contains(&(own.from_tick, own.before))
+        };
+        let mut others = self.states().filter(usable);
+        let first = others.find(|(channel, _)| self.is_joining || *channel < self.channel)?;
+        (self.is_joining || !is_own(&first.1)).then_some(first)
     }
 
-    /// Publishes the state after a tick that was worked.
-    pub(super) fn publish<S: Stage>(&mut self, stage: &mut S, tick: u64, is_fresh: bool) {
-        self.next = Some(tick + 1);
+    /// Publishes the state after a tick whose message was sent.
+    pub(super) fn publish<S: Stage>(&mut self, stage: &mut S, tick: u64, law_state: &LawState) {
         if !self.is_saved || !stage.save(&mut self.saved) {
             return;
         }
         let state = &mut self.state;
         state.bytes[..self.saved.len()].copy_from_slice(&self.saved);
         state.length = self.saved.len() as u64;
-        (state.tick, state.is_fresh) = (tick, u64::from(is_fresh && !self.is_doubtful));
+        (state.tick, state.law_state) = (tick, *law_state);
         self.own.put(*state);
     }
 }

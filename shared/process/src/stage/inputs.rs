@@ -106,6 +106,9 @@ pub trait Inputs: Sized {
     /// The history that an output of this tick goes back to, with the tick of each input.
     fn history(&self, tick: u64) -> Header;
 
+    /// Tick of each input, and the history of the state that its sender had after it.
+    fn histories(&self) -> impl Iterator<Item = (u64, u64)> + Clone;
+
     fn rejections(&self) -> Rejections;
 }
 
@@ -234,6 +237,11 @@ impl<A: Faulty + TopicPorts> Inputs for Input<A> {
         newest.made_from(A::SENDER, newest.tick)
     }
 
+    fn histories(&self) -> impl Iterator<Item = (u64, u64)> + Clone {
+        let newest = &self.newest().envelope;
+        std::iter::once((newest.tick, newest.law_state.after))
+    }
+
     fn rejections(&self) -> Rejections {
         self.inlet.rejections().and(self.receiver.rejections())
     }
@@ -290,6 +298,10 @@ impl<A: Faulty + TopicPorts, B: Faulty + TopicPorts> Inputs for (Input<A>, Input
         newest
             .made_from(A::SENDER, first.tick)
             .made_from(B::SENDER, second.tick)
+    }
+
+    fn histories(&self) -> impl Iterator<Item = (u64, u64)> + Clone {
+        self.0.histories().chain(self.1.histories())
     }
 
     fn rejections(&self) -> Rejections {

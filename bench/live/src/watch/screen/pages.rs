@@ -1,6 +1,8 @@
 //! The six pages of the dashboard. On a narrow terminal, a row ends before the first cell that has no room.
 
-use analysis::schema::SignalSection;
+use std::cell::Cell;
+
+use analysis::schema::{NOT_FRESH, SignalSection};
 use analysis::sections::role_section;
 use analysis::series::{Series, Statistics};
 use analysis::theorem::{Theorem, no_theorem};
@@ -16,34 +18,36 @@ use messages::role::{Replica, Role};
 use messages::telemetry::LAW_ROLES;
 use process::rt::remedy;
 use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::Color;
+use ratatui::style::{Color, Style};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke};
 
-use super::region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad};
+use super::region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad, wrapped};
 use crate::parameter_text::{bound, number};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 
 pub(super) fn draw(model: &Model, flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     match model.tab {
-        Tab::Flight => flight_page(flight, region),
+        Tab::Flight => flight_page(flight, &model.scrolled, region),
         Tab::Latency => latency_page(flight, model.series, region),
         Tab::Theorem => theorem_page(flight, region),
         Tab::Plant => plant_page(flight, &model.parameters, region),
-        Tab::RealTime => real_time_page(flight, region),
-        Tab::Laws => laws_page(flight, region),
+        Tab::RealTime => real_time_page(flight, &model.scrolled, region),
+        Tab::Laws => laws_page(flight, &model.scrolled, region),
     }
 }
 
-/// Position, attitude, horizon, the position error over time.
-fn flight_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+/// Position, attitude, horizon, channel, processes, faults and events; the position error over time, if there is room.
+fn flight_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region<'_, '_>) {
     const NUMBERS: u16 = 50;
     const HORIZON: (u16, u16) = (26, 12);
     let page = region.area;
-    region.put(flight_numbers(flight, page.width));
+    let mut lines = flight_numbers(flight, page.width);
+    lines.extend(situation(flight, page.width));
+    region.put_scrolled(lines, scrolled);
     let (width, height) = HORIZON;
-    if page.width >= NUMBERS + width && page.height >= height {
+    if scrolled.get() == 0 && page.width >= NUMBERS + width && page.height >= height {
         let area = Rect {
             x: page.x + NUMBERS + (page.width - NUMBERS - width).min(8),
             y: page.y,
@@ -99,14 +103,55 @@ fn flight_numbers<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
         row(("setpoint [deg]", &degrees(setpoint.attitude_rad), 2)),
         row(("rate [deg/s]", &degrees(measured.rate_b_rad_s), 2)),
         row(("rotors [rad/s]", &measured.rotor_speed_command_rad_s, 0)),
-        Line::from(format!("{:<14}{thrust_n:>8.3}", "thrust [N]")),
-        modes(flight),
+        modes(flight, thrust_n),
         fitting(error.map(Line::from), width),
     ]
 }
 
-fn modes<'a>(flight: &WatchedFlight) -> Line<'a> {
-    let mut line = Line::from("mode  ");
+/// Which channel flies, which processes have failed, which faults act, and what happened last.
+fn situation<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
+    const TITLE: usize = 14;
+    let mut lines = Vec::new();
+    let mut add = |title: &str, text: &str, style: Style| {
+        let rows = wrapped(&format!("{title:<TITLE$}{text}"), width, TITLE);
+        lines.extend(rows.into_iter().map(|row| Line::styled(row, style)));
+    };
+    let time = |tick| format!("{:.3} s", flight.run.flight_time_s(tick));
+    let channels = flight.run.channels.max(1);
+    let channel = match flight.channel {
+        None => "no command was seen yet".into(),
+        Some((channel, since)) => {
+            let since = since.map_or_else(|| "before you watched".into(), time);
+            format!("{channel} of {channels} flies, since {since}")
+        }
+    };
+    let (failed, restarted) = (flight.supervision.failed, flight.supervision.restarted);
+    let processes = match failed {
+        0 => "none failed".into(),
+        _ => format!("{failed} failed, {restarted} restarted"),
+    };
+    let text = format!("{channel}; processes: {processes}");
+    add("channel", &text, if failed == 0 { PLAIN } else { BAD });
+    let faults = flight.active_faults();
+    if faults.is_empty() {
+        add("faults", "none acts", PLAIN);
+    }
+    for (what, rest_s) in faults {
+        let rest = rest_s.map_or_else(
+            || "until it is ended".into(),
+            |rest_s| format!("for {rest_s:.1} s more"),
+        );
+        add("faults", &format!("{what} {rest}"), BAD);
+    }
+    for (i, (tick, event)) in flight.events().into_iter().enumerate() {
+        let title = if i == 0 { "events" } else { "" };
+        add(title, &format!("{} {event}", time(tick)), PLAIN);
+    }
+    lines
+}
+
+fn modes<'a>(flight: &WatchedFlight, thrust_n: f64) -> Line<'a> {
+    let mut line = Line::from(format!("{:<14}{thrust_n:>8.3}  mode  ", "thrust [N]"));
     let (Some(wrench), Some(speeds)) = (&flight.wrench, &flight.rotor_speeds) else {
         line.push_span("-");
         return line;
@@ -163,16 +208,17 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
     /// Height of the histogram with its heading and its axis.
     const HISTOGRAM: u16 = 7;
     let (run, statistics) = (&flight.run, &flight.statistics);
-    let missed = run.deadlines_missed;
-    let per_million = missed as f64 * 1e6 / (run.ticks_run + run.ticks_skipped).max(1) as f64;
-    let late = statistics.late_commands.count;
-    let runs = statistics.miss_runs.lengths();
-    let longest = runs.last().map_or(0, |run| run.length_ticks);
-    let all_flight = format!("deadlines missed {missed}, {per_million:.1} per million");
-    let here = format!("since you watch: {late} late, {longest} in a row");
+    let (_, not_fresh) = flight.verdicts();
+    let (count, per_million) = (not_fresh.ticks, not_fresh.per_million);
+    let all_flight = format!("{NOT_FRESH} {count}, {per_million:.1} per million");
+    let parts = format!(
+        "{}; deadlines missed {}",
+        not_fresh.parts(),
+        run.deadlines_missed
+    );
     region.put(vec![
-        Line::styled(all_flight, good_or_bad(missed == 0)),
-        Line::styled(here, FAINT),
+        Line::styled(all_flight, good_or_bad(count == 0)),
+        Line::styled(parts, FAINT),
     ]);
     let height = region.area.height;
     let histogram_height = match height {
@@ -185,7 +231,7 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
         let name = Line::from(format!("{name:<18}"));
         fitting([name].into_iter().chain(cells), width)
     };
-    let heading = ["p50", "p99", "p90", "p99.9", "max", "count"].map(str::to_owned);
+    let heading = ["p50", "p90", "p99", "p99.9", "max", "count"].map(str::to_owned);
     let series_row = |series: &Series| {
         let histogram = statistics.series.flight(*series);
         let Some(histogram) = histogram.filter(|histogram| !histogram.is_empty()) else {
@@ -194,10 +240,10 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
         let s = Statistics::of("", histogram);
         let us = |us: f64| format!("{us:.1}");
         let p999 = s.p999_us.map_or_else(|| "-".into(), us);
-        let [p50, p99, p90, max] = [s.p50_us, s.p99_us, s.p90_us, s.max_us].map(us);
+        let [p50, p90, p99, max] = [s.p50_us, s.p90_us, s.p99_us, s.max_us].map(us);
         row(
             &series.name(),
-            [p50, p99, p90, p999, max, s.count.to_string()],
+            [p50, p90, p99, p999, max, s.count.to_string()],
         )
     };
     let all = Series::all();
@@ -494,16 +540,29 @@ fn dialogue<'a>(flight: &WatchedFlight, page: &'a ParameterPage) -> Vec<Line<'a>
 }
 
 /// The real-time rights that each process requested and got.
-fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
-    const COLUMN: usize = 12;
-    let room = usize::from(region.area.width) / COLUMN - 1;
-    let all = flight.statuses.len();
-    if room < all {
-        let text = format!("room for {room} of {all} roles");
-        region.put(vec![Line::styled(text, FAINT)]);
-    }
+fn real_time_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region<'_, '_>) {
+    let width = region.area.width;
+    let room = (usize::from(width) / COLUMN).saturating_sub(1).max(1);
     // The plant first: its delays matter most.
-    let statuses: Vec<(&Replica, &Status)> = flight.statuses.iter().take(room).collect();
+    let all: Vec<(&Replica, &Status)> = flight.statuses.iter().collect();
+    let mut lines: Vec<Line<'_>> = all.chunks(room).flat_map(rights).collect();
+    // Each refusal once, with its remedy.
+    for step in RealtimeStep::ALL {
+        let mut grants = all.iter().map(|(_, status)| status.grants.of(step));
+        if let Some(refused) = grants.find(|grant| grant.asked == 1 && !grant.granted()) {
+            let (why, remedy) = (errno_text(refused.errno), remedy(step, refused.errno));
+            let rows = wrapped(&format!("{why}: {remedy}"), width, 2);
+            lines.extend(rows.into_iter().map(|row| Line::styled(row, FAINT)));
+        }
+    }
+    region.put_scrolled(lines, scrolled);
+}
+
+/// Width of a role's column.
+const COLUMN: usize = 12;
+
+/// A table of roles.
+fn rights(statuses: &[(&Replica, &Status)]) -> Vec<Line<'static>> {
     let row = |title: &str, text: &dyn Fn(&Replica, &Status) -> String| {
         let cell =
             |(role, status): &(&Replica, &Status)| format!("{:<COLUMN$}", text(role, status));
@@ -522,7 +581,7 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         let title = serde_json::to_value(step).unwrap_or_default();
         let title = title.as_str().unwrap_or_default();
         let mut line = Line::from(format!("{title:<COLUMN$}"));
-        for (role, status) in &statuses {
+        for (role, status) in statuses {
             let grant = status.grants.of(step);
             let is_affinity = step == RealtimeStep::Affinity;
             let value = match (is_affinity, role.role) {
@@ -547,19 +606,10 @@ fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
             status.rejections.total().to_string()
         }),
     ]);
-    region.put(lines);
-    // Each refusal once, with its remedy.
-    let refusal = |step: RealtimeStep| {
-        let statuses = flight.statuses.values();
-        let mut grants = statuses.map(|status| status.grants.of(step));
-        let refused = grants.find(|grant| grant.asked == 1 && !grant.granted())?;
-        let (why, remedy) = (errno_text(refused.errno), remedy(step, refused.errno));
-        Some(Line::styled(format!("{why}: {remedy}"), FAINT))
-    };
-    region.put_wrapped(RealtimeStep::ALL.into_iter().filter_map(refusal).collect());
+    lines
 }
 
-fn laws_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+fn laws_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region<'_, '_>) {
     let width = region.area.width;
     let row = |name: &str, [last, min, max]: [&str; 3], unit: &str| {
         let cells = [
@@ -590,12 +640,5 @@ fn laws_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         });
         lines.extend(signals.iter().map(signal_row));
     }
-    let rows = usize::from(region.area.height);
-    if lines.len() > rows {
-        let hidden = lines.len() - rows.saturating_sub(1);
-        lines.truncate(rows.saturating_sub(1));
-        let text = format!("and {hidden} more: enlarge the terminal");
-        lines.push(Line::styled(text, FAINT));
-    }
-    region.put(lines);
+    region.put_scrolled(lines, scrolled);
 }

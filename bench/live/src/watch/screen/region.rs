@@ -1,5 +1,7 @@
 //! A part of the screen, and its styles.
 
+use std::cell::Cell;
+
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -37,6 +39,25 @@ impl Region<'_, '_> {
         let height = u16::try_from(lines.len()).unwrap_or(u16::MAX);
         let top = self.split(height.min(self.area.height));
         self.frame.render_widget(Paragraph::new(lines), top);
+    }
+
+    /// Fills the rest with lines from the scrolled one on, and limits that so that the rest is filled.
+    pub(super) fn put_scrolled(&mut self, mut lines: Vec<Line<'_>>, scrolled: &Cell<usize>) {
+        let (all, height) = (lines.len(), usize::from(self.area.height));
+        let room = if all > height {
+            height.saturating_sub(1)
+        } else {
+            all
+        };
+        let first = scrolled.get().min(all - room);
+        scrolled.set(first);
+        lines.drain(..first);
+        lines.truncate(room);
+        if room < all {
+            let text = format!("rows {} to {} of {all}: Up, Down", first + 1, first + room);
+            lines.push(Line::styled(text, FAINT));
+        }
+        self.put(lines);
     }
 
     /// Fills the rest with lines that are wrapped.
@@ -94,4 +115,19 @@ pub(super) fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16)
         line.extend(part);
     }
     line
+}
+
+/// Text in lines of a width, broken at blanks; lines after the first are indented.
+pub(super) fn wrapped(text: &str, width: u16, indent: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_inclusive(' ') {
+        let last = lines.last().map_or(0, |line| line.chars().count());
+        if last > indent && last + word.trim_end().chars().count() > usize::from(width) {
+            lines.push(" ".repeat(indent));
+        }
+        if let Some(line) = lines.last_mut() {
+            *line += word;
+        }
+    }
+    lines
 }

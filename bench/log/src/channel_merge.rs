@@ -1,0 +1,253 @@
+//! One stream of messages from several channels: of each tick, those of the channel whose command was taken.
+//!
+//! The plant records whose command it took for a tick ([`Decision`]). The messages come in the order in which they were
+//! sent ([`crate::causal_order`]), so those of a command come before the decision.
+
+use std::collections::VecDeque;
+
+use messages::channels::Arrangement;
+use messages::content::{Decision, RotorSpeeds, Setpoint, TakenCommand, Wrench};
+use messages::header::Message;
+use messages::role::{Channel, MOST_CHANNELS};
+use messages::telemetry::Telemetry;
+use messages::topic::Topic;
+
+use crate::entry::LogEntry;
+
+type OfChannels<C> = [Option<Message<C>>; MOST_CHANNELS];
+
+struct TickMessages {
+    tick: u64,
+    setpoints: OfChannels<Setpoint>,
+    wrenches: OfChannels<Wrench>,
+    rotor_speeds: OfChannels<RotorSpeeds>,
+}
+
+pub struct ChannelMerge {
+    arrangement: Arrangement,
+    /// Ticks after which a command can no longer be taken.
+    waits_ticks: u64,
+    /// In the order of the ticks.
+    open: VecDeque<TickMessages>,
+    next: u64,
+    /// The channel whose command was taken last.
+    flown: Channel,
+}
+
+impl ChannelMerge {
+    /// One for a plant in which commands can wait for so many ticks.
+    pub const fn new(arrangement: Arrangement, waits_ticks: u64) -> Self {
+        Self {
+            arrangement,
+            waits_ticks,
+            open: VecDeque::new(),
+            next: 0,
+            flown: Channel::A,
+        }
+    }
+
+    /// Takes a message, and gives to `each` those of the flight that are decided on now, in their order.
+    pub fn take(&mut self, channel: Channel, entry: &LogEntry, mut each: impl FnMut(&LogEntry)) {
+        let place = channel as usize;
+        match entry {
+            LogEntry::Setpoint(message) => {
+                return self.slot(message, |tick| tick.setpoints[place] = Some(*message));
+            }
+            LogEntry::Wrench(message) => {
+                return self.slot(message, |tick| tick.wrenches[place] = Some(*message));
+            }
+            LogEntry::RotorSpeeds(message) => {
+                return self.slot(message, |tick| tick.rotor_speeds[place] = Some(*message));
+            }
+            LogEntry::State(message) => {
+                let Decision { count, command, .. } = message.content.decision;
+                if count == 1 {
+                    self.decide(&command, &mut each);
+                }
+                let tick = message.envelope.tick;
+                let waits_ticks = self.waits_ticks;
+                self.close(|it| it + waits_ticks <= tick, &mut each);
+            }
+            LogEntry::Decisions(message) => {
+                let commands = message.content.commands().iter();
+                commands.for_each(|command| self.decide(command, &mut each));
+            }
+            LogEntry::Swap(_) | LogEntry::Theorem(_) | LogEntry::Loss(_) => {}
+        }
+        each(entry);
+    }
+
+    /// Closes the ticks up to that of a command that was taken.
+    fn decide(&mut self, command: &TakenCommand, each: &mut impl FnMut(&LogEntry)) {
+        if command.is_offered == 0 {
+            return;
+        }
+        self.close(|it| it < command.of_tick, each);
+        if let Some(channel) = Channel::from_wire(command.channel) {
+            self.flown = channel;
+        }
+        self.close(|it| it == command.of_tick, each);
+    }
+
+    /// Gives the messages of the ticks that are still open; no message comes any more.
+    pub fn finish(&mut self, mut each: impl FnMut(&LogEntry)) {
+        self.close(|_| true, &mut each);
+    }
+
+    fn slot<C: Topic>(&mut self, message: &Message<C>, put: impl FnOnce(&mut TickMessages)) {
+        let tick = message.envelope.tick;
+        if tick < self.next {
+            return;
+        }
+        let place = self.open.partition_point(|open| open.tick < tick);
+        if self.open.get(place).is_none_or(|open| open.tick != tick) {
+            let empty = TickMessages {
+                tick,
+                setpoints: [None; MOST_CHANNELS],
+                wrenches: [None; MOST_CHANNELS],
+                rotor_speeds: [None; MOST_CHANNELS],
+            };
+            self.open.insert(place, empty);
+        }
+        put(&mut self.open[place]);
+    }
+
+    fn close(&mut self, is_over: impl Fn(u64) -> bool, each: &mut impl FnMut(&LogEntry)) {
+        while let Some(closed) = self.open.pop_front_if(|it| is_over(it.tick)) {
+            self.next = closed.tick + 1;
+            self.emit(&closed, each);
+        }
+    }
+
+    fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
+        let is_own = |it: &Channel| self.arrangement.are_alike(*it, self.flown);
+        let own: Vec<Channel> = Channel::first(self.arrangement.channels)
+            .filter(is_own)
+            .collect();
+        let entries = [
+            first(&closed.setpoints, &own, self.flown, 1).map(LogEntry::Setpoint),
+            first(&closed.wrenches, &own, self.flown, 2).map(LogEntry::Wrench),
+            first(&closed.rotor_speeds, &own, self.flown, 3).map(LogEntry::RotorSpeeds),
+        ];
+        for mut entry in entries.into_iter().flatten() {
+            // The report, the log and observers know the signals of channel a.
+            if !is_own(&Channel::A)
+                && let Some(telemetry) = entry.telemetry_mut()
+            {
+                *telemetry = Telemetry::default();
+            }
+            each(&entry);
+        }
+    }
+}
+
+/// Whether the first so many inputs, of state, setpoint and wrench, are of the message's tick.
+fn is_fresh<C>(message: &Message<C>, inputs: usize) -> bool {
+    let envelope = &message.envelope;
+    envelope.input_tick[..inputs]
+        .iter()
+        .all(|tick| *tick == envelope.tick)
+}
+
+/// The message of the channel that is flown; if it has none, one of its group that is fresh, or the first.
+fn first<C: Copy>(
+    messages: &OfChannels<C>,
+    own: &[Channel],
+    flown: Channel,
+    inputs: usize,
+) -> Option<Message<C>> {
+    let of = |channel: Channel| messages[channel as usize];
+    let mut others = own.iter().filter_map(|channel| of(*channel));
+    let fresh = others.clone().find(|message| is_fresh(message, inputs));
+    of(flown).or(fresh).or_else(|| others.next())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::content::{Decisions, State};
+
+    /// A message of a tick, which says in its sequence number which channel sent it.
+    fn message<C: Default>(tick: u64, channel: Channel) -> Message<C> {
+        let mut message = Message::of_tick(tick, C::default());
+        (message.envelope.seq, message.envelope.input_tick) = (channel as u64, [tick; 3]);
+        message
+    }
+
+    fn send(merge: &mut ChannelMerge, ticks: std::ops::Range<u64>, channel: Channel) {
+        for tick in ticks {
+            for entry in [
+                LogEntry::Setpoint(message(tick, channel)),
+                LogEntry::Wrench(message(tick, channel)),
+                LogEntry::RotorSpeeds(message(tick, channel)),
+            ] {
+                merge.take(channel, &entry, |_| panic!("not decided on"));
+            }
+        }
+    }
+
+    fn command(tick: u64, channel: Channel) -> TakenCommand {
+        TakenCommand {
+            of_tick: tick,
+            channel: channel as u64,
+            is_offered: 1,
+            ..TakenCommand::default()
+        }
+    }
+
+    /// Topic, tick and channel of the flight's messages when the plant sends one.
+    fn flown(merge: &mut ChannelMerge, entry: &LogEntry) -> Vec<(usize, u64, u64)> {
+        let mut flown = Vec::new();
+        merge.take(Channel::A, entry, |entry| {
+            let envelope = entry.envelope();
+            flown.push((entry.topic(), envelope.tick, envelope.seq));
+        });
+        assert_eq!(flown.pop().map(|it| it.0), Some(entry.topic()));
+        flown
+    }
+
+    fn state(tick: u64, taken: Option<TakenCommand>) -> LogEntry {
+        let mut message = Message::of_tick(tick, State::default());
+        message.content.decision = Decision {
+            count: u64::from(taken.is_some()),
+            command: taken.unwrap_or_default(),
+            refused: 0,
+        };
+        LogEntry::State(message)
+    }
+
+    #[test]
+    fn of_each_tick_there_is_one_message_a_topic_of_the_channel_whose_command_was_taken() {
+        use Channel::{A, B};
+        let all = |tick, channel| [1, 2, 3].map(|topic| (topic, tick, channel as u64));
+        let mut merge = ChannelMerge::new(Arrangement::alike(2), 128);
+        send(&mut merge, 1..3, A);
+        send(&mut merge, 1..6, B);
+        let taken = |tick, channel| state(tick + 1, Some(command(tick, channel)));
+        assert_eq!(flown(&mut merge, &taken(1, A)), all(1, A));
+        // The plant was stopped, and took no command of tick 3.
+        let mut decisions = Decisions {
+            count: 3,
+            ..Decisions::default()
+        };
+        decisions.command[..3].copy_from_slice(&[
+            command(2, B),
+            TakenCommand {
+                is_offered: 0,
+                ..command(3, A)
+            },
+            command(4, B),
+        ]);
+        let decisions = LogEntry::Decisions(Message::of_tick(5, decisions));
+        let expected = [all(2, B), all(3, B), all(4, B)].concat();
+        assert_eq!(flown(&mut merge, &decisions), expected);
+        // A late command is waited for as long as it can be taken.
+        assert_eq!(flown(&mut merge, &state(132, None)), []);
+        assert_eq!(flown(&mut merge, &state(133, None)), all(5, B));
+        send(&mut merge, 5..6, A);
+        send(&mut merge, 300..301, A);
+        let mut rest = Vec::new();
+        merge.finish(|entry| rest.push(entry.envelope().tick));
+        assert_eq!(rest, [300; 3]);
+    }
+}
