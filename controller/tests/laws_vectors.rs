@@ -168,6 +168,7 @@ fn estimating() {
                 tick: tick_of(&row["tick"]),
                 measured: read(&row["measured"]),
                 reference: read(&row["reference"]),
+                ..OuterInput::default()
             };
             in_a_row(&law.tick(&input, telemetry))
         },

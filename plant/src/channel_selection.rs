@@ -51,6 +51,10 @@ impl ChannelSelection {
         &self.account.redundancy
     }
 
+    pub const fn arrangement(&self) -> &Arrangement {
+        &self.groups.arrangement
+    }
+
     /// Whether a channel's laws can fly: a channel with them had a fresh command of the last tick on time.
     pub fn is_ready(&self, channel: Channel) -> bool {
         self.groups.is_ready(channel, &self.last)

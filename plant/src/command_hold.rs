@@ -13,6 +13,7 @@
 //! command may act.
 
 use messages::content::{NO_TICK, ROTORS, RotorSpeeds, Stamped};
+use messages::role::Channel;
 
 /// How long a command holds without a newer one. After that the rotors spin down to idle, as speed controllers do.
 pub const COMMAND_TIMEOUT_S: f64 = 0.020;
@@ -33,6 +34,7 @@ pub fn waiting_ticks(period_s: f64) -> usize {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pending {
     tick: u64,
+    group: Channel,
     /// Tick from which on it may act.
     effective_tick: u64,
     /// Rotor speeds [rad/s].
@@ -83,17 +85,23 @@ impl CommandHold {
         }
     }
 
-    /// Takes a command that may act from `effective_tick` on, and never before the tick after its own. Returns that tick;
+    /// Takes a command of a group of channels that may act from `effective_tick` on, and never before the tick after its own. Returns that tick;
     /// [`NO_TICK`] if no place was free, which shows as a missed deadline, or if the command has no tick.
     ///
     /// It replaces waiting commands that are older and would not act earlier.
     #[inline]
-    pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) -> u64 {
+    pub fn offer(
+        &mut self,
+        group: Channel,
+        command: &Stamped<RotorSpeeds>,
+        effective_tick: u64,
+    ) -> u64 {
         if command.tick == NO_TICK {
             return NO_TICK;
         }
         let offered = Pending {
             tick: command.tick,
+            group,
             effective_tick: effective_tick.max(command.tick + 1),
             speed: command.content.speed_rad_s,
             is_saturated: command.content.saturated == 1,
@@ -150,6 +158,11 @@ impl CommandHold {
     /// Whether the active command could not deliver the demand; idle rotors have no demand.
     pub fn is_saturated(&self) -> bool {
         !self.is_idle && self.newest.is_some_and(|newest| newest.is_saturated)
+    }
+
+    /// The group of channels that the newest command is of; the first one before it.
+    pub fn group(&self) -> Channel {
+        self.newest.map_or(Channel::A, |newest| newest.group)
     }
 
     /// Tick of the newest command that came into force; [`NO_TICK`] before the first. Idling leaves it as it is.

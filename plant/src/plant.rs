@@ -21,6 +21,7 @@ use messages::attitude::Attitude;
 use messages::content::{Decision, Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
+use messages::role::Channel;
 use messages::vectors::vectorised;
 use nalgebra::{Vector3, Vector4};
 
@@ -125,17 +126,28 @@ impl Plant {
     /// The newest command in force wins; see [`crate::command_hold`] for what is late and what is lost.
     #[inline]
     pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) -> u64 {
+        self.offer_of(Channel::A, command, effective_tick)
+    }
+
+    /// As [`Self::offer`], with the first of the channels whose laws made the command.
+    #[inline]
+    pub fn offer_of(
+        &mut self,
+        group: Channel,
+        command: &Stamped<RotorSpeeds>,
+        effective_tick: u64,
+    ) -> u64 {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
         match self.filter.as_mut().filter(|filter| filter.has_faults()) {
-            None => self.command_hold.offer(command, effective_tick),
+            None => self.command_hold.offer(group, command, effective_tick),
             Some(filter) => {
                 let tick = command.tick;
                 let passed = filter.pass(tick, &command.content);
                 passed.map_or(NO_TICK, |Passed { content, delay }| {
                     let acts_from = effective_tick.max(tick + 1) + delay;
                     self.command_hold
-                        .offer(&Stamped { tick, content }, acts_from)
+                        .offer(group, &Stamped { tick, content }, acts_from)
                 })
             }
         }
@@ -352,6 +364,7 @@ impl Plant {
         state.parameter_epoch = self.parameter_epoch;
         state.decision = Decision {
             refused: command_hold.refused,
+            group: command_hold.group() as u64,
             ..Decision::default()
         };
         let truth = &mut state.truth;

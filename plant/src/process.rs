@@ -337,7 +337,7 @@ impl<'a> PlantProcess<'a> {
         let mut state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
         self.publish_changes()?;
-        state.decision = self.decision(state.decision.refused);
+        state.decision = self.decision(&state.decision);
         if state.decision.count > 1 {
             self.publish_decisions(tick)?;
         }
@@ -453,23 +453,25 @@ impl<'a> PlantProcess<'a> {
         }
         self.next_switch = tick;
         let (plant, decided) = (&mut self.plant, &mut self.decided);
+        let arrangement = *self.selection.arrangement();
         self.selection.decide(tick, &self.excursion, |it| {
             let command = Stamped::new(it.tick, it.command);
-            decided.push(it.taken(plant.offer(&command, it.effective_tick)));
+            let group = arrangement.group(it.channel);
+            decided.push(it.taken(plant.offer_of(group, &command, it.effective_tick)));
             self.newest_taken = Some(it.command);
         });
     }
 
     /// The record of the decisions since the last state.
-    fn decision(&self, refused: u64) -> Decision {
+    fn decision(&self, of_plant: &Decision) -> Decision {
         let command = match self.decided[..] {
             [command] => command,
             _ => TakenCommand::default(),
         };
         Decision {
             count: self.decided.len() as u64,
-            refused,
             command,
+            ..*of_plant
         }
     }
 

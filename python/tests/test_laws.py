@@ -81,6 +81,7 @@ def test_a_law_is_given_what_the_flight_records():
                 assert np.array_equal(getattr(given, name), recorded[name][tick]), name
         command = measured.given
         assert command.age == (1 if tick else None) and command.saturated is False
+        assert command.other_law is False
         if tick:
             for name in ("thrust_n", "torque_b_nm"):
                 assert np.array_equal(getattr(command, name), flight.rotor_speeds[name][tick - 1]), name

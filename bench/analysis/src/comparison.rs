@@ -3,7 +3,7 @@
 //! [`crate::flight_metrics`] measures each flight; the crate `render` shows the outcomes.
 
 use crate::schema::AngleErrors;
-use crate::traces::Group;
+use crate::traces::{Group, Traces};
 use flight_log::build::Build;
 use serde::{Deserialize, Serialize};
 
@@ -64,6 +64,9 @@ pub struct Outcome {
     pub lost_s: Option<f64>,
     /// A sentence for each law whose answers could not all be used.
     pub unusable: Vec<String>,
+    /// What a page draws of the flight; JSON has it only on request.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<Traces>,
     #[serde(flatten)]
     pub figures: Figures,
     /// Hash over all outputs, as `simulate` prints it.

@@ -8,7 +8,7 @@ use flight_log::build::Build;
 use messages::role::STAGES;
 use serde::{Deserialize, Serialize};
 
-pub const SCHEMA: &str = "ironbird-margin/2";
+pub const SCHEMA: &str = "ironbird-margin/3";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
@@ -35,11 +35,13 @@ pub struct Margins {
     pub laws: Vec<LawMargins>,
 }
 
-/// The limits of a loop, the same for all laws. Each one includes those after it.
-pub const LIMITS: [&str; 3] = ["unnoticed", "recovers", "survives"];
+/// The limits of a loop, the same for all laws. The first three include those after them; calm includes survives, and is
+/// a limit of steady faults alone.
+pub const LIMITS: [&str; 4] = ["unnoticed", "recovers", "survives", "calm"];
 pub const UNNOTICED: usize = 0;
 pub const RECOVERS: usize = 1;
 pub const SURVIVES: usize = 2;
+pub const CALM: usize = 3;
 
 /// What the limits mean, for a flight that keeps its envelope.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,8 +54,9 @@ pub struct Bounds {
     pub recovery_max_s: f64,
     /// Likewise: survives [s].
     pub survival_max_s: f64,
-    /// Ticks with saturated rotors under a steady fault, beyond those without one: more is a limit cycle [%].
-    pub saturated_more_percent: f64,
+    /// Change of the body rate per tick under a steady fault, beyond that without one (root of the difference of their mean
+    /// squares) [rad/s]: more is a limit cycle.
+    pub rate_step_more_rad_s: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -113,8 +116,9 @@ pub struct Point {
     /// Time until the error was below the bound and stayed, from the end of an outage or from the beginning of a steady
     /// fault [s]; none where it did not.
     pub recovery_s: Option<f64>,
-    /// Ticks with saturated rotors [%].
-    pub saturated_percent: f64,
+    /// Change of the body rate per tick, beyond that of the flight without a fault: root of the difference of their mean
+    /// squares [rad/s].
+    pub rate_step_more_rad_s: f64,
     /// Why the first flight that did not survive failed.
     pub cause: Option<Cause>,
 }
@@ -130,8 +134,6 @@ pub enum Cause {
     Diverged,
     /// Within its envelope, but the error is not below the bound in time.
     Error,
-    /// The rotors saturate: a limit cycle.
-    Saturated,
 }
 
 /// Stability margins of one axis at hover, by the frequency response of its sampled loop.
@@ -154,6 +156,7 @@ impl Bounds {
             && match limit {
                 UNNOTICED => within(point.peak_m, self.unnoticed_below_m),
                 RECOVERS => within(point.recovery_s, self.recovery_max_s),
+                CALM => point.rate_step_more_rad_s <= self.rate_step_more_rad_s,
                 _ => true,
             }
     }
@@ -162,6 +165,7 @@ impl Bounds {
     pub fn qualified(&self, unfaulted: &Point) -> [bool; LIMITS.len()] {
         let bounds = [
             self.unnoticed_below_m,
+            self.recovered_below_m,
             self.recovered_below_m,
             self.recovered_below_m,
         ];
@@ -177,7 +181,7 @@ impl Point {
             at: self.at,
             peak_m: max(self.peak_m, other.peak_m),
             recovery_s: max(self.recovery_s, other.recovery_s),
-            saturated_percent: self.saturated_percent.max(other.saturated_percent),
+            rate_step_more_rad_s: self.rate_step_more_rad_s.max(other.rate_step_more_rad_s),
             cause: self.cause.or(other.cause),
         }
     }
@@ -279,20 +283,20 @@ mod tests {
             recovered_below_m: 0.1,
             recovery_max_s: 5.0,
             survival_max_s: 20.0,
-            saturated_more_percent: 10.0,
+            rate_step_more_rad_s: 0.05,
         };
         let flown = |at, peak_m, recovery_s, cause| Point {
             at,
             peak_m: Some(peak_m),
             recovery_s: Some(recovery_s),
-            saturated_percent: 0.0,
+            rate_step_more_rad_s: 0.0,
             cause,
         };
         let mut search = Search {
             kind: Kind::Outage,
             of: "inner".into(),
             most: 2000,
-            limits: [None; 3],
+            limits: [None; LIMITS.len()],
             points: Vec::new(),
             repeated: None,
         };
@@ -314,10 +318,10 @@ mod tests {
         assert_eq!(limits, [10, 100, 300]);
         assert_eq!(search.beyond(300).unwrap().cause, Some(Cause::Ground));
         for (peak_m, cause, qualified) in [
-            (0.01, None, [true; 3]),
-            (0.05, None, [false, true, true]),
-            (0.2, None, [false; 3]),
-            (0.01, Some(Cause::Tilt), [false; 3]),
+            (0.01, None, [true; LIMITS.len()]),
+            (0.05, None, [false, true, true, true]),
+            (0.2, None, [false; LIMITS.len()]),
+            (0.01, Some(Cause::Tilt), [false; LIMITS.len()]),
         ] {
             let unfaulted = flown(0, peak_m, 0.0, cause);
             assert_eq!(bounds.qualified(&unfaulted), qualified);

@@ -10,6 +10,7 @@ use analysis::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
 use analysis::flight_metrics::ComparedFlight;
 use analysis::gates::Measured;
 use analysis::schema::Gate;
+use analysis::tracer::Tracer;
 use analysis::tracking::Tracking;
 use config::law_settings::{DEFAULT_PRESET, known};
 use messages::role::Role;
@@ -73,13 +74,13 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
             }
         }
     }
-    let mut comparison = fly_all(&[plan])?.remove(0);
+    let is_drawn = args.page.is_some() || args.traces;
+    let mut comparison = fly_all(&[plan], is_drawn)?.remove(0);
     let document = document(&comparison);
     if !args.traces {
-        comparison
-            .outcomes
-            .iter_mut()
-            .for_each(|it| it.figures.trace = None);
+        for it in &mut comparison.outcomes {
+            (it.figures.trace, it.motion) = (None, None);
+        }
     }
     publish(&document, &comparison, args.format, args.page.as_deref())?;
     judge(args.max_lost, [&comparison])
@@ -131,7 +132,7 @@ fn fly_table(
     let flown = Cases {
         title: cases.title,
         from_fault: cases.from_fault,
-        rows: names.zip(fly_all(&plans)?).collect(),
+        rows: names.zip(fly_all(&plans, false)?).collect(),
     };
     let write = |path: &Option<PathBuf>, text: &dyn Fn() -> String| {
         let Some(path) = path else { return Ok(()) };
@@ -211,12 +212,12 @@ fn faults(settings: &Settings) -> Result<Vec<Fault>, Failure> {
     Ok(faults)
 }
 
-fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
+fn fly_all(plans: &[Plan], is_drawn: bool) -> Result<Vec<Comparison>, Failure> {
     let flights = plans.iter();
     let flights: Vec<(&Flight, &Settings)> = flights
         .flat_map(|plan| plan.settings.iter().map(|it| (&plan.flight, it)))
         .collect();
-    let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings);
+    let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings, is_drawn);
     let mut outcomes = on_processors(&flights, processors(), fly, |_| ())?.into_iter();
     let compared = |plan: &Plan| Comparison {
         schema: SCHEMA,
@@ -227,15 +228,20 @@ fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
     Ok(plans.iter().map(compared).collect())
 }
 
-fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
+fn fly(flight: &Flight, settings: &Settings, is_drawn: bool) -> Result<Outcome, Failure> {
     let tracking = Tracking::along(settings.course()?, flight.period_s);
     let ground_z_m = settings.flight.ground_z_m;
     let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?, ground_z_m);
+    let mut tracer = Tracer::new(tracking);
+    tracer.set_laws(settings.flown_laws()?);
     let mut rig = Simulator::of(settings)?;
     let mut invalid = InvalidOutputs::default();
     let flown = simulate::fly(&mut rig, settings, |rig| {
         invalid.take(rig);
         metrics.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
+        if is_drawn {
+            tracer.take(&rig.joined());
+        }
         Ok(())
     })?;
     let ended_early = flown.ticks <= flight.last_tick;
@@ -252,6 +258,7 @@ fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
         lost: flown.departure,
         lost_s: lost.map(|tick| flight.time_s(tick)),
         unusable: invalid.sentences(settings)?,
+        motion: is_drawn.then(|| tracer.traces()),
         figures: metrics.figures(flight),
         outputs: flown.outputs.to_string(),
     })

@@ -3,6 +3,7 @@
 
 #[cfg(feature = "foxglove")]
 mod bridge;
+mod bumpless;
 mod c_laws;
 mod documentation;
 mod endings;

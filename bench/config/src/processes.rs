@@ -103,31 +103,29 @@ impl Settings {
         self.channel_laws().map(named).collect()
     }
 
+    /// The sections of a channel's laws: outer, inner, mixer.
+    fn sections_of(&self, channel: Channel) -> [&Table; 3] {
+        let own = self.channel.get(&channel);
+        let of = |(role, shared)| own.and_then(|laws| laws.get(&role)).unwrap_or(shared);
+        self.law_sections().map(of)
+    }
+
     /// The settings as the processes of a channel take them: with its laws.
     pub fn of_channel(&self, channel: Channel) -> Self {
-        let mut own = self.clone();
-        for (role, law) in self.channel.get(&channel).into_iter().flatten() {
-            let section = match role {
-                Role::Outer => &mut own.outer,
-                Role::Mixer => &mut own.mixer,
-                _ => &mut own.inner,
-            };
-            section.clone_from(law);
+        let [outer, inner, mixer] = self.sections_of(channel).map(Table::clone);
+        Self {
+            outer,
+            inner,
+            mixer,
+            group: Some(self.groups()[channel as usize]),
+            ..self.clone()
         }
-        own
     }
 
     /// Of each channel, the first one that flies the same laws.
     pub fn groups(&self) -> [Channel; MOST_CHANNELS] {
-        if self.channel.is_empty() {
-            return [Channel::A; MOST_CHANNELS];
-        }
-        let laws = Channel::ALL.map(|channel| {
-            let own = self.of_channel(channel);
-            [own.outer, own.inner, own.mixer]
-        });
         Channel::ALL.map(|channel| {
-            let is_like = |it: &Channel| laws[*it as usize] == laws[channel as usize];
+            let is_like = |it: &Channel| self.sections_of(*it) == self.sections_of(channel);
             Channel::ALL.into_iter().find(is_like).unwrap_or(channel)
         })
     }
@@ -191,7 +189,8 @@ impl Settings {
             Chosen::Library(library) => library.outer(&rig, &settings),
         };
         let route = self.course()?.route(rig.period_s);
-        Ok(GuardedOuter::new(law.map_err(refused)?, route, &rig))
+        Ok(GuardedOuter::new(law.map_err(refused)?, route, &rig)
+            .in_group(self.group.unwrap_or(Channel::A)))
     }
 
     pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
@@ -202,7 +201,8 @@ impl Settings {
             }
             Chosen::Library(library) => library.inner(&rig, &settings),
         };
-        Ok(GuardedInner::new(law.map_err(refused)?, &rig))
+        Ok(GuardedInner::new(law.map_err(refused)?, &rig)
+            .in_group(self.group.unwrap_or(Channel::A)))
     }
 
     /// Where a channel with other laws takes over.

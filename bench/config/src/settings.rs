@@ -54,6 +54,9 @@ pub struct Settings {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub channel: BTreeMap<Channel, BTreeMap<Role, Table>>,
     pub recorder: RecorderSettings,
+    /// Of the channels that fly these laws, the first one; none in the settings of a whole flight.
+    #[serde(skip)]
+    pub group: Option<Channel>,
     #[serde(skip)]
     pub points: Option<PointsFile>,
     /// Where files of laws are now.

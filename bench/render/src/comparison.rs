@@ -1,6 +1,7 @@
 //! A comparison of control laws on one flight.
 
 use crate::document::{Block, Document, Figure, Section, Table};
+use crate::figures::{self, ANGLES, AXES, ESTIMATED, ROTORS, SYMBOLS, UNITS};
 use crate::plot::{Axis, Chart, LAWS, Layer, braided, through};
 use crate::scale::Scale;
 use analysis::comparison::{
@@ -8,7 +9,7 @@ use analysis::comparison::{
 };
 use analysis::recovery::{STAYING_S, STAYING_SHARE};
 use analysis::schema::{AGITATION, AngleErrors};
-use analysis::traces::Span;
+use analysis::traces::{self, Group, Span};
 
 /// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
 const ERROR_MIN_M: f64 = 1e-5;
@@ -29,6 +30,7 @@ pub fn document(comparison: &Comparison) -> Document {
     });
     lead.push(Block::Items(lacks.collect()));
     let mut sections = vec![over_time(comparison)];
+    sections.extend(motion(comparison));
     match (flight.faults.first(), flight.settled_tick()) {
         (Some(first), Some(settled)) => {
             let before = format!("before {:.3} s ", first.time_s);
@@ -169,7 +171,7 @@ fn over_time(comparison: &Comparison) -> Section {
     let note = "Each line is drawn through the smallest and the largest value of its stretches; it ends where the flight \
                 ended or was lost. Lines that coincide take turns on top. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
                 multiple of that in hover.";
-    let (lines, values) = lines(comparison, POWER, 0.0);
+    let (lines, values) = lines(comparison, errors_and_power, POWER, 0.0);
     let scale = Scale::linear(values.into_iter(), 0.01);
     let power = over(comparison, "rotor power [hover]", scale, lines);
     let error = error_chart(comparison);
@@ -187,18 +189,116 @@ fn over_time(comparison: &Comparison) -> Section {
 
 fn error_chart(comparison: &Comparison) -> Chart {
     let bound_m = comparison.flight.bound_m;
-    let (mut lines, values) = lines(comparison, TRUE_ERROR, ERROR_MIN_M);
+    let (mut lines, values) = lines(comparison, errors_and_power, TRUE_ERROR, ERROR_MIN_M);
     lines.push(Layer::Level("deadline", bound_m, "recovered"));
     let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
     over(comparison, "true position error [m]", scale, lines)
 }
 
+fn errors_and_power(outcome: &Outcome) -> Option<&Group> {
+    outcome.figures.trace.as_ref()
+}
+
+fn motion_of(outcome: &Outcome) -> Option<&Group> {
+    outcome.motion.as_ref().map(|it| &it.flight)
+}
+
+/// Path, position, attitude, rotor commands and estimates, where they were kept.
+fn motion(comparison: &Comparison) -> Option<Section> {
+    let outcomes = &comparison.outcomes;
+    let first = outcomes.iter().find_map(|it| it.motion.as_ref())?;
+    let names = outcomes.iter().map(|it| comparison.name_of(&it.laws));
+    let reference = ("reference", "reference, or true value".to_owned());
+    let keys = LAWS.into_iter().zip(names).chain([reference]);
+    let reference = first.path.reference_w_m.as_slice();
+    let ways = outcomes.iter().zip(LAWS);
+    let ways =
+        ways.filter_map(|(it, law)| Some((law, it.motion.as_ref()?.path.position_w_m.as_slice())));
+    let ways: Vec<_> = [("reference", reference)].into_iter().chain(ways).collect();
+    let path = |plane: [usize; 2], title: &str| {
+        let id = format!("way-{}{}", AXES[plane[0]], AXES[plane[1]]);
+        Figure::new(id, title, Vec::new(), figures::plane(plane, &ways))
+    };
+    let mut shown = vec![
+        path([0, 1], "Path seen from above"),
+        path([0, 2], "Path seen along y"),
+    ];
+    let mut add = |id: &str, label: String, channel: &str, reference: Option<&str>, least: f64| {
+        let (mut layers, mut values) = lines(comparison, motion_of, channel, f64::NEG_INFINITY);
+        let spans = reference.into_iter().flat_map(|it| {
+            let groups = outcomes.iter().filter_map(motion_of);
+            let longest = groups
+                .filter(|it| it.has(channel))
+                .max_by_key(|it| it.tick.last());
+            longest.into_iter().flat_map(move |group| group.spans(it))
+        });
+        let points = through(spans, |tick| [comparison.flight.time_s(tick); 2]);
+        values.extend(points.iter().map(|point| point.1));
+        if values.is_empty() {
+            return;
+        }
+        layers.insert(0, Layer::Line("reference", points));
+        let scale = Scale::linear(values.into_iter(), least);
+        let chart = over(comparison, &label, scale, layers);
+        shown.push(Figure::new(
+            format!("motion-{id}"),
+            label,
+            Vec::new(),
+            chart,
+        ));
+    };
+    for (i, axis) in AXES.into_iter().enumerate() {
+        let reference = Some(traces::POSITION_REFERENCE[i]);
+        add(
+            axis,
+            format!("{axis} [m]"),
+            traces::POSITION[i],
+            reference,
+            0.01,
+        );
+    }
+    for (i, angle) in ANGLES.into_iter().enumerate() {
+        add(
+            angle,
+            format!("{angle} [rad]"),
+            traces::ATTITUDE[i],
+            None,
+            0.01,
+        );
+    }
+    for (i, rotor) in ROTORS.into_iter().enumerate() {
+        let label = format!("command of rotor {} [rad/s]", i + 1);
+        add(rotor, label, traces::ROTORS[i], None, 1.0);
+    }
+    for (i, name) in ESTIMATED.into_iter().enumerate() {
+        let label = format!("estimate of {} [{}]", SYMBOLS[i], UNITS[i]);
+        add(
+            name,
+            label,
+            traces::ESTIMATE[i],
+            Some(traces::ACTUAL[i]),
+            0.0,
+        );
+    }
+    let blocks = vec![Block::Legend(keys.collect()), Block::WideFigures(shown)];
+    Some(Section::new(
+        "motion",
+        "Path, motion, commands and estimates",
+        blocks,
+    ))
+}
+
 /// A line for each combination, and all values on them; what is below `least` is drawn there.
-fn lines(comparison: &Comparison, channel: &str, least: f64) -> (Vec<Layer>, Vec<f64>) {
+fn lines(
+    comparison: &Comparison,
+    group: fn(&Outcome) -> Option<&Group>,
+    channel: &str,
+    least: f64,
+) -> (Vec<Layer>, Vec<f64>) {
     let flight = &comparison.flight;
     let mut values = Vec::new();
     let line = |(outcome, class): (&Outcome, &'static str)| {
-        let trace = outcome.figures.trace.iter();
+        let trace = group(outcome).into_iter();
         let last = trace
             .clone()
             .map(|trace| trace.every_ticks)

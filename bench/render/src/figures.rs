@@ -9,12 +9,12 @@ use analysis::schema::{LateStretchSection, Report, SignalSection};
 use analysis::traces::{self, Group, Path, Traces};
 
 /// Names of a vector's components: also their colours.
-const AXES: [&str; 3] = ["x", "y", "z"];
+pub const AXES: [&str; 3] = ["x", "y", "z"];
 pub const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
-const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
+pub const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
 pub const SYMBOLS: [&str; 3] = ["I_R", "k_r", "delta"];
-const UNITS: [&str; 3] = ["kg m^2", "N m s", "rad/s^2"];
-const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
+pub const UNITS: [&str; 3] = ["kg m^2", "N m s", "rad/s^2"];
+pub const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
 
 /// Height of a picture of the path [pixels].
 const PATH_HEIGHT: f64 = 330.0;
@@ -227,33 +227,16 @@ impl<'a> Figures<'a> {
     pub fn path(&self, across: usize, up: usize) -> Chart {
         let Path { tick, .. } = &self.traces.path;
         let flown = &self.traces.path.position_w_m;
-        let reference = &self.traces.path.reference_w_m;
-        let both = || flown.iter().chain(reference);
-        let axis = |i: usize| Scale::linear(both().map(|point| point[i]), 0.1);
-        let (x, y) = (axis(across), axis(up));
         let place = |point: &[f64; 3]| (point[across], point[up]);
-        let line = |class: &'static str, points: &[[f64; 3]]| {
-            Layer::Line(class, points.iter().map(place).collect())
-        };
         let at_swap = |swap: &AppliedSwap| {
             let sample = tick.iter().position(|tick| *tick >= swap.tick);
             let sample = sample.filter(|_| tick.first() <= Some(&swap.tick))?;
             Some((place(&flown[sample]), swap_words(swap)))
         };
         let swaps = self.swaps.iter().filter_map(at_swap).collect();
-        let (reference, flown) = (line("reference", reference), line("flown", flown));
-        let layers = vec![reference, flown, Layer::Dots("swap", swaps)];
-        let title = format!("path in the plane of {} and {}", AXES[across], AXES[up]);
-        let axis = |scale, i: usize| Axis::new(scale, format!("{} [m]", AXES[i]));
-        let mut chart = Chart {
-            height: PATH_HEIGHT,
-            ..Chart::new(title, axis(x, across), axis(y, up), layers)
-        };
-        // One scale: the axis that would be stretched becomes longer. Its names may then need more room.
-        let length = |scale: &Scale| scale.high - scale.low;
-        let excess = length(&chart.x.scale) / (length(&chart.y.scale) * chart.proportion());
-        widen(&mut chart.x.scale, (1.0 / excess).max(1.0));
-        widen(&mut chart.y.scale, excess.max(1.0));
+        let reference = self.traces.path.reference_w_m.as_slice();
+        let mut chart = plane([across, up], &[("reference", reference), ("flown", flown)]);
+        chart.layers.push(Layer::Dots("swap", swaps));
         chart
     }
 
@@ -346,6 +329,31 @@ impl<'a> Figures<'a> {
     fn time_s(&self, tick: u64) -> f64 {
         tick as f64 * self.period_s
     }
+}
+
+/// Ways through space, projected on the plane of two axes at one scale.
+pub fn plane([across, up]: [usize; 2], ways: &[(&'static str, &[[f64; 3]])]) -> Chart {
+    let all = || ways.iter().flat_map(|(_, points)| *points);
+    let axis = |i: usize| {
+        let scale = Scale::linear(all().map(|point| point[i]), 0.1);
+        Axis::new(scale, format!("{} [m]", AXES[i]))
+    };
+    let line = |(class, points): &(&'static str, &[[f64; 3]])| {
+        let points = points.iter().map(|point| (point[across], point[up]));
+        Layer::Line(class, points.collect())
+    };
+    let title = format!("path in the plane of {} and {}", AXES[across], AXES[up]);
+    let layers = ways.iter().map(line).collect();
+    let mut chart = Chart {
+        height: PATH_HEIGHT,
+        ..Chart::new(title, axis(across), axis(up), layers)
+    };
+    // One scale: the axis that would be stretched becomes longer. Its names may then need more room.
+    let length = |scale: &Scale| scale.high - scale.low;
+    let excess = length(&chart.x.scale) / (length(&chart.y.scale) * chart.proportion());
+    widen(&mut chart.x.scale, (1.0 / excess).max(1.0));
+    widen(&mut chart.y.scale, excess.max(1.0));
+    chart
 }
 
 /// Makes a linear axis `factor` times as long.

@@ -5,7 +5,8 @@ use crate::document::{Block, Document, Figure, Section, Table, known};
 use crate::plot::{Axis, Chart, LAWS, Layer};
 use crate::scale::Scale;
 use analysis::margin::{
-    Kind, LIMITS, LawMargins, LoopMargin, Margins, Point, RECOVERS, SURVIVES, Search, UNNOTICED,
+    CALM, Kind, LIMITS, LawMargins, LoopMargin, Margins, Point, RECOVERS, SURVIVES, Search,
+    UNNOTICED,
 };
 use analysis::phrase::{count, name_of};
 
@@ -61,18 +62,19 @@ fn criteria(margins: &Margins) -> [String; 2] {
     let it = &margins.bounds;
     let meaning = format!(
         "unnoticed: the position error stays below {} m; recovers, survives: it is below {} m from {} s or {} s on, after \
-         the end of an outage or the beginning of a steady fault; always: envelope kept, and under a steady fault rotors \
-         saturated in at most {} % more of the ticks",
+         the end of an outage or the beginning of a steady fault; always: envelope kept; oscillates: under a lag, delay or \
+         gain, the change of the body rate per tick is more than {} rad/s above that without a fault (root of the \
+         difference of their mean squares)",
         it.unnoticed_below_m,
         it.recovered_below_m,
         it.recovery_max_s,
         it.survival_max_s,
-        it.saturated_more_percent,
+        it.rate_step_more_rad_s,
     );
     let cells = format!(
         "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error (flies on, above {} \
-         m); saturated (limit cycle). 60+: more was not tried. -: not qualified, the error without a fault is too large",
-        LIMITS.join("/"),
+         m); and from where on it oscillates, if it does before. 60+: more was not tried. -: not qualified, the error without a fault is too large",
+        LIMITS[..CALM].join("/"),
         it.recovered_below_m
     );
     [meaning, cells]
@@ -103,16 +105,17 @@ fn is_input(of: &str) -> bool {
     of.contains('.')
 }
 
+fn number(search: &Search, at: u64) -> String {
+    let more = if at >= search.most { "+" } else { "" };
+    match search.kind {
+        Kind::Gain => format!("{:.1}{more}", 1.0 + at as f64 / 10.0),
+        _ => format!("{at}{more}"),
+    }
+}
+
 /// A strength that a limit allows.
 fn strength(search: &Search, limit: usize) -> String {
-    let number = |at: u64| {
-        let more = if at >= search.most { "+" } else { "" };
-        match search.kind {
-            Kind::Gain => format!("{:.1}{more}", 1.0 + at as f64 / 10.0),
-            _ => format!("{at}{more}"),
-        }
-    };
-    known(search.limits[limit].map(number))
+    known(search.limits[limit].map(|at| number(search, at)))
 }
 
 /// Why the first flight beyond the last limit fails.
@@ -123,12 +126,20 @@ fn ending(search: &Search) -> String {
 }
 
 fn cell(search: &Search) -> String {
-    let limits: Vec<String> = (0..LIMITS.len()).map(|it| strength(search, it)).collect();
+    let limits: Vec<String> = (0..CALM).map(|it| strength(search, it)).collect();
     let repeated = search
         .repeated
         .map(|[survived, all]| format!(" ({survived} of {all})"));
     let repeated = repeated.unwrap_or_default();
-    limits.join("/") + &ending(search) + &repeated
+    let oscillates = oscillates_from(search).map(|it| format!(", oscillates from {it}"));
+    limits.join("/") + &ending(search) + &oscillates.unwrap_or_default() + &repeated
+}
+
+/// The least strength that was flown in a limit cycle, if such flights survive.
+fn oscillates_from(search: &Search) -> Option<String> {
+    let [calm, survived] = [CALM, SURVIVES].map(|it| search.limits[it]);
+    let beyond = search.beyond(calm.filter(|it| Some(*it) < survived)?)?;
+    Some(number(search, beyond.at))
 }
 
 fn limits(margins: &Margins) -> Option<Section> {
@@ -238,7 +249,10 @@ fn predicted(margins: &Margins) -> Option<Section> {
     let table = table(margins, &columns, |law| {
         let measured = |kind| {
             let search = law.search(kind, of)?;
-            Some(strength(search, SURVIVES) + &ending(search))
+            Some(match oscillates_from(search) {
+                Some(_) => strength(search, CALM) + " oscillates",
+                None => strength(search, SURVIVES) + &ending(search),
+            })
         };
         let delay = least(law, |it| it.delay_ticks);
         let of_delay = |of: fn(&LoopMargin) -> Option<f64>| {
@@ -260,14 +274,19 @@ fn predicted(margins: &Margins) -> Option<Section> {
     });
     let title = format!(
         "Stability margins of the loop through {of}: predicted at hover; measured as the steady lag and the gain that are \
-         survived (inertia and rotational drag divided by it); least of {}",
+         survived without a limit cycle (inertia and rotational drag divided by it); least of {}",
         phases_of(margins, 1)
     );
     Some(Section::new("predicted", title, vec![table]))
 }
 
 fn unfaulted(margins: &Margins) -> Option<Section> {
-    let columns = ["error [mm]", "saturated [%]", "qualified for", "flights"];
+    let columns = [
+        "error [mm]",
+        "rate change per tick [mrad/s]",
+        "qualified for",
+        "flights",
+    ];
     let table = table(margins, &columns, |law| {
         let it = &law.unfaulted;
         let qualified = LIMITS.into_iter().zip(law.qualified);
@@ -279,10 +298,10 @@ fn unfaulted(margins: &Margins) -> Option<Section> {
             true => cause.unwrap_or_else(|| "no limit".into()),
             false => qualified.join(", "),
         };
-        let saturated = format!("{:.1}", it.saturated_percent);
+        let rate_step = format!("{:.2}", 1e3 * it.rate_step_more_rad_s);
         vec![
             known(it.peak_m.map(thousandths)),
-            saturated,
+            rate_step,
             qualified,
             law.flights.to_string(),
         ]

@@ -106,6 +106,7 @@ fn outcome(inner: &str, error_m: f64, lost_s: Option<f64>) -> Outcome {
         lost: lost_s.map(|_| "the flight left its envelope".into()),
         lost_s,
         unusable: Vec::from_iter(lost_s.map(|_| "a number that is not finite".into())),
+        motion: None,
         figures: Figures {
             error: error(1.0),
             error_before: Some(error(0.01)),

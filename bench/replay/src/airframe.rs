@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
+use messages::channels::Arrangement;
 use messages::content::{
     Change, Decision, Decisions, NO_TICK, RotorSpeeds, Stamped, State, SwapRecord, TakenCommand,
 };
@@ -20,6 +21,7 @@ use sim::expected_messages::gap;
 #[derive(Clone, Debug)]
 pub struct AirframeReplay {
     plant: Box<Plant>,
+    arrangement: Arrangement,
     pace: Pace,
     /// Swaps that were read and are not applied yet.
     swaps: VecDeque<Message<SwapRecord>>,
@@ -29,11 +31,17 @@ pub struct AirframeReplay {
 }
 
 impl AirframeReplay {
-    pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
+    pub fn new(
+        settings: &plant::PlantSettings,
+        arrangement: Arrangement,
+        pace: Pace,
+        faults: &MessageFaults,
+    ) -> Self {
         let mut plant = Box::new(Plant::new(settings));
         plant.set_fault_filter(FaultFilter::new(faults, Port::PlantRotorSpeeds));
         Self {
             plant,
+            arrangement,
             pace,
             swaps: VecDeque::new(),
             decided: Vec::new(),
@@ -75,8 +83,9 @@ impl AirframeReplay {
         self.take_commands(tick, command, comparison)?;
         let mut replayed = self.plant.begin(tick);
         replayed.decision = Decision {
-            refused: replayed.decision.refused,
-            ..decision
+            count: decision.count,
+            command: decision.command,
+            ..replayed.decision
         };
         comparison.compare(tick, recorded, &replayed);
         let mut applied = self.plant.applied().iter().map(plant::AppliedSwap::record);
@@ -107,9 +116,9 @@ impl AirframeReplay {
     ) -> Result<(), Failure> {
         for taken in std::mem::take(&mut self.decided) {
             let channel = Channel::from_wire(taken.channel);
-            let message = channel.and_then(|channel| command(channel, taken.of_tick));
-            let message = message.filter(|it| it.envelope.seq == taken.seq);
-            let Some(Message { envelope, content }) = message else {
+            let message = channel.and_then(|it| Some((it, command(it, taken.of_tick)?)));
+            let message = message.filter(|(_, it)| it.envelope.seq == taken.seq);
+            let Some((of, Message { envelope, content })) = message else {
                 return Err(gap(&format!(
                     "before tick {tick} the plant took message {} of topic `rotor_speeds` of channel {} (tick {}), which \
                      is not in it",
@@ -124,9 +133,11 @@ impl AirframeReplay {
             }
             let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
             let acts_from = self.pace.effective_tick(envelope.tick, sent_ns);
-            let acts_from = self
-                .plant
-                .offer(&Stamped::new(envelope.tick, *content), acts_from);
+            let acts_from = self.plant.offer_of(
+                self.arrangement.group(of),
+                &Stamped::new(envelope.tick, *content),
+                acts_from,
+            );
             if acts_from != taken.acts_from {
                 let of_tick = |tick: u64| match tick {
                     NO_TICK => "never".to_owned(),

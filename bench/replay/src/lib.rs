@@ -98,15 +98,18 @@ pub fn fly_again(
     let logs = open_logs(path, moved)?;
     let failed = |e| Failure::failed(format!("cannot start a thread for the replay: {e}"));
     let panicked = || Failure::failed("a thread of the replay panicked");
+    let mut replay = FlightReplay::new(&logs[0].1, from_tick);
+    // Laws are loaded while there is one thread: to run them, the process goes on in a child.
+    for (log, own) in logs.iter().filter(|(_, own)| is_of_channel(own)) {
+        if let Ok(replay) = &mut replay {
+            let added = replay.add_channel(own, from_tick);
+            added.map_err(|e| of_log(log, e))?;
+        }
+    }
     thread::scope(|scope| {
-        let mut replay = FlightReplay::new(&logs[0].1, from_tick);
         let (mut streams, mut checks) = (Vec::new(), Vec::new());
         for (log, validator) in logs {
             let (mut to_replay, messages) = batches();
-            if let (Ok(replay), true) = (&mut replay, is_of_channel(&validator)) {
-                let added = replay.add_channel(&validator, from_tick);
-                added.map_err(|e| of_log(&log, e))?;
-            }
             streams.push(Stream {
                 path: log.clone(),
                 channel: validator.channel,
@@ -302,7 +305,7 @@ impl FlightReplay {
         let merge = || ChannelMerge::new(arrangement, settings.waiting_ticks());
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(&settings.plant()?, pace, &faults),
+            airframe: AirframeReplay::new(&settings.plant()?, arrangement, pace, &faults),
             states: window(),
             channels: Vec::new(),
             saved: SavedStates::default(),

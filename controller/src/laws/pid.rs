@@ -13,6 +13,12 @@
 //!                                                                error that asks for more of it
 //! ```
 //!
+//! While another law flies, i follows the torque tau_g that is flown instead, P/I after it:
+//!
+//! ```text
+//!     i <- clip(i + T I/P (I_M^-1 tau_g + D H(s) d(nu2) - i), +-i_max)
+//! ```
+//!
 //! Differences from PX4:
 //! * The torque is normalised by the inertia, so that P is in 1/s, I in 1/s^2, and D a ratio, on any airframe.
 //! * The rates along the reference are fed forward on all axes: here the outer law knows them. PX4 does so for yaw.
@@ -157,6 +163,14 @@ impl Pid {
         !thrusts.iter().all(|f| range.contains(f))
     }
 
+    /// The integrator after a tick in which another law's torque `flown` [N m] acted.
+    fn following(&self, flown: &Vector3<f64>, damping: &Vector3<f64>) -> Vector3<f64> {
+        let wanted = flown.component_div(&self.i_m) + damping;
+        let rate = self.i.component_div(&self.p) * self.rig.period_s;
+        let moved = self.integral + rate.component_mul(&(wanted - self.integral));
+        moved.sup(&-self.integral_max).inf(&self.integral_max)
+    }
+
     /// The integrator after a tick with rate error `e` [rad/s] that asked for `tau` [N m].
     fn integrated(&self, e: &Vector3<f64>, tau: &Vector3<f64>, saturated: bool) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| {
@@ -203,7 +217,11 @@ impl InnerLaw for Pid {
 
         self.thrust_n = input.wanted.thrust_n;
         let saturated = self.saturates(self.thrust_n, &tau);
-        self.integral = self.integrated(&e, &tau, saturated);
+        self.integral = if input.given.other_law == 1 {
+            self.following(&input.given.torque_b_nm.into(), &damping)
+        } else {
+            self.integrated(&e, &tau, saturated)
+        };
         let i = &self.integral;
         let shown = [e.x, e.y, e.z, i.x, i.y, i.z, f64::from(u8::from(saturated))];
         telemetry.value[..shown.len()].copy_from_slice(&shown);

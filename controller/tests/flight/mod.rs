@@ -126,6 +126,7 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
                 tick,
                 measured,
                 reference,
+                ..OuterInput::default()
             };
             let wanted = outer.tick(&input, &mut telemetry);
             let input = InnerInput {

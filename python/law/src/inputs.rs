@@ -13,7 +13,7 @@ pub struct Measured {
     pub(crate) content: ironbird_law::Measured,
     /// Ticks since it was measured; `u64::MAX` if it never was.
     pub(crate) age: u64,
-    pub(crate) given: Option<Given>,
+    pub(crate) given: Given,
 }
 
 /// What the rotor command in force gives, by the nominal model.
@@ -57,9 +57,9 @@ impl Measured {
         ticks(self.age)
     }
 
-    /// What the mixer made of the demand; None for an outer law.
+    /// What the mixer made of the demand.
     #[getter]
-    const fn given(&self) -> Option<Given> {
+    const fn given(&self) -> Given {
         self.given
     }
 
@@ -85,6 +85,12 @@ impl Given {
     #[getter]
     const fn saturated(&self) -> bool {
         self.content.saturated != 0
+    }
+
+    /// Whether a channel with other laws flies, and the command answers their demand.
+    #[getter]
+    const fn other_law(&self) -> bool {
+        self.content.other_law != 0
     }
 
     fn __getattr__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {

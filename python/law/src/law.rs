@@ -36,7 +36,10 @@ impl PythonLaw {
         let measured = Measured {
             content: input.measured,
             age: 0,
-            given: None,
+            given: Given {
+                content: input.given,
+                age: input.given_age,
+            },
         };
         let inputs = (input.tick, measured, Reference(input.reference));
         let answer = self.tick.bind(py).call1(inputs)?;
@@ -54,10 +57,10 @@ impl PythonLaw {
         let measured = Measured {
             content: input.measured,
             age: input.measured_age,
-            given: Some(Given {
+            given: Given {
                 content: input.given,
                 age: input.given_age,
-            }),
+            },
         };
         let desired = Desired {
             content: input.wanted,

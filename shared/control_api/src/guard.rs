@@ -15,6 +15,7 @@ use messages::allocation::Allocation;
 use messages::content::{
     Mode, NO_TICK, ROTORS, Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench,
 };
+use messages::role::Channel;
 use messages::telemetry::Telemetry;
 use messages::topic::Topic as _;
 use nalgebra::Vector4;
@@ -153,6 +154,44 @@ fn level(rig: &Rig, yaw_rad: f64) -> Desired {
     }
 }
 
+/// The rotor command as the laws of a group of channels are told of it.
+#[derive(Clone, Copy)]
+struct CommandTold {
+    k: f64,
+    allocation: Allocation,
+    group: Channel,
+}
+
+impl CommandTold {
+    fn new(rig: &Rig) -> Self {
+        Self {
+            k: rig.airframe.k(),
+            allocation: Allocation::new(&rig.airframe),
+            group: Channel::A,
+        }
+    }
+
+    /// What the rotor command gives that was in force when a state was measured, by the nominal model.
+    fn of(&self, state: &Stamped<State>) -> Stamped<Given> {
+        let content = &state.content;
+        let commanded = Vector4::from(content.measured.rotor_speed_command_rad_s);
+        let f = commanded.map(|w| self.k * w * w);
+        let (thrust_n, torque) = self.allocation.wrench(&f);
+        let tick = match state.tick {
+            NO_TICK => NO_TICK,
+            _ => content.command_tick,
+        };
+        let is_other = tick != NO_TICK && content.decision.group != self.group as u64;
+        let given = Given {
+            thrust_n,
+            torque_b_nm: torque.into(),
+            saturated: content.command_saturated,
+            other_law: u64::from(is_other),
+        };
+        Stamped::new(tick, given)
+    }
+}
+
 /// Rotors only push. NaN stays NaN.
 fn not_negative(thrust_n: f64) -> f64 {
     if thrust_n < 0.0 { 0.0 } else { thrust_n }
@@ -162,6 +201,7 @@ fn not_negative(thrust_n: f64) -> f64 {
 pub struct OuterMemory {
     route: Route,
     rig: Rig,
+    told: CommandTold,
     signals: usize,
     hold_ticks: u64,
     /// Tick of the last output that was published, and the output.
@@ -169,10 +209,17 @@ pub struct OuterMemory {
 }
 
 impl GuardedOuter {
+    /// Of the channels whose laws are those of `group`; a law is told whether they fly.
+    pub const fn in_group(mut self, group: Channel) -> Self {
+        self.memory.told.group = group;
+        self
+    }
+
     pub fn new(made: Made<dyn OuterLaw>, route: Route, rig: &Rig) -> Self {
         let memory = OuterMemory {
             route,
             rig: *rig,
+            told: CommandTold::new(rig),
             signals: made.signals,
             hold_ticks: ticks(HOLD_S, rig),
             last: None,
@@ -203,8 +250,7 @@ impl GuardedOuter {
             return false;
         }
         setpoint.reference = reference;
-        self.memory
-            .tick(&mut *self.made.law, tick, &state.content, setpoint);
+        self.memory.tick(&mut *self.made.law, tick, state, setpoint);
         true
     }
 
@@ -223,7 +269,7 @@ impl GuardedOuter {
                 reference: (memory.route)(tick),
                 ..Setpoint::default()
             };
-            memory.tick(law, tick, &state.content, &mut setpoint);
+            memory.tick(law, tick, state, &mut setpoint);
             setpoint
         })
     }
@@ -233,12 +279,21 @@ saved_fields!(OuterMemory: last);
 
 impl OuterMemory {
     /// Completes a setpoint that has its reference.
-    fn tick(&mut self, law: &mut dyn OuterLaw, tick: u64, state: &State, setpoint: &mut Setpoint) {
+    fn tick(
+        &mut self,
+        law: &mut dyn OuterLaw,
+        tick: u64,
+        state: &Stamped<State>,
+        setpoint: &mut Setpoint,
+    ) {
+        let (given, state) = (self.told.of(state), &state.content);
         setpoint.telemetry.forget(self.signals);
         let input = OuterInput {
             tick,
+            given_age: given.age(tick),
             measured: state.measured,
             reference: setpoint.reference,
+            given: given.content,
         };
         let wanted = law.tick(&input, &mut setpoint.telemetry);
         setpoint.telemetry.truncate(self.signals);
@@ -279,7 +334,7 @@ fn write_setpoint(wanted: &Desired, mode: Mode, setpoint: &mut Setpoint) {
 #[derive(Clone, Copy)]
 pub struct InnerMemory {
     rig: Rig,
-    allocation: Allocation,
+    told: CommandTold,
     signals: usize,
     hold_ticks: u64,
     /// Ticks of [`BLIND_S`].
@@ -298,10 +353,16 @@ pub struct InnerMemory {
 }
 
 impl GuardedInner {
+    /// Of the channels whose laws are those of `group`; a law is told whether they fly.
+    pub const fn in_group(mut self, group: Channel) -> Self {
+        self.memory.told.group = group;
+        self
+    }
+
     pub fn new(made: Made<dyn InnerLaw>, rig: &Rig) -> Self {
         let memory = InnerMemory {
             rig: *rig,
-            allocation: Allocation::new(&rig.airframe),
+            told: CommandTold::new(rig),
             signals: made.signals,
             hold_ticks: ticks(HOLD_S, rig),
             blind_ticks: ticks(BLIND_S, rig),
@@ -327,7 +388,7 @@ impl InnerMemory {
         setpoint: &Stamped<Setpoint>,
         wrench: &mut Wrench,
     ) {
-        let given = self.given(state);
+        let given = self.told.of(state);
         let is_fresh = state.tick == tick;
         let is_lost = self.is_past(self.measured_at, tick);
         let first_tick = *self.first_tick.get_or_insert(tick);
@@ -371,24 +432,6 @@ impl InnerMemory {
             self.answered_at = Some(tick);
         }
         self.thrust_n = wrench.thrust_n;
-    }
-
-    /// What the rotor command gives that was in force when a state was measured, by the nominal model.
-    fn given(&self, state: &Stamped<State>) -> Stamped<Given> {
-        let (k, content) = (self.rig.airframe.k(), &state.content);
-        let commanded = Vector4::from(content.measured.rotor_speed_command_rad_s);
-        let f = commanded.map(|w| k * w * w);
-        let (thrust_n, torque) = self.allocation.wrench(&f);
-        let given = Given {
-            thrust_n,
-            torque_b_nm: torque.into(),
-            saturated: content.command_saturated,
-        };
-        let tick = match state.tick {
-            NO_TICK => NO_TICK,
-            _ => content.command_tick,
-        };
-        Stamped::new(tick, given)
     }
 
     /// Whether something was longer ago than it is held for, or never was.

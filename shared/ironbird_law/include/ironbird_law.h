@@ -29,7 +29,7 @@
 
 
 // Version of this interface. A library that was built for another one is refused.
-#define IRONBIRD_LAW_INTERFACE 3
+#define IRONBIRD_LAW_INTERFACE 4
 
 // Role of a law: state and reference to thrust and attitude wanted.
 #define IRONBIRD_OUTER 1
@@ -225,14 +225,31 @@ typedef struct IronbirdReference {
   double yaw_acceleration_rad_s2;
 } IronbirdReference;
 
+// What the rotor command in force gives, by the nominal model: the mixer's answer to a demand of the inner law.
+typedef struct IronbirdGiven {
+  // Total thrust u along body z [N].
+  double thrust_n;
+  // Torque tau about body x, y, z [N m]. What the law demanded of the mixer, less this, is what the mixer cut.
+  double torque_b_nm[3];
+  // 1 where the demand could not be met in full, else 0.
+  uint64_t saturated;
+  // 1 while a channel with other laws flies, and the command answers their demand, else 0. What the law integrates then
+  // follows the command that is flown, so that it can take over without a step.
+  uint64_t other_law;
+} IronbirdGiven;
+
 // What an outer law is given.
 typedef struct IronbirdOuterInput {
   // The tick; some may be skipped.
   uint64_t tick;
+  // Ticks since the mixer made the command behind `given`; 1 when nothing is late, IRONBIRD_NEVER before the first.
+  uint64_t given_age;
   // What the sensors show at this tick.
   struct IronbirdMeasured measured;
   // Where the vehicle should be at this tick.
   struct IronbirdReference reference;
+  // What the rotors were commanded to give from this tick on.
+  struct IronbirdGiven given;
 } IronbirdOuterInput;
 
 // What an outer law wants of the inner one.
@@ -254,16 +271,6 @@ typedef struct IronbirdTelemetry {
   // The numbers, in the units of the signals.
   double value[IRONBIRD_TELEMETRY];
 } IronbirdTelemetry;
-
-// What the rotor command in force gives, by the nominal model: the mixer's answer to a demand of the inner law.
-typedef struct IronbirdGiven {
-  // Total thrust u along body z [N].
-  double thrust_n;
-  // Torque tau about body x, y, z [N m]. What the law demanded of the mixer, less this, is what the mixer cut.
-  double torque_b_nm[3];
-  // 1 where the demand could not be met in full, else 0.
-  uint64_t saturated;
-} IronbirdGiven;
 
 // What an inner law is given, in every tick: the newest inputs, of whatever age.
 typedef struct IronbirdInnerInput {

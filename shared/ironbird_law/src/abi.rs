@@ -11,7 +11,7 @@
 use std::ffi::{c_char, c_void};
 
 /// Version of this interface. A library that was built for another one is refused.
-pub const IRONBIRD_LAW_INTERFACE: u64 = 3;
+pub const IRONBIRD_LAW_INTERFACE: u64 = 4;
 
 /// Role of a law: state and reference to thrust and attitude wanted.
 pub const IRONBIRD_OUTER: u64 = 1;
@@ -147,10 +147,14 @@ pub struct IronbirdReference {
 pub struct IronbirdOuterInput {
     /// The tick; some may be skipped.
     pub tick: u64,
+    /// Ticks since the mixer made the command behind `given`; 1 when nothing is late, IRONBIRD_NEVER before the first.
+    pub given_age: u64,
     /// What the sensors show at this tick.
     pub measured: IronbirdMeasured,
     /// Where the vehicle should be at this tick.
     pub reference: IronbirdReference,
+    /// What the rotors were commanded to give from this tick on.
+    pub given: IronbirdGiven,
 }
 
 /// What an outer law wants of the inner one.
@@ -179,6 +183,9 @@ pub struct IronbirdGiven {
     pub torque_b_nm: [f64; 3],
     /// 1 where the demand could not be met in full, else 0.
     pub saturated: u64,
+    /// 1 while a channel with other laws flies, and the command answers their demand, else 0. What the law integrates then
+    /// follows the command that is flown, so that it can take over without a step.
+    pub other_law: u64,
 }
 
 /// What an inner law is given, in every tick: the newest inputs, of whatever age.

@@ -107,6 +107,9 @@ layout! {
         pub refused: u64,
         /// The command, if there is exactly one.
         pub command: TakenCommand,
+        /// Of the channel whose command is in force at the state, the first one with the same laws, by its place among
+        /// [`crate::role::Channel::ALL`]; 0 while none has arrived.
+        pub group: u64,
     }
 }
 
@@ -333,6 +336,7 @@ layout!(Given {
     thrust_n,
     torque_b_nm,
     saturated,
+    other_law,
 });
 layout!(Desired {
     thrust_n,

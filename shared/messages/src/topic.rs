@@ -143,6 +143,7 @@ impl Topic for State {
         self.command_saturated <= 1
             && self.truth.touches_ground <= 1
             && self.decision.command.is_known()
+            && self.decision.group < MOST_CHANNELS as u64
     }
 
     fn flight_words(&self) -> &[u64] {

@@ -74,6 +74,7 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
         tick,
         measured,
         reference,
+        ..OuterInput::default()
     };
     let wanted = made.law.tick(&input(123), &mut telemetry);
     assert_eq!(

@@ -129,8 +129,10 @@ fn tick_outer(law: &mut dyn OuterLaw, input: &InnerInput) -> Answer {
     let mut telemetry = Telemetry::default();
     let input = OuterInput {
         tick: input.tick,
+        given_age: input.given_age,
         measured: input.measured,
         reference: input.reference,
+        given: input.given,
     };
     let desired = law.tick(&input, &mut telemetry);
     let vectors = [
@@ -408,6 +410,7 @@ fn draw_next(input: &mut InnerInput, rng: &mut fastrand::Rng, rig: &Rig) {
         thrust_n: input.wanted.thrust_n,
         torque_b_nm: numbers(rng, 10.0),
         saturated: input.tick % 2,
+        other_law: input.tick / 64 % 2,
     };
 }
 

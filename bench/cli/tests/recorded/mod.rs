@@ -209,6 +209,7 @@ impl Flight<'_> {
             count: decided.len() as u64,
             refused: 0,
             command,
+            group: 0,
         }
     }
 

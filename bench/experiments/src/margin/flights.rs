@@ -1,11 +1,13 @@
 //! Flights with a fault that begins at a phase. The part before the fault is flown once and copied, if the laws allow it.
 
+use std::mem::replace;
 use std::sync::atomic::AtomicBool;
 
 use analysis::margin::{Bounds, Cause, Point};
 use analysis::recovery::STAYING_S;
 use analysis::tracking::Tracking;
 use faults::LONGEST_DELAY_TICKS;
+use nalgebra::Vector3;
 use plant::EnvelopeViolation;
 
 use crate::parallel::check_stop;
@@ -16,6 +18,9 @@ use sim::simulator::Simulator;
 
 /// A flight ends when its error has been below the bound for this time after an outage [s].
 const CALM_S: f64 = 5.0;
+
+/// From when on after the beginning of a fault the change of the body rate is taken [s].
+const SETTLED_S: f64 = 1.0;
 
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
 const LEAD_TICKS: u64 = LONGEST_DELAY_TICKS + 4;
@@ -31,8 +36,6 @@ pub struct Flights<'a> {
     /// The flight up to shortly before the fault; none if its laws cannot be copied.
     base: Option<Box<Simulator>>,
     pub unfaulted: Point,
-    /// Ticks with saturated rotors that a steady fault may cause [%].
-    saturated_max_percent: f64,
 }
 
 /// A flight up to shortly before the faults that begin at tick `from`; none if its laws cannot be copied.
@@ -81,20 +84,15 @@ impl<'a> Flights<'a> {
             from,
             base: base(settings, from, stop)?,
             unfaulted: Point::default(),
-            saturated_max_percent: bounds.saturated_more_percent,
         };
         flights.unfaulted = flights.point(0, Vec::new(), from, f64::INFINITY)?;
-        flights.saturated_max_percent += flights.unfaulted.saturated_percent;
         Ok(flights)
     }
 
     /// Flies with a fault for `ticks` ticks, or with a steady one.
     pub fn fly(&self, at: u64, fault: String, ticks: Option<u64>) -> Result<Point, Failure> {
         let calm_s = ticks.map_or(f64::INFINITY, |_| CALM_S);
-        let point = self.point(at, vec![fault], self.from + ticks.unwrap_or(0), calm_s)?;
-        let is_saturated = ticks.is_none() && point.saturated_percent > self.saturated_max_percent;
-        let cause = point.cause.or(is_saturated.then_some(Cause::Saturated));
-        Ok(Point { cause, ..point })
+        self.point(at, vec![fault], self.from + ticks.unwrap_or(0), calm_s)
     }
 
     /// Flies until the error has been below the bound for `calm_s`, or until it can no longer be in time. The recovery is
@@ -108,7 +106,9 @@ impl<'a> Flights<'a> {
         flight.faults = faults;
         let mut rig = rig(self.base.as_deref(), &settings)?;
         let mut judge = Judge::new(&settings)?;
-        let (mut peak_m, mut back, mut states, mut saturated) = (0.0_f64, end, 0, 0);
+        let (mut peak_m, mut back) = (0.0_f64, end);
+        let (mut rate, mut steps, mut sum) = (Vector3::zeros(), 0, 0.0);
+        let settled = self.from + (SETTLED_S / period_s).round() as u64;
         let mut is_low = false;
         let is_calm = |back: u64, tick: u64| tick.saturating_sub(back) as f64 * period_s > calm_s;
         while judge.goes_on(&rig) && !is_low && !is_calm(back, rig.next_tick()) {
@@ -124,13 +124,17 @@ impl<'a> Flights<'a> {
                 if error_m > self.bounds.recovered_below_m {
                     back = back.max(tick + 1);
                 }
-                states += 1;
-                saturated += rig.rotor_speeds().saturated;
+                let last = replace(&mut rate, state.truth.rate_b_rad_s.into());
+                if tick >= settled {
+                    steps += 1;
+                    sum += (rate - last).norm_squared();
+                }
                 is_low = state.truth.position_w_m[2] < settings.flight.ground_z_m;
                 Ok(())
             })?;
         }
         let recovery_s = (back - end) as f64 * period_s;
+        let unfaulted = self.unfaulted.rate_step_more_rad_s;
         let is_back = recovery_s <= self.bounds.survival_max_s;
         let lost = match rig.envelope() {
             Err(EnvelopeViolation::Tilt { .. }) => Some(Cause::Tilt),
@@ -143,7 +147,9 @@ impl<'a> Flights<'a> {
             at,
             peak_m: lost.is_none().then_some(peak_m),
             recovery_s: (lost.is_none() && is_back).then_some(recovery_s),
-            saturated_percent: 100.0 * saturated as f64 / f64::from(states.max(1)),
+            rate_step_more_rad_s: (sum / f64::from(steps.max(1)) - unfaulted * unfaulted)
+                .max(0.0)
+                .sqrt(),
             cause: lost.or((!is_back).then_some(Cause::Error)),
         })
     }

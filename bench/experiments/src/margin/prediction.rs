@@ -1,19 +1,27 @@
-//! Predicted margins: the frequency response of the sampled loop at hover, cut at the rotor commands.
+//! Predicted margins: the frequency response of the sampled loop at hover.
 //!
-//! An impulse d is added to the rotor commands along one axis, in two flights of opposite sign. Half of the difference of
-//! the commands that the mixer computes, per d, is the response C of the closed loop, and L = -C / (1 + C) the open one.
-//! It contains all that a law does for small signals, so it needs no knowledge of the law.
+//! An impulse d is added somewhere in the loop, in two flights of opposite sign. Half of the difference of what comes back
+//! there, per d, is the response C of the closed loop, and L = -C / (1 + C) the open one. It contains all that a law does
+//! for small signals, so it needs no knowledge of the law. The loop is cut where the fault of the flights acts:
+//!
+//! * for the delay at the rotor commands: d is added to those along one axis, before the plant measures the rotors;
+//! * for the gain behind the measured rotors: d is an angular acceleration, by the gain of the disturbance h(t) in (3).
+//!   A law that measures the rotors knows their torque, and takes the rest of a greater gain for a disturbance.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::atomic::AtomicBool;
 
 use analysis::margin::LoopMargin;
 use errors::Failure;
-use nalgebra::{Complex, ComplexField};
+use messages::allocation::Allocation;
+use messages::parameters::Parameter;
+use messages::rate_dynamics::disturbance;
+use nalgebra::{Complex, ComplexField, Vector3, Vector4};
 
 use crate::margin::flights::{base, rig};
 use crate::parallel::check_stop;
 use config::{Settings, TrajectorySection};
+use sim::simulator::Simulator;
 
 /// Rotors that an axis speeds up or slows down.
 const AXES: [(&str, [f64; 4]); 3] = [
@@ -27,6 +35,9 @@ const FROM_S: f64 = 15.0;
 const LENGTH_S: f64 = 8.0;
 /// The impulse, as a share of the rotor speed in hover.
 const IMPULSE: f64 = 1e-4;
+/// The impulse of the gain of the disturbance, which lasts for a tick [rad/s^2].
+const ACCELERATION_RAD_S2: f64 = 0.01;
+const DISTURBANCE: Parameter = Parameter::DisturbanceGain;
 /// Share of the response's peak that may be left at its end.
 const REST: f64 = 0.02;
 /// The lowest frequency: below are the position loops [rad/s].
@@ -42,38 +53,61 @@ pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargi
     settings.flight.duration_s = FROM_S + LENGTH_S;
     let period_s = settings.flight.period_s;
     let from = (FROM_S / period_s).round() as u64;
-    let impulse = IMPULSE * settings.airframe()?.hover_speed_rad_s();
+    let airframe = settings.airframe()?;
+    let allocation = Allocation::new(&airframe);
+    let impulse = IMPULSE * airframe.hover_speed_rad_s();
     let base = base(&settings, from, stop)?;
-    let mut commands = |signs: [f64; 4], impulse: f64| -> Result<Vec<f64>, Failure> {
-        let biases = (1..)
-            .zip(signs)
-            .map(|(i, sign)| format!("rotor_speeds.speed_rad_s.{i}.bias={}", sign * impulse));
-        let biases = biases.collect::<Vec<_>>().join(",");
-        settings.flight.faults = vec![format!("{biases}@tick{from}..tick{}", from + 1)];
+    let mut flown = |faults: Vec<String>, look: &dyn Fn(&Simulator) -> Vector3<f64>| {
+        settings.flight.faults = faults;
         let mut rig = rig(base.as_deref(), &settings)?;
-        let mut commands = Vec::new();
+        let mut seen = Vec::new();
         while rig.next_tick() <= settings.last_tick() {
             check_stop(stop)?;
             rig.tick();
             if rig.flown_tick() >= from {
-                let speeds = rig.rotor_speeds().speed_rad_s.into_iter();
-                commands.push(
-                    speeds
-                        .zip(signs)
-                        .map(|(speed, sign)| sign * speed / 4.0)
-                        .sum(),
-                );
+                seen.push(look(&rig));
             }
         }
-        Ok(commands)
+        Ok::<_, Failure>(seen)
     };
+    let [above, below] = [1.0, -1.0].map(|sign| {
+        let gain = airframe.delta() + sign * ACCELERATION_RAD_S2;
+        let set = |gain: f64, tick: u64| format!("{}={gain}@tick{tick}", DISTURBANCE.name());
+        let faults = vec![set(gain, from), set(airframe.delta(), from + 1)];
+        flown(faults, &|rig| {
+            let squared = Vector4::from(rig.state().measured.rotor_speed_squared_mean_rad2_s2);
+            let (_, torque) = allocation.wrench(&(airframe.k() * squared));
+            torque.component_div(&Vector3::from(airframe.i_m()))
+        })
+    });
+    let h = disturbance((from as f64 + 0.5) * period_s);
+    // The means of a tick are in the state after it.
+    let accelerations: Vec<Vector3<f64>> = above?
+        .into_iter()
+        .zip(below?)
+        .skip(1)
+        .map(|(a, b)| (a - b).component_div(&(2.0 * ACCELERATION_RAD_S2 * h)))
+        .collect();
     let mut all = Vec::new();
-    for (axis, signs) in AXES {
-        let pair = commands(signs, impulse)?
-            .into_iter()
-            .zip(commands(signs, -impulse)?);
-        let response: Vec<f64> = pair.map(|(a, b)| (a - b) / (2.0 * impulse)).collect();
-        all.push(margin(axis, &response, period_s));
+    for (i, (axis, signs)) in AXES.into_iter().enumerate() {
+        let mut commands = |impulse: f64| {
+            let biases = (1..)
+                .zip(signs)
+                .map(|(i, sign)| format!("rotor_speeds.speed_rad_s.{i}.bias={}", sign * impulse));
+            let biases = biases.collect::<Vec<_>>().join(",");
+            let fault = format!("{biases}@tick{from}..tick{}", from + 1);
+            flown(vec![fault], &|rig| {
+                let speeds = Vector4::from(rig.rotor_speeds().speed_rad_s);
+                Vector3::repeat(Vector4::from(signs).dot(&speeds) / 4.0)
+            })
+        };
+        let pair = commands(impulse)?.into_iter().zip(commands(-impulse)?);
+        let response: Vec<f64> = pair.map(|(a, b)| (a - b).x / (2.0 * impulse)).collect();
+        let behind: Vec<f64> = accelerations.iter().map(|it| it[i]).collect();
+        all.push(LoopMargin {
+            gain: margin(axis, &behind, period_s).gain,
+            ..margin(axis, &response, period_s)
+        });
     }
     Ok(all)
 }

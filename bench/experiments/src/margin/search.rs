@@ -1,6 +1,6 @@
 //! The faults whose greatest strength is searched for, and which strengths to fly next.
 
-use analysis::margin::{Bounds, Kind, LIMITS, SURVIVES, Search};
+use analysis::margin::{Bounds, CALM, Kind, LIMITS, SURVIVES, Search};
 use faults::{LONGEST_DELAY_TICKS, Port};
 use messages::parameters::{Airframe, Parameter};
 
@@ -135,12 +135,14 @@ pub fn left(search: &Search, qualified: [bool; LIMITS.len()], bounds: &Bounds) -
             .sum::<u64>()
 }
 
-/// Which limits are searched for: of patterns the last one alone.
+/// Which limits are searched for: of patterns survival alone, and calm of what changes the loop at every tick.
 pub fn asked(search: &Search, qualified: [bool; LIMITS.len()]) -> [bool; LIMITS.len()] {
-    match search.kind {
-        Kind::Pattern(_) => [false, false, qualified[SURVIVES]],
-        _ => qualified,
-    }
+    let is_asked = |limit: usize| match search.kind {
+        Kind::Pattern(_) => limit == SURVIVES,
+        Kind::Lag | Kind::Delay | Kind::Gain => true,
+        Kind::Outage | Kind::Loss => limit != CALM,
+    };
+    std::array::from_fn(|limit| qualified[limit] && is_asked(limit))
 }
 
 /// The last strength that holds a limit and the next one that was flown, where there is more between them.
@@ -178,7 +180,7 @@ mod tests {
         for limits in [[52, 171, 307], [0, 0, 2000], [1, 1999, 1999], [0, 0, 0]] {
             let mut search = questions(&[Target::Machine], 2000, &airframe).remove(0).1;
             loop {
-                let strengths = next(&search, [true; 3], &bounds);
+                let strengths = next(&search, [true; LIMITS.len()], &bounds);
                 if strengths.is_empty() {
                     break;
                 }
@@ -187,7 +189,7 @@ mod tests {
                         at,
                         peak_m: Some(if at <= limits[0] { 0.01 } else { 1.0 }),
                         recovery_s: Some(if at <= limits[1] { 1.0 } else { 9.0 }),
-                        saturated_percent: 0.0,
+                        rate_step_more_rad_s: 0.0,
                         cause: (at > limits[2]).then_some(analysis::margin::Cause::Ground),
                     });
                 }
