@@ -239,7 +239,7 @@ fn fly(flight: &Flight, settings: &Settings, is_drawn: bool) -> Result<Outcome, 
     let flown = simulate::fly(&mut rig, settings, |rig| {
         invalid.take(rig);
         metrics.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
-        if is_drawn {
+        if is_drawn && metrics.lost.is_none() {
             tracer.take(&rig.joined());
         }
         Ok(())

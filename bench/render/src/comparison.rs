@@ -280,7 +280,7 @@ fn motion(comparison: &Comparison) -> Option<Section> {
             0.0,
         );
     }
-    let blocks = vec![Block::Legend(keys.collect()), Block::WideFigures(shown)];
+    let blocks = vec![Block::Legend(keys.collect()), Block::Figures(shown)];
     Some(Section::new(
         "motion",
         "Path, motion, commands and estimates",
@@ -316,7 +316,9 @@ fn lines(
         values.extend(points.iter().map(|point| point.1));
         (class, points)
     };
-    let lines = comparison.outcomes.iter().zip(LAWS).map(line).collect();
+    let lines = comparison.outcomes.iter().zip(LAWS).map(line);
+    // A law without estimates has no line among them.
+    let lines = lines.filter(|(_, points)| !points.is_empty()).collect();
     (braided(lines, 0.0, end_s(comparison)), values)
 }
 
