@@ -24,6 +24,6 @@ pub mod turbulence;
 
 pub use crate::envelope_violation::{Crash, EnvelopeViolation};
 pub use crate::ground::Ground;
-pub use crate::plant::{LANES, Plant, PlantBatch};
+pub use crate::plant::Plant;
 pub use crate::settings::{Initial, PlantSettings};
 pub use faults::swap::{self, AppliedSwap, Swap, SwapError, Target};

@@ -9,10 +9,6 @@
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::turbulence`],
 //! [`crate::integrator`] and [`crate::sensors`].
 
-mod batch;
-
-pub use batch::{LANES, PlantBatch};
-
 use std::f64::consts::PI;
 
 use faults::filter::{FaultFilter, Passed};

@@ -83,31 +83,6 @@ pub struct Dynamics {
 }
 
 impl Dynamics {
-    /// Its numbers, to lay them beside those of other airframes.
-    pub(crate) fn numbers(&self) -> [f64; 21] {
-        let [a, b, c, d, e, f, h, i, j] = self.inertia.numbers();
-        let ([x, y], r, w) = (self.gyroscopic, &self.rate_drag, &self.wind);
-        let (g, per_mass, drag, delta) = (self.g, self.per_mass, self.drag, self.delta);
-        [
-            g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r.x, r.y, r.z, delta, w.x, w.y, w.z,
-        ]
-    }
-
-    #[inline(always)]
-    pub(crate) fn of_numbers(n: [f64; 21]) -> Self {
-        let inertia = [n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]];
-        Self {
-            g: n[0],
-            per_mass: n[1],
-            drag: n[2],
-            inertia: Inertia::of_numbers(inertia),
-            gyroscopic: [n[12], n[13]],
-            rate_drag: Vector3::new(n[14], n[15], n[16]),
-            delta: n[17],
-            wind: Vector3::new(n[18], n[19], n[20]),
-        }
-    }
-
     #[inline]
     pub fn new(airframe: &Airframe) -> Self {
         let (m, i_m) = (airframe.m(), Vector3::from(airframe.i_m()));
@@ -192,43 +167,7 @@ impl Dynamics {
     }
 }
 
-impl Forcing {
-    /// Its numbers, to lay them beside those of other airframes.
-    #[inline(always)]
-    pub(crate) fn numbers(&self) -> [f64; 5] {
-        [self.lift, self.push.x, self.push.y, self.push.z, self.om]
-    }
-
-    #[inline(always)]
-    pub(crate) fn of_numbers([lift, x, y, z, om]: [f64; 5]) -> Self {
-        Self {
-            lift,
-            push: Vector3::new(x, y, z),
-            om,
-        }
-    }
-}
-
 impl RigidBody {
-    /// Its numbers, to lay them beside those of other bodies.
-    #[inline(always)]
-    pub(crate) fn numbers(&self) -> [f64; 13] {
-        let (e, v, n, [w, x, y, z]) = (&self.eta1, &self.v, &self.nu2, self.attitude.wxyz());
-        [e.x, e.y, e.z, v.x, v.y, v.z, w, x, y, z, n.x, n.y, n.z]
-    }
-
-    #[inline(always)]
-    pub(crate) fn of_numbers(
-        [e_x, e_y, e_z, v_x, v_y, v_z, w, x, y, z, p, q, r]: [f64; 13],
-    ) -> Self {
-        Self {
-            eta1: Vector3::new(e_x, e_y, e_z),
-            v: Vector3::new(v_x, v_y, v_z),
-            attitude: Attitude::of_wxyz([w, x, y, z]),
-            nu2: Vector3::new(p, q, r),
-        }
-    }
-
     /// (1), (8) and that of the quaternion: the derivative under a forcing.
     // Part of the integrator's loop: called, it would hand 25 numbers through memory, 16 times a tick.
     #[inline(always)]

@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 mod attitude;
-mod batch;
 mod delays;
 mod ground;
 mod physics;

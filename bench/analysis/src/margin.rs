@@ -35,8 +35,8 @@ pub struct Margins {
     pub laws: Vec<LawMargins>,
 }
 
-/// The limits of a loop, the same for all laws. The first three include those after them; calm includes survives, and is
-/// a limit of steady faults alone.
+/// The limits of a loop, the same for all laws: what is unnoticed recovers, and what recovers survives. Calm is separate:
+/// it implies survives, and exists for a steady lag, delay or gain alone.
 pub const LIMITS: [&str; 4] = ["unnoticed", "recovers", "survives", "calm"];
 pub const UNNOTICED: usize = 0;
 pub const RECOVERS: usize = 1;
@@ -56,7 +56,7 @@ pub struct Bounds {
     pub survival_max_s: f64,
     /// Change of the body rate per tick under a steady fault, beyond that without one (root of the difference of their mean
     /// squares) [rad/s]: more is a limit cycle.
-    pub rate_step_more_rad_s: f64,
+    pub rate_step_increase_rad_s: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -118,7 +118,7 @@ pub struct Point {
     pub recovery_s: Option<f64>,
     /// Change of the body rate per tick, beyond that of the flight without a fault: root of the difference of their mean
     /// squares [rad/s].
-    pub rate_step_more_rad_s: f64,
+    pub rate_step_increase_rad_s: f64,
     /// Why the first flight that did not survive failed.
     pub cause: Option<Cause>,
 }
@@ -145,7 +145,7 @@ pub struct LoopMargin {
     pub phase_margin_deg: Option<f64>,
     /// Additional dead time at which the loop becomes unstable [ticks].
     pub delay_ticks: Option<f64>,
-    /// Factor of the loop's gain at which it becomes unstable.
+    /// Factor above 1 of the loop's gain at which it becomes unstable; another cut of the loop than the numbers before.
     pub gain: Option<f64>,
 }
 
@@ -156,7 +156,7 @@ impl Bounds {
             && match limit {
                 UNNOTICED => within(point.peak_m, self.unnoticed_below_m),
                 RECOVERS => within(point.recovery_s, self.recovery_max_s),
-                CALM => point.rate_step_more_rad_s <= self.rate_step_more_rad_s,
+                CALM => point.rate_step_increase_rad_s <= self.rate_step_increase_rad_s,
                 _ => true,
             }
     }
@@ -181,7 +181,9 @@ impl Point {
             at: self.at,
             peak_m: max(self.peak_m, other.peak_m),
             recovery_s: max(self.recovery_s, other.recovery_s),
-            rate_step_more_rad_s: self.rate_step_more_rad_s.max(other.rate_step_more_rad_s),
+            rate_step_increase_rad_s: self
+                .rate_step_increase_rad_s
+                .max(other.rate_step_increase_rad_s),
             cause: self.cause.or(other.cause),
         }
     }
@@ -283,13 +285,13 @@ mod tests {
             recovered_below_m: 0.1,
             recovery_max_s: 5.0,
             survival_max_s: 20.0,
-            rate_step_more_rad_s: 0.05,
+            rate_step_increase_rad_s: 0.05,
         };
         let flown = |at, peak_m, recovery_s, cause| Point {
             at,
             peak_m: Some(peak_m),
             recovery_s: Some(recovery_s),
-            rate_step_more_rad_s: 0.0,
+            rate_step_increase_rad_s: 0.0,
             cause,
         };
         let mut search = Search {

@@ -1,4 +1,4 @@
-//! A law that computed beside another one takes over in flight, at no more than twice its own largest error.
+//! A law that computed beside another one takes over in flight, at no more than twice the larger of both laws' own errors.
 
 use controller::laws::{INNER, OUTER};
 
@@ -15,7 +15,7 @@ fn errors(flown: &Ended) -> [f64; 2] {
 
 #[test]
 #[ignore = "long: part of the gate"]
-fn a_handover_costs_at_most_twice_the_laws_own_error() {
+fn a_handover_costs_at_most_twice_the_larger_of_both_laws_errors() {
     let shared = Rig::new("bumpless");
     // The first ones are the default laws, which fly in channel a up to then.
     let inner = INNER[1..].iter().map(|it| ("inner", it.description.name));

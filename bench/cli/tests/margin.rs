@@ -24,7 +24,7 @@ fn the_longest_outage_flies_in_simulate_and_one_tick_more_does_not() {
     let rig = Rig::new("simulated");
     let flight = "--trajectory fast --inner indi";
     // A flight survives if its envelope is kept, whatever its errors are.
-    let gates = "--gate recovered_below_m=1000 --gate rate_step_more_rad_s=100";
+    let gates = "--gate recovered_below_m=1000 --gate rate_step_increase_rad_s=100";
     let only = "--only inner --only wrench";
     let measured = rig.ok(&format!(
         "margin {flight} {gates} {only} --phases 2 --format json"

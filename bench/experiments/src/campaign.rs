@@ -1,4 +1,4 @@
 //! The flights of a campaign: each is that of `ironbird simulate` with the same settings, bit for bit.
 
-pub mod batch;
 pub mod flight_settings;
+pub mod rows;

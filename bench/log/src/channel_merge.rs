@@ -212,6 +212,7 @@ mod tests {
             count: u64::from(taken.is_some()),
             command: taken.unwrap_or_default(),
             refused: 0,
+            ..Decision::default()
         };
         LogEntry::State(message)
     }

@@ -69,7 +69,7 @@ fn criteria(margins: &Margins) -> [String; 2] {
         it.recovered_below_m,
         it.recovery_max_s,
         it.survival_max_s,
-        it.rate_step_more_rad_s,
+        it.rate_step_increase_rad_s,
     );
     let cells = format!(
         "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error (flies on, above {} \
@@ -298,7 +298,7 @@ fn unfaulted(margins: &Margins) -> Option<Section> {
             true => cause.unwrap_or_else(|| "no limit".into()),
             false => qualified.join(", "),
         };
-        let rate_step = format!("{:.2}", 1e3 * it.rate_step_more_rad_s);
+        let rate_step = format!("{:.2}", 1e3 * it.rate_step_increase_rad_s);
         vec![
             known(it.peak_m.map(thousandths)),
             rate_step,

@@ -20,7 +20,7 @@ use errors::Failure;
 use faults::filter::{FaultFilter, FaultyInput};
 use faults::live::FaultKind;
 use faults::{MessageFaults, Port};
-use messages::content::{Reference, RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::inspection::Rejections;
 use messages::monitor::Monitor;
@@ -164,13 +164,6 @@ impl Simulator {
             self.faulty_tick();
             return;
         }
-        self.stages(None);
-        self.plant.finish();
-    }
-
-    /// A tick without its last step, [`Plant::finish`], which batches run for several flights at once. Only for flights
-    /// without message and stage faults. `reference` is the tick's reference if the caller has it.
-    pub fn stages(&mut self, reference: Option<Reference>) {
         let Self {
             plant,
             outer,
@@ -187,11 +180,7 @@ impl Simulator {
         plant.begin_into(tick, &mut state.content);
         state.tick = tick;
         self.envelope = plant.envelope();
-        let has_setpoint = match reference {
-            Some(reference) => outer.tick_along(reference, tick, state, &mut setpoint.content),
-            None => outer.tick_into(tick, state, &mut setpoint.content),
-        };
-        if has_setpoint {
+        if outer.tick_into(tick, state, &mut setpoint.content) {
             setpoint.tick = tick;
         }
         inner.tick_into(tick, state, setpoint, &mut wrench.content);
@@ -204,6 +193,7 @@ impl Simulator {
             .watch_next(tick, state, &wrench.content)
             .copied();
         self.tick += 1;
+        self.plant.finish();
     }
 
     #[cold]

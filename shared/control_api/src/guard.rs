@@ -154,15 +154,15 @@ fn level(rig: &Rig, yaw_rad: f64) -> Desired {
     }
 }
 
-/// The rotor command as the laws of a group of channels are told of it.
+/// What the laws of a group of channels are given of the rotor command in force.
 #[derive(Clone, Copy)]
-struct CommandTold {
+struct ActiveCommand {
     k: f64,
     allocation: Allocation,
     group: Channel,
 }
 
-impl CommandTold {
+impl ActiveCommand {
     fn new(rig: &Rig) -> Self {
         Self {
             k: rig.airframe.k(),
@@ -201,7 +201,7 @@ fn not_negative(thrust_n: f64) -> f64 {
 pub struct OuterMemory {
     route: Route,
     rig: Rig,
-    told: CommandTold,
+    active_command: ActiveCommand,
     signals: usize,
     hold_ticks: u64,
     /// Tick of the last output that was published, and the output.
@@ -209,9 +209,9 @@ pub struct OuterMemory {
 }
 
 impl GuardedOuter {
-    /// Of the channels whose laws are those of `group`; a law is told whether they fly.
+    /// Of the channels whose laws are those of `group`; a law is given whether they fly.
     pub const fn in_group(mut self, group: Channel) -> Self {
-        self.memory.told.group = group;
+        self.memory.active_command.group = group;
         self
     }
 
@@ -219,7 +219,7 @@ impl GuardedOuter {
         let memory = OuterMemory {
             route,
             rig: *rig,
-            told: CommandTold::new(rig),
+            active_command: ActiveCommand::new(rig),
             signals: made.signals,
             hold_ticks: ticks(HOLD_S, rig),
             last: None,
@@ -234,22 +234,10 @@ impl GuardedOuter {
         state: &Stamped<State>,
         setpoint: &mut Setpoint,
     ) -> bool {
-        let is_fresh = state.tick == tick;
-        is_fresh && self.tick_along((self.memory.route)(tick), tick, state, setpoint)
-    }
-
-    /// As [`Self::tick_into`], with the reference of the tick.
-    pub fn tick_along(
-        &mut self,
-        reference: Reference,
-        tick: u64,
-        state: &Stamped<State>,
-        setpoint: &mut Setpoint,
-    ) -> bool {
         if state.tick != tick {
             return false;
         }
-        setpoint.reference = reference;
+        setpoint.reference = (self.memory.route)(tick);
         self.memory.tick(&mut *self.made.law, tick, state, setpoint);
         true
     }
@@ -286,7 +274,7 @@ impl OuterMemory {
         state: &Stamped<State>,
         setpoint: &mut Setpoint,
     ) {
-        let (given, state) = (self.told.of(state), &state.content);
+        let (given, state) = (self.active_command.of(state), &state.content);
         setpoint.telemetry.forget(self.signals);
         let input = OuterInput {
             tick,
@@ -334,7 +322,7 @@ fn write_setpoint(wanted: &Desired, mode: Mode, setpoint: &mut Setpoint) {
 #[derive(Clone, Copy)]
 pub struct InnerMemory {
     rig: Rig,
-    told: CommandTold,
+    active_command: ActiveCommand,
     signals: usize,
     hold_ticks: u64,
     /// Ticks of [`BLIND_S`].
@@ -353,16 +341,16 @@ pub struct InnerMemory {
 }
 
 impl GuardedInner {
-    /// Of the channels whose laws are those of `group`; a law is told whether they fly.
+    /// Of the channels whose laws are those of `group`; a law is given whether they fly.
     pub const fn in_group(mut self, group: Channel) -> Self {
-        self.memory.told.group = group;
+        self.memory.active_command.group = group;
         self
     }
 
     pub fn new(made: Made<dyn InnerLaw>, rig: &Rig) -> Self {
         let memory = InnerMemory {
             rig: *rig,
-            told: CommandTold::new(rig),
+            active_command: ActiveCommand::new(rig),
             signals: made.signals,
             hold_ticks: ticks(HOLD_S, rig),
             blind_ticks: ticks(BLIND_S, rig),
@@ -388,7 +376,7 @@ impl InnerMemory {
         setpoint: &Stamped<Setpoint>,
         wrench: &mut Wrench,
     ) {
-        let given = self.told.of(state);
+        let given = self.active_command.of(state);
         let is_fresh = state.tick == tick;
         let is_lost = self.is_past(self.measured_at, tick);
         let first_tick = *self.first_tick.get_or_insert(tick);

@@ -233,8 +233,8 @@ typedef struct IronbirdGiven {
   double torque_b_nm[3];
   // 1 where the demand could not be met in full, else 0.
   uint64_t saturated;
-  // 1 while a channel with other laws flies, and the command answers their demand, else 0. What the law integrates then
-  // follows the command that is flown, so that it can take over without a step.
+  // 1 while a channel with other laws flies, and the command answers their demand, else 0. A law with an integrator
+  // must then follow the command, so that it can take over without a step.
   uint64_t other_law;
 } IronbirdGiven;
 

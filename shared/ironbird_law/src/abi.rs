@@ -183,8 +183,8 @@ pub struct IronbirdGiven {
     pub torque_b_nm: [f64; 3],
     /// 1 where the demand could not be met in full, else 0.
     pub saturated: u64,
-    /// 1 while a channel with other laws flies, and the command answers their demand, else 0. What the law integrates then
-    /// follows the command that is flown, so that it can take over without a step.
+    /// 1 while a channel with other laws flies, and the command answers their demand, else 0. A law with an integrator
+    /// must then follow the command, so that it can take over without a step.
     pub other_law: u64,
 }
 

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::frames::quaternion_wb;
-use crate::math::{atan2, atan2_of_most};
+use crate::math::atan2;
 
 /// A rotation from the body into the world frame; q and -q are the same one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,18 +168,6 @@ impl Attitude {
     pub fn euler_near(&self, last: &Vector3<f64>) -> Vector3<f64> {
         let [roll, pitch, yaw] = self.arcs().map(|(y, x)| atan2(y, x));
         Vector3::new(followed(roll, last.x), pitch, followed(yaw, last.z))
-    }
-
-    /// The same without a branch, for attitudes side by side; false where it is not, which is at rare ones.
-    #[inline(always)]
-    pub fn euler_near_of_most(&self, last: &Vector3<f64>) -> (Vector3<f64>, bool) {
-        // One by one: a closure over all three would be called, and nothing with a call goes side by side.
-        let [roll, pitch, yaw] = self.arcs();
-        let (roll, knows_roll) = atan2_of_most(roll.0, roll.1);
-        let (pitch, knows_pitch) = atan2_of_most(pitch.0, pitch.1);
-        let (yaw, knows_yaw) = atan2_of_most(yaw.0, yaw.1);
-        let eta2 = Vector3::new(near(roll, last.x), pitch, near(yaw, last.z));
-        (eta2, knows_roll & knows_pitch & knows_yaw)
     }
 
     /// What roll, pitch and yaw are the angles of: y and x of each.

@@ -32,24 +32,6 @@ impl Inertia {
         }
     }
 
-    /// What [`Self::coupling`] and [`Self::acceleration`] are made of, to lay it beside that of other airframes.
-    #[inline]
-    pub fn numbers(&self) -> [f64; 9] {
-        let (i_m, inverse, ratio) = (&self.i_m, &self.inverse, &self.ratio);
-        [
-            i_m.x, i_m.y, i_m.z, inverse.x, inverse.y, inverse.z, ratio.x, ratio.y, ratio.z,
-        ]
-    }
-
-    #[inline(always)]
-    pub fn of_numbers([a, b, c, d, e, f, g, h, i]: [f64; 9]) -> Self {
-        Self {
-            i_m: Vector3::new(a, b, c),
-            inverse: Vector3::new(d, e, f),
-            ratio: Vector3::new(g, h, i),
-        }
-    }
-
     /// The diagonal of I_M [kg m^2].
     #[inline]
     pub const fn i_m(&self) -> &Vector3<f64> {

@@ -9,14 +9,13 @@ use std::time::{Duration, Instant};
 use campaign::chunk::{self, State};
 use campaign::table::Row;
 use errors::{Failure, INTERRUPTED, OK};
-use plant::LANES;
 
 use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::runs::size;
 use errors::output::{print, say};
-use experiments::campaign::batch;
 use experiments::campaign::flight_settings::{Plan, open_directory};
+use experiments::campaign::rows::{Flight, fly_all};
 use experiments::parallel::processors;
 use experiments::progress::Progress;
 use process::signals::stop_flag;
@@ -107,7 +106,7 @@ fn fly(
 ) -> Result<Ended, Failure> {
     let mut ended = Ended::default();
     let (campaign, identity) = (&plan.campaign, &plan.identity);
-    let flights_of = |chunk: u64| -> Vec<batch::Flight> {
+    let flights_of = |chunk: u64| -> Vec<Flight> {
         let arms = 0..campaign.arms.len();
         let flights = campaign.flights_of(chunk);
         flights
@@ -131,7 +130,7 @@ fn fly(
             progress.skip(rows_of(chunk));
         } else {
             let look = |done| progress.look(ended.flown + done);
-            match batch::rows(plan, &flights_of(chunk), jobs, stop, look) {
+            match fly_all(plan, &flights_of(chunk), jobs, stop, look) {
                 Err(failure) if failure.code == INTERRUPTED => ended.interrupted = true,
                 Err(failure) => return Err(failure),
                 Ok(rows) => {
@@ -186,18 +185,10 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
     let mut next = 0;
     while next < tried && begun.elapsed() <= TRIED {
-        // First one, which may be long, then as many as fly abreast.
-        let end = if next == 0 {
-            1
-        } else {
-            tried.min(next + LANES as u64)
-        };
-        let flights: Vec<batch::Flight> = (next..end)
-            .flat_map(|i| (0..arms).map(move |arm| (flight(i), arm)))
-            .collect();
+        let flights: Vec<Flight> = (0..arms).map(|arm| (flight(next), arm)).collect();
         let stop = AtomicBool::new(false);
-        rows.extend(batch::rows(&plan, &flights, 1, &stop, |_| ())?);
-        next = end;
+        rows.extend(fly_all(&plan, &flights, 1, &stop, |_| ())?);
+        next += 1;
     }
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
     let jobs = args.jobs.unwrap_or_else(processors);

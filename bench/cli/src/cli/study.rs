@@ -76,7 +76,7 @@ pub struct MarginArgs {
     #[command(flatten)]
     pub laws: LawSetArgs,
     /// Another bound for the limits: unnoticed_below_m (0.02), recovered_below_m (flight.tracking_error_max_m),
-    /// recovery_max_s (5), survival_max_s (20), rate_step_more_rad_s (1e-4); may be repeated.
+    /// recovery_max_s (5), survival_max_s (20), rate_step_increase_rad_s (1e-4); may be repeated.
     #[arg(long = "gate", value_name = "NAME=MAX", value_parser = bound)]
     pub gates: Vec<(BoundName, f64)>,
     /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration. 1 is a

@@ -17,7 +17,7 @@ use sim::simulate::Judge;
 use sim::simulator::Simulator;
 
 /// A flight ends when its error has been below the bound for this time after an outage [s].
-const CALM_S: f64 = 5.0;
+const RECOVERED_FOR_S: f64 = 5.0;
 
 /// From when on after the beginning of a fault the change of the body rate is taken [s].
 const SETTLED_S: f64 = 1.0;
@@ -91,7 +91,7 @@ impl<'a> Flights<'a> {
 
     /// Flies with a fault for `ticks` ticks, or with a steady one.
     pub fn fly(&self, at: u64, fault: String, ticks: Option<u64>) -> Result<Point, Failure> {
-        let calm_s = ticks.map_or(f64::INFINITY, |_| CALM_S);
+        let calm_s = ticks.map_or(f64::INFINITY, |_| RECOVERED_FOR_S);
         self.point(at, vec![fault], self.from + ticks.unwrap_or(0), calm_s)
     }
 
@@ -134,7 +134,7 @@ impl<'a> Flights<'a> {
             })?;
         }
         let recovery_s = (back - end) as f64 * period_s;
-        let unfaulted = self.unfaulted.rate_step_more_rad_s;
+        let unfaulted = self.unfaulted.rate_step_increase_rad_s;
         let is_back = recovery_s <= self.bounds.survival_max_s;
         let lost = match rig.envelope() {
             Err(EnvelopeViolation::Tilt { .. }) => Some(Cause::Tilt),
@@ -147,7 +147,7 @@ impl<'a> Flights<'a> {
             at,
             peak_m: lost.is_none().then_some(peak_m),
             recovery_s: (lost.is_none() && is_back).then_some(recovery_s),
-            rate_step_more_rad_s: (sum / f64::from(steps.max(1)) - unfaulted * unfaulted)
+            rate_step_increase_rad_s: (sum / f64::from(steps.max(1)) - unfaulted * unfaulted)
                 .max(0.0)
                 .sqrt(),
             cause: lost.or((!is_back).then_some(Cause::Error)),

@@ -63,7 +63,9 @@ pub const BOUNDS: [BoundName; 5] = [
     ("recovered_below_m", |it| &mut it.recovered_below_m),
     ("recovery_max_s", |it| &mut it.recovery_max_s),
     ("survival_max_s", |it| &mut it.survival_max_s),
-    ("rate_step_more_rad_s", |it| &mut it.rate_step_more_rad_s),
+    ("rate_step_increase_rad_s", |it| {
+        &mut it.rate_step_increase_rad_s
+    }),
 ];
 
 /// The defaults, with what was given on the command line.
@@ -73,7 +75,7 @@ pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds,
         recovered_below_m: settings.flight.tracking_error_max_m,
         recovery_max_s: 5.0,
         survival_max_s: 20.0,
-        rate_step_more_rad_s: 1e-4,
+        rate_step_increase_rad_s: 1e-4,
     };
     for (i, ((name, bound), most)) in given.iter().enumerate() {
         if given[..i].iter().any(|((other, _), _)| other == name) {

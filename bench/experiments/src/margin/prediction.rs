@@ -6,7 +6,8 @@
 //!
 //! * for the delay at the rotor commands: d is added to those along one axis, before the plant measures the rotors;
 //! * for the gain behind the measured rotors: d is an angular acceleration, by the gain of the disturbance h(t) in (3).
-//!   A law that measures the rotors knows their torque, and takes the rest of a greater gain for a disturbance.
+//!   An observer that measures the rotors knows their torque. It attributes the extra acceleration of a higher gain to a
+//!   disturbance and compensates it; a cut at the commands hides this and overestimates the gain margin.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::atomic::AtomicBool;

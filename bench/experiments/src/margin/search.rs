@@ -189,7 +189,7 @@ mod tests {
                         at,
                         peak_m: Some(if at <= limits[0] { 0.01 } else { 1.0 }),
                         recovery_s: Some(if at <= limits[1] { 1.0 } else { 9.0 }),
-                        rate_step_more_rad_s: 0.0,
+                        rate_step_increase_rad_s: 0.0,
                         cause: (at > limits[2]).then_some(analysis::margin::Cause::Ground),
                     });
                 }

@@ -60,7 +60,7 @@ pub fn fly_with(
 
 /// Runs with recorded timing and reports to `judge`. A simulation of the whole recorded flight includes what its stages
 /// sent after the last state.
-pub fn follow(
+fn follow(
     timing: &Timing,
     rig: &mut Simulator,
     settings: &Settings,
