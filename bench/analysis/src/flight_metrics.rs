@@ -104,7 +104,8 @@ impl ComparedFlight {
         if state.truth.position_w_m[2] < self.ground_z_m {
             self.lost.get_or_insert(tick);
         }
-        if self.lost.is_some() {
+        // A flight that is lost at once has the errors of that tick.
+        if self.lost.is_some() && !self.error_m.is_empty() {
             return;
         }
         let errors = self.tracking.errors(tick, state, None);

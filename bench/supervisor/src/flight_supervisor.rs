@@ -53,8 +53,7 @@ use recorder::run_directory::RunDirectory;
 /// Polling period of the supervisor; shorter if it restarts roles.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Why a process is not started again beside another channel.
-const UNSAVED: &str =
-    "its law cannot be saved, so that a new process could not continue from another channel";
+const UNSAVED: &str = "no state of its law was saved from which a new process could continue";
 /// In how many ticks a channel is outvoted before its processes are killed.
 const OUTVOTED_TICKS: u64 = 3;
 /// How long restarted processes are not killed for being outvoted.

@@ -239,6 +239,11 @@ pub fn create_file(path: &Path) -> io::Result<File> {
 
 /// Writes a text into a file, opened as by [`create_file`].
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    // A file gets its new text whole or stays; what is no file has no old text.
+    if fs::symlink_metadata(path).is_ok_and(|it| it.is_file()) {
+        let written = write_whole(path, |file| file.write_all(text.as_bytes()), || true);
+        return written.in_file("write", path);
+    }
     create_file(path)
         .and_then(|mut file| file.write_all(text.as_bytes()))
         .in_file("write", path)
@@ -264,7 +269,8 @@ pub fn write_whole<E: fmt::Display>(
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{process}-{number}.aside"));
     let aside = path.with_file_name(name);
-    let mut file = File::create(&aside).map_err(|e| e.to_string())?;
+    let _ = fs::remove_file(&aside);
+    let mut file = File::create_new(&aside).map_err(|e| e.to_string())?;
     let mut synced = Ok(());
     let written = write(&mut file).map_err(|e| e.to_string());
     let replaced = written.and_then(|()| {

@@ -10,6 +10,9 @@ use errors::Failure;
 
 /// For a trajectory that does not repeat: the span in which faults begin [s].
 const NO_CYCLE_S: f64 = 10.0;
+/// The longest time until a flight must be back on its trajectory [s].
+const SURVIVAL_MAX_S: f64 = 600.0;
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phases {
     /// First ticks of the faults, ascending; at least one.
@@ -85,6 +88,12 @@ pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds,
         *bound(&mut bounds) = *most;
     }
     let (recovery_s, survival_s) = (bounds.recovery_max_s, bounds.survival_max_s);
+    if survival_s > SURVIVAL_MAX_S {
+        let what = format!(
+            "--gate survival_max_s={survival_s}: allowed are 0 to {SURVIVAL_MAX_S}: each flight lasts as long"
+        );
+        return Err(Failure::usage(what).help("name a shorter time, in s"));
+    }
     if recovery_s > survival_s {
         let what = format!(
             "--gate recovery_max_s={recovery_s}: allowed are 0 to survival_max_s, {survival_s}"
