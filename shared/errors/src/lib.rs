@@ -239,11 +239,6 @@ pub fn create_file(path: &Path) -> io::Result<File> {
 
 /// Writes a text into a file, opened as by [`create_file`].
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
-    // A file gets its new text whole or stays; what is no file has no old text.
-    if fs::symlink_metadata(path).is_ok_and(|it| it.is_file()) {
-        let written = write_whole(path, |file| file.write_all(text.as_bytes()), || true);
-        return written.in_file("write", path);
-    }
     create_file(path)
         .and_then(|mut file| file.write_all(text.as_bytes()))
         .in_file("write", path)
