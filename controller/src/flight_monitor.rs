@@ -44,7 +44,7 @@ impl FlightMonitor {
         self.number
     }
 
-    /// What the steps of the present law show without ground truth.
+    /// The innovation of the present law's steps, which needs no ground truth.
     pub fn innovation(&self) -> Innovation {
         let monitor = self.monitor.as_ref();
         monitor.map_or(Innovation::default(), |monitor| *monitor.innovation())

@@ -83,17 +83,18 @@ static void tick(void *instance, const IronbirdInnerInput *in, IronbirdDemand *o
         out->torque_b_nm[i] = 0;
         if (!rates.fresh) // no torque is flown on an old measurement, and nothing is learnt from it
             continue;
-        double *integral = &law->memory.integral[i];
-        const double acting = in->given.torque_b_nm[i] / air->inertia_kg_m2[i]; // [rad/s^2]
-        if (in->given.other_law) // another law flies: the integral follows what that law commands
-            *integral -= (acting + law->set[INTEGRAL].number[0] * *integral) * law->rig.period_s / law->set[RATE].number[0];
-        else if (!in->given.saturated) // what the rotors cannot give is not integrated
-            *integral += rates.error[i] * law->rig.period_s;
-        const double pi = law->set[RATE].number[0] * rates.error[i] + law->set[INTEGRAL].number[0] * *integral;
-        const double acceleration = rates.wanted_dot[i] - rates.coupling[i] - pi;
         // The true drag, where nothing is swapped: a rival of a law that must learn it would leave it out.
         const double drag = air->rotational_drag_nm_s * in->measured.rate_b_rad_s[i];
-        out->torque_b_nm[i] = air->inertia_kg_m2[i] * acceleration + drag;
+        const double known = rates.wanted_dot[i] - rates.coupling[i]; // [rad/s^2]
+        double *integral = &law->memory.integral[i];
+        if (in->given.other_law) { // another law flies: the integral follows what that law adds to the known
+            const double added = (in->given.torque_b_nm[i] - drag) / air->inertia_kg_m2[i] - known;
+            *integral -= (added + law->set[INTEGRAL].number[0] * *integral) * law->rig.period_s / law->set[RATE].number[0];
+        } else if (!in->given.saturated) { // what the rotors cannot give is not integrated
+            *integral += rates.error[i] * law->rig.period_s;
+        }
+        const double pi = law->set[RATE].number[0] * rates.error[i] + law->set[INTEGRAL].number[0] * *integral;
+        out->torque_b_nm[i] = air->inertia_kg_m2[i] * (known - pi) + drag;
         shown->value[i] = rates.error[i];
     }
 }

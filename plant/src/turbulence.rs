@@ -35,7 +35,7 @@ pub const LENGTH_M: [f64; 3] = [
     HEIGHT_FT * METRES_PER_FOOT,
 ];
 
-/// So many time units L/V after any start, nothing is left of it.
+/// Time in units of L/V after which the start has no effect on the filter.
 const LONG: f64 = 1e3;
 
 #[derive(Clone, Copy, Debug)]

@@ -64,7 +64,7 @@ pub struct Outcome {
     pub lost_s: Option<f64>,
     /// A sentence for each law whose answers could not all be used.
     pub unusable: Vec<String>,
-    /// What a page draws of the flight; JSON has it only on request.
+    /// The traces that a page draws; JSON has them only on request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<Traces>,
     #[serde(flatten)]

@@ -74,7 +74,7 @@ pub struct FlightStatistics {
     pub tracer: Tracer,
     /// Tick of the newest state, and when it was sampled.
     newest: Option<(u64, u64)>,
-    /// What the plant had counted when it published that.
+    /// Counts of the plant in the newest state.
     missed: u64,
     skipped: u64,
     /// States that were published after the newest one that came.

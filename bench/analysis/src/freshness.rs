@@ -109,7 +109,7 @@ mod tests {
         // The command of tick 1 is late, and it is of an older input.
         stages(&mut statistics, 1, [1, 1, 0], FRESH);
         statistics.judge(1, true);
-        // That of tick 2 was not received by the recorder.
+        // The recorder did not receive the message of tick 2.
         statistics.judge(2, false);
         assert_eq!((statistics.missed, statistics.stale), (1, 0));
         // A recorder that joins counts earlier ticks as far as the plant reports them.

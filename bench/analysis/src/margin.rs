@@ -117,7 +117,7 @@ pub struct Point {
     /// fault [s]; none where it did not.
     pub recovery_s: Option<f64>,
     /// Change of the body rate per tick, beyond that of the flight without a fault: root of the difference of their mean
-    /// squares [rad/s].
+    /// squares [rad/s]; of that flight itself, the whole change.
     pub rate_step_increase_rad_s: f64,
     /// Why the first flight that did not survive failed.
     pub cause: Option<Cause>,

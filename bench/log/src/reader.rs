@@ -445,7 +445,7 @@ impl LogReader {
 
 /// The channels of a file, and the message that is being put together.
 struct Assembly {
-    /// What is read by the messages' layouts, by channel: place in [`TOPICS`], and whether the log has format 1.
+    /// The topics that are read by the messages' layouts, by channel: place in [`TOPICS`], and whether the log has format 1.
     channels: BTreeMap<u16, (usize, bool)>,
     /// Topics whose messages have what their law shows right behind them, by place in [`TOPICS`].
     beside: BTreeMap<usize, String>,

@@ -74,7 +74,7 @@ pub struct MessageStreams {
     flight: FlightStream,
 }
 
-/// What happens to the messages of the flight, in the order in which they were sent.
+/// The events of the flight's messages, in the order in which they were sent.
 pub struct FlightStream {
     pub statistics: FlightStatistics,
     /// The newest states: a stage that was stopped between reading and working may use one this old.

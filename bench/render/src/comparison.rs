@@ -1,7 +1,7 @@
 //! A comparison of control laws on one flight.
 
 use crate::document::{Block, Document, Figure, Section, Table};
-use crate::figures::{self, ANGLES, AXES, ESTIMATED, ROTORS, SYMBOLS, UNITS};
+use crate::figures::{self, ANGLES, AXES, SYMBOLS, UNITS};
 use crate::plot::{Axis, Chart, LAWS, Layer, braided, through};
 use crate::scale::Scale;
 use analysis::comparison::{
@@ -223,62 +223,50 @@ fn motion(comparison: &Comparison) -> Option<Section> {
         path([0, 1], "Path seen from above"),
         path([0, 2], "Path seen along y"),
     ];
-    let mut add = |id: &str, label: String, channel: &str, reference: Option<&str>, least: f64| {
-        let (mut layers, mut values) = lines(comparison, motion_of, channel, f64::NEG_INFINITY);
-        let spans = reference.into_iter().flat_map(|it| {
-            let groups = outcomes.iter().filter_map(motion_of);
-            let longest = groups
-                .filter(|it| it.has(channel))
-                .max_by_key(|it| it.tick.last());
-            longest.into_iter().flat_map(move |group| group.spans(it))
-        });
-        let points = through(spans, |tick| [comparison.flight.time_s(tick); 2]);
-        values.extend(points.iter().map(|point| point.1));
-        if values.is_empty() {
-            return;
-        }
-        layers.insert(0, Layer::Line("reference", points));
-        let scale = Scale::linear(values.into_iter(), least);
-        let chart = over(comparison, &label, scale, layers);
-        shown.push(Figure::new(
-            format!("motion-{id}"),
-            label,
-            Vec::new(),
-            chart,
-        ));
-    };
-    for (i, axis) in AXES.into_iter().enumerate() {
+    let position = (0..3).map(|i| {
         let reference = Some(traces::POSITION_REFERENCE[i]);
-        add(
-            axis,
-            format!("{axis} [m]"),
+        (
+            format!("{} [m]", AXES[i]),
             traces::POSITION[i],
             reference,
             0.01,
-        );
-    }
-    for (i, angle) in ANGLES.into_iter().enumerate() {
-        add(
-            angle,
-            format!("{angle} [rad]"),
+        )
+    });
+    let attitude = (0..3).map(|i| {
+        (
+            format!("{} [rad]", ANGLES[i]),
             traces::ATTITUDE[i],
             None,
             0.01,
-        );
-    }
-    for (i, rotor) in ROTORS.into_iter().enumerate() {
+        )
+    });
+    let rotors = (0..4).map(|i| {
         let label = format!("command of rotor {} [rad/s]", i + 1);
-        add(rotor, label, traces::ROTORS[i], None, 1.0);
-    }
-    for (i, name) in ESTIMATED.into_iter().enumerate() {
+        (label, traces::ROTORS[i], None, 1.0)
+    });
+    let estimates = (0..3).map(|i| {
         let label = format!("estimate of {} [{}]", SYMBOLS[i], UNITS[i]);
-        add(
-            name,
-            label,
-            traces::ESTIMATE[i],
-            Some(traces::ACTUAL[i]),
-            0.0,
-        );
+        (label, traces::ESTIMATE[i], Some(traces::ACTUAL[i]), 0.0)
+    });
+    for (label, channel, reference, least) in
+        position.chain(attitude).chain(rotors).chain(estimates)
+    {
+        let (mut layers, mut values) = lines(comparison, motion_of, channel, f64::NEG_INFINITY);
+        let groups = outcomes.iter().filter_map(motion_of);
+        let longest = groups
+            .filter(|it| it.has(channel))
+            .max_by_key(|it| it.tick.last());
+        let Some(longest) = longest else {
+            continue;
+        };
+        let spans = reference.into_iter().flat_map(|it| longest.spans(it));
+        let points = through(spans, |tick| [comparison.flight.time_s(tick); 2]);
+        values.extend(points.iter().map(|point| point.1));
+        layers.insert(0, Layer::Line("reference", points));
+        let scale = Scale::linear(values.into_iter(), least);
+        let chart = over(comparison, &label, scale, layers);
+        let id = format!("motion-{channel}");
+        shown.push(Figure::new(id, label, Vec::new(), chart));
     }
     let blocks = vec![Block::Legend(keys.collect()), Block::Figures(shown)];
     Some(Section::new(

@@ -11,10 +11,10 @@ use analysis::traces::{self, Group, Path, Traces};
 /// Names of a vector's components: also their colours.
 pub const AXES: [&str; 3] = ["x", "y", "z"];
 pub const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
-pub const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
+const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
 pub const SYMBOLS: [&str; 3] = ["I_R", "k_r", "delta"];
 pub const UNITS: [&str; 3] = ["kg m^2", "N m s", "rad/s^2"];
-pub const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
+const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
 
 /// Height of a picture of the path [pixels].
 const PATH_HEIGHT: f64 = 330.0;

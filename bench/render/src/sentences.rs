@@ -152,7 +152,7 @@ pub fn contradiction(section: &RedundancySection) -> String {
     }
 }
 
-/// What is known of why a flight was lost.
+/// The known cause of a lost flight.
 pub fn loss(section: &LossSection) -> String {
     let at = |lost: &SimulatedLoss| lost.lost_at_s.map(|s| format!("at {s:.2} s"));
     let with = section.with_delays.as_ref();

@@ -392,7 +392,7 @@ impl FlightReplay {
                 }
                 Ok(())
             }
-            // Those of the flight are the same, as the log check compares.
+            // The log check compares them with the flight's.
             (Some(_), LogEntry::Swap(_) | LogEntry::Decisions(_)) | (_, LogEntry::Loss(_)) => {
                 Ok(())
             }

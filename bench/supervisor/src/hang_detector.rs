@@ -25,7 +25,7 @@ pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// A counter that does not advance for this time, or for [`TICKS`], is a hang: it is noticed within 100 ms.
 pub(super) const HANG_TIMEOUT: Duration = Duration::from_millis(80);
 const TICKS: u32 = 5;
-/// The same of the recorder, which writes its report each second, to a disk that may be slow.
+/// The recorder's time limit: it writes its report each second, to a disk that may be slow.
 const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
 #[derive(Debug)]

@@ -215,7 +215,7 @@ impl Law for Fixed {
         name: "fixed",
         role: Role::Inner,
         version: "1",
-        summary: "`adaptive` without its adaptation: the A of an A/B",
+        summary: "`adaptive` with adaptation switched off (baseline for comparison)",
         source: SOURCE,
         settings: &[
             gains::ATTITUDE,

@@ -57,7 +57,7 @@ impl Measured {
         ticks(self.age)
     }
 
-    /// What the mixer made of the demand.
+    /// The active command of the mixer.
     #[getter]
     const fn given(&self) -> Given {
         self.given

@@ -154,7 +154,7 @@ fn level(rig: &Rig, yaw_rad: f64) -> Desired {
     }
 }
 
-/// What the laws of a group of channels are given of the rotor command in force.
+/// Evaluates the rotor command in force for the laws of a group of channels.
 #[derive(Clone, Copy)]
 struct ActiveCommand {
     k: f64,

@@ -10,7 +10,7 @@ use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig, SavedState};
 use messages::content::{
     Measured, Mode, NO_TICK, ROTORS, Reference, Setpoint, Stamped, State, Wrench,
 };
-use messages::role::Role;
+use messages::role::{Channel, Role};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic as _;
 use proptest::prelude::*;
@@ -48,7 +48,7 @@ impl Fixed {
 }
 
 /// Its signals as an inner law; in the other roles it only sets the first.
-const SHOWN: [Signal; 10] = [
+const SHOWN: [Signal; 11] = [
     signal("calls", ""),
     signal("age", ""),
     signal("wanted_age", ""),
@@ -59,6 +59,7 @@ const SHOWN: [Signal; 10] = [
     signal("thrust_n", "N"),
     signal("pitch_nm", "N m"),
     signal("saturated", ""),
+    signal("other_law", ""),
 ];
 
 impl Law for Fixed {
@@ -113,9 +114,10 @@ impl InnerLaw for Fixed {
             given.thrust_n,
             given.torque_b_nm[1],
             given.saturated as f64,
+            given.other_law as f64,
             9.0,
         ];
-        telemetry.value[1..11].copy_from_slice(&shown);
+        telemetry.value[1..12].copy_from_slice(&shown);
         let torque = (self.wrong)(input.tick).unwrap_or(0.01);
         let usual = [wanted.thrust_n, 0.0, torque, 0.0];
         let [thrust_n, x, y, z] = self.call(telemetry).unwrap_or(usual);
@@ -254,7 +256,7 @@ proptest! {
 }
 
 #[test]
-fn the_law_is_asked_in_every_tick_and_told_how_old_its_inputs_are() {
+fn the_law_is_called_in_every_tick_with_the_ages_of_its_inputs() {
     let mut guarded = inner(|_| None);
     guarded.tick(0, &Stamped::never(), &Stamped::never());
     guarded.tick(1, &state(1), &setpoint(1));
@@ -264,7 +266,7 @@ fn the_law_is_asked_in_every_tick_and_told_how_old_its_inputs_are() {
 }
 
 #[test]
-fn the_law_is_told_what_the_mixer_made_of_its_demand() {
+fn the_law_is_given_the_active_command_and_whether_another_law_made_it() {
     let mut guarded = inner(|_| None);
     let never = guarded.tick(0, &Stamped::never(), &setpoint(0)).telemetry;
     assert_eq!(never.value[6..10], [-1.0, 0.0, 0.0, 0.0]);
@@ -279,6 +281,21 @@ fn the_law_is_told_what_the_mixer_made_of_its_demand() {
         [4.0, speeds.thrust_n, pitch_nm, 1.0]
     );
     assert!(pitch_nm < 0.0, "the front pushes more: {pitch_nm}");
+    // Of three channels, c flies its own law.
+    for (group, flying, other_law) in [
+        (Channel::A, Channel::A, 0.0),
+        (Channel::A, Channel::C, 1.0),
+        (Channel::C, Channel::A, 1.0),
+        (Channel::C, Channel::C, 0.0),
+    ] {
+        let mut guarded = inner(|_| None).in_group(group);
+        state.content.decision.group = flying as u64;
+        let shown = guarded.tick(10, &state, &setpoint(10)).telemetry;
+        assert_eq!(shown.value[10], other_law, "{group} while {flying} flies");
+        // Before the first command no law flies.
+        let never = guarded.tick(11, &Stamped::never(), &setpoint(11)).telemetry;
+        assert_eq!(never.value[10], 0.0, "{group}");
+    }
 }
 
 #[test]
