@@ -195,6 +195,12 @@ impl Assumptions {
         }
     }
 
+    /// What explains that the rotors give another torque than the wrench of the command in force asks for.
+    pub fn cause_of_torque(&self, tick: u64) -> Cause {
+        let causes = [Cause::MotorLag, Cause::Saturation, Cause::StaleInput];
+        self.first(causes, tick)
+    }
+
     fn first<const N: usize>(&self, causes: [Cause; N], tick: u64) -> Cause {
         causes
             .into_iter()

@@ -2,7 +2,7 @@
 
 use crate::TheoremMonitor;
 use crate::innovation::Innovation;
-use messages::content::{NO_TICK, Stamped, State, Wrench};
+use messages::content::{NO_TICK, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
 
@@ -50,13 +50,15 @@ impl FlightMonitor {
         monitor.map_or(Innovation::default(), |monitor| *monitor.innovation())
     }
 
-    /// The monitor message for a wrench and the state it was computed from; none if the law's state was not watched.
+    /// The monitor message for a wrench and the state and setpoint it was computed from; none if the law's state was not
+    /// watched.
     ///
     /// Its header is that of the wrench, with the monitor's number as epoch and that of the result as sequence number.
     pub fn watch(
         &mut self,
         wrench: &Message<Wrench>,
         state: Option<&Stamped<State>>,
+        setpoint: Option<&Stamped<Setpoint>>,
     ) -> Option<Message<Monitor>> {
         let mut envelope = wrench.envelope;
         let law_state = &envelope.law_state;
@@ -66,10 +68,12 @@ impl FlightMonitor {
             self.monitor = None;
         }
         self.watched = Some((envelope.tick, law_state.after));
-        if state.is_none() {
+        let inputs = state.zip(setpoint);
+        if inputs.is_none() {
             self.monitor = None;
         }
-        let content = *self.watch_next(envelope.tick, state?, &wrench.content)?;
+        let (state, setpoint) = inputs?;
+        let content = *self.watch_next(envelope.tick, state, setpoint, &wrench.content)?;
         (envelope.epoch, envelope.seq) = (self.number, self.next_result);
         self.next_result += 1;
         Some(Message { envelope, content })
@@ -88,12 +92,13 @@ impl FlightMonitor {
         &mut self,
         tick: u64,
         state: &Stamped<State>,
+        setpoint: &Stamped<Setpoint>,
         wrench: &Wrench,
     ) -> Option<&Monitor> {
         self.watched.get_or_insert((tick, 0));
         self.monitor
             .as_mut()
-            .map(|monitor| monitor.watch(tick, state, wrench))
+            .map(|monitor| monitor.watch(tick, state, setpoint, wrench))
     }
 }
 
@@ -116,7 +121,8 @@ mod tests {
         wrenches.map(|(tick, law_state, has_state)| {
             let mut wrench = Message::of_tick(tick, Wrench::default());
             wrench.envelope.law_state = law_state;
-            let result = monitor.watch(&wrench, has_state.then_some(&state))?;
+            let setpoint = Stamped::new(tick, Setpoint::default());
+            let result = monitor.watch(&wrench, has_state.then_some(&state), Some(&setpoint))?;
             assert_eq!(result.envelope.tick, tick);
             assert_eq!(result.envelope.seq + 1, result.content.ticks_stale);
             Some((result.envelope.epoch, result.content.ticks_stale))

@@ -28,6 +28,8 @@ pub mod monitor;
 pub mod motor_lag;
 pub mod rate_law;
 pub mod rate_loop;
+pub mod torque_check;
+pub mod torque_law;
 pub mod trajectory;
 
 pub use flight_monitor::FlightMonitor;

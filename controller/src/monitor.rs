@@ -3,19 +3,21 @@
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
 //! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings, and sees states, with their
 //! truth, and wrenches. X and Y follow from the states alone ([`crate::adaptation`]). It stands beside a flight and not
-//! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks two
+//! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks four
 //! things at every step:
 //!
 //! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
 //! 2. V_th changes by what the step owes, allowing for the model's mismatch ([`crate::lyapunov`]): this is an identity of
 //!    the update. Where a bound holds the step back, V_th changes by no more, if the bounds contain the truth.
+//! 3. The wrench is (19) of its own inputs and of the estimates, and e is what it says ([`crate::torque_check`]).
+//! 4. The rotors give the torque of the wrench whose command is in force. If not, a broken assumption must explain it.
 //!
 //! V, which contains the rate error, is reported and never judged: its inequality is proven only without delay.
 
 use std::f64::consts::SQRT_2;
 
 use control_api::law::Rig;
-use messages::content::{Stamped, State, Wrench};
+use messages::content::{Setpoint, Stamped, State, Wrench};
 use messages::math::exp;
 use messages::monitor::{Cause, Monitor};
 use messages::topic::Topic as _;
@@ -28,6 +30,7 @@ use crate::gains::Gains;
 use crate::innovation::Innovation;
 use crate::laws::adaptive;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
+use crate::torque_check::{RotorTorque, TorqueCheck, TorqueSeen};
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
 pub const ROUNDING: f64 = 1e-12;
@@ -52,6 +55,7 @@ pub struct TheoremMonitor {
     /// That of the law, from the same states.
     evidence: Evidence,
     assumptions: Assumptions,
+    torque: TorqueCheck,
     excitation: Excitation,
     innovation: Innovation,
     rate_weight: RateWeight,
@@ -87,6 +91,7 @@ impl TheoremMonitor {
             adaptation,
             evidence: Evidence::new(rig, gains),
             assumptions: Assumptions::new(&adaptation, &rig.airframe),
+            torque: TorqueCheck::new(rig, gains),
             excitation: Excitation::new(period_s),
             innovation: Innovation::default(),
             rate_weight: RateWeight::new(&adaptation),
@@ -105,10 +110,16 @@ impl TheoremMonitor {
         }
     }
 
-    /// Looks at the wrench of a tick, and at the state that the law made it from, whatever tick that is of.
+    /// Looks at the wrench of a tick, and at the state and setpoint that the law made it from, whatever tick they are of.
     ///
     /// Call it for every wrench of a law from its first one on, with rising ticks; ticks without a wrench are left out.
-    pub fn watch(&mut self, tick: u64, state: &Stamped<State>, wrench: &Wrench) -> &Monitor {
+    pub fn watch(
+        &mut self,
+        tick: u64,
+        state: &Stamped<State>,
+        setpoint: &Stamped<Setpoint>,
+        wrench: &Wrench,
+    ) -> &Monitor {
         let moved = self.assumptions.look(tick, state, wrench);
         let mut now = Monitor {
             causes: self.assumptions.bits(tick),
@@ -116,10 +127,14 @@ impl TheoremMonitor {
             ..self.shown
         };
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
+        let newest = self.evidence.samples().newest_tick();
         if state.tick == tick {
             self.evidence.take(tick, &state.content.measured);
             self.compare(tick, &state.content, wrench, moved, &mut now);
         }
+        let (inputs, evidence) = ((state, setpoint), &mut self.evidence);
+        let seen = self.torque.take(tick, inputs, wrench, newest, evidence);
+        self.count(tick, &seen, &mut now);
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
         if !now.finite() {
             now = Monitor {
@@ -187,6 +202,21 @@ impl TheoremMonitor {
         }
         now.sigma = self.rate_weight.sigma();
         now.v = now.sigma / 2.0 * e.norm_squared() + now.v_th;
+    }
+
+    fn count(&self, tick: u64, seen: &TorqueSeen, now: &mut Monitor) {
+        let torque = &mut now.torque;
+        torque.wrenches += u64::from(seen.law.is_some());
+        torque.rotors += u64::from(seen.rotors.is_some());
+        torque.wrenches_wrong += u64::from(seen.law == Some(false));
+        let rotors_wrong = seen.rotors.and_then(|rotors| match rotors {
+            RotorTorque::Wanted => None,
+            RotorTorque::Older => Some(Cause::StaleInput),
+            RotorTorque::Another => Some(self.assumptions.cause_of_torque(tick)),
+        });
+        if let Some(cause) = rotors_wrong {
+            torque.rotors_wrong[cause as usize] += 1;
+        }
     }
 
     fn look(&self, now: &mut Monitor) {

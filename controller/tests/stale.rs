@@ -174,7 +174,10 @@ fn no_law_reads_the_truth() {
         let wrench = without.tick(tick, &plain, &setpoint(tick));
         assert!(wrench.is_same(&with.tick(tick, &shown, &setpoint(tick))));
         // The monitor does.
-        let plain = *of_plain.watch(tick, &plain, &wrench);
-        assert_ne!(&plain, of_shown.watch(tick, &shown, &wrench));
+        let plain = *of_plain.watch(tick, &plain, &setpoint(tick), &wrench);
+        assert_ne!(
+            &plain,
+            of_shown.watch(tick, &shown, &setpoint(tick), &wrench)
+        );
     }
 }

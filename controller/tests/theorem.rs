@@ -175,7 +175,7 @@ fn watched() -> Watched {
 impl Watched {
     fn tick(&mut self, tick: u64, state: &Stamped<State>) -> Monitor {
         let wrench = self.inner.tick(tick, state, &setpoint(tick));
-        *self.monitor.watch(tick, state, &wrench)
+        *self.monitor.watch(tick, state, &setpoint(tick), &wrench)
     }
 }
 
@@ -214,7 +214,7 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
             let mut wrench = inner.tick(tick, &state, &setpoint(tick));
             let estimate = Vector3::from(adaptive::estimate(&wrench.telemetry)) + push;
             wrench.telemetry.value[3..6].copy_from_slice(estimate.as_slice());
-            *monitor.watch(tick, &state, &wrench)
+            *monitor.watch(tick, &state, &setpoint(tick), &wrench)
         };
         for tick in 0..10 {
             assert_eq!(watch(tick, Vector3::zeros()).violations[0], 0);

@@ -7,7 +7,7 @@ use controller::assumptions::EXCUSES;
 use controller::excitation::EXCITING;
 use controller::innovation::Innovation;
 use controller::laws::may_have_theorem;
-use messages::monitor::{CAUSES, Cause, Monitor};
+use messages::monitor::{CAUSES, Cause, Monitor, TorqueCounts};
 use messages::parameters::{Airframe, ESTIMATED};
 use serde::ser::SerializeStruct as _;
 use serde::{Deserialize, Serialize, Serializer};
@@ -27,7 +27,7 @@ pub const NO_CAUSE: &str = "none";
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Theorem {
-    /// Whether no step was unexplained, and the estimates moved as predicted.
+    /// Whether no step was unexplained, the estimates moved as predicted, and the torque was that of (19).
     pub holds: bool,
     /// The inner law, where it has no theorem with its settings.
     pub law_without: Option<String>,
@@ -38,7 +38,7 @@ pub struct Theorem {
     pub ticks_judged: u64,
     /// Wrenches that were not judged, because a message before them was lost, or another process took over.
     pub ticks_unwatched: u64,
-    /// Steps at which V_th rose, or fell by less than the step owes, by cause.
+    /// Steps at which V_th rose, or changed by other than the step owes, by cause.
     pub violations: BTreeMap<String, u64>,
     /// Largest rise of V_th in a step, by the cause in force, or `none`.
     pub largest_rise: BTreeMap<String, Rise>,
@@ -60,6 +60,7 @@ pub struct Theorem {
     pub rate_error_max_rad_s: f64,
     /// Its root mean square over the last second or so [rad/s].
     pub rate_error_final_rad_s: f64,
+    pub torque: Torque,
     /// Ticks whose command in force could not be met.
     pub ticks_saturated: u64,
     pub ticks_stale: u64,
@@ -120,9 +121,9 @@ impl Theorem {
         rises.fold(0, |sum: u64, count| sum.saturating_add(*count))
     }
 
-    /// Whether V_th could be judged in so few steps that nothing good is said of it.
-    pub const fn is_hardly_judged(&self) -> bool {
-        self.ticks > 0 && self.ticks_judged < self.ticks / 2
+    /// Whether V_th could be judged, or the torque of (19) acted, in so few ticks that nothing good is said of it.
+    pub fn is_hardly_judged(&self) -> bool {
+        self.ticks > 0 && self.ticks_judged < self.ticks / 2 || self.torque.hardly_acted()
     }
 
     pub fn summary(&self) -> String {
@@ -130,7 +131,14 @@ impl Theorem {
             true => "live",
             false => "do not move as predicted",
         };
-        format!("{} unexplained, estimates {live}", self.unexplained())
+        let torque = match self.torque.unexplained() {
+            0 => "",
+            _ => ", the torque is not that of (19)",
+        };
+        format!(
+            "{} unexplained, estimates {live}{torque}",
+            self.unexplained()
+        )
     }
 
     /// Writes the section; of a law without a theorem, why there is none.
@@ -165,6 +173,63 @@ pub struct Rise {
     /// In a step [rad^2/s^2].
     pub absolute: f64,
     pub relative: f64,
+}
+
+/// Whether the torque of (19) was asked for, and acted.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Torque {
+    /// Wrenches that were compared with (19) of their inputs, and those that differ.
+    pub wrenches: u64,
+    pub wrenches_wrong: u64,
+    /// Ticks whose rotors were compared with the wrench of their command, and those with another torque, by cause.
+    pub rotors: u64,
+    pub rotors_wrong: BTreeMap<String, u64>,
+}
+
+impl Torque {
+    fn of(counts: &TorqueCounts) -> Self {
+        Self {
+            wrenches: counts.wrenches,
+            wrenches_wrong: counts.wrenches_wrong,
+            rotors: counts.rotors,
+            rotors_wrong: by_cause(&counts.rotors_wrong),
+        }
+    }
+
+    /// Wrenches that are not (19), and ticks whose rotors gave another torque without a cause.
+    pub fn unexplained(&self) -> u64 {
+        let rotors = self.rotors_wrong.get(Cause::Unexplained.name());
+        self.wrenches_wrong + rotors.copied().unwrap_or(0)
+    }
+
+    /// Ticks whose rotors gave the torque of (19).
+    fn acted(&self) -> u64 {
+        self.rotors - self.rotors_wrong.values().sum::<u64>()
+    }
+
+    /// Whether the torque of (19) acted in less than half of the ticks.
+    pub fn hardly_acted(&self) -> bool {
+        self.acted() < self.rotors / 2
+    }
+
+    /// In how many ticks the torque of (19) acted, and why not in the others.
+    pub fn says(&self) -> String {
+        let causes = self.rotors_wrong.iter().filter(|(_, ticks)| **ticks > 0);
+        let causes: Vec<String> = causes
+            .map(|(cause, ticks)| format!("{cause} in {ticks}"))
+            .collect();
+        let (acted, rotors) = (self.acted(), count(self.rotors, "tick"));
+        let mut says = format!("the torque of (19) acted in {acted} of {rotors}");
+        if !causes.is_empty() {
+            says += &format!(" ({})", causes.join(", "));
+        }
+        if self.wrenches_wrong > 0 {
+            let wrenches = count(self.wrenches, "wrench message");
+            says += &format!("; {} of {wrenches} are not (19)", self.wrenches_wrong);
+        }
+        says
+    }
 }
 
 /// What shows without ground truth whether the estimates explain the flight.
@@ -366,6 +431,12 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
         ticks_saturated: earlier.ticks_saturated + later.ticks_saturated,
         ticks_stale: earlier.ticks_stale + later.ticks_stale,
         live_swaps: earlier.live_swaps + later.live_swaps,
+        torque: TorqueCounts {
+            wrenches: earlier.torque.wrenches + later.torque.wrenches,
+            wrenches_wrong: earlier.torque.wrenches_wrong + later.torque.wrenches_wrong,
+            rotors: earlier.torque.rotors + later.torque.rotors,
+            rotors_wrong: sum(earlier.torque.rotors_wrong, later.torque.rotors_wrong),
+        },
         ..*later
     }
 }
@@ -403,8 +474,10 @@ impl Theorem {
         };
         let rises = Cause::ALL.into_iter().zip(monitor.rise_max);
         let is_live = monitor.is_live == 1;
+        let torque = Torque::of(&monitor.torque);
+        let is_explained = monitor.violations[Cause::Unexplained as usize] == 0;
         Self {
-            holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
+            holds: is_live && is_explained && torque.unexplained() == 0,
             ticks_checked: monitor.ticks_checked,
             violations: by_cause(&monitor.violations),
             largest_rise: rises.filter_map(rise).collect(),
@@ -418,6 +491,7 @@ impl Theorem {
             v_above_bound: by_cause(&monitor.v_above_bound),
             rate_error_max_rad_s: monitor.rate_error_max_rad_s,
             rate_error_final_rad_s: monitor.rate_error_rms_rad_s,
+            torque,
             ticks_saturated: monitor.ticks_saturated,
             ticks_stale: monitor.ticks_stale,
             live_swaps: monitor.live_swaps,

@@ -73,7 +73,7 @@ fn fly(
                 let error = adaptive::rate_error(&it.wrench.telemetry);
                 measured.rate_error_rms_rad_s += error.iter().map(|e| e * e).sum::<f64>();
             }
-            let position_error_m = it.sampled.position_error_m(&it.setpoint.reference);
+            let position_error_m = it.sampled.position_error_m(&it.setpoint.content.reference);
             measured.position_error_max_m = measured.position_error_max_m.max(position_error_m);
             measured.estimate = adaptive::estimate(&it.wrench.telemetry);
             let v_th = v_th(&measured.estimate) / v_th_start;

@@ -46,7 +46,7 @@ pub struct Tick {
     pub sampled: State,
     /// The state that the laws know.
     pub state: Stamped<State>,
-    pub setpoint: Setpoint,
+    pub setpoint: Stamped<Setpoint>,
     pub wrench: Wrench,
     pub is_saturated: bool,
 }
@@ -127,7 +127,7 @@ impl Flight {
                 tick,
                 sampled,
                 state,
-                setpoint: setpoint.content,
+                setpoint,
                 wrench,
                 is_saturated: command.saturated > 0,
             });

@@ -24,7 +24,8 @@ fn watched(
     flight.fly(deliver, |it| {
         statistics.truth(it.sampled.truth.theta());
         let wrench = publish(it.tick, &it.state, it.wrench);
-        statistics.take(0, monitor.watch(it.tick, &it.state, &wrench));
+        let monitor = monitor.watch(it.tick, &it.state, &it.setpoint, &wrench);
+        statistics.take(0, monitor);
     });
     statistics.section()
 }
@@ -53,6 +54,14 @@ fn without_a_fault_no_flight_violates_it_and_estimates_converge_where_it_excites
         assert_eq!(theorem.ticks_checked, flight.last_tick);
         assert!(theorem.largest_rise["none"].relative < 1e-12, "{said}");
         assert!(theorem.step_excess_max < 0.01, "{said}");
+        let torque = &theorem.torque;
+        let ticks = [torque.wrenches, torque.rotors];
+        assert_eq!(
+            ticks,
+            [flight.last_tick + 1, flight.last_tick - 1],
+            "{said}"
+        );
+        assert_eq!(torque.unexplained(), 0, "{said}");
         let ratio = theorem.descent / theorem.descent_predicted;
         assert!((0.98..1.02).contains(&ratio), "{ratio}, {said}");
         // V's inequality is not proven with the chain's delay, and does not hold: it must not be judged.
@@ -215,6 +224,33 @@ fn saturation_and_stale_inputs_take_v_beyond_its_bound_and_leave_v_th_alone() {
             "{theorem:?}"
         );
         assert_eq!(causes(&theorem.violations), [""; 0]);
+    }
+}
+
+#[test]
+fn a_torque_that_is_not_19_is_caught_whatever_the_estimates_do() {
+    type Change = fn(&mut Wrench);
+    let changes: [(&str, Change); 4] = [
+        ("a bias", |wrench| wrench.torque_b_nm[0] += 1e-6),
+        ("1 % more", |wrench| wrench.torque_b_nm[1] *= 1.01),
+        ("sign", |wrench| wrench.torque_b_nm[2] *= -1.0),
+        ("rate error", |wrench| wrench.telemetry.value[1] = 0.0),
+    ];
+    for (name, change) in changes {
+        let publish = |_, _: &_, mut wrench| {
+            change(&mut wrench);
+            wrench
+        };
+        let theorem = watched(&lissajous(), |_, state| Some(state), publish);
+        let said = format!("{name}: {theorem:?}");
+        assert_eq!(causes(&theorem.violations), [""; 0], "{said}");
+        assert!(
+            !theorem.holds && theorem.torque.wrenches_wrong > 10_000,
+            "{said}"
+        );
+        // The rotors had the right wrench.
+        let is_of_rotors = theorem.torque.unexplained() > theorem.torque.wrenches_wrong;
+        assert_eq!(is_of_rotors, name != "rate error", "{said}");
     }
 }
 

@@ -11,6 +11,7 @@ use messages::content::Decision;
 use messages::header::{Header, Message};
 use messages::history::LawState;
 use messages::layout::{FNV_OFFSET, Field, Kind, Visit, Visitor, VisitorMut, fnv1a};
+use messages::monitor::TorqueCounts;
 use messages::parameters::{FIRST_PARAMETERS, PARAMETERS};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
@@ -56,7 +57,11 @@ pub(crate) const fn is_added(field: &Field) -> bool {
 const fn is_called_added(name: &str) -> bool {
     const LAW_STATE: u64 = fnv1a(FNV_OFFSET, LawState::STRUCT.as_bytes());
     const DECISION: u64 = fnv1a(FNV_OFFSET, Decision::STRUCT.as_bytes());
-    matches!(fnv1a(FNV_OFFSET, name.as_bytes()), LAW_STATE | DECISION)
+    const TORQUE: u64 = fnv1a(FNV_OFFSET, TorqueCounts::STRUCT.as_bytes());
+    matches!(
+        fnv1a(FNV_OFFSET, name.as_bytes()),
+        LAW_STATE | DECISION | TORQUE
+    )
 }
 
 /// Length of an array that is logged.

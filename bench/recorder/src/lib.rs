@@ -14,7 +14,7 @@ pub mod atomic_file;
 pub mod hlog;
 pub mod host_monitor;
 pub mod injected_faults;
-mod inner_states;
+mod inner_inputs;
 pub mod kernel_trace;
 pub mod log_metadata;
 pub mod message_streams;

@@ -9,7 +9,7 @@ use flight_log::entry::LogEntry;
 use ipc::clock::{Horizon, now_ns};
 use ipc::error::Error;
 use ipc::{BlackboardReader, DEEP, Wire};
-use messages::content::{State, Wrench};
+use messages::content::{Setpoint, State, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::inspection::{Expected, Rejections};
@@ -17,7 +17,7 @@ use messages::message_window::MessageWindow;
 use messages::role::Channel;
 use process::session::JoinedRun;
 
-use super::inner_states::InnerStates;
+use super::inner_inputs::InnerInputs;
 use super::ports::{ChannelPorts, Ports, Relays, horizon};
 use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
@@ -79,7 +79,8 @@ pub struct FlightStream {
     pub statistics: FlightStatistics,
     /// The newest states: a stage that was stopped between reading and working may use one this old.
     states: MessageWindow<State>,
-    inner_states: InnerStates,
+    setpoints: MessageWindow<Setpoint>,
+    inner_inputs: InnerInputs,
     monitor: FlightMonitor,
     joiner: Joiner,
     parameter_epoch: u64,
@@ -91,7 +92,7 @@ impl MessageStreams {
         merge: Option<ChannelMerge>,
         redundancy: Option<BlackboardReader<Redundancy>>,
         statistics: FlightStatistics,
-        inner_states: InnerStates,
+        inner_inputs: InnerInputs,
         monitor: FlightMonitor,
     ) -> Self {
         Self {
@@ -102,7 +103,8 @@ impl MessageStreams {
             flight: FlightStream {
                 statistics,
                 states: MessageWindow::keeping(DEEP),
-                inner_states,
+                setpoints: MessageWindow::keeping(DEEP),
+                inner_inputs,
                 monitor,
                 joiner: Joiner::default(),
                 parameter_epoch: 0,
@@ -197,7 +199,10 @@ impl FlightStream {
         match entry {
             LogEntry::State(message) => {
                 self.parameter_epoch = message.content.parameter_epoch;
-                self.states.push(self.inner_states.with_faults(message));
+                self.states.push(self.inner_inputs.state(message));
+            }
+            LogEntry::Setpoint(message) => {
+                self.setpoints.push(self.inner_inputs.setpoint(message));
             }
             LogEntry::Wrench(message) => self.monitor_wrench(message, relays, files),
             _ => {}
@@ -218,8 +223,14 @@ impl FlightStream {
         relays: &mut Relays,
         files: &mut RunFiles<'_>,
     ) {
-        let state = self.states.input(wrench.envelope.input_tick[0]);
-        let result = self.monitor.watch(wrench, state.as_ref());
+        let [of_state, of_setpoint, _] = wrench.envelope.input_tick;
+        let (state, setpoint) = (
+            self.states.input(of_state),
+            self.setpoints.input(of_setpoint),
+        );
+        let result = self
+            .monitor
+            .watch(wrench, state.as_ref(), setpoint.as_ref());
         match &result {
             Some(message) => {
                 self.publish(&LogEntry::Theorem(*message), relays, files);

@@ -23,7 +23,7 @@ use process::session::{Armed, RoleSession};
 use super::hlog::{self, Hlog};
 use super::host_monitor::HostMonitor;
 use super::injected_faults::{InjectedFaults, injected_record};
-use super::inner_states::InnerStates;
+use super::inner_inputs::InnerInputs;
 use super::log_metadata::metadata;
 use super::message_streams::{MessageStreams, StreamPorts};
 use super::ports::{DRAIN_EVERY, rest};
@@ -104,7 +104,7 @@ pub fn run(
         merge,
         redundancy,
         statistics,
-        InnerStates::new(settings.planned()?.loops, injected),
+        InnerInputs::new(settings.planned()?.loops, injected),
         monitor,
     );
     let recorder = Recorder {

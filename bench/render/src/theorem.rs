@@ -63,6 +63,12 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             theorem.step_excess_max
         ),
         format!(
+            "{} compared with (19) of their inputs, {} differ; {}",
+            count(theorem.torque.wrenches, "wrench message"),
+            theorem.torque.wrenches_wrong,
+            theorem.torque.says()
+        ),
+        format!(
             "e {:.2e} rad/s at most, {:.2e} at the end; {}, {} with a stale input, {}",
             theorem.rate_error_max_rad_s,
             theorem.rate_error_final_rad_s,

@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::thread::{self, Builder};
 use std::time::Instant;
 
-use messages::content::{RotorSpeeds, State};
+use messages::content::{RotorSpeeds, Setpoint, State};
 use messages::header::Message;
 use messages::message_window::MessageWindow;
 use messages::monitor::Monitor;
@@ -39,7 +39,7 @@ use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
 use crate::comparison::ReplayComparison;
 use crate::expected::Expected;
-use crate::inputs::window;
+use crate::inputs::{RecordedInput, window};
 use crate::log_check::{LogCheck, LogValidator};
 use crate::loops::{LoopsReplay, SavedStates};
 use crate::summary::Summary;
@@ -50,6 +50,7 @@ use config::law_settings::Moved;
 use controller::FlightMonitor;
 use errors::output::{print, say};
 use errors::{Failure, GATE, OK};
+use faults::Port;
 use flight_log::channel_merge::ChannelMerge;
 use flight_log::entry::LogEntry;
 use flight_log::reader::End;
@@ -280,6 +281,7 @@ struct FlightReplay {
     from_tick: u64,
     airframe: AirframeReplay,
     states: MessageWindow<State>,
+    setpoints: RecordedInput<Setpoint>,
     /// In the order of the channels.
     channels: Vec<ChannelReplay>,
     saved: SavedStates,
@@ -307,6 +309,7 @@ impl FlightReplay {
             from_tick,
             airframe: AirframeReplay::new(&settings.plant()?, arrangement, pace, &faults),
             states: window(),
+            setpoints: RecordedInput::new(&faults, Port::InnerSetpoint),
             channels: Vec::new(),
             saved: SavedStates::default(),
             merge: (arrangement.channels > 1).then(merge),
@@ -482,17 +485,25 @@ impl FlightReplay {
         let tick = entry.envelope().tick;
         let (summary, is_counted) = (&mut self.summary, tick >= self.from_tick);
         match entry {
-            LogEntry::Setpoint(message) => summary.outputs.take(tick, &message.content),
+            LogEntry::Setpoint(message) => {
+                summary.outputs.take(tick, &message.content);
+                self.setpoints.take(message);
+            }
             LogEntry::Wrench(message) => {
                 summary.outputs.take(tick, &message.content);
                 if is_counted {
                     summary.wrench(&message.content);
                 }
-                let truth = self.states.input(message.envelope.input_tick[0]);
+                let [of_state, of_setpoint, _] = message.envelope.input_tick;
+                let truth = self.states.input(of_state);
                 // The inner loops of all channels have the same faults at their inputs.
                 let loops = self.channels.first().map(|it| &it.loops);
                 let state = loops.map_or(Ok(None), |it| it.monitored(message, truth))?;
-                if let Some(result) = self.monitor.watch(message, state.as_ref()) {
+                let setpoint = self.setpoints.input(of_setpoint, tick).ok();
+                let result = self
+                    .monitor
+                    .watch(message, state.as_ref(), setpoint.as_ref());
+                if let Some(result) = result {
                     self.theorem.follows(&result, &mut self.comparison);
                 }
             }

@@ -190,7 +190,7 @@ impl Simulator {
         plant.offer(rotor_speeds, tick + 1);
         self.monitor = self
             .theorem
-            .watch_next(tick, state, &wrench.content)
+            .watch_next(tick, state, setpoint, &wrench.content)
             .copied();
         self.tick += 1;
         self.plant.finish();
@@ -282,12 +282,12 @@ impl Simulator {
         &self.theorem
     }
 
-    /// Checks the newest wrench, and the state that it was computed from, against the theorem.
-    fn watch(&mut self, state: &Stamped<State>) {
+    /// Checks the newest wrench, and the state and setpoint that it was computed from, against the theorem.
+    fn watch(&mut self, state: &Stamped<State>, setpoint: &Stamped<Setpoint>) {
         let wrench = &self.wrench;
         self.monitor = self
             .theorem
-            .watch_next(wrench.tick, state, &wrench.content)
+            .watch_next(wrench.tick, state, setpoint, &wrench.content)
             .copied();
     }
 
@@ -489,7 +489,7 @@ impl Faulted {
             if input.tick == state.tick {
                 input.content.measured = state.content.measured;
             }
-            rig.watch(&input);
+            rig.watch(&input, &setpoint);
         }
     }
 

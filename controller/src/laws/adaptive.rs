@@ -8,18 +8,16 @@
 
 use control_api::description::{Description, Refused, Setting, Settings, Signal, signal};
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
-use messages::allocation::net_speed;
 use messages::content::Measured;
 use messages::role::Role;
 use messages::telemetry::{self, Telemetry};
 use nalgebra::Vector3;
 
 use crate::adaptation::{Adaptation, Evidence};
-use crate::attitude_loop::AttitudeLoop;
 use crate::gains::{self, Gains};
 use crate::laws::residual::Residual;
-use crate::rate_law::{RatePoint, predict, sampled_gain, torque};
 use crate::rate_loop;
+use crate::torque_law::TorqueLaw;
 
 /// Rate error e used in the law [rad/s], of the telemetry of [`Adaptive`] and [`Fixed`].
 pub fn rate_error(telemetry: &Telemetry) -> [f64; 3] {
@@ -59,12 +57,10 @@ const SETTINGS: [Setting; 10] = [
 /// The paper's inner loop: filter, estimates, and the last sample.
 #[derive(Clone, Debug)]
 pub struct Adaptive {
-    rig: Rig,
-    gains: Gains,
+    adapts: bool,
     adaptation: Adaptation,
-    gain: f64,
 
-    attitude: AttitudeLoop,
+    law: TorqueLaw,
     evidence: Evidence,
     /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
     theta: Vector3<f64>,
@@ -81,11 +77,9 @@ impl Adaptive {
     pub fn with(rig: &Rig, gains: &Gains) -> Self {
         let adaptation = Adaptation::new(rig, gains);
         Self {
-            rig: *rig,
-            gains: *gains,
+            adapts: gains.adapts,
             adaptation,
-            gain: sampled_gain(gains.alpha_1_s, rig.period_s),
-            attitude: AttitudeLoop::new(rig, gains),
+            law: TorqueLaw::new(rig, gains),
             evidence: Evidence::new(rig, gains),
             theta: adaptation.prior().theta,
             residual: None,
@@ -102,13 +96,10 @@ impl Adaptive {
 
     /// With a measurement of this tick: learns from the last tick, then asks for a torque; tells the rate error too.
     fn control(&mut self, tick: u64, measured: &Measured) -> (Vector3<f64>, Vector3<f64>) {
-        let (period_s, inertia) = (self.rig.period_s, &self.adaptation.inertia);
-        let eta2 = Vector3::from(measured.attitude_rad);
-        let om_m = net_speed(&measured.rotor_speed_mean_rad_s.into());
         let newest = self.evidence.samples().newest_tick();
         self.evidence.take(tick, measured);
         let regression = self.evidence.at(tick);
-        if self.gains.adapts
+        if self.adapts
             && let Some(regression) = regression
         {
             self.theta = self.adaptation.learn(&self.theta, regression);
@@ -116,36 +107,15 @@ impl Adaptive {
         if let Some(residual) = &mut self.residual {
             match regression {
                 Some(regression) => residual.take(&self.adaptation, &self.theta, &regression.last),
-                None if self.attitude.is_lost(newest, tick) => residual.forget(),
+                None if self.law.is_lost(newest, tick) => residual.forget(),
                 None => {}
             }
         }
-        let samples = self.evidence.samples();
-        let now = RatePoint {
-            nu2: measured.rate_b_rad_s.into(),
-            om: om_m,
-            h: samples.newest_h(),
-        };
-        let theta = &self.theta;
-
-        let (at, reference) = if self.gains.predictor_ticks == 0.0 {
-            (now, self.attitude.reference(&eta2, &now.nu2))
-        } else {
-            let command = measured.rotor_speed_command_rad_s;
-            let om_s = net_speed(&command.into());
-            let tau_s = samples.rotor_torque(&command.map(|w| w * w));
-            let now = RatePoint { om: om_s, ..now };
-            let (eta2, nu2) = predict(&eta2, &now, theta, &tau_s, period_s, inertia);
-            let h = self.evidence.h(tick + 1);
-            let reference = self.attitude.reference_ahead(&eta2, &nu2);
-            (RatePoint { nu2, h, ..now }, reference)
-        };
-        let tau = torque(&at, &reference, theta, self.gain, inertia);
-        let tau = match &self.residual {
-            Some(residual) => tau - inertia.i_m().component_mul(residual.left()),
-            None => tau,
-        };
-        (tau, at.nu2 - reference.nu2_d)
+        let residual = self.residual.as_ref();
+        let residual = residual.map_or(Vector3::zeros(), |it| *it.left());
+        let evidence = &mut self.evidence;
+        self.law
+            .torque(tick, measured, &self.theta, &residual, evidence)
     }
 }
 
@@ -176,7 +146,7 @@ impl Law for Adaptive {
     }
 
     fn state(&mut self, fields: &mut Fields) {
-        self.attitude.state(fields);
+        self.law.state(fields);
         fields.all([&mut self.theta]);
         self.evidence.state(fields);
         if let Some(residual) = &mut self.residual {
@@ -190,14 +160,13 @@ impl InnerLaw for Adaptive {
         let newest = self.evidence.samples().newest_tick();
         let (tick, wanted) = (input.tick, &input.wanted);
         let measured = (input.measured_age == 0).then_some(&input.measured);
-        let restarts = measured.filter(|_| self.attitude.is_lost(newest, tick));
-        self.attitude.begin(tick, wanted, restarts);
+        self.law.begin(tick, wanted, newest, measured);
         let (tau, e) = match measured {
             Some(measured) => self.control(tick, measured),
             // The rate error is unknown.
             None => (Vector3::zeros(), Vector3::repeat(f64::NAN)),
         };
-        self.attitude.end(tick);
+        self.law.end(tick);
         telemetry.value[..3].copy_from_slice(e.as_slice());
         telemetry.value[3..6].copy_from_slice(self.theta.as_slice());
         if let Some(residual) = &self.residual {

@@ -137,7 +137,7 @@ ticks!(GuardedInner, Wrench, state: State, setpoint: Setpoint);
 ticks!(GuardedMixer, RotorSpeeds, wrench: Wrench);
 
 /// m g [N].
-fn hover_thrust_n(rig: &Rig) -> f64 {
+pub fn hover_thrust_n(rig: &Rig) -> f64 {
     rig.airframe.m() * rig.airframe.g()
 }
 
@@ -442,14 +442,7 @@ impl InnerMemory {
             } else {
                 Mode::Held
             };
-            let desired = Desired {
-                thrust_n: content.thrust_n,
-                attitude_rad: content.attitude_rad,
-                attitude_rate_rad_s: content.attitude_rate_rad_s,
-                attitude_acceleration_rad_s2: content.attitude_acceleration_rad_s2,
-                limited: content.limited,
-            };
-            return (desired, content.reference, mode);
+            return (content.desired(), content.reference, mode);
         }
         let yaw = if setpoint.tick == NO_TICK {
             self.began.yaw_rad

@@ -183,6 +183,19 @@ layout! {
     }
 }
 
+impl Setpoint {
+    /// What it is to the law of the inner loop.
+    pub const fn desired(&self) -> Desired {
+        Desired {
+            thrust_n: self.thrust_n,
+            attitude_rad: self.attitude_rad,
+            attitude_rate_rad_s: self.attitude_rate_rad_s,
+            attitude_acceleration_rad_s2: self.attitude_acceleration_rad_s2,
+            limited: self.limited,
+        }
+    }
+}
+
 impl State {
     /// Distance between the vehicle, where it truly is, and its reference [m]: for those who judge, never for a law.
     pub fn position_error_m(&self, reference: &Reference) -> f64 {

@@ -37,13 +37,28 @@ impl Cause {
 }
 
 layout! {
+    /// Ticks of a flight in which its torque was compared with (19).
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct TorqueCounts {
+        /// Wrenches that were compared with (19) of their inputs.
+        pub wrenches: u64,
+        /// Of them, those that differ from it.
+        pub wrenches_wrong: u64,
+        /// Ticks whose rotors were compared with the wrench of the command in force.
+        pub rotors: u64,
+        /// Of them, those with another torque; by [`Cause`].
+        pub rotors_wrong: [u64; CAUSES],
+    }
+}
+
+layout! {
     /// Topic `theorem`, the theorem watched: V_th and V, their changes, what explains a rise, and what the flight can
     /// teach.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct Monitor {
         /// Steps of the estimates that were checked.
         pub ticks_checked: u64,
-        /// Steps at which V_th rose, or fell by less than the step owes; by [`Cause`].
+        /// Steps at which V_th rose, or changed by other than the step owes; by [`Cause`].
         pub violations: [u64; CAUSES],
         /// Steps at which V changed by more than its bound, reported only; by [`Cause`].
         pub v_above_bound: [u64; CAUSES],
@@ -104,5 +119,6 @@ layout! {
         pub ticks_saturated: u64,
         pub ticks_stale: u64,
         pub live_swaps: u64,
+        pub torque: TorqueCounts,
     }
 }

@@ -282,7 +282,7 @@ impl Flight<'_> {
             let message = self.message(tick, self.inner_epoch, self.inner_seq, history, wrench);
             self.inner_seq += 1;
             self.published.wrenches.push(message);
-            let monitored = self.theorem.watch(&message, Some(&state));
+            let monitored = self.theorem.watch(&message, Some(&state), Some(&setpoint));
             self.published.theorem.extend(monitored);
         }
         if !mixer_is_silent {

@@ -93,7 +93,7 @@ impl Timed {
                     self.wrenches
                         .push(Message::of_tick(tick, rig.wrench.content));
                     outputs.take(tick, &rig.wrench.content);
-                    rig.watch(&state);
+                    rig.watch(&state, &setpoint);
                 }
             }
             Source::RotorSpeeds { wrench, acts_from } => {

@@ -1,0 +1,122 @@
+//! The torque of a flight against (19): does the law ask for it, and do the rotors give it?
+//!
+//! What (22) says of the rate error e is proven for a torque (19) that acts at once. It acts a tick later in every
+//! flight, so V may rise; but nothing else than (19), late by the ticks that the state names, may drive the airframe.
+//! Together with the exact model (B), that is the equation of e (docs/theorem.md).
+
+use control_api::guard::{HOLD_S, hover_thrust_n};
+use control_api::law::Rig;
+use messages::content::{Setpoint, Stamped, State, Wrench};
+use messages::parameters::Parameter;
+use nalgebra::Vector3;
+
+use crate::adaptation::Evidence;
+use crate::gains::Gains;
+use crate::laws::{adaptive, adaptive_residual};
+use crate::torque_law::TorqueLaw;
+
+/// Share of a torque and of a rate error that rounding may take, and what it may take of those that are 0.
+const ROUNDING: f64 = 1e-9;
+const ROUNDING_OF_ZERO: f64 = 1e-12;
+/// Wrenches kept: a command in force, or a wrench that the mixer holds, is not older.
+const KEPT: usize = 8;
+
+#[derive(Clone, Debug)]
+pub struct TorqueCheck {
+    law: TorqueLaw,
+    hold_ticks: u64,
+    /// Torque of the weight at an arm [N m]: that of a rotor, roughly.
+    size_nm: f64,
+    /// Whether the law had every setpoint from a message: else its command filter is not known.
+    is_followed: bool,
+    /// Newest wrenches [N m], the first one first.
+    wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
+    /// Of the command in force at the state before: tick of that state, torque of its wrench.
+    in_force: Option<(u64, Vector3<f64>)>,
+}
+
+/// What was seen of the torque in a tick; none where it could not be compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TorqueSeen {
+    /// Whether the wrench is (19) of its inputs, and its telemetry the rate error.
+    pub law: Option<bool>,
+    /// What the rotors gave in the last tick.
+    pub rotors: Option<RotorTorque>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RotorTorque {
+    /// That of the wrench of the command in force.
+    Wanted,
+    /// That of an older wrench: the mixer had no newer one.
+    Older,
+    Another,
+}
+
+impl TorqueCheck {
+    pub fn new(rig: &Rig, gains: &Gains) -> Self {
+        Self {
+            law: TorqueLaw::new(rig, gains),
+            hold_ticks: (HOLD_S / rig.period_s).round() as u64,
+            size_nm: hover_thrust_n(rig) * rig.airframe.get(Parameter::ArmLength),
+            is_followed: true,
+            wrenches: [None; KEPT],
+            in_force: None,
+        }
+    }
+
+    /// Takes the wrench of a tick with its inputs. `newest` is the tick of the measurement before, and `evidence` has
+    /// that of this tick, if the state is of this tick.
+    pub fn take(
+        &mut self,
+        tick: u64,
+        inputs: (&Stamped<State>, &Stamped<Setpoint>),
+        wrench: &Wrench,
+        newest: Option<u64>,
+        evidence: &mut Evidence,
+    ) -> TorqueSeen {
+        let (state, setpoint) = inputs;
+        let measured = (state.tick == tick).then_some(&state.content.measured);
+        // Without a setpoint for so long, the guard makes one.
+        self.is_followed &= setpoint.age(tick) <= self.hold_ticks;
+        let wanted = setpoint.content.desired();
+        self.law.begin(tick, &wanted, newest, measured);
+        let wrench_nm = Vector3::from(wrench.torque_b_nm);
+        let law = measured.filter(|_| self.is_followed).map(|measured| {
+            let theta = Vector3::from(adaptive::estimate(&wrench.telemetry));
+            let residual = adaptive_residual::residual(&wrench.telemetry).into();
+            let (tau, e) = self.law.torque(tick, measured, &theta, &residual, evidence);
+            let e_told = Vector3::from(adaptive::rate_error(&wrench.telemetry));
+            is_near(&tau, &wrench_nm, tau.amax()) && is_near(&e, &e_told, e.amax())
+        });
+        self.law.end(tick);
+        let rotors = self.rotors(tick, evidence);
+        if measured.is_some() {
+            let command_tick = state.content.command_tick;
+            let wrenches = self.wrenches.iter().flatten();
+            let of_command = wrenches.rev().find(|(of_tick, _)| *of_tick == command_tick);
+            self.in_force = of_command.map(|(_, torque)| (tick, *torque));
+        }
+        self.wrenches.rotate_left(1);
+        self.wrenches[KEPT - 1] = Some((tick, wrench_nm));
+        TorqueSeen { law, rotors }
+    }
+
+    fn rotors(&self, tick: u64, evidence: &Evidence) -> Option<RotorTorque> {
+        let last = &evidence.at(tick)?.last;
+        let (_, wanted) = self.in_force.filter(|(at, _)| at + 1 == tick)?;
+        let is_given = |torque: &Vector3<f64>| is_near(torque, &last.tau_m, self.size_nm);
+        let mut wrenches = self.wrenches.iter().flatten();
+        Some(if is_given(&wanted) {
+            RotorTorque::Wanted
+        } else if wrenches.any(|(_, torque)| is_given(torque)) {
+            RotorTorque::Older
+        } else {
+            RotorTorque::Another
+        })
+    }
+}
+
+fn is_near(a: &Vector3<f64>, b: &Vector3<f64>, size: f64) -> bool {
+    (a - b).amax() <= ROUNDING * size + ROUNDING_OF_ZERO
+}
