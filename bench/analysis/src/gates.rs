@@ -519,7 +519,7 @@ mod tests {
         );
         let unwatched = "theorem: 0 unexplained, estimates live, 1 tick not watched";
         check(|it| it.theorem.ticks_unwatched = 1, unwatched);
-        let hardly = "theorem: 0 unexplained, estimates live, V_th judged in 49 of 10001 ticks; it rose in none";
+        let hardly = "theorem: 0 unexplained, estimates live, V_th judged in 49 of 10001 ticks; it rose in none; no torque was compared with (19)";
         let change: Change = |it| (it.theorem.ticks, it.theorem.ticks_judged) = (10_001, 49);
         check(change, hardly);
         let lifeless = "theorem: 0 unexplained, estimates do not move as predicted";

@@ -215,6 +215,9 @@ impl Torque {
 
     /// In how many ticks the torque of (19) acted, and why not in the others.
     pub fn says(&self) -> String {
+        if self.rotors == 0 {
+            return "no torque was compared with (19)".into();
+        }
         let causes = self.rotors_wrong.iter().filter(|(_, ticks)| **ticks > 0);
         let causes: Vec<String> = causes
             .map(|(cause, ticks)| format!("{cause} in {ticks}"))

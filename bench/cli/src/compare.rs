@@ -117,22 +117,38 @@ fn fly_table(
             .map(|text| overrides::set("set", text))
             .collect()
     };
+    // Without a list, each fault names its own instant, and each row is one flight.
+    let instants: Vec<String> = match cases.at_s.as_slice() {
+        [] => vec![String::new()],
+        at_s => at_s.iter().map(|at_s| format!("@{at_s}s")).collect(),
+    };
     let mut plans = Vec::new();
     for row in &cases.row {
         let of_row_in = format!(" (row `{}` of {place})", row.name);
         let (of_all, of_row) = set(&cases.set)
             .and_then(|all| Ok((all, set(&row.set)?)))
             .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
-        let faults = vec![("flight.faults", Value::from(row.faults.clone()))];
-        let overrides = [of_all, overrides.clone(), of_row, faults].concat();
+        let faults = |instant: &String| -> Vec<String> {
+            let faults = row.faults.iter();
+            faults.map(|fault| format!("{fault}{instant}")).collect()
+        };
+        let own = vec![("flight.faults", Value::from(faults(&instants[0])))];
+        let overrides = [&of_all[..], overrides, &of_row, &own].concat();
         let plan = Plan::new(args, combinations, &overrides, bound_m);
-        plans.push(plan.map_err(|failure| failure.append(&of_row_in))?);
+        let plan = plan.map_err(|failure| failure.append(&of_row_in))?;
+        for (repetition, instant) in (0..).zip(&instants) {
+            let repeated = plan.repeated(repetition, &faults(instant));
+            plans.push(repeated.map_err(|failure| failure.append(&of_row_in))?);
+        }
     }
     let names = cases.row.into_iter().map(|row| row.name);
+    let mut flights = fly_all(&plans, false)?.into_iter();
     let flown = Cases {
         title: cases.title,
         from_fault: cases.from_fault,
-        rows: names.zip(fly_all(&plans, false)?).collect(),
+        rows: names
+            .map(|name| (name, flights.by_ref().take(instants.len()).collect()))
+            .collect(),
     };
     let write = |path: &Option<PathBuf>, text: &dyn Fn() -> String| {
         let Some(path) = path else { return Ok(()) };
@@ -144,7 +160,10 @@ fn fly_table(
     write(&args.page, &|| flown.document().html())?;
     write(&args.picture, &|| flown.picture())?;
     write(&args.csv, &|| flown.csv())?;
-    judge(args.max_lost, flown.rows.iter().map(|(_, flown)| flown))
+    judge(
+        args.max_lost,
+        flown.rows.iter().flat_map(|(_, flights)| flights),
+    )
 }
 
 #[derive(Debug)]
@@ -187,6 +206,17 @@ impl Plan {
             bound_m,
             faults: faults(first)?,
         };
+        Ok(Self { flight, settings })
+    }
+
+    /// The same flight with the `repetition`th seed from its own, and with these faults.
+    fn repeated(&self, repetition: u64, texts: &[String]) -> Result<Self, Failure> {
+        let (mut flight, mut settings) = (self.flight.clone(), self.settings.clone());
+        flight.seed = flight.seed.wrapping_add(repetition);
+        for it in &mut settings {
+            (it.flight.seed, it.flight.faults) = (flight.seed, texts.to_vec());
+        }
+        flight.faults = faults(&settings[0])?;
         Ok(Self { flight, settings })
     }
 }
@@ -250,6 +280,8 @@ fn fly(flight: &Flight, settings: &Settings, is_drawn: bool) -> Result<Outcome, 
         .departure
         .is_some()
         .then(|| metrics.lost.unwrap_or(last));
+    let mut figures = metrics.figures(flight);
+    figures.trace = figures.trace.filter(|_| is_drawn);
     Ok(Outcome {
         laws: combinations::laws(settings)?,
         preset: settings.flight.preset.clone(),
@@ -259,7 +291,7 @@ fn fly(flight: &Flight, settings: &Settings, is_drawn: bool) -> Result<Outcome, 
         lost_s: lost.map(|tick| flight.time_s(tick)),
         unusable: invalid.sentences(settings)?,
         motion: is_drawn.then(|| tracer.traces()),
-        figures: metrics.figures(flight),
+        figures,
         outputs: flown.outputs.to_string(),
     })
 }
@@ -280,6 +312,9 @@ struct CaseFile {
     #[serde(default)]
     set: Vec<String>,
     recovered_below_m: Option<f64>,
+    /// Instants of the faults [s], which then name none: each row is flown once for each, every time with the next seed.
+    #[serde(default)]
+    at_s: Vec<f64>,
     /// Whether errors count from the fault on.
     #[serde(default)]
     from_fault: bool,

@@ -3,7 +3,8 @@
 use crate::comparison::{conditions, significant, thousandths};
 use crate::document::{Block, Cell, Document, Section, Table, known};
 use crate::plot::STYLE;
-use analysis::comparison::{Comparison, ErrorFigures, Laws, Outcome, SETTLING_S};
+use analysis::comparison::{Comparison, ErrorFigures, Figures, Laws, Outcome, SETTLING_S};
+use analysis::statistics::{median, median_interval};
 use maud::{Markup, PreEscaped, html};
 
 /// Rows in which no law changes its commands by more are left out of what tells of that [rad/s].
@@ -13,20 +14,24 @@ pub struct Cases {
     pub title: String,
     /// Whether errors count from the fault on; else from [`SETTLING_S`] after it.
     pub from_fault: bool,
-    /// Flights of the same laws, each with the name of its case.
-    pub rows: Vec<(String, Comparison)>,
+    /// Cases, each with its name and at least one flight of the same laws.
+    pub rows: Vec<(String, Vec<Comparison>)>,
 }
 
 /// What a combination made of a question in words, and what the best of a row has least of.
 type Answer = (String, Option<f64>);
 
-/// A question, its answer, and the figure below which a row is left out.
-struct Question(String, fn(&Outcome) -> Answer, Option<f64>);
+/// A question, its answer by the flights of a combination, and the figure below which a row is left out.
+struct Question(String, fn(&[&Outcome]) -> Answer, Option<f64>);
 
 impl Cases {
+    fn first(&self) -> Option<&Comparison> {
+        self.rows.first().and_then(|(_, flights)| flights.first())
+    }
+
     fn questions(&self) -> [Question; 2] {
-        let bound_m = self.rows.first().map_or(0.0, |(_, it)| it.flight.bound_m);
-        let (error, answer): (String, fn(&Outcome) -> Answer) = match self.from_fault {
+        let bound_m = self.first().map_or(0.0, |it| it.flight.bound_m);
+        let (error, answer): (String, fn(&[&Outcome]) -> Answer) = match self.from_fault {
             true => (
                 "true position error from the fault on [mm]: rms / peak".into(),
                 from_fault,
@@ -37,6 +42,12 @@ impl Cases {
             }
         };
         let error = format!("{error} / time until it stays below {bound_m} m [s]");
+        let flights = self.rows.first().map_or(1, |(_, flights)| flights.len());
+        let of_flights = match flights {
+            1 => String::new(),
+            _ => format!(" ({flights} flights: median with its 95 % interval / largest)"),
+        };
+        let error = error + &of_flights;
         let change = format!(
             "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
         );
@@ -48,7 +59,7 @@ impl Cases {
 
     /// A table for each question and each outer law with its mixer; `bold` marks what is best in its row.
     fn tables(&self, bold: fn(&str) -> String) -> Vec<(String, Table)> {
-        let Some((_, first)) = self.rows.first() else {
+        let Some(first) = self.first() else {
             return Vec::new();
         };
         let group = |laws: &Laws| (laws.outer.clone(), laws.mixer.clone());
@@ -58,9 +69,14 @@ impl Cases {
         for Question(question, answer, least) in self.questions() {
             for of in &groups {
                 let is_of = |outcome: &&Outcome| group(&outcome.laws) == *of;
-                let rows = self.rows.iter().filter_map(|(name, comparison)| {
-                    let outcomes = comparison.outcomes.iter().filter(is_of);
-                    let answers: Vec<Answer> = outcomes.map(answer).collect();
+                let rows = self.rows.iter().filter_map(|(name, flights)| {
+                    let combinations =
+                        (0..first.outcomes.len()).filter(|it| is_of(&&first.outcomes[*it]));
+                    let of_flights = |it: usize| -> Vec<&Outcome> {
+                        flights.iter().map(|flight| &flight.outcomes[it]).collect()
+                    };
+                    let answers: Vec<Answer> =
+                        combinations.map(|it| answer(&of_flights(it))).collect();
                     let cells = cells(&answers, least, bold)?;
                     Some([Cell::from(name)].into_iter().chain(cells).collect())
                 });
@@ -79,6 +95,12 @@ impl Cases {
         tables
     }
 
+    /// All flights in order, each with the name of its case.
+    fn flights(&self) -> impl Iterator<Item = (&String, &Comparison)> {
+        let rows = self.rows.iter();
+        rows.flat_map(|(name, flights)| flights.iter().map(move |it| (name, it)))
+    }
+
     pub fn markdown(&self) -> String {
         let tables = self.tables(|text| format!("**{text}**")).into_iter();
         let tables = tables.map(|(title, mut table)| {
@@ -93,7 +115,7 @@ impl Cases {
     }
 
     pub fn document(&self) -> Document {
-        let first = self.rows.first().map(|(_, first)| first);
+        let first = self.first();
         let flown = first.map_or(String::new(), |it| conditions(&it.flight));
         let note = "A cell is the darker the larger its figure is beside the best of its row: the darkest are 100 times \
                     as large, or lost.";
@@ -108,14 +130,14 @@ impl Cases {
                 Section::new(id, title.replace('`', ""), vec![Block::Table(table)])
             })
             .collect();
-        let case = |(name, comparison): &(String, Comparison)| {
+        let case = |(name, comparison): (&String, &Comparison)| {
             let flight = &comparison.flight;
             let faults = flight.faults.iter();
             let faults = faults.map(|it| format!("{} at {:.3} s", it.what, it.time_s));
             let faults = faults.collect::<Vec<_>>().join(", ");
             format!("{name}: {}; {faults}", conditions(flight))
         };
-        let items = Block::Items(self.rows.iter().map(case).collect());
+        let items = Block::Items(self.flights().map(case).collect());
         sections.push(Section::new("cases", "Cases", vec![items]));
         Document {
             title: format!("{}, {flown}", self.title),
@@ -144,7 +166,7 @@ impl Cases {
         let cell = |x: usize, y: usize, cell: &Cell| -> Markup {
             let (x, y) = (left + column * x as f64, top + row_height * y as f64);
             let shade = cell.shade.unwrap_or_default();
-            let text = cell.text.split('/').next().unwrap_or_default();
+            let text = cell.text.split(['/', '[']).next().unwrap_or_default();
             html! {
                 rect x=(x) y=(y) width=(column - 2.0) height=(row_height - 2.0)
                     style=(format!("fill:rgb(213 94 0 / {shade:.0}%)")) {}
@@ -170,17 +192,22 @@ impl Cases {
     }
 
     pub fn csv(&self) -> String {
-        let mut text = "case,trajectory,preset,outer,inner,mixer,outputs,lost_s,rms_m,worst_m,rms_from_fault_m,\
+        let mut text = "case,seed,fault_s,trajectory,preset,outer,inner,mixer,outputs,lost_s,rms_m,worst_m,rms_from_fault_m,\
                         worst_from_fault_m,worst_after_5s_m,recovery_s,agitation_rad_s,saturated_percent,power_hover,\
                         yaw_error_rms_rad,yaw_error_max_rad,tilt_error_rms_rad,tilt_error_max_rad\n"
             .to_owned();
-        for (name, comparison) in &self.rows {
+        for (name, comparison) in self.flights() {
+            let fault = comparison.flight.faults.first();
+            let fault_s = fault.map_or(String::new(), |it| it.time_s.to_string());
+            let seed = comparison.flight.seed.to_string();
             for outcome in &comparison.outcomes {
                 let (it, laws) = (&outcome.figures, &outcome.laws);
                 let (trajectory, preset) = (&comparison.flight.trajectory, &outcome.preset);
                 let (outer, inner, mixer) = (&laws.outer, &laws.inner, &laws.mixer);
                 let words = [
                     name,
+                    &seed,
+                    &fault_s,
                     trajectory,
                     preset,
                     outer,
@@ -238,40 +265,78 @@ fn cells(answers: &[Answer], least: Option<f64>, bold: fn(&str) -> String) -> Op
 }
 
 fn tracking(
-    outcome: &Outcome,
-    error: Option<ErrorFigures>,
+    outcomes: &[&Outcome],
+    error: fn(&Figures) -> Option<ErrorFigures>,
     of: &[fn(&ErrorFigures) -> f64],
 ) -> Answer {
-    let figures = &outcome.figures;
-    if let Some(time_s) = outcome.lost_s {
-        return (format!("lost at {time_s:.1} s"), None);
+    let lost: Vec<f64> = outcomes.iter().filter_map(|it| it.lost_s).collect();
+    if let Some(first_s) = lost.iter().copied().min_by(f64::total_cmp) {
+        let share = match outcomes.len() {
+            1 => String::new(),
+            all => format!(" in {} of {all}, first", lost.len()),
+        };
+        return (format!("lost{share} at {first_s:.1} s"), None);
     }
+    let figures = || outcomes.iter().map(|it| &it.figures);
     // A row without a fault tells of the whole flight; one whose flight was over too soon, of nothing.
-    let whole = figures.recovery_s.is_empty().then_some(figures.error);
-    let error = error.or(whole);
-    let errors = of
+    let errors = figures().map(|it| {
+        let whole = it.recovery_s.is_empty().then_some(it.error);
+        error(it).or(whole)
+    });
+    let errors: Option<Vec<ErrorFigures>> = errors.collect();
+    let figures_m = |of: &fn(&ErrorFigures) -> f64| -> Option<Vec<f64>> {
+        errors
+            .as_ref()
+            .map(|errors| errors.iter().map(of).collect())
+    };
+    let (first, others) = (figures_m(&of[0]), &of[1..]);
+    let others = others
         .iter()
-        .map(|of| known(error.as_ref().map(of).map(thousandths)));
-    let recovery_s = figures.recovery_s.last().copied().flatten();
-    let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
-    let text: Vec<String> = errors.chain([recovery]).collect();
-    let figure_mm = error.as_ref().map(|error| 1e3 * of[0](error));
-    (text.join("/"), figure_mm)
+        .map(|of| figures_m(of).map(|it| thousandths(largest(&it))));
+    let recoveries = figures().map(|it| it.recovery_s.last().copied().flatten());
+    let recovery: Option<Vec<f64>> = recoveries.collect();
+    let recovery = recovery.map(|it| format!("{:.2}", largest(&it)));
+    let text = first.as_deref().map(|values| typical(values, thousandths));
+    let texts = [text]
+        .into_iter()
+        .chain(others)
+        .chain([recovery])
+        .map(known);
+    let figure_mm = first.map(|values| 1e3 * median(&values));
+    (texts.collect::<Vec<_>>().join("/"), figure_mm)
 }
 
-fn lasting(outcome: &Outcome) -> Answer {
-    tracking(outcome, outcome.figures.error_after, &[|it| it.worst_m])
+fn largest(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
-fn from_fault(outcome: &Outcome) -> Answer {
-    let error = outcome.figures.error_from_fault;
-    tracking(outcome, error, &[|it| it.rms_m, |it| it.worst_m])
-}
-
-fn agitation(outcome: &Outcome) -> Answer {
-    let agitation_rad_s = outcome.figures.effort.agitation_rad_s;
-    match outcome.lost {
-        Some(_) => ("lost".into(), None),
-        None => (significant(agitation_rad_s), Some(agitation_rad_s)),
+/// The median, with its interval where that prints as more than one number.
+fn typical(values: &[f64], print: fn(f64) -> String) -> String {
+    let middle = print(median(values));
+    let interval = median_interval(values).map(|it| [it.low, it.high].map(print));
+    match interval {
+        Some([low, high]) if low != high => format!("{middle} [{low} {high}]"),
+        _ => middle,
     }
+}
+
+fn lasting(outcomes: &[&Outcome]) -> Answer {
+    tracking(outcomes, |it| it.error_after, &[|it| it.worst_m])
+}
+
+fn from_fault(outcomes: &[&Outcome]) -> Answer {
+    tracking(
+        outcomes,
+        |it| it.error_from_fault,
+        &[|it| it.rms_m, |it| it.worst_m],
+    )
+}
+
+fn agitation(outcomes: &[&Outcome]) -> Answer {
+    if outcomes.iter().any(|it| it.lost.is_some()) {
+        return ("lost".into(), None);
+    }
+    let changes = outcomes.iter().map(|it| it.figures.effort.agitation_rad_s);
+    let changes: Vec<f64> = changes.collect();
+    (typical(&changes, significant), Some(median(&changes)))
 }
