@@ -170,12 +170,28 @@ fn the_comparison_of_laws_and_a_table_of_cases_are_their_snapshots() {
     );
     let document = comparison::document(&heavier);
     insta::assert_snapshot!("comparison", document.text() + &in_lines(&document.html()));
-    for (name, from_fault) in [("cases", false), ("cases_from_fault", true)] {
-        let rows = [("heavier | 30 %", &heavier), ("light", &light)];
+    // Eight flights: of `indi` one is lost, the commands of `pid` differ from flight to flight.
+    let repeated = (1..=8).map(|k| {
+        compared(vec![
+            outcome("adaptive", 0.004, None),
+            outcome("pid", 0.004 * f64::from(k), None),
+            outcome("indi", 0.2, (k == 5).then_some(2.5)),
+        ])
+    });
+    let once = vec![
+        ("heavier | 30 %".to_owned(), vec![heavier]),
+        ("light".to_owned(), vec![light]),
+    ];
+    let eight_times = vec![("repeated".to_owned(), repeated.collect())];
+    for (name, from_fault, rows) in [
+        ("cases", false, once.clone()),
+        ("cases_from_fault", true, once),
+        ("cases_repeated", true, eight_times),
+    ] {
         let cases = Cases {
             title: "Robustness".into(),
             from_fault,
-            rows: rows.map(|(name, it)| (name.to_owned(), it.clone())).into(),
+            rows,
         };
         let [text, picture] = [cases.document().text(), in_lines(&cases.picture())];
         insta::assert_snapshot!(name, cases.markdown() + &cases.csv() + &text + &picture);

@@ -104,7 +104,7 @@ pub struct Model {
     /// First row that is shown of a page without a table; drawing limits it to what the terminal has no room for.
     pub scrolled: Cell<usize>,
     pub parameters: ParameterPage,
-    pub flight: Option<WatchedFlight>,
+    pub flight: Option<Box<WatchedFlight>>,
 }
 
 impl Model {
@@ -122,7 +122,7 @@ impl Model {
     }
 
     pub fn join(&mut self, run: &Run, settings: BTreeMap<String, String>) -> Result<(), Failure> {
-        self.flight = Some(WatchedFlight::new(run, settings)?);
+        self.flight = Some(Box::new(WatchedFlight::new(run, settings)?));
         self.parameters = ParameterPage {
             selected: self.parameters.selected,
             ..ParameterPage::default()
@@ -137,7 +137,7 @@ impl Model {
     }
 
     pub fn reset(&mut self) -> Result<(), Failure> {
-        self.flight.as_mut().map_or(Ok(()), WatchedFlight::reset)
+        self.flight.as_mut().map_or(Ok(()), |flight| flight.reset())
     }
 
     pub fn key(&mut self, key: KeyEvent) -> Action {

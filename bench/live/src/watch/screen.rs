@@ -172,7 +172,7 @@ fn key_line<'a>(model: &Model, width: u16) -> Line<'a> {
         let (key, does) = (format!(" {key}"), format!(" {does} "));
         Line::from_iter([Span::styled(key, HEADING), Span::styled(does, FAINT)])
     };
-    let lost = model.flight.as_ref().map_or(0, WatchedFlight::lost);
+    let lost = model.flight.as_ref().map_or(0, |flight| flight.lost());
     let lost = (lost > 0).then(|| Line::styled(format!("  lost {lost} messages"), BAD));
     let keys = on_every_page.iter().chain(on_page).map(key);
     fitting(keys.chain(lost), width)
