@@ -87,6 +87,12 @@ impl FlightMonitor {
         self.monitor.clone_from(&self.begin);
     }
 
+    /// The result for the newest wrench; none before the first one, or where the law's state was not watched.
+    pub fn newest(&self) -> Option<&Monitor> {
+        let watched = self.monitor.as_ref().filter(|_| self.watched.is_some());
+        watched.map(TheoremMonitor::shown)
+    }
+
     /// As [`Self::watch`], where no message is lost.
     pub fn watch_next(
         &mut self,

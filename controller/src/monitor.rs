@@ -121,11 +121,8 @@ impl TheoremMonitor {
         wrench: &Wrench,
     ) -> &Monitor {
         let moved = self.assumptions.look(tick, state, wrench);
-        let mut now = Monitor {
-            causes: self.assumptions.bits(tick),
-            is_violation: 0,
-            ..self.shown
-        };
+        let mut now = self.shown;
+        (now.causes, now.is_violation) = (self.assumptions.bits(tick), 0);
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         let newest = self.evidence.samples().newest_tick();
         if state.tick == tick {
@@ -136,15 +133,12 @@ impl TheoremMonitor {
         let seen = self.torque.take(tick, inputs, wrench, newest, evidence);
         self.count(tick, &seen, &mut now);
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
-        if !now.finite() {
-            now = Monitor {
-                causes: now.causes,
-                is_violation: 1,
-                ..self.shown
-            };
-            now.violations[Cause::Unexplained as usize] += 1;
+        if now.finite() {
+            self.shown = now;
+        } else {
+            (self.shown.causes, self.shown.is_violation) = (now.causes, 1);
+            self.shown.violations[Cause::Unexplained as usize] += 1;
         }
-        self.shown = now;
         &self.shown
     }
 

@@ -29,7 +29,7 @@ pub struct TorqueCheck {
     size_nm: f64,
     /// Whether the law had every setpoint from a message: else its command filter is not known.
     is_followed: bool,
-    /// Newest wrenches [N m], the first one first.
+    /// The torque of each of the newest wrenches [N m], at its tick's place.
     wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
     /// Of the command in force at the state before: tick of that state, torque of its wrench.
     in_force: Option<(u64, Vector3<f64>)>,
@@ -93,12 +93,11 @@ impl TorqueCheck {
         let rotors = self.rotors(tick, evidence);
         if measured.is_some() {
             let command_tick = state.content.command_tick;
-            let wrenches = self.wrenches.iter().flatten();
-            let of_command = wrenches.rev().find(|(of_tick, _)| *of_tick == command_tick);
-            self.in_force = of_command.map(|(_, torque)| (tick, *torque));
+            let of_command = self.wrenches[command_tick as usize % KEPT];
+            let of_command = of_command.filter(|(of_tick, _)| *of_tick == command_tick);
+            self.in_force = of_command.map(|(_, torque)| (tick, torque));
         }
-        self.wrenches.rotate_left(1);
-        self.wrenches[KEPT - 1] = Some((tick, wrench_nm));
+        self.wrenches[tick as usize % KEPT] = Some((tick, wrench_nm));
         TorqueSeen { law, rotors }
     }
 

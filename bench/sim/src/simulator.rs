@@ -44,7 +44,6 @@ pub struct Simulator {
     tick: u64,
     envelope: Result<(), EnvelopeViolation>,
     theorem: FlightMonitor,
-    monitor: Option<Monitor>,
     /// Message and stage faults; none takes the fast path.
     faulted: Option<Box<Faulted>>,
 }
@@ -68,7 +67,6 @@ impl Simulator {
             tick: 0,
             envelope: Ok(()),
             theorem: FlightMonitor::new(None),
-            monitor: None,
             faulted: None,
         }
     }
@@ -188,10 +186,8 @@ impl Simulator {
         mixer.tick_into(tick, wrench, &mut rotor_speeds.content);
         rotor_speeds.tick = tick;
         plant.offer(rotor_speeds, tick + 1);
-        self.monitor = self
-            .theorem
-            .watch_next(tick, state, setpoint, &wrench.content)
-            .copied();
+        self.theorem
+            .watch_next(tick, state, setpoint, &wrench.content);
         self.tick += 1;
         self.plant.finish();
     }
@@ -270,12 +266,13 @@ impl Simulator {
             setpoint: self.setpoint().copied(),
             wrench,
             rotor_speeds: self.new_rotor_speeds().copied(),
-            monitor: self.monitor.filter(|_| wrench.is_some()),
+            monitor: self.monitor().filter(|_| wrench.is_some()).copied(),
         }
     }
 
-    pub const fn monitor(&self) -> Option<&Monitor> {
-        self.monitor.as_ref()
+    /// What the theorem's monitor says of the newest wrench.
+    pub fn monitor(&self) -> Option<&Monitor> {
+        self.theorem.newest()
     }
 
     pub const fn theorem(&self) -> &FlightMonitor {
@@ -285,10 +282,8 @@ impl Simulator {
     /// Checks the newest wrench, and the state and setpoint that it was computed from, against the theorem.
     fn watch(&mut self, state: &Stamped<State>, setpoint: &Stamped<Setpoint>) {
         let wrench = &self.wrench;
-        self.monitor = self
-            .theorem
-            .watch_next(wrench.tick, state, setpoint, &wrench.content)
-            .copied();
+        self.theorem
+            .watch_next(wrench.tick, state, setpoint, &wrench.content);
     }
 
     /// Whether the last state is inside the model's envelope.

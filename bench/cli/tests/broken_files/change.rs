@@ -171,32 +171,19 @@ fn somewhere<'a>(dice: &mut Rng, tree: &'a mut Value) -> &'a mut Value {
 }
 
 fn other_value(dice: &mut Rng, value: Value, elsewhere: Value) -> Value {
-    match (dice.u64(..10), value) {
+    match (dice.u64(..6), value) {
         (0, _) => Value::Null,
         (1, _) => elsewhere,
         (2, _) => Value::from("</p><script>".repeat(dice.u64(..REPEATS / 10) as usize)),
-        (3, _) => Value::from(length(dice)),
-        (4, Value::Array(values)) => {
-            let most = REPEATS as usize + values.len();
-            let again = 1 + dice.u64(..REPEATS) as usize / values.len().max(1);
-            let all = values.iter().cycle().take(values.len() * again);
-            Value::from_iter(all.take(most).cloned())
+        (3, Value::Array(values)) => {
+            let values = values
+                .iter()
+                .cycle()
+                .take(REPEATS as usize * values.len().min(1));
+            Value::from_iter(values.cloned())
         }
-        (5, Value::Array(mut values)) => {
-            values.truncate(dice.u64(..values.len() as u64 + 1) as usize);
-            Value::Array(values)
-        }
-        (6, Value::Object(mut keys)) => {
-            let at = dice.u64(..keys.len() as u64 + 1) as usize;
-            let key = keys.keys().nth(at).cloned();
-            key.map(|key| keys.remove(&key));
-            Value::Object(keys)
-        }
-        (_, Value::Number(number)) if number.is_u64() && dice.u64(..2) == 0 => {
-            Value::from(length(dice))
-        }
+        (4, Value::Object(_)) => Value::from(serde_json::Map::new()),
         (_, Value::Number(_)) => serde_json::from_str(any_number(dice)).unwrap_or(Value::Null),
-        (_, Value::Bool(it)) => Value::Bool(!it),
         (_, value) => value,
     }
 }
@@ -210,36 +197,31 @@ pub fn log(dice: &mut Rng, file: &[u8]) -> Option<Vec<u8>> {
     let rarely = choice(dice, &[3, 30, 300, 3000]);
     for record in records {
         let mut record = record.ok()?;
-        let times = if dice.u64(..rarely) == 0 {
-            dice.u64(..3)
-        } else {
-            1
-        };
         if dice.u64(..rarely) == 0 {
             change_record(dice, &mut record);
         }
-        for _ in 0..times {
-            match &record {
-                Record::Schema { header, data } => {
-                    let (name, encoding) = (&header.name, &header.encoding);
-                    let _ = writer.add_schema_with_id(header.id, name, encoding, data);
-                }
-                Record::Channel(it) => {
-                    let (topic, encoding) = (&it.topic, &it.message_encoding);
-                    let _ = writer.add_channel_with_id(
-                        it.id,
-                        it.schema_id,
-                        topic,
-                        encoding,
-                        &it.metadata,
-                    );
-                }
-                Record::Metadata(metadata) => writer.write_metadata(metadata).ok()?,
-                Record::Message { header, data } => {
+        match &record {
+            Record::Schema { header, data } => {
+                let (name, encoding) = (&header.name, &header.encoding);
+                let _ = writer.add_schema_with_id(header.id, name, encoding, data);
+            }
+            Record::Channel(it) => {
+                let (topic, encoding, facts) = (&it.topic, &it.message_encoding, &it.metadata);
+                let _ = writer.add_channel_with_id(it.id, it.schema_id, topic, encoding, facts);
+            }
+            Record::Metadata(metadata) => writer.write_metadata(metadata).ok()?,
+            Record::Message { header, data } => {
+                // One that is missing, one that is there twice.
+                let times = if dice.u64(..rarely) == 0 {
+                    dice.u64(..3)
+                } else {
+                    1
+                };
+                for _ in 0..times {
                     let _ = writer.write_to_known_channel(header, data);
                 }
-                _ => {}
             }
+            _ => {}
         }
     }
     writer.finish().ok()?;
@@ -251,29 +233,10 @@ fn change_record(dice: &mut Rng, record: &mut Record<'_>) {
         Record::Schema { data, .. } => *data = Cow::Owned(bytes_of(dice, data)),
         Record::Channel(channel) => words(dice, &mut channel.metadata),
         Record::Metadata(facts) => words(dice, &mut facts.metadata),
-        Record::Message { header, data } => match dice.u64(..8) {
-            0 => header.channel_id = dice.u64(..16) as u16,
-            1 => header.log_time = length(dice),
-            _ => *data = Cow::Owned(message(dice, data)),
-        },
+        Record::Message { header, .. } if dice.u64(..8) == 0 => header.log_time = length(dice),
+        Record::Message { data, .. } => *data = Cow::Owned(bytes_of(dice, data)),
         _ => {}
     }
-}
-
-/// A message with other words: numbers of eight bytes, which layouts have nothing but, stand behind tags.
-fn message(dice: &mut Rng, data: &[u8]) -> Vec<u8> {
-    let mut data = data.to_vec();
-    for _ in 0..=dice.u64(..3) {
-        let at = place(dice, &data);
-        let float = choice(dice, &[f64::NAN, 1e300, -0.0, f64::MAX]);
-        match dice.u64(..4) {
-            0 => overwrite(&mut data, at, &length(dice).to_le_bytes()),
-            1 => overwrite(&mut data, at, &float.to_le_bytes()),
-            2 => return bytes_of(dice, &data),
-            _ => overwrite(&mut data, at, &[1 << dice.u64(..8)]),
-        }
-    }
-    data
 }
 
 fn bytes_of(dice: &mut Rng, data: &[u8]) -> Vec<u8> {
@@ -282,16 +245,7 @@ fn bytes_of(dice: &mut Rng, data: &[u8]) -> Vec<u8> {
 
 fn words(dice: &mut Rng, facts: &mut BTreeMap<String, String>) {
     let at = dice.u64(..facts.len().max(1) as u64) as usize;
-    let Some((name, word)) = facts.iter().nth(at).map(|(k, v)| (k.clone(), v.clone())) else {
-        return;
-    };
-    let other = match dice.u64(..4) {
-        0 => {
-            facts.remove(&name);
-            return;
-        }
-        1 => any_number(dice).to_owned(),
-        _ => String::from_utf8_lossy(&bytes_of(dice, word.as_bytes())).into_owned(),
-    };
-    facts.insert(name, other);
+    if let Some(word) = facts.values_mut().nth(at) {
+        *word = String::from_utf8_lossy(&bytes_of(dice, word.as_bytes())).into_owned();
+    }
 }

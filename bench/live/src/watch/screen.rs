@@ -21,7 +21,7 @@ use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 
-use crate::watch::dashboard_model::{Model, Tab, WatchedFlight};
+use crate::watch::dashboard_model::{Model, Tab};
 use analysis::phrase::name_of;
 use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
 use region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, SELECTED, fitting, good_or_bad};
