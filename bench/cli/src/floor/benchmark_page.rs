@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use analysis::host::Host;
-use host::floor::comparison::{FloorComparison, GoalVerdict};
+use host::floor::comparison::FloorComparison;
 use render::document::{Cell, Table, known, row};
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -27,8 +27,7 @@ const LEGEND: &str = "\
 const CONDITIONS: &str = "
 Both sides of a pair run back to back, alternating; *ours* and *floor* are \
 medians over the pairs. The ratio is the median of the pairs' ratios, with an interval of at least \
-95 % by order statistics. Misses are pooled, with a bootstrap over pairs. `met` and `missed`: the \
-whole interval is on one side of the goal. Pairs during which the host stole more than 1 % of the \
+95 % by order statistics. Misses are pooled, with a bootstrap over pairs. Pairs during which the host stole more than 1 % of the \
 processor are left out.
 
 ";
@@ -38,7 +37,7 @@ impl Page {
         let (host, under) = (&self.host, self.host.below());
         let (kernel, preemption, cpu, cpus) =
             (&host.kernel, &host.preemption, &host.cpu, host.cpus);
-        let columns = "figure;ours;floor;ratio;95 % interval;goal;pairs;verdict".split(';');
+        let columns = "figure;ours;floor;ratio;95 % interval;pairs".split(';');
         let table = Table::new(columns, self.comparisons.iter().map(compared)).markdown();
         let Self {
             started,
@@ -64,22 +63,8 @@ fn compared(comparison: &FloorComparison) -> Vec<Cell> {
     // Not a number where no pair counts.
     let shown = |value: f64| value.is_finite().then(|| format!("{value:.2}"));
     let [ours, floor] = sides.map(|side| known(shown(side).map(|it| format!("{it} {unit}"))));
-    let verdict = match comparison.verdict() {
-        GoalVerdict::Met => "met".to_owned(),
-        GoalVerdict::Missed => "missed".to_owned(),
-        GoalVerdict::Inconclusive(why) => format!("inconclusive: {why}"),
-    };
     let interval = comparison.interval();
     let interval = known(interval.map(|i| format!("{:.2} to {:.2}", i.low, i.high)));
     let (ratio, pairs) = (known(shown(comparison.value())), measured - disturbed);
-    row([
-        name,
-        &ours,
-        &floor,
-        &ratio,
-        &interval,
-        &format!("<= {}", comparison.goal()),
-        &pairs,
-        &verdict,
-    ])
+    row([name, &ours, &floor, &ratio, &interval, &pairs])
 }
