@@ -1,6 +1,6 @@
 //! Random flights replay, and every outage of their reports is in their logs: one to three channels, several rates, plants
 //! that stand still, stopped and killed stages, and pairs of these. IRONBIRD_RANDOM_FLIGHTS sets their number,
-//! IRONBIRD_RANDOM_SEED the first one.
+//! IRONBIRD_RANDOM_SEED the first one, IRONBIRD_RANDOM_MS their length.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -56,8 +56,9 @@ fn plan(dice: &mut Rng) -> String {
         true => "end",
         false => "restart",
     };
+    let ms = number("IRONBIRD_RANDOM_MS", 300);
     format!(
-        "--channels {channels} --rate {rate_khz}k --set flight.slowdown={slowdown} --trajectory hover --duration 300ms \
+        "--channels {channels} --rate {rate_khz}k --set flight.slowdown={slowdown} --trajectory hover --duration {ms}ms \
          --on-death {on_death}{faults}"
     )
 }
