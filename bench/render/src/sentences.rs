@@ -262,7 +262,10 @@ fn law_warnings(report: &Report) -> Vec<String> {
     let mut warnings = Vec::new();
     for (role, section) in &report.run.laws {
         let law = law(section);
-        warnings.extend(not_finite(section, role));
+        let others = report.redundancy.iter().flat_map(|it| &it.laws);
+        let others = others.filter(|(stage, _)| stage.ends_with(&format!(".{role}")));
+        let others: Vec<&str> = others.map(|(_, law)| law.as_str()).collect();
+        warnings.extend(not_finite(section, role, &others));
         if section.file.is_some() {
             let process = report.roles.get(role);
             let costs = process.map(|process| unsteady(role, process));
@@ -274,9 +277,13 @@ fn law_warnings(report: &Report) -> Vec<String> {
     warnings
 }
 
-/// Outputs of a law that could not be used, where there were some.
-pub fn not_finite(section: &LawSection, role: &str) -> Option<String> {
-    let (first, law) = (section.first_not_finite?, law(section));
+/// Outputs of a law that could not be used, where there were some. Which channel's law gave them is not counted: it may
+/// also be one of `others`.
+pub fn not_finite(section: &LawSection, role: &str, others: &[&str]) -> Option<String> {
+    let (first, mut law) = (section.first_not_finite?, law(section));
+    for other in others {
+        law += &format!(" or `{other}`");
+    }
     let ticks = count(section.ticks_not_finite, "tick");
     Some(format!(
         "{role} law {law} gave a number that is not finite, or beyond any airframe, in {ticks}, first at tick {first}"

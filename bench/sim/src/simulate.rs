@@ -236,7 +236,7 @@ impl InvalidOutputs {
         let counted = settings.chosen_laws()?.into_iter().zip(self.0);
         let sentence = |(law, counted): (Chosen, NotFinite)| {
             let section = law.section(counted, Vec::new());
-            render::sentences::not_finite(&section, law.description().role.name())
+            render::sentences::not_finite(&section, law.description().role.name(), &[])
         };
         Ok(counted.filter_map(sentence).collect())
     }
