@@ -215,6 +215,7 @@ impl Plan {
         flight.seed = flight.seed.wrapping_add(repetition);
         for it in &mut settings {
             (it.flight.seed, it.flight.faults) = (flight.seed, texts.to_vec());
+            it.check_faults()?;
         }
         flight.faults = faults(&settings[0])?;
         Ok(Self { flight, settings })

@@ -39,7 +39,8 @@ impl Settings {
         injected(&self.flight.faults, self.flight.period_s)
     }
 
-    pub(super) fn check_faults(&self) -> Result<(), Failure> {
+    /// Refuses faults that this flight cannot have.
+    pub fn check_faults(&self) -> Result<(), Failure> {
         let swaps = self.planned()?.swaps.len();
         let most = plant::swap::PENDING_SWAPS;
         if swaps > most {
