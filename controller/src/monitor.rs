@@ -2,7 +2,7 @@
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
 //! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings, and sees states, with their
-//! truth, and wrenches. X and Y follow from the states alone ([`crate::adaptation`]). It stands beside a flight and not
+//! truth, setpoints and wrenches. X and Y follow from the states alone ([`crate::adaptation`]). It stands beside a flight and not
 //! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks four
 //! things at every step:
 //!

@@ -18,8 +18,8 @@ use crate::torque_law::TorqueLaw;
 /// Share of a torque and of a rate error that rounding may take, and what it may take of those that are 0.
 const ROUNDING: f64 = 1e-9;
 const ROUNDING_OF_ZERO: f64 = 1e-12;
-/// Wrenches kept: a command in force, or a wrench that the mixer holds, is not older.
-const KEPT: usize = 8;
+/// Wrenches kept: the longest delay of a command, 10 ms, is 80 ticks at 8 kHz.
+const KEPT: usize = 128;
 
 #[derive(Clone, Debug)]
 pub struct TorqueCheck {

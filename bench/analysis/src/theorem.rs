@@ -123,7 +123,8 @@ impl Theorem {
 
     /// Whether V_th could be judged, or the torque of (19) acted, in so few ticks that nothing good is said of it.
     pub fn is_hardly_judged(&self) -> bool {
-        self.ticks > 0 && self.ticks_judged < self.ticks / 2 || self.torque.hardly_acted()
+        let half = self.ticks / 2;
+        self.ticks > 0 && self.ticks_judged < half || self.torque.hardly_acted(half)
     }
 
     pub fn summary(&self) -> String {
@@ -208,9 +209,11 @@ impl Torque {
         self.rotors - self.rotors_wrong.values().sum::<u64>()
     }
 
-    /// Whether the torque of (19) acted in less than half of the ticks.
-    pub fn hardly_acted(&self) -> bool {
-        self.acted() < self.rotors / 2
+    /// Whether the torque of (19) acted, or a wrench was compared with it, in less than `half` of the ticks. Logs of
+    /// earlier versions compare neither.
+    pub fn hardly_acted(&self, half: u64) -> bool {
+        let is_compared = self.wrenches + self.rotors > 0;
+        is_compared && (self.acted() < half.saturating_sub(1) || self.wrenches < half)
     }
 
     /// In how many ticks the torque of (19) acted, and why not in the others.

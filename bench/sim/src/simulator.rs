@@ -20,7 +20,7 @@ use errors::Failure;
 use faults::filter::{FaultFilter, FaultyInput};
 use faults::live::FaultKind;
 use faults::{MessageFaults, Port};
-use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::inspection::Rejections;
 use messages::monitor::Monitor;
@@ -475,7 +475,7 @@ impl Faulted {
             while self
                 .states
                 .front()
-                .is_some_and(|first| first.tick <= state.tick)
+                .is_some_and(|first| state.tick != NO_TICK && first.tick <= state.tick)
             {
                 self.used = self.states.pop_front().unwrap_or(self.used);
             }
