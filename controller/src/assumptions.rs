@@ -195,7 +195,7 @@ impl Assumptions {
         }
     }
 
-    /// What explains that the rotors give another torque than the wrench of the command in force asks for.
+    /// The cause of a rotor torque that is not the one of the wrench whose command is in force.
     pub fn cause_of_torque(&self, tick: u64) -> Cause {
         let causes = [Cause::MotorLag, Cause::Saturation, Cause::StaleInput];
         self.first(causes, tick)

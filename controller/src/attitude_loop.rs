@@ -50,15 +50,27 @@ impl AttitudeLoop {
         fields.all([&mut self.win, &mut self.filter_tick]);
     }
 
+    /// Ticks for which the loop continues without a measurement or a setpoint.
+    pub const fn hold_ticks(&self) -> u64 {
+        self.hold_ticks
+    }
+
     /// Whether the newest sample before `tick` is too old to continue from, or there was none.
     pub fn is_lost(&self, newest: Option<u64>, tick: u64) -> bool {
         newest.is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks)
     }
 
-    /// Moves the filter on to a tick, and takes what is wanted in it. `restarts` is the attitude to start anew from.
-    pub fn begin(&mut self, tick: u64, wanted: &Desired, restarts: Option<&Measured>) {
+    /// Moves the filter on to a tick, and takes the setpoint of it. `newest` is the tick of the newest measurement before,
+    /// `measured` the measurement of the tick itself: the filter restarts there if the newest one is too old.
+    pub fn begin(
+        &mut self,
+        tick: u64,
+        wanted: &Desired,
+        newest: Option<u64>,
+        measured: Option<&Measured>,
+    ) {
         let skipped = tick.saturating_sub(self.filter_tick);
-        if let Some(measured) = restarts {
+        if let Some(measured) = measured.filter(|_| self.is_lost(newest, tick)) {
             self.filter = CommandFilter::at_rest(self.filter.w_f, measured.attitude_rad.into());
         } else if skipped > 0 {
             let passed = Passage::new(&self.filter.w_f, skipped as f64 * self.period_s);

@@ -3,14 +3,15 @@
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
 //! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings, and sees states, with their
 //! truth, setpoints and wrenches. X and Y follow from the states alone ([`crate::adaptation`]). It stands beside a flight and not
-//! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks four
-//! things at every step:
+//! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks five
+//! things, numbered as in docs/theorem.md:
 //!
 //! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
 //! 2. V_th changes by what the step owes, allowing for the model's mismatch ([`crate::lyapunov`]): this is an identity of
 //!    the update. Where a bound holds the step back, V_th changes by no more, if the bounds contain the truth.
-//! 3. The wrench is (19) of its own inputs and of the estimates, and e is what it says ([`crate::torque_check`]).
-//! 4. The rotors give the torque of the wrench whose command is in force. If not, a broken assumption must explain it.
+//! 3. V_th falls over the flight as predicted.
+//! 4. The wrench is (19) of its own inputs and of the estimates, and e is what it says ([`crate::torque_check`]).
+//! 5. The rotors give the torque of the wrench whose command is in force. If not, a broken assumption must explain it.
 //!
 //! V, which contains the rate error, is reported and never judged: its inequality is proven only without delay.
 
@@ -204,9 +205,9 @@ impl TheoremMonitor {
         torque.rotors += u64::from(seen.rotors.is_some());
         torque.wrenches_wrong += u64::from(seen.law == Some(false));
         let rotors_wrong = seen.rotors.and_then(|rotors| match rotors {
-            RotorTorque::Wanted => None,
-            RotorTorque::Older => Some(Cause::StaleInput),
-            RotorTorque::Another => Some(self.assumptions.cause_of_torque(tick)),
+            RotorTorque::OfCommand => None,
+            RotorTorque::OfOlderWrench => Some(Cause::StaleInput),
+            RotorTorque::Other => Some(self.assumptions.cause_of_torque(tick)),
         });
         if let Some(cause) = rotors_wrong {
             torque.rotors_wrong[cause as usize] += 1;

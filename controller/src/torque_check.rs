@@ -1,10 +1,10 @@
-//! The torque of a flight against (19): does the law ask for it, and do the rotors give it?
+//! The torque of a flight against (19): does the law command it, and do the rotors produce it?
 //!
-//! What (22) says of the rate error e is proven for a torque (19) that acts at once. It acts a tick later in every
-//! flight, so V may rise; but nothing else than (19), late by the ticks that the state names, may drive the airframe.
-//! Together with the exact model (B), that is the equation of e (docs/theorem.md).
+//! (22) bounds the rate error e for a torque (19) that acts at once. In every flight it acts a tick later, so V may
+//! rise; but no other torque than (19), late by the ticks that the state names, may drive the airframe. Together with
+//! the exact model (B), that is the equation of e (docs/theorem.md).
 
-use control_api::guard::{HOLD_S, hover_thrust_n};
+use control_api::guard::hover_thrust_n;
 use control_api::law::Rig;
 use messages::content::{Setpoint, Stamped, State, Wrench};
 use messages::parameters::Parameter;
@@ -24,10 +24,9 @@ const KEPT: usize = 128;
 #[derive(Clone, Debug)]
 pub struct TorqueCheck {
     law: TorqueLaw,
-    hold_ticks: u64,
-    /// Torque of the weight at an arm [N m]: that of a rotor, roughly.
+    /// Scale of a rotor's torque [N m]: weight times arm length.
     size_nm: f64,
-    /// Whether the law had every setpoint from a message: else its command filter is not known.
+    /// False once the failsafe has replaced a setpoint: the state of the law's command filter is then unknown.
     is_followed: bool,
     /// The torque of each of the newest wrenches [N m], at its tick's place.
     wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
@@ -35,29 +34,28 @@ pub struct TorqueCheck {
     in_force: Option<(u64, Vector3<f64>)>,
 }
 
-/// What was seen of the torque in a tick; none where it could not be compared.
+/// Results of a tick; none where the torque could not be compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TorqueSeen {
     /// Whether the wrench is (19) of its inputs, and its telemetry the rate error.
     pub law: Option<bool>,
-    /// What the rotors gave in the last tick.
+    /// Torque of the rotors in the last tick.
     pub rotors: Option<RotorTorque>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RotorTorque {
-    /// That of the wrench of the command in force.
-    Wanted,
-    /// That of an older wrench: the mixer had no newer one.
-    Older,
-    Another,
+    /// The torque of the wrench of the command in force.
+    OfCommand,
+    /// The torque of an older wrench: the mixer had no newer one.
+    OfOlderWrench,
+    Other,
 }
 
 impl TorqueCheck {
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
         Self {
             law: TorqueLaw::new(rig, gains),
-            hold_ticks: (HOLD_S / rig.period_s).round() as u64,
             size_nm: hover_thrust_n(rig) * rig.airframe.get(Parameter::ArmLength),
             is_followed: true,
             wrenches: [None; KEPT],
@@ -77,19 +75,19 @@ impl TorqueCheck {
     ) -> TorqueSeen {
         let (state, setpoint) = inputs;
         let measured = (state.tick == tick).then_some(&state.content.measured);
-        // Without a setpoint for so long, the guard makes one.
-        self.is_followed &= setpoint.age(tick) <= self.hold_ticks;
+        let attitude = &mut self.law.attitude;
+        self.is_followed &= setpoint.age(tick) <= attitude.hold_ticks();
         let wanted = setpoint.content.desired();
-        self.law.begin(tick, &wanted, newest, measured);
+        attitude.begin(tick, &wanted, newest, measured);
         let wrench_nm = Vector3::from(wrench.torque_b_nm);
         let law = measured.filter(|_| self.is_followed).map(|measured| {
             let theta = Vector3::from(adaptive::estimate(&wrench.telemetry));
             let residual = adaptive_residual::residual(&wrench.telemetry).into();
             let (tau, e) = self.law.torque(tick, measured, &theta, &residual, evidence);
-            let e_told = Vector3::from(adaptive::rate_error(&wrench.telemetry));
-            is_near(&tau, &wrench_nm, tau.amax()) && is_near(&e, &e_told, e.amax())
+            let e_published = Vector3::from(adaptive::rate_error(&wrench.telemetry));
+            is_near(&tau, &wrench_nm, tau.amax()) && is_near(&e, &e_published, e.amax())
         });
-        self.law.end(tick);
+        self.law.attitude.end(tick);
         let rotors = self.rotors(tick, evidence);
         if measured.is_some() {
             let command_tick = state.content.command_tick;
@@ -107,11 +105,11 @@ impl TorqueCheck {
         let is_given = |torque: &Vector3<f64>| is_near(torque, &last.tau_m, self.size_nm);
         let mut wrenches = self.wrenches.iter().flatten();
         Some(if is_given(&wanted) {
-            RotorTorque::Wanted
+            RotorTorque::OfCommand
         } else if wrenches.any(|(_, torque)| is_given(torque)) {
-            RotorTorque::Older
+            RotorTorque::OfOlderWrench
         } else {
-            RotorTorque::Another
+            RotorTorque::Other
         })
     }
 }

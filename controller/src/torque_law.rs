@@ -4,7 +4,7 @@
 //! (17)-(19), with the differences that [`crate::attitude_loop`] and [`crate::rate_law`] list. The adaptive law flies with
 //! it, and the theorem's monitor compares every wrench with it.
 
-use control_api::law::{Desired, Fields, Rig};
+use control_api::law::Rig;
 use messages::allocation::net_speed;
 use messages::content::Measured;
 use messages::rate_dynamics::Inertia;
@@ -15,9 +15,10 @@ use crate::attitude_loop::AttitudeLoop;
 use crate::gains::Gains;
 use crate::rate_law::{RatePoint, predict, sampled_gain, torque};
 
+/// Attitude loop, predictor and (19) with fixed gains; the estimates come from outside.
 #[derive(Clone, Debug)]
 pub struct TorqueLaw {
-    attitude: AttitudeLoop,
+    pub attitude: AttitudeLoop,
     inertia: Inertia,
     period_s: f64,
     gain: f64,
@@ -35,28 +36,8 @@ impl TorqueLaw {
         }
     }
 
-    pub fn state(&mut self, fields: &mut Fields) {
-        self.attitude.state(fields);
-    }
-
-    /// Whether the newest sample before `tick` is too old to continue from, or there was none.
-    pub fn is_lost(&self, newest: Option<u64>, tick: u64) -> bool {
-        self.attitude.is_lost(newest, tick)
-    }
-
-    /// Begins a tick; `newest` is the tick of the newest measurement before it, `measured` that of the tick itself.
-    pub fn begin(
-        &mut self,
-        tick: u64,
-        wanted: &Desired,
-        newest: Option<u64>,
-        measured: Option<&Measured>,
-    ) {
-        let restarts = measured.filter(|_| self.is_lost(newest, tick));
-        self.attitude.begin(tick, wanted, restarts);
-    }
-
-    /// Torque [N m] and rate error e [rad/s] of the tick that has begun. `evidence` has its measurement, `theta` are the
+    /// Torque [N m] and rate error e [rad/s] of the tick that the attitude loop has begun. `evidence` has taken the
+    /// measurement of this tick, `theta` are the
     /// estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2], and `residual` is what else is to be cancelled [rad/s^2].
     pub fn torque(
         &self,
@@ -88,9 +69,5 @@ impl TorqueLaw {
         let tau = torque(&at, &reference, theta, self.gain, &self.inertia);
         let cancelled = self.inertia.i_m().component_mul(residual);
         (tau - cancelled, at.nu2 - reference.nu2_d)
-    }
-
-    pub fn end(&mut self, tick: u64) {
-        self.attitude.end(tick);
     }
 }

@@ -18,6 +18,8 @@ pub const FOUND: f64 = 0.01;
 
 /// Share of the steps in which a bound may hold an estimate back without a warning: it does while the estimates learn.
 const AT_BOUND: f64 = 0.1;
+/// Ticks at the start of a flight whose torque is that of no command.
+const FIRST_TICKS: u64 = 2;
 /// Share of the sample that the estimates may leave unexplained.
 const UNEXPLAINED: f64 = 0.02;
 
@@ -123,8 +125,13 @@ impl Theorem {
 
     /// Whether V_th could be judged, or the torque of (19) acted, in so few ticks that nothing good is said of it.
     pub fn is_hardly_judged(&self) -> bool {
-        let half = self.ticks / 2;
-        self.ticks > 0 && self.ticks_judged < half || self.torque.hardly_acted(half)
+        let is_hardly_judged = self.ticks > 0 && self.ticks_judged < self.ticks / 2;
+        is_hardly_judged || self.torque.hardly_acted(self.ticks)
+    }
+
+    /// In how many ticks the torque of (19) acted, and why not in the others.
+    pub fn torque(&self) -> String {
+        self.torque.says(self.ticks)
     }
 
     pub fn summary(&self) -> String {
@@ -201,34 +208,48 @@ impl Torque {
     /// Wrenches that are not (19), and ticks whose rotors gave another torque without a cause.
     pub fn unexplained(&self) -> u64 {
         let rotors = self.rotors_wrong.get(Cause::Unexplained.name());
-        self.wrenches_wrong + rotors.copied().unwrap_or(0)
+        let rotors = rotors.copied().unwrap_or(0);
+        self.wrenches_wrong.saturating_add(rotors)
     }
 
     /// Ticks whose rotors gave the torque of (19).
     fn acted(&self) -> u64 {
-        self.rotors - self.rotors_wrong.values().sum::<u64>()
+        let wrong = self.rotors_wrong.values();
+        wrong.fold(self.rotors, |acted: u64, wrong| {
+            acted.saturating_sub(*wrong)
+        })
     }
 
-    /// Whether the torque of (19) acted, or a wrench was compared with it, in less than `half` of the ticks. Logs of
-    /// earlier versions compare neither.
-    pub fn hardly_acted(&self, half: u64) -> bool {
-        let is_compared = self.wrenches + self.rotors > 0;
-        is_compared && (self.acted() < half.saturating_sub(1) || self.wrenches < half)
+    /// Whether the torque of (19) acted, or a wrench was compared with it, in less than half of the ticks. Logs of earlier
+    /// versions compare neither.
+    fn hardly_acted(&self, ticks: u64) -> bool {
+        let is_compared = self.wrenches > 0 || self.rotors > 0;
+        // No command is in force in the first ticks.
+        let least = (ticks / 2).saturating_sub(FIRST_TICKS);
+        is_compared && self.acted().min(self.wrenches) < least
     }
 
     /// In how many ticks the torque of (19) acted, and why not in the others.
-    pub fn says(&self) -> String {
+    fn says(&self, ticks: u64) -> String {
         if self.rotors == 0 {
             return "no torque was compared with (19)".into();
         }
         let causes = self.rotors_wrong.iter().filter(|(_, ticks)| **ticks > 0);
-        let causes: Vec<String> = causes
+        let mut causes: Vec<String> = causes
             .map(|(cause, ticks)| format!("{cause} in {ticks}"))
             .collect();
+        let unknown = ticks.saturating_sub(self.rotors);
+        if unknown > FIRST_TICKS {
+            causes.push(format!("not compared in {unknown} more"));
+        }
         let (acted, rotors) = (self.acted(), count(self.rotors, "tick"));
         let mut says = format!("the torque of (19) acted in {acted} of {rotors}");
         if !causes.is_empty() {
             says += &format!(" ({})", causes.join(", "));
+        }
+        if self.wrenches < ticks / 2 {
+            let wrenches = count(self.wrenches, "wrench message");
+            says += &format!("; only {wrenches} could be compared with (19)");
         }
         if self.wrenches_wrong > 0 {
             let wrenches = count(self.wrenches, "wrench message");

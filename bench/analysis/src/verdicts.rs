@@ -142,14 +142,14 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     } else if theorem.holds && theorem.ticks_unwatched > 0 {
         (PartlyWatched, counts)
     } else if theorem.holds && theorem.is_hardly_judged() {
-        (NotJudged, format!("{counts}; {}", theorem.torque.says()))
+        (NotJudged, format!("{counts}; {}", theorem.torque()))
     } else if theorem.holds {
         // (22) is proven without delay alone: how small e becomes is no part of the verdict.
-        let (torque, e) = (theorem.torque.says(), theorem.rate_error_final_rad_s);
+        let (torque, e) = (theorem.torque(), theorem.rate_error_final_rad_s);
         let why = format!("{counts}; {torque}; e {e:.1e} rad/s at the end");
         (Holds, why)
     } else if theorem.torque.unexplained() > 0 {
-        (Broken, format!("{}; {counts}", theorem.torque.says()))
+        (Broken, format!("{}; {counts}", theorem.torque()))
     } else if unexplained == 0 {
         let why = "the estimates did not move as predicted";
         (Broken, why.into())

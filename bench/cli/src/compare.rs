@@ -34,6 +34,8 @@ use sim::simulator::Simulator;
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;
 const ROWS_MAX: usize = 50;
+/// Latest instant of a fault [s]: no flight is that long.
+const INSTANT_MAX_S: f64 = 1e6;
 /// Default of `--recovered-below` [m].
 const RECOVERED_BELOW_M: f64 = 0.05;
 
@@ -118,9 +120,9 @@ fn fly_table(
             .collect()
     };
     // Without a list, each fault names its own instant, and each row is one flight.
-    let instants: Vec<String> = match cases.at_s.as_slice() {
-        [] => vec![String::new()],
-        at_s => at_s.iter().map(|at_s| format!("@{at_s}s")).collect(),
+    let instants: Vec<String> = match &cases.at_s {
+        None => vec![String::new()],
+        Some(at_s) => at_s.iter().map(|at_s| format!("@{at_s}s")).collect(),
     };
     let mut plans = Vec::new();
     for row in &cases.row {
@@ -209,10 +211,17 @@ impl Plan {
         Ok(Self { flight, settings })
     }
 
-    /// The same flight with the `repetition`th seed from its own, and with these faults.
+    /// A repetition of the flight: with the seed that many later, and with these faults.
     fn repeated(&self, repetition: u64, texts: &[String]) -> Result<Self, Failure> {
         let (mut flight, mut settings) = (self.flight.clone(), self.settings.clone());
-        flight.seed = flight.seed.wrapping_add(repetition);
+        let seed = flight.seed.checked_add(repetition);
+        let seed = seed.filter(|seed| i64::try_from(*seed).is_ok());
+        flight.seed = seed.ok_or_else(|| {
+            let (first, most) = (flight.seed, i64::MAX);
+            Failure::usage(format!(
+                "flight.seed = {first} leaves no seed for each flight: allowed are 0 to {most}"
+            ))
+        })?;
         for it in &mut settings {
             (it.flight.seed, it.flight.faults) = (flight.seed, texts.to_vec());
             it.check_faults()?;
@@ -315,7 +324,7 @@ struct CaseFile {
     recovered_below_m: Option<f64>,
     /// Instants of the faults [s], which then name none: each row is flown once for each, every time with the next seed.
     #[serde(default)]
-    at_s: Vec<f64>,
+    at_s: Option<Vec<f64>>,
     /// Whether errors count from the fault on.
     #[serde(default)]
     from_fault: bool,
@@ -366,6 +375,22 @@ impl CaseTable {
                 "{:?} is no name of a row: write a line of text",
                 row.name
             )));
+        }
+        if let Some(at_s) = &cases.at_s {
+            let is_instant = |at_s: &&f64| (0.0..=INSTANT_MAX_S).contains(*at_s);
+            let wrong = at_s.iter().find(|at_s| !is_instant(at_s));
+            if wrong.is_some() || !(1..=ROWS_MAX).contains(&at_s.len()) {
+                let holds = wrong.map_or(format!("{} instants", at_s.len()), f64::to_string);
+                return Err(refused(format!(
+                    "at_s has {holds}: allowed are 1 to {ROWS_MAX} instants from 0 to {INSTANT_MAX_S} s"
+                )));
+            }
+            let mut faults = cases.row.iter().flat_map(|row| &row.faults);
+            if let Some(fault) = faults.find(|fault| fault.contains('@')) {
+                return Err(refused(format!(
+                    "`{fault}` names an instant, and at_s lists the instants of all faults: leave out one of them"
+                )));
+            }
         }
         if let Some(bound) = cases.recovered_below_m {
             let checked = limit(&bound.to_string());

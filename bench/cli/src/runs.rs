@@ -5,9 +5,9 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, UNIX_EPOCH};
 
-use analysis::phrase::count;
+use analysis::phrase::{count, name_of};
 use analysis::report_file::RunFacts;
-use analysis::schema::{NOT_FRESH, NotFresh, Report};
+use analysis::schema::{NOT_FRESH, NotFresh, Report, TimingVerdict};
 use render::document::{Cell, Table, known, row};
 use serde::Serialize;
 
@@ -136,7 +136,13 @@ impl RecordedRun {
     fn row(&self) -> Vec<Cell> {
         let on_time = |it: NotFresh| format!("{:.2} %", it.on_time_percent());
         let verdicts = self.words.as_ref();
-        let verdicts = known(verdicts.map(|[flight, timing, _]| format!("{flight}, {timing}")));
+        let not_measured = name_of(&TimingVerdict::NotMeasured);
+        let verdicts = known(
+            verdicts.map(|[flight, timing, _]| match *timing == not_measured {
+                true => flight.clone(),
+                false => format!("{flight}, {timing}"),
+            }),
+        );
         let name = self.name.replace(char::is_control, "?");
         let latest = if self.is_latest { " *" } else { "" };
         // Omitted for the most common airframe, so that a row fits into 80 columns.

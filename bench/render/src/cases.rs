@@ -18,20 +18,20 @@ pub struct Cases {
     pub rows: Vec<(String, Vec<Comparison>)>,
 }
 
-/// What a combination made of a question in words, and what the best of a row has least of.
-type Answer = (String, Option<f64>);
+/// Text of a cell, and the figure by which the best of a row is found: the smallest is.
+type CellFigure = (String, Option<f64>);
 
-/// A question, its answer by the flights of a combination, and the figure below which a row is left out.
-struct Question(String, fn(&[&Outcome]) -> Answer, Option<f64>);
+/// Title of a table, the cell for the flights of a combination, and the figure below which a row is left out.
+struct Measure(String, fn(&[&Outcome]) -> CellFigure, Option<f64>);
 
 impl Cases {
     fn first(&self) -> Option<&Comparison> {
         self.rows.first().and_then(|(_, flights)| flights.first())
     }
 
-    fn questions(&self) -> [Question; 2] {
+    fn measures(&self) -> [Measure; 2] {
         let bound_m = self.first().map_or(0.0, |it| it.flight.bound_m);
-        let (error, answer): (String, fn(&[&Outcome]) -> Answer) = match self.from_fault {
+        let (error, cell): (String, fn(&[&Outcome]) -> CellFigure) = match self.from_fault {
             true => (
                 "true position error from the fault on [mm]: rms / peak".into(),
                 from_fault,
@@ -52,12 +52,12 @@ impl Cases {
             "change of a rotor's command in a tick, rms of the flight [rad/s], where it is above {QUIET_RAD_S}"
         );
         [
-            Question(error, answer, None),
-            Question(change, agitation, Some(QUIET_RAD_S)),
+            Measure(error, cell, None),
+            Measure(change, agitation, Some(QUIET_RAD_S)),
         ]
     }
 
-    /// A table for each question and each outer law with its mixer; `bold` marks what is best in its row.
+    /// A table for each measure and each outer law with its mixer; `bold` marks what is best in its row.
     fn tables(&self, bold: fn(&str) -> String) -> Vec<(String, Table)> {
         let Some(first) = self.first() else {
             return Vec::new();
@@ -66,7 +66,7 @@ impl Cases {
         let mut groups: Vec<_> = first.outcomes.iter().map(|it| group(&it.laws)).collect();
         groups.dedup();
         let mut tables = Vec::new();
-        for Question(question, answer, least) in self.questions() {
+        for Measure(title, cell, least) in self.measures() {
             for of in &groups {
                 let is_of = |outcome: &&Outcome| group(&outcome.laws) == *of;
                 let rows = self.rows.iter().filter_map(|(name, flights)| {
@@ -75,9 +75,9 @@ impl Cases {
                     let of_flights = |it: usize| -> Vec<&Outcome> {
                         flights.iter().map(|flight| &flight.outcomes[it]).collect()
                     };
-                    let answers: Vec<Answer> =
-                        combinations.map(|it| answer(&of_flights(it))).collect();
-                    let cells = cells(&answers, least, bold)?;
+                    let figures: Vec<CellFigure> =
+                        combinations.map(|it| cell(&of_flights(it))).collect();
+                    let cells = cells(&figures, least, bold)?;
                     Some([Cell::from(name)].into_iter().chain(cells).collect())
                 });
                 let laws = first.outcomes.iter().filter(is_of);
@@ -88,7 +88,7 @@ impl Cases {
                     true => format!(", mixer `{mixer}`"),
                     false => String::new(),
                 };
-                let title = format!("Outer law `{outer}`{mixer}: {question}");
+                let title = format!("Outer law `{outer}`{mixer}: {title}");
                 tables.push((title, Table::new(columns, rows)));
             }
         }
@@ -241,15 +241,19 @@ impl Cases {
 }
 
 /// The cells of a row, unless none of its figures is above `least`.
-fn cells(answers: &[Answer], least: Option<f64>, bold: fn(&str) -> String) -> Option<Vec<Cell>> {
-    /// How dark a cell is whose figure is ten times the best [%].
+fn cells(
+    figures_of_row: &[CellFigure],
+    least: Option<f64>,
+    bold: fn(&str) -> String,
+) -> Option<Vec<Cell>> {
+    /// Shade of a cell whose figure is ten times the best [%].
     const TENFOLD: f64 = 35.0;
-    let figures = || answers.iter().filter_map(|(_, figure)| *figure);
+    let figures = || figures_of_row.iter().filter_map(|(_, figure)| *figure);
     if least.is_some_and(|least| !figures().any(|figure| figure > least)) {
         return None;
     }
     let best = figures().min_by(f64::total_cmp).unwrap_or_default();
-    let cell = |(text, figure): &Answer| match figure {
+    let cell = |(text, figure): &CellFigure| match figure {
         // Figures that print alike are both the best.
         Some(figure) if significant(*figure) == significant(best) => bold(text).into(),
         figure => {
@@ -261,24 +265,24 @@ fn cells(answers: &[Answer], least: Option<f64>, bold: fn(&str) -> String) -> Op
             }
         }
     };
-    Some(answers.iter().map(cell).collect())
+    Some(figures_of_row.iter().map(cell).collect())
 }
 
 fn tracking(
     outcomes: &[&Outcome],
     error: fn(&Figures) -> Option<ErrorFigures>,
     of: &[fn(&ErrorFigures) -> f64],
-) -> Answer {
+) -> CellFigure {
     let lost: Vec<f64> = outcomes.iter().filter_map(|it| it.lost_s).collect();
     if let Some(first_s) = lost.iter().copied().min_by(f64::total_cmp) {
         let share = match outcomes.len() {
             1 => String::new(),
-            all => format!(" in {} of {all}, first", lost.len()),
+            all => format!(" {} of {all}/first", lost.len()),
         };
         return (format!("lost{share} at {first_s:.1} s"), None);
     }
     let figures = || outcomes.iter().map(|it| &it.figures);
-    // A row without a fault tells of the whole flight; one whose flight was over too soon, of nothing.
+    // Without a fault, the whole flight counts; a flight that ended too soon has no figure.
     let errors = figures().map(|it| {
         let whole = it.recovery_s.is_empty().then_some(it.error);
         error(it).or(whole)
@@ -320,11 +324,11 @@ fn typical(values: &[f64], print: fn(f64) -> String) -> String {
     }
 }
 
-fn lasting(outcomes: &[&Outcome]) -> Answer {
+fn lasting(outcomes: &[&Outcome]) -> CellFigure {
     tracking(outcomes, |it| it.error_after, &[|it| it.worst_m])
 }
 
-fn from_fault(outcomes: &[&Outcome]) -> Answer {
+fn from_fault(outcomes: &[&Outcome]) -> CellFigure {
     tracking(
         outcomes,
         |it| it.error_from_fault,
@@ -332,7 +336,7 @@ fn from_fault(outcomes: &[&Outcome]) -> Answer {
     )
 }
 
-fn agitation(outcomes: &[&Outcome]) -> Answer {
+fn agitation(outcomes: &[&Outcome]) -> CellFigure {
     if outcomes.iter().any(|it| it.lost.is_some()) {
         return ("lost".into(), None);
     }

@@ -66,7 +66,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             "{} compared with (19) of their inputs, {} differ; {}",
             count(theorem.torque.wrenches, "wrench message"),
             theorem.torque.wrenches_wrong,
-            theorem.torque.says()
+            theorem.torque()
         ),
         format!(
             "e {:.2e} rad/s at most, {:.2e} at the end; {}, {} with a stale input, {}",

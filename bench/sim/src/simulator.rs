@@ -270,7 +270,7 @@ impl Simulator {
         }
     }
 
-    /// What the theorem's monitor says of the newest wrench.
+    /// Result of the theorem's monitor for the newest wrench.
     pub fn monitor(&self) -> Option<&Monitor> {
         self.theorem.newest()
     }

@@ -107,7 +107,7 @@ impl Adaptive {
         if let Some(residual) = &mut self.residual {
             match regression {
                 Some(regression) => residual.take(&self.adaptation, &self.theta, &regression.last),
-                None if self.law.is_lost(newest, tick) => residual.forget(),
+                None if self.law.attitude.is_lost(newest, tick) => residual.forget(),
                 None => {}
             }
         }
@@ -146,7 +146,7 @@ impl Law for Adaptive {
     }
 
     fn state(&mut self, fields: &mut Fields) {
-        self.law.state(fields);
+        self.law.attitude.state(fields);
         fields.all([&mut self.theta]);
         self.evidence.state(fields);
         if let Some(residual) = &mut self.residual {
@@ -160,13 +160,13 @@ impl InnerLaw for Adaptive {
         let newest = self.evidence.samples().newest_tick();
         let (tick, wanted) = (input.tick, &input.wanted);
         let measured = (input.measured_age == 0).then_some(&input.measured);
-        self.law.begin(tick, wanted, newest, measured);
+        self.law.attitude.begin(tick, wanted, newest, measured);
         let (tau, e) = match measured {
             Some(measured) => self.control(tick, measured),
             // The rate error is unknown.
             None => (Vector3::zeros(), Vector3::repeat(f64::NAN)),
         };
-        self.law.end(tick);
+        self.law.attitude.end(tick);
         telemetry.value[..3].copy_from_slice(e.as_slice());
         telemetry.value[3..6].copy_from_slice(self.theta.as_slice());
         if let Some(residual) = &self.residual {

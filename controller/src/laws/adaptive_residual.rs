@@ -57,7 +57,7 @@ fn suited(settings: &Settings, rig: &Rig) -> Settings {
     suited.with(&RESIDUAL_FILTER, Value::Number(slowed * filter))
 }
 
-/// What the estimates leave unexplained [rad/s^2], of the telemetry of [`AdaptiveResidual`]; 0 in that of [`Adaptive`].
+/// Residual of the estimates [rad/s^2] in the telemetry of [`AdaptiveResidual`]; 0 in the telemetry of [`Adaptive`].
 pub fn residual(telemetry: &Telemetry) -> [f64; 3] {
     let [_, _, _, _, _, _, x, y, z, ..] = telemetry.value;
     [x, y, z]

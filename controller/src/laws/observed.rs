@@ -121,8 +121,7 @@ impl<O: Observer> InnerLaw for Observed<O> {
         let newest = self.samples.newest_tick();
         let (tick, wanted) = (input.tick, &input.wanted);
         let measured = (input.measured_age == 0).then_some(&input.measured);
-        let restarts = measured.filter(|_| self.attitude.is_lost(newest, tick));
-        self.attitude.begin(tick, wanted, restarts);
+        self.attitude.begin(tick, wanted, newest, measured);
         let tau = measured.map(|measured| self.control(tick, measured, telemetry));
         self.attitude.end(tick);
         WrenchSetpoint {

@@ -184,7 +184,7 @@ layout! {
 }
 
 impl Setpoint {
-    /// What it is to the law of the inner loop.
+    /// The part that the law of the inner loop follows.
     pub const fn desired(&self) -> Desired {
         Desired {
             thrust_n: self.thrust_n,

@@ -65,6 +65,7 @@ fn compared(comparison: &FloorComparison) -> Vec<Cell> {
     let [ours, floor] = sides.map(|side| known(shown(side).map(|it| format!("{it} {unit}"))));
     let interval = comparison.interval();
     let interval = known(interval.map(|i| format!("{:.2} to {:.2}", i.low, i.high)));
-    let (ratio, pairs) = (known(shown(comparison.value())), measured - disturbed);
+    let ratio = known(shown(comparison.value()));
+    let pairs = format!("{} of {measured}", measured - disturbed);
     row([name, &ours, &floor, &ratio, &interval, &pairs])
 }
