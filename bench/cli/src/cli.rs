@@ -9,12 +9,13 @@ mod interaction;
 mod machine;
 mod records;
 pub mod roles;
+pub(crate) mod setting_flags;
 mod study;
 pub(crate) mod values;
 
 use std::path::PathBuf;
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 use toml::Value;
 
 use crate::build::VERSION;
@@ -23,8 +24,8 @@ use crate::new_law::NewCommand;
 use config::Overrides;
 
 pub use flight::{
-    FlightArgs, FlyArgs, GateArgs, GateName, LogArg, OnDeath, PaceArg, RecordArgs, RecorderArgs,
-    RoleArgs, RtArgs, RtMode, SimulateArgs, TrajectoryArgs,
+    FlightArgs, FlyArgs, GateArgs, GateName, OnDeath, RecordArgs, RecorderArgs, RoleArgs, RtArgs,
+    SimulateArgs, TrajectoryArgs,
 };
 pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, SwitchArgs, WatchArgs};
 pub use machine::{
@@ -38,7 +39,7 @@ pub use study::{
     CampaignCheckArgs, CampaignCommand, CampaignDirectoryArgs, CampaignFlyArgs, CampaignReportArgs,
     CampaignRunArgs, CampaignSubmitArgs, CompareArgs, Engine, LawSetArgs, MarginArgs, SUITES,
 };
-pub use values::{NumberOrAuto, Shard};
+pub use values::Shard;
 
 /// A real-time test rig for quadrotor flight controllers.
 ///
@@ -170,12 +171,4 @@ fn overrides<const N: usize>(flags: [Option<(&'static str, Value)>; N]) -> Overr
 /// An override of the setting `key`, if its flag was given.
 fn set<V: Into<Value>>(key: &'static str, value: Option<V>) -> Option<(&'static str, Value)> {
     Some((key, value?.into()))
-}
-
-/// The word that selects `value` on the command line and in a settings file.
-fn name_of(value: impl ValueEnum) -> String {
-    value
-        .to_possible_value()
-        .map(|value| value.get_name().to_owned())
-        .unwrap_or_default()
 }

@@ -4,6 +4,7 @@
 //! result does not depend on the number of CPUs.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use crate::cli::MarginArgs;
 use crate::report_command::publish;
@@ -22,7 +23,7 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let stop = stop_flag()?;
     let settings = settings(args)?;
     check_outputs(&[("--page", args.page.as_deref())])?;
-    let phases = Phases::new(args.phases, args.course.duration, &settings[0])?;
+    let phases = Phases::new(args.phases, duration(args), &settings[0])?;
     let task = task(args, &settings[0])?;
     let no_table = no_table(args);
     let out = args.out.clone();
@@ -42,9 +43,14 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     Ok(OK)
 }
 
+fn duration(args: &MarginArgs) -> Option<Duration> {
+    let duration_s = args.course.settings.get("flight.duration_s")?.as_float()?;
+    Some(Duration::from_secs_f64(duration_s))
+}
+
 /// Why no table is stored: reports would take it for the complete table with the default gates.
 fn no_table(args: &MarginArgs) -> Option<String> {
-    let is_shortened = args.course.duration.is_some();
+    let is_shortened = duration(args).is_some();
     let reasons: Vec<&str> = [
         (!args.only.is_empty(), "--only measures a part"),
         (!args.gates.is_empty(), "--gate sets other bounds"),
@@ -69,7 +75,7 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
     let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
     let mut course = args.course.clone();
     // It gives the end of the phases, which may come before a fault of the file; flights have lengths of their own.
-    course.duration = None;
+    course.settings.unset("flight.duration_s");
     let config = course.config.as_deref();
     let mut settings = combinations::resolve(config, &course.overrides(), &combinations)?;
     if !settings[0].flight.faults.is_empty() {

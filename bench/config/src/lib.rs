@@ -1,10 +1,11 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 //!
-//! Owns the sections and their keys; default.toml has the defaults and explains every key. Start reading in
+//! Owns the sections and their keys; `declarations` explains how a setting is declared. Start reading in
 //! [`Settings::resolve`].
 
 pub mod airframe;
 mod airframe_checks;
+pub mod declarations;
 pub mod law_settings;
 mod layers;
 pub mod overrides;
@@ -27,8 +28,7 @@ use layers::{layered, read, typed};
 pub use overrides::Overrides;
 pub use processes::check_cpu;
 pub use settings::*;
-pub use toml_access::DEFAULT;
-pub use trajectory::{PointsFile, TrajectorySection};
+pub use trajectory::PointsFile;
 
 impl Settings {
     /// The settings that result from a file and flags. An error names the key, the value, what is allowed, and where it

@@ -333,21 +333,9 @@ impl Settings {
     }
 
     fn check_channels(&self, settings: &RealtimeSettings) -> Result<(), Failure> {
-        let (channels, channel_cpus) = (settings.channels, settings.channel_cpus);
+        let channels = settings.channels;
         let loop_cpus = settings.loop_cpus;
         let refused = |what: String, help: &str| Err(Failure::usage(what).help(help));
-        if !(1..=MOST_CHANNELS).contains(&channels) {
-            return refused(
-                format!("rt.channels = {channels}: allowed are 1 to {MOST_CHANNELS}"),
-                "2 channels survive the loss of one, 3 also find out which one computes wrongly",
-            );
-        }
-        if !(1..=2).contains(&channel_cpus) {
-            return refused(
-                format!("rt.channel_cpus = {channel_cpus}: allowed are 1 and 2"),
-                "with 2, channels b and c fly on another processor than channel a",
-            );
-        }
         let of_channel = |channel: Channel| (channel as usize >= channels).then_some(channel);
         if let Some(channel) = self.channel.keys().copied().find_map(of_channel) {
             return refused(
@@ -376,12 +364,12 @@ impl Settings {
             );
         }
         let lowest = Replica::new(Role::Outer, Channel::ALL[channels - 1]);
-        if settings.priority + lowest.priority_step(channel_cpus) < 1 {
+        if settings.priority + lowest.priority_step(settings.channel_cpus) < 1 {
             return refused(
                 format!(
                     "rt.priority = {}: {channels} channels need {} priorities below it",
                     settings.priority,
-                    -lowest.priority_step(channel_cpus)
+                    -lowest.priority_step(settings.channel_cpus)
                 ),
                 "80 is the default",
             );

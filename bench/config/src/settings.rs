@@ -1,6 +1,7 @@
 //! The sections of the settings with their keys, and what follows from them: texts, trajectory, gates, log plan.
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 use analysis::gates::{RequestedGates, TheoremGate};
 use analysis::verdicts::TrackingLimits;
@@ -11,7 +12,7 @@ use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
 use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
-use messages::role::{Channel, Role};
+use messages::role::{Channel, MOST_CHANNELS, Role};
 use messages::telemetry::LAW_ROLES;
 use plant::{Ground, Initial};
 use render::flight;
@@ -19,8 +20,9 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::airframe;
+use crate::declarations::{Allowed, DEFAULT, Flag, Group, Notation, section};
 use crate::law_settings::{self, Moved};
-use crate::toml_access::{DEFAULT, same};
+use crate::toml_access::same;
 use crate::trajectory::{self, PointsFile, TrajectorySection};
 
 /// Sections that all roles of a run must share, in the order of their common text.
@@ -33,7 +35,6 @@ pub struct Settings {
     pub flight: FlightSettings,
     pub initial: Initial,
     pub ground: GroundSection,
-    #[serde(default)]
     pub trajectory: TrajectorySection,
     /// What the airframe was built with, by parameter name; the ranges of its parameters follow from it.
     #[serde(default = "airframe::paper")]
@@ -48,7 +49,6 @@ pub struct Settings {
     pub inner: Table,
     pub mixer: Table,
     pub rt: RealtimeSection,
-    #[serde(default)]
     pub simplex: SimplexSection,
     /// The laws of single channels that are not those above.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -67,29 +67,59 @@ pub struct Settings {
     pub variants: [String; 3],
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FlightSettings {
-    pub trajectory: String,
-    pub airframe: String,
-    #[serde(default)]
-    pub airframe_sha256: String,
-    pub preset: String,
-    pub duration_s: f64,
-    pub period_s: f64,
-    pub pace: PaceName,
-    pub slowdown: u64,
-    pub seed: u64,
-    /// Of earlier versions, whose logs have it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub resume_estimates: Option<bool>,
-    pub faults: Vec<String>,
-    pub position_error_max_m: f64,
-    pub tracking_error_max_m: f64,
-    #[serde(default = "tracking_yaw_error_max_rad")]
-    pub tracking_yaw_error_max_rad: f64,
-    pub tilt_max_rad: f64,
-    pub ground_z_m: f64,
+section! { "flight"
+    pub struct FlightSettings {
+        /// Reference trajectory: a name, or a CSV file with the columns t,x,y,z,yaw.
+        trajectory: String = "\"lissajous\"",
+            flag Flag::new("--trajectory", "TRAJECTORY", Group::Flight).written(Notation::Trajectory);
+        /// Airframe: paper, crazyflie, x500, or an airframe file. Keys in [plant], [model] and [rotor] override it.
+        airframe: String = "\"paper\"",
+            flag Flag::new("--airframe", "NAME|FILE.toml", Group::Flight)
+                .help("Airframe: paper, crazyflie, x500, or an airframe file");
+        /// SHA-256 of the airframe file, checked if not empty; recorded with each flight.
+        airframe_sha256: String = "\"\"";
+        /// Preset for every law that has one with this name. Keys in [outer], [inner] and [mixer] override it.
+        preset: String = "\"flight\"",
+            flag Flag::new("--preset", "PRESET", Group::Flight)
+                .written(Notation::Preset)
+                .help("Preset for every law that has one with this name");
+        /// Length of the flight [s]. A 30 s flight at 1 kHz has ticks 0 to 30000.
+        duration_s: f64 = "30.0",
+            flag Flag::new("--duration", "DURATION", Group::Flight)
+                .written(Notation::Duration)
+                .default("30s; margin: one period of the trajectory")
+                .help("Length of the flight, for example 30s or 2m");
+        /// Sample time of the laws [s], and length of a tick in real time.
+        period_s: f64 = "0.001",
+            flag Flag::new("--rate", "HZ", Group::Flight)
+                .written(Notation::Rate)
+                .default("1k")
+                .help("Rate of the loop in Hz or kHz, for example 500 or 4k");
+        /// What starts the ticks.
+        pace: PaceName = "\"realtime\"",
+            in Allowed::OneOf(&[
+                ("realtime", "the clock: one tick per period, whether or not every stage is ready"),
+                ("lockstep", "the chain itself: the next tick begins when the rotor command has arrived; not real-time"),
+            ]),
+            flag Flag::new("--pace", "PACE", Group::RealTime);
+        /// Slow motion: each tick takes this many periods of real time. The sample time does not change.
+        slowdown: u64 = "1", in Allowed::Range(1.0, 1000.0);
+        /// Seed of sensor noise, gusts and random faults.
+        seed: u64 = "1",
+            flag Flag::new("--seed", "N", Group::Flight);
+        /// Faults to inject, with the syntax of --fault: ["rotational_drag_nm_s=0.315@8s", "setpoint.drop=0.1@9s"].
+        faults: Vec<String> = "[]";
+        /// A larger position error ends the flight [m].
+        position_error_max_m: f64 = "10.0", in Allowed::Range(0.01, 1e4);
+        /// Largest position error in the last 5 s of a flight that tracked [m].
+        tracking_error_max_m: f64 = "0.1", in Allowed::Range(0.0, 1e4);
+        /// Largest yaw error in the last 5 s of a flight that tracked [rad].
+        tracking_yaw_error_max_rad: f64 = "0.1", in Allowed::Range(0.0, PI);
+        /// A larger angle between body z and the vertical ends the flight [rad]; pi means no limit.
+        tilt_max_rad: f64 = "3.141592653589793", in Allowed::Range(0.1, PI);
+        /// Height of the ground [m]; below it the flight counts as lost.
+        ground_z_m: f64 = "-0.25", in Allowed::Range(-1e4, 0.0);
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,14 +129,24 @@ pub enum PaceName {
     Lockstep,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GroundSection {
-    pub contact: ContactName,
-    pub leg_m: f64,
-    pub friction: f64,
-    pub crash_speed_m_s: f64,
-    pub crash_tilt_rad: f64,
+section! { "ground"
+    #[derive(Copy)]
+    pub struct GroundSection {
+        /// Whether the airframe touches the ground.
+        contact: ContactName = "\"off\"",
+            in Allowed::OneOf(&[
+                ("off", "no contact"),
+                ("plane", "the airframe lands, slides or crashes; a crash ends the flight"),
+            ]);
+        /// Distance from the rotor plane to the feet and to the top [m].
+        leg_m: f64 = "0.05", in Allowed::Range(0.001, 2.0);
+        /// Coefficient of friction.
+        friction: f64 = "0.6", in Allowed::Range(0.0, 2.0);
+        /// A faster touchdown is a crash [m/s].
+        crash_speed_m_s: f64 = "2.0", in Allowed::Range(0.0, 100.0);
+        /// A touchdown with a larger tilt is a crash [rad].
+        crash_tilt_rad: f64 = "0.7853981633974483", in Allowed::Range(0.0, PI);
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -116,86 +156,139 @@ pub enum ContactName {
     Plane,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RealtimeSection {
-    pub mode: RealtimeMode,
-    pub priority: i32,
-    /// A number, or "auto"; likewise the next one.
-    pub cpu: Value,
-    pub lead_us: Value,
-    #[serde(default = "one")]
-    pub loop_cpus: usize,
-    #[serde(default = "one")]
-    pub channels: usize,
-    #[serde(default = "one")]
-    pub channel_cpus: usize,
-    #[serde(default = "ten")]
-    pub start_timeout_s: f64,
-    pub rehearse: bool,
+section! { "rt"
+    pub struct RealtimeSection {
+        /// Whether to insist on real-time privileges.
+        mode: RealtimeMode = "\"prefer\"",
+            in Allowed::OneOf(&[
+                ("require", "exit with code 4 if SCHED_FIFO, locked memory or anything else is refused, except /dev/cpu_dma_latency"),
+                ("prefer", "fly with what is granted, and report what was not"),
+                ("off", "request nothing"),
+            ]),
+            flag Flag::new("--rt", "RT", Group::RealTime).needs_clock();
+        /// SCHED_FIFO priority of the plant; outer, inner and mixer get the next higher ones.
+        priority: i32 = "80", in Allowed::Range(1.0, 95.0);
+        /// CPU of the four loops; auto: the highest-numbered one.
+        cpu: Value = "\"auto\"",
+            flag Flag::new("--cpu", "N", Group::RealTime)
+                .written(Notation::Processor)
+                .default("the highest-numbered one")
+                .help("CPU of the four loops")
+                .needs_clock();
+        /// Number of CPUs that the four loops share: 1, 2 or 4; with --loop-cpus also auto.
+        ///
+        /// On more than one, each stage is woken before its input comes, and reads shared memory in a loop until then: a
+        /// shorter loop for more CPU time. `auto` flies each number for 2 s first, and takes what `ironbird doctor` would
+        /// recommend. Lockstep and slow motion ignore it.
+        loop_cpus: usize = "1",
+            flag Flag::new("--loop-cpus", "N", Group::RealTime).written(Notation::WholeOrAuto);
+        /// Redundant control channels.
+        ///
+        /// Each is a complete chain of outer, inner and mixer processes. The plant takes the command of channel a if it is
+        /// fresh and on time, else that of channel b or c. With three, the majority wins where commands differ.
+        channels: usize = "1",
+            in Allowed::Range(1.0, MOST_CHANNELS as f64),
+            flag Flag::new("--channels", "N", Group::RealTime);
+        /// CPUs of the channels: 1, or 2 to fly channels b and c on another one.
+        channel_cpus: usize = "1",
+            in Allowed::Range(1.0, 2.0),
+            flag Flag::new("--channel-cpus", "N", Group::RealTime).needs_clock();
+        /// How early the plant's timer fires before each tick: microseconds, or auto.
+        ///
+        /// The plant spends the rest reading the clock. `auto` measures the machine before take-off and follows the flight;
+        /// without SCHED_FIFO it is 0.
+        lead_us: Value = "\"auto\"",
+            flag Flag::new("--lead", "US", Group::RealTime).written(Notation::WholeOrAuto).needs_clock();
+        /// The flight ends if no process makes progress for this long before tick 0 [s].
+        start_timeout_s: f64 = "10.0", in Allowed::Range(1.0, 3600.0);
+        /// Whether every stage does a warm-up run on a copy before each tick.
+        rehearse: bool = "true",
+            flag Flag::new("--rehearse", "BOOL", Group::RealTime).needs_clock();
+    }
 }
 
-/// When a channel with other laws takes over: [`Envelope`](messages::channels::Envelope).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SimplexSection {
-    pub enabled: bool,
-    pub tilt_max_rad: f64,
-    pub rate_max_rad_s: f64,
-    pub error_max_m: f64,
-    pub command_step_max_rad_s: f64,
+section! { "simplex"
+    #[derive(Copy)]
+    pub struct SimplexSection {
+        /// Let a channel with other laws take over when the present one sends no fresh command on time or exceeds one of
+        /// these limits.
+        enabled: bool = "false",
+            flag Flag::new("--simplex", "", Group::Channels)
+                .written(Notation::Switch)
+                .help("Let a channel with other laws take over when the present one sends nothing or leaves the limits of [simplex]");
+        /// Measured angle between the body z axis and the vertical [rad].
+        tilt_max_rad: f64 = "0.8", in Allowed::Range(0.01, PI);
+        /// Magnitude of the measured body rate [rad/s].
+        rate_max_rad_s: f64 = "6.0", in Allowed::Range(0.01, 1e4);
+        /// Distance of the measured position from the reference [m].
+        error_max_m: f64 = "0.5", in Allowed::Range(0.01, 1e4);
+        /// Change of a rotor's command from one tick to the next [rad/s].
+        command_step_max_rad_s: f64 = "150.0", in Allowed::Range(0.01, 1e5);
+    }
 }
 
-/// How many processors and channels there were before there was a choice.
-const fn one() -> usize {
-    1
+section! { "recorder"
+    pub struct RecorderSettings {
+        /// Directory in which the flight gets its own directory.
+        out: String = "\"runs\"", flag Flag::new("--out", "DIR", Group::Record);
+        /// Messages to keep in flight.mcap.
+        log: LogName = "\"all\"",
+            in Allowed::OneOf(&[
+                ("all", "all messages; only such a log can be replayed"),
+                (
+                    "around-misses",
+                    "messages within recorder.log_around_s of a missed deadline, a parameter change, take-off or landing",
+                ),
+                ("off", "none; there is no flight.mcap"),
+            ]),
+            flag Flag::new("--log", "MESSAGES", Group::Record);
+        /// Flight time that around-misses keeps before and after each event [s]; the recorder holds it in memory.
+        log_around_s: f64 = "1.0", in Allowed::Range(0.0, 10.0);
+        /// Size at which the log continues in flight.1.mcap, flight.2.mcap, ... [MB].
+        log_file_mb: u64 = "1024", in Allowed::Range(1.0, 1e6);
+        /// Number of newest log files to keep, at least 2; 0 keeps all.
+        log_files: u64 = "0";
+        /// Length of an interval in latency.hlog, in whole seconds.
+        hlog_every_s: u64 = "1", in Allowed::Range(1.0, 3600.0);
+        /// Write one row of states every N ticks.
+        states_every_ticks: u64 = "50",
+            in Allowed::Range(1.0, 1e9),
+            flag Flag::new("--every", "N", Group::States);
+        /// Trace the loops' CPU with ftrace, so that the report can name what ran during an outage.
+        trace: bool = "false",
+            flag Flag::new("--trace", "", Group::Record).written(Notation::Switch).needs_clock();
+        /// Maximum rate of ticks without a fresh command on time [per million].
+        max_miss_rate_ppm: f64 = "-1.0", in Allowed::Limit, flag gate("--max-miss-rate", "PPM", Group::TimingGates);
+        /// Maximum rate of skipped ticks [per million].
+        max_skip_rate_ppm: f64 = "-1.0", in Allowed::Limit, flag gate("--max-skip-rate", "PPM", Group::TimingGates);
+        /// Maximum rate of ticks in which a stage used a stale input [per million].
+        max_stale_rate_ppm: f64 = "-1.0", in Allowed::Limit, flag gate("--max-stale-rate", "PPM", Group::TimingGates);
+        /// Maximum 99.9th percentile of the plant's wake-up latency [us].
+        max_wake_p999_us: f64 = "-1.0", in Allowed::Limit, flag gate("--max-wake-p999", "US", Group::TimingGates);
+        /// Maximum 99.9th percentile of the loop latency [us].
+        max_loop_p999_us: f64 = "-1.0", in Allowed::Limit, flag gate("--max-loop-p999", "US", Group::TimingGates);
+        /// Maximum position error in the last 5 s [m]; the yaw error then is limited, too (flight.tracking_yaw_error_max_rad).
+        max_tracking_error_m: f64 = "-1.0", in Allowed::Limit, flag gate("--max-tracking-error", "M", Group::FlightGates);
+        /// Maximum yaw error in the last 5 s [rad].
+        max_yaw_error_rad: f64 = "-1.0", in Allowed::Limit, flag gate("--max-yaw-error", "RAD", Group::FlightGates);
+        /// Maximum share of ticks in which the rotors could not deliver the demand [%].
+        max_saturated_percent: f64 = "-1.0", in Allowed::Share, flag gate("--max-saturated", "PERCENT", Group::FlightGates);
+        /// Maximum rms change of a rotor's command from tick to tick [rad/s].
+        max_agitation_rad_s: f64 = "-1.0", in Allowed::Limit, flag gate("--max-agitation", "RAD_S", Group::FlightGates);
+        /// Maximum share of the loops' CPU time that the host steals [%].
+        max_steal_percent: f64 = "-1.0", in Allowed::Share, flag gate("--max-steal", "PERCENT", Group::TimingGates);
+        /// The theorem must hold without an unexplained violation (docs/theorem.md).
+        gate_theorem: bool = "false";
+        /// The same, and a broken assumption of the theorem excuses nothing.
+        gate_theorem_strict: bool = "false";
+        /// Channels with the same laws, states and inputs must have the same commands.
+        gate_channels: bool = "false";
+    }
 }
 
-/// The yaw limit of settings that have none.
-const fn tracking_yaw_error_max_rad() -> f64 {
-    0.1
-}
-
-/// The limit of a gate in settings that do not know it.
-const fn no_limit() -> f64 {
-    -1.0
-}
-
-/// The time limit of a start in settings that have none.
-const fn ten() -> f64 {
-    10.0
-}
-
-/// What is recorded, and the gates: a negative limit is none.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RecorderSettings {
-    pub out: String,
-    pub log: LogName,
-    pub log_around_s: f64,
-    pub log_file_mb: u64,
-    pub log_files: u64,
-    pub hlog_every_s: u64,
-    pub states_every_ticks: u64,
-    pub max_miss_rate_ppm: f64,
-    pub max_skip_rate_ppm: f64,
-    pub max_stale_rate_ppm: f64,
-    pub max_wake_p999_us: f64,
-    pub max_loop_p999_us: f64,
-    pub max_tracking_error_m: f64,
-    #[serde(default = "no_limit")]
-    pub max_yaw_error_rad: f64,
-    #[serde(default = "no_limit")]
-    pub max_saturated_percent: f64,
-    #[serde(default = "no_limit")]
-    pub max_agitation_rad_s: f64,
-    pub max_steal_percent: f64,
-    pub gate_theorem: bool,
-    #[serde(default)]
-    pub gate_theorem_strict: bool,
-    #[serde(default)]
-    pub gate_channels: bool,
-    pub trace: bool,
+/// The flag of a gate, which has no limit by default.
+const fn gate(name: &'static str, value: &'static str, group: Group) -> Flag {
+    Flag::new(name, value, group).default("")
 }
 
 /// Messages that the flight log keeps.

@@ -170,7 +170,7 @@ fn the_printed_settings_are_read_back_as_they_are() {
     assert_eq!(from_file(&text).unwrap(), settings);
     let text = default().commented().unwrap();
     assert!(
-        text.starts_with(DEFAULT),
+        text.starts_with(declarations::DEFAULT.as_str()),
         "what is not said stays as it is written"
     );
 }
@@ -364,4 +364,33 @@ fn the_shared_text_has_no_settings_that_may_differ() {
     let text = default().shared_text().unwrap();
     assert!(text.contains("inner.alpha_1_s = 200.0\n"), "{text}");
     assert!(!text.contains("rt.") && !text.contains("recorder."));
+}
+
+/// `IRONBIRD_WRITE_DOCS=1 cargo test -p config` writes the page.
+#[test]
+fn the_page_of_settings_is_what_their_declarations_say() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/settings.md");
+    if std::env::var_os("IRONBIRD_WRITE_DOCS").is_some() {
+        std::fs::write(path, declarations::page()).unwrap();
+    }
+    assert!(
+        std::fs::read_to_string(path).unwrap() == declarations::page(),
+        "IRONBIRD_WRITE_DOCS=1 cargo test -p config writes docs/settings.md"
+    );
+}
+
+#[test]
+fn every_default_is_a_value_that_is_allowed() {
+    let table: Table = declarations::DEFAULT.parse().unwrap();
+    for setting in declarations::settings() {
+        let (section, key) = setting.path.split_once('.').unwrap();
+        let value = table[section][key].as_str();
+        if let declarations::Allowed::OneOf(words) = setting.allowed {
+            for (word, _) in words {
+                let one = format!("[{section}]\n{key} = \"{word}\"\n");
+                from_file(&one).unwrap_or_else(|e| panic!("{one}: {e}"));
+            }
+            assert!(words.iter().any(|(word, _)| value == Some(word)));
+        }
+    }
 }

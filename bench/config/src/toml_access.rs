@@ -8,11 +8,9 @@ use errors::{Failure, open_file};
 use messages::parameters::{self, did_you_mean};
 use toml::{Table, Value};
 
+use crate::declarations::DEFAULT;
 use crate::law_settings::LAW;
 use crate::trajectory::is_file;
-
-/// The commented default, which is also where the defaults come from.
-pub const DEFAULT: &str = include_str!("default.toml");
 
 pub(super) static DEFAULT_TABLE: LazyLock<Table> =
     LazyLock::new(|| DEFAULT.parse().unwrap_or_default());

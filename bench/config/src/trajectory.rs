@@ -15,8 +15,9 @@ use controller::{ScaledTrajectory, Spline, Trajectory};
 use errors::{Failure, open_file};
 use faults::grammar::begin_of;
 use messages::parameters::shown;
-use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
+
+use crate::declarations::{Allowed, section};
 
 /// First line of a file of points.
 pub const HEADER: &str = "t,x,y,z,yaw";
@@ -42,43 +43,27 @@ const DEGREES_RAD_S: f64 = PI;
 /// How often a curve is looked at for that.
 const LOOKS: u32 = 10_000;
 
-/// How a trajectory is stretched, and which points it has.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TrajectorySection {
-    /// x, y and z are so many times as large.
-    pub size: f64,
-    /// It takes so many times as long.
-    pub period: f64,
-    /// Largest distance of the curve from the points of the file [m], [rad of yaw]; negative: one unit of the last digit
-    /// in the file. Logs of earlier versions do not have it.
-    #[serde(default = "last_digit", skip_serializing_if = "is_last_digit")]
-    pub tolerance: f64,
-    /// SHA-256 of the file of points; empty where there is none.
-    pub sha256: String,
+section! { "trajectory"
+    pub struct TrajectorySection {
+        /// Factor on x, y and z.
+        size: f64 = "1.0", in Allowed::Range(0.01, 100.0);
+        /// Factor on time.
+        period: f64 = "1.0", in Allowed::Range(0.01, 100.0);
+        /// Largest distance of the curve from the points of the CSV file [m], [rad]; -1: one unit of the file's last digit.
+        #[serde(skip_serializing_if = "is_last_digit")]
+        tolerance: f64 = "-1.0", in Allowed::Range(LAST_DIGIT, 10.0);
+        /// SHA-256 of the CSV file, checked if not empty; recorded with each flight.
+        sha256: String = "\"\"";
+    }
 }
 
-const fn last_digit() -> f64 {
-    LAST_DIGIT
-}
-
+/// Recorded settings name a tolerance only if it is not the default.
 #[expect(
     clippy::trivially_copy_pass_by_ref,
     reason = "serde passes a reference"
 )]
 fn is_last_digit(tolerance: &f64) -> bool {
     *tolerance == LAST_DIGIT
-}
-
-impl Default for TrajectorySection {
-    fn default() -> Self {
-        Self {
-            size: 1.0,
-            period: 1.0,
-            tolerance: LAST_DIGIT,
-            sha256: String::new(),
-        }
-    }
 }
 
 #[derive(Clone, PartialEq)]

@@ -1,7 +1,7 @@
 //! Makes settings from the merged table, and checks them: ranges, gates, laws, faults, start and length.
 
 use analysis::theorem::no_theorem;
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::FRAC_PI_2;
 
 use control_api::Rig;
 use control_api::description::Refused;
@@ -13,6 +13,7 @@ use plant::Plant;
 use toml::{Table, Value};
 
 use super::airframe_checks::impossible_body;
+use super::declarations::{self, Allowed, Setting};
 use super::layers::layered;
 use super::overrides::{self, Overrides};
 use super::settings::Settings;
@@ -20,81 +21,55 @@ use super::settings::Settings;
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
-/// Section, key, least and largest value. A key of several numbers has the same range for each, except an attitude.
-const RANGES: [(&str, &str, f64, f64); 27] = [
-    ("flight", "slowdown", 1.0, 1000.0),
-    ("flight", "position_error_max_m", 0.01, 1e4),
-    ("flight", "tracking_error_max_m", 0.0, 1e4),
-    ("flight", "tracking_yaw_error_max_rad", 0.0, PI),
-    ("flight", "tilt_max_rad", 0.1, PI),
-    ("flight", "ground_z_m", -1e4, 0.0),
-    ("trajectory", "size", 0.01, 100.0),
-    ("trajectory", "period", 0.01, 100.0),
-    ("trajectory", "tolerance", -1.0, 10.0),
-    ("rt", "priority", 1.0, 95.0),
-    ("rt", "start_timeout_s", 1.0, 3600.0),
-    ("initial", "position_w_m", -1e4, 1e4),
-    ("initial", "velocity_w_m_s", -100.0, 100.0),
-    ("initial", "attitude_rad", -PI, PI),
-    ("initial", "rate_b_rad_s", -100.0, 100.0),
-    ("ground", "leg_m", 0.001, 2.0),
-    ("ground", "friction", 0.0, 2.0),
-    ("ground", "crash_speed_m_s", 0.0, 100.0),
-    ("ground", "crash_tilt_rad", 0.0, PI),
-    ("simplex", "tilt_max_rad", 0.01, PI),
-    ("simplex", "rate_max_rad_s", 0.01, 1e4),
-    ("simplex", "error_max_m", 0.01, 1e4),
-    ("simplex", "command_step_max_rad_s", 0.01, 1e5),
-    // Until an event comes, the recorder holds this much flight time in memory.
-    ("recorder", "log_around_s", 0.0, 10.0),
-    ("recorder", "log_file_mb", 1.0, 1e6),
-    ("recorder", "hlog_every_s", 1.0, 3600.0),
-    ("recorder", "states_every_ticks", 1.0, 1e9),
-];
-
-fn check_ranges(table: &Table) -> Result<(), Failure> {
+fn check_allowed(table: &Table) -> Result<(), Failure> {
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
-    for (section, key, min, max) in RANGES {
-        let Some(value) = table.get(section).and_then(|keys| keys.get(key)) else {
+    let values = |path: &str| {
+        let (section, key) = path.split_once('.')?;
+        table.get(section)?.get(key)
+    };
+    for setting in declarations::settings() {
+        let Some(value) = values(setting.path) else {
             continue;
         };
-        if let Some(value) = number(value) {
-            within(&format!("{section}.{key}"), value, min, max)?;
-        }
-        let values = value.as_array().into_iter().flatten().filter_map(number);
-        for (i, value) in values.enumerate() {
-            // Beyond a pitch of 90 degrees roll and yaw turn over.
-            let most = match (key, i) {
-                ("attitude_rad", 1) => FRAC_PI_2,
-                _ => max,
-            };
-            within(&format!("{section}.{key}[{i}]"), value, -most, most)?;
-        }
-    }
-    check_gates(table)
-}
-
-/// Refuses a limit that no number is compared with: it would be no gate, or one that always holds.
-fn check_gates(table: &Table) -> Result<(), Failure> {
-    for (key, limit) in table
-        .get("recorder")
-        .and_then(Value::as_table)
-        .into_iter()
-        .flatten()
-    {
-        let Some(limit) = limit.as_float().filter(|_| key.starts_with("max_")) else {
-            continue;
-        };
-        let is_share = key.ends_with("percent");
-        if !limit.is_finite() || is_share && limit > 100.0 {
-            let most = if is_share { "0 to 100" } else { "0 and more" };
-            return Err(Failure::usage(format!(
-                "recorder.{key} = {limit}: allowed are {most}, and a negative number for no gate"
-            ))
-            .help("`ironbird fly --print-config` explains every setting"));
+        match setting.allowed {
+            Allowed::Range(min, max) => check_range(setting, value, min, max)?,
+            Allowed::Limit => check_limit(setting, number(value), f64::MAX)?,
+            Allowed::Share => check_limit(setting, number(value), 100.0)?,
+            Allowed::Any | Allowed::OneOf(_) => {}
         }
     }
     Ok(())
+}
+
+fn check_range(setting: &Setting, value: &Value, min: f64, max: f64) -> Result<(), Failure> {
+    let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
+    if let Some(value) = number(value) {
+        within(setting.path, value, min, max)?;
+    }
+    let values = value.as_array().into_iter().flatten().filter_map(number);
+    for (i, value) in values.enumerate() {
+        // Beyond a pitch of 90 degrees roll and yaw turn over.
+        let most = match (setting.key, i) {
+            ("attitude_rad", 1) => FRAC_PI_2,
+            _ => max,
+        };
+        within(&format!("{}[{i}]", setting.path), value, -most, most)?;
+    }
+    Ok(())
+}
+
+/// Refuses a limit that no number is compared with: it would be no gate, or one that always holds.
+fn check_limit(setting: &Setting, limit: Option<f64>, most: f64) -> Result<(), Failure> {
+    match limit {
+        Some(limit) if !limit.is_finite() || limit > most => {
+            let allowed = setting.allowed_text();
+            Err(
+                Failure::usage(format!("{} = {limit}: allowed are {allowed}", setting.path))
+                    .help("`ironbird fly --print-config` explains every setting"),
+            )
+        }
+        _ => Ok(()),
+    }
 }
 
 pub(super) fn refused(e: Refused) -> Failure {
@@ -176,12 +151,12 @@ pub(super) fn blamed(
 impl Settings {
     pub(super) fn from_table(table: Table, asks: bool) -> Result<Self, Failure> {
         check_texts("", &table)?;
-        let ranges = check_ranges(&table);
+        let allowed = check_allowed(&table);
         let settings = table
             .try_into::<Self>()
             .map_err(|e| unreadable(&e))?
             .with_points()?;
-        ranges?;
+        allowed?;
         settings.check(asks).map(|()| settings)
     }
 

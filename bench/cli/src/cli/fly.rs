@@ -7,8 +7,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use crate::browser::open_page;
-use crate::cli::flight::check_clock_flags;
-use crate::cli::{FlyArgs, NumberOrAuto, OnDeath};
+use crate::cli::setting_flags::check_clock_flags;
+use crate::cli::{FlyArgs, OnDeath};
 use crate::floor::{flight_baseline, loop_cpus};
 use crate::loss;
 use crate::report_command;
@@ -27,6 +27,7 @@ use render::junit;
 use supervisor::exit_report::warnings;
 use supervisor::stop_requests::StopRequests;
 use supervisor::{self, FinishedFlight, FlightOptions};
+use toml::Value;
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
@@ -64,14 +65,16 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     check_outputs(&[("--junit", junit), ("--states", states)])?;
     let overrides = [
         args.flight.overrides(),
-        args.rt.overrides(),
+        args.rt.settings.overrides(),
         args.recorder.overrides(),
         args.channel_overrides(),
-    ];
+    ]
+    .concat();
     let file = args.flight.course.config.as_deref();
-    let mut settings = Settings::resolve(file, &overrides.concat())?;
+    let mut settings = Settings::resolve(file, &overrides)?;
     settings.check_faults_of_processes(true)?;
-    if args.rt.channel_cpus > Some(1) && settings.rt.channels == 1 {
+    let channel_cpus = args.rt.settings.get("rt.channel_cpus");
+    if channel_cpus == Some(&Value::from(2)) && settings.rt.channels == 1 {
         return Err(Failure::usage("--channel-cpus: the flight has one channel")
             .help("leave it out, or fly with more: --channels 2"));
     }
@@ -80,13 +83,10 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         _ => OnDeath::End,
     };
     let restarts_roles = args.on_death.unwrap_or(default) == OnDeath::Restart;
-    check_clock_flags(&settings, &args.rt.clock_flags())?;
     check_clock_flags(
         &settings,
-        &[
-            ("--trace", args.recorder.trace),
-            ("--on-death restart", restarts_roles),
-        ],
+        &overrides,
+        &[("--on-death restart", restarts_roles)],
     )?;
     if args.print_config {
         print(&settings.commented()?)?;
@@ -103,7 +103,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     let mut requests = StopRequests::listen()?;
     settings.check_cpu()?;
     settings.check_priorities()?;
-    if args.rt.loop_cpus == Some(NumberOrAuto::Auto) && settings.flight.pace == PaceName::Realtime {
+    if args.rt.settings.tries_loop_cpus() && settings.flight.pace == PaceName::Realtime {
         let cpu = settings.realtime()?.cpu;
         let (trials, failure) = loop_cpus::fly_each(cpu, Duration::from_secs(2));
         failure.map_or(Ok(()), Err)?;

@@ -18,8 +18,8 @@ use process::session::{RoleSession, StartConfig};
 use process::signals::is_on_its_own;
 use process::stage::{self, Flight};
 
-use crate::cli::flight::check_clock_flags;
-use crate::cli::{NumberOrAuto, RecordArgs, RoleArgs};
+use crate::cli::setting_flags::check_clock_flags;
+use crate::cli::{RecordArgs, RoleArgs};
 use crate::report_command::ended;
 use analysis::phrase::count;
 use config::{Overrides, PaceName, Settings};
@@ -51,11 +51,11 @@ fn resolve(args: &RoleArgs, more: Overrides) -> Result<Settings, Failure> {
     if !args.allowed_cpus.is_empty() {
         allow_cpus(&args.allowed_cpus);
     }
-    let overrides = [args.flight.overrides(), args.rt.overrides(), more].concat();
+    let overrides = [args.flight.overrides(), args.rt.settings.overrides(), more].concat();
     let file = args.flight.course.config.as_deref();
     let settings = Settings::resolve_asking(false, file, &overrides)?;
-    check_clock_flags(&settings, &args.rt.clock_flags())?;
-    if args.rt.loop_cpus == Some(NumberOrAuto::Auto) {
+    check_clock_flags(&settings, &overrides, &[])?;
+    if args.rt.settings.tries_loop_cpus() {
         return Err(
             Failure::usage("--loop-cpus auto: only `ironbird fly` tries the numbers")
                 .help("`ironbird doctor` recommends one: --loop-cpus 1"),
@@ -134,7 +134,6 @@ fn leave(instance: &Instance, args: &RoleArgs) {
 pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
     let settings = resolve(&args.role, args.recorder.overrides())?;
-    check_clock_flags(&settings, &[("--trace", args.recorder.trace)])?;
     check_outputs(&[("--states", args.recorder.states.as_deref())])?;
     // A supervisor has checked it already.
     kernel_trace::check(settings.recorder.trace && args.role.launcher.is_none())?;

@@ -1,37 +1,15 @@
 //! Parses the values of flags. An error says what is allowed.
 
-use std::ffi::OsStr;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Arg, Command};
-use config::law_settings::preset_names;
 use config::overrides;
-use config::trajectory::is_file;
 use control_api::PERIODS_S;
-use controller::Trajectory;
 pub(crate) use faults::grammar::duration;
 use faults::grammar::{Fault, FaultError};
 use messages::role::Channel;
 use toml::Value;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NumberOrAuto {
-    /// From a measurement before take-off.
-    Auto,
-    Number(u32),
-}
-
-impl NumberOrAuto {
-    pub fn number(self) -> Option<i64> {
-        match self {
-            Self::Auto => None,
-            Self::Number(number) => Some(number.into()),
-        }
-    }
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
@@ -46,45 +24,6 @@ pub(crate) fn tick(text: &str) -> Result<u64, String> {
     tick.ok_or_else(|| "write the number of a tick, from 0 on, as in 8000".into())
 }
 
-/// One of some names, which shells complete, or another text that `takes` allows.
-#[derive(Clone)]
-pub(crate) struct NameOr {
-    names: fn() -> Vec<&'static str>,
-    takes: fn(&str) -> bool,
-}
-
-/// A built-in trajectory, or a file of points.
-pub(crate) const TRAJECTORY: NameOr = NameOr {
-    names: || Trajectory::ALL.map(Trajectory::name).to_vec(),
-    takes: is_file,
-};
-
-/// A preset: those of the laws that are built in are known, those of files are looked for later.
-pub(crate) const PRESET: NameOr = NameOr {
-    names: preset_names,
-    takes: |name| !name.is_empty(),
-};
-
-impl TypedValueParser for NameOr {
-    type Value = String;
-
-    fn parse_ref(
-        &self,
-        command: &Command,
-        arg: Option<&Arg>,
-        value: &OsStr,
-    ) -> Result<String, clap::Error> {
-        match value.to_str().filter(|text| (self.takes)(text)) {
-            Some(text) => Ok(text.into()),
-            None => PossibleValuesParser::new((self.names)()).parse_ref(command, arg, value),
-        }
-    }
-
-    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new((self.names)().into_iter().map(PossibleValue::new)))
-    }
-}
-
 /// A channel by its letter.
 pub(crate) fn channel(text: &str) -> Result<Channel, String> {
     let channel = Channel::ALL.into_iter().find(|it| it.name() == text);
@@ -96,16 +35,6 @@ pub(crate) fn processor(text: &str) -> Result<u16, String> {
         "no processor has this number; write 0, 1 and so on, or leave the flag out: the highest-numbered one is taken"
             .into()
     })
-}
-
-pub(crate) fn number_or_auto(text: &str) -> Result<NumberOrAuto, String> {
-    match text {
-        "auto" => Ok(NumberOrAuto::Auto),
-        number => number
-            .parse()
-            .map(NumberOrAuto::Number)
-            .map_err(|_| "write a whole number, or auto".into()),
-    }
 }
 
 /// The period of a rate in Hz, or in kHz as in 4k [s].
@@ -162,11 +91,6 @@ pub(crate) fn within<T: FromStr + PartialOrd + Display + Clone>(
         let (least, most) = (range.start(), range.end());
         number.ok_or_else(|| format!("write a whole number from {least} to {most}"))
     }
-}
-
-/// A number of ticks of which one is taken.
-pub(crate) fn every(text: &str) -> Result<u32, String> {
-    within(1..=1_000_000_000)(text)
 }
 
 pub(crate) fn shards(text: &str) -> Result<u64, String> {

@@ -21,7 +21,7 @@ use nalgebra::{Complex, ComplexField, Vector3, Vector4};
 
 use crate::margin::flights::{base, rig};
 use crate::parallel::check_stop;
-use config::{Settings, TrajectorySection};
+use config::Settings;
 use sim::simulator::Simulator;
 
 /// Rotors that an axis speeds up or slows down.
@@ -49,7 +49,9 @@ const FREQUENCIES: i32 = 300;
 pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargin>, Failure> {
     let mut settings = settings.clone();
     settings.flight.trajectory = "hover".into();
-    settings.trajectory = TrajectorySection::default();
+    settings.trajectory.size = 1.0;
+    settings.trajectory.period = 1.0;
+    settings.trajectory.sha256.clear();
     settings.points = None;
     settings.flight.duration_s = FROM_S + LENGTH_S;
     let period_s = settings.flight.period_s;
