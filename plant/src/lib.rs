@@ -6,7 +6,6 @@
 //! module `process`.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
-pub mod channel_selection;
 pub mod command_delay;
 pub mod command_hold;
 pub mod envelope_violation;

@@ -16,7 +16,7 @@ use ipc::clock::{Horizon as _, now_ns, sleep_through, sleep_until};
 use ipc::error::Error;
 use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes, Wire};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
-use messages::channels::{Arrangement, Envelope, Excursion, REDUNDANCY, Redundancy};
+use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::{
     DECISIONS, Decision, Decisions, Reference, RotorSpeeds, Stamped, State, SwapRecord,
     TakenCommand,
@@ -33,8 +33,8 @@ use process::lead::ActiveLead;
 use process::rt::UsageMeter;
 use process::session::{Opened, RoleSession, log_landing};
 use process::wakes::wakes;
+use redundancy::{Arrangement, ChannelSelection, Excursion, SimplexLimits};
 
-use crate::channel_selection::ChannelSelection;
 use crate::command_hold::{pending_commands, waiting_ticks};
 use crate::envelope_violation::EnvelopeViolation;
 use crate::plant::Plant;
@@ -54,7 +54,7 @@ const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 /// Where the vehicle is to be at a tick.
 pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
 
-/// Runs the plant until its last tick, a signal, or the end of what the model covers. With an envelope, a channel with other
+/// Runs the plant until its last tick, a signal, or the end of what the model covers. With simplex limits, a channel with other
 /// laws takes over beyond it.
 pub fn run(
     mut session: RoleSession,
@@ -62,7 +62,7 @@ pub fn run(
     plan: FlightPlan,
     faults: &[Swap],
     planned: (&LoopFaults, &Acts),
-    envelope: Option<(Envelope, Route)>,
+    simplex: Option<(SimplexLimits, Route)>,
 ) -> Result<(), Error> {
     let mut inbox = Queue::<Request, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
@@ -85,7 +85,7 @@ pub fn run(
                 wakes,
                 settings,
                 faults,
-                envelope,
+                simplex,
                 requests_out,
                 events_in,
             )?;
@@ -141,16 +141,16 @@ impl<'a> PlantProcess<'a> {
         wakes: Wakes,
         settings: &PlantSettings,
         faults: &[Swap],
-        envelope: Option<(Envelope, Route)>,
+        simplex: Option<(SimplexLimits, Route)>,
         requests: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
         let (wire, channels) = (session.wire(), session.rt().channels);
-        let (envelope, route) = envelope.unzip();
+        let (simplex, route) = simplex.unzip();
         let arrangement = Arrangement {
             channels,
             groups: session.rt().groups,
-            envelope,
+            simplex,
         };
         let rows = waiting_ticks(settings.period_s);
         let redundancy = || wire.blackboard(REDUNDANCY);
@@ -495,7 +495,7 @@ impl<'a> PlantProcess<'a> {
         Ok(())
     }
 
-    /// How far the vehicle is from what the envelope allows, as measured.
+    /// How far the vehicle is from the simplex limits, as measured.
     fn excursion_of(&self, tick: u64, state: &State) -> Excursion {
         let Some(route) = &self.route else {
             return Excursion::default();

@@ -8,11 +8,11 @@ use controller::feasibility::{Start, excesses};
 use controller::{Limits, TheoremMonitor, motor_lag};
 use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
-use messages::channels::{Arrangement, Envelope};
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
 use plant::command_hold::waiting_ticks;
+use redundancy::{Arrangement, SimplexLimits};
 use toml::{Table, Value};
 
 use super::airframe::{OWN, PAPER, built};
@@ -206,9 +206,9 @@ impl Settings {
     }
 
     /// Where a channel with other laws takes over.
-    pub fn envelope(&self) -> Option<Envelope> {
+    pub fn simplex_limits(&self) -> Option<SimplexLimits> {
         let simplex = &self.simplex;
-        simplex.enabled.then_some(Envelope {
+        simplex.enabled.then_some(SimplexLimits {
             tilt_max_rad: simplex.tilt_max_rad,
             rate_max_rad_s: simplex.rate_max_rad_s,
             error_max_m: simplex.error_max_m,

@@ -87,7 +87,7 @@ fn what_processes_take_from_the_settings_is_its_snapshot() {
                 settings.last_tick(),
             ),
             (settings.log_plan(), settings.requested_gates()),
-            (settings.arrangement(), settings.envelope()),
+            (settings.arrangement(), settings.simplex_limits()),
             settings.of_channel(Channel::B).law_options().unwrap(),
             settings.flown_laws().unwrap().without_theorem,
             settings.warnings().unwrap(),

@@ -5,12 +5,12 @@
 
 use std::collections::VecDeque;
 
-use messages::channels::Arrangement;
 use messages::content::{Decision, RotorSpeeds, Setpoint, TakenCommand, Wrench};
 use messages::header::Message;
 use messages::role::{Channel, MOST_CHANNELS};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
+use redundancy::Arrangement;
 
 use crate::entry::LogEntry;
 

@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 
 use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
-use messages::channels::Arrangement;
 use messages::content::{
     Change, Decision, Decisions, NO_TICK, RotorSpeeds, Stamped, State, SwapRecord, TakenCommand,
 };
@@ -12,6 +11,7 @@ use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::{Channel, Role};
 use plant::{Plant, Swap, Target};
+use redundancy::Arrangement;
 
 use crate::comparison::ReplayComparison;
 use errors::Failure;

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use faults::live::FaultKind;
-use messages::channels::Arrangement;
 use messages::content::SwapRecord;
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::Channel;
 use messages::settings_text::fingerprint;
+use redundancy::Arrangement;
 
 use config::law_settings::{LAW, Moved};
 use config::trajectory::is_file;

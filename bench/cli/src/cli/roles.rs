@@ -109,7 +109,7 @@ impl Stage {
                 };
                 let of_loop = (&faults.loops, &faults.table);
                 let route = settings.course()?.route(settings.flight.period_s);
-                let envelope = settings.envelope().map(|envelope| (envelope, route));
+                let envelope = settings.simplex_limits().map(|envelope| (envelope, route));
                 plant::process::run(session, &plant, plan, &faults.swaps, of_loop, envelope)?;
             }
             Self::Outer(outer) => {

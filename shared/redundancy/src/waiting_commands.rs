@@ -4,12 +4,13 @@
 //! tick begins. The rules are those of [`GroupSelection`]. A flight with one channel follows the same path.
 
 use heapless::Vec;
-use messages::channels::{
-    Arrangement, Candidate, Excursion, GroupSelection, Redundancy, RedundancyAccount,
-};
+use messages::channels::Redundancy;
 use messages::content::RotorSpeeds;
 use messages::header::Message;
 use messages::role::{Channel, MOST_CHANNELS};
+
+use crate::account::RedundancyAccount;
+use crate::selection::{Arrangement, Candidate, Excursion, GroupSelection};
 
 /// Commands of a tick, in the order of their channels.
 type Candidates = Vec<Candidate, MOST_CHANNELS>;

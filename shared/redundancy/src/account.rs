@@ -1,0 +1,174 @@
+//! Counts what each channel contributed to a flight: handovers, outages, comparisons of commands.
+
+use messages::channels::{Outage, OutageReason, Redundancy, Switchover};
+use messages::role::{Channel, MOST_CHANNELS};
+
+use crate::selection::{Arrangement, Candidate, Selection, largest_difference};
+
+/// Keeps the account, tick by tick.
+#[derive(Clone, Copy, Debug)]
+pub struct RedundancyAccount {
+    pub redundancy: Redundancy,
+    arrangement: Arrangement,
+    /// Place of each channel's present outage among those that are counted.
+    open: [Option<u64>; MOST_CHANNELS],
+    unprotected_run: u64,
+}
+
+impl RedundancyAccount {
+    pub fn new(arrangement: Arrangement) -> Self {
+        Self {
+            redundancy: Redundancy {
+                channels: arrangement.channels as u64,
+                ..Redundancy::default()
+            },
+            arrangement,
+            open: [None; MOST_CHANNELS],
+            unprotected_run: 0,
+        }
+    }
+
+    /// Enters that another group flies from a tick on.
+    pub fn switch(&mut self, switchover: Switchover) {
+        let account = &mut self.redundancy;
+        if let Some(place) = account
+            .switchovers
+            .get_mut(account.switchover_count as usize)
+        {
+            *place = switchover;
+        }
+        account.switchover_count += 1;
+    }
+
+    /// Enters a tick that a group flew, with the commands that there were when one was selected.
+    pub fn enter(
+        &mut self,
+        tick: u64,
+        candidates: &[Candidate],
+        group: Channel,
+        selection: Option<Selection>,
+    ) {
+        let (account, arrangement) = (&mut self.redundancy, self.arrangement);
+        let flown_before = account.active;
+        let mut usable = 0;
+        let outvoted = selection.and_then(|it| it.outvoted);
+        for channel in Channel::first(account.channels as usize) {
+            let candidate = candidates.iter().find(|it| it.channel == channel);
+            let reason = match candidate {
+                None => Some(OutageReason::Missing),
+                Some(it) if !it.is_on_time() => Some(OutageReason::Late),
+                Some(it) if !it.is_fresh => Some(OutageReason::Stale),
+                Some(_) if outvoted == Some(channel) => Some(OutageReason::Outvoted),
+                Some(_) => None,
+            };
+            let can_fly = arrangement.simplex.is_some() || arrangement.group(channel) == group;
+            usable += u64::from(reason.is_none() && can_fly);
+            let place = channel as usize;
+            let Some(reason) = reason else {
+                self.open[place] = None;
+                continue;
+            };
+            let number = *self.open[place].get_or_insert_with(|| {
+                account.outage_count += 1;
+                account.outage_count - 1
+            });
+            if let Some(outage) = account.outages.get_mut(number as usize) {
+                if outage.ticks == 0 {
+                    *outage = Outage {
+                        channel: place as u64,
+                        tick,
+                        ticks: 0,
+                        reason: reason as u64,
+                        is_handover: u64::from(
+                            flown_before == place as u64
+                                && selection.is_some_and(|it| it.chosen.channel != channel),
+                        ),
+                    };
+                }
+                outage.ticks += 1;
+            }
+        }
+        self.unprotected_run = if usable < 2 {
+            self.unprotected_run + 1
+        } else {
+            0
+        };
+        account.unprotected += u64::from(usable < 2);
+        account.longest_unprotected = account.longest_unprotected.max(self.unprotected_run);
+        let Some(selection) = selection else {
+            account.not_fresh += 1;
+            return;
+        };
+        let chosen = &selection.chosen;
+        for other in candidates
+            .iter()
+            .filter(|it| it.is_usable() && chosen.is_usable())
+        {
+            if !arrangement.are_alike(other.channel, chosen.channel) {
+                let place = other.channel as usize;
+                let difference =
+                    largest_difference(&other.command.speed_rad_s, &chosen.command.speed_rad_s);
+                account.compared[place] += 1;
+                account.difference_max_rad_s[place] =
+                    account.difference_max_rad_s[place].max(difference);
+                account.difference_square_sum_rad2_s2[place] += difference * difference;
+            }
+        }
+        let active = chosen.channel as u64;
+        account.handovers += u64::from(active != flown_before);
+        account.active = active;
+        account.flown[chosen.channel as usize] += 1;
+        account.not_fresh += u64::from(!chosen.is_usable());
+        account.masked += u64::from(chosen.is_usable() && chosen.channel != group);
+        account.votes += u64::from(selection.is_compared);
+        if selection.differs {
+            if account.mismatches == 0 {
+                account.first_mismatch = tick;
+            }
+            account.mismatches += 1;
+        }
+        if let Some(outvoted) = selection.outvoted {
+            account.outvoted[outvoted as usize] += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::selection::select;
+    use crate::selection::tests::candidate;
+
+    #[test]
+    fn the_account_has_outages_handovers_and_the_time_without_redundancy() {
+        use Channel::{A, B};
+        let mut account = RedundancyAccount::new(Arrangement::alike(2));
+        let usable = |channel| candidate(channel, true, true, 1.0);
+        for tick in 0..20 {
+            let mut candidates = vec![usable(A), usable(B)];
+            match tick {
+                5..8 => _ = candidates.remove(0),
+                10 => candidates[1].is_fresh = false,
+                15 => candidates.clear(),
+                _ => {}
+            }
+            account.enter(tick, &candidates, A, select(&candidates));
+        }
+        let it = &account.redundancy;
+        assert_eq!((it.flown, it.masked, it.not_fresh), ([16, 3, 0], 3, 1));
+        assert_eq!((it.unprotected, it.longest_unprotected), (5, 3));
+        assert_eq!((it.handovers, it.active, it.mismatches), (2, 0, 0));
+        let outages = &it.outages[..it.outage_count as usize];
+        let found: Vec<_> = outages
+            .iter()
+            .map(|it| (it.channel, it.tick, it.ticks, it.reason, it.is_handover))
+            .collect();
+        let expected = [
+            (0, 5, 3, 0, 1),
+            (1, 10, 1, 2, 0),
+            (0, 15, 1, 0, 0),
+            (1, 15, 1, 0, 0),
+        ];
+        assert_eq!(found, expected);
+    }
+}
