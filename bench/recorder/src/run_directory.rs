@@ -290,7 +290,7 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     let there = there.join(", ");
     Err(
         Failure::usage(format!("{place} holds no {FILE}; it holds: {there}")).help(
-            "name a flight that has one, or the file itself; flights of earlier versions have none",
+            "name a flight that has one, or the file itself",
         ),
     )
 }
