@@ -216,6 +216,7 @@ pub struct RunLength {
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ControlPerformance {
     /// Root mean square of the position error over all states [m].
     pub position_error_rms_m: f64,
@@ -367,6 +368,7 @@ pub struct RtStep {
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct RecorderSection {
     /// Messages that were overwritten before it read them, by topic.
     pub lost: BTreeMap<String, u64>,
@@ -452,6 +454,7 @@ pub const MACHINE: &str = "machine";
 
 /// What a flight's loop tolerates, and how near the flight came to it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct MarginSection {
     /// Fingerprint of the settings that margins depend on: the name of their table.
     pub fingerprint: String,

@@ -27,6 +27,7 @@ const UNEXPLAINED: f64 = 0.02;
 pub const NO_CAUSE: &str = "none";
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Theorem {
     /// Whether no step was unexplained, the estimates moved as predicted, and the torque was that of (19).
     pub holds: bool,
@@ -184,6 +185,7 @@ pub struct Rise {
 
 /// Whether the torque of (19) was asked for, and acted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Torque {
     /// Wrenches that were compared with (19) of their inputs, and those that differ.
     pub wrenches: u64,
@@ -259,6 +261,7 @@ impl Torque {
 
 /// What shows without ground truth whether the estimates explain the flight.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct InnovationSection {
     /// |Y - X th_hat|, what the estimates leave unexplained: root mean square over the last second or so [rad/s^2].
     pub rms_rad_s2: f64,

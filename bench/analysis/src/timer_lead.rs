@@ -6,6 +6,7 @@ use messages::realtime::Lead;
 use serde::{Deserialize, Serialize};
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct LeadSection {
     /// How far ahead of its tick the timer was set at take-off [us]; 0 is at the tick.
     pub lead_us: f64,

@@ -51,10 +51,23 @@ pub struct TrajectorySection {
     /// It takes so many times as long.
     pub period: f64,
     /// Largest distance of the curve from the points of the file [m], [rad of yaw]; negative: one unit of the last digit
-    /// in the file.
+    /// in the file, and then not in the text of the settings.
+    #[serde(default = "last_digit", skip_serializing_if = "is_last_digit")]
     pub tolerance: f64,
     /// SHA-256 of the file of points; empty where there is none.
     pub sha256: String,
+}
+
+const fn last_digit() -> f64 {
+    LAST_DIGIT
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_last_digit(tolerance: &f64) -> bool {
+    *tolerance == LAST_DIGIT
 }
 
 impl Default for TrajectorySection {
@@ -134,7 +147,7 @@ impl PointsFile {
         if let Some((_, known)) = curves.iter().find(is_known) {
             return Ok(known.clone());
         }
-        if tolerance < 0.0 && tolerance != LAST_DIGIT {
+        if tolerance < 0.0 && !is_last_digit(&tolerance) {
             return Err(format!(
                 "trajectory.tolerance = {tolerance}: write 0 or more, or {LAST_DIGIT} for the last digit in the file"
             ));
