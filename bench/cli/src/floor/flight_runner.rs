@@ -89,8 +89,8 @@ fn complete(report: &Report, requested_ticks: u64) -> Result<(), Failure> {
 }
 
 pub fn series<'a>(report: &'a Report, name: &str) -> Result<&'a Statistics, Failure> {
-    let named = report.series.iter().find(|series| series.name == name);
-    named.ok_or_else(|| Failure::failed(format!("the flight's report has no series `{name}`")))
+    let missing = || Failure::failed(format!("the flight's report has no series `{name}`"));
+    report.series(name).ok_or_else(missing)
 }
 
 #[cfg(test)]
