@@ -114,7 +114,6 @@ pub struct ParameterChange {
     /// From then on, or from the end of the ramp on.
     pub new: f64,
     /// How long the ramp to it takes [s]; 0 where it holds at once.
-    #[serde(default)]
     pub over_s: f64,
 }
 

@@ -14,7 +14,7 @@
 //! missed deadline belongs to one outage.
 
 use crate::losses::Losses;
-use crate::miss_causes::{Attribution, MissCause, classify};
+use crate::miss_causes::{Attribution, MissCause};
 use crate::observations::{CounterSample, Life, Observations, Outage, StageTiming, TickTimings};
 use crate::outages::{CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick};
 use crate::processor_trace::Slice;
@@ -226,8 +226,8 @@ impl MissAnalysis {
         if outage.missed == 0 && !is_whole {
             return;
         }
-        let opinion = classify(&seen);
-        let cause = (opinion.class, opinion.stage);
+        let found = Attribution::of(&seen);
+        let cause = (found.class, found.stage());
         let (outages, missed) = self.counts.entry(cause).or_default();
         (*outages, *missed) = (*outages + 1, *missed + outage.missed);
         // Nor is a stage that it did not see published.
@@ -239,14 +239,14 @@ impl MissAnalysis {
         } else {
             self.rows.unmeasured += 1;
         }
-        let case = self.case(outage, opinion);
+        let case = self.case(outage, found);
         let is_worse = |it: &OutageCase| (it.ticks, it.missed) >= (case.ticks, case.missed);
         let place = self.worst.partition_point(is_worse);
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
     }
 
-    fn case(&self, outage: Outage, opinion: Attribution) -> OutageCase {
+    fn case(&self, outage: Outage, found: Attribution) -> OutageCase {
         let begin_ns = self.grid.begin_of(outage.first);
         let from_begin_us = |ns: u64| (ns as f64 - begin_ns as f64) / 1e3;
         let around = |tick: u64| tick.saturating_sub(TIMELINE.0)..=tick + TIMELINE.1;
@@ -269,19 +269,17 @@ impl MissAnalysis {
             missed: self.missed.contains(tick),
             stages: self.traces.get(tick).map(stages_of).unwrap_or_default(),
         });
-        let span_ns = opinion.span_ns;
-        let length_us = |(due_ns, seen_ns): (u64, u64)| (seen_ns - due_ns) as f64 / 1e3;
         OutageCase {
             tick: outage.first,
             time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
             ticks: outage.last - outage.first + 1,
             missed: outage.missed,
-            delay_us: span_ns.map_or(0.0, length_us),
-            due_us: span_ns.map_or(0.0, |(due_ns, _)| from_begin_us(due_ns)),
-            class: opinion.class,
-            stage: opinion.stage.map(|stage| stage.name().into()),
-            evidence: opinion.evidence,
-            ran: opinion.ran,
+            delay_us: found.delay.map_or(0.0, |it| it.length_ns() as f64 / 1e3),
+            due_us: found.delay.map_or(0.0, |it| from_begin_us(it.from_ns)),
+            class: found.class,
+            stage: found.stage().map(|stage| stage.name().into()),
+            evidence: found.evidence,
+            ran: found.ran,
             faults: Vec::new(),
             timeline: timeline.collect(),
         }
@@ -333,18 +331,18 @@ const ROWS: usize = STAGES.len() + 1;
 
 /// The longest rows so far, of each stage and of all at once.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct OutageRuns {
+struct OutageRuns {
     longest: [u64; ROWS],
     /// OutageRuns that last at the end of the outage that was taken last.
     running: [u64; ROWS],
     next: u64,
-    pub unmeasured: u64,
+    unmeasured: u64,
 }
 
 impl OutageRuns {
     /// Takes an outage, whose stages were out as `out_in` says of each tick. One that begins where the last one was cut
     /// off goes on with it.
-    pub fn take(&mut self, outage: Outage, out_in: impl Fn(u64) -> [bool; STAGES.len()]) {
+    fn take(&mut self, outage: Outage, out_in: impl Fn(u64) -> [bool; STAGES.len()]) {
         if outage.first != self.next {
             self.running = [0; ROWS];
         }
@@ -361,7 +359,7 @@ impl OutageRuns {
     }
 
     /// The longest of each stage that had one, and of [`MACHINE`] [ticks].
-    pub fn longest(&self) -> BTreeMap<String, u64> {
+    fn longest(&self) -> BTreeMap<String, u64> {
         let names = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
         let longest = names.map(str::to_owned).zip(self.longest);
         longest.filter(|(_, ticks)| *ticks > 0).collect()
@@ -375,12 +373,7 @@ fn index(role: Role) -> usize {
 
 /// Which stages published nothing in a tick, or too late for the next one. What came in time and was not used is no
 /// outage of its sender; `is_missed` says that the tick's command missed its deadline.
-pub(super) fn out_in(
-    trace: &TickTimings,
-    grid: Grid,
-    tick: u64,
-    is_missed: bool,
-) -> [bool; STAGES.len()] {
+fn out_in(trace: &TickTimings, grid: Grid, tick: u64, is_missed: bool) -> [bool; STAGES.len()] {
     std::array::from_fn(|i| {
         let Some(passage) = trace[i] else { return true };
         let (due_ns, is_used) = match STAGES.get(i + 1) {

@@ -1,9 +1,6 @@
-//! Cause of an outage: the first of a table's observations that holds for the stage that was late.
+//! Cause of an outage: that of its longest delay, where an observation of the late stage or of its processor says so.
 //!
-//! In each tick of an outage, the stamps show which stages woke later or computed longer than usual. The late stage is the
-//! first of the chain with a delay longer than half of the outage, or else the one with more than half of all delays. A
-//! cause is named only if an observation of that stage, or of its processor, proves it during its longest delay;
-//! otherwise it is unknown.
+//! Without such an observation the cause is unknown, and the evidence says what was observed.
 
 use crate::observations::{Delay, Life, Observations};
 use crate::processor_trace::RunnerTime;
@@ -40,156 +37,147 @@ impl MissCause {
     }
 }
 
-/// Share of a delay that an observation must cover [%].
-const COVERS_PERCENT: u64 = 50;
+/// Share of a delay that an observation must explain to name its cause [%].
+const EXPLAINS_PERCENT: u64 = 50;
 
-/// Evidence of a cause, where it is there.
-type Holds = fn(&Observations<'_>, &Delay) -> Option<String>;
+/// How much of a delay an observation explains [ns], and what was observed; nothing where nothing was.
+type Observe = fn(&Observations<'_>, &Delay) -> Option<(u64, String)>;
 
-/// Proof of each cause; the first that holds names it.
-pub const OBSERVATIONS: [(MissCause, Holds); 9] = [
+const OBSERVATIONS: [(MissCause, Observe); 8] = [
     // A sample showed that the process was stopped, had ended, or was another one.
     (MissCause::StoppedOrDead, |seen, delay| {
         let is_stopped = seen.has_been(delay, Life::Stopped);
         let successor = seen.successor(delay);
         let is_dead = successor.is_some() || seen.has_been(delay, Life::Dead);
+        let state = match (is_stopped, is_dead) {
+            (true, true) => "was stopped and has ended",
+            (false, true) => "has ended",
+            (true, false) => "was stopped",
+            (false, false) => return None,
+        };
         let after = successor.map(|pid| format!(", and process {pid} took its place"));
         let after = after.unwrap_or_default();
-        match (is_stopped, is_dead) {
-            (true, true) => Some(format!("its process was stopped and has ended{after}")),
-            (false, true) => Some(format!("its process has ended{after}")),
-            (true, false) => Some("its process was stopped".into()),
-            (false, false) => None,
-        }
+        Some((delay.excess_ns, format!("its process {state}{after}")))
     }),
-    // The next stage's stamps say that it worked without a message that had been sent in time.
+    // The stamps of the next stage say that it worked without a message that had been sent in time.
     (MissCause::NotUsed, |_, delay| {
         let before = STAGES.get((delay.stage as usize).checked_sub(1)?)?;
         let why = format!("it did not use the message that {before} had sent in time");
-        delay.is_without_input.then_some(why)
+        delay.is_without_input.then_some((delay.excess_ns, why))
     }),
-    // A quota stopped the container for at least half of the delay.
     (MissCause::Throttled, |seen, delay| {
         let us = seen.grown(delay, |it| it.throttled_us);
         let ms = us / 1000;
         let why = format!("a processor quota stopped its container for {ms} ms in all");
-        covers(us * 1000, delay).then_some(why)
+        Some((us * 1000, why))
     }),
-    // At least half of the delay was stolen from the loops' processor.
     (MissCause::HostStall, |seen, delay| {
         let ns = seen.stolen_ns(delay);
-        covers(ns, delay).then(|| format!("the host took {} ms", ns / 1_000_000))
+        Some((ns, format!("the host took {} ms", ns / 1_000_000)))
     }),
-    // The stage's page faults grew by more than usual.
+    // How long page faults took is not known.
     (MissCause::PageFault, |seen, delay| {
         let faults = seen.grown(delay, |it| it.faults);
-        (faults > 0).then(|| format!("{faults} page faults"))
+        (faults > 0).then(|| (delay.excess_ns, format!("{faults} page faults")))
     }),
-    // The trace shows interrupts, or threads at least as urgent, for at least half of the delay.
     (MissCause::Preempted, |seen, delay| {
-        let why = "interrupts, or a thread at least as urgent, had the processor";
-        covers(seen.urgent_ns(delay), delay).then(|| why.into())
+        let ns = seen.urgent_ns(delay);
+        let who = "interrupts, or a thread at least as urgent, had the processor for";
+        Some((ns, format!("{who} {} us", ns / 1000)))
     }),
-    // The stage was switched out, and ready to run for at least half of the delay.
-    (MissCause::Preempted, |seen, delay| {
-        let switches = seen.grown(delay, |it| it.involuntary_switches);
-        let ready = ready(seen, delay).filter(|_| switches > 0)?;
-        Some(format!("{ready}, {switches} involuntary switches more"))
+    (MissCause::ReadyNotRun, |seen, delay| {
+        let ns = seen.grown(delay, |it| it.waited_ns);
+        let us = ns / 1000;
+        let why = format!("ready to run for {us} us without the processor");
+        Some((ns, why))
     }),
-    // The stage was ready to run for at least half of the delay.
-    (MissCause::ReadyNotRun, ready),
-    // Its stamps say that it computed, and the kernel that it ran, for at least half of the delay more than usual.
     (MissCause::ComputedLong, |seen, delay| {
         let ns = seen.grown(delay, |it| it.ran_ns);
-        let is_it = delay.is_compute && covers(ns, delay);
-        is_it.then(|| format!("it ran for {} us more than usual", ns / 1000))
+        let why = format!("it ran for {} us more than usual", ns / 1000);
+        delay.is_compute.then_some((ns, why))
     }),
 ];
-
-const fn covers(ns: u64, delay: &Delay) -> bool {
-    ns > 0 && ns.saturating_mul(100) >= delay.excess_ns * COVERS_PERCENT
-}
-
-fn ready(seen: &Observations<'_>, delay: &Delay) -> Option<String> {
-    let ns = seen.grown(delay, |it| it.waited_ns);
-    let us = ns / 1000;
-    covers(ns, delay).then(|| format!("ready to run for {us} us without the processor"))
-}
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attribution {
     pub class: MissCause,
-    /// The stage that was late; none where the host or a quota stopped all, or where no stage is known.
-    pub stage: Option<Role>,
-    /// When the late stage was due, and its next sign of life [ns]; none where no stage is known.
-    pub span_ns: Option<(u64, u64)>,
+    /// The longest delay of the outage; none where no stage is known to be late.
+    pub delay: Option<Delay>,
     pub evidence: String,
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
     pub ran: Vec<RunnerTime>,
 }
 
-pub fn classify(seen: &Observations<'_>) -> Attribution {
-    let unknown = |evidence: &str| Attribution {
-        class: MissCause::CannotTell,
-        stage: None,
-        span_ns: None,
-        evidence: evidence.into(),
-        ran: Vec::new(),
-    };
-    if seen.messages_lost {
-        return unknown("the recorder lost messages around it");
+impl Attribution {
+    fn unknown(evidence: &str) -> Self {
+        Self {
+            class: MissCause::CannotTell,
+            delay: None,
+            evidence: evidence.into(),
+            ran: Vec::new(),
+        }
     }
-    let delays = seen.delays();
-    if delays.is_empty() {
-        return unknown("no stage was later than usual");
-    }
-    let time_ns = |delays: &[Delay]| delays.iter().map(|it| it.excess_ns).sum::<u64>();
-    let outage_ns = (seen.outage.last + 1 - seen.outage.first) * seen.grid.period_ns;
-    let fills = |it: &Delay| it.excess_ns * 2 > outage_ns;
-    let is_filled = delays.iter().any(fills);
-    let of_stage = |stage: Role| {
-        let own = delays.iter().filter(|it| it.stage == stage).copied();
-        let own: Vec<Delay> = own.collect();
-        let is_late = match is_filled {
-            true => own.iter().any(fills),
-            false => time_ns(&own) * 2 > time_ns(&delays),
+
+    pub fn of(seen: &Observations<'_>) -> Self {
+        if seen.messages_lost {
+            return Self::unknown("the recorder lost messages around it");
+        }
+        let delays = seen.delays();
+        // Of those alike, the one of the first stage of the chain.
+        let Some(delay) = delays.iter().rev().max_by_key(|it| it.excess_ns) else {
+            return Self::unknown("no stage was later than usual");
         };
-        is_late.then_some(own)
-    };
-    let own = STAGES.into_iter().find_map(of_stage).unwrap_or_default();
-    let Some(delay) = own.iter().max_by_key(|it| it.excess_ns) else {
-        return unknown("several stages were late, and none accounts for most of the delay");
-    };
-    let mut observed = OBSERVATIONS.iter();
-    let proof = observed.find_map(|(cause, holds)| Some((*cause, holds(seen, delay)?)));
-    let nothing = || (MissCause::CannotTell, "nothing observed says why".into());
-    let (class, why) = proof.unwrap_or_else(nothing);
-    let is_of_all = matches!(class, MissCause::HostStall | MissCause::Throttled);
-    let again = match own.len() {
-        1 => String::new(),
-        times => format!(" in the longest of {times} delays"),
-    };
-    let ran = seen.ran(delay).into_iter().take(RUNNERS);
-    let ran = ran.map(|(runner, ns)| RunnerTime {
-        who: runner.words(),
-        us: ns as f64 / 1e3,
-    });
-    let ran: Vec<RunnerTime> = ran.collect();
-    let longest = ran.iter().take(RUNNERS_IN_WORDS);
-    let longest: Vec<String> = longest
-        .map(|it| format!("{} {:.0} us", it.who, it.us))
-        .collect();
-    let meanwhile = match longest.is_empty() {
-        true => String::new(),
-        false => format!("; meanwhile ran {}", longest.join(", ")),
-    };
-    Attribution {
-        class,
-        stage: (!is_of_all).then_some(delay.stage),
-        span_ns: Some((delay.from_ns, delay.to_ns)),
-        evidence: format!("{}{again}; {why}{meanwhile}", delay.words()),
-        ran,
+        let (class, why) = cause_of(seen, delay);
+        let among = match delays.len() {
+            1 => String::new(),
+            number => format!(", the longest of {number} delays"),
+        };
+        let ran = seen.ran(delay).into_iter().take(RUNNERS);
+        let ran = ran.map(|(runner, ns)| RunnerTime {
+            who: runner.words(),
+            us: ns as f64 / 1e3,
+        });
+        let ran: Vec<RunnerTime> = ran.collect();
+        let longest = ran.iter().take(RUNNERS_IN_WORDS);
+        let longest: Vec<String> = longest
+            .map(|it| format!("{} {:.0} us", it.who, it.us))
+            .collect();
+        let meanwhile = match longest.is_empty() {
+            true => String::new(),
+            false => format!("; meanwhile ran {}", longest.join(", ")),
+        };
+        Self {
+            class,
+            delay: Some(*delay),
+            evidence: format!("{}{among}; {why}{meanwhile}", delay.words()),
+            ran,
+        }
     }
+
+    /// The late stage; none where the host or a quota stopped all, or where no stage is known.
+    pub fn stage(&self) -> Option<Role> {
+        let is_of_all = matches!(self.class, MissCause::HostStall | MissCause::Throttled);
+        self.delay.filter(|_| !is_of_all).map(|it| it.stage)
+    }
+}
+
+/// The first observation of the table that explains enough of a delay; otherwise all that explain too little.
+fn cause_of(seen: &Observations<'_>, delay: &Delay) -> (MissCause, String) {
+    let mut too_little = Vec::new();
+    for (cause, observe) in OBSERVATIONS {
+        match observe(seen, delay) {
+            Some((0, _)) | None => {}
+            Some((ns, why)) if ns.saturating_mul(100) < delay.excess_ns * EXPLAINS_PERCENT => {
+                too_little.push(why);
+            }
+            Some((_, why)) => return (cause, why),
+        }
+    }
+    let why = match too_little.is_empty() {
+        true => "nothing observed says why".into(),
+        false => format!("{}: less than half of it", too_little.join(", ")),
+    };
+    (MissCause::CannotTell, why)
 }
 
 /// Programs kept of those that ran during a delay.

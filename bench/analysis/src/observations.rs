@@ -35,7 +35,6 @@ pub struct Counters {
     pub pid: u64,
     pub life: Life,
     pub faults: u64,
-    pub involuntary_switches: u64,
     /// Time that it was ready to run and did not have a processor [ns].
     pub waited_ns: u64,
     pub ran_ns: u64,
@@ -80,6 +79,10 @@ pub struct Delay {
 }
 
 impl Delay {
+    pub const fn length_ns(&self) -> u64 {
+        self.to_ns - self.from_ns
+    }
+
     pub fn words(&self) -> String {
         let (stage, us) = (self.stage, self.excess_ns / 1000);
         match self.is_compute {
@@ -184,40 +187,39 @@ impl Observations<'_> {
         before.find(|sample| sample.at_ns <= delay.from_ns)
     }
 
+    fn after(&self, delay: &Delay) -> Option<&CounterSample> {
+        let mut after = self.samples.iter();
+        after.find(|sample| sample.from_ns >= delay.to_ns)
+    }
+
     /// The last sample before a delay and the first one after it; nothing where it is not covered.
     fn around(&self, delay: &Delay) -> Option<[&CounterSample; 2]> {
-        let mut after = self.samples.iter();
-        let after = after.find(|sample| sample.from_ns >= delay.to_ns)?;
-        Some([self.before(delay)?, after])
+        Some([self.before(delay)?, self.after(delay)?])
+    }
+
+    /// Samples that were taken during a delay. The end of a process that never came back may be seen long after.
+    fn during(&self, delay: &Delay) -> impl Iterator<Item = &CounterSample> {
+        let until_ns = match delay.to_ns >= self.until_ns {
+            true => u64::MAX,
+            false => delay.to_ns,
+        };
+        let from_ns = delay.from_ns;
+        let samples = self.samples.iter();
+        samples.filter(move |it| it.at_ns >= from_ns && it.from_ns <= until_ns)
     }
 
     /// Whether a sample showed the stage's process in this state during a delay.
     pub fn has_been(&self, delay: &Delay, life: Life) -> bool {
-        let until_ns = self.looked_until(delay);
-        self.samples.iter().any(|it| {
-            let is_meanwhile = it.at_ns >= delay.from_ns && it.from_ns <= until_ns;
-            is_meanwhile && it.stages[delay.stage as usize].life == life
-        })
+        let stage = delay.stage as usize;
+        self.during(delay).any(|it| it.stages[stage].life == life)
     }
 
-    /// The end of a process that never came back may be seen long after.
-    fn looked_until(&self, delay: &Delay) -> u64 {
-        match delay.to_ns >= self.until_ns {
-            true => u64::MAX,
-            false => delay.to_ns,
-        }
-    }
-
-    /// The process that took the place of the stage's during a delay.
+    /// The process that took the place of the stage's during a delay; it works before a sample shows it.
     pub fn successor(&self, delay: &Delay) -> Option<u64> {
         let pid = |sample: &CounterSample| sample.stages[delay.stage as usize].pid;
         let before = self.before(delay).map(pid)?;
-        let until_ns = self.looked_until(delay);
-        let later = self.samples.iter().filter(|it| it.at_ns >= delay.from_ns);
-        // A successor works before a sample shows it.
-        let shown = later.clone().filter(|it| it.from_ns <= until_ns);
-        let next = later.filter(|it| it.from_ns > until_ns).take(1);
-        shown.chain(next).map(pid).find(|pid| *pid != before)
+        let shown = self.during(delay).chain(self.after(delay)).map(pid);
+        shown.into_iter().find(|pid| *pid != before)
     }
 
     /// Growth of a counter of the stage around a delay, beyond what is usual in that time: by its usual rate between

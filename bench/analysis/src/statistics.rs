@@ -1,10 +1,9 @@
-//! Intervals and tests: of a median, a mean, a rate of success and a ratio of rates, and a test over groups.
+//! Intervals and tests: of a median, a mean and a rate of success, and a test over groups.
 //!
 //! The bootstrap and the permutation test assume no shape of the distribution. They resample or permute whole
-//! measurements (a pair, a flight), because the values within a measurement depend on each other.
+//! flights, because the values within a flight depend on each other.
 //!
-//! Sources: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapters 12 (bootstrap-t) and 13
-//! (percentile interval);
+//! Sources: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 12 (bootstrap-t);
 //! Wilson, "Probable inference" (1927);
 //! Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired
 //! data" (2012);
@@ -19,11 +18,7 @@ use statrs::function::erf::erfc;
 
 /// Probability with which an interval contains the true value.
 pub const CONFIDENCE: f64 = 0.95;
-/// Fewest values that an interval of the median needs: the extremes of six hold it with 96.9 %, those of five with
-/// 93.8 %.
-pub const VALUES_NEEDED: usize = 6;
-const RESAMPLINGS: usize = 10_000;
-/// Fixed, so that the same measurements always have the same interval.
+/// Fixed, so that the same flights always have the same verdict.
 const SEED: u64 = 0x6972_6f6e_6269_7264;
 
 /// The range that contains a value with [`CONFIDENCE`].
@@ -55,7 +50,8 @@ pub fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// The interval of the median of what the values were drawn from; none for fewer than [`VALUES_NEEDED`].
+/// The interval of the median of what the values were drawn from; none for fewer than six, because the extremes of five
+/// hold it with 93.8 % only.
 pub fn median_interval(values: &[f64]) -> Option<Interval> {
     let (low, high) = ranks(values.len() as u64, 0.5)?;
     let mut sorted = values.to_vec();
@@ -72,77 +68,6 @@ pub fn ranks(count: u64, quantile: f64) -> Option<(u64, u64)> {
     let low = not_above.inverse_cdf(beyond);
     let high = not_above.inverse_cdf(1.0 - beyond) + 1;
     (low >= 1 && high <= count).then_some((low, high))
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Events {
-    pub count: u64,
-    pub exposure: u64,
-}
-
-impl Events {
-    /// Events per chance; not a number without one.
-    pub fn rate(self) -> f64 {
-        self.count as f64 / self.exposure as f64
-    }
-}
-
-/// All events of the first sides together, and of the second ones.
-pub fn pooled(pairs: &[[Events; 2]]) -> [Events; 2] {
-    [0, 1].map(|side| {
-        let all = || pairs.iter().map(|pair| pair[side]);
-        let count = all().map(|events| events.count).sum();
-        let exposure = all().map(|events| events.exposure).sum();
-        Events { count, exposure }
-    })
-}
-
-/// The interval of the ratio of the first sides' rate to that of the second ones. None for fewer than two pairs.
-///
-/// A bootstrap over pairs keeps together what happened in the same minute. As few pairs may be alike by chance, the
-/// rates of what is drawn vary, too, as those of so many independent events do (gamma, with half an event more).
-pub fn rate_ratio_interval(pairs: &[[Events; 2]]) -> Option<Interval> {
-    if pairs.len() < 2 {
-        return None;
-    }
-    let beyond = ((1.0 - CONFIDENCE) / 2.0 * RESAMPLINGS as f64) as usize;
-    Some(bootstrap(SEED, RESAMPLINGS, beyond, |random| {
-        let drawn = pairs.iter().map(|_| pairs[random.usize(..pairs.len())]);
-        let drawn: Vec<[Events; 2]> = drawn.collect();
-        let [ours, floor] = pooled(&drawn).map(|events| likely_rate(events, random));
-        ours / floor
-    }))
-}
-
-/// The percentile interval of a statistic over resamples; `beyond` of them lie below it, and as many above.
-fn bootstrap(
-    seed: u64,
-    resamples: usize,
-    beyond: usize,
-    mut statistic: impl FnMut(&mut Rng) -> f64,
-) -> Interval {
-    let mut random = Rng::with_seed(seed);
-    let mut values: Vec<f64> = (0..resamples).map(|_| statistic(&mut random)).collect();
-    values.sort_unstable_by(f64::total_cmp);
-    Interval::new(values[beyond], values[resamples - 1 - beyond])
-}
-
-/// A rate under which so many events are likely: their number and a half as shape of a gamma distribution.
-fn likely_rate(events: Events, random: &mut Rng) -> f64 {
-    /// Beyond, the distribution's third root is normal to within a thousandth (Wilson and Hilferty).
-    const FEW: u64 = 30;
-    let mut exponential = || -(1.0 - random.f64()).ln();
-    // Of Box and Muller.
-    let length = (2.0 * exponential()).sqrt();
-    let whole: f64 = (0..events.count.min(FEW)).map(|_| exponential()).sum();
-    let normal = length * (std::f64::consts::TAU * random.f64()).cos();
-    let shape = events.count as f64 + 0.5;
-    let likely = if events.count <= FEW {
-        whole + normal * normal / 2.0
-    } else {
-        shape * (1.0 - 1.0 / (9.0 * shape) + normal / (3.0 * shape.sqrt())).powi(3)
-    };
-    likely / events.exposure as f64
 }
 
 /// Two groups of values of one kind, one value a flight.
@@ -372,8 +297,15 @@ pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> 
         }
     };
     let interval = if error > 0.0 {
-        let Interval { low, high } = bootstrap(1, MEAN_RESAMPLINGS, BEYOND_MEAN, &mut distance);
-        Interval::new(mean - high * error, mean - low * error)
+        let mut random = Rng::with_seed(1);
+        let distances = (0..MEAN_RESAMPLINGS).map(|_| distance(&mut random));
+        let mut distances: Vec<f64> = distances.collect();
+        distances.sort_unstable_by(f64::total_cmp);
+        let (low, high) = (BEYOND_MEAN, MEAN_RESAMPLINGS - 1 - BEYOND_MEAN);
+        Interval::new(
+            mean - distances[high] * error,
+            mean - distances[low] * error,
+        )
     } else {
         Interval::new(mean, mean)
     };
@@ -431,31 +363,10 @@ mod tests {
             widths.push(width);
         }
         assert!(widths.is_sorted_by(|a, b| a > b), "{widths:?}");
-        assert_eq!(median_interval(&[1.0; VALUES_NEEDED - 1]), None);
+        assert_eq!(median_interval(&[1.0; 5]), None);
         // Of nine, the second and the eighth.
         let nine: Vec<f64> = (1..=9).map(f64::from).collect();
         assert_eq!(median_interval(&nine), Some(Interval::new(2.0, 8.0)));
-    }
-
-    #[test]
-    fn a_ratio_of_rates_knows_how_little_few_pairs_say() {
-        let exposure = 11_000;
-        let pair = |ours, floor| [ours, floor].map(|count| Events { count, exposure });
-        let ratio = |pairs: &[[Events; 2]]| rate_ratio_interval(pairs).unwrap();
-        // As once measured: three of nine flights had no miss, two had three times the floor's.
-        let ours = [0, 0, 0, 40, 38, 6, 5, 4, 3];
-        let uneven = ours.into_iter().zip([9, 12, 8, 16, 12, 14, 11, 13, 12]);
-        let uneven: Vec<[Events; 2]> = uneven.map(|(ours, floor)| pair(ours, floor)).collect();
-        assert_eq!(pooled(&uneven).map(|events| events.count), [96, 107]);
-        let interval = ratio(&uneven);
-        assert!(interval.low < 0.6 && interval.high > 1.3, "{interval:?}");
-        assert_eq!(ratio(&uneven), interval, "no run is another");
-        let even = ratio(&[pair(100, 101); 9]);
-        // Nine hundred events a side say no more than 9 %, however alike the pairs are.
-        assert!((0.88..0.93).contains(&even.low) && (1.06..1.11).contains(&even.high));
-        assert!(ratio(&[pair(1, 0), pair(3, 1)]).high > 20.0);
-        assert!(ratio(&[pair(0, 9); 9]).high < 0.1, "none of 81");
-        assert_eq!(rate_ratio_interval(&[pair(1, 1)]), None);
     }
 
     #[test]

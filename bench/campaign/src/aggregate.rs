@@ -93,7 +93,6 @@ pub fn of(
         maps: all.maps(&factors)?,
         factors,
         worst: all.worst()?,
-        audit: (),
     })
 }
 

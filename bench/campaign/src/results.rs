@@ -24,8 +24,6 @@ pub struct CampaignResults {
     pub factors: Vec<FactorResults>,
     pub maps: Vec<Map>,
     pub worst: Vec<Worst>,
-    /// Always null: older versions listed flights here that were flown again.
-    pub audit: (),
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]

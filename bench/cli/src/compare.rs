@@ -28,6 +28,7 @@ use errors::output::{print, say};
 use errors::{Failure, USAGE, check_outputs, read_text, write_text};
 use experiments::combinations::{self, Combination};
 use experiments::parallel::{on_processors, processors};
+use experiments::progress::Progress;
 use sim::simulate::{self, InvalidOutputs};
 use sim::simulator::Simulator;
 
@@ -258,7 +259,10 @@ fn fly_all(plans: &[Plan], is_drawn: bool) -> Result<Vec<Comparison>, Failure> {
         .flat_map(|plan| plan.settings.iter().map(|it| (&plan.flight, it)))
         .collect();
     let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings, is_drawn);
-    let mut outcomes = on_processors(&flights, processors(), fly, |_| ())?.into_iter();
+    let mut progress = Progress::new(flights.len() as u64, "flight");
+    let look = |done| progress.look(done as u64);
+    let mut outcomes = on_processors(&flights, processors(), fly, look)?.into_iter();
+    progress.clear();
     let compared = |plan: &Plan| Comparison {
         schema: SCHEMA,
         build: build::here(),

@@ -1,80 +1,126 @@
 //! `ironbird floor`: compares flights with the best that this machine can do.
-//!
-//! ```text
-//! timer, ring --A--> pairs --> comparison --> docs/benchmarks.md
-//! flight      --B-->
-//! ```
 
-pub mod benchmark_page;
 pub mod comparisons;
 pub mod flight_baseline;
 pub mod flight_runner;
 pub mod loop_cpus;
 
-use flight_log::wall_time::utc;
-use std::cell::RefCell;
-use std::path::Path;
 use std::time::{Duration, SystemTime};
 
+use analysis::host::Host;
+use analysis::phrase::count;
+use analysis::statistics::median;
+use errors::output::{print, say};
+use errors::{Failure, NO_REAL_TIME, OK};
+use flight_log::wall_time::utc;
+use host::floor::ring::{END, Link, Work};
 use ipc::clock::now_ns;
 use process::rt::{fifo_refusal, take_stand};
+use render::document::{Cell, Table, known, row};
+use serde::Serialize;
 
 use crate::cli::{FloorArgs, HopArgs};
-use crate::export::create_for;
-use crate::floor::benchmark_page::Page;
-use crate::floor::comparisons::MeasuringEffort;
+use crate::floor::comparisons::{Comparison, Pair, compare};
 use crate::floor::flight_runner::FlightRunner;
-use errors::output::print;
-use errors::{Failure, InFile as _, NO_REAL_TIME, OK};
-use host::floor::ring::{END, Link, Work};
 
-/// SCHED_FIFO priority of the plant in flights of this command; each stage has one more.
-const PRIORITY: i32 = 80;
-const STAGES: i32 = 3;
+/// SCHED_FIFO priority of the mixer, the highest of a flight's by default.
+const PRIORITY: i32 = 83;
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Page {
+    host: Host,
+    started: String,
+    version: String,
+    command: String,
+    comparisons: Vec<Comparison>,
+}
 
 pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
-    if let Some(directory) = &args.write {
-        create_for("write", directory, "--write")?;
-    }
     let (pairs, seconds) = (args.pairs, args.seconds);
-    if let Some(refusal) = fifo_refusal(PRIORITY + STAGES) {
+    if let Some(refusal) = fifo_refusal(PRIORITY) {
         let refused = format!("SCHED_FIFO is refused: {refusal}");
         return Err(Failure::new(NO_REAL_TIME, refused)
             .help("run `ironbird doctor`: it names what to change"));
     }
-    let effort = MeasuringEffort {
-        pairs: pairs as usize,
-        duration: Duration::from_secs(seconds),
-        priority: PRIORITY,
-        own_timer: RefCell::default(),
-    };
-    // Read before anything is written: the new figures would mark the checkout as dirty.
-    let version = format!("ironbird {}", crate::build::here());
+    let runner = FlightRunner::new()?;
     let started = utc(SystemTime::now());
+    let all = Duration::from_secs(u64::from(pairs) * 3 * seconds);
+    say(&format!(
+        "{}: a flight, a timer and a ring of processes, {seconds} s each: {} in all\n",
+        count(pairs.into(), "pair"),
+        humantime::format_duration(all)
+    ));
+    let mut command = format!("ironbird floor --pairs {pairs} --seconds {seconds}");
+    if !args.flags.is_empty() {
+        command += &format!(" -- {}", args.flags.join(" "));
+    }
     let page = Page {
         host: host::cpu_times::host(),
         started,
-        version,
-        command: format!("ironbird floor --pairs {pairs} --seconds {seconds}"),
-        comparisons: comparisons::compare(&FlightRunner::new()?, &effort)?,
-        own_timer: effort.own_timer.take(),
+        version: format!("ironbird {}", crate::build::here()),
+        command,
+        comparisons: compare(&runner, &args.flags, pairs, Duration::from_secs(seconds))?,
     };
-    if let Some(directory) = &args.write {
-        write(directory, &page)?;
+    if args.json {
+        let json = serde_json::to_string_pretty(&page);
+        print(&(json.map_err(|e| Failure::failed(e.to_string()))? + "\n"))?;
+    } else {
+        print(&page.markdown())?;
     }
-    print(&page.markdown())?;
     Ok(OK)
 }
 
-fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
-    let [text, numbers] = ["md", "json"].map(|it| directory.join(format!("benchmarks.{it}")));
-    // A missing or unreadable page has no notes to keep.
-    let old = std::fs::read_to_string(&text).unwrap_or_default();
-    let notes = old.find("\n## Per tick and role\n");
-    let notes = notes.map_or("", |begin| &old[begin..]);
-    std::fs::write(&text, page.markdown() + notes).in_file("write", &text)?;
-    let json = serde_json::to_string_pretty(page).in_file("write", &numbers)?;
-    std::fs::write(&numbers, json + "\n").in_file("write", &numbers)
+const LEGEND: &str = "
+Both sides of a pair run back to back, alternating; *ours* and *floor* are \
+medians over the pairs, of misses means. The ratio is the median of the pairs' ratios, with an interval of at least \
+95 % by order statistics. Pairs during which the host stole more than 1 % of the processor are left out.
+
+* *wake*: from the start of a tick to the plant's wake-up, compared with a bare timer on the same processor at the same priority and period. It shows what early wake-up gains; *timer*, from the instant the timer was set to, shows the kernel alone.
+* *loop*: from sampling the state to publishing the rotor command, compared with a raw futex ring of four processes that compute as long.
+* *misses*: missed deadlines, compared with ticks in which the bare timer woke too late for the median loop or not at all.
+";
+
+impl Page {
+    fn markdown(&self) -> String {
+        let (host, under) = (&self.host, self.host.below());
+        let (kernel, preemption, cpu, cpus) =
+            (&host.kernel, &host.preemption, &host.cpu, host.cpus);
+        let columns = "figure;ours;floor;ratio;95 % interval;pairs".split(';');
+        let table = Table::new(columns, self.comparisons.iter().map(compared)).markdown();
+        let Self {
+            started,
+            version,
+            command,
+            ..
+        } = self;
+        format!(
+            "# Benchmarks\n\nWritten by `{command}` ({version}) on {started}.\n\n\
+             Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).\n\n\
+             {table}{LEGEND}"
+        )
+    }
+}
+
+fn compared(comparison: &Comparison) -> Vec<Cell> {
+    let Comparison { name, unit, pairs } = comparison;
+    // Not a number where no pair counts.
+    let shown = |value: f64| value.is_finite().then(|| format!("{value:.2}"));
+    let is_count = unit == "per million";
+    let side = |of: fn(&Pair) -> f64| {
+        let values: Vec<f64> = comparison.undisturbed().map(of).collect();
+        let middle = match is_count {
+            true => values.iter().sum::<f64>() / values.len() as f64,
+            false => median(&values),
+        };
+        known(shown(middle).map(|it| format!("{it} {unit}")))
+    };
+    let (ours, floor) = (side(|pair| pair.ours), side(|pair| pair.floor));
+    // Of rare events, few pairs have no ratio.
+    let ratio = known(shown(comparison.ratio()).filter(|_| !is_count));
+    let interval = comparison.interval().filter(|_| !is_count);
+    let interval = known(interval.map(|i| format!("{:.2} to {:.2}", i.low, i.high)));
+    let pairs = format!("{} of {}", comparison.undisturbed().count(), pairs.len());
+    row([name, &ours, &floor, &ratio, &interval, &pairs])
 }
 
 /// `ironbird ring-hop`: one process of the ring, started by the measuring process. Passes the token on until the ring

@@ -1,7 +1,5 @@
 //! `ironbird laws`: lists the laws that can fly, explains one, and tries the law of a file.
 
-pub mod trial;
-
 use std::path::Path;
 
 use clap::Args;
@@ -15,7 +13,7 @@ use plugin::Library;
 use config::law_settings::{DEFAULT_PRESET, known, nearest_first};
 use errors::output::print;
 use errors::{Failure, GATE, OK};
-use trial::{ANSWER, BadAnswer, Candidate, Findings, HOT, INPUTS, Watchdog};
+use plugin::trial::{self, ANSWER, BadAnswer, Candidate, Findings, HOT, INPUTS, Watchdog};
 
 /// Flags of `laws`.
 #[derive(Clone, Debug, Args)]

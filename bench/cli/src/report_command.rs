@@ -173,7 +173,7 @@ fn ended_flight(directory: &Path) -> Result<ComparedRun, Failure> {
             "{} has no final report with distributions, so its percentiles cannot be compared",
             directory.display()
         ))
-        .help("wait for the end of the flight; a flight whose recorder died, or of an older version, has none"));
+        .help("wait for the end of the flight; a flight whose recorder died has none"));
     }
     let path = directory.join("run.json");
     let text = read_text("read", &path)?;

@@ -24,7 +24,6 @@ fn ring(
             priority: 80,
         },
         work: vec![work; processes],
-        ..RingSettings::default()
     };
     ring::measure(&settings, Path::new(executable))
 }

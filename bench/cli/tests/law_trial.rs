@@ -3,9 +3,9 @@
 use control_api::description::{Description, Refused, Settings};
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use ironbird::laws::findings_text;
-use ironbird::laws::trial::{Candidate, trial, trial_of};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
+use plugin::trial::{Candidate, trial, trial_of};
 use std::hint::black_box;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

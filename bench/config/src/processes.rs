@@ -242,14 +242,6 @@ impl Settings {
         }
     }
 
-    /// Whether a law is that of a file.
-    pub fn has_own_laws(&self) -> Result<bool, Failure> {
-        Ok(self
-            .chosen_laws()?
-            .iter()
-            .any(|law| law.library().is_some()))
-    }
-
     /// The theorem's monitor before tick 0; none if the chosen inner law, with its settings, has no theorem, or if it is not
     /// the only one.
     pub fn theorem(&self) -> Result<Option<TheoremMonitor>, Failure> {

@@ -68,7 +68,12 @@ fn line(done: u64, total: u64, thing: &str, rate: f64) -> String {
         Ok(left) if left_s < 1e9 => format!("{} left", humantime::format_duration(left)),
         _ => "time left unknown".into(),
     };
-    format!("{done} of {total} {thing}s, {rate:.1} {thing}s/s, {left}")
+    // What takes minutes has no rate per second.
+    let rate = match rate < 0.1 && done > 0 {
+        true => String::new(),
+        false => format!(" {rate:.1} {thing}s/s,"),
+    };
+    format!("{done} of {total} {thing}s,{rate} {left}")
 }
 
 #[cfg(test)]
@@ -81,5 +86,6 @@ mod tests {
         assert_eq!(line(0, 4000, "flight", 0.0), unknown);
         let left = "200 of 4000 flights, 50.0 flights/s, 1m 16s left";
         assert_eq!(line(200, 4000, "flight", 50.0), left);
+        assert_eq!(line(2, 6, "pair", 0.033), "2 of 6 pairs, 2m 2s left");
     }
 }

@@ -1,7 +1,5 @@
-//! The best this machine can do: a bare timer, a raw ring of processes, cyclictest.
+//! The best this machine can do: a bare timer, a raw ring of processes.
 
-pub mod comparison;
-pub mod cyclictest;
 pub mod ring;
 pub mod timer;
 
@@ -35,7 +33,6 @@ impl MachineFloor {
         let settings = RingSettings {
             schedule: schedule.clone(),
             work,
-            ..RingSettings::default()
         };
         let ring = ring::measure(&settings, executable)?;
         let mut refused = [&timer.standing, &ring.standing]

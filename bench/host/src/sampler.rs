@@ -109,11 +109,6 @@ fn counters(pid: u64) -> Counters {
     }
     // The kernel removes these files together with the process, so only its end makes reading them fail.
     [counters.ran_ns, counters.waited_ns] = scheduled(pid);
-    let status = read(pid, "status").unwrap_or_default();
-    let mut lines = status.lines();
-    let switches = lines.find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"));
-    let switches = switches.and_then(|count| count.trim().parse().ok());
-    counters.involuntary_switches = switches.unwrap_or(0);
     counters
 }
 

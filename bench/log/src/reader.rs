@@ -289,9 +289,10 @@ impl LogReader {
             return Err(self.damaged("it is of another flight than the file before it"));
         }
         if metadata.name == facts::KEPT {
-            // Logs from before there were several files do not say.
             let part = metadata.metadata.get("part");
-            let part = part.and_then(|part| part.parse().ok()).unwrap_or(0);
+            let part = part.and_then(|part| part.parse().ok());
+            let part =
+                part.ok_or_else(|| self.damaged("it does not say which file of its log it is"))?;
             let before = self.part.replace(part);
             if let Some(before) = before.filter(|before| before.checked_add(1) != Some(part)) {
                 let what = format!("it is file {part} of a log, and stands after file {before}");
@@ -363,8 +364,12 @@ impl LogReader {
     }
 
     pub fn number(&self, name: &str) -> Result<u64, Failure> {
-        self.fact(facts::RUN, name)?;
-        Ok(self.known(facts::RUN, name)?.unwrap_or_default())
+        self.number_of(facts::RUN, name)
+    }
+
+    fn number_of(&self, record: &str, name: &str) -> Result<u64, Failure> {
+        self.fact(record, name)?;
+        Ok(self.known(record, name)?.unwrap_or_default())
     }
 
     pub fn pace(&self) -> Result<Pace, Failure> {
@@ -377,13 +382,11 @@ impl LogReader {
     }
 
     pub fn kept(&self) -> Result<Kept, Failure> {
-        // Logs from before there were excerpts do not say.
-        let number = |name| Ok(self.known(facts::KEPT, name)?.unwrap_or(0));
-        let kept = self.fact(facts::KEPT, "kept");
-        let around_ticks = number("around_ticks")?;
+        let kept = self.fact(facts::KEPT, "kept")?;
+        let around_ticks = self.number_of(facts::KEPT, "around_ticks")?;
         Ok(Kept {
-            around_ticks: (kept.ok() == Some(facts::AROUND_MISSES)).then_some(around_ticks),
-            files_before: number("part")?,
+            around_ticks: (kept == facts::AROUND_MISSES).then_some(around_ticks),
+            files_before: self.number_of(facts::KEPT, "part")?,
         })
     }
 

@@ -289,8 +289,7 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     there.sort();
     let there = there.join(", ");
     Err(
-        Failure::usage(format!("{place} holds no {FILE}; it holds: {there}")).help(
-            "name a flight that has one, or the file itself; flights of earlier versions have none",
-        ),
+        Failure::usage(format!("{place} holds no {FILE}; it holds: {there}"))
+            .help("name a flight that has one, or the file itself"),
     )
 }

@@ -34,7 +34,7 @@ pub fn blocks(report: &Report) -> Vec<Block> {
         ("block deadline", "worked: from waking to sending"),
         ("block stale deadline", "without the input of its tick"),
         ("deadline", "due, and not awake yet"),
-        ("late", "the delay that it is put down to"),
+        ("late", "the longest delay"),
         ("block band late", "its command missed the deadline"),
     ];
     let legend = legend.map(|(class, word)| (class, word.into()));

@@ -200,11 +200,6 @@ impl Simulator {
         }
     }
 
-    /// Whether messages or stages have faults.
-    pub const fn is_faulted(&self) -> bool {
-        self.faulted.is_some()
-    }
-
     /// The last tick; [`NO_TICK`] before the first.
     pub const fn flown_tick(&self) -> u64 {
         self.tick.wrapping_sub(1)

@@ -21,6 +21,7 @@ mod modes;
 mod object;
 mod process_exit;
 mod table;
+pub mod trial;
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};

@@ -10,14 +10,17 @@ use crate::cli::values;
 #[derive(Clone, Debug, Args)]
 pub struct FloorArgs {
     /// Pairs of measurements; fewer than 6 give no verdict.
-    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub pairs: u32,
-    /// Length of each measurement [s]; less than 11 s is too short for a 99.9th percentile.
-    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    /// Length of each measurement [s]; less than 10 s is too short for a 99.9th percentile at 1 kHz.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
-    /// Write benchmarks.md and benchmarks.json to this directory.
-    #[arg(long, value_name = "DIR")]
-    pub write: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Flags of the flights, as in `-- --rate 2k`.
+    #[arg(last = true, value_name = "FLAGS")]
+    pub flags: Vec<String>,
 }
 
 /// Flags of the hidden `ring-hop`.

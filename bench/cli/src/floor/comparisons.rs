@@ -1,109 +1,144 @@
 //! Flights and the machine's baselines, measured alternately, A B B A.
 
-use std::cell::RefCell;
 use std::time::Duration;
 
-use process::rt::loops_cpu;
-
-use super::flight_baseline::work_like;
-use super::flight_runner::{FlightRunner, series};
-use analysis::schema::Report;
+use analysis::host::STEAL_LIMIT_PERCENT;
 use analysis::series::{Latencies, Statistics};
-use analysis::statistics::Events;
+use analysis::statistics::{Interval, median, median_interval};
 use errors::Failure;
+use experiments::progress::Progress;
 use host::cpu_times::CpuTimes;
-use host::floor::comparison::FloorComparison;
-use host::floor::cyclictest;
-use host::floor::ring::{self, RingRehearsal, RingSettings};
-use host::floor::timer::{self, Schedule};
+use host::floor::MachineFloor;
+use process::rt::loops_cpu;
+use serde::Serialize;
 
-const PERIOD_NS: u64 = 1_000_000;
-#[derive(Debug)]
-pub struct MeasuringEffort {
-    pub pairs: usize,
-    pub duration: Duration,
-    pub priority: i32,
-    /// Why the own timer stood in for cyclictest.
-    pub own_timer: RefCell<Option<String>>,
+use super::flight_baseline;
+use super::flight_runner::{FlightRunner, Flown, series};
+
+/// What is compared: name, series of the report, quantile.
+const COMPARED: [(&str, &str, f64); 7] = [
+    ("wake p50", "wake.plant", 0.5),
+    ("wake p99", "wake.plant", 0.99),
+    ("timer p50", "timer", 0.5),
+    ("timer p99", "timer", 0.99),
+    ("loop p50", LOOP, 0.5),
+    ("loop p99", LOOP, 0.99),
+    ("loop p99.9", LOOP, 0.999),
+];
+const LOOP: &str = "loop";
+
+/// A flight's value and the baseline's, measured one right after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Pair {
+    pub ours: f64,
+    pub floor: f64,
+    /// Time that the host took meanwhile from the processor of the loops [%].
+    pub steal_percent: f64,
 }
 
-/// The quantiles of flights that are compared: name, series of the report, quantile, place in [`floors`].
-const COMPARED: [(&str, &str, f64, usize); 10] = [
-    ("wake p50", "wake.plant", 0.5, 0),
-    ("wake p99", "wake.plant", 0.99, 0),
-    ("timer p50", "timer", 0.5, 0),
-    ("timer p99", "timer", 0.99, 0),
-    ("loop p50", "loop", 0.5, 1),
-    ("loop p99", "loop", 0.99, 1),
-    ("loop p99.9", "loop", 0.999, 1),
-    ("loop p50, ring with warm-up runs", "loop", 0.5, 2),
-    ("loop p99, ring with warm-up runs", "loop", 0.99, 2),
-    ("loop p99.9, ring with warm-up runs", "loop", 0.999, 2),
-];
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    pub name: String,
+    pub unit: String,
+    /// In the order of measuring.
+    pub pairs: Vec<Pair>,
+}
 
-/// Wake-ups, loop latency and misses of flights, compared with cyclictest and a futex ring with the same computing
-/// time. The flight is measured first and last in turns.
-pub fn compare(
-    runner: &FlightRunner,
-    effort: &MeasuringEffort,
-) -> Result<Vec<FloorComparison>, Failure> {
-    let mut all = COMPARED.map(|(name, ..)| FloorComparison::ratio(name, "us"));
-    let mut misses = FloorComparison::events("misses");
-    // Floors that are measured first imitate the flight before.
-    let newest: RefCell<Option<Report>> = RefCell::new(None);
-    let fly = || -> Result<(), Failure> {
-        *newest.borrow_mut() = Some(effort.fly(runner)?);
-        Ok(())
-    };
-    for pair in 0..effort.pairs {
-        let floors = || {
-            let newest = newest.borrow();
-            floors(runner, effort, newest.as_ref())
-        };
-        let ((), floors, steal_percent) = in_turns(pair, fly, floors)?;
-        let report = newest.borrow();
-        let Some(report) = report.as_ref() else {
-            continue;
-        };
-        for ((_, name, quantile, place), comparison) in COMPARED.iter().zip(&mut all) {
-            let ours = quantile_us(series(report, name)?, *quantile);
-            let floor = floors[*place].as_ref();
-            let floor = floor.map(|it| it.value_at_quantile(*quantile) as f64 / 1e3);
-            if let (Some(ours), Some(floor)) = (ours, floor) {
-                comparison.take(ours, floor, steal_percent);
-            }
-        }
-        if let Some(bare) = &floors[0] {
-            let [missed, late] = missed_and_late(report, bare)?;
-            misses.take_events(missed, late, steal_percent);
+impl Comparison {
+    fn new(name: &str, unit: &str) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            pairs: Vec::new(),
         }
     }
-    let mut all = Vec::from(all);
-    all.push(misses);
+
+    /// Pairs during which the host took little of the processor.
+    pub fn undisturbed(&self) -> impl Iterator<Item = &Pair> {
+        let pairs = self.pairs.iter();
+        pairs.filter(|pair| pair.steal_percent <= STEAL_LIMIT_PERCENT)
+    }
+
+    fn ratios(&self) -> Vec<f64> {
+        let ratio = |pair: &Pair| pair.ours / pair.floor;
+        self.undisturbed().map(ratio).collect()
+    }
+
+    /// The ratio, which is that of the median pair; not a number without pairs that count.
+    pub fn ratio(&self) -> f64 {
+        median(&self.ratios())
+    }
+
+    /// Where the ratio lies with 95 %; none for too few pairs.
+    pub fn interval(&self) -> Option<Interval> {
+        median_interval(&self.ratios())
+    }
+}
+
+/// Flies this number of flights with these flags, and measures the machine beside each.
+pub fn compare(
+    runner: &FlightRunner,
+    flags: &[String],
+    pairs: u32,
+    duration: Duration,
+) -> Result<Vec<Comparison>, Failure> {
+    let length = format!("{}ms", duration.as_millis());
+    let mut arguments = vec!["--rt", "require", "--duration", &length];
+    arguments.extend(flags.iter().map(String::as_str));
+    let fly = || runner.fly(&arguments);
+    let measure = |like: &Flown| {
+        flight_baseline::measure(&like.report, &like.settings, duration, &runner.executable)
+    };
+    let mut all = COMPARED.map(|(name, ..)| Comparison::new(name, "us"));
+    let mut misses = Comparison::new("misses", "per million");
+    let mut progress = Progress::new(pairs.into(), "pair");
+    let processor = Some(loops_cpu() as u64);
+    let mut last: Option<Flown> = None;
+    for pair in 0..pairs {
+        let before = CpuTimes::read(processor);
+        // A baseline that is measured first is like the flight before.
+        let (flown, floor) = match last.filter(|_| !pair.is_multiple_of(2)) {
+            Some(last) => {
+                let floor = measure(&last)?;
+                (fly()?, floor)
+            }
+            None => {
+                let flown = fly()?;
+                let floor = measure(&flown)?;
+                (flown, floor)
+            }
+        };
+        let steal_percent = before.steal_until(&CpuTimes::read(processor)).percent;
+        let pair_of = |ours, floor| Pair {
+            ours,
+            floor,
+            steal_percent,
+        };
+        for ((_, name, quantile), comparison) in COMPARED.iter().zip(&mut all) {
+            let ours = quantile_us(series(&flown.report, name)?, *quantile);
+            let beside = latencies(&floor, name).value_at_quantile(*quantile) as f64 / 1e3;
+            comparison
+                .pairs
+                .extend(ours.map(|ours| pair_of(ours, beside)));
+        }
+        let [missed, late] = missed_and_late(&flown, &floor)?;
+        misses.pairs.push(pair_of(missed, late));
+        progress.look(u64::from(pair) + 1);
+        last = Some(flown);
+    }
+    progress.clear();
+    let all = all.into_iter().chain([misses]);
     // Too few ticks give no 99.9th percentile.
-    all.retain(|comparison| comparison.measured().0 > 0);
-    Ok(all)
+    Ok(all
+        .filter(|comparison| !comparison.pairs.is_empty())
+        .collect())
 }
 
-fn rehearsal_of(flown: &Report) -> Option<RingRehearsal> {
-    let us = [flown.lead.median_us, flown.lead.rehearsal_us];
-    let [lead_ns, needs_ns] = us.map(|us| (us * 1e3) as u64);
-    (needs_ns > 0).then_some(RingRehearsal { lead_ns, needs_ns })
-}
-
-/// The deadlines that a flight missed, and the wake-ups of a bare timer that left its loop no time.
-fn missed_and_late(report: &Report, bare: &Latencies) -> Result<[Events; 2], Failure> {
-    let loop_ns = (series(report, "loop")?.p50_us * 1e3) as u64;
-    let in_time = bare.count_between(0, PERIOD_NS.saturating_sub(loop_ns));
-    let missed = Events {
-        count: report.deadlines.missed,
-        exposure: report.ticks.run + report.ticks.skipped,
-    };
-    let late = Events {
-        count: bare.len() - in_time,
-        exposure: bare.len(),
-    };
-    Ok([missed, late])
+fn latencies<'a>(floor: &'a MachineFloor, series: &str) -> &'a Latencies {
+    match series {
+        LOOP => &floor.ring.chain,
+        _ => &floor.timer.lateness,
+    }
 }
 
 fn quantile_us(statistics: &Statistics, quantile: f64) -> Option<f64> {
@@ -114,72 +149,41 @@ fn quantile_us(statistics: &Statistics, quantile: f64) -> Option<f64> {
     }
 }
 
-/// Wake-ups of cyclictest, chains of a ring that computes as long as the laws of a flight, and of one that has warm-up
-/// runs like that flight, too.
-fn floors(
-    runner: &FlightRunner,
-    effort: &MeasuringEffort,
-    like: Option<&Report>,
-) -> Result<[Option<Latencies>; 3], Failure> {
-    let schedule = effort.schedule();
-    let bare = effort.bare_timer()?;
-    let Some(like) = like else {
-        return Ok([Some(bare), None, None]);
-    };
-    let work = work_like(like)?;
-    let ring = |rehearsal| {
-        let settings = RingSettings {
-            schedule: schedule.clone(),
-            work: work.clone(),
-            rehearsal,
+/// The deadlines that a flight missed, and the wake-ups of a bare timer that left its loop no time [per million].
+fn missed_and_late(flown: &Flown, floor: &MachineFloor) -> Result<[f64; 2], Failure> {
+    let (report, timer) = (&flown.report, &floor.timer.lateness);
+    let left_us = report.run.wall_period_us - series(report, LOOP)?.p50_us;
+    let in_time = timer.count_between(0, (left_us.max(0.0) * 1e3) as u64);
+    let per_million = |count: u64, all: u64| count as f64 * 1e6 / all.max(1) as f64;
+    let ticks = report.ticks.run + report.ticks.skipped;
+    Ok([
+        per_million(report.deadlines.missed, ticks),
+        per_million(timer.len() - in_time, timer.len()),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ratio_is_that_of_the_undisturbed_pairs() {
+        let near = [1.2, 1.24, 1.26, 1.22, 1.24, 1.25, 1.21, 1.23, 1.24];
+        let pair = |ratio: f64, steal_percent| Pair {
+            ours: 10.0 * ratio,
+            floor: 10.0,
+            steal_percent,
         };
-        ring::measure(&settings, &runner.executable).map(|floor| floor.chain)
-    };
-    let rehearsed = rehearsal_of(like).map(|it| ring(Some(it))).transpose()?;
-    Ok([Some(bare), Some(ring(None)?), rehearsed])
-}
-
-impl MeasuringEffort {
-    fn schedule(&self) -> Schedule {
-        Schedule {
-            period_ns: PERIOD_NS,
-            duration: self.duration,
-            cpu: None,
-            priority: self.priority,
-        }
+        let mut comparison = Comparison::new("x", "us");
+        comparison.pairs.push(pair(100.0, 1.1));
+        comparison
+            .pairs
+            .extend(near[..5].iter().map(|it| pair(*it, 0.0)));
+        assert_eq!(comparison.interval(), None);
+        comparison
+            .pairs
+            .extend(near[5..].iter().map(|it| pair(*it, 0.0)));
+        let interval = comparison.interval().map(|it| [it.low, it.high]);
+        assert_eq!((comparison.ratio(), interval), (1.24, Some([1.21, 1.25])));
     }
-
-    /// How late a thread wakes on a timer, of cyclictest or, where that cannot run, of our own [ns].
-    fn bare_timer(&self) -> Result<Latencies, Failure> {
-        let schedule = self.schedule();
-        cyclictest::measure(&schedule).or_else(|e| {
-            self.own_timer.replace(Some(e.to_string()));
-            Ok(timer::measure(&schedule)?.lateness)
-        })
-    }
-
-    fn fly(&self, runner: &FlightRunner) -> Result<Report, Failure> {
-        let duration = format!("{}ms", self.duration.as_millis());
-        runner.fly(&["--rt", "require", "--duration", &duration])
-    }
-}
-
-/// Measures the rig and the baseline, the baseline first in every other pair; also the share of the loops' processor that
-/// the hypervisor took meanwhile [%].
-fn in_turns<T, F>(
-    pair: usize,
-    ours: impl FnOnce() -> Result<T, Failure>,
-    floor: impl FnOnce() -> Result<F, Failure>,
-) -> Result<(T, F, f64), Failure> {
-    let processor = Some(loops_cpu() as u64);
-    let before = CpuTimes::read(processor);
-    let (ours, floor) = if pair.is_multiple_of(2) {
-        let ours = ours()?;
-        (ours, floor()?)
-    } else {
-        let floor = floor()?;
-        (ours()?, floor)
-    };
-    let steal = before.steal_until(&CpuTimes::read(processor));
-    Ok((ours, floor, steal.percent))
 }

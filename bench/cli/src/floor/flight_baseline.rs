@@ -1,4 +1,4 @@
-//! Measures the machine's baselines right after a flight, for its report.
+//! Measures the machine's baselines beside a flight.
 //!
 //! ```text
 //!   wake.plant  vs.  a bare timer: one thread that only wakes when each tick begins
@@ -44,12 +44,12 @@ pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
 }
 
 /// Measures each baseline for `duration`, on the CPU and at the priority requested for the flight.
-pub fn take(
+pub fn measure(
     report: &Report,
     settings: &Settings,
     duration: Duration,
     executable: &Path,
-) -> Result<Baseline, Failure> {
+) -> Result<MachineFloor, Failure> {
     let realtime = settings.realtime()?;
     let priority = if realtime.mode == RealtimeMode::Off {
         0
@@ -62,7 +62,17 @@ pub fn take(
         cpu: realtime.cpu,
         priority,
     };
-    let floor = MachineFloor::measure(&schedule, work_like(report)?, executable)?;
+    MachineFloor::measure(&schedule, work_like(report)?, executable)
+}
+
+/// The baselines for the report of a flight.
+pub fn take(
+    report: &Report,
+    settings: &Settings,
+    duration: Duration,
+    executable: &Path,
+) -> Result<Baseline, Failure> {
+    let floor = measure(report, settings, duration, executable)?;
     Ok(Baseline {
         seconds: duration.as_secs_f64(),
         scheduling: floor.timer.standing.scheduling(),
@@ -76,7 +86,7 @@ pub fn take(
 }
 
 /// Work for each process of a ring that takes as long as the flight's laws in the median.
-pub fn work_like(report: &Report) -> Result<Vec<Work>, Failure> {
+fn work_like(report: &Report) -> Result<Vec<Work>, Failure> {
     COMPUTE
         .into_iter()
         .map(|name| Ok(Work::lasting((series(report, name)?.p50_us * 1e3) as u64)))

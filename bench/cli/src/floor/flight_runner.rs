@@ -20,6 +20,12 @@ pub struct FlightRunner {
     launched: AtomicU64,
 }
 
+#[derive(Debug)]
+pub struct Flown {
+    pub report: Report,
+    pub settings: Settings,
+}
+
 impl FlightRunner {
     pub fn new() -> Result<Self, Failure> {
         let executable = own_executable()?;
@@ -34,7 +40,7 @@ impl FlightRunner {
         })
     }
 
-    pub fn fly(&self, flags: &[&str]) -> Result<Report, Failure> {
+    pub fn fly(&self, flags: &[&str]) -> Result<Flown, Failure> {
         let number = self.launched.fetch_add(1, Ordering::Relaxed);
         let out = self.directory.path().join(format!("flight{number}"));
         let mut command = process::signals::child(&self.executable, "fly");
@@ -59,21 +65,22 @@ impl FlightRunner {
         }
         let report =
             Report::read(&run.join("report.json")).map_err(|e| e.append(&format!("; {ended}")))?;
-        complete(report, requested_ticks(&run.join("run.json"))?)
+        let settings = settings(&run.join("run.json"))?;
+        complete(&report, settings.last_tick() + 1)?;
+        Ok(Flown { report, settings })
     }
 }
 
-fn requested_ticks(path: &Path) -> Result<u64, Failure> {
+fn settings(path: &Path) -> Result<Settings, Failure> {
     let text = fs::read_to_string(path).in_file("read", path)?;
     let facts: RunFacts = serde_json::from_str(&text).in_file("read", path)?;
-    let settings: Settings = serde_json::from_value(facts.settings).in_file("read", path)?;
-    Ok(settings.last_tick() + 1)
+    serde_json::from_value(facts.settings).in_file("read", path)
 }
 
-fn complete(report: Report, requested_ticks: u64) -> Result<Report, Failure> {
+fn complete(report: &Report, requested_ticks: u64) -> Result<(), Failure> {
     let ticks = report.ticks.run + report.ticks.skipped;
     if ticks == requested_ticks && !report.run.in_flight {
-        return Ok(report);
+        return Ok(());
     }
     let ending = &report.run.ending;
     Err(Failure::failed(format!(
@@ -82,8 +89,8 @@ fn complete(report: Report, requested_ticks: u64) -> Result<Report, Failure> {
 }
 
 pub fn series<'a>(report: &'a Report, name: &str) -> Result<&'a Statistics, Failure> {
-    let named = report.series.iter().find(|series| series.name == name);
-    named.ok_or_else(|| Failure::failed(format!("the flight's report has no series `{name}`")))
+    let missing = || Failure::failed(format!("the flight's report has no series `{name}`"));
+    report.series(name).ok_or_else(missing)
 }
 
 #[cfg(test)]

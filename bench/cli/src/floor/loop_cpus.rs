@@ -44,7 +44,7 @@ fn fly_with(
         numbers.try_for_each(|number| {
             let ms = duration.as_millis().max(2);
             let flags = format!("--log off --cpu {cpu} {flag} {number} --duration {ms}ms");
-            let report = runner.fly(&flags.split(' ').collect::<Vec<_>>())?;
+            let report = runner.fly(&flags.split(' ').collect::<Vec<_>>())?.report;
             trials.push(Trial {
                 number,
                 loop_p99_us: series(&report, "loop")?.p99_us,

@@ -34,16 +34,6 @@ pub struct RingSettings {
     pub schedule: Schedule,
     /// What each process computes before it wakes the next one: as many as there are processes, 2 to 64.
     pub work: Vec<Work>,
-    pub rehearsal: Option<RingRehearsal>,
-}
-
-/// A token that goes around before each tick and is not recorded.
-#[derive(Clone, Copy, Debug)]
-pub struct RingRehearsal {
-    /// How far ahead of a tick the timer is set [ns].
-    pub lead_ns: u64,
-    /// Time that must be left for a warm-up run to begin [ns].
-    pub needs_ns: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -107,19 +97,7 @@ fn go_around(
     let (mut chain, mut lap) = (Latencies::new()?, Latencies::new()?);
     let (work, schedule) = (settings.work[0], &settings.schedule);
     let mut timer = PeriodicTimer::new(schedule.period_ns, schedule.duration)?;
-    let rehearsal = settings.rehearsal;
-    let (lead_ns, needs_ns) = rehearsal.map_or((0, u64::MAX), |it| (it.lead_ns, it.needs_ns));
-    loop {
-        let mut rehearsed = Ok(0);
-        let woken = timer.next_wake(lead_ns, |left_ns| {
-            if left_ns >= needs_ns {
-                rehearsed = pass_around(link, work);
-            }
-        });
-        rehearsed?;
-        if woken.is_none() {
-            break;
-        }
+    while timer.next_wake().is_some() {
         // The periodic timer's own records are none of the ring's time.
         let start_ns = now_ns();
         let sent_ns = pass_around(link, work)?;

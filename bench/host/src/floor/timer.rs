@@ -35,7 +35,7 @@ pub fn measure(schedule: &Schedule) -> Result<TimerFloor, Failure> {
         let mut standing = take_stand(cpu, schedule.priority);
         let _awake = stay_awake(&mut standing);
         let mut timer = PeriodicTimer::new(schedule.period_ns, schedule.duration)?;
-        while timer.next_wake(0, |_| ()).is_some() {}
+        while timer.next_wake().is_some() {}
         Ok(TimerFloor {
             ticks_skipped: timer.skipped,
             lateness: timer.lateness,
@@ -103,23 +103,15 @@ impl PeriodicTimer {
         })
     }
 
-    /// Sleeps until `lead_ns` before the next tick, acts, and reads the clock until the tick begins; gives when it had
-    /// begun [ns], and nothing after the last tick. `act` is given the time that is left [ns], and is left out where
-    /// there is none.
-    pub fn next_wake(&mut self, lead_ns: u64, act: impl FnOnce(u64)) -> Option<u64> {
+    /// Sleeps until the next tick; gives when the thread woke [ns], and nothing after the last tick.
+    pub fn next_wake(&mut self) -> Option<u64> {
         if self.next_tick >= self.ticks {
             return None;
         }
         let begin_ns = self.grid.begin_of(self.next_tick);
         let mut woken_ns = now_ns();
-        while woken_ns < begin_ns - lead_ns {
-            sleep_until(begin_ns - lead_ns);
-            woken_ns = now_ns();
-        }
-        if woken_ns < begin_ns {
-            act(begin_ns - woken_ns);
-        }
         while woken_ns < begin_ns {
+            sleep_until(begin_ns);
             woken_ns = now_ns();
         }
         let current = self.grid.tick_at(woken_ns).min(self.ticks - 1);
@@ -141,16 +133,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn with_a_lead_it_acts_before_the_tick_and_never_begins_it_early() {
+    fn no_tick_begins_early_and_none_is_left_out() {
         let mut timer = PeriodicTimer::new(1_000_000, Duration::from_millis(20)).unwrap();
-        let (mut acted, mut most_left_ns) = (0, 0);
-        while let Some(woken_ns) = timer.next_wake(200_000, |left_ns| {
-            acted += 1;
-            most_left_ns = left_ns.max(most_left_ns);
-        }) {
+        while let Some(woken_ns) = timer.next_wake() {
             assert!(woken_ns >= timer.grid.begin_of(timer.next_tick - 1));
         }
-        assert!((1..=20).contains(&acted) && (1..=200_000).contains(&most_left_ns));
         assert_eq!(timer.lateness.len(), 20);
     }
 }
