@@ -5,11 +5,14 @@
 //! knows as many earlier messages as any fault looks back to, and the flight is the same as if they had been planned.
 
 use crate::code::FaultCode;
-pub use crate::code::{FaultKind, HIGHEST_PRIORITY, LONGEST_NS, LiveFault};
-use crate::{FaultList, FaultRefusal, LONGEST_DELAY_TICKS, MessageFaults, Span};
+pub use crate::kind::{FaultKind, LiveFault};
+use crate::{FaultRefusal, LONGEST_DELAY_TICKS, Port, Span, StageTicks};
 use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
 use messages::role::{Replica, Role};
+
+/// Faults of messages that one flight can have, counted by input: `state.drop` makes two of them.
+pub const MAX_MESSAGE_FAULTS: usize = 32;
 
 /// Name of the plant's blackboard with the [`LiveBlackboard`].
 pub const LIVE: &str = "faults";
@@ -54,27 +57,102 @@ impl LiveBlackboard {
     }
 }
 
-/// The faults that stages inject themselves: of their messages, and their lateness.
+/// Faults of one sort in a flight, and the seed of what is random in them.
+///
+/// The place of a fault is its number: what it draws depends on seed, number and tick alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultList<const MOST: usize> {
+    pub seed: u64,
+    faults: [Option<LiveFault>; MOST],
+}
+
+pub type MessageFaults = FaultList<MAX_MESSAGE_FAULTS>;
+
+impl<const MOST: usize> FaultList<MOST> {
+    pub const fn none(seed: u64) -> Self {
+        let faults = [None; MOST];
+        Self { seed, faults }
+    }
+
+    /// Adds a fault, or ends those like it from its first tick on; the value of an end means nothing.
+    fn take(
+        &mut self,
+        fault: &LiveFault,
+        contradicts: impl Fn(&LiveFault) -> bool,
+    ) -> Result<(), FaultRefusal> {
+        let mut others = self.faults.iter_mut().flatten();
+        if fault.ends {
+            let end = fault.span.from;
+            let is_ended = |Span { from, to }| to > end && from < to;
+            let mut ended = others
+                .filter(|other| other.kind.is_like(&fault.kind) && is_ended(other.span))
+                .peekable();
+            ended.peek().ok_or(FaultRefusal::NothingToEnd)?;
+            ended.for_each(|other| other.span = other.span.cut(end));
+            return Ok(());
+        }
+        if others.any(|other| contradicts(other)) {
+            return Err(FaultRefusal::Contradiction);
+        }
+        let place = self.faults.iter_mut().find(|place| place.is_none());
+        *place.ok_or(FaultRefusal::NoRoom)? = Some(*fault);
+        Ok(())
+    }
+
+    /// All of them, each with its number.
+    pub fn iter(&self) -> impl Iterator<Item = (u64, &LiveFault)> {
+        (0..)
+            .zip(&self.faults)
+            .filter_map(|(number, fault)| Some((number, fault.as_ref()?)))
+    }
+
+    /// The faults of the messages at an input, each with its number.
+    pub fn of(&self, input: Port) -> impl Iterator<Item = (u64, &LiveFault)> {
+        self.iter()
+            .filter(move |(_, fault)| fault.kind.port() == Some(input))
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.iter().next().is_none()
+    }
+}
+
+/// The faults of a flight, planned and injected, other than changes of its airframe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopFaults {
     pub messages: MessageFaults,
-    pub late: FaultList,
+    /// Of stages, their processor and channels.
+    pub processes: FaultList<MAX_LIVE_FAULTS>,
+    sample_time_ns: u64,
 }
 
 impl LoopFaults {
-    pub const fn none(seed: u64) -> Self {
+    /// Nothing, in a flight with ticks of so much flight time [ns].
+    pub const fn none(seed: u64, sample_time_ns: u64) -> Self {
         Self {
-            messages: MessageFaults::none(seed),
-            late: FaultList::none(seed),
+            messages: FaultList::none(seed),
+            processes: FaultList::none(seed),
+            sample_time_ns,
         }
     }
 
-    /// Takes one more, or the end of one. What is no stage's own is taken and does nothing here.
+    /// Takes one more, or the end of one.
+    ///
+    /// It refuses where two faults of a stage would meet, or two of a kind elsewhere; where a stop is shorter than a
+    /// tick; where there is nothing to end, or no room. Nothing is changed then.
     pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
-        match fault.kind {
-            FaultKind::Messages { .. } => self.messages.take(fault),
-            FaultKind::Late { .. } => self.late.take(fault),
-            _ => Ok(()),
+        let (LiveFault { kind, span, .. }, sample_time_ns) = (*fault, self.sample_time_ns);
+        if matches!(kind.stage_ticks(), Some(StageTicks::Out(ns)) if ns < sample_time_ns) {
+            return Err(FaultRefusal::UnderATick);
+        }
+        let stage_span = |fault: &LiveFault| stage_span(fault, sample_time_ns);
+        let contradicts = |other: &LiveFault| match (stage_span(fault), stage_span(other)) {
+            (Some(one), Some(two)) => other.kind.overlaps(&kind) && two.overlaps(one),
+            _ => other.kind.is_like(&kind) && other.span.overlaps(span),
+        };
+        match kind.port() {
+            Some(_) => self.messages.take(fault, contradicts),
+            None => self.processes.take(fault, contradicts),
         }
     }
 
@@ -86,6 +164,47 @@ impl LoopFaults {
         }
         self
     }
+
+    /// Faults that make a stage compute longer, each with the least and the most [ns].
+    fn late(&self) -> impl Iterator<Item = (&LiveFault, [u64; 2])> {
+        self.processes
+            .iter()
+            .filter_map(|(_, fault)| match fault.kind.stage_ticks()? {
+                StageTicks::Late(range_ns) => Some((fault, range_ns)),
+                StageTicks::Out(_) | StageTicks::Anew(_) => None,
+            })
+    }
+
+    /// Whether a stage computes longer in some tick.
+    pub fn is_late(&self, role: Role) -> bool {
+        self.late()
+            .any(|(fault, _)| fault.kind.role() == Some(role))
+    }
+
+    /// How much longer a stage computes at a tick [ns].
+    pub fn late_ns(&self, stage: impl Into<Replica>, tick: u64) -> u64 {
+        let stage = stage.into();
+        let late = self
+            .late()
+            .find(|(fault, _)| fault.kind.is_of(stage) && fault.span.contains(tick));
+        late.map_or(0, |(_, [least, most])| {
+            let range = most.saturating_sub(least) as f64;
+            let share = late_share(stage.role, self.processes.seed, tick);
+            least.saturating_add((range * share) as u64)
+        })
+    }
+}
+
+/// The ticks in which a fault has its stage not do what it does otherwise; none where it has no stage.
+fn stage_span(fault: &LiveFault, sample_time_ns: u64) -> Option<Span> {
+    let Span { from, .. } = fault.span;
+    Some(match fault.kind.stage_ticks()? {
+        StageTicks::Late(_) => fault.span,
+        StageTicks::Out(ns) | StageTicks::Anew(ns) => {
+            let ticks = (ns / sample_time_ns.max(1)).max(1);
+            Span::new(from, from.saturating_add(ticks))
+        }
+    })
 }
 
 /// Streams of random numbers of late stages; those of messages lie below.
@@ -94,112 +213,6 @@ const FIRST_STREAM: u64 = 1 << 33;
 /// A number in [0, 1) for a stage and a tick of the flight of `seed`: how far it is from the least to the most.
 pub fn late_share(role: Role, seed: u64, tick: u64) -> f64 {
     uniform(seed, tick, FIRST_STREAM + role as u64)
-}
-
-impl FaultList {
-    /// How much longer a stage computes at a tick [ns].
-    pub fn late_ns(&self, stage: impl Into<Replica>, tick: u64) -> u64 {
-        let stage = stage.into();
-        let late = self.iter().find_map(|(_, fault)| match fault.kind {
-            FaultKind::Late { range_ns, .. }
-                if fault.kind.is_of(stage) && fault.span.contains(tick) =>
-            {
-                Some(range_ns)
-            }
-            _ => None,
-        });
-        late.map_or(0, |[least, most]| {
-            let range = most.saturating_sub(least) as f64;
-            least.saturating_add((range * late_share(stage.role, self.seed, tick)) as u64)
-        })
-    }
-}
-
-/// How long a stage that was killed takes until it works again [ns]: a launcher that lets nothing start anew within
-/// 50 ms, and a process that is ready well within as much again.
-pub const RESTART_NS: u64 = 100_000_000;
-
-/// What is done to processes in a flight, in the order in which it was planned or injected.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Acts {
-    sample_time_ns: u64,
-    acts: [Option<LiveFault>; MAX_LIVE_FAULTS],
-}
-
-impl Acts {
-    /// Nothing, in a flight with ticks of so much flight time [ns].
-    pub const fn none(sample_time_ns: u64) -> Self {
-        Self {
-            sample_time_ns,
-            acts: [None; MAX_LIVE_FAULTS],
-        }
-    }
-
-    /// Takes one more, or the end of one. Faults of messages are taken and do nothing here.
-    ///
-    /// It refuses where two faults of a stage would meet, or two hogs or loads; where a stop is shorter than a tick;
-    /// where there is nothing to end, or where there are [`MAX_LIVE_FAULTS`]. Nothing is changed then.
-    pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
-        let LiveFault { kind, ends, span } = *fault;
-        if matches!(kind, FaultKind::Messages { .. }) {
-            return Ok(());
-        }
-        if matches!(kind, FaultKind::Stop { for_ns, .. } if for_ns < self.sample_time_ns) {
-            return Err(FaultRefusal::UnderATick);
-        }
-        let own = self.outage(fault);
-        let contradicts = |other: &LiveFault| match (own, self.outage(other)) {
-            (Some(own), Some(span)) => other.kind.overlaps(&kind) && span.overlaps(own),
-            (_, None) => other.kind.is_like(&kind) && other.span.overlaps(span),
-            (None, _) => false,
-        };
-        if !ends && self.begun().any(contradicts) {
-            return Err(FaultRefusal::Contradiction);
-        }
-        let is_meant = |other: &LiveFault| {
-            let Span { from, to } = other.span;
-            other.kind.is_like(&kind) && to > span.from && from < to
-        };
-        if ends && !self.begun().any(is_meant) {
-            return Err(FaultRefusal::NothingToEnd);
-        }
-        let place = self
-            .acts
-            .iter()
-            .position(Option::is_none)
-            .ok_or(FaultRefusal::NoRoom)?;
-        if ends {
-            let meant = self
-                .acts
-                .iter_mut()
-                .flatten()
-                .filter(|other| !other.ends && is_meant(other));
-            meant.for_each(|other| other.span = other.span.cut(span.from));
-        }
-        self.acts[place] = Some(*fault);
-        Ok(())
-    }
-
-    /// What is begun, up to its end; ends are not among it.
-    pub fn begun(&self) -> impl Iterator<Item = &LiveFault> {
-        self.acts.iter().flatten().filter(|fault| !fault.ends)
-    }
-
-    /// The ticks in which a fault has its stage not do what it does otherwise; none where it has no stage.
-    fn outage(&self, fault: &LiveFault) -> Option<Span> {
-        let Span { from, .. } = fault.span;
-        let ticks = |ns: u64| (ns / self.sample_time_ns.max(1)).max(1);
-        let out = |ns| Span {
-            from,
-            to: from.saturating_add(ticks(ns)),
-        };
-        let span = match fault.kind {
-            FaultKind::Stop { for_ns, .. } => out(for_ns),
-            FaultKind::Kill { .. } => out(RESTART_NS),
-            _ => fault.span,
-        };
-        fault.kind.role().map(|_| span)
-    }
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ pub mod channels;
 pub mod check_word;
 pub mod content;
 pub mod enum_registry;
-pub mod fault_id;
+pub mod fault_kinds;
 pub mod flight_plan;
 pub mod frames;
 pub mod grid;
