@@ -146,6 +146,16 @@ impl FaultKind {
         }
     }
 
+    /// The channel whose laws fly from its tick on.
+    pub const fn switch(&self) -> Option<Channel> {
+        match self.target {
+            Target::Channel(ChannelKind::Switch, channel) => Some(channel),
+            Target::Message(..) | Target::Number(..) | Target::Stage(..) | Target::Processor(_) => {
+                None
+            }
+        }
+    }
+
     /// The ticks of its stage.
     pub const fn stage_ticks(&self) -> Option<StageTicks> {
         match self.target {

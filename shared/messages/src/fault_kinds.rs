@@ -147,6 +147,16 @@ impl StageKind {
     }
 }
 
+impl ProcessorKind {
+    /// Priority of the process under SCHED_FIFO, 0 for an ordinary one, and the share of the time that it is busy.
+    pub const fn load(self, value: FaultValue) -> (u64, f64) {
+        match self {
+            Self::Hog => (value.integer(), 1.0),
+            Self::Load => (0, value.number()),
+        }
+    }
+}
+
 /// One kind of fault.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultSpec {

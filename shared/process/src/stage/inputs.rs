@@ -34,7 +34,7 @@ impl ActiveFaults {
             planned,
             now: planned,
             version: 0,
-            is_late: !planned.late.of_role(replica.role).is_empty(),
+            is_late: planned.is_late(replica.role),
             live: None,
         }
     }
@@ -63,7 +63,7 @@ impl ActiveFaults {
     /// How much longer the stage computes at a tick [ns], as of the last look.
     pub(super) fn late_ns(&self, tick: u64) -> u64 {
         if self.is_late {
-            self.now.late.late_ns(self.replica, tick)
+            self.now.late_ns(self.replica, tick)
         } else {
             0
         }
@@ -72,7 +72,7 @@ impl ActiveFaults {
     #[cold]
     fn take(&mut self, live: &LiveBlackboard) {
         self.now = self.planned.with(live);
-        self.is_late = !self.now.late.of_role(self.replica.role).is_empty();
+        self.is_late = self.now.is_late(self.replica.role);
         self.version += 1;
     }
 }
