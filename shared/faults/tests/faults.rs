@@ -4,7 +4,7 @@
 use faults::filter::FaultyInput;
 use faults::grammar::Fault;
 use faults::live::{LiveFault, LoopFaults, NOTICE_TICKS};
-use faults::{LONGEST_DELAY_TICKS, MessageFaults, Port, Span};
+use faults::{FAULTS, FaultSpec, Kind, LONGEST_DELAY_TICKS, MessageFaults, Port, Span, ValueType};
 use messages::content::{NO_TICK, Wrench};
 use messages::header::Message;
 use messages::inspection::Reason;
@@ -150,17 +150,28 @@ fn what_is_no_number_or_not_possible_never_comes_and_is_counted() {
     }
 }
 
+/// Every kind of message fault, with a value.
 fn kinds() -> impl Strategy<Value = String> {
-    prop_oneof![
-        (0.01..1.0_f64).prop_map(|share| format!("drop={share}")),
-        (1_u64..4, 0_u64..4).prop_map(|(lost, more)| format!("drop={lost}/{}", lost + more)),
-        (1..=LONGEST_DELAY_TICKS).prop_map(|ticks| format!("delay={ticks}")),
-        (1..=LONGEST_DELAY_TICKS).prop_map(|ticks| format!("lag={ticks}")),
-        Just("freeze".into()),
-        (0.01..1.0_f64).prop_map(|deviation| format!("thrust_n.noise={deviation}")),
-        (-1e9..1e9_f64).prop_map(|more| format!("thrust_n.bias={more}")),
-        Just("thrust_n.nan".into()),
-    ]
+    let kinds = (0..FAULTS.len(), 0.01..1.0_f64, 1..=60_u64, 0..4_u64);
+    kinds.prop_filter_map("faults of messages", |(kind, share, first, more)| {
+        let FaultSpec {
+            kind, name, value, ..
+        } = FAULTS[kind];
+        let place = match kind {
+            Kind::Message(_) => "",
+            Kind::Number(_) => "thrust_n.",
+            Kind::Stage(_) | Kind::Processor(_) | Kind::Channel(_) => return None,
+        };
+        let value = match value {
+            ValueType::None => String::new(),
+            ValueType::Pattern => format!("={first}/{}", first + more),
+            ValueType::Integer { .. } => format!("={first}"),
+            ValueType::Share | ValueType::Positive(_) => format!("={share}"),
+            ValueType::NotZero => format!("={}", if more == 0 { -1e9 } else { share }),
+            ValueType::Time | ValueType::TimeRange => return None,
+        };
+        Some(format!("{place}{name}{value}"))
+    })
 }
 
 fn faults() -> impl Strategy<Value = MessageFaults> {
