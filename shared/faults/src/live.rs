@@ -397,7 +397,7 @@ mod tests {
     #[test]
     fn a_stop_takes_a_tick_at_least() {
         for (tick_ns, text, expected) in [
-            (MS, "inner.stop=999us@tick9", Err(UnderATick)),
+            (MS, "inner.stop=999999ns@tick9", Err(UnderATick)),
             (MS, "inner.stop=1ms@tick9", Ok(())),
             (2 * MS, "inner.stop=1ms@tick9", Err(UnderATick)),
             (200 * MS, "inner.kill@tick9", Ok(())),
