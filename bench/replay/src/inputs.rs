@@ -4,10 +4,10 @@
 //! depends only on that message and earlier ones, so the fault filters of the inputs run again here. Lost and late messages
 //! need no such treatment: they show in the ticks of the inputs.
 
-use faults::fields::Faulty;
 use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
 use messages::content::Stamped;
+use messages::fields::Faulty;
 use messages::header::Message;
 use messages::history::UNDISTURBED;
 use messages::message_window::MessageWindow;

@@ -11,12 +11,12 @@
 //!   when     so many ticks later (delay)
 //! ```
 
-use crate::fields::Faulty;
 use crate::live::{LiveFault, MAX_MESSAGE_FAULTS, MessageFaults};
 use crate::{FaultKind, LONGEST_DELAY_TICKS, MessageKind, NumberKind, Port, Target};
 use std::collections::VecDeque;
 
 use messages::content::{NO_TICK, Stamped};
+use messages::fields::Faulty;
 use messages::header::Message;
 use messages::noise::{standard_normal, uniform};
 use messages::rejections::{Reason, Rejections};

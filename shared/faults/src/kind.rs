@@ -4,10 +4,9 @@ use std::fmt;
 
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 pub use messages::fault_kinds::*;
+use messages::fields::{Faulty as _, Field};
 use messages::role::{Channel, Replica, Role};
 use messages::topic::Topic;
-
-use crate::fields::{Faulty as _, Field};
 
 /// An input of a stage, where message faults act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,7 +8,6 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::disallowed_types))]
 
 pub mod code;
-pub mod fields;
 pub mod filter;
 pub mod grammar;
 mod kind;

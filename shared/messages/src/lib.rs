@@ -12,6 +12,7 @@ pub mod check_word;
 pub mod content;
 pub mod enum_registry;
 pub mod fault_kinds;
+pub mod fields;
 pub mod flight_plan;
 pub mod frames;
 pub mod grid;

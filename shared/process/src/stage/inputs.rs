@@ -2,7 +2,6 @@
 
 use std::ops::ControlFlow;
 
-use faults::fields::Faulty;
 use faults::filter::FaultyInput;
 use faults::live::{LIVE, LiveBlackboard, LoopFaults};
 use faults::{LONGEST_DELAY_TICKS, MessageFaults, Port};
@@ -10,6 +9,7 @@ use ipc::clock::Horizon;
 use ipc::error::Error;
 use ipc::{BlackboardReader, LATEST, Receiver, TopicPorts, Wire};
 use messages::content::Stamped;
+use messages::fields::Faulty;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
 use messages::role::{Replica, Role};
