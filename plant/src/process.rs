@@ -10,7 +10,7 @@ use std::sync::{Arc, mpsc};
 use std::thread;
 
 use faults::FaultRefusal;
-use faults::live::{Acts, FaultKind, LiveFault, LoopFaults};
+use faults::live::{LiveFault, LoopFaults};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::clock::{Horizon as _, now_ns, sleep_through, sleep_until};
 use ipc::error::Error;
@@ -61,7 +61,7 @@ pub fn run(
     settings: &PlantSettings,
     plan: FlightPlan,
     faults: &[Swap],
-    planned: (&LoopFaults, &Acts),
+    planned: &LoopFaults,
     simplex: Option<(SimplexLimits, Route)>,
 ) -> Result<(), Error> {
     let mut inbox = Queue::<Request, INBOX>::new();
@@ -202,8 +202,8 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// Takes the planned faults of messages and stages.
-    fn plan(&mut self, (faults, acts): (&LoopFaults, &Acts)) {
-        self.injection.plan(faults, acts);
+    fn plan(&mut self, faults: &LoopFaults) {
+        self.injection.plan(faults);
         self.plant.change_faults(&faults.messages, None);
     }
 
@@ -593,10 +593,10 @@ impl<'a> PlantProcess<'a> {
 
     /// The first request to switch to a channel that the flight does not have, or that has no usable command.
     fn unready(&self, faults: &[LiveFault]) -> Option<usize> {
-        faults.iter().position(|fault| match fault.kind {
-            FaultKind::Switch { channel } => !self.selection.is_ready(channel),
-            _ => false,
-        })
+        let switches = faults.iter().map(|fault| fault.kind.switch());
+        let mut is_unready =
+            switches.map(|switch| switch.is_some_and(|channel| !self.selection.is_ready(channel)));
+        is_unready.position(|is_unready| is_unready)
     }
 
     /// Publishes the parameter changes of the ticks up to the present one, before its state.

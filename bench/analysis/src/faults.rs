@@ -1,7 +1,7 @@
 //! Faults, parameter changes and failed processes of a flight, as the report lists them.
 
-use faults::code::FAULTS;
 use faults::grammar::duration;
+use faults::{FAULTS, Lasts};
 use messages::content::{Change, SwapRecord};
 use serde::{Deserialize, Serialize};
 
@@ -86,9 +86,8 @@ impl InjectedFault {
     pub fn happens_once(&self) -> bool {
         let happens_once = |one: &str| {
             let name = one.split('=').next().unwrap_or_default();
-            let once = FAULTS.iter().filter(|spec| spec.is_once());
-            let mut kinds = once.map(|spec| spec.name).chain(["late"]);
-            one.ends_with("=off") || kinds.any(|kind| name.split('.').next_back() == Some(kind))
+            let mut once = FAULTS.iter().filter(|spec| spec.lasts != Lasts::ForGood);
+            one.ends_with("=off") || once.any(|it| name.split('.').next_back() == Some(it.name))
         };
         self.to_tick.is_none() && self.what.split(',').all(happens_once)
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use faults::code::{FAULTS, ValueType};
+use faults::{FAULTS, ValueType};
 use toml::Value;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub struct Fault {
 pub fn value_type(what: &str) -> ValueType {
     let (_, kind) = what.rsplit_once('.').unwrap_or_default();
     let spec = FAULTS.iter().find(|spec| spec.name == kind);
-    spec.map_or(ValueType::Number, |spec| spec.value)
+    spec.map_or(ValueType::NotZero, |spec| spec.value)
 }
 
 /// A drawn value, as `--fault` takes it after the kind.
@@ -32,7 +32,7 @@ fn value_text(value_type: ValueType, value: &Value) -> String {
         (V::None, _) => String::new(),
         (_, Value::String(text)) => format!("={text}"),
         (V::Time | V::TimeRange, Value::Float(seconds)) => format!("={}ns", nanoseconds(*seconds)),
-        (V::Integer, Value::Float(number)) => format!("={number:.0}"),
+        (V::Integer { .. }, Value::Float(number)) => format!("={number:.0}"),
         (_, Value::Float(number)) => format!("={number:?}"),
         (_, other) => format!("={other}"),
     }

@@ -10,7 +10,7 @@ use crate::gates::{
 use crate::lines::{Lines, line_of};
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
 use errors::Failure;
-use faults::code::ValueType;
+use faults::ValueType;
 use messages::parameters::{Parameter, did_you_mean, nearest};
 use messages::telemetry::LAW_ROLES;
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use faults::code::ValueType;
+use faults::ValueType;
 use messages::parameters::Parameter;
 use sha2::{Digest as _, Sha256};
 use toml::Value;
@@ -225,7 +225,7 @@ fn of_fault(campaign: &Campaign, name: &str) -> (&'static str, String) {
         ("what", _) => ("", "kind of the fault".into()),
         ("value", Some(Distribution::Fixed(Value::String(name)))) => {
             let unit = match value_type(name) {
-                ValueType::Integer => "ticks",
+                ValueType::Integer { .. } => "ticks",
                 ValueType::Time | ValueType::TimeRange => "s",
                 _ => Parameter::from_name(name).map_or("", |it| it.spec().unit),
             };

@@ -1,7 +1,6 @@
 //! The faults of the settings: what they are in ticks, and whether the flight is long enough for them.
 
-use faults::Span;
-use faults::live::FaultKind;
+use faults::{FaultKind, Span, StageTicks, Target};
 use messages::realtime::RealtimeStep;
 use messages::role::Channel;
 use process::rt::{fifo_refusal, remedy};
@@ -53,7 +52,7 @@ impl Settings {
         for (fault, Span { from, to }) in self.spans()? {
             for (kind, _) in fault.of_the_loop().flat_map(Change::kinds) {
                 check_channel(&kind, &fault.to_string(), self.rt.channels)?;
-                if matches!(kind, FaultKind::Switch { .. }) && !self.has_several_laws() {
+                if kind.switch().is_some() && !self.has_several_laws() {
                     let what = format!("{fault}: all channels fly the same laws");
                     return Err(Failure::usage(what)
                         .help("name another law for a channel: --channel b:inner=pid"));
@@ -161,36 +160,42 @@ pub fn check_possible(
     in_lockstep: bool,
     launched: bool,
 ) -> Result<(), Failure> {
-    match kind {
-        FaultKind::Messages { .. } | FaultKind::Switch { .. } => Ok(()),
-        FaultKind::Hog { .. } | FaultKind::Load { .. } if in_lockstep => Err(Failure::usage(
-            format!("{what}: in lockstep no tick is late, however busy the processor is"),
-        )
+    match kind.target {
+        Target::Message(..) | Target::Number(..) | Target::Channel(..) => Ok(()),
+        Target::Processor(_) if in_lockstep => Err(Failure::usage(format!(
+            "{what}: in lockstep no tick is late, however busy the processor is"
+        ))
         .help("fly on the clock: --pace realtime")),
-        _ if in_lockstep => Err(Failure::usage(format!(
+        Target::Stage(..) if in_lockstep => Err(Failure::usage(format!(
             "{what}: in lockstep ticks wait for a stage that is not ready"
         ))
         .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
-        FaultKind::Late { .. } => Ok(()),
-        _ if !launched => Err(Failure::usage(format!(
+        // The stage itself computes longer.
+        Target::Stage(..) if matches!(kind.stage_ticks(), Some(StageTicks::Late(_))) => Ok(()),
+        Target::Stage(..) | Target::Processor(_) if !launched => Err(Failure::usage(format!(
             "{what}: only `ironbird fly` can inject this, and these processes were started by hand"
         ))
         .help("start the flight with `ironbird fly`, or signal the process yourself")),
-        _ => Ok(()),
+        Target::Stage(..) | Target::Processor(_) => Ok(()),
     }
 }
 
 /// Refuses a priority that the kernel does not grant this process: a launcher's own for what is planned. One that is
 /// injected is asked for by the launcher later, which says so where it is refused there.
 pub fn check_priority(kind: &FaultKind) -> Result<(), Failure> {
-    let FaultKind::Hog { priority } = kind else {
-        return Ok(());
+    let priority = match kind.target {
+        Target::Processor(of) => of.load(kind.value).0,
+        Target::Message(..) | Target::Number(..) | Target::Stage(..) | Target::Channel(..) => 0,
     };
-    let refusal = fifo_refusal(i32::try_from(*priority).unwrap_or(i32::MAX));
+    if priority == 0 {
+        return Ok(());
+    }
+    let refusal = fifo_refusal(i32::try_from(priority).unwrap_or(i32::MAX));
     refusal.map_or(Ok(()), |reason| {
         let errno = i64::from(reason.raw_os_error().unwrap_or_default());
         Err(Failure::failed(format!(
-            "cpu.hog={priority}: the kernel refuses SCHED_FIFO {priority} to this process: {reason}"
+            "cpu.{}={priority}: the kernel refuses SCHED_FIFO {priority} to this process: {reason}",
+            kind.spec().name
         ))
         .help(remedy(RealtimeStep::Scheduler, errno)))
     })

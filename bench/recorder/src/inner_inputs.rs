@@ -1,11 +1,11 @@
 //! States and setpoints with the faults of the inner loop's inputs, planned or injected, for the Lyapunov monitor.
 
 use faults::Port;
-use faults::fields::Faulty;
 use faults::filter::FaultFilter;
 use faults::live::{LiveBlackboard, LoopFaults};
 use ipc::BlackboardReader;
 use messages::content::{Setpoint, State};
+use messages::fields::Faulty;
 use messages::header::Message;
 
 pub struct InnerInputs {

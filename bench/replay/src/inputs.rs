@@ -4,10 +4,10 @@
 //! depends only on that message and earlier ones, so the fault filters of the inputs run again here. Lost and late messages
 //! need no such treatment: they show in the ticks of the inputs.
 
-use faults::fields::Faulty;
 use faults::filter::FaultFilter;
 use faults::{MessageFaults, Port};
 use messages::content::Stamped;
+use messages::fields::Faulty;
 use messages::header::Message;
 use messages::history::UNDISTURBED;
 use messages::message_window::MessageWindow;
@@ -83,8 +83,10 @@ impl<C: Faulty> RecordedInput<C> {
 #[cfg(test)]
 mod tests {
     use faults::filter::FaultyInput;
-    use faults::{Kind, MessageFault, Span};
+    use faults::grammar::Fault;
+    use faults::plan::Planned;
     use messages::content::{NO_TICK, Wrench};
+    use messages::parameters::Airframe;
 
     use super::*;
 
@@ -100,18 +102,15 @@ mod tests {
         Message::of_tick(tick, content)
     }
 
-    fn faults(kind: Kind, from: u64, to: u64) -> MessageFaults {
-        let (mut faults, span) = (MessageFaults::none(7), Span { from, to });
-        let port = PORT;
-        faults
-            .take(&MessageFault { port, kind, span }.into())
-            .unwrap();
-        faults
+    fn faults(text: &str) -> MessageFaults {
+        let fault: Fault = text.parse().unwrap();
+        let planned = Planned::new(&[fault], 1e-3, &Airframe::nominal(), 7);
+        planned.unwrap().loops.messages
     }
 
     #[test]
     fn finds_inputs_as_received_and_reports_impossible_ones_as_gaps() {
-        let mut input_with_faults = RecordedInput::new(&faults(Kind::Freeze, 2, 5), PORT);
+        let mut input_with_faults = RecordedInput::new(&faults("wrench.freeze@tick2..tick5"), PORT);
         (0..7).for_each(|tick| input_with_faults.take(&wrench(tick)));
         let thrust = |input_tick| {
             let input = input_with_faults.input(input_tick, 9).ok()?;
@@ -126,7 +125,8 @@ mod tests {
 
     #[test]
     fn a_stage_restarted_within_a_fault_has_what_its_replay_finds_whatever_is_injected_later() {
-        for faults in [Kind::Freeze, Kind::Lag(3)].map(|kind| faults(kind, 2, 9)) {
+        for text in ["wrench.freeze@tick2..tick9", "wrench.lag=3@tick2..tick9"] {
+            let faults = faults(text);
             let mut replayed = RecordedInput::new(&faults, PORT);
             (0..4).for_each(|tick| replayed.take(&wrench(tick)));
             let mut restarted = FaultyInput::changing(&MessageFaults::none(7), PORT);

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use faults::live::FaultKind;
 use messages::content::SwapRecord;
 use messages::grid::Pace;
 use messages::header::Message;
@@ -158,7 +157,7 @@ fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Re
             .parse()
             .map_err(|e| reader.damaged(&format!("its record `{INJECTED}` has `{text}`: {e}")))?;
         let mut kinds = fault.changes.iter().flat_map(Change::kinds);
-        if kinds.any(|(kind, _)| matches!(kind, FaultKind::Messages { .. })) {
+        if kinds.any(|(kind, _)| kind.port().is_some()) {
             settings.flight.faults.push(text);
         }
     }

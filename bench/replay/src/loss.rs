@@ -7,8 +7,8 @@ use analysis::schema::{LossSection, SimulatedLoss};
 use config::Settings;
 use config::law_settings::LAW;
 use errors::Failure;
+use faults::Target;
 use faults::grammar::{Change, Fault};
-use faults::live::FaultKind;
 use flight_log::entry::LogEntry;
 use flight_log::fault_record::injected;
 use flight_log::reader::LogReader;
@@ -92,10 +92,10 @@ fn loop_faults(settings: &Settings, injected: &[String]) -> Result<Vec<String>, 
     let has_channels = settings.rt.channels > 1;
     let is_simulated = |change: &Change| match change {
         Change::Parameter(_) => false,
-        Change::Loop(change) => match change.kind {
-            FaultKind::Messages { .. } => true,
-            FaultKind::Hog { .. } | FaultKind::Load { .. } | FaultKind::Switch { .. } => false,
-            _ => !has_channels,
+        Change::Loop(change) => match change.kind.target {
+            Target::Message(..) | Target::Number(..) => true,
+            Target::Processor(_) | Target::Channel(..) => false,
+            Target::Stage(..) => !has_channels,
         },
     };
     let mut faults = Vec::new();

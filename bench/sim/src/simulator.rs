@@ -18,8 +18,7 @@ use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use controller::{FlightMonitor, TheoremMonitor};
 use errors::Failure;
 use faults::filter::{FaultFilter, FaultyInput};
-use faults::live::FaultKind;
-use faults::{MessageFaults, Port};
+use faults::{MessageFaults, Port, StageTicks, Target};
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::inspection::Rejections;
@@ -30,7 +29,7 @@ use plant::command_hold::pending_commands;
 use plant::{EnvelopeViolation, Plant};
 
 use config::Settings;
-use faults::plan::{Lateness, Planned, StageFault, StageTicks};
+use faults::plan::{Lateness, Planned, StageFault};
 
 pub struct Simulator {
     plant: Plant,
@@ -82,8 +81,7 @@ impl Simulator {
         outer: GuardedOuter,
         inner: GuardedInner,
     ) -> Result<Self, Failure> {
-        let is_lost =
-            |fault: &&StageFault| fault.kind == StageTicks::Anew && fault.role != Role::Mixer;
+        let is_lost = |fault: &&StageFault| fault.starts_anew() && fault.role != Role::Mixer;
         if let Some(fault) = settings.planned()?.stages.iter().find(is_lost) {
             return Err(Failure::usage(format!(
                 "{}.kill: this law was passed as an object and cannot be created again",
@@ -103,13 +101,12 @@ impl Simulator {
         let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
         let planned = settings.planned()?;
         for fault in &planned.acts {
-            let name = match fault.kind {
-                FaultKind::Hog { .. } => "cpu.hog",
-                FaultKind::Load { .. } => "cpu.load",
-                _ => continue,
+            let Target::Processor(_) = fault.kind.target else {
+                continue;
             };
+            let name = fault.kind.spec().name;
             return Err(Failure::usage(format!(
-                "fault: {name}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`"
+                "fault: cpu.{name}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`"
             )));
         }
         if !planned.has_no_loop_faults() {
@@ -334,11 +331,7 @@ impl Faulted {
     fn new(settings: &Settings, planned: &Planned) -> Result<Self, Failure> {
         let messages = planned.loops.messages;
         let mut replacements = Vec::new();
-        for fault in planned
-            .stages
-            .iter()
-            .filter(|fault| fault.kind == StageTicks::Anew)
-        {
+        for fault in planned.stages.iter().filter(|fault| fault.starts_anew()) {
             let replacement = match fault.role {
                 Role::Outer => Replacement::Outer(settings.outer_stage()?),
                 Role::Inner => Replacement::Inner(settings.inner_stage()?),
@@ -519,7 +512,7 @@ impl Faulted {
         let is_out = |fault: &StageFault| {
             fault.role == role
                 && fault.span.contains(tick)
-                && !matches!(fault.kind, StageTicks::Late { .. })
+                && !matches!(fault.ticks, StageTicks::Late(_))
         };
         self.next_tick[role as usize] <= tick && !self.stages.iter().any(is_out)
     }
@@ -531,9 +524,8 @@ impl Faulted {
             .stages
             .iter()
             .find(is_active)
-            .map_or(Lateness::NONE, |fault| {
-                fault.kind.lateness(role, self.messages.seed, tick)
-            });
+            .and_then(|fault| fault.lateness(self.messages.seed, tick))
+            .unwrap_or(Lateness::NONE);
         self.next_tick[role as usize] = tick + late.next;
         late
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
-use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
+use faults::live::{LIVE, LiveBlackboard, LiveFault, NOTICE_TICKS};
 use ipc::clock::{now_ns, sleep_through};
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Wire};
@@ -22,6 +22,7 @@ use crate::child_process::{ChildWatch, kill_and_reap};
 use config::Settings;
 use errors::Failure;
 use faults::grammar::{Fault, planned_again};
+use faults::{StageKind, Target};
 
 /// How often to look for injected faults: if possible, four times between an injection and its first tick.
 const LOOK_EVERY_NS: RangeInclusive<u64> = 1_000_000..=20_000_000;
@@ -176,12 +177,11 @@ impl FaultInjector {
         if fault.ends {
             self.cancel(&fault);
         }
-        let ahead_ns = match fault.kind {
-            FaultKind::Messages { .. } | FaultKind::Late { .. } | FaultKind::Switch { .. } => {
-                return;
-            }
-            FaultKind::Hog { .. } | FaultKind::Load { .. } if !fault.ends => START_AHEAD_NS,
-            _ => 0,
+        let ahead_ns = match fault.kind.target {
+            // Stages and the plant inject them.
+            Target::Message(..) | Target::Number(..) | Target::Channel(..) => return,
+            Target::Processor(_) if !fault.ends => START_AHEAD_NS,
+            Target::Processor(_) | Target::Stage(..) => 0,
         };
         self.due
             .push((begin_ns.saturating_sub(ahead_ns), Action::Inject(fault)));
@@ -242,14 +242,16 @@ impl FaultInjector {
         let tick = fault.span.from;
         // A signal is sent some ten microseconds after the tick has begun, and later if this thread has no processor.
         let begin_ns = grid.begin_of(tick);
-        match &fault.kind {
-            kind @ (FaultKind::Hog { .. } | FaultKind::Load { .. }) if fault.ends => {
+        match fault.kind.target {
+            Target::Processor(_) if fault.ends => {
                 sleep_through(begin_ns);
-                self.end_loads(|other| other.kind.is_like(kind) && other.span.from < tick);
+                self.end_loads(|other| other.kind.is_like(&fault.kind) && other.span.from < tick);
             }
-            FaultKind::Hog { priority } => self.load(fault, *priority, 1.0, run, grid)?,
-            FaultKind::Load { share } => self.load(fault, 0, *share, run, grid)?,
-            FaultKind::Stop { for_ns, .. } => {
+            Target::Processor(kind) => self.load(fault, kind.load(fault.kind.value), run, grid)?,
+            // The stage itself computes longer.
+            Target::Stage(StageKind::Late, ..) => {}
+            Target::Stage(StageKind::Stop, ..) => {
+                let for_ns = fault.kind.value.integer();
                 sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::STOP)?;
                 // The time is flight time, which may pass slower than the clock.
@@ -259,12 +261,12 @@ impl FaultInjector {
                     .extend(pids.iter().map(|pid| (until_ns, Action::Continue(*pid))));
                 self.stopped.extend(pids);
             }
-            FaultKind::Kill { .. } => {
+            Target::Stage(StageKind::Kill, ..) => {
                 sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::KILL)?;
                 self.killed.extend(pids.into_iter().map(|pid| (pid, tick)));
             }
-            FaultKind::Messages { .. } | FaultKind::Late { .. } | FaultKind::Switch { .. } => {}
+            Target::Message(..) | Target::Number(..) | Target::Channel(..) => {}
         }
         Ok(())
     }
@@ -273,8 +275,7 @@ impl FaultInjector {
     fn load(
         &mut self,
         fault: &LiveFault,
-        priority: u64,
-        share: f64,
+        (priority, share): (u64, f64),
         run: &Run,
         grid: &Grid,
     ) -> Result<(), Failure> {
@@ -340,7 +341,6 @@ mod tests {
     use std::os::unix::process::ExitStatusExt as _;
 
     use super::*;
-    use faults::Span;
 
     /// Runs a test with the fault injector of a flight at tick 0, on the clock.
     fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
@@ -379,12 +379,10 @@ mod tests {
         injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
     }
 
-    fn load(share: f64, ends: bool, from: u64, to: u64) -> LiveFault {
-        LiveFault {
-            kind: FaultKind::Load { share },
-            ends,
-            span: Span { from, to },
-        }
+    fn fault(text: &str) -> LiveFault {
+        let fault: Fault = text.parse().unwrap();
+        let span = fault.span(1e-3).unwrap();
+        fault.changes[0].faults(span).next().unwrap()
     }
 
     #[test]
@@ -397,13 +395,13 @@ mod tests {
             let Pace::Realtime(grid) = run.pace() else {
                 panic!()
             };
-            injector.schedule(load(1.0, true, 4000, 4001), &grid);
+            injector.schedule(fault("cpu.load=off@tick4000"), &grid);
             let [(_, Action::Inject(left))] = injector.due[..] else {
                 panic!("{:?}", injector.due)
             };
             assert!(left.ends && injector.loads.len() == 1, "{left:?}");
             injector.release(&children);
-            injector.planned.push(load(0.5, false, 0, Span::FOR_GOOD));
+            injector.planned.push(fault("cpu.load=0.5@tick0"));
             rest((wire, run), injector, &mut children, &[]);
             assert_eq!((injector.loads.len(), injector.due.len()), (0, 0));
         });
@@ -439,15 +437,7 @@ mod tests {
 
     #[test]
     fn a_late_fault_is_reported() {
-        let (role, for_ns) = (Role::Inner, 20_000_000);
-        let fault = LiveFault {
-            kind: FaultKind::Stop {
-                role,
-                channel: None,
-                for_ns,
-            },
-            ..load(0.0, false, 100, 101)
-        };
+        let fault = fault("inner.stop=20ms@tick100");
         assert_eq!([99, 100].map(|tick| delay(&fault, tick)), [None, None]);
         let message = delay(&fault, 107).unwrap();
         assert!(message.starts_with("the fault inner.stop=20ms@tick100 begins 7 ticks late"));

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use faults::live::{Acts, FaultKind, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
+use faults::live::{LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
 use faults::{FaultRefusal, MessageFaults, Span};
 use ipc::clock::busy_wait;
 use ipc::error::Error;
@@ -12,7 +12,6 @@ use messages::role::{Channel, Role};
 /// The faults of a flight, as its plant has them.
 pub struct Injection {
     faults: LoopFaults,
-    acts: Acts,
     live: LiveBlackboard,
     board: Blackboard<LiveBlackboard>,
     /// Whether the plant itself is late in some tick.
@@ -30,8 +29,7 @@ impl Injection {
         let (board, live) = (wire.blackboard(LIVE)?, LiveBlackboard::default());
         board.put(live);
         Ok(Self {
-            faults: LoopFaults::none(seed),
-            acts: Acts::none(sample_time_ns),
+            faults: LoopFaults::none(seed, sample_time_ns),
             live,
             board,
             is_late: false,
@@ -41,11 +39,16 @@ impl Injection {
         })
     }
 
-    pub fn plan(&mut self, faults: &LoopFaults, acts: &Acts) {
-        (self.faults, self.acts) = (*faults, *acts);
-        self.is_late = !faults.late.of_role(Role::Plant).is_empty();
-        let is_switch = |it: &LiveFault| matches!(it.kind, FaultKind::Switch { .. });
-        self.has_switches = acts.begun().any(is_switch);
+    pub fn plan(&mut self, faults: &LoopFaults) {
+        self.faults = *faults;
+        self.is_late = faults.is_late(Role::Plant);
+        let has_switches = self.switches().next().is_some();
+        self.has_switches = has_switches;
+    }
+
+    fn switches(&self) -> impl Iterator<Item = (u64, Channel)> {
+        let processes = self.faults.processes.iter();
+        processes.filter_map(|(_, fault)| Some((fault.span.from, fault.kind.switch()?)))
     }
 
     pub const fn messages(&self) -> &MessageFaults {
@@ -67,17 +70,16 @@ impl Injection {
         if from > self.last_tick {
             return Err((0, FaultRefusal::AfterTheEnd));
         }
-        let (mut loops, mut acts, mut live) = (self.faults, self.acts, self.live);
+        let (mut loops, mut live) = (self.faults, self.live);
         for (which, fault) in faults.iter().enumerate() {
             let span = fault.span_from(span);
             let fault = LiveFault { span, ..*fault };
             loops
                 .take(&fault)
-                .and_then(|()| acts.take(&fault))
                 .and_then(|()| live.push(&fault))
                 .map_err(|reason| (which, reason))?;
         }
-        self.plan(&loops, &acts);
+        self.plan(&loops);
         self.live = live;
         self.board.put(live);
         Ok(span)
@@ -88,18 +90,14 @@ impl Injection {
         if !self.has_switches {
             return None;
         }
-        let switches = self.acts.begun().filter_map(|fault| match fault.kind {
-            FaultKind::Switch { channel } => Some((fault.span.from, channel)),
-            _ => None,
-        });
-        let due = switches.filter(|(from, _)| ticks.contains(from));
+        let due = self.switches().filter(|(from, _)| ticks.contains(from));
         due.max_by_key(|(from, _)| *from)
     }
 
     /// Computes for as much longer as a fault says.
     pub fn be_late(&self, tick: u64) {
         if self.is_late {
-            let late_ns = self.faults.late.late_ns(Role::Plant, tick);
+            let late_ns = self.faults.late_ns(Role::Plant, tick);
             busy_wait(self.slowdown.saturating_mul(late_ns));
         }
     }

@@ -11,13 +11,12 @@
 //!   when     so many ticks later (delay)
 //! ```
 
-use crate::fields::Faulty;
-use crate::{
-    Kind, LONGEST_DELAY_TICKS, MAX_MESSAGE_FAULTS, MessageFault, MessageFaults, Place, Port,
-};
+use crate::live::{LiveFault, MAX_MESSAGE_FAULTS, MessageFaults};
+use crate::{FaultKind, LONGEST_DELAY_TICKS, MessageKind, NumberKind, Port, Target};
 use std::collections::VecDeque;
 
 use messages::content::{NO_TICK, Stamped};
+use messages::fields::Faulty;
 use messages::header::Message;
 use messages::noise::{standard_normal, uniform};
 use messages::rejections::{Reason, Rejections};
@@ -40,7 +39,7 @@ pub struct Passed<C> {
 #[derive(Clone, Debug)]
 pub struct FaultFilter<C> {
     seed: u64,
-    faults: Vec<(u64, MessageFault)>,
+    faults: Vec<(u64, LiveFault)>,
     /// The newest contents with their ticks, by tick; empty where nothing can lag.
     kept: Vec<(u64, C)>,
     lags: bool,
@@ -53,9 +52,9 @@ pub struct FaultFilter<C> {
 impl<C: Faulty> FaultFilter<C> {
     /// The filter of an input before its first message; none where it has no faults.
     pub fn new(faults: &MessageFaults, port: Port) -> Option<Self> {
-        let lags = faults
-            .of(port)
-            .any(|(_, fault)| matches!(fault.kind, Kind::Lag(_)));
+        let is_lag =
+            |fault: &LiveFault| fault.kind.target == Target::Message(MessageKind::Lag, port);
+        let lags = faults.of(port).any(|(_, fault)| is_lag(fault));
         faults.of(port).next()?;
         Some(Self::with_room(faults, port, if lags { KEPT } else { 0 }))
     }
@@ -89,13 +88,16 @@ impl<C: Faulty> FaultFilter<C> {
     /// between. It allocates nothing where it was made as one that changes.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: Option<C>) {
         self.faults.clear();
-        self.faults.extend(faults.of(port));
+        self.faults
+            .extend(faults.of(port).map(|(number, fault)| (number, *fault)));
         let froze = self.freezes;
-        let any = |is: fn(Kind) -> bool| self.faults.iter().any(|(_, fault)| is(fault.kind));
-        (self.lags, self.freezes) = (
-            any(|kind| matches!(kind, Kind::Lag(_))),
-            any(|kind| kind == Kind::Freeze),
-        );
+        let any = |kind| {
+            let target = Target::Message(kind, port);
+            self.faults
+                .iter()
+                .any(|(_, fault)| fault.kind.target == target)
+        };
+        (self.lags, self.freezes) = (any(MessageKind::Lag), any(MessageKind::Freeze));
         // Otherwise it may be a message of the freeze, to a stage that began within it.
         if self.freezes && !froze {
             self.last = newest;
@@ -109,13 +111,21 @@ impl<C: Faulty> FaultFilter<C> {
         let active = || faults.iter().filter(|(_, fault)| fault.span.contains(tick));
         let (mut is_lost, mut delay, mut lag, mut is_frozen) = (false, 0, 0, false);
         for (number, fault) in active() {
-            match fault.kind {
-                Kind::Drop(share) => is_lost |= uniform(seed, tick, stream(*number, 0)) < share,
-                Kind::DropEach { lost, of } => is_lost |= (tick - fault.span.from) % of < lost,
-                Kind::Delay(ticks) => delay += ticks,
-                Kind::Lag(ticks) => lag += ticks,
-                Kind::Freeze => is_frozen = true,
-                Kind::Noise(..) | Kind::Bias(..) | Kind::Nan(_) => {}
+            let Target::Message(kind, _) = fault.kind.target else {
+                continue;
+            };
+            let value = fault.kind.value;
+            match kind {
+                MessageKind::Drop => {
+                    is_lost |= uniform(seed, tick, stream(*number, 0)) < value.number();
+                }
+                MessageKind::DropEach => {
+                    let [lost, of] = value.0;
+                    is_lost |= (tick - fault.span.from) % of < lost;
+                }
+                MessageKind::Delay => delay += value.integer(),
+                MessageKind::Lag => lag += value.integer(),
+                MessageKind::Freeze => is_frozen = true,
             }
         }
         let mut passed = match (is_frozen, lag) {
@@ -286,19 +296,20 @@ const fn stream(number: u64, axis: u64) -> u64 {
 }
 
 /// Does to a content's numbers what a fault does.
-fn apply<C: Faulty>(kind: Kind, seed: u64, tick: u64, number: u64, content: &mut C) {
-    let mut each = |place: Place, change: &dyn Fn(u64, &mut f64)| {
-        let numbers = content.field_mut(place.field).iter_mut().zip(0_u64..);
-        let meant =
-            numbers.filter(|(_, axis)| place.axis.is_none_or(|wanted| wanted as u64 == *axis));
-        meant.for_each(|(value, axis)| change(axis, value));
+fn apply<C: Faulty>(fault: FaultKind, seed: u64, tick: u64, number: u64, content: &mut C) {
+    let Target::Number(kind, _, place) = fault.target else {
+        return;
     };
-    match kind {
-        Kind::Noise(place, deviation) => each(place, &|axis, value| {
-            *value += deviation * standard_normal(seed, tick, stream(number, axis));
-        }),
-        Kind::Bias(place, more) => each(place, &|_, value| *value += more),
-        Kind::Nan(place) => each(place, &|_, value| *value = f64::NAN),
-        Kind::Drop(_) | Kind::DropEach { .. } | Kind::Delay(_) | Kind::Lag(_) | Kind::Freeze => {}
+    let numbers = content.field_mut(place.field).iter_mut().zip(0..);
+    let meant = numbers.filter(|(_, axis)| place.axis.is_none_or(|wanted| wanted == *axis));
+    for (number_in, axis) in meant {
+        match kind {
+            NumberKind::Noise => {
+                *number_in +=
+                    fault.value.number() * standard_normal(seed, tick, stream(number, axis as u64));
+            }
+            NumberKind::Bias => *number_in += fault.value.number(),
+            NumberKind::Nan => *number_in = f64::NAN,
+        }
     }
 }

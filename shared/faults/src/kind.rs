@@ -1,19 +1,12 @@
-//! Kinds of message faults, the inputs and numbers that they change, and the ticks in which they act.
+//! A fault: its kind, the input, number or stage that it acts on, and the ticks in which it acts.
 
 use std::fmt;
 
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
-use messages::fault_id::FaultId;
-use messages::role::Role;
+pub use messages::fault_kinds::*;
+use messages::fields::{Faulty as _, Field};
+use messages::role::{Channel, Replica, Role};
 use messages::topic::Topic;
-
-use crate::fields::{Faulty as _, Field};
-
-/// The most ticks by which a message is delayed, or its content lags: the plant keeps at most 64 commands.
-pub const LONGEST_DELAY_TICKS: u64 = 60;
-
-/// Messages of the longest pattern of losses.
-pub const LONGEST_PATTERN: u64 = 1_000_000;
 
 /// An input of a stage, where message faults act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,77 +82,135 @@ impl Place {
     }
 }
 
+/// A kind of fault, and what it acts on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
-    /// A random share of the messages, 0 to 1, is lost.
-    Drop(f64),
-    /// The first `lost` of every `of` messages are lost.
-    DropEach {
-        lost: u64,
-        of: u64,
-    },
-    Delay(u64),
-    /// Messages arrive on time with the content of this many ticks earlier.
-    Lag(u64),
-    /// Messages arrive on time with the last content before the fault.
-    Freeze,
-    /// A number has normal noise of this standard deviation, in the field's unit.
-    Noise(Place, f64),
-    /// A constant is added to a number, in the field's unit.
-    Bias(Place, f64),
-    Nan(Place),
+pub enum Target {
+    Message(MessageKind, Port),
+    Number(NumberKind, Port, Place),
+    /// A stage in one channel, or in all if none is named.
+    Stage(StageKind, Role, Option<Channel>),
+    Processor(ProcessorKind),
+    Channel(ChannelKind, Channel),
 }
 
-impl Kind {
-    pub(crate) const fn id(self) -> FaultId {
-        match self {
-            Self::Drop(_) => FaultId::Drop,
-            Self::DropEach { .. } => FaultId::DropEach,
-            Self::Delay(_) => FaultId::Delay,
-            Self::Lag(_) => FaultId::Lag,
-            Self::Freeze => FaultId::Freeze,
-            Self::Noise(..) => FaultId::Noise,
-            Self::Bias(..) => FaultId::Bias,
-            Self::Nan(_) => FaultId::Nan,
+/// What goes wrong where, and its value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultKind {
+    pub target: Target,
+    pub value: FaultValue,
+}
+
+impl FaultKind {
+    pub const fn spec(&self) -> &'static FaultSpec {
+        let kind = match self.target {
+            Target::Message(kind, _) => Kind::Message(kind),
+            Target::Number(kind, ..) => Kind::Number(kind),
+            Target::Stage(kind, ..) => Kind::Stage(kind),
+            Target::Processor(kind) => Kind::Processor(kind),
+            Target::Channel(kind, _) => Kind::Channel(kind),
+        };
+        kind.spec()
+    }
+
+    /// The input whose messages it changes.
+    pub const fn port(&self) -> Option<Port> {
+        match self.target {
+            Target::Message(_, port) | Target::Number(_, port, _) => Some(port),
+            Target::Stage(..) | Target::Processor(_) | Target::Channel(..) => None,
         }
     }
 
-    /// Its two numbers, or the bits of them.
-    pub(crate) const fn numbers(self) -> [u64; 2] {
-        match self {
-            Self::Drop(number) | Self::Noise(_, number) | Self::Bias(_, number) => {
-                [number.to_bits(), 0]
-            }
-            Self::DropEach { lost, of } => [lost, of],
-            Self::Delay(ticks) | Self::Lag(ticks) => [ticks, 0],
-            Self::Freeze | Self::Nan(_) => [0, 0],
+    /// The same at another input.
+    pub(crate) const fn at(mut self, other: Port) -> Self {
+        if let Target::Message(_, port) | Target::Number(_, port, _) = &mut self.target {
+            *port = other;
         }
+        self
     }
 
-    /// Whether its numbers are in range.
-    pub fn is_valid(self) -> bool {
-        match self {
-            Self::Drop(share) => is_share(share),
-            Self::DropEach { lost, of } => 1 <= lost && lost <= of && of <= LONGEST_PATTERN,
-            Self::Delay(ticks) | Self::Lag(ticks) => (1..=LONGEST_DELAY_TICKS).contains(&ticks),
-            Self::Noise(_, deviation) => deviation.is_finite() && deviation > 0.0,
-            Self::Bias(_, more) => more.is_finite() && more != 0.0,
-            Self::Freeze | Self::Nan(_) => true,
-        }
-    }
-
-    /// The number that it changes, if it does not act on the whole message.
-    pub const fn place(self) -> Option<Place> {
-        match self {
-            Self::Noise(place, _) | Self::Bias(place, _) | Self::Nan(place) => Some(place),
+    /// The stage that it acts on, where it acts on the process of one.
+    pub const fn role(&self) -> Option<Role> {
+        match self.target {
+            Target::Stage(_, role, _) => Some(role),
             _ => None,
         }
     }
+
+    /// The channel that it acts on, if it is one alone.
+    pub const fn channel(&self) -> Option<Channel> {
+        match self.target {
+            Target::Stage(_, _, channel) => channel,
+            Target::Channel(_, channel) => Some(channel),
+            Target::Message(..) | Target::Number(..) | Target::Processor(_) => None,
+        }
+    }
+
+    /// The channel whose laws fly from its tick on.
+    pub const fn switch(&self) -> Option<Channel> {
+        match self.target {
+            Target::Channel(ChannelKind::Switch, channel) => Some(channel),
+            Target::Message(..) | Target::Number(..) | Target::Stage(..) | Target::Processor(_) => {
+                None
+            }
+        }
+    }
+
+    /// The ticks of its stage.
+    pub const fn stage_ticks(&self) -> Option<StageTicks> {
+        match self.target {
+            Target::Stage(kind, ..) => Some(kind.ticks(self.value)),
+            _ => None,
+        }
+    }
+
+    /// Whether it acts on the process of this stage.
+    pub fn is_of(&self, replica: Replica) -> bool {
+        self.role() == Some(replica.role) && self.channel().is_none_or(|it| it == replica.channel)
+    }
+
+    /// Whether both act on the process of one stage.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        let channels = self.channel().zip(other.channel());
+        self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
+    }
+
+    /// Whether it is the same thing that goes wrong, whatever the values are.
+    pub fn is_like(&self, other: &Self) -> bool {
+        match (self.target, other.target) {
+            (Target::Message(_, one), Target::Message(_, other_port)) => {
+                one == other_port && self.spec().name == other.spec().name
+            }
+            (Target::Number(kind, port, place), Target::Number(other_kind, at, other_place)) => {
+                (kind, port) == (other_kind, at) && place.overlaps(other_place)
+            }
+            (one, other) => one == other,
+        }
+    }
 }
 
-/// Whether a number is a share of something, and not of nothing.
-pub fn is_share(number: f64) -> bool {
-    number > 0.0 && number <= 1.0
+/// A fault with its ticks, or the end of what it names.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiveFault {
+    pub kind: FaultKind,
+    /// Whether it ends with the first tick of the span; its value means nothing then.
+    pub ends: bool,
+    pub span: Span,
+}
+
+impl LiveFault {
+    /// The ticks in which it acts, of those requested: what happens once happens in the first one.
+    pub fn span_from(&self, requested: Span) -> Span {
+        let is_once = match self.kind.spec().lasts {
+            Lasts::ForGood => false,
+            Lasts::OneTick => requested.to == Span::FOR_GOOD,
+            Lasts::Instant => true,
+        };
+        if self.ends || is_once {
+            requested.once()
+        } else {
+            requested
+        }
+    }
 }
 
 /// Ticks from the first to the one before `to`.

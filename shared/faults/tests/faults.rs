@@ -2,28 +2,28 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use faults::filter::FaultyInput;
-use faults::live::{LiveFault, NOTICE_TICKS};
-use faults::{Kind, LONGEST_DELAY_TICKS, MessageFault, MessageFaults, Place, Port, Span};
+use faults::grammar::Fault;
+use faults::live::{LiveFault, LoopFaults, NOTICE_TICKS};
+use faults::{FAULTS, FaultSpec, Kind, LONGEST_DELAY_TICKS, MessageFaults, Port, Span, ValueType};
 use messages::content::{NO_TICK, Wrench};
 use messages::header::Message;
 use messages::inspection::Reason;
 use proptest::prelude::*;
 
 const PORT: Port = Port::MixerWrench;
-const THRUST: Place = place(0, None);
 
-const fn place(field: usize, axis: Option<usize>) -> Place {
-    Place { field, axis }
-}
-
-fn table(seed: u64, faults: &[(Kind, u64, u64)]) -> MessageFaults {
-    let mut table = MessageFaults::none(seed);
-    for &(kind, from, to) in faults {
-        let (port, span) = (PORT, Span { from, to });
+/// Faults of the wrench, each as it is typed after `mixer.wrench.`.
+fn table(seed: u64, faults: &[&str]) -> MessageFaults {
+    let mut table = LoopFaults::none(seed, 1_000_000);
+    for text in faults {
+        let fault: Fault = format!("mixer.wrench.{text}").parse().unwrap();
+        let span = fault.span(1e-3).unwrap();
         // What contradicts an earlier one is left out.
-        let _ = table.take(&MessageFault { port, kind, span }.into());
+        let _ = fault.changes[0]
+            .faults(span)
+            .try_for_each(|it| table.take(&it));
     }
-    table
+    table.messages
 }
 
 /// The wrench of a tick: its thrust says which.
@@ -48,34 +48,34 @@ fn had(faults: &MessageFaults, ticks: u64) -> Vec<(u64, f64)> {
 #[test]
 fn each_kind_of_fault_does_what_it_says() {
     let never = NO_TICK;
-    type Case<'a> = (&'a [(Kind, u64, u64)], &'a [u64], &'a [f64]);
+    type Case<'a> = (&'a [&'a str], &'a [u64], &'a [f64]);
     let cases: [Case<'_>; 10] = [
         (&[], &[0, 1, 2, 3], &[0.0, 1.0, 2.0, 3.0]),
-        (&[(Kind::Drop(1.0), 2, 5)], &[0, 1, 1, 1, 1, 5, 6], &[]),
-        (&[(Kind::Drop(1.0), 0, 2)], &[never, never, 2], &[]),
+        (&["drop=1@tick2..tick5"], &[0, 1, 1, 1, 1, 5, 6], &[]),
+        (&["drop=1@tick0..tick2"], &[never, never, 2], &[]),
         (
-            &[(Kind::DropEach { lost: 2, of: 3 }, 1, 8)],
+            &["drop=2/3@tick1..tick8"],
             &[0, 0, 0, 3, 3, 3, 6, 6, 8],
             &[],
         ),
         // Delayed messages come under their own tick, and are overtaken at the end.
-        (&[(Kind::Delay(2), 2, 6)], &[0, 1, 1, 1, 2, 3, 6, 7, 8], &[]),
+        (&["delay=2@tick2..tick6"], &[0, 1, 1, 1, 2, 3, 6, 7, 8], &[]),
         // What lags is older, under the tick of now.
         (
-            &[(Kind::Lag(2), 3, 6)],
+            &["lag=2@tick3..tick6"],
             &[0, 1, 2, 3, 4, 5, 6],
             &[0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 6.0],
         ),
-        (&[(Kind::Lag(2), 0, 4)], &[never, never, 2, 3, 4], &[]),
+        (&["lag=2@tick0..tick4"], &[never, never, 2, 3, 4], &[]),
         // A frozen topic repeats the last message before.
         (
-            &[(Kind::Freeze, 3, 6)],
+            &["freeze@tick3..tick6"],
             &[0, 1, 2, 3, 4, 5, 6],
             &[0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 6.0],
         ),
-        (&[(Kind::Freeze, 0, 2)], &[never, never, 2], &[]),
+        (&["freeze@tick0..tick2"], &[never, never, 2], &[]),
         (
-            &[(Kind::Bias(THRUST, 0.5), 1, 3)],
+            &["thrust_n.bias=0.5@tick1..tick3"],
             &[0, 1, 2, 3],
             &[0.0, 1.5, 2.5, 3.0],
         ),
@@ -90,26 +90,20 @@ fn each_kind_of_fault_does_what_it_says() {
             assert_eq!(thrust, expected, "{faults:?}");
         }
     }
-    let longest = had(
-        &table(7, &[(Kind::Lag(LONGEST_DELAY_TICKS), 0, Span::FOR_GOOD)]),
-        200,
-    );
+    let longest = format!("lag={LONGEST_DELAY_TICKS}@tick0");
+    let longest = had(&table(7, &[&longest]), 200);
     assert_eq!(longest[199].1, (199 - LONGEST_DELAY_TICKS) as f64);
-    let several = [
-        (Kind::Delay(1), 0, 99),
-        (Kind::Lag(2), 0, 99),
-        (Kind::Bias(THRUST, 0.5), 0, 99),
-    ];
+    let several = ["delay=1@tick0", "lag=2@tick0", "thrust_n.bias=0.5@tick0"];
     assert_eq!(had(&table(7, &several), 9)[8], (7, 5.5));
-    let one_axis = [(Kind::Bias(place(1, Some(2)), 0.5), 0, 9)];
-    let mut inlet = FaultyInput::new(&table(7, &one_axis), PORT);
+    let one_axis = table(7, &["torque_b_nm.z.bias=0.5@tick0"]);
+    let mut inlet = FaultyInput::new(&one_axis, PORT);
     inlet.arrive(&wrench(0));
     assert_eq!(inlet.settle(0).content.torque_b_nm, [0.0, 0.0, 0.5]);
 }
 
 #[test]
 fn a_share_is_lost_at_random_and_by_seed() {
-    let faults = [(Kind::Drop(0.2), 0, Span::FOR_GOOD)];
+    let faults = ["drop=0.2@tick0"];
     let lost = |seed| -> Vec<u64> {
         let had = had(&table(seed, &faults), 10_000).into_iter().zip(0..);
         had.filter(|((had, _), tick)| had != tick)
@@ -124,7 +118,7 @@ fn a_share_is_lost_at_random_and_by_seed() {
 
 #[test]
 fn noise_has_its_deviation() {
-    let had = had(&table(7, &[(Kind::Noise(THRUST, 0.1), 100, 9000)]), 9000);
+    let had = had(&table(7, &["thrust_n.noise=0.1@tick100..tick9000"]), 9000);
     let squares = had.iter().zip(0..).skip(100).map(|((_, thrust), tick)| {
         let error = thrust - f64::from(tick);
         error * error
@@ -136,11 +130,12 @@ fn noise_has_its_deviation() {
 #[test]
 fn what_is_no_number_or_not_possible_never_comes_and_is_counted() {
     for (kind, reason) in [
-        (Kind::Nan(THRUST), Reason::NonFinite),
-        (Kind::Bias(THRUST, f64::MAX), Reason::Implausible),
-        (Kind::Bias(THRUST, -100.0), Reason::Implausible),
+        ("nan", Reason::NonFinite),
+        ("bias=1e308", Reason::Implausible),
+        ("bias=-100", Reason::Implausible),
     ] {
-        let mut inlet = FaultyInput::new(&table(7, &[(kind, 2, 5)]), PORT);
+        let text = format!("thrust_n.{kind}@tick2..tick5");
+        let mut inlet = FaultyInput::new(&table(7, &[&text]), PORT);
         let at = |tick| {
             inlet.arrive(&wrench(tick));
             inlet.settle(tick).envelope.tick
@@ -155,27 +150,37 @@ fn what_is_no_number_or_not_possible_never_comes_and_is_counted() {
     }
 }
 
-fn kinds() -> impl Strategy<Value = Kind> {
-    prop_oneof![
-        (0.01..1.0_f64).prop_map(Kind::Drop),
-        (1_u64..4, 0_u64..4).prop_map(|(lost, more)| Kind::DropEach {
-            lost,
-            of: lost + more
-        }),
-        (1..=LONGEST_DELAY_TICKS).prop_map(Kind::Delay),
-        (1..=LONGEST_DELAY_TICKS).prop_map(Kind::Lag),
-        Just(Kind::Freeze),
-        (0.0..1.0_f64).prop_map(|deviation| Kind::Noise(THRUST, deviation)),
-        any::<f64>().prop_map(|more| Kind::Bias(THRUST, more)),
-        Just(Kind::Nan(THRUST)),
-    ]
+/// Every kind of message fault, with a value.
+fn kinds() -> impl Strategy<Value = String> {
+    let kinds = (0..FAULTS.len(), 0.01..1.0_f64, 1..=60_u64, 0..4_u64);
+    kinds.prop_filter_map("faults of messages", |(kind, share, first, more)| {
+        let FaultSpec {
+            kind, name, value, ..
+        } = FAULTS[kind];
+        let place = match kind {
+            Kind::Message(_) => "",
+            Kind::Number(_) => "thrust_n.",
+            Kind::Stage(_) | Kind::Processor(_) | Kind::Channel(_) => return None,
+        };
+        let value = match value {
+            ValueType::None => String::new(),
+            ValueType::Pattern => format!("={first}/{}", first + more),
+            ValueType::Integer { .. } => format!("={first}"),
+            ValueType::Share | ValueType::Positive(_) => format!("={share}"),
+            ValueType::NotZero => format!("={}", if more == 0 { -1e9 } else { share }),
+            ValueType::Time | ValueType::TimeRange => return None,
+        };
+        Some(format!("{place}{name}{value}"))
+    })
 }
 
 fn faults() -> impl Strategy<Value = MessageFaults> {
     let fault = (kinds(), 0_u64..300, 1_u64..300)
-        .prop_map(|(kind, from, length)| (kind, from, from + length));
-    (any::<u64>(), proptest::collection::vec(fault, 0..6))
-        .prop_map(|(seed, faults)| table(seed, &faults))
+        .prop_map(|(kind, from, length)| format!("{kind}@tick{from}..tick{}", from + length));
+    (any::<u64>(), proptest::collection::vec(fault, 0..6)).prop_map(|(seed, faults)| {
+        let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
+        table(seed, &faults)
+    })
 }
 
 proptest! {
@@ -216,10 +221,11 @@ proptest! {
             let span = Span { from: from - first + late, to: to.saturating_add(late) };
             LiveFault { span, ..*fault }
         };
-        let (mut known, mut changed) = (MessageFaults::none(7), FaultyInput::changing(&MessageFaults::none(7), PORT));
+        let (mut known, mut changed) = (LoopFaults::none(7, 1), FaultyInput::changing(&MessageFaults::none(7), PORT));
         for (_, fault) in faults.iter() {
             let _ = known.take(&moved(fault));
         }
+        let known = known.messages;
         let always = had(&known, 400);
         let mut newest = Message::default();
         for tick in 0..400 {

@@ -324,17 +324,6 @@ wire_enum! {
     }
 }
 
-layout!(Measured {
-    position_w_m,
-    velocity_w_m_s,
-    attitude_rad,
-    attitude_quaternion,
-    rate_b_rad_s,
-    specific_force_b_m_s2,
-    rotor_speed_mean_rad_s,
-    rotor_speed_squared_mean_rad2_s2,
-    rotor_speed_command_rad_s,
-});
 layout!(Reference {
     position_w_m,
     velocity_w_m_s,

@@ -5,7 +5,7 @@
 
 use crate::blackboards::{EndReason, RolePhase, RunPhase};
 use crate::content::Mode;
-use crate::fault_id::{FaultId, FaultRefusal};
+use crate::fault_kinds::{FaultId, FaultRefusal};
 use crate::layout::{Layout, fingerprint, fnv1a, hash_of};
 use crate::monitor::Cause;
 use crate::parameters::SPECS;

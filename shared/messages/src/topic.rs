@@ -62,21 +62,21 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
 }
 
 // Bounds far outside any flight that ends well: what lies beyond is a broken or forged message.
-const POSITION_M: f64 = 1e5;
-const VELOCITY_M_S: f64 = 1e3;
-const ANGLE_RAD: f64 = 1e4;
+pub(crate) const POSITION_M: f64 = 1e5;
+pub(crate) const VELOCITY_M_S: f64 = 1e3;
+pub(crate) const ANGLE_RAD: f64 = 1e4;
 /// A unit quaternion, with room for rounding.
-const QUATERNION: f64 = 1.001;
-const RATE_RAD_S: f64 = 1e4;
-const ACCELERATION_M_S2: f64 = 1e6;
-const ACCELERATION_RAD_S2: f64 = 1e8;
+pub(crate) const QUATERNION: f64 = 1.001;
+pub(crate) const RATE_RAD_S: f64 = 1e4;
+pub(crate) const ACCELERATION_M_S2: f64 = 1e6;
+pub(crate) const ACCELERATION_RAD_S2: f64 = 1e8;
 /// Derivatives of a reference that jumps: each goes with one over the time between two points, 1 ms at the least.
 const REFERENCE_ACCELERATION: f64 = 1e9;
 const REFERENCE_JERK: f64 = 1e12;
 const REFERENCE_SNAP: f64 = 1e15;
-const ROTOR_SPEED_RAD_S: f64 = 1e5;
-const THRUST_N: f64 = 1e4;
-const TORQUE_NM: f64 = 1e5;
+pub(crate) const ROTOR_SPEED_RAD_S: f64 = 1e5;
+pub(crate) const THRUST_N: f64 = 1e4;
+pub(crate) const TORQUE_NM: f64 = 1e5;
 const PARAMETER: f64 = 1e3;
 
 /// What is plausible of some numbers.
@@ -121,18 +121,8 @@ impl Topic for State {
 
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
-        let (measured, truth) = (&self.measured, &self.truth);
-        let speed = Positive(ROTOR_SPEED_RAD_S);
-        let speed_squared = Positive(ROTOR_SPEED_RAD_S * ROTOR_SPEED_RAD_S);
-        look(&measured.position_w_m, Size(POSITION_M));
-        look(&measured.velocity_w_m_s, Size(VELOCITY_M_S));
-        look(&measured.attitude_rad, Size(ANGLE_RAD));
-        look(&measured.attitude_quaternion, Size(QUATERNION));
-        look(&measured.rate_b_rad_s, Size(RATE_RAD_S));
-        look(&measured.specific_force_b_m_s2, Size(ACCELERATION_M_S2));
-        look(&measured.rotor_speed_mean_rad_s, speed);
-        look(&measured.rotor_speed_squared_mean_rad2_s2, speed_squared);
-        look(&measured.rotor_speed_command_rad_s, speed);
+        self.fields(&mut look);
+        let truth = &self.truth;
         look(&truth.position_w_m, Size(POSITION_M));
         look(&truth.velocity_w_m_s, Size(VELOCITY_M_S));
         look(&truth.rate_b_rad_s, Size(RATE_RAD_S));
@@ -161,13 +151,7 @@ impl Topic for Setpoint {
 
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
-        look(&[self.thrust_n], Positive(THRUST_N));
-        look(&self.attitude_rad, Size(ANGLE_RAD));
-        look(&self.attitude_rate_rad_s, Size(RATE_RAD_S));
-        look(
-            &self.attitude_acceleration_rad_s2,
-            Size(ACCELERATION_RAD_S2),
-        );
+        self.fields(&mut look);
         let reference = &self.reference;
         look(&reference.position_w_m, Size(POSITION_M));
         look(&reference.velocity_w_m_s, Size(VELOCITY_M_S));
@@ -196,8 +180,7 @@ impl Topic for Wrench {
 
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
-        look(&[self.thrust_n], Positive(THRUST_N));
-        look(&self.torque_b_nm, Size(TORQUE_NM));
+        self.fields(&mut look);
     }
 
     fn has_known_flags(&self) -> bool {
@@ -214,7 +197,7 @@ impl Topic for RotorSpeeds {
 
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
-        look(&self.speed_rad_s, Positive(ROTOR_SPEED_RAD_S));
+        self.fields(&mut look);
         look(&[self.thrust_n], Positive(THRUST_N));
         look(&self.torque_b_nm, Size(TORQUE_NM));
     }

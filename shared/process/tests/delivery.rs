@@ -44,7 +44,7 @@ fn in_lockstep_a_setpoint_waits_for_its_state() {
         let flight = Flight {
             lockstep,
             slowdown: 1,
-            faults: LoopFaults::none(7),
+            faults: LoopFaults::none(7, 1_000_000),
         };
         let mut inner = StageLoop::new(&wire, Inner, Wakes::default(), &flight).unwrap();
         let mut setpoints = wire.sender::<Setpoint>(Wakes::default()).unwrap();

@@ -3,8 +3,8 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use faults::live::{FaultKind, LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
-use faults::{Kind, Place, Port, Span};
+use faults::grammar::Fault;
+use faults::live::{LIVE, LiveBlackboard, LiveFault, LoopFaults, NOTICE_TICKS};
 use ipc::{Blackboard, Sender, Wakes, Wire};
 use messages::content::{RotorSpeeds, Stamped, Wrench};
 use messages::header::Header;
@@ -12,11 +12,6 @@ use messages::role::Role;
 use process::stage::{Flight, Input, Stage, StageLoop, TickContext};
 
 use crate::common::{EPOCH, EXPECTED, Site};
-
-const THRUST: Place = Place {
-    field: 0,
-    axis: None,
-};
 
 /// Ticks and thrusts of the inputs that a stage has worked with.
 type Worked = Vec<(u64, f64)>;
@@ -50,7 +45,7 @@ struct Chain {
 
 impl Chain {
     fn new(wire: &Wire, planned: &[LiveFault]) -> Self {
-        let mut faults = LoopFaults::none(7);
+        let mut faults = LoopFaults::none(7, 1_000_000);
         planned.iter().for_each(|fault| faults.take(fault).unwrap());
         let board = wire.blackboard(LIVE).unwrap();
         board.put(LiveBlackboard::default());
@@ -103,15 +98,11 @@ fn board_of(faults: &[LiveFault]) -> LiveBlackboard {
     board
 }
 
-fn fault(kind: Kind, from: u64, to: u64) -> LiveFault {
-    LiveFault {
-        kind: FaultKind::Messages {
-            port: Port::MixerWrench,
-            kind,
-        },
-        ends: false,
-        span: Span { from, to },
-    }
+/// A fault of the wrench, as it is typed after `mixer.wrench.`.
+fn fault(text: &str) -> LiveFault {
+    let fault: Fault = format!("mixer.wrench.{text}").parse().unwrap();
+    let span = fault.span(1e-3).unwrap();
+    fault.changes[0].faults(span).next().unwrap()
 }
 
 /// The inputs of a stage that works in some ticks, of messages that are sent in some; faults are planned, or injected.
@@ -141,7 +132,6 @@ fn worked(
 
 #[test]
 fn injected_faults_act_like_planned_ones_in_a_late_stage_and_after_a_gap() {
-    let bias = Kind::Bias(THRUST, 0.25);
     let odd: fn(u64) -> bool = |tick| tick % 2 == 1;
     let gap: fn(u64) -> bool = |tick| !(20..100).contains(&tick);
     let lag = [(101, 98.0), (103, 100.0), (105, 102.0)];
@@ -149,25 +139,23 @@ fn injected_faults_act_like_planned_ones_in_a_late_stage_and_after_a_gap() {
     let freeze = [(19, 19.0), (100, 19.0), (101, 19.0)];
     for (faults, sends, works, expected) in [
         (
-            vec![fault(Kind::Lag(3), 100, 130)],
+            vec![fault("lag=3@tick100..tick130")],
             None,
             odd,
             Some((50, lag)),
         ),
+        (vec![fault("delay=3@tick100")], None, odd, None),
         (
-            vec![fault(Kind::Delay(3), 100, Span::FOR_GOOD)],
+            vec![
+                fault("freeze@tick101..tick120"),
+                fault("thrust_n.bias=0.25@tick101..tick140"),
+            ],
             None,
             odd,
             None,
         ),
         (
-            vec![fault(Kind::Freeze, 101, 120), fault(bias, 101, 140)],
-            None,
-            odd,
-            None,
-        ),
-        (
-            vec![fault(Kind::Freeze, 100, 120)],
+            vec![fault("freeze@tick100..tick120")],
             Some(gap),
             |_| true,
             Some((99, freeze)),
@@ -193,7 +181,7 @@ fn a_stage_that_stalls_while_it_receives_uses_no_message_without_the_faults_of_i
     // Called after the first message was received: while the stage stalls, the flight goes on and a fault is injected.
     let meanwhile = || {
         if stalls.replace(false) {
-            let bias = fault(Kind::Bias(THRUST, 0.5), NOTICE_TICKS, 90);
+            let bias = fault(&format!("thrust_n.bias=0.5@tick{NOTICE_TICKS}..tick90"));
             chain.board.put(board_of(&[bias]));
             (1..=80).for_each(|tick| send(&mut sender.borrow_mut(), tick));
         }

@@ -168,7 +168,7 @@ fn a_stage_ends_real_time_before_its_ports_and_its_ports_before_its_lock() {
                 let flight = Flight {
                     lockstep: false,
                     slowdown: 1,
-                    faults: LoopFaults::none(0),
+                    faults: LoopFaults::none(0, 1_000_000),
                 };
                 let ended = stage::run(Idle { instance, dropped }, session, &flight);
                 assert_eq!(ended.is_err(), is_stopped);

@@ -107,10 +107,16 @@ impl Stage {
                     sample_time_ns: settings.sample_time_ns(),
                     wall_period_ns: settings.wall_period_ns(),
                 };
-                let of_loop = (&faults.loops, &faults.table);
                 let route = settings.course()?.route(settings.flight.period_s);
-                let envelope = settings.simplex_limits().map(|envelope| (envelope, route));
-                plant::process::run(session, &plant, plan, &faults.swaps, of_loop, envelope)?;
+                let simplex = settings.simplex_limits().map(|limits| (limits, route));
+                plant::process::run(
+                    session,
+                    &plant,
+                    plan,
+                    &faults.swaps,
+                    &faults.loops,
+                    simplex,
+                )?;
             }
             Self::Outer(outer) => {
                 let error_max_m = settings.flight.position_error_max_m;

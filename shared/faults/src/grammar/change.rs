@@ -5,9 +5,10 @@ use std::str::FromStr;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use crate::code::{FAULTS, FaultCode, FaultSpec, Scope, ValueType};
-use crate::live::{FaultKind, LiveFault};
-use crate::{PORTS, Port, Span};
+use crate::code::FaultCode;
+use crate::{
+    FAULTS, FaultKind, FaultSpec, FaultValue, Kind, LiveFault, PORTS, Port, Scope, Span, ValueType,
+};
 use messages::parameters::{did_you_mean, nearest};
 use messages::role::{CHANNEL_ROLES, Channel, Role, STAGES};
 
@@ -28,7 +29,7 @@ pub struct LoopChange {
     pub kind: FaultKind,
     /// Whether it is at the input of every stage that receives the topic, of which `kind` names the first.
     pub every_input: bool,
-    /// Whether it ends; the numbers of `kind` mean nothing then.
+    /// Whether it ends; the value of `kind` means nothing then.
     pub ends: bool,
 }
 
@@ -109,12 +110,12 @@ impl FaultTarget {
         TARGETS.iter().find(|target| target.name == name)
     }
 
-    /// The fault of a kind with these numbers; `None` if the kind does not allow them.
-    pub(super) fn change(&self, spec: &FaultSpec, [first, second]: [u64; 2]) -> Option<LoopChange> {
+    /// The fault of a kind with a value; `None` if that is out of range, or the target cannot have the fault.
+    pub(super) fn change(&self, spec: &FaultSpec, value: FaultValue) -> Option<LoopChange> {
         let code = FaultCode {
-            what: spec.what as u64,
-            first,
-            second,
+            what: spec.id as u64,
+            first: value.0[0],
+            second: value.0[1],
             ..self.code
         };
         code.fault().map(|fault| LoopChange {
@@ -157,7 +158,7 @@ impl Change {
     pub const fn lasts(&self) -> bool {
         match self {
             Self::Parameter(_) => false,
-            Self::Loop(change) => !change.ends && !change.kind.is_once(),
+            Self::Loop(change) => !change.ends && !change.kind.spec().is_once(),
         }
     }
 
@@ -179,11 +180,11 @@ impl Change {
         else {
             return Vec::new();
         };
-        match kind {
-            FaultKind::Messages { port, kind } if every_input => inputs_of(port.topic())
-                .map(|port| (FaultKind::Messages { port, kind }, ends))
+        match kind.port().filter(|_| every_input) {
+            Some(port) => inputs_of(port.topic())
+                .map(|port| (kind.at(port), ends))
                 .collect(),
-            kind => vec![(kind, ends)],
+            None => vec![(kind, ends)],
         }
     }
 
@@ -237,8 +238,7 @@ impl Change {
             (fault.kind, fault.ends, fault.span) == (kind, ends, first.span)
         };
         let kinds = every.kinds();
-        let is_message = matches!(first.kind, FaultKind::Messages { .. });
-        if is_message
+        if first.kind.port().is_some()
             && faults.len() >= kinds.len()
             && faults.iter().zip(kinds.clone()).all(is_like)
         {
@@ -254,67 +254,55 @@ impl LoopChange {
         let (target, name) = parts
             .and_then(|(target, name)| Some((FaultTarget::named(target)?, name)))
             .ok_or_else(|| unknown(what))?;
-        let mut specs = FaultSpec::named(target.scope, name).peekable();
-        let spec = *specs.peek().ok_or_else(|| unknown(what))?;
-        if value == Some(OFF) {
-            if spec.is_once() {
-                return Err(FaultError::fault(format!(
-                    "{what} happens once: there is nothing to end"
-                )));
+        let specs: Vec<&FaultSpec> = FaultSpec::named(target.scope, name).collect();
+        let spec = *specs.first().ok_or_else(|| unknown(what))?;
+        let any = target.change(spec, spec.value.example().0).ok_or_else(|| {
+            FaultError::fault(format!(
+                "{what}: a flight ends with its plant; plant.stop=20ms stops it for a while"
+            ))
+        })?;
+        match value {
+            Some(OFF) if spec.is_once() => Err(FaultError::fault(format!(
+                "{what} happens once: there is nothing to end"
+            ))),
+            Some(OFF) => Ok(Self { ends: true, ..any }),
+            None if spec.value == ValueType::None => Ok(any),
+            Some(value) if spec.value == ValueType::None => Err(FaultError::fault(format!(
+                "{what} takes no value: leave out `={value}`"
+            ))),
+            _ => {
+                let value = value.unwrap_or_default();
+                let mut read = specs.iter();
+                let read =
+                    read.find_map(|spec| target.change(spec, read_value(spec.value, value)?));
+                let allowed = |spec: &&FaultSpec| {
+                    let (_, example) = spec.value.example();
+                    format!("{}, as in {what}={example}", spec.value.range())
+                };
+                read.ok_or_else(|| {
+                    let allowed: Vec<String> = specs.iter().map(allowed).collect();
+                    let (value, allowed) = (begin_of(value), allowed.join(", or "));
+                    FaultError::fault(format!("{what} = `{value}`: write {allowed}"))
+                })
             }
-            // Numbers that every kind of such a value allows.
-            let any = match spec.value {
-                ValueType::Share | ValueType::Number => [1.0_f64.to_bits(), 0],
-                _ => [1, 1],
-            };
-            let change = target.change(spec, any).ok_or_else(|| unknown(what))?;
-            return Ok(Self {
-                ends: true,
-                ..change
-            });
         }
-        if spec.value == ValueType::None {
-            if let Some(value) = value {
-                let why = format!("{what} takes no value: leave out `={value}`");
-                return Err(FaultError::fault(why));
-            }
-            return target.change(spec, [0, 0]).ok_or_else(|| {
-                FaultError::fault(
-                    "plant.kill: a flight ends with its plant; plant.stop=20ms stops it for a while",
-                )
-            });
-        }
-        let value = value.unwrap_or_default();
-        specs
-            .find_map(|spec| target.change(spec, read_value(spec.value, value)?))
-            .ok_or_else(|| {
-                let allowed = spec.allowed().replace("WHAT", what);
-                FaultError::fault(format!("{what} = `{}`: write {allowed}", begin_of(value)))
-            })
     }
 
     /// Its name, without its value.
     fn what(&self) -> String {
-        let of = self.code();
-        let Some(spec) = FaultSpec::of(of.what) else {
-            return String::new();
-        };
-        let target = TARGETS.iter().find(|target| {
-            let code = target.code;
-            (target.scope, target.every_input) == (spec.scope, self.every_input)
-                && (code.place, code.field, code.axis) == (of.place, of.field, of.axis)
-        });
-        target.map_or_else(String::new, |target| {
-            format!("{}.{}", target.name, spec.name)
-        })
-    }
-
-    fn code(&self) -> FaultCode {
-        FaultCode::of(&LiveFault {
+        let of = FaultCode::of(&LiveFault {
             kind: self.kind,
             ends: false,
             span: Span::new(0, 1),
-        })
+        });
+        let spec = self.kind.spec();
+        let target = TARGETS.iter().find(|target| {
+            let code = target.code;
+            (target.scope, target.every_input) == (spec.kind.scope(), self.every_input)
+                && (code.place, code.field, code.axis) == (of.place, of.field, of.axis)
+        });
+        let target = target.map_or("", |target| &target.name);
+        format!("{target}.{}", spec.name)
     }
 }
 
@@ -333,14 +321,15 @@ impl fmt::Display for LoopChange {
         if self.ends {
             return write!(f, "={OFF}");
         }
-        let code = self.code();
-        let (first, second) = (code.first, code.second);
+        let FaultValue([first, second]) = self.kind.value;
         let time = |ns| typed(Duration::from_nanos(ns));
-        match FaultSpec::of(code.what).map_or(ValueType::None, |spec| spec.value) {
+        match self.kind.spec().value {
             ValueType::None => Ok(()),
-            ValueType::Share | ValueType::Number => write!(f, "={:?}", f64::from_bits(first)),
+            ValueType::Share | ValueType::Positive(_) | ValueType::NotZero => {
+                write!(f, "={:?}", self.kind.value.number())
+            }
             ValueType::Pattern => write!(f, "={first}/{second}"),
-            ValueType::Integer => write!(f, "={first}"),
+            ValueType::Integer { .. } => write!(f, "={first}"),
             ValueType::TimeRange if first != second => {
                 write!(f, "={}..{}", time(first), time(second))
             }
@@ -349,38 +338,44 @@ impl fmt::Display for LoopChange {
     }
 }
 
-/// The two numbers of a value, as [`FaultCode`] has them; `None` if it cannot be read.
-fn read_value(of: ValueType, text: &str) -> Option<[u64; 2]> {
+/// A value as it is typed; `None` if it cannot be read.
+fn read_value(of: ValueType, text: &str) -> Option<FaultValue> {
     let time = |text: &str| {
         let time = humantime::parse_duration(text.trim()).ok()?;
         u64::try_from(time.as_nanos()).ok()
     };
-    Some(match of {
+    Some(FaultValue(match of {
         ValueType::None => [0, 0],
-        ValueType::Share | ValueType::Number => [text.parse::<f64>().ok()?.to_bits(), 0],
+        ValueType::Share | ValueType::Positive(_) | ValueType::NotZero => {
+            [text.parse::<f64>().ok()?.to_bits(), 0]
+        }
         ValueType::Pattern => {
             let (lost, of) = text.split_once('/')?;
             [lost.trim().parse().ok()?, of.trim().parse().ok()?]
         }
-        ValueType::Integer => [text.parse().ok()?, 0],
+        ValueType::Integer { .. } => [text.parse().ok()?, 0],
         ValueType::Time => [time(text)?, 0],
         ValueType::TimeRange => {
             let (least, most) = text.split_once("..").unwrap_or((text, text));
             [time(least)?, time(most)?]
         }
-    })
+    }))
 }
 
 /// All names of faults of the loop, except those of single numbers of a field.
 pub(super) fn known() -> impl Iterator<Item = String> {
     let is_field = |target: &&FaultTarget| target.code.axis == 0 || target.scope == Scope::Channel;
-    let fields = TARGETS.iter().filter(is_field);
-    fields.flat_map(|target| {
-        FaultSpec::names(target.scope)
-            .map(|name| format!("{}.{name}", target.name))
-            // A flight ends with its plant.
-            .filter(|name| name != "plant.kill")
-    })
+    let all = TARGETS.iter().filter(is_field).flat_map(|target| {
+        let of_target = FAULTS
+            .iter()
+            .filter(|spec| spec.kind.scope() == target.scope);
+        of_target.map(move |spec| (target, spec))
+    });
+    let is_possible = |(target, spec): &(&FaultTarget, &FaultSpec)| {
+        target.change(spec, spec.value.example().0).is_some()
+    };
+    all.filter(is_possible)
+        .map(|(target, spec)| format!("{}.{}", target.name, spec.name))
 }
 
 fn unknown(name: &str) -> FaultError {
@@ -412,19 +407,17 @@ fn unknown(name: &str) -> FaultError {
 /// What is wrong with a name of which each part is known.
 fn hint(name: &str) -> Option<String> {
     let (rest, kind) = name.rsplit_once('.')?;
-    let scope = FAULTS.iter().find(|spec| spec.name == kind)?.scope;
-    if rest == "record" && scope == Scope::Stage {
-        let stages = STAGES
-            .into_iter()
-            .filter(|role| kind != "kill" || *role != Role::Plant);
-        let stages: Vec<&str> = stages.map(Role::name).collect();
-        return Some(format!(
-            ": the recorder is no stage; `STAGE.{kind}` is for {}",
-            stages.join(", ")
-        ));
-    }
-    if scope != Scope::Number {
-        return None;
+    match FAULTS.iter().find(|spec| spec.name == kind)?.kind {
+        Kind::Stage(of_stage) if rest == "record" => {
+            let stages = STAGES.into_iter().filter(|role| of_stage.acts_on(*role));
+            let stages: Vec<&str> = stages.map(Role::name).collect();
+            return Some(format!(
+                ": the recorder is no stage; `STAGE.{kind}` is for {}",
+                stages.join(", ")
+            ));
+        }
+        Kind::Number(_) => {}
+        Kind::Message(_) | Kind::Stage(_) | Kind::Processor(_) | Kind::Channel(_) => return None,
     }
     let fields = |target: &FaultTarget| PORTS[target.code.place as usize].fields();
     if let Some(target) = FaultTarget::named(rest).filter(|target| target.scope == Scope::Message) {

@@ -2,7 +2,6 @@
 
 use std::ops::ControlFlow;
 
-use faults::fields::Faulty;
 use faults::filter::FaultyInput;
 use faults::live::{LIVE, LiveBlackboard, LoopFaults};
 use faults::{LONGEST_DELAY_TICKS, MessageFaults, Port};
@@ -10,6 +9,7 @@ use ipc::clock::Horizon;
 use ipc::error::Error;
 use ipc::{BlackboardReader, LATEST, Receiver, TopicPorts, Wire};
 use messages::content::Stamped;
+use messages::fields::Faulty;
 use messages::header::{Header, Message};
 use messages::inspection::{Expected, Rejections};
 use messages::role::{Replica, Role};
@@ -34,7 +34,7 @@ impl ActiveFaults {
             planned,
             now: planned,
             version: 0,
-            is_late: !planned.late.of_role(replica.role).is_empty(),
+            is_late: planned.is_late(replica.role),
             live: None,
         }
     }
@@ -63,7 +63,7 @@ impl ActiveFaults {
     /// How much longer the stage computes at a tick [ns], as of the last look.
     pub(super) fn late_ns(&self, tick: u64) -> u64 {
         if self.is_late {
-            self.now.late.late_ns(self.replica, tick)
+            self.now.late_ns(self.replica, tick)
         } else {
             0
         }
@@ -72,7 +72,7 @@ impl ActiveFaults {
     #[cold]
     fn take(&mut self, live: &LiveBlackboard) {
         self.now = self.planned.with(live);
-        self.is_late = !self.now.late.of_role(self.replica.role).is_empty();
+        self.is_late = self.now.is_late(self.replica.role);
         self.version += 1;
     }
 }
