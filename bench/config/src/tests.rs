@@ -23,27 +23,6 @@ fn default() -> Settings {
     from_file("").unwrap()
 }
 
-/// `INSTA_UPDATE=always cargo test -p config` accepts a change.
-#[test]
-fn complete_settings_are_their_snapshots() {
-    for (name, text) in [
-        (
-            "airframe",
-            "flight.airframe = \"crazyflie\"\nplant.mass_kg = 0.03\n",
-        ),
-        (
-            "laws",
-            "flight.preset = \"soft\"\nouter.law = \"estimating\"\ninner.law = \"indi\"\n",
-        ),
-        (
-            "faults",
-            "flight.faults = [\"mass_kg=0.6~1s@2s\", \"state.drop=0.1@1s..2s\"]\ninner.law = \"adaptive\"\n",
-        ),
-    ] {
-        insta::assert_snapshot!(name, from_file(text).unwrap().commented().unwrap());
-    }
-}
-
 #[test]
 fn values_on_their_limits_are_allowed() {
     for text in [
@@ -60,6 +39,7 @@ fn values_on_their_limits_are_allowed() {
     }
 }
 
+/// `INSTA_UPDATE=always cargo test -p config` accepts a change.
 #[test]
 fn what_processes_take_from_the_settings_is_its_snapshot() {
     for (name, text) in [
