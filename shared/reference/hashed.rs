@@ -1,6 +1,7 @@
 //! Long texts in snapshots: the figures that a person checks, and a hash that changes with any byte.
 //!
 //! The tests of several crates include this file.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::fmt::Write as _;
 use std::fs;
