@@ -2,6 +2,9 @@
 //! analysis` accepts a change.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+#[path = "../../../shared/reference/hashed.rs"]
+mod hashed;
+
 use std::path::Path;
 
 use analysis::distribution::buckets;
@@ -13,9 +16,33 @@ use analysis::tracking::Tracking;
 use controller::Trajectory;
 use flight_log::entry::LogEntry;
 use flight_log::reader::LogReader;
+use hashed::hashed;
 use messages::blackboards::Run;
 use messages::grid::Pace;
 use serde_json::json;
+
+/// The figures that a person checks.
+const SHOWN: [(&str, &str); 7] = [
+    (
+        "",
+        "joined_messages missed not_fresh outages lost late runs stretches",
+    ),
+    ("/ticks", "run skipped elapsed_s identity_holds"),
+    (
+        "/flight",
+        "states position_error_rms_m position_error_max_m lowest_z_m saturated_ticks",
+    ),
+    (
+        "/flight",
+        "effort tilt_error/rms_rad tilt_error/max_rad yaw_error/max_rad",
+    ),
+    ("/swaps", "tick changes"),
+    ("/series", "name count p50_us p99_us max_us"),
+    (
+        "/theorem",
+        "holds ticks ticks_judged v_th_end rate_error_max_rad_s torque violations",
+    ),
+];
 
 /// All three flew this trajectory at 1 kHz.
 const TRACKING: Tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
@@ -62,9 +89,6 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         statistics.finish(&run, t0_ns + 1_000_000_000);
         let ticks = statistics.ticks(&run);
         let late = statistics.series.flight(Series::Late);
-        // Every fiftieth point is enough: a plot has one for each tick.
-        let mut traces = serde_json::to_value(statistics.tracer.traces()).unwrap();
-        thin(&mut traces);
         let figures = json!({
             "joined_messages": joined_messages,
             "ticks": ticks,
@@ -79,16 +103,10 @@ fn figures_of_recorded_flights_are_their_snapshots() {
             "theorem": statistics.theorem.section(),
             "swaps": statistics.swaps,
             "series": statistics.series.statistics(),
-            "traces": traces,
+            "traces": statistics.tracer.traces(),
         });
-        insta::assert_snapshot!(flight, serde_json::to_string_pretty(&figures).unwrap());
-    }
-}
-
-fn thin(value: &mut serde_json::Value) {
-    match value {
-        serde_json::Value::Object(fields) => fields.values_mut().for_each(thin),
-        serde_json::Value::Array(points) => *points = points.iter().step_by(50).cloned().collect(),
-        _ => {}
+        let text = serde_json::to_string_pretty(&figures).unwrap();
+        let shown = hashed::figures(&figures, &SHOWN);
+        insta::assert_snapshot!(flight, hashed(flight, &text, &shown));
     }
 }

@@ -2,16 +2,47 @@
 //! cargo test -p analysis` accepts a change.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+#[path = "../../../shared/reference/hashed.rs"]
+mod hashed;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use analysis::diff::{ComparedRun, compare};
 use analysis::schema::Report;
 use analysis::sections::{redundancy, role_section};
+use hashed::{figures, hashed};
 use messages::blackboards::{RolePhase, Status};
 use messages::channels::Redundancy;
 use messages::layout::change_words;
 use serde_json::{Value, json};
+
+/// The figures that a person checks.
+const DIFFERENCES: [(&str, &str); 5] = [
+    ("/timing", "says differ judged largest reason"),
+    ("/tracking", "says differ judged largest reason"),
+    ("/a", "run status ticks missed not_fresh theorem"),
+    ("/b", "run status ticks missed not_fresh theorem"),
+    ("/figures", "name median_a median_b ratio probability says"),
+];
+const BOARDS: [(&str, &str); 7] = [
+    (
+        "/0",
+        "active channels handovers mismatches first_mismatch_s longest_unprotected_ms",
+    ),
+    (
+        "/0",
+        "ticks_compared ticks_flown ticks_masked ticks_not_fresh ticks_outvoted ticks_unprotected",
+    ),
+    ("/0/differences", "a b"),
+    ("/0/outages/0", "channel handover reason tick ticks time_s"),
+    ("/0/switchovers", "from to reason tick command_step_rad_s"),
+    (
+        "/1",
+        "landed scheduling ticks_run ticks_skipped ticks_stale usage",
+    ),
+    ("/1", "rejected realtime"),
+];
 
 fn recorded(flight: &str, file: &str) -> PathBuf {
     let reports = Path::new(env!("CARGO_MANIFEST_DIR")).join("../render/tests/reports");
@@ -64,7 +95,9 @@ fn differences_of_groups_are_their_snapshot() {
         ),
     ] {
         let diff = compare(&a, &b);
-        insta::assert_snapshot!(name, serde_json::to_string_pretty(&diff).unwrap());
+        let text = serde_json::to_string_pretty(&diff).unwrap();
+        let document = serde_json::to_value(&diff).unwrap();
+        insta::assert_snapshot!(name, hashed(name, &text, &figures(&document, &DIFFERENCES)));
     }
 }
 
@@ -84,5 +117,7 @@ fn sections_of_status_boards_are_their_snapshot() {
     landed.phase = RolePhase::Landed as u64;
     let roles = [landed, status].map(|it| role_section(&it));
     let sections = json!([redundancy(&account, 2e-3), roles]);
-    insta::assert_snapshot!("boards", analysis::json::to_string(&sections).unwrap());
+    let text = analysis::json::to_string(&sections).unwrap();
+    let shown = figures(&sections, &BOARDS);
+    insta::assert_snapshot!("boards", hashed("boards", &text, &shown));
 }

@@ -23,27 +23,6 @@ fn default() -> Settings {
     from_file("").unwrap()
 }
 
-/// `INSTA_UPDATE=always cargo test -p config` accepts a change.
-#[test]
-fn complete_settings_are_their_snapshots() {
-    for (name, text) in [
-        (
-            "airframe",
-            "flight.airframe = \"crazyflie\"\nplant.mass_kg = 0.03\n",
-        ),
-        (
-            "laws",
-            "flight.preset = \"soft\"\nouter.law = \"estimating\"\ninner.law = \"indi\"\n",
-        ),
-        (
-            "faults",
-            "flight.faults = [\"mass_kg=0.6~1s@2s\", \"state.drop=0.1@1s..2s\"]\ninner.law = \"adaptive\"\n",
-        ),
-    ] {
-        insta::assert_snapshot!(name, from_file(text).unwrap().commented().unwrap());
-    }
-}
-
 #[test]
 fn values_on_their_limits_are_allowed() {
     for text in [
@@ -60,6 +39,7 @@ fn values_on_their_limits_are_allowed() {
     }
 }
 
+/// `INSTA_UPDATE=always cargo test -p config` accepts a change.
 #[test]
 fn what_processes_take_from_the_settings_is_its_snapshot() {
     for (name, text) in [
@@ -325,15 +305,106 @@ fn keys_set_beside_sections_have_the_type_of_the_default() {
     assert!(refused.contains(expected), "{refused}");
 }
 
+/// A settings file, with `; ` between its lines, and a part of the error.
+#[rustfmt::skip]
+const REFUSED: &[(&str, &str)] = &[
+    ("[flihgt]", "unknown section [flihgt]; did you mean `flight`?"),
+    ("[inner]; alpha = 3", r#"unknown key `inner.alpha` of the law "adaptive"; did you mean `alpha_1_s`?"#),
+    (r#"[inner]; law = "fixed"; adaptation = "on""#, r#"unknown key `inner.adaptation` of the law "fixed""#),
+    (r#"[inner]; alpha_1_s = "big""#, r#"inner.alpha_1_s = "big": expected a number, as in 200.0"#),
+    ("[inner]; alpha_1_s = -1", "inner.alpha_1_s = -1.0 is out of range: allowed is a finite number above 0"),
+    ("[inner]; adaptation_gain = [1, 2]", "expected a list of 3 numbers"),
+    (r#"[flight]; faults = "x""#, r#"flight.faults = "x": expected a list of strings, as in ["rotational_drag_nm_s=0.315@8s"]"#),
+    (r#"[inner]; adaptation = "maybe""#, r#"inner.adaptation = "maybe" is out of range: allowed is "on" or "off""#),
+    ("[inner]; predictor_ticks = 0.5", "inner.predictor_ticks = 0.5: allowed are 0"),
+    (r#"[inner]; law = "fixt""#, r#"inner.law = "fixt": there is no inner law of that name; there are fixed, pid, indi,"#),
+    ("[mixer]; law = 3", r#"mixer.law = 3: expected a string, as in "roll_pitch_first""#),
+    ("[outer]; tilt_max_rad = 2", "outer.tilt_max_rad = 2.0 is out of range: allowed is 0.001 to 1.5 rad"),
+    ("[rotor]; max_rad_s = 200", "the airframe cannot hover"),
+    ("flight = 3", "`flight` must be a section"),
+    (r#"[flight]; trajectory = "loop""#, "unknown variant `loop`"),
+    ("[flight]; duration_s = -1", "flight.duration_s = -1 is out of range"),
+    ("[flight]; duration_s = nan", "flight.duration_s = NaN is out of range"),
+    ("[plant]; mass_kg = 50", "plant.mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
+    (r#"[rt]; cpu = "fast""#, r#"rt.cpu = "fast""#),
+    ("[rt]; cpu = -2", "rt.cpu = -2"),
+    ("[rt]; start_timeout_s = 0", "rt.start_timeout_s = 0 is out of range: allowed are 1 to 3600"),
+    ("[rt]; loop_cpus = 3", "rt.loop_cpus = 3: allowed are 1, 2 and 4"),
+    (r#"[flight]; faults = ["mas_kg=1@2s"]"#, "did you mean `mass_kg`"),
+    (r#"[flight]; faults = ["mass_kg=1@2h"]"#, "is after the end of the flight: the last tick is 30000"),
+    ("[flight]; tilt_max_rad = 4", "flight.tilt_max_rad = 4 is out of range: allowed are 0.1 to 3.14"),
+    ("[initial]; attitude_rad = [0, 1.6, 0]", "initial.attitude_rad[1] = 1.6 is out of range: allowed are -1.57"),
+    ("[initial]; rate_b_rad_s = [0, 0, nan]", "initial.rate_b_rad_s[2] = NaN is out of range"),
+    (r#"[ground]; contact = "sea""#, "unknown variant `sea`, expected `off` or `plane`"),
+    ("[ground]; leg_m = 0", "ground.leg_m = 0 is out of range: allowed are 0.001 to 2"),
+    ("[ground]; friction = -1", "ground.friction = -1 is out of range"),
+    ("[ground]; crash_speed_m_s = inf", "ground.crash_speed_m_s = inf is out of range"),
+    ("[ground]; crash_tilt_rad = 4", "ground.crash_tilt_rad = 4 is out of range"),
+    (r#"[ground]; contact = "plane"; [initial]; position_w_m = [0, 0, -0.3]"#, "initial.position_w_m[2] = -0.3 is 0.100 m too low: the airframe would begin in the ground at -0.25 m"),
+    ("[recorder]; log_files = 1", "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more"),
+    ("[recorder]; max_steal_percent = 100.5", "recorder.max_steal_percent = 100.5: allowed are 0 to 100, and a negative number"),
+    ("[recorder]; max_loop_p999_us = inf", "recorder.max_loop_p999_us = inf: allowed are 0 and more"),
+    ("[recorder]; gate_channels = true", "recorder.gate_channels = true: the flight has one channel"),
+    (r#"[recorder]; gate_theorem_strict = true; [inner]; adaptation = "off""#, "recorder.gate_theorem_strict = true: the inner law `adaptive`"),
+    ("[rt]; channels = 4", "rt.channels = 4 is out of range: allowed are 1 to 3"),
+    ("[rt]; channels = 0", "rt.channels = 0 is out of range: allowed are 1 to 3"),
+    ("[rt]; channels = 2; channel_cpus = 3", "rt.channel_cpus = 3 is out of range: allowed are 1 to 2"),
+    ("[rt]; channels = 2; priority = 3", "rt.priority = 3: 2 channels need 3 priorities below it"),
+    ("[rt]; channels = 3; priority = 6", "rt.priority = 6: 3 channels need 6 priorities below it"),
+    ("[rt]; lead_us = -1", r#"rt.lead_us = -1: allowed are "auto""#),
+    ("[rt]; cpu = 1024", r#"rt.cpu = 1024: allowed are a processor's number and "auto""#),
+    (r#"[channel.b.inner]; law = "pid""#, "channel.b: the flight has 1 channel"),
+    (r#"[channel.a.inner]; law = "pid""#, "unknown section [channel.a.inner]: channels b and c have"),
+    ("[channel]; b = 3", "`channel.b` must be a section: [channel.b.inner]"),
+    (r#"[channel.b.inner]; law = "pid"; alpha = 1; [rt]; channels = 2"#, r#"channel b: unknown key `inner.alpha` of the law "pid""#),
+    (r#"[flight]; faults = ["state.drop=0.1@tick29000..tick30002"]"#, "ends at tick 30002, after the flight: that ends at tick 30000"),
+    (r#"[flight]; faults = ["state.drop=0.1@tick30001"]"#, "a fault at tick 30001 is after the end of the flight"),
+    ("[initial]; position_w_m = [0, 10001, 0]", "initial.position_w_m[1] = 10001 is out of range"),
+    ("[flight]; slowdown = 0", "flight.slowdown = 0 is out of range: allowed are 1 to 1000"),
+    (r#"[flight]; slowdown = "slow""#, r#"flight.slowdown = "slow": expected a whole number, as in 1"#),
+    ("[flight]; period_s = nan", "flight.period_s = NaN is out of range: allowed is 0.0001 to 0.02 s"),
+    ("[flight]; seed = -1", "flight.seed = -1 is out of range: allowed are whole numbers from 0 to 9223372036854775807"),
+    (r#"[flight]; airframe = "paper"; seed = 99999999999999999999999"#, "line 3: a whole number beyond 9223372036854775807 cannot be read"),
+    ("[model]; wingspan_m = 2", "unknown key `model.wingspan_m`"),
+    ("[model]; gravity_m_s2 = 0", "model.gravity_m_s2 = 0: the laws hold a weight, and have none then; write a gravity above 0,"),
+    ("[trajectory]; size = 0", "trajectory.size = 0 is out of range: allowed are 0.01 to 100"),
+    ("[rt]; priority = 99", "rt.priority = 99 is out of range: allowed are 1 to 95"),
+    ("[rt]; lead_us = 10.5", r#"rt.lead_us = 10.5: expected a whole number or a string, as in "auto""#),
+    (r#"[flight]; pace = "lockstep"; [rt]; lead_us = 501"#, r#"rt.lead_us = 501: allowed are "auto" and whole microseconds from 0 (at the tick) to 500"#),
+    (r#"[recorder]; gate_theorem = true; [inner]; adaptation = "off""#, "recorder.gate_theorem = true: the inner law `adaptive` has no theorem with its settings"),
+    ("[recorder]; max_steal_percent = nan", "recorder.max_steal_percent = NaN: allowed are 0 to 100, and a negative number"),
+    ("[recorder]; max_wake_p999_us = inf", "recorder.max_wake_p999_us = inf: allowed are 0 and more"),
+    (r#"[recorder]; log = "some""#, "unknown variant `some`, expected one of `all`, `around-misses`, `off` in `recorder.log`"),
+    ("[recorder]; log = 1", r#"recorder.log = 1: expected a string, as in "all""#),
+    ("[recorder]; log_around_s = 11", "recorder.log_around_s = 11 is out of range: allowed are 0 to 10"),
+    ("[recorder]; log_file_mb = 0", "recorder.log_file_mb = 0 is out of range: allowed are 1 to 1000000"),
+    ("[recorder]; log_files = -2", "recorder.log_files = -2 is out of range: allowed are whole numbers from 0"),
+    ("[recorder]; hlog_every_s = 0", "recorder.hlog_every_s = 0 is out of range: allowed are 1 to 3600"),
+];
+
+/// What `--set` has, and a part of the error.
+#[rustfmt::skip]
+const REFUSED_BESIDE: &[(&str, &str)] = &[
+    ("inner.alpha=1", r#"--set: unknown key `inner.alpha` of the law "adaptive"; did you mean"#),
+    ("iner.alpha_1_s=1", "--set: unknown section [iner]; did you mean `inner`?"),
+    ("airframe.mass_kg=1", "--set: airframe.mass_kg cannot be set"),
+    ("inner.alpha_1_s=fast", r#"--set: inner.alpha_1_s = "fast": expected a number"#),
+    ("inner.alpha_1_s=-1", "is out of range: allowed is a finite number above 0 (--set)"),
+    ("inner.preset=hard", "[possible values: flight, paper, soft, quick] (--set)"),
+    ("flight.duration_s=0", "is out of range: allowed are 0.001 to 2592000 (--set)"),
+];
+
 #[test]
 fn every_mistake_names_key_value_and_what_is_allowed() {
-    let lines = include_str!("refusals.txt").lines();
-    for line in lines.filter(|line| !line.starts_with('#')) {
-        let (text, said) = line.split_once(" -> ").unwrap();
-        let settings = match text.strip_prefix("--set ") {
-            Some(set) => with_flags("", &[overrides::set("--set", set).unwrap()]),
-            None => from_file(&(text.replace("; ", "\n") + "\n")),
-        };
+    let of_files = REFUSED.iter().map(|(text, said)| {
+        let settings = from_file(&(text.replace("; ", "\n") + "\n"));
+        (text, settings, said)
+    });
+    let of_flags = REFUSED_BESIDE.iter().map(|(set, said)| {
+        let settings = with_flags("", &[overrides::set("--set", set).unwrap()]);
+        (set, settings, said)
+    });
+    for (text, settings, said) in of_files.chain(of_flags) {
         let failure = settings.unwrap_err();
         assert!(failure.to_string().contains(said), "{text}: {failure}");
         assert_eq!(failure.code, errors::USAGE, "{text}");

@@ -320,9 +320,36 @@ mod tests {
 
     #[test]
     fn every_mistake_is_reported_with_line_and_column() {
-        let lines = include_str!("trajectory_refusals.txt").lines();
-        for line in lines.filter(|line| !line.starts_with('#')) {
-            let (rows, expected) = line.split_once(" -> ").unwrap();
+        for (rows, expected) in [
+            ("", "it has no point"),
+            ("0,0,0,0,0", "it has 1 point"),
+            ("0,0,0,0,0 1,2,3", "line 3 has 3 columns: expected 5"),
+            ("0,0,0,0,0 1", "line 3 has 1 column: expected 5"),
+            (
+                "0,0,0,0,0 1,a,3,4,5",
+                "line 3, column x: `a` is not a number",
+            ),
+            (
+                "0,0,0,0,0 1,2,3,nan,5",
+                "line 3, column z: NaN is out of range",
+            ),
+            (
+                "0,0,0,0,0 1,2,3,4,inf",
+                "line 3, column yaw: inf is out of range",
+            ),
+            (
+                "0,0,0,0,0 1,2,2e4,4,0",
+                "line 3, column y: 20000 is out of range",
+            ),
+            (
+                "1,0,0,0,0",
+                "line 2, column t: the first point is at 1 s: expected 0",
+            ),
+            (
+                "0,0,0,0,0 1,0,0,0,0 1,0,0,0,0",
+                "line 4, column t: 1 s follows 1 s: expected at least",
+            ),
+        ] {
             let error = points(&format!("{HEADER}\n{}\n", rows.replace(' ', "\n"))).unwrap_err();
             assert!(error.contains(expected), "{rows}: {error}");
         }

@@ -2,6 +2,7 @@
 //! flight_log` accepts a change.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use flight_log::codec::Logged;
@@ -104,18 +105,37 @@ fn what_is_read_and_exported_is_its_snapshot() {
     }
 }
 
+/// A line for each unit, with what has it.
+fn by_unit(units: &BTreeMap<String, String>) -> String {
+    let mut fields: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (field, unit) in units {
+        fields.entry(unit).or_default().push(field);
+    }
+    let lines = fields.iter();
+    lines
+        .map(|(unit, fields)| format!("    {unit}: {}\n", fields.join(" ")))
+        .collect()
+}
+
 #[test]
 fn schemas_and_units_are_their_snapshots() {
-    let mut text = String::new();
-    for format in FORMATS {
-        let units = (format.describe)();
+    let of_all = FORMATS.map(|format| (format.describe)());
+    let is_common = |key: &str, unit: &str| {
+        let mut formats = of_all.iter();
+        formats.all(|units| units.get(key).is_some_and(|it| it == unit))
+    };
+    let mut common = of_all[0].clone();
+    common.retain(|key, unit| is_common(key, unit));
+    let mut text = format!("all\n{}", by_unit(&common));
+    for (format, mut units) in FORMATS.iter().zip(of_all.clone()) {
         let lacks_some = units.values().any(|unit| unit.starts_with("docs"));
         assert!(!lacks_some || !["state", "wrench"].contains(&format.name));
+        units.retain(|key, unit| !is_common(key, unit));
         text += &format!(
-            "{} {} {:#?}\n{}\n{}",
+            "{} {}\n{}{}\n{}",
             format.name,
             (format.schema_name)(),
-            units,
+            by_unit(&units),
             (format.columns)().join(","),
             sum(&(format.descriptor_set)()),
         );
@@ -164,7 +184,7 @@ fn a_log_that_is_written_again_has_the_same_messages_or_an_excerpt() {
             let (end, plan, missing) =
                 (again.end(), again.kept().unwrap(), again.missing().unwrap());
             let kept = sum(format!("{kept:?}").as_bytes());
-            let text = format!("{fate:#?}\n{end:?} {plan:?} missing {missing:?}\n{kept}");
+            let text = format!("{fate:?}\n{end:?} {plan:?} missing {missing:?}\n{kept}");
             insta::assert_snapshot!(format!("{flight}.{name}"), text);
         }
     }
