@@ -109,14 +109,7 @@ impl Stage {
                 };
                 let route = settings.course()?.route(settings.flight.period_s);
                 let simplex = settings.simplex_limits().map(|limits| (limits, route));
-                plant::process::run(
-                    session,
-                    &plant,
-                    plan,
-                    &faults.swaps,
-                    &faults.loops,
-                    simplex,
-                )?;
+                plant::process::run(session, &plant, plan, &faults.swaps, &faults.loops, simplex)?;
             }
             Self::Outer(outer) => {
                 let error_max_m = settings.flight.position_error_max_m;
