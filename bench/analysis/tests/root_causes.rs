@@ -286,12 +286,15 @@ fn a_process_that_was_seen_stopped_or_gone_is_named() {
         it.late(tick, Plant, 900).computes(tick, Inner, 900)
     });
     // The sample that showed the stop ended after it.
-    let short = good().late(0, Mixer, 1500).stopped(Mixer).read(0, 3);
+    let late = || good().late(0, Mixer, 1500);
+    let short = late().stopped(Mixer).read(0, 3);
     for (evidence, words) in [
         (silent().stopped(Mixer), "its process was stopped"),
         (short, "its process was stopped"),
         (beside, "its process was stopped"),
         (silent().counted(4, Mixer, dies), "its process has ended"),
+        // It worked before a sample showed it.
+        (late().counted(4, Mixer, |it| it.pid = 900), "process 900"),
         (replaced.clone(), "has ended, and process 900 took its"),
         (replaced.stopped(Mixer), "was stopped and has ended, and"),
     ] {
