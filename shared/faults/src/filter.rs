@@ -302,14 +302,14 @@ fn apply<C: Faulty>(fault: FaultKind, seed: u64, tick: u64, number: u64, content
     };
     let numbers = content.field_mut(place.field).iter_mut().zip(0..);
     let meant = numbers.filter(|(_, axis)| place.axis.is_none_or(|wanted| wanted == *axis));
-    for (number_in, axis) in meant {
+    for (value, axis) in meant {
         match kind {
             NumberKind::Noise => {
-                *number_in +=
+                *value +=
                     fault.value.number() * standard_normal(seed, tick, stream(number, axis as u64));
             }
-            NumberKind::Bias => *number_in += fault.value.number(),
-            NumberKind::Nan => *number_in = f64::NAN,
+            NumberKind::Bias => *value += fault.value.number(),
+            NumberKind::Nan => *value = f64::NAN,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Faults as the user types them: `WHAT=VALUE[,WHAT=VALUE]@8s` or `@tick8000`, and `..9s` for an end.
 //!
 //! WHAT is a parameter of the airframe (`parameter`), or a fault of messages, of a stage or of the processor by the
-//! table in [`crate::code`] (`change`). [`crate::plan`] turns faults into ticks of a flight. docs/injection.md is the
+//! table [`crate::FAULTS`] (`change`). [`crate::plan`] turns faults into ticks of a flight. docs/injection.md is the
 //! user's page.
 
 mod change;

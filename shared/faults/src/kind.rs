@@ -132,7 +132,10 @@ impl FaultKind {
     pub const fn role(&self) -> Option<Role> {
         match self.target {
             Target::Stage(_, role, _) => Some(role),
-            _ => None,
+            Target::Message(..)
+            | Target::Number(..)
+            | Target::Processor(_)
+            | Target::Channel(..) => None,
         }
     }
 
@@ -159,7 +162,10 @@ impl FaultKind {
     pub const fn stage_ticks(&self) -> Option<StageTicks> {
         match self.target {
             Target::Stage(kind, ..) => Some(kind.ticks(self.value)),
-            _ => None,
+            Target::Message(..)
+            | Target::Number(..)
+            | Target::Processor(_)
+            | Target::Channel(..) => None,
         }
     }
 
