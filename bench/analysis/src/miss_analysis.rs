@@ -87,7 +87,9 @@ impl MissAnalysis {
     pub fn state(&mut self, message: &Message<State>) {
         self.stamps(message);
         self.newest_state = message.envelope.tick;
-        self.next.get_or_insert(self.newest_state);
+        // The first ticks of a flight may be missed before any state is sent.
+        let first = self.missed.first().copied().unwrap_or(u64::MAX);
+        self.next.get_or_insert(first.min(self.newest_state));
     }
 
     pub fn loss(&mut self, loss: &Loss) {

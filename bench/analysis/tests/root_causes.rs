@@ -427,6 +427,19 @@ fn every_missed_deadline_is_in_one_outage() {
     assert_eq!(timeline, Vec::from_iter((MISSED - 1..).zip(stages)));
 }
 
+#[test]
+fn missed_deadlines_before_the_first_state_are_an_outage() {
+    let mut evidence = good();
+    for tick in 0..4 {
+        evidence.timings.insert(tick, TickTimings::default());
+    }
+    let (mut analysis, missed) = evidence.analysed();
+    analysis.finish(missed);
+    let outages = analysis.section().worst.into_iter();
+    let outages: Vec<_> = outages.map(|it| (it.tick, it.ticks, it.missed)).collect();
+    assert_eq!((missed, outages), (4, vec![(0, 4, 4)]));
+}
+
 /// What is published in a tick while one stage is stopped.
 fn tick_without(stage: Role, tick: u64) -> TickTimings {
     let at_cut_off = |role: Role, is_fresh: bool| {

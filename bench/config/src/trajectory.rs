@@ -50,11 +50,15 @@ section! { "trajectory"
         /// Factor on time.
         period: f64 = "1.0", in Allowed::Range(0.01, 100.0);
         /// Largest distance of the curve from the points of the CSV file [m], [rad]; -1: one unit of the file's last digit.
-        #[serde(skip_serializing_if = "is_last_digit")]
+        #[serde(default = "last_digit", skip_serializing_if = "is_last_digit")]
         tolerance: f64 = "-1.0", in Allowed::Range(LAST_DIGIT, 10.0);
         /// SHA-256 of the CSV file, checked if not empty; recorded with each flight.
         sha256: String = "\"\"";
     }
+}
+
+const fn last_digit() -> f64 {
+    LAST_DIGIT
 }
 
 /// Recorded settings name a tolerance only if it is not the default.
