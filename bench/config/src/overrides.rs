@@ -29,12 +29,17 @@ pub fn set(flag: &str, text: &str) -> Result<(&'static str, Value), String> {
         parts.is_some_and(|(section, key)| !section.is_empty() && !key.is_empty())
     });
     let (key, value) = set.ok_or("write SECTION.KEY=VALUE, as in inner.alpha_1_s=150")?;
-    let as_in_a_file = format!("it = {value}").parse::<Table>().ok();
-    let as_in_a_file = as_in_a_file.filter(|table| table.len() == 1);
-    let read = as_in_a_file.and_then(|mut table| table.remove("it"));
-    let value = read.unwrap_or_else(|| Value::from(value));
     // Flags last as long as the process.
-    Ok((Box::leak(format!("{flag} {key}").into_boxed_str()), value))
+    let flag = Box::leak(format!("{flag} {key}").into_boxed_str());
+    Ok((flag, as_in_a_file(value)))
+}
+
+/// A value by the rules of a settings file; a word needs no quotes.
+pub fn as_in_a_file(value: &str) -> Value {
+    let read = format!("it = {value}").parse::<Table>().ok();
+    let read = read.filter(|table| table.len() == 1);
+    let read = read.and_then(|mut table| table.remove("it"));
+    read.unwrap_or_else(|| Value::from(value))
 }
 
 /// The law of a role with settings of its own: `NAME|FILE[:PRESET][,KEY=VALUE...]`.

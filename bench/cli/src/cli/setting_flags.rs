@@ -8,7 +8,7 @@ use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use config::declarations::{Allowed, Flag, Group, Notation, Setting, settings};
 use config::law_settings::preset_names;
 use config::trajectory::is_file;
-use config::{Overrides, PaceName, Settings};
+use config::{Overrides, PaceName, Settings, overrides};
 use controller::Trajectory;
 use errors::Failure;
 use toml::Value;
@@ -199,14 +199,22 @@ impl SettingParser {
             Notation::Plain | Notation::Switch | Notation::Trajectory | Notation::Preset => {
                 match self.setting.allowed {
                     Allowed::Limit | Allowed::Share => values::limit(text).map(Value::from),
-                    Allowed::Range(min, max) => whole(min as i64..=max as i64),
-                    _ if self.setting.default.parse::<i64>().is_ok() => whole(0..=i64::MAX),
-                    _ if is_bool(self.setting) => Ok(Value::from(text == "true")),
-                    _ => Ok(Value::from(text)),
+                    Allowed::Range(min, max) if is_whole(self.setting) => {
+                        whole(min as i64..=max as i64)
+                    }
+                    Allowed::Range(min, max) => values::number(min..=max)(text).map(Value::from),
+                    _ if is_whole(self.setting) => whole(0..=i64::MAX),
+                    _ if self.setting.default.starts_with('"') => Ok(Value::from(text)),
+                    // Of a wrong type, it is refused with the example of the default.
+                    _ => Ok(overrides::as_in_a_file(text)),
                 }
             }
         }
     }
+}
+
+fn is_whole(setting: &Setting) -> bool {
+    setting.default.parse::<i64>().is_ok()
 }
 
 fn is_bool(setting: &Setting) -> bool {

@@ -86,10 +86,22 @@ pub(crate) fn percent(text: &str) -> Result<f64, String> {
 pub(crate) fn within<T: FromStr + PartialOrd + Display + Clone>(
     range: RangeInclusive<T>,
 ) -> impl Fn(&str) -> Result<T, String> + Clone {
+    in_range("a whole number", range)
+}
+
+/// A number of a range.
+pub(crate) fn number(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    in_range("a number", range)
+}
+
+fn in_range<T: FromStr + PartialOrd + Display + Clone>(
+    kind: &str,
+    range: RangeInclusive<T>,
+) -> impl Fn(&str) -> Result<T, String> + Clone {
     move |text: &str| {
         let number = text.parse().ok().filter(|number| range.contains(number));
         let (least, most) = (range.start(), range.end());
-        number.ok_or_else(|| format!("write a whole number from {least} to {most}"))
+        number.ok_or_else(|| format!("write {kind} from {least} to {most}"))
     }
 }
 
