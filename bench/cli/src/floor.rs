@@ -8,9 +8,8 @@ pub mod loop_cpus;
 use std::time::{Duration, SystemTime};
 
 use analysis::host::Host;
-use analysis::phrase::count;
 use analysis::statistics::median;
-use errors::output::{print, say};
+use errors::output::print;
 use errors::{Failure, NO_REAL_TIME, OK};
 use flight_log::wall_time::utc;
 use host::floor::ring::{END, Link, Work};
@@ -44,12 +43,6 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     }
     let runner = FlightRunner::new()?;
     let started = utc(SystemTime::now());
-    let all = Duration::from_secs(u64::from(pairs) * 3 * seconds);
-    say(&format!(
-        "{}: a flight, a timer and a ring of processes, {seconds} s each: {} in all\n",
-        count(pairs.into(), "pair"),
-        humantime::format_duration(all)
-    ));
     let mut command = format!("ironbird floor --pairs {pairs} --seconds {seconds}");
     if !args.flags.is_empty() {
         command += &format!(" -- {}", args.flags.join(" "));

@@ -35,7 +35,7 @@ pub enum Allowed {
     OneOf(&'static [(&'static str, &'static str)]),
     /// The limit of a gate; a negative number for no gate.
     Limit,
-    /// The same for a share [%].
+    /// The limit of a gate on a share [%]; a negative number for no gate.
     Share,
 }
 
@@ -209,24 +209,15 @@ const MODEL: [Parameter; 9] = [
     Parameter::InertiaZ,
 ];
 
-/// What a section has.
+/// Content of a section.
 enum Rows {
     Settings(&'static [Setting]),
-    Parameters(&'static [Parameter]),
+    Parameters(Vec<Parameter>),
 }
 
 /// The sections with their explanations, in the order of a settings file. Those of the laws follow them.
 static SECTIONS: LazyLock<[(&str, &str, Rows); 10]> = LazyLock::new(|| {
     use Rows::{Parameters, Settings};
-    const ALL: [Parameter; SPECS.len()] = {
-        let mut all = [Parameter::Mass; SPECS.len()];
-        let mut i = 0;
-        while i < all.len() {
-            all[i] = SPECS[i].parameter;
-            i += 1;
-        }
-        all
-    };
     [
         ("flight", "The flight.", Settings(FlightSettings::SETTINGS)),
         (
@@ -247,13 +238,13 @@ static SECTIONS: LazyLock<[(&str, &str, Rows); 10]> = LazyLock::new(|| {
         (
             "plant",
             "The true airframe at tick 0. `ironbird inject` changes it in flight; noise, bias and delay of 0 mean none.",
-            Parameters(&ALL),
+            Parameters(SPECS.iter().map(|spec| spec.parameter).collect()),
         ),
         (
             "model",
             "The airframe as the laws know it. Changes in flight do not affect it. I_R, k_r and delta are not included: the \
              inner law `adaptive` estimates them.",
-            Parameters(&MODEL),
+            Parameters(MODEL.to_vec()),
         ),
         ("rotor", "Range of the rotor speeds.", Settings(ROTOR)),
         (

@@ -95,7 +95,7 @@ section! { "flight"
                 .written(Notation::Rate)
                 .default("1k")
                 .help("Rate of the loop in Hz or kHz, for example 500 or 4k");
-        /// What starts the ticks.
+        /// Source of the ticks.
         pace: PaceName = "\"realtime\"",
             in Allowed::OneOf(&[
                 ("realtime", "the clock: one tick per period, whether or not every stage is ready"),
@@ -175,13 +175,15 @@ section! { "rt"
                 .default("the highest-numbered one")
                 .help("CPU of the four loops")
                 .needs_clock();
-        /// Number of CPUs that the four loops share: 1, 2 or 4; with --loop-cpus also auto.
+        /// Number of CPUs that the four loops share: 1, 2 or 4.
         ///
         /// On more than one, each stage is woken before its input comes, and reads shared memory in a loop until then: a
         /// shorter loop for more CPU time. `auto` flies each number for 2 s first, and takes what `ironbird doctor` would
         /// recommend. Lockstep and slow motion ignore it.
         loop_cpus: usize = "1",
-            flag Flag::new("--loop-cpus", "N", Group::RealTime).written(Notation::WholeOrAuto);
+            flag Flag::new("--loop-cpus", "N", Group::RealTime)
+                .written(Notation::WholeOrAuto)
+                .help("Number of CPUs that the four loops share: 1, 2, 4, or auto");
         /// Redundant control channels.
         ///
         /// Each is a complete chain of outer, inner and mixer processes. The plant takes the command of channel a if it is
@@ -279,7 +281,7 @@ section! { "recorder"
         max_steal_percent: f64 = "-1.0", in Allowed::Share, flag gate("--max-steal", "PERCENT", Group::TimingGates);
         /// The theorem must hold without an unexplained violation (docs/theorem.md).
         gate_theorem: bool = "false";
-        /// The same, and a broken assumption of the theorem excuses nothing.
+        /// The theorem must hold, and a broken assumption of it excuses nothing.
         gate_theorem_strict: bool = "false";
         /// Channels with the same laws, states and inputs must have the same commands.
         gate_channels: bool = "false";

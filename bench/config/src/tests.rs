@@ -382,7 +382,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("[recorder]; hlog_every_s = 0", "recorder.hlog_every_s = 0 is out of range: allowed are 1 to 3600"),
 ];
 
-/// What `--set` has, and a part of the error.
+/// Arguments of `--set`, and a part of the error.
 #[rustfmt::skip]
 const REFUSED_BESIDE: &[(&str, &str)] = &[
     ("inner.alpha=1", r#"--set: unknown key `inner.alpha` of the law "adaptive"; did you mean"#),
@@ -451,7 +451,7 @@ fn the_page_of_settings_is_what_their_declarations_say() {
 }
 
 #[test]
-fn every_default_is_a_value_that_is_allowed() {
+fn every_word_of_a_setting_is_accepted_and_one_is_its_default() {
     let table: Table = declarations::DEFAULT.parse().unwrap();
     for setting in declarations::settings() {
         let (section, key) = setting.path.split_once('.').unwrap();

@@ -68,7 +68,7 @@ fn line(done: u64, total: u64, thing: &str, rate: f64) -> String {
         Ok(left) if left_s < 1e9 => format!("{} left", humantime::format_duration(left)),
         _ => "time left unknown".into(),
     };
-    // What takes minutes has no rate per second.
+    // Items that take minutes have no rate per second.
     let rate = match rate < 0.1 && done > 0 {
         true => String::new(),
         false => format!(" {rate:.1} {thing}s/s,"),

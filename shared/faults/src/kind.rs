@@ -93,7 +93,7 @@ pub enum Target {
     Channel(ChannelKind, Channel),
 }
 
-/// What goes wrong where, and its value.
+/// Kind and place of a fault, and its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultKind {
     pub target: Target,
@@ -120,7 +120,7 @@ impl FaultKind {
         }
     }
 
-    /// The same at another input.
+    /// This fault at another input.
     pub(crate) const fn at(mut self, other: Port) -> Self {
         if let Target::Message(_, port) | Target::Number(_, port, _) = &mut self.target {
             *port = other;
@@ -169,7 +169,7 @@ impl FaultKind {
         }
     }
 
-    /// Whether it acts on the process of this stage.
+    /// Whether the fault acts on the process of this stage.
     pub fn is_of(&self, replica: Replica) -> bool {
         self.role() == Some(replica.role) && self.channel().is_none_or(|it| it == replica.channel)
     }
@@ -180,7 +180,7 @@ impl FaultKind {
         self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
     }
 
-    /// Whether it is the same thing that goes wrong, whatever the values are.
+    /// Whether kind and place are the same, whatever the values are.
     pub fn is_like(&self, other: &Self) -> bool {
         match (self.target, other.target) {
             (Target::Message(_, one), Target::Message(_, other_port)) => {

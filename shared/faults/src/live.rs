@@ -138,7 +138,7 @@ impl LoopFaults {
 
     /// Takes one more, or the end of one.
     ///
-    /// It refuses where two faults of a stage would meet, or two of a kind elsewhere; where a stop is shorter than a
+    /// Refuses a fault where two faults of a stage would meet, or two of a kind elsewhere; where a stop is shorter than a
     /// tick; where there is nothing to end, or no room. Nothing is changed then.
     pub fn take(&mut self, fault: &LiveFault) -> Result<(), FaultRefusal> {
         let (LiveFault { kind, span, .. }, sample_time_ns) = (*fault, self.sample_time_ns);

@@ -48,7 +48,7 @@ impl StageFault {
         matches!(self.ticks, StageTicks::Anew(_))
     }
 
-    /// What becomes of a tick, by the seed of the flight; none where the stage misses it.
+    /// Lateness of a tick, by the seed of the flight; none where the stage misses it.
     pub fn lateness(&self, seed: u64, tick: u64) -> Option<Lateness> {
         let StageTicks::Late(range_ns) = self.ticks else {
             return None;

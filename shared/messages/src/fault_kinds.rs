@@ -28,7 +28,7 @@ macro_rules! fault_kinds {
             pub enum FaultId { $($($variant = $number),+),+ }
         }
 
-        /// What a fault acts on, and so what its name begins with.
+        /// Target of a fault, with which its name begins.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Scope { $($(#[$doc])* $scope),+ }
 
@@ -123,7 +123,7 @@ const TICKS: ValueType = V::Integer {
 pub enum StageTicks {
     /// The stage misses those of this time [ns].
     Out(u64),
-    /// The same, and then the stage starts again.
+    /// The stage misses those of this time [ns], and then starts again.
     Anew(u64),
     /// Each takes longer, by the least to the most [ns]; each time between is as likely.
     Late([u64; 2]),
@@ -173,7 +173,7 @@ pub struct FaultSpec {
 pub enum Lasts {
     ForGood,
     OneTick,
-    /// It happens once, and nothing of it can be ended.
+    /// At one instant: there is nothing to end.
     Instant,
 }
 
@@ -282,7 +282,7 @@ impl ValueType {
         }
     }
 
-    /// The same in few words, for a table.
+    /// The values in range in few words, for a table.
     pub fn brief(self) -> String {
         match self {
             Self::None => String::new(),
@@ -307,7 +307,7 @@ wire_enum! {
         /// There is none that could be ended.
         NothingToEnd = 3,
         AfterTheEnd = 4,
-        /// It stops a stage for less than a tick.
+        /// A stop that is shorter than a tick.
         UnderATick = 5,
         /// The channel has no fresh command on time.
         NotReady = 6,

@@ -100,7 +100,7 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     assert!(!other.transfer(&mut Fields::Write(&mut full)));
 }
 
-/// What is wrong with a law's table: a definition for described.c, and the words of the error.
+/// Mistakes of a law's table: a definition for described.c, and the words of the error.
 #[rustfmt::skip]
 const REFUSED: &[(&str, &str)] = &[
     ("VERSION=1", "built for version 1 of the interface, and this ironbird has version 4"),

@@ -161,7 +161,7 @@ pub struct SimplexLimits {
     pub command_step_max_rad_s: f64,
 }
 
-/// What an [`SimplexLimits`] limits, in a tick.
+/// The values of a tick that [`SimplexLimits`] limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Excursion {
     pub tilt_rad: f64,

@@ -186,7 +186,7 @@ pub struct FlyArgs {
 }
 
 impl FlyArgs {
-    pub fn channel_overrides(&self) -> Overrides {
+    pub fn overrides(&self) -> Overrides {
         let laws: Vec<Value> = self
             .channel
             .iter()
@@ -194,7 +194,14 @@ impl FlyArgs {
             .map(Value::from)
             .collect();
         let laws = overrides([set("channel.laws", (!laws.is_empty()).then_some(laws))]);
-        [laws, self.simplex.overrides()].concat()
+        [
+            self.flight.overrides(),
+            self.rt.settings.overrides(),
+            self.recorder.overrides(),
+            laws,
+            self.simplex.overrides(),
+        ]
+        .concat()
     }
 }
 

@@ -63,13 +63,7 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
 fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFlight)>, Failure> {
     let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
     check_outputs(&[("--junit", junit), ("--states", states)])?;
-    let overrides = [
-        args.flight.overrides(),
-        args.rt.settings.overrides(),
-        args.recorder.overrides(),
-        args.channel_overrides(),
-    ]
-    .concat();
+    let overrides = args.overrides();
     let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides)?;
     settings.check_faults_of_processes(true)?;

@@ -12,8 +12,8 @@ pub struct FloorArgs {
     /// Pairs of measurements; fewer than 6 give no verdict.
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub pairs: u32,
-    /// Length of each measurement [s]; less than 10 s is too short for a 99.9th percentile at 1 kHz.
-    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    /// Length of each measurement [s]; less than 11 s is too short for a 99.9th percentile at 1 kHz.
+    #[arg(long, default_value_t = 11, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
     /// Print JSON.
     #[arg(long)]

@@ -3,9 +3,13 @@
 use std::time::Duration;
 
 use analysis::host::STEAL_LIMIT_PERCENT;
+use analysis::phrase::count;
 use analysis::series::{Latencies, Statistics};
 use analysis::statistics::{Interval, median, median_interval};
+use clap::{Args as _, Command, FromArgMatches as _};
+use config::Settings;
 use errors::Failure;
+use errors::output::say;
 use experiments::progress::Progress;
 use host::cpu_times::CpuTimes;
 use host::floor::MachineFloor;
@@ -14,8 +18,9 @@ use serde::Serialize;
 
 use super::flight_baseline;
 use super::flight_runner::{FlightRunner, Flown, series};
+use crate::cli::FlyArgs;
 
-/// What is compared: name, series of the report, quantile.
+/// Compared figures: name, series of the report, quantile.
 const COMPARED: [(&str, &str, f64); 7] = [
     ("wake p50", "wake.plant", 0.5),
     ("wake p99", "wake.plant", 0.99),
@@ -75,6 +80,15 @@ impl Comparison {
     }
 }
 
+/// The settings of a flight with these flags of `fly`; ends the process if clap refuses them.
+fn settings(flags: &[&str]) -> Result<Settings, Failure> {
+    let fly = FlyArgs::augment_args(Command::new("ironbird fly").no_binary_name(true));
+    let fly = fly.try_get_matches_from(flags);
+    let fly = fly.and_then(|matches| FlyArgs::from_arg_matches(&matches));
+    let fly = fly.unwrap_or_else(|e| e.exit());
+    Settings::resolve(fly.flight.course.config.as_deref(), &fly.overrides())
+}
+
 /// Flies this number of flights with these flags, and measures the machine beside each.
 pub fn compare(
     runner: &FlightRunner,
@@ -85,6 +99,14 @@ pub fn compare(
     let length = format!("{}ms", duration.as_millis());
     let mut arguments = vec!["--rt", "require", "--duration", &length];
     arguments.extend(flags.iter().map(String::as_str));
+    let settings = settings(&arguments)?;
+    flight_baseline::check(&settings, duration)?;
+    say(&format!(
+        "{}: a flight, a timer and a ring of processes, {} each: {} in all\n",
+        count(pairs.into(), "pair"),
+        humantime::format_duration(duration),
+        humantime::format_duration(duration * 3 * pairs)
+    ));
     let fly = || runner.fly(&arguments);
     let measure = |like: &Flown| {
         flight_baseline::measure(&like.report, &like.settings, duration, &runner.executable)
@@ -92,7 +114,8 @@ pub fn compare(
     let mut all = COMPARED.map(|(name, ..)| Comparison::new(name, "us"));
     let mut misses = Comparison::new("misses", "per million");
     let mut progress = Progress::new(pairs.into(), "pair");
-    let processor = Some(loops_cpu() as u64);
+    let processor = settings.realtime()?.cpu.unwrap_or_else(loops_cpu);
+    let processor = Some(processor as u64);
     let mut last: Option<Flown> = None;
     for pair in 0..pairs {
         let before = CpuTimes::read(processor);

@@ -30,7 +30,7 @@ const COMPUTE: [&str; 4] = [
 pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
     if settings.flight.pace == PaceName::Lockstep {
         return Err(Failure::usage(
-            "--floor: lockstep has no deadlines, so there is no baseline to measure",
+            "lockstep has no deadlines, so there is no baseline to measure",
         )
         .help("fly in real time, without --pace lockstep"));
     }

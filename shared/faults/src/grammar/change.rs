@@ -29,7 +29,7 @@ pub struct LoopChange {
     pub kind: FaultKind,
     /// Whether it is at the input of every stage that receives the topic, of which `kind` names the first.
     pub every_input: bool,
-    /// Whether it ends; the value of `kind` means nothing then.
+    /// Whether the fault ends; the value of `kind` means nothing then.
     pub ends: bool,
 }
 
