@@ -24,3 +24,6 @@ pub mod plot;
 pub mod scale;
 pub mod sentences;
 pub mod theorem;
+
+/// Script that draws a quadrotor in three dimensions: the function `vehicleView`, described in the file.
+pub const VEHICLE_JS: &str = include_str!("vehicle.js");
