@@ -57,9 +57,11 @@ const vehicleView = (canvas) => {
   };
   const label = (at, point, text, offset = [6, -6]) => {
     const [x, y] = at(point);
+    pen.textAlign = x > 0.6 * canvas.width ? "right" : "left";
+    const across = pen.textAlign === "right" ? -offset[0] : offset[0];
     pen.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
     pen.fillStyle = color("muted");
-    pen.fillText(text, x + offset[0] * devicePixelRatio, y + offset[1] * devicePixelRatio);
+    pen.fillText(text, x + across * devicePixelRatio, y + offset[1] * devicePixelRatio);
   };
 
   // The ground, a square of the grid being 1, 2 or 5 times a power of ten of metres wide.
