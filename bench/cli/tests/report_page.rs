@@ -122,7 +122,7 @@ fn look(rig: &Rig, chromium: &str, html: &str, width: u32, dark: bool) -> (Value
     let probed = rig.file("probed.html");
     fs::write(&probed, html.replace("</body>", &(probe + "</body>"))).unwrap();
     let flags = "--headless=new --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run --enable-logging=stderr \
-        --virtual-time-budget=5000 --dump-dom";
+        --virtual-time-budget=5000 --run-all-compositor-stages-before-draw --dump-dom";
     let output = Command::new(chromium)
         .args(flags.split_whitespace())
         .arg(format!("--user-data-dir={}", rig.file("profile")))
@@ -181,6 +181,18 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
                 words.all(|word| readout.contains(word)),
                 "{case}: {readout}"
             );
+            let [whole, zoomed, again] = found["zoomed"].as_array().unwrap().as_slice() else {
+                panic!("{case}: {found}");
+            };
+            assert_eq!(
+                whole, again,
+                "{case}: a double click shows the whole flight"
+            );
+            let seconds = |label: &&str| label.parse::<f64>().unwrap();
+            let least = texts(zoomed).first().map(seconds);
+            assert!(least > Some(0.9), "{case}: {zoomed} of 2 s");
+            let [begin, end] = [0, 1].map(|i| found["drawn"][i].as_u64().unwrap());
+            assert!(1000 < begin && begin < end, "{case}: pictures of {begin}, {end} bytes");
             let ground = grounds[usize::from(dark)].get_or_insert(found["ground"].clone());
             assert_eq!(*ground, found["ground"], "{case}");
             if has_late {
