@@ -122,7 +122,7 @@ fn look(rig: &Rig, chromium: &str, html: &str, width: u32, dark: bool) -> (Value
     let probed = rig.file("probed.html");
     fs::write(&probed, html.replace("</body>", &(probe + "</body>"))).unwrap();
     let flags = "--headless=new --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run --enable-logging=stderr \
-        --virtual-time-budget=5000 --run-all-compositor-stages-before-draw --dump-dom";
+        --virtual-time-budget=5000 --dump-dom";
     let output = Command::new(chromium)
         .args(flags.split_whitespace())
         .arg(format!("--user-data-dir={}", rig.file("profile")))
