@@ -192,7 +192,10 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
             let least = texts(zoomed).first().map(seconds);
             assert!(least > Some(0.9), "{case}: {zoomed} of 2 s");
             let [begin, end] = [0, 1].map(|i| found["drawn"][i].as_u64().unwrap());
-            assert!(1000 < begin && begin < end, "{case}: pictures of {begin}, {end} bytes");
+            assert!(
+                1000 < begin && begin < end,
+                "{case}: pictures of {begin}, {end} bytes"
+            );
             let ground = grounds[usize::from(dark)].get_or_insert(found["ground"].clone());
             assert_eq!(*ground, found["ground"], "{case}");
             if has_late {

@@ -127,8 +127,11 @@ impl<'a> Figures<'a> {
         };
         let frames: Vec<Vec<f64>> = group.tick.iter().enumerate().filter_map(frame).collect();
         let faults = self.faults.iter().map(|it| (it.time_s, it.what.clone()));
-        let swaps = (self.swaps.iter()).map(|it| (it.time_s, sentences::swap(it)));
-        let marks: Vec<(f64, String)> = faults.chain(swaps).collect();
+        let changes = self.swaps.iter().flat_map(|swap| {
+            let named = swap.changes.iter();
+            named.map(|it| (swap.time_s, it.name.clone()))
+        });
+        let marks: Vec<(f64, String)> = faults.chain(changes).collect();
         let columns: Vec<&str> = ["t_s"].into_iter().chain(columns).collect();
         let json = serde_json::json!({"columns": columns, "frames": frames, "marks": marks});
         // Nothing in it ends the element that it stands in.

@@ -112,10 +112,10 @@ const vehicleView = (canvas) => {
     ground(at, around);
     line(at, scene.reference, color("shade"), 4);
     line(at, scene.path, color("blue"), 1.6);
-    for (const mark of scene.marks) {
+    scene.marks.forEach((mark, i) => {
       dot(at, mark.position, color(mark.color), 5);
-      label(at, mark.position, mark.label);
-    }
+      label(at, mark.position, mark.label, [6, -6 - 14 * (i % 3)]);
+    });
     if (!scene.pose) return;
     if (scene.pose.reference) dot(at, scene.pose.reference, color("shade"), 5);
     vehicle(at, scene.pose, around.size);
