@@ -36,7 +36,7 @@ pub fn render(report: &Report) -> String {
     lead.extend(warnings.into_iter().map(Block::Warning));
     lead.extend(flight::last_messages(report));
     let next = sentences::next_steps(report);
-    lead.extend((!next.is_empty()).then(|| Block::NextSteps(next)));
+    lead.extend((!next.is_empty()).then_some(Block::NextSteps(next)));
     if let Some(figures) = figures {
         lead.push(Block::Overview(figures.replay(), figures.overview()));
         lead.push(flight::marks(report));
@@ -117,12 +117,8 @@ fn events(report: &Report) -> Block {
     let mut outages: Vec<_> = report.autopsy.worst.iter().collect();
     outages.sort_by(|a, b| b.delay_us.total_cmp(&a.delay_us));
     events.extend(outages.into_iter().take(OUTAGES).map(|it| {
-        let said = format!(
-            "{} of {:.0} us: {}",
-            count(it.ticks, "tick"),
-            it.delay_us,
-            it.evidence
-        );
+        let (ticks, delay_us, evidence) = (count(it.ticks, "tick"), it.delay_us, &it.evidence);
+        let said = format!("{ticks}, a delay of {delay_us:.0} us: {evidence}");
         (it.time_s, "outage", said)
     }));
     events.push((report.ticks.elapsed_s, "end", ending(report).to_owned()));
