@@ -56,7 +56,7 @@ fn a_law_in_rust_flies_as_the_tutorial_says() {
     type_commands(&Rig::new("tutorial_rs"), "In Rust");
 }
 
-/// Whoever gives the class finds the numbers of its page.
+/// A teacher finds the numbers of the page.
 #[test]
 fn the_class_of_two_hours_shows_what_its_page_says() {
     let rig = Rig::new("class");
