@@ -19,6 +19,7 @@ const ENVIRONMENT: &str = "VIRTUAL_ENV";
 /// Prints version, name and path of the shared library of a Python; no path if there is none.
 const QUESTION: &str = "
 import os, sys, sysconfig
+assert sys.version_info >= (3, 11)
 var = lambda name: sysconfig.get_config_var(name) or ''
 folders = var('LIBDIR'), os.path.join(var('LIBDIR'), var('MULTIARCH')), os.path.join(sys.base_prefix, 'lib')
 name = f'libpython{sys.version_info[0]}.{sys.version_info[1]}{sys.abiflags}.so'
