@@ -81,8 +81,15 @@ fn of_script(file: &Path, named: &Path, law: &'static str) -> Result<*const Iron
     let adapter = adapter(named)?;
     let of_adapter = format!("the adapter for laws in Python, {}", adapter.display());
     let useless = |why: &str| Failure::usage(format!("{of_adapter}: {why}")).help(ANOTHER_ADAPTER);
-    python::load().map_err(|why| unusable(named, &why).help(PYTHON_PAGE))?;
-    let library = loaded(&adapter, of_adapter.clone().leak()).map_err(|why| useless(&why))?;
+    let called: &'static str = of_adapter.clone().leak();
+    // Before its Python, the adapter misses symbols; one that another program has made may need none.
+    let library = match loaded(&adapter, called) {
+        Ok(library) => library,
+        Err(_) => {
+            python::load().map_err(|why| unusable(named, &why).help(PYTHON_PAGE))?;
+            loaded(&adapter, called).map_err(|why| useless(&why))?
+        }
+    };
     type Open = unsafe extern "C" fn(*const c_char, *mut c_char, u64) -> *const IronbirdLaw;
     // SAFETY: the header declares the function so; a library that exports another one of the name breaks that promise.
     let Some(open) = (unsafe { exported::<Open>(library, b"ironbird_law_open\0") }) else {
