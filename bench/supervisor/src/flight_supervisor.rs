@@ -250,15 +250,16 @@ impl FlightSupervisor {
             supervisor.child_watch.watch(&child);
             supervisor.children.push(RoleProcess::new(replica, child));
         }
-        if options.shows_dashboard {
-            supervisor.dashboard = Some(Dashboard::open(&supervisor.spawner.executable, instance)?);
-        }
         supervisor.publish_directory();
         if let Some(flags) = &options.page {
             let (page, address) =
                 Dashboard::open_page(&supervisor.spawner.executable, instance, flags)?;
             supervisor.page = Some(page);
-            supervisor.announce(&address);
+            // Not among the events: whoever sees them would have the token.
+            supervisor.status_line.tell(&address);
+        }
+        if options.shows_dashboard {
+            supervisor.dashboard = Some(Dashboard::open(&supervisor.spawner.executable, instance)?);
         }
         Ok(supervisor)
     }

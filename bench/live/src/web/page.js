@@ -14,10 +14,14 @@ const make = (tag, properties = {}, ...children) => {
 const color = (name) => getComputedStyle(document.body).getPropertyValue(`--${name}`).trim();
 const number = (value, digits = 4) => (value === null ? "-" : Number(value.toPrecision(digits)).toString());
 const degrees = (rad) => (rad * 180) / Math.PI;
-const table = (columns, rows) => make("table", {},
-  make("thead", {}, make("tr", {}, ...columns.map((it) => make("th", { scope: "col" }, it)))),
-  make("tbody", {}, ...rows.map((cells) => make("tr", {}, ...cells.map((cell, i) => (i === 0 ? make("th", { scope: "row" }, cell)
-    : make("td", { className: typeof cell === "string" && !/^[-\d]/.test(cell) ? "text" : "" }, cell ?? "-")))))));
+// A column whose title begins with a blank is text; the others are numbers.
+const table = (columns, rows) => {
+  const style = (i) => (columns[i].startsWith(" ") ? "text" : "");
+  return make("table", {},
+    make("thead", {}, make("tr", {}, ...columns.map((it, i) => make("th", { scope: "col", className: style(i) }, it)))),
+    make("tbody", {}, ...rows.map((cells) => make("tr", {}, ...cells.map((cell, i) => (i === 0 ? make("th", { scope: "row" }, cell)
+      : make("td", { className: style(i) }, cell ?? "-")))))));
+};
 
 let flight = null; // What stays of the flight that is shown.
 let poses = [];
@@ -36,7 +40,7 @@ const SHORT = (_, splits) => splits.map((it) => (it === null ? "" : number(it, 3
 
 /// A chart in a figure: its title, its lines as [name, class, properties], and how it reads its data from the page's state.
 const charts = [];
-const chart = (figure, title, lines, data, scales = {}, axes = null, height = 150) => {
+const chart = (figure, title, lines, data, scales = {}, axes = null, height = 190) => {
   const keys = lines.filter(([name]) => name).map(([name, className]) => make("span", { className: `key ${className}` }, name));
   const caption = make("figcaption", {}, make("b", {}, title), ...keys);
   const room = make("div");
@@ -138,7 +142,7 @@ const show = {
     document.title = `ironbird ${text.instance}`;
     allowsControl = text.allows_control;
     byId("read-only").hidden = allowsControl;
-    byId("allowed").hidden = !allowsControl;
+    byId("control").hidden = !allowsControl;
     const isOther = flight?.run !== text.flight?.run;
     flight = text.flight ?? null;
     byId("waiting").hidden = flight !== null;
@@ -241,10 +245,9 @@ const showMisses = (it) => {
   const pending = found.pending ? [["not classified yet", "-", "-", found.pending]] : [];
   const classes = [...found.classes.map((c) => [c.cause, c.stage ?? "-", c.outages, c.missed]), ...pending];
   const worst = found.worst.map((o) => [`${o.time_s.toFixed(3)} s`, o.ticks, o.missed,
-    make("span", {}, `${o.cause}${o.stage ? `, ${o.stage}` : ""}. ${o.evidence}${o.faults.length ? ` (fault ${o.faults.join(", ")})` : ""}`)]);
-  room.replaceChildren(classes.length ? table(["cause", "stage", "outages", "missed"], classes) : make("p", {}, "No outage so far."),
-    worst.length ? make("h3", {}, "The worst") : "", worst.length ? table(["at", "ticks", "missed", "cause and evidence"], worst) : "");
-  room.querySelectorAll("td:last-child:has(span)").forEach((cell) => { cell.className = "text"; });
+    `${o.cause}${o.stage ? `, ${o.stage}` : ""}. ${o.evidence}${o.faults.length ? ` (fault ${o.faults.join(", ")})` : ""}`]);
+  room.replaceChildren(classes.length ? table(["cause", " stage", "outages", "missed"], classes) : make("p", {}, "No outage so far."),
+    worst.length ? make("h3", {}, "The worst") : "", worst.length ? table(["at", "ticks", "missed", " cause and evidence"], worst) : "");
 };
 
 const showChannels = (it) => {
@@ -255,9 +258,9 @@ const showChannels = (it) => {
   const outages = channel?.outages.map((o) => [o.channel, o.tick, o.ticks, `${o.reason}${o.is_handover ? "; handed over" : ""}`]) ?? [];
   const switches = channel?.switchovers.map((s) => [`${s.from} to ${s.to}`, s.tick, "-", `switchover: ${s.reason}`]) ?? [];
   const rows = [...switches, ...outages];
-  byId("channel-outages").replaceChildren(rows.length ? table(["channel", "tick", "ticks out", "why"], rows) : "");
-  byId("processes").replaceChildren(table(["process", "number", "phase", "ticks", "skipped", "stale"], it.processes.map((p) => [
-    p.name, p.pid, p.missing ? make("span", { className: "bad-text" }, "missing") : make("span", {}, p.phase), p.ticks, p.skipped, p.stale])));
+  byId("channel-outages").replaceChildren(rows.length ? table(["channel", "tick", "ticks out", " why"], rows) : "");
+  byId("processes").replaceChildren(table(["process", "number", " phase", "ticks", "skipped", "stale"], it.processes.map((p) => [
+    p.name, p.pid, p.missing ? make("span", { className: "bad-text" }, "missing") : p.phase, p.ticks, p.skipped, p.stale])));
 };
 
 // What the user changes
@@ -381,5 +384,6 @@ const connect = () => {
 setInterval(() => {
   if (socket.readyState === WebSocket.OPEN && performance.now() - heard > STALE_MS) lose("ironbird sends nothing.");
 }, 1000);
+byId("all-parameters").open = innerWidth > 900;
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach((it) => it.made.redraw()));
 connect();

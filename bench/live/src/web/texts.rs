@@ -27,6 +27,8 @@ use crate::watch::dashboard_model::{Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
 const BINS: f64 = 12.0;
+/// What is below 100 ns counts in the bin from there on.
+const FIRST_BIN: i32 = 2 * BINS as i32;
 const EVENTS: usize = 100;
 const OUTAGES: usize = 12;
 
@@ -222,6 +224,7 @@ fn bins(latencies: &Latencies) -> Vec<(f64, u64)> {
     let mut counts = BTreeMap::<i32, u64>::new();
     for value in latencies.iter_recorded() {
         let bin = ((value.value_iterated_to().max(1) as f64).log10() * BINS).floor() as i32;
+        let bin = bin.max(FIRST_BIN);
         *counts.entry(bin).or_default() += value.count_at_value();
     }
     let edge_us = |bin: i32| 10_f64.powf(f64::from(bin) / BINS) / 1e3;
