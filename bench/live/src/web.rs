@@ -57,7 +57,7 @@ pub fn serve(options: &WebOptions, opened: impl FnOnce(&str)) -> Result<u8, Fail
     let hub = Arc::new(Hub::default());
     let server = start(options, &instance, &hub)?;
     let access = match options.allow_control {
-        true => "whoever has this address may change the flight",
+        true => "pages with this address may change the flight",
         false => "read-only",
     };
     let address = server.address();

@@ -255,7 +255,7 @@ impl FlightSupervisor {
             let (page, address) =
                 Dashboard::open_page(&supervisor.spawner.executable, instance, flags)?;
             supervisor.page = Some(page);
-            // Not among the events: whoever sees them would have the token.
+            // Not among the events: the page shows those, and the address contains the token.
             supervisor.status_line.tell(&address);
         }
         if options.shows_dashboard {

@@ -151,7 +151,7 @@ enum Route<'a> {
     Live(String),
 }
 
-/// A token that nobody can guess: 128 bits of the kernel's random numbers.
+/// A token that cannot be guessed: 128 bits of the kernel's random numbers.
 pub(super) fn random_token() -> io::Result<String> {
     let mut bytes = [0; 16];
     File::open("/dev/urandom")?.read_exact(&mut bytes)?;
