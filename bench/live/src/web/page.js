@@ -36,12 +36,13 @@ const axis = (values, size, more = {}) => ({
   stroke: () => color("muted"), grid: { stroke: () => color("faint"), width: 1 }, ticks: { show: false },
   font: "12px system-ui", values, size, ...more,
 });
-const SHORT = (_, splits) => splits.map((it) => (it === null ? "" : number(it, 3)));
+const short = (it) => (it === null ? "" : it !== 0 && Math.abs(it) < 1e-3 ? it.toExponential() : number(it, 3));
+const SHORT = (_, splits) => splits.map(short);
 
 /// A chart in a figure: its title, its lines as [name, class, properties], and how it reads its data from the page's state.
 const charts = [];
 const chart = (figure, title, lines, data, scales = {}, axes = null, height = 190) => {
-  const keys = lines.filter(([name]) => name).map(([name, className]) => make("span", { className: `key ${className}` }, name));
+  const keys = lines.filter(([name]) => name).map(([name, className, more]) => make("span", { className: `key ${className}${more?.dash ? " dashed" : ""}` }, name));
   const caption = make("figcaption", {}, make("b", {}, title), ...keys);
   const room = make("div");
   figure.replaceChildren(caption, room);
@@ -82,7 +83,7 @@ const makeCharts = () => {
   const zero = { y: { range: (_, low, high) => [0, Math.max(high * 1.1, 1e-4)] } };
   chart(byId("chart-error"), "Position error [m]", [["", "flown"]], over((it) => it.e), zero);
   const axes = ["x", "y", "z"];
-  chart(byId("chart-position"), "Position [m]", [...axes.map((it) => [it, it]), ...axes.map((it, i) => [i ? "" : "dashed: reference", it, REFERENCE])],
+  chart(byId("chart-position"), "Position [m]", [...axes.map((it) => [it, it]), ...axes.map((it, i) => [i ? "" : "reference", it, REFERENCE])],
     over(...axes.map((_, i) => (it) => it.p[i]), ...axes.map((_, i) => (it) => it.r[i])), { y: around });
   chart(byId("chart-yaw"), "Yaw [deg]", [["is", "yaw"], ["reference", "yaw", REFERENCE]], over((it) => degrees(it.yaw), (it) => degrees(it.ryaw)), { y: around });
   chart(byId("chart-rotors"), "Rotor commands [rad/s]", [0, 1, 2, 3].map((i) => [`${i + 1}`, `rotor-${i + 1}`]), over(...[0, 1, 2, 3].map((i) => (it) => it.w[i])), { y: around });
@@ -231,8 +232,10 @@ const showNews = (it) => {
 
 // The newest faults and handovers stand where the vehicle was.
 const showMarks = (events) => {
-  const marked = events.filter(([, , text]) => /^fault|^channel/.test(text)).slice(0, 4);
-  view.marks(marked.flatMap(([, time, text]) => {
+  const APART_S = 0.5;
+  const marked = events.filter(([, , text]) => /^fault|^channel/.test(text));
+  const apart = marked.filter(([, time], i) => i + 1 === marked.length || time - marked[i + 1][1] > APART_S).slice(0, 4);
+  view.marks(apart.flatMap(([, time, text]) => {
     const pose = poses.find((it) => it.t >= time);
     return pose ? [{ position: pose.p, color: "red", label: text.slice(0, 28) }] : [];
   }));
@@ -251,7 +254,7 @@ const showMisses = (it) => {
 };
 
 const showChannels = (it) => {
-  const { channel } = it;
+  const { channel } = it, isOver = it.phase.word !== "flying";
   const counts = `${it.failed} processes failed, ${it.restarted} restarted`;
   const flown = channel?.flown.map((ticks, i) => `${"abc"[i]} ${ticks}`).join(", ");
   byId("channels").replaceChildren(...(channel ? [make("b", {}, `Channel ${channel.active} flies`), `, ${channel.handovers} handovers; ticks flown: ${flown}; ${counts}`] : [counts]));
@@ -260,7 +263,7 @@ const showChannels = (it) => {
   const rows = [...switches, ...outages];
   byId("channel-outages").replaceChildren(rows.length ? table(["channel", "tick", "ticks out", " why"], rows) : "");
   byId("processes").replaceChildren(table(["process", "number", " phase", "ticks", "skipped", "stale"], it.processes.map((p) => [
-    p.name, p.pid, p.missing ? make("span", { className: "bad-text" }, "missing") : p.phase, p.ticks, p.skipped, p.stale])));
+    p.name, p.pid, p.missing ? make("span", { className: isOver ? "" : "bad-text" }, isOver ? "ended" : "missing") : p.phase, p.ticks, p.skipped, p.stale])));
 };
 
 // What the user changes
