@@ -8,6 +8,8 @@ pub mod bridge;
 pub mod inject;
 pub mod observation;
 pub mod parameter_text;
+#[cfg(any(feature = "foxglove", feature = "web"))]
+mod request_head;
 pub mod watch;
 #[cfg(feature = "web")]
 pub mod web;

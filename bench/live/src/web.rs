@@ -184,7 +184,10 @@ fn follow(
     let mut filed = FiledReport::default();
     let (mut shown, mut next_pose, mut next_news) = (None, Instant::now(), Instant::now());
     let text = |value: Value| value.to_string().into();
-    hub.greet(vec![text(texts::flight(&model, options.allow_control))]);
+    hub.greet(
+        vec![text(texts::flight(&model, options.allow_control))],
+        true,
+    );
     loop {
         let is_stopped = stop.load(Ordering::Relaxed);
         feed.update(&mut model)?;
@@ -201,10 +204,7 @@ fn follow(
             }
             let news = text(texts::news(&model, &filed, hub.pages()));
             let greeting = vec![text(texts::flight(&model, options.allow_control)), news];
-            match is_new {
-                true => hub.greet(greeting),
-                false => hub.update(greeting),
-            }
+            hub.greet(greeting, is_new);
         }
         let is_complete = filed.excerpt.as_ref().is_some_and(|it| !it.run.in_flight);
         if is_stopped {

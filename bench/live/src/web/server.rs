@@ -25,9 +25,8 @@ use tungstenite::protocol::frame::coding::CloseCode;
 use tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
 use tungstenite::{Error, Message, Utf8Bytes, WebSocket};
 
-/// Longest head of a request [bytes].
-const HEAD_BYTES: usize = 8 << 10;
-const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
+use crate::request_head::read_head;
+
 const HEADERS: usize = 64;
 /// Connections that may wait for their request or their answer; the oldest one makes room for the next.
 const WAITING: usize = 64;
@@ -89,19 +88,13 @@ impl Hub {
         }
     }
 
-    /// Sets what a page receives first, and sends it to the pages that are open.
-    pub(super) fn greet(&self, texts: Vec<Utf8Bytes>) {
+    /// Sets what a page receives first. Pages that are open receive all of it if it is of another flight, else the last.
+    pub(super) fn greet(&self, texts: Vec<Utf8Bytes>, is_new: bool) {
         let mut greeting = lock(&self.greeting);
-        texts.iter().for_each(|text| self.broadcast(text));
-        *greeting = texts;
-    }
-
-    /// Sets what a page receives first; sends the pages that are open the last of it.
-    pub(super) fn update(&self, texts: Vec<Utf8Bytes>) {
-        let mut greeting = lock(&self.greeting);
+        let known = if is_new { 0 } else { texts.len() - 1 };
         texts
-            .last()
-            .into_iter()
+            .iter()
+            .skip(known)
             .for_each(|text| self.broadcast(text));
         *greeting = texts;
     }
@@ -375,23 +368,4 @@ impl Server {
             }
         }
     }
-}
-
-/// The head of a request. Nothing follows it: a client of a WebSocket waits for the answer.
-fn read_head(stream: &mut TcpStream) -> io::Result<Vec<u8>> {
-    let until = Instant::now() + HEAD_TIMEOUT;
-    let (mut head, mut piece) = (Vec::new(), [0; 1024]);
-    while !head.ends_with(b"\r\n\r\n") {
-        let left = until.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return Err(ErrorKind::TimedOut.into());
-        }
-        stream.set_read_timeout(Some(left))?;
-        let read = stream.read(&mut piece)?;
-        if read == 0 || head.len() > HEAD_BYTES {
-            return Err(ErrorKind::InvalidData.into());
-        }
-        head.extend_from_slice(&piece[..read]);
-    }
-    Ok(head)
 }
