@@ -17,7 +17,7 @@ use flight_log::wall_time::utc;
 use recorder::hlog;
 use recorder::run_directory::{find, log_files};
 use render::document::Document;
-use render::{brief, diff, flight, junit, sentences};
+use render::{brief, diff, flight, junit, page, sentences};
 use serde::Serialize;
 
 pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
@@ -49,7 +49,7 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         (Format::Text, None) if args.full => print(&flight::text(&report))?,
         (Format::Text, None) => print(&brief(&report, &directory))?,
         (Format::Json, _) => print_json(&report)?,
-        (Format::Html, _) => print(&flight::page(&report))?,
+        (Format::Html, _) => print(&page::render(&report))?,
     }
     Ok(OK)
 }

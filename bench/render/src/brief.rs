@@ -64,6 +64,9 @@ fn verdicts(report: &Report) -> Vec<String> {
     all.push(format!("Gates     {}", shared::acceptance(&report.verdict)));
     let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
     all.extend(failed.map(|gate| format!("  {}", shared::gate(gate))));
+    let next = shared::next_steps(report).into_iter();
+    let next: Vec<String> = next.map(|(command, _)| format!("`{command}`")).collect();
+    all.extend((!next.is_empty()).then(|| format!("Next      {}", next.join(", "))));
     all
 }
 
@@ -240,12 +243,5 @@ fn refusals(report: &Report) -> Vec<String> {
         format!("{} to {whom}: {reason}", step.replace('_', " "))
     };
     let parts: Vec<String> = by_step.iter().map(part).collect();
-    vec![
-        format!("Refused   {}", parts.join("; ")),
-        format!("{INDENT}{WITHOUT_IT}"),
-    ]
+    vec![format!("Refused   {}", parts.join("; "))]
 }
-
-/// What can be done about a refusal, and what can be flown in spite of it.
-const WITHOUT_IT: &str = "`ironbird doctor` lists remedies; those that need no root are --pace lockstep, \
-                          flight.slowdown (slow motion) and `ironbird simulate`";

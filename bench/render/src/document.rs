@@ -1,7 +1,7 @@
 //! A result as a document: built once, written as terminal text, as a web page or as Markdown.
 //!
-//! A terminal shows neither charts nor what a page folds away. A page is self-contained: no network, no font; its script
-//! only reads charts out.
+//! A terminal shows neither charts nor what a page folds away. A page is self-contained: no network, no font; its scripts
+//! read charts out, zoom them, and move the vehicle.
 
 use crate::plot::{Chart, STYLE};
 use comfy_table::{CellAlignment, presets};
@@ -9,8 +9,10 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::fmt::Display;
 
 const PAGE_STYLE: &str = include_str!("page.css");
-/// Reads a chart out where a pointer is.
+/// Reads a chart out where a pointer is, and zooms charts over time.
 const READOUT: &str = include_str!("readout.js");
+/// Moves the vehicle of an overview.
+const REPLAY: &str = include_str!("replay.js");
 /// The page may load nothing, wherever the words in it come from.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'";
 
@@ -33,6 +35,8 @@ pub struct Section {
     pub id: &'static str,
     pub title: String,
     pub blocks: Vec<Block>,
+    /// Whether a page shows its title alone until it is opened.
+    pub is_folded: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -49,6 +53,12 @@ pub enum Block {
     Verdicts([(&'static str, String, String, &'static str); 3]),
     /// Title, value and unit of the most important numbers; on a page only, as the next ones.
     KeyFigures(Vec<(String, String, String)>),
+    /// Commands, each with what it shows.
+    NextSteps(Vec<(String, &'static str)>),
+    /// A flight in three dimensions, as JSON for replay.js, beside charts.
+    Overview(String, Vec<Figure>),
+    /// A title, and what happened: when, what kind of thing, and what.
+    Events(String, Vec<[String; 3]>),
     Note(String),
     PageHeading(&'static str),
     Legend(Vec<(&'static str, String)>),
@@ -162,14 +172,14 @@ impl Document {
                     }
                     main {
                         @for section in &self.sections {
-                            section id=(section.id) {
-                                h2 { (section.title) }
-                                @for block in &section.blocks { (block.html()) }
-                            }
+                            section id=(section.id) { (section.html()) }
                         }
                     }
                     footer { "ironbird " (self.build) (self.footer) }
                     script { (PreEscaped(READOUT)) }
+                    @if self.lead.iter().any(|block| matches!(block, Block::Overview(..))) {
+                        script { (PreEscaped(crate::VEHICLE_JS)) (PreEscaped(REPLAY)) }
+                    }
                 }
             }
         };
@@ -179,8 +189,23 @@ impl Document {
 
 impl Section {
     pub fn new(id: &'static str, title: impl Into<String>, blocks: Vec<Block>) -> Self {
-        let title = title.into();
-        Self { id, title, blocks }
+        Self {
+            id,
+            title: title.into(),
+            blocks,
+            is_folded: false,
+        }
+    }
+
+    fn html(&self) -> Markup {
+        html! {
+            @if self.is_folded {
+                details { summary { h2 { (self.title) } } @for block in &self.blocks { (block.html()) } }
+            } @else {
+                h2 { (self.title) }
+                @for block in &self.blocks { (block.html()) }
+            }
+        }
     }
 }
 
@@ -229,6 +254,36 @@ impl Block {
                     @for (title, value, unit) in figures {
                         div { dt { (title) } dd { (value) " " span.unit { (unit) } } }
                     }
+                }
+            },
+            Self::NextSteps(steps) => html! {
+                dl.next {
+                    dt { "Next" }
+                    @for (command, shows) in steps { dd { code { (command) } " " (shows) } }
+                }
+            },
+            Self::Overview(replay, figures) => html! {
+                div.overview {
+                    figure.replay {
+                        figcaption {
+                            b { "Path" }
+                            span.key.flown { "flown" } " " span.key.reference { "reference" }
+                        }
+                        canvas aria-label="The vehicle and its path in three dimensions: arrow keys turn the view, + and - zoom, 0 resets it" {}
+                        div.controls {
+                            button type="button" { "Play" }
+                            input type="range" min="0" step="any" aria-label="time of the flight";
+                            output {}
+                        }
+                        script.flight type="application/json" { (PreEscaped(replay)) }
+                    }
+                    div { @for figure in figures { (figure.html()) } }
+                }
+            },
+            Self::Events(title, events) => html! {
+                h3 { (title) }
+                ol.events {
+                    @for [when, kind, what] in events { li { time { (when) } b.(kind) { (kind) } span { (what) } } }
                 }
             },
             Self::Note(line) => html! { p.note { (line) } },

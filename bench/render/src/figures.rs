@@ -6,7 +6,8 @@ use crate::scale::Scale;
 use crate::sentences;
 use analysis::faults::{AppliedSwap, InjectedFault};
 use analysis::schema::{LateStretchSection, Report, SignalSection};
-use analysis::traces::{self, Group, Path, Traces};
+use analysis::traces::{self, Group, Path, Trace, Traces};
+use std::f64::consts::PI;
 
 /// Names of a vector's components: also their colours.
 pub const AXES: [&str; 3] = ["x", "y", "z"];
@@ -87,11 +88,61 @@ impl<'a> Figures<'a> {
         self.over_time("distance", title, "distance [m]", &lines, 1e-4)
     }
 
+    /// The charts beside the path: position error and heading.
+    pub fn overview(&self) -> Vec<Figure> {
+        let mut heading = self.attitude(2);
+        heading.title = "Heading".into();
+        vec![self.distance(), heading]
+    }
+
+    /// The whole flight as JSON for replay.js: `columns` names the numbers of each of its `frames`, in the middle between
+    /// the smallest and the largest value of a stretch; `marks` are the instants of changes and faults.
+    pub fn replay(&self) -> String {
+        let group = &self.traces.flight;
+        let columns = [
+            &traces::POSITION[..],
+            &traces::ATTITUDE,
+            &traces::POSITION_REFERENCE,
+            &traces::ROTORS,
+        ]
+        .concat();
+        let spans = columns.iter().map(|column| group.channels.get(*column));
+        let spans: Vec<_> = spans.collect();
+        let frame = |(i, tick): (usize, &u64)| {
+            let number = |trace: &Option<&Trace>| {
+                let (min, max) = (
+                    (*trace)?.min.get(i)?.as_ref()?,
+                    (*trace)?.max.get(i)?.as_ref()?,
+                );
+                // An angle that jumps from pi to -pi has no middle.
+                Some(if max - min > PI {
+                    *min
+                } else {
+                    (min + max) / 2.0
+                })
+            };
+            let numbers: Option<Vec<f64>> = spans.iter().map(number).collect();
+            let numbers = numbers?.into_iter().map(|it| (it * 1e4).round() / 1e4);
+            Some([self.time_s(*tick)].into_iter().chain(numbers).collect())
+        };
+        let frames: Vec<Vec<f64>> = group.tick.iter().enumerate().filter_map(frame).collect();
+        let faults = self.faults.iter().map(|it| (it.time_s, it.what.clone()));
+        let changes = self.swaps.iter().flat_map(|swap| {
+            let named = swap.changes.iter();
+            named.map(|it| (swap.time_s, it.name.clone()))
+        });
+        let marks: Vec<(f64, String)> = faults.chain(changes).collect();
+        let columns: Vec<&str> = ["t_s"].into_iter().chain(columns).collect();
+        let json = serde_json::json!({"columns": columns, "frames": frames, "marks": marks});
+        // Nothing in it ends the element that it stands in.
+        json.to_string().replace('<', "\\u003c")
+    }
+
     pub fn flight(&self) -> Vec<Figure> {
         fn three(names: [&'static str; 3], channels: traces::Names) -> [Line<'static>; 3] {
             std::array::from_fn(|i| (names[i], channels[i], names[i]))
         }
-        let mut figures: Vec<Figure> = (0..3).map(|i| self.attitude(i)).collect();
+        let mut figures: Vec<Figure> = (0..2).map(|i| self.attitude(i)).collect();
         figures.extend((0..3).map(|i| self.position(i)));
         let lines = three(AXES, traces::POSITION_ERROR);
         let title = "Tracking error: position";
@@ -101,7 +152,6 @@ impl<'a> Figures<'a> {
             let title = "Tracking error: body rates";
             figures.push(self.over_time("rate-error", title, "rate error e [rad/s]", &lines, 1e-4));
         }
-        figures.push(self.distance());
         let lines = [("flown", traces::THRUST, "")];
         figures.push(self.over_time("thrust", "Thrust demanded", "thrust [N]", &lines, 0.1));
         let lines = three(ANGLES, traces::TORQUE);
@@ -111,7 +161,6 @@ impl<'a> Figures<'a> {
         figures.push(self.over_time("rotors", "Rotor speeds", "rotor speed [rad/s]", &lines, 1.0));
         if self.has_estimates() {
             figures.extend((0..3).map(|i| self.estimate(i)));
-            figures.extend((0..3).map(|i| self.estimate_error(i)));
         }
         for (across, up, title) in [(0, 1, "from above"), (0, 2, "along y"), (1, 2, "along x")] {
             let classes = ["flown", "reference", "swap ring"];
@@ -132,15 +181,6 @@ impl<'a> Figures<'a> {
         let title = format!("Estimate of {}", SYMBOLS[i]);
         let label = format!("{} [{}]", SYMBOLS[i], UNITS[i]);
         self.over_time(ESTIMATED[i], &title, &label, &lines, 0.0)
-    }
-
-    fn estimate_error(&self, i: usize) -> Figure {
-        let channel = traces::ESTIMATE_ERROR[i];
-        let lines = [(ESTIMATED[i], channel, "estimated less true")];
-        let name = format!("{}-error", ESTIMATED[i]);
-        let title = format!("Estimation error of {}", SYMBOLS[i]);
-        let label = format!("error of {} [{}]", SYMBOLS[i], UNITS[i]);
-        self.over_time(&name, &title, &label, &lines, 0.0)
     }
 
     /// The signals of a role's law, low, as there may be many.

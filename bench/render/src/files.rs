@@ -1,7 +1,7 @@
 //! The report as files: JSON, terminal text, web page and picture.
 
 use crate::figures::Figures;
-use crate::{flight, picture};
+use crate::{flight, page, picture};
 use analysis::gates::mark_incomplete;
 use analysis::schema::Report;
 use errors::write_whole;
@@ -19,7 +19,7 @@ pub fn write_all(report: &mut Report, directory: &Path) {
     write(report, directory, JSON, json);
     let mut texts = vec![
         ("report.txt", flight::text(report)),
-        ("report.html", flight::page(report)),
+        ("report.html", page::render(report)),
     ];
     if let Some(figures) = Figures::of(report) {
         let figures = Figures {

@@ -1,8 +1,6 @@
 //! The report of a flight, section by section.
 
-use crate::document::{
-    self, Block, Cell, Column, Document, Figure, Section, Table, known, row, table, us,
-};
+use crate::document::{self, Block, Cell, Column, Figure, Table, known, row, table, us};
 use crate::figures::Figures;
 use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
@@ -26,25 +24,25 @@ use std::fmt::Display;
 
 type Blocks = fn(&Report) -> Vec<Block>;
 
-/// The sections by name, in order, with their titles on a page.
-const SECTIONS: [(&str, &str, Blocks); 11] = [
-    ("head", "Flight", head),
-    ("deadlines", "Deadlines", deadlines),
-    ("outages", "Outages", outages::blocks),
-    ("deaths", "Deaths", deaths),
-    ("latencies", "Latency", latencies::blocks),
-    ("floors", "Floors", floors),
-    ("processes", "Processes", processes),
-    ("tracking", "Tracking", tracking),
-    ("telemetry", "Telemetry", telemetry),
-    ("theorem", "Theorem", |report| {
+/// The sections of the text by name, in order.
+const SECTIONS: [(&str, Blocks); 11] = [
+    ("head", head),
+    ("deadlines", deadlines),
+    ("outages", outages::blocks),
+    ("deaths", deaths),
+    ("latencies", latencies::blocks),
+    ("floors", floors),
+    ("processes", processes),
+    ("tracking", tracking),
+    ("telemetry", telemetry),
+    ("theorem", |report| {
         theorem::blocks(&report.theorem, Figures::of(report))
     }),
-    ("gates", "Gates", gates),
+    ("gates", gates),
 ];
 
 pub fn section_names() -> [&'static str; SECTIONS.len()] {
-    SECTIONS.map(|(name, ..)| name)
+    SECTIONS.map(|(name, _)| name)
 }
 
 pub fn text(report: &Report) -> String {
@@ -52,37 +50,13 @@ pub fn text(report: &Report) -> String {
 }
 
 pub fn section(report: &Report, name: &str) -> String {
-    let named = SECTIONS.iter().filter(|(it, ..)| *it == name);
-    named
-        .map(|(.., blocks)| document::text(&blocks(report)))
-        .collect()
+    document::text(&blocks(report, name))
 }
 
-/// The report as a page: it shows what report.json holds, and nothing else.
-pub fn page(report: &Report) -> String {
-    let (run, verdict) = (&report.run, &report.verdict);
-    let build = run.build.of_version(&run.version).to_string();
-    let [(_, _, head), rest @ ..] = &SECTIONS;
-    let mut lead = head(report);
-    lead.insert(1, Block::KeyFigures(key_figures(report)));
-    let sections = rest
-        .iter()
-        .map(|(id, title, blocks)| Section::new(id, *title, blocks(report)));
-    let failed = !verdict.status.is_good() && !run.in_flight;
-    let document = Document {
-        title: title(run),
-        heading: run_conditions(run),
-        verdict: Some((sentences::acceptance(verdict), failed)),
-        build,
-        lead,
-        sections: sections.collect(),
-        footer: format!(
-            ", {} for {}, settings {}, run {}, report.json of {}",
-            run.build, run.build.target, run.settings_fingerprint, run.run_id, run.started
-        ),
-        has_miss_lines: report.traces.is_some() && !report.deadlines.stretches.is_empty(),
-    };
-    document.html()
+/// The blocks of a section; none of a name that is none.
+pub(crate) fn blocks(report: &Report, name: &str) -> Vec<Block> {
+    let section = SECTIONS.iter().find(|(it, _)| *it == name);
+    section.map_or_else(Vec::new, |(_, blocks)| blocks(report))
 }
 
 /// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
@@ -145,7 +119,7 @@ pub fn result_line(report: &Report, directory: &str) -> String {
     )
 }
 
-fn verdicts(report: &Report) -> Block {
+pub(crate) fn verdicts(report: &Report) -> Block {
     let tone = |word: &str| match word {
         "tracked" | "in time" | "holds" => "good",
         "off track" | "lost" | "late" | "broken" => "bad",
@@ -158,7 +132,8 @@ fn verdicts(report: &Report) -> Block {
     }))
 }
 
-fn key_figures(report: &Report) -> Vec<(String, String, String)> {
+/// Of the timing, with their units.
+pub(crate) fn key_figures(report: &Report) -> Vec<(String, String, String)> {
     let (ticks, deadlines) = (&report.ticks, &report.deadlines);
     let [whole, wake] = ["loop", "wake.plant"].map(|name| report.series(name));
     let latency = |name, value: Option<f64>| Some((name, us(value?), "us".to_owned()));
@@ -166,23 +141,13 @@ fn key_figures(report: &Report) -> Vec<(String, String, String)> {
         let ppm = format!("{:.1} ppm", sum.per_million);
         (NOT_FRESH, sum.ticks.to_string(), ppm)
     });
-    let flight = &report.flight;
-    let error_mm = format!("{:.3}", 1e3 * flight.position_error_rms_m);
-    let yaw = flight.yaw_error.as_ref();
-    let yaw_mrad = yaw.map(|it| format!("{:.3}", 1e3 * it.rms_rad));
-    let effort = flight.effort.as_ref();
-    let saturated = effort.map(|it| format!("{:.2}", it.saturated_percent));
     let figures = [
         latency("loop p50", whole.map(|it| it.p50_us)),
         latency("loop p99", whole.map(|it| it.p99_us)),
         latency("loop p99.9", whole.and_then(|it| it.p999_us)),
         latency("wake p99", wake.map(|it| it.p99_us)),
         late,
-        Some(("ticks flown", ticks.run.to_string(), String::new())),
         Some(("ticks skipped", ticks.skipped.to_string(), String::new())),
-        Some(("position error rms", error_mm, "mm".into())),
-        yaw_mrad.map(|yaw| ("yaw error rms", yaw, "mrad".into())),
-        saturated.map(|percent| ("rotors saturated", percent, "%".into())),
     ];
     let figures = figures.into_iter().flatten();
     figures
@@ -191,8 +156,18 @@ fn key_figures(report: &Report) -> Vec<(String, String, String)> {
 }
 
 fn head(report: &Report) -> Vec<Block> {
-    let (run, host, steal) = (&report.run, &report.host, &report.steal);
     let mut blocks = vec![verdicts(report)];
+    blocks.extend(machine(report));
+    let missing = sentences::warnings(report).into_iter();
+    blocks.extend(missing.map(Block::Warning));
+    blocks.extend(last_messages(report));
+    blocks
+}
+
+/// What flew and on what.
+pub(crate) fn machine(report: &Report) -> Vec<Block> {
+    let (run, host, steal) = (&report.run, &report.host, &report.steal);
+    let mut blocks = Vec::new();
     let mut say = |line: String| blocks.push(Block::Paragraph(line));
     let (build, ending) = (run.build.of_version(&run.version), ending(report));
     let (started, instance) = (&run.started, &run.instance);
@@ -223,13 +198,17 @@ fn head(report: &Report) -> Vec<Block> {
     if report.container != ContainerSection::default() {
         say(container(&report.container));
     }
-    let missing = sentences::warnings(report).into_iter();
-    blocks.extend(missing.map(Block::Warning));
-    if !run.last_words.is_empty() {
-        blocks.push(Block::Paragraph("Last messages of the process".into()));
-        blocks.push(Block::Items(run.last_words.clone()));
-    }
     blocks
+}
+
+/// Of a process that died.
+pub(crate) fn last_messages(report: &Report) -> Vec<Block> {
+    let messages = &report.run.last_words;
+    if messages.is_empty() {
+        return Vec::new();
+    }
+    let title = "Last messages of the process".to_owned();
+    vec![Block::Paragraph(title), Block::Items(messages.clone())]
 }
 
 pub fn ending(report: &Report) -> &str {
@@ -710,22 +689,24 @@ fn tracking(report: &Report) -> Vec<Block> {
         blocks.push(table(columns, rows));
     }
     if let Some(figures) = Figures::of(report) {
-        let swap = match report.faults.is_empty() {
-            true => "parameter change",
-            false => "parameter change, fault",
-        };
-        let legend = [("mark swap", swap), ("mark missed", "missed deadline")];
         let stretch = count(figures.traces.flight.every_ticks, "tick");
-        blocks.push(Block::Legend(
-            legend.map(|(class, word)| (class, word.into())).into(),
-        ));
         blocks.push(Block::Figures(figures.flight()));
         blocks.push(Block::Note(format!(
             "Each line over time is drawn through the smallest and the largest value of {stretch}. Paths show at most \
-             the last minute; both axes have the same scale."
+             the last minute; both axes have the same scale. Path and vehicle at the top are in the middle between these."
         )));
     }
     blocks
+}
+
+/// What the vertical lines in charts mean.
+pub(crate) fn marks(report: &Report) -> Block {
+    let swap = match report.faults.is_empty() {
+        true => "parameter change",
+        false => "parameter change, fault",
+    };
+    let legend = [("mark swap", swap), ("mark missed", "missed deadline")];
+    Block::Legend(legend.map(|(class, word)| (class, word.into())).into())
 }
 
 /// What each law showed of itself, as a table and charts.

@@ -19,6 +19,7 @@ pub mod junit;
 pub mod latencies;
 pub mod margin;
 pub mod outages;
+pub mod page;
 pub mod picture;
 pub mod plot;
 pub mod scale;

@@ -162,13 +162,17 @@ impl Chart {
                     }
                     @for tick in self.x.scale.ticks(X_TICKS) {
                         @let x = tenths(self.at_x(frame, tick.value));
-                        line x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
+                        line.at-x x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
                         @if !tick.label.is_empty() { text.below x=(x) y=(foot + 15.0) { (tick.label) } }
                     }
                     @if !self.y.label.is_empty() { text.of-y x="2" y="12" { (self.y.label) } }
                     text.of-x x=(right) y=(self.height - 5.0) { (self.x.label) }
                 }
-                @for layer in &self.layers { (self.layer(frame, layer)) }
+                // A page cuts off at the axes what it zooms.
+                svg.layers x=(left) y="0" width=(right - left) height=(self.height) overflow="visible"
+                    viewBox=(format!("{left} 0 {} {}", right - left, self.height)) {
+                    g { @for layer in &self.layers { (self.layer(frame, layer)) } }
+                }
                 path.frame d=(format!("M{left} {top}V{foot}H{right}")) {}
             }
         }

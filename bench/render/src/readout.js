@@ -1,4 +1,5 @@
-// Shows the values of a chart where the pointer is: read off its lines, so as precise as these are drawn.
+// Shows the values of a chart where the pointer is, read off its lines, so as precise as these are drawn. A drag across a
+// chart over time zooms all of them to that time, a double click shows the whole flight again. Links open folds.
 (() => {
   const inverse = {
     linear: (share, low, high) => low + share * (high - low),
@@ -37,6 +38,43 @@
   };
   const unit = (label) => (label.match(/\[(.*)\]/) || ["", ""])[1];
 
+  // The part of the flight that charts over time show, as shares of their axis.
+  let shown = [0, 1];
+  const isOverTime = (svg) => svg.dataset.x.startsWith("linear 0 ") && svg.querySelector(".of-x").textContent === "time [s]";
+  // Between the pixels where a point is drawn and those where it is without zoom.
+  const toWhole = (svg, left, right, x) => {
+    const [from, to] = isOverTime(svg) ? shown : [0, 1];
+    return left + (from + (x - left) / (right - left) * (to - from)) * (right - left);
+  };
+  const zoom = (from, to) => {
+    shown = [from, to];
+    for (const svg of document.querySelectorAll("svg[data-frame]")) {
+      if (!isOverTime(svg)) continue;
+      const [left, right] = svg.dataset.frame.split(" ").map(Number), factor = 1 / (to - from);
+      const layers = svg.querySelector(".layers");
+      layers.setAttribute("overflow", factor > 1 ? "hidden" : "visible");
+      layers.firstChild.setAttribute("transform", `translate(${left - (left + from * (right - left)) * factor} 0) scale(${factor} 1)`);
+      const [, , end] = svg.dataset.x.split(" ").map(Number), length = (to - from) * end;
+      const decade = 10 ** Math.floor(Math.log10(length / 4)), step = decade * [1, 2, 5, 10].find((it) => it * decade >= length / 6);
+      const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+      svg.querySelectorAll(".of-time").forEach((it) => it.remove());
+      const line = svg.querySelector(".grid line.at-x"), text = svg.querySelector(".grid text.below");
+      svg.querySelectorAll(".at-x, .below").forEach((it) => { it.style.display = factor > 1 ? "none" : ""; });
+      for (let i = Math.ceil(from * end / step); factor > 1 && i * step <= to * end; i++) {
+        const x = left + (i * step / end - from) * factor * (right - left);
+        const [mark, label] = [line, text].map((it) => svg.querySelector(".grid").appendChild(it.cloneNode(true)));
+        for (const it of [mark, label]) {
+          it.classList.add("of-time");
+          it.style.display = "";
+        }
+        mark.setAttribute("x1", x);
+        mark.setAttribute("x2", x);
+        label.setAttribute("x", x);
+        label.textContent = (i * step).toFixed(decimals);
+      }
+    }
+  };
+
   const lines = (figure, svg, [left, right, top, foot], x) => {
     const [atX, atY] = [axis(svg.dataset.x), axis(svg.dataset.y)];
     const [labelX, labelY] = [".of-x", ".of-y"].map((it) => svg.querySelector(it).textContent);
@@ -58,7 +96,20 @@
   for (const svg of document.querySelectorAll("svg[data-frame]")) {
     const figure = svg.closest("figure"), frame = svg.dataset.frame.split(" ").map(Number);
     const [left, right, top, foot] = frame;
-    let box = null, cursor = null;
+    let box = null, cursor = null, dragged = null;
+    const place = (event) => (event.clientX - svg.getBoundingClientRect().left) * svg.viewBox.baseVal.width / svg.getBoundingClientRect().width;
+    const share = (x) => Math.min(1, Math.max(0, (toWhole(svg, left, right, x) - left) / (right - left)));
+    svg.addEventListener("pointerdown", (event) => {
+      if (!isOverTime(svg) || event.pointerType === "touch") return;
+      event.preventDefault();
+      dragged = place(event);
+    });
+    svg.addEventListener("pointerup", (event) => {
+      const x = place(event);
+      if (dragged !== null && Math.abs(x - dragged) > 4) zoom(...[share(dragged), share(x)].sort((a, b) => a - b));
+      dragged = null;
+    });
+    svg.addEventListener("dblclick", () => zoom(0, 1));
     const leave = () => {
       if (box) [box, cursor].forEach((it) => it.remove());
       box = cursor = null;
@@ -66,16 +117,17 @@
     svg.addEventListener("pointerleave", leave);
     svg.addEventListener("pointermove", (event) => {
       const room = svg.getBoundingClientRect(), scale = svg.viewBox.baseVal.width / room.width;
-      const x = (event.clientX - room.left) * scale;
+      const x = place(event);
       if (x < left || x > right) return leave();
       if (!box) {
         box = figure.appendChild(document.createElement("div"));
         box.className = "readout";
-        cursor = svg.appendChild(document.createElementNS(svg.namespaceURI, "line"));
+        cursor = svg.appendChild(document.createElementNS(svg.namespaceURI, "rect"));
         cursor.setAttribute("class", "cursor");
       }
-      for (const [key, value] of Object.entries({ x1: x, x2: x, y1: top, y2: foot })) cursor.setAttribute(key, value);
-      box.replaceChildren(...lines(figure, svg, frame, x).map((words) => {
+      const ends = [dragged ?? x, x].sort((a, b) => a - b);
+      for (const [key, value] of Object.entries({ x: ends[0], y: top, width: ends[1] - ends[0], height: foot - top })) cursor.setAttribute(key, value);
+      box.replaceChildren(...lines(figure, svg, frame, toWhole(svg, left, right, x)).map((words) => {
         const line = document.createElement("div");
         line.textContent = words;
         return line;
@@ -89,4 +141,8 @@
       box.style.top = `${room.top - figure.getBoundingClientRect().top + top / scale}px`;
     });
   }
+  addEventListener("hashchange", () => {
+    const fold = document.getElementById(location.hash.slice(1))?.querySelector("details");
+    if (fold) fold.open = true;
+  });
 })();

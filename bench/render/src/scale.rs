@@ -262,7 +262,7 @@ fn tail_ticks(high: f64) -> Vec<Tick> {
 }
 
 fn short(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
         format!("{value}")
     } else {
         format!("{value:e}")
@@ -292,7 +292,7 @@ mod tests {
             (log(18.0, 130.0), "20 50 100"),
             (log(1e-12, 1.0), "1 0.01 1e-4 1e-6 1e-8 1e-10 1e-12"),
             (symmetric(-60.0, 70.0), "-50 -20 0 20 50"),
-            (symmetric(-1e3, 2e5), "-1000 -100 0 100 1000 10000 1e5"),
+            (symmetric(-1e3, 2e5), "-1000 -100 0 100 1000 10000 100000"),
             (Scale::tail(0.9999), "0 90 99 99.9 99.99"),
         ] {
             let labels: Vec<String> = scale.ticks(5).into_iter().map(|it| it.label).collect();

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
 use analysis::schema::{
-    AGITATION, AcceptanceResult, ControlPerformance, Gate, LawSection, LossSection, MarginSection,
-    QuantityError, RedundancySection, Report, RobustnessMargin, RoleSection, RotorEffort,
-    SimulatedLoss, Speed, Verdicts, sum,
+    AGITATION, AcceptanceResult, ControlPerformance, FlightVerdict, Gate, LawSection, LossSection,
+    MarginSection, QuantityError, RedundancySection, Report, RobustnessMargin, RoleSection,
+    RotorEffort, SimulatedLoss, Speed, TimingVerdict, Verdicts, sum,
 };
 use flight_log::facts::OFF;
 use messages::role::Role;
@@ -199,6 +199,54 @@ pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, String, &str); 3] {
         ("Timing", name_of(&timing.word), &timing.why),
         ("Theorem", name_of(&theorem.word), &theorem.why),
     ]
+}
+
+/// What to do after a flight that was lost, late or refused its rights: at most three commands, each with what it shows.
+pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
+    let mut steps = Vec::new();
+    let mut step = |command: &str, shows| steps.push((format!("ironbird {command}"), shows));
+    let was_refused = (report.roles.values())
+        .flat_map(|role| &role.realtime)
+        .any(|step| step.refused.is_some());
+    let is_late = report.words.timing.word == TimingVerdict::Late;
+    let is_lost = matches!(
+        report.words.flight.word,
+        FlightVerdict::Lost | FlightVerdict::OffTrack
+    );
+    if was_refused || is_late {
+        step(
+            "doctor",
+            "names what disturbs the loops here, each with its remedy",
+        );
+    }
+    if is_late {
+        step(
+            "report --section outages",
+            "lists the longest outages with what was observed",
+        );
+    }
+    if is_lost {
+        step(
+            "simulate",
+            "with the same flags: the same flight without the machine's delays",
+        );
+        step(
+            "margin",
+            "measures the outage, delay and loss that the loop survives",
+        );
+    } else if was_refused {
+        step(
+            "fly --pace lockstep",
+            "flies without the clock: it needs no rights",
+        );
+    } else if is_late {
+        step(
+            "fly --floor 11s",
+            "measures this machine's timer and ring beside the flight",
+        );
+    }
+    steps.truncate(3);
+    steps
 }
 
 pub fn gate(gate: &Gate) -> String {

@@ -57,9 +57,11 @@ const vehicleView = (canvas) => {
   };
   const label = (at, point, text, offset = [6, -6]) => {
     const [x, y] = at(point);
+    pen.textAlign = x > 0.6 * canvas.width ? "right" : "left";
+    const across = pen.textAlign === "right" ? -offset[0] : offset[0];
     pen.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
     pen.fillStyle = color("muted");
-    pen.fillText(text, x + offset[0] * devicePixelRatio, y + offset[1] * devicePixelRatio);
+    pen.fillText(text, x + across * devicePixelRatio, y + offset[1] * devicePixelRatio);
   };
 
   // The ground, a square of the grid being 1, 2 or 5 times a power of ten of metres wide.
@@ -110,10 +112,10 @@ const vehicleView = (canvas) => {
     ground(at, around);
     line(at, scene.reference, color("shade"), 4);
     line(at, scene.path, color("blue"), 1.6);
-    for (const mark of scene.marks) {
+    scene.marks.forEach((mark, i) => {
       dot(at, mark.position, color(mark.color), 5);
-      label(at, mark.position, mark.label);
-    }
+      label(at, mark.position, mark.label, [6, -6 - 14 * (i % 3)]);
+    });
     if (!scene.pose) return;
     if (scene.pose.reference) dot(at, scene.pose.reference, color("shade"), 5);
     vehicle(at, scene.pose, around.size);

@@ -38,6 +38,8 @@ fn in_lines(page: &str) -> String {
     page.replace(include_str!("../src/page.css"), "")
         .replace(include_str!("../src/plot.css"), "")
         .replace(include_str!("../src/readout.js"), "")
+        .replace(include_str!("../src/replay.js"), "")
+        .replace(include_str!("../src/vehicle.js"), "")
         .replace("><", ">\n<")
 }
 
