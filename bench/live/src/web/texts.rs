@@ -346,8 +346,8 @@ fn fault_rows(channels: usize, period_s: f64) -> Vec<Value> {
         (label.to_owned(), vec![(change(value), None), back])
     };
     let gusts = [
-        ("gust along x", "wind_x_m_s", "8"),
-        ("gust along y", "wind_y_m_s", "8"),
+        ("gust along x", "wind_x_m_s", "2"),
+        ("gust along y", "wind_y_m_s", "2"),
     ];
     let weak = [1, 2, 3, 4].map(|rotor| {
         (
