@@ -184,10 +184,6 @@ fn follow(
     let mut filed = FiledReport::default();
     let (mut shown, mut next_pose, mut next_news) = (None, Instant::now(), Instant::now());
     let text = |value: Value| value.to_string().into();
-    hub.greet(
-        vec![text(texts::flight(&model, options.allow_control))],
-        true,
-    );
     loop {
         let is_stopped = stop.load(Ordering::Relaxed);
         feed.update(&mut model)?;
@@ -197,14 +193,23 @@ fn follow(
         if is_new {
             (shown, filed) = (run, FiledReport::default());
         }
-        if now >= next_news || is_new || is_stopped {
+        let has_new_page = hub.has_new_page();
+        let is_due = now >= next_news || is_new || has_new_page || is_stopped;
+        if is_new || has_new_page {
+            let flight = text(texts::flight(&model, options.allow_control));
+            hub.welcome(&flight, is_new);
+        }
+        if is_due {
             next_news = now + NEWS_EVERY;
             if let Some(flight) = &model.flight {
                 filed.look(flight.supervision.directory.text(), flight.run.run_id);
             }
-            let news = text(texts::news(&model, &filed, hub.pages()));
-            let greeting = vec![text(texts::flight(&model, options.allow_control)), news];
-            hub.greet(greeting, is_new);
+            hub.broadcast(&text(texts::news(&model, &filed, hub.pages())));
+        }
+        if is_due || (model.is_flying() && now >= next_pose) {
+            next_pose = now + POSE_EVERY;
+            let pose = model.flight.as_ref().and_then(|flight| texts::pose(flight));
+            pose.into_iter().for_each(|pose| hub.broadcast(&text(pose)));
         }
         let is_complete = filed.excerpt.as_ref().is_some_and(|it| !it.run.in_flight);
         if is_stopped {
@@ -212,16 +217,6 @@ fn follow(
         }
         if options.launched && is_complete && !model.is_flying() {
             return Ok(OK);
-        }
-        if let Some(flight) = model
-            .flight
-            .as_ref()
-            .filter(|it| it.ending.is_none() && now >= next_pose)
-        {
-            next_pose = now + POSE_EVERY;
-            texts::pose(flight)
-                .into_iter()
-                .for_each(|pose| hub.broadcast(&text(pose)));
         }
         sleep(DRAIN_EVERY);
     }

@@ -59,12 +59,17 @@ pub(super) type Answer = dyn Fn(&Arc<Hub>, u64, &str) + Send + Sync;
 /// The pages that are open.
 #[derive(Default)]
 pub(super) struct Hub {
-    pages: Mutex<Vec<(u64, SyncSender<Utf8Bytes>)>>,
-    /// What a page receives first.
-    greeting: Mutex<Vec<Utf8Bytes>>,
+    pages: Mutex<Vec<Page>>,
     /// Sessions, also of pages that are being closed.
     sessions: AtomicUsize,
     has_ended: AtomicBool,
+}
+
+struct Page {
+    number: u64,
+    texts: SyncSender<Utf8Bytes>,
+    /// Whether it has not been sent the flight yet.
+    is_new: bool,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -76,41 +81,42 @@ impl Hub {
         lock(&self.pages).len()
     }
 
+    pub(super) fn has_new_page(&self) -> bool {
+        lock(&self.pages).iter().any(|page| page.is_new)
+    }
+
+    /// Sends the flight to the new pages or, if it is another one, to all.
+    pub(super) fn welcome(&self, flight: &Utf8Bytes, is_another: bool) {
+        lock(&self.pages).retain_mut(|page| {
+            let is_new = std::mem::take(&mut page.is_new);
+            !(is_new || is_another) || page.texts.try_send(flight.clone()).is_ok()
+        });
+    }
+
     /// Sends a text to all pages; those that are too far behind are closed.
     pub(super) fn broadcast(&self, text: &Utf8Bytes) {
-        lock(&self.pages).retain(|(_, page)| page.try_send(text.clone()).is_ok());
+        lock(&self.pages).retain(|page| page.texts.try_send(text.clone()).is_ok());
     }
 
-    pub(super) fn send(&self, page: u64, text: Utf8Bytes) {
+    pub(super) fn send(&self, number: u64, text: Utf8Bytes) {
         let pages = lock(&self.pages);
-        if let Some((_, page)) = pages.iter().find(|(number, _)| *number == page) {
-            let _ = page.try_send(text);
+        if let Some(page) = pages.iter().find(|page| page.number == number) {
+            let _ = page.texts.try_send(text);
         }
-    }
-
-    /// Sets what a page receives first. Pages that are open receive all of it if it is of another flight, else the last.
-    pub(super) fn greet(&self, texts: Vec<Utf8Bytes>, is_new: bool) {
-        let mut greeting = lock(&self.greeting);
-        let known = if is_new { 0 } else { texts.len() - 1 };
-        texts
-            .iter()
-            .skip(known)
-            .for_each(|text| self.broadcast(text));
-        *greeting = texts;
     }
 
     /// Adds a page, unless there are too many.
     fn join(&self, number: u64) -> Option<Receiver<Utf8Bytes>> {
-        let (sender, receiver) = sync_channel(QUEUE);
-        let greeting = lock(&self.greeting);
-        for text in greeting.iter() {
-            sender.try_send(text.clone()).ok()?;
-        }
         let mut pages = lock(&self.pages);
         if pages.len() >= PAGES || self.has_ended.load(Ordering::Relaxed) {
             return None;
         }
-        pages.push((number, sender));
+        let (texts, receiver) = sync_channel(QUEUE);
+        pages.push(Page {
+            number,
+            texts,
+            is_new: true,
+        });
         Some(receiver)
     }
 
@@ -315,7 +321,7 @@ impl Server {
         self.is_served(number);
         self.hub.sessions.fetch_add(1, Ordering::Relaxed);
         let ended = self.exchange(number, stream, accepted, &texts);
-        lock(&self.hub.pages).retain(|(page, _)| *page != number);
+        lock(&self.hub.pages).retain(|page| page.number != number);
         self.hub.sessions.fetch_sub(1, Ordering::Relaxed);
         ended.map_err(io::Error::other)
     }

@@ -30,7 +30,7 @@ const BINS: f64 = 12.0;
 /// What is below 100 ns counts in the bin from there on.
 const FIRST_BIN: i32 = 2 * BINS as i32;
 const EVENTS: usize = 100;
-const OUTAGES: usize = 12;
+const OUTAGES: usize = 8;
 
 /// What stays for a flight, and the poses so far; without a flight, that the server waits for one.
 pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
