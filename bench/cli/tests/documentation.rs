@@ -1,8 +1,13 @@
 //! Pages of docs/ that tests read: the tutorial, the promises of security. `transcripts/studies.md` has the others.
 
 use crate::c_laws::root;
+use crate::refusals::files;
 use crate::rig::{Rig, ironbird, lacks_tool};
+use clap::Parser as _;
+use clap::error::ErrorKind;
+use ironbird::cli::Cli;
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 /// Types the commands of a section of docs/your-law.md in an empty directory, and ends where one fails.
@@ -49,6 +54,24 @@ fn a_law_in_c_flies_as_the_tutorial_says() {
 #[ignore = "long: part of the gate"]
 fn a_law_in_rust_flies_as_the_tutorial_says() {
     type_commands(&Rig::new("tutorial_rs"), "In Rust");
+}
+
+/// A teacher finds the numbers of the page.
+#[test]
+fn the_class_of_two_hours_shows_what_its_page_says() {
+    let rig = Rig::new("class");
+    let page = read("docs/class.md");
+    fs::write(rig.path("class.md"), &page).unwrap();
+    fs::create_dir(rig.path("class.in")).unwrap();
+    for (name, text) in files(&page) {
+        fs::write(rig.path("class.in").join(name), format!("{text}\n")).unwrap();
+    }
+    let cases = trycmd::TestCases::new();
+    cases
+        .register_bin("ironbird", Path::new(ironbird()))
+        .env("IRONBIRD_ROOT", rig.root().to_str().unwrap())
+        .case(rig.path("class.md"));
+    cases.run();
 }
 
 fn read(path: &str) -> String {
@@ -105,4 +128,51 @@ fn every_promise_names_its_file_and_a_test_that_is_there() {
             assert!(has_test(&read(file), name), "{file} has no test {name}");
         }
     }
+}
+
+/// What a page tells to type: lines of indented or fenced blocks, and words in backquotes.
+fn commands(page: &str) -> Vec<Vec<String>> {
+    let blocks = page.lines().filter_map(|line| {
+        let line = line.strip_prefix("    ").or(line.strip_prefix("$ "))?;
+        Some(line.strip_prefix("$ ").unwrap_or(line))
+    });
+    let is_placeholder = |line: &&str| {
+        ["[", "...", " | ", " N", "ironbird 0"]
+            .iter()
+            .any(|it| line.contains(it))
+    };
+    let all = blocks.chain(quoted(page));
+    let all = all.filter(|line| line.starts_with("ironbird ") && !is_placeholder(line));
+    let words = |line: &str| {
+        // Up to a comment or a file that the output goes to.
+        let typed = line.split(['#', '>']).next().unwrap_or(line);
+        let words = typed.split_whitespace();
+        words
+            .map(|word| word.trim_matches('\'').to_owned())
+            .collect()
+    };
+    all.map(words).collect()
+}
+
+#[test]
+fn the_executable_knows_every_command_and_flag_of_the_documentation() {
+    let pages = [root().join("README.md"), root().join("CONTRIBUTING.md")].into_iter();
+    let docs = fs::read_dir(root().join("docs")).unwrap();
+    let docs = docs.map(|entry| entry.unwrap().path());
+    let docs = docs.filter(|path| path.extension().is_some_and(|it| it == "md"));
+    let mut wrong = Vec::new();
+    let mut number = 0;
+    for page in pages.chain(docs) {
+        for words in commands(&fs::read_to_string(&page).unwrap()) {
+            number += 1;
+            let refused = Cli::try_parse_from(&words).err();
+            // A command may be named without what it needs.
+            let needs = [ErrorKind::MissingRequiredArgument, ErrorKind::InvalidValue];
+            let is_wrong = |e: &clap::Error| e.use_stderr() && !needs.contains(&e.kind());
+            let refused = refused.filter(is_wrong);
+            wrong.extend(refused.map(|e| format!("{}: {}: {e}", page.display(), words.join(" "))));
+        }
+    }
+    assert!(number > 100, "{number}");
+    assert_eq!(wrong.join("\n"), "");
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use crate::rig::{Rig, ironbird};
 
 /// The files that a page shows, each in a fence that names it: "```toml wrong.toml".
-fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
+pub fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
     page.split("\n```").filter_map(|fence| {
         let (head, text) = fence.split_once('\n')?;
         let (_, name) = head
