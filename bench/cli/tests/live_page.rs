@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::report_page::chromium;
 use crate::rig::{Rig, Running, wait_until};
@@ -14,7 +14,8 @@ use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
-const TIMEOUT: Duration = Duration::from_secs(60);
+/// Ends a test that hangs.
+const TIMEOUT: Duration = Duration::from_secs(180);
 
 /// A page without a browser: it reads what the server sends.
 struct Page(WebSocket<TcpStream>);
@@ -44,7 +45,9 @@ impl Page {
 
     /// The next text of a kind that has what is looked for.
     fn find<T>(&mut self, kind: &str, look: impl Fn(&Value) -> Option<T>) -> T {
+        let until = Instant::now() + TIMEOUT;
         loop {
+            assert!(Instant::now() < until, "waited in vain for {kind}");
             if let Message::Text(text) = self.0.read().unwrap() {
                 let text: Value = serde_json::from_str(&text).unwrap();
                 let found = (text["kind"] == kind).then(|| look(&text)).flatten();
