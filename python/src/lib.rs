@@ -2,6 +2,7 @@
 
 #![warn(missing_docs)]
 
+mod campaign_rows;
 mod errors;
 mod flight;
 mod py_laws;
@@ -19,6 +20,8 @@ mod _rig {
     #[pymodule_export]
     use python_law::{Desired, Given, Measured, Reference, Rig};
 
+    #[pymodule_export]
+    use crate::campaign_rows::read_rows;
     #[pymodule_export]
     use crate::errors::{LogError, SettingsError};
     #[pymodule_export]

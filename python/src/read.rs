@@ -24,11 +24,11 @@ use crate::timing::Timing;
 #[pyfunction]
 #[pyo3(signature = (run, out=None))]
 pub(crate) fn read(py: Python<'_>, run: PathBuf, out: Option<PathBuf>) -> PyResult<Shown<'_>> {
-    let read = py
-        .detach(|| Read::from(&find_log(&run, out.as_deref())?))
-        .map_err(log_error)?;
+    let path = find_log(&run, out.as_deref()).map_err(log_error)?;
+    let read = py.detach(|| Read::from(&path)).map_err(log_error)?;
     let facts = facts(py, &read.settings, &read.text, &read.laws, &read.swaps)?;
     facts.set_item("end", read.end)?;
+    facts.set_item("log", path)?;
     facts.set_item("fingerprint", read.outputs.to_string())?;
     read.tables.shown(py, read.timing.tables.into(), facts)
 }

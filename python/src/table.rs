@@ -4,9 +4,10 @@
 use std::collections::{BTreeMap, BTreeSet, TryReserveError};
 
 use flight_log::codec::Logged;
+use flight_log::rows::{axes, is_parameters};
 use flight_log::units::describe;
 use messages::layout::{Field, Kind, Visit, Visitor};
-use messages::parameters::{PARAMETERS, SPECS, Spec};
+use messages::parameters::{SPECS, Spec};
 use pyo3::prelude::*;
 
 #[derive(Debug)]
@@ -15,8 +16,8 @@ pub(crate) struct Column {
     pub group: String,
     pub name: String,
     pub unit: String,
-    /// How many numbers a row has, where it is an array.
-    pub width: Option<usize>,
+    /// Names of the numbers of a row, where it is an array.
+    pub axes: Vec<String>,
     pub values: Vec<f64>,
 }
 
@@ -75,14 +76,14 @@ impl Table {
 
     /// How many numbers a row has, with that of its tick.
     pub(crate) fn numbers(&self) -> u64 {
-        let widths = self.columns.iter().map(|column| column.width.unwrap_or(1));
+        let widths = self.columns.iter().map(Column::width);
         1 + widths.sum::<usize>() as u64
     }
 
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.ticks.try_reserve_exact(rows)?;
         self.columns.iter_mut().try_for_each(|column| {
-            let numbers = rows.saturating_mul(column.width.unwrap_or(1));
+            let numbers = rows.saturating_mul(column.width());
             column.values.try_reserve_exact(numbers)
         })
     }
@@ -148,7 +149,7 @@ impl Plan<'_> {
                 ("value", _) if group == self.telemetry && self.signals.is_some() => {
                     self.apart(group, self.signals.clone().unwrap_or_default(), place);
                 }
-                ("parameter", _) if field.length == Some(PARAMETERS) => {
+                _ if is_parameters(field) => {
                     let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
                     self.apart(group, SPECS.iter().map(spec).collect(), place);
                 }
@@ -169,7 +170,7 @@ impl Plan<'_> {
                     // Of ticks the log says which one is none; here that is no number.
                     let unit = unit.split_once(';').map_or(unit, |(unit, _)| unit);
                     let unit = if unit == "1" { "" } else { unit };
-                    self.column(group, name.to_owned(), unit.to_owned(), field.length);
+                    self.column(group, name.to_owned(), unit.to_owned(), axes(field));
                     self.table.places.push(place);
                 }
             }
@@ -194,32 +195,37 @@ impl Plan<'_> {
             ..place
         });
         for (name, unit) in names {
-            self.column(group, name, unit, None);
+            self.column(group, name, unit, Vec::new());
         }
     }
 
-    fn column(&mut self, group: &str, name: String, unit: String, width: Option<usize>) {
+    fn column(&mut self, group: &str, name: String, unit: String, axes: Vec<String>) {
         self.table.columns.push(Column {
             group: group.to_owned(),
             name,
             unit,
-            width,
+            axes,
             values: Vec::new(),
         });
     }
 }
 
-/// A column as Python has it: group, name, unit, array.
-pub(crate) type ShownColumn<'py> = (String, String, String, Bound<'py, PyAny>);
+/// A column as Python has it: group, name, unit, names of an array's numbers, array.
+pub(crate) type ShownColumn<'py> = (String, String, String, Vec<String>, Bound<'py, PyAny>);
 
 impl Column {
+    /// How many numbers a row has.
+    fn width(&self) -> usize {
+        self.axes.len().max(1)
+    }
+
     pub(crate) fn shown<'py>(self, py: Python<'py>) -> PyResult<ShownColumn<'py>> {
         let flat = python_law::array(py, &self.values)?;
-        let array = match self.width {
-            None => flat,
-            Some(width) => flat.call_method1("reshape", (-1, width))?,
+        let array = match self.axes.len() {
+            0 => flat,
+            width => flat.call_method1("reshape", (-1, width))?,
         };
-        Ok((self.group, self.name, self.unit, array))
+        Ok((self.group, self.name, self.unit, self.axes, array))
     }
 }
 
@@ -238,7 +244,7 @@ pub(crate) fn rows(tables: &[Table]) -> Vec<u64> {
 
 /// A column whose rows stand at places among more rows.
 fn spread(column: Column, places: &[Option<usize>], rows: usize) -> Column {
-    let width = column.width.unwrap_or(1);
+    let width = column.width();
     let mut values = vec![f64::NAN; rows * width];
     for (row, place) in column.values.chunks(width).zip(places) {
         if let Some(place) = place {

@@ -41,7 +41,7 @@ impl Timing {
                 group: GROUP.into(),
                 name: format!("{name}_us"),
                 unit: "us".into(),
-                width: None,
+                axes: Vec::new(),
                 values: Vec::new(),
             };
             Table::of_columns(names.into_iter().flatten().map(column).collect())

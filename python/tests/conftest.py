@@ -36,6 +36,16 @@ def adapter(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Commands of the module run that executable in an empty directory, with instances of their own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("IRONBIRD", str(executable()))
+    with tempfile.TemporaryDirectory(prefix="ironbird-") as root:
+        monkeypatch.setenv("IRONBIRD_ROOT", root)
+        yield
+
+
+@pytest.fixture
 def ironbird_command(tmp_path: Path) -> Iterator[Ironbird]:
     """Runs `ironbird` in an empty directory, with an instance of its own."""
 

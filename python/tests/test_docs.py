@@ -30,8 +30,8 @@ def test_what_is_no_python_is_named(monkeypatch):
 
 
 @needs_adapter
-def test_the_page_does_what_it_shows(ironbird_command, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.filterwarnings("ignore:this build has uncommitted changes")
+def test_the_page_does_what_it_shows(rig, ironbird_command, tmp_path, capsys):
     scope: dict = {}
     shown = [line for language, _, text in BLOCKS if language == "sh" for line in text.splitlines()]
     for language, file, text in BLOCKS:
@@ -54,8 +54,9 @@ def test_the_page_does_what_it_shows(ironbird_command, tmp_path, monkeypatch, ca
             result = ironbird_command(*flags)
             assert result.returncode == 0, f"{line}\n{result.stderr}"
     assert shown.index("python3 -m venv .venv") < shown.index(". .venv/bin/activate") < shown.index("python/build")
+    assert (tmp_path / "flight.png").read_bytes()[1:4] == b"PNG"
     assert capsys.readouterr().out.startswith("<Flight lissajous, 20001 ticks, estimating + adaptive + roll_pitch_first: completed, ")
-    law = next(text for _, file, text in BLOCKS if file)
+    law = next(text for _, file, text in BLOCKS if file == "my_law.py")
     assert law == (ROOT / "python" / "examples" / "angles.py").read_text()
 
 

@@ -21,8 +21,51 @@ use std::path::Path;
 /// What the states leave free on their disk, for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
 
-const COLUMNS: &str = "t,x,y,z,vx,vy,vz,phi,theta,psi,p,q,r,IR_hat,kr_hat,delta_hat,w1,w2,w3,w4,u,\
-                       tau_p,tau_q,tau_r,e_p,e_q,e_r,xd,yd,zd,psid";
+/// Names of columns, their unit and their meaning; signals of the laws follow.
+const COLUMNS: [(&str, &str, &str); 13] = [
+    ("t", "s", "time of the flight"),
+    (
+        "x,y,z",
+        "m",
+        "position in the world frame, as the sensors show it",
+    ),
+    (
+        "vx,vy,vz",
+        "m/s",
+        "velocity in the world frame, as the sensors show it",
+    ),
+    ("phi,theta,psi", "rad", "roll, pitch, yaw"),
+    ("p,q,r", "rad/s", "body rates, as the sensors show them"),
+    (
+        "IR_hat,kr_hat,delta_hat",
+        "kg m^2, N m s, rad/s^2",
+        "estimates of rotor inertia, rotational drag and disturbance gain; empty if the inner law has none",
+    ),
+    ("w1,w2,w3,w4", "rad/s", "rotor speeds commanded"),
+    ("u", "N", "thrust demanded by the inner law"),
+    (
+        "tau_p,tau_q,tau_r",
+        "N m",
+        "torque demanded by the inner law, before saturation",
+    ),
+    (
+        "e_p,e_q,e_r",
+        "rad/s",
+        "error of the body rates e = nu2 - nu2_d; empty if the inner law shows none",
+    ),
+    ("xd,yd,zd", "m", "position of the reference"),
+    ("psid", "rad", "yaw of the reference"),
+    (
+        "ROLE_telemetry.SIGNAL",
+        "",
+        "signals of the laws, with the units that `ironbird laws NAME` lists",
+    ),
+];
+
+fn fixed_columns() -> impl Iterator<Item = String> {
+    let fixed = COLUMNS.iter().filter(|(names, ..)| !names.contains('.'));
+    fixed.flat_map(|(names, ..)| names.split(',').map(str::to_owned))
+}
 
 pub struct StatesWriter {
     csv: csv::Writer<Box<dyn Write>>,
@@ -57,7 +100,7 @@ impl StatesWriter {
                 let signals = laws.signals.of(role).iter();
                 signals.map(move |signal| format!("{topic}.{}", signal.name))
             });
-            csv.write_record(COLUMNS.split(',').map(str::to_owned).chain(signals))?;
+            csv.write_record(fixed_columns().chain(signals))?;
             Ok(Self {
                 csv,
                 queue,
@@ -296,6 +339,30 @@ mod tests {
     }
 
     #[test]
+    fn the_page_lists_the_columns() {
+        const BEGIN: &str = "<!-- columns of states.csv -->\n";
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/recording.md");
+        let page = std::fs::read_to_string(path).unwrap();
+        let (before, rest) = page.split_once(BEGIN).unwrap();
+        let (_, after) = rest.split_once("<!-- end -->").unwrap();
+        let row = |(names, unit, meaning): &(&str, &str, &str)| {
+            let names = names.split(',').map(|name| format!("`{name}`"));
+            let names = names.collect::<Vec<_>>().join(", ");
+            format!("| {names} | {unit} | {meaning} |\n")
+        };
+        let rows: String = COLUMNS.iter().map(row).collect();
+        let table = format!("| columns | unit | meaning |\n|---|---|---|\n{rows}");
+        let written = format!("{before}{BEGIN}{table}<!-- end -->{after}");
+        if std::env::var_os("IRONBIRD_WRITE_DOCS").is_some() {
+            std::fs::write(path, &written).unwrap();
+        }
+        assert!(
+            std::fs::read_to_string(path).unwrap() == written,
+            "IRONBIRD_WRITE_DOCS=1 cargo test -p analysis writes docs/recording.md"
+        );
+    }
+
+    #[test]
     fn a_row_has_every_column_and_empty_cells_for_what_was_not_published() {
         let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
         let row_of = |joined: &Joined| row(joined, &tracking, &FlownLaws::default());
@@ -303,6 +370,7 @@ mod tests {
         let (at_rest, reference) = ([Some(0.0); 13], [1.0, -1.0, 1.0, 0.5].map(Some));
         let expected = [&at_rest[..], &[None; 14], &reference].concat();
         assert_eq!(row_of(&joined), expected);
+        assert_eq!(expected.len(), fixed_columns().count());
         let speeds = joined.rotor_speeds.insert(RotorSpeeds::default());
         speeds.speed_rad_s = [1.0, 2.0, 3.0, 4.0];
         let wrench = joined.wrench.insert(Wrench::default());

@@ -19,7 +19,7 @@ pub mod generator;
 pub mod lines;
 pub mod metric_distribution;
 pub mod metrics;
-mod parquet_file;
+pub mod parquet_file;
 pub mod results;
 pub mod results_document;
 pub mod spread;

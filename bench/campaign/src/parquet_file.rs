@@ -4,7 +4,7 @@
 //! depends on nothing but its table and metadata.
 
 use std::fs::File;
-use std::io::Write;
+use std::io::{self, Write};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -31,6 +31,60 @@ const HASH_DIGITS: usize = 64;
 
 /// Keys and values that describe a file; the file has them with the prefix `ironbird.`.
 pub type Metadata = Vec<(&'static str, String)>;
+
+/// Rows of a row group: of more, all would be in memory.
+const GROUP_ROWS: usize = 10_000;
+
+/// A file that is written row by row.
+pub struct RowWriter<W: Write + Send> {
+    file: SerializedFileWriter<W>,
+    group: Table,
+}
+
+impl<W: Write + Send> RowWriter<W> {
+    /// Begins a file with these columns, which have no cells.
+    pub fn new(to: W, columns: Vec<Column>) -> io::Result<Self> {
+        let group = Table { columns };
+        let file = writer(to, &group, &Metadata::new(), None).map_err(io_error)?;
+        Ok(Self { file, group })
+    }
+
+    /// Adds a row with a cell for each column.
+    pub fn push(&mut self, row: impl Iterator<Item = Option<Cell>>) -> io::Result<()> {
+        for (column, cell) in self.group.columns.iter_mut().zip(row) {
+            column.cells.push(cell);
+        }
+        match self.group.rows() >= GROUP_ROWS {
+            true => self.flush(),
+            false => Ok(()),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        write_rows(&mut self.file, &self.group).map_err(io_error)?;
+        for column in &mut self.group.columns {
+            column.cells.clear();
+        }
+        Ok(())
+    }
+
+    pub fn finish(&mut self) -> io::Result<()> {
+        if self.group.rows() > 0 {
+            self.flush()?;
+        }
+        self.file.finish().map(drop).map_err(io_error)
+    }
+}
+
+/// The error of the file behind the writer, if it is one.
+fn io_error(error: ParquetError) -> io::Error {
+    match error {
+        ParquetError::External(error) => error
+            .downcast::<io::Error>()
+            .map_or_else(io::Error::other, |error| *error),
+        error => io::Error::other(error),
+    }
+}
 
 pub fn encode(table: &Table, metadata: &Metadata) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
@@ -79,10 +133,10 @@ pub fn writer<W: Write + Send>(
         |(key, value): &(&str, String)| KeyValue::new(format!("ironbird.{key}"), value.clone());
     let mut pairs: Vec<KeyValue> = metadata.iter().map(pair).collect();
     for column in &like.columns {
-        for (key, text) in [("unit", column.unit), ("meaning", &column.meaning)] {
+        for (key, text) in [("unit", &column.unit), ("meaning", &column.meaning)] {
             if !text.is_empty() {
                 let key = format!("{key}.{}", column.name);
-                pairs.push(KeyValue::new(key, text.to_owned()));
+                pairs.push(KeyValue::new(key, text.clone()));
             }
         }
     }
@@ -188,6 +242,17 @@ pub fn read_column(path: &Path, name: &str) -> std::result::Result<Cells, Failur
         .ok_or_else(missing)
         .and_then(|place| read_cells(&reader, place))
         .in_file("read", path)
+}
+
+/// Name and cells of each column.
+pub fn read_columns(path: &Path) -> std::result::Result<Vec<(String, Cells)>, Failure> {
+    let file = File::open(path).in_file("read", path)?;
+    let reader = SerializedFileReader::new(file).in_file("read", path)?;
+    let fields = reader.metadata().file_metadata().schema_descr();
+    let column = |(place, name): (usize, &str)| Ok((name.to_owned(), read_cells(&reader, place)?));
+    let names = fields.columns().iter().map(|it| it.name());
+    let columns: Result<_> = names.enumerate().map(column).collect();
+    columns.in_file("read", path)
 }
 
 /// All rows of a file, with the columns' units and meanings as `like` has them.

@@ -44,7 +44,7 @@ pub type Cells = Vec<Option<Cell>>;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     pub name: String,
-    pub unit: &'static str,
+    pub unit: String,
     pub meaning: String,
     pub kind: Kind,
     pub optional: bool,
@@ -96,7 +96,7 @@ impl Table {
                        cell: &dyn Fn(&Row) -> Option<Cell>| {
             columns.push(Column {
                 name: name.to_owned(),
-                unit,
+                unit: unit.to_owned(),
                 meaning: meaning.to_owned(),
                 kind,
                 optional,

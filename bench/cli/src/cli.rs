@@ -103,7 +103,7 @@ Examples:
   ironbird report --section latencies
   ironbird report diff A1 A2 A3 -- B1 B2 B3")]
     Report(ReportArgs),
-    /// Export a flight's messages as CSV or JSON, or its stages as a Perfetto trace.
+    /// Export a flight's messages as CSV, JSON, Parquet or MAT files, or its stages as a Perfetto trace.
     Export(ExportArgs),
     /// Run a recorded flight again from its log and compare the results.
     #[command(after_help = "\

@@ -1,54 +1,66 @@
-//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that cannot read MCAP, and the stages'
-//! execution times as a Perfetto trace.
+//! `ironbird export`: the messages of a flight as tables, by topic or joined by tick, and the stages' execution times as a
+//! Perfetto trace.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::Channel;
+use messages::telemetry::LAW_ROLES;
 use messages::topic::Topic;
 
-use crate::cli::{ExportArgs, ExportFormat};
+use crate::cli::ExportArgs;
+use crate::table_file::{Out, TableFile, TableFormat};
 use analysis::phrase::count;
 use analysis::schema::Report;
+use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::output::{print, say};
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
-use flight_log::entry::{FORMATS, with_message};
+use flight_log::entry::{FORMATS, LogEntry, with_message};
+use flight_log::facts::SETTINGS;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, LogReader};
+use flight_log::rows::{Cell, Column};
+use flight_log::telemetry::TelemetryTopic;
 use flight_log::{perfetto, rows, topics};
 use recorder::run_directory::{find_log, log_files};
 
 pub const DIRECTORY: &str = "export";
 
+const JOINED: &str = "joined";
+
 pub fn is_ours(name: &str) -> bool {
-    let topic = name.strip_suffix(".csv");
-    let topic = topic.or_else(|| name.strip_suffix(".jsonl"));
-    topics().any(|known| topic == Some(known))
+    let ending =
+        |(_, ending): &(&str, &str)| TableFormat::ALL.iter().any(|it| it.ending() == *ending);
+    let table = name.split_once('.').filter(ending);
+    table.is_some_and(|(table, _)| topics().chain([JOINED]).any(|known| table == known))
 }
 
 pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let mut reader = LogReader::open(&path)?;
     let run_directory = path.parent().unwrap_or(Path::new("."));
-    if matches!(args.format, ExportFormat::Perfetto) {
-        if args.topic.is_some() {
-            let what = "a Perfetto trace contains all stages, not one topic";
-            return Err(Failure::usage(what).help("omit --topic"));
+    let Some(format) = args.format.table() else {
+        if args.topic.is_some() || args.joined {
+            let what = "a Perfetto trace contains all stages, not one topic or table";
+            return Err(Failure::usage(what).help("omit --topic and --joined"));
         }
         return trace(&mut reader, args.to.as_deref().unwrap_or(run_directory));
-    }
-    let is_json = matches!(args.format, ExportFormat::Json);
+    };
     let to = args.to.clone();
-    let directory = || to.unwrap_or_else(|| run_directory.join(DIRECTORY));
+    let directory = to.unwrap_or_else(|| run_directory.join(DIRECTORY));
+    if args.joined {
+        return export_joined(&mut reader, format, &directory);
+    }
     let mut tables = match &args.topic {
         // The columns of a law's signals are known once the log has been opened.
-        Some(topic) => Tables::begin_all(|name| name == topic, None, is_json)?,
-        None => Tables::begin_all(|_| true, Some(directory()), is_json)?,
+        Some(topic) => Tables::begin_all(|name| name == topic, None, format)?,
+        None => Tables::begin_all(|_| true, Some(directory), format)?,
     };
     // Everything before a damaged part is exported, then the damage is reported.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
@@ -180,17 +192,180 @@ pub(crate) fn create_for(purpose: &str, directory: &Path, flag: &str) -> Result<
     })
 }
 
-struct Tables {
-    is_json: bool,
-    directory: Option<PathBuf>,
-    selected: Vec<&'static str>,
-    open: BTreeMap<&'static str, Table>,
-    is_read: bool,
+/// Length of a tick, as the flight's settings have it [s].
+fn period_s(reader: &LogReader) -> Result<f64, Failure> {
+    let text = reader.fact(SETTINGS, "settings.toml")?;
+    let settings = text.parse::<toml::Table>().ok();
+    let period_s = settings.and_then(|it| it.get("flight")?.get("period_s")?.as_float());
+    period_s.ok_or_else(|| reader.damaged("its settings have no flight.period_s"))
 }
 
-struct Table {
-    out: Box<dyn Write>,
-    messages: u64,
+/// The time of a tick on the flight's axis [s].
+fn time(tick: u64, period_s: f64) -> Cell {
+    match tick {
+        NO_TICK => Cell::Missing,
+        tick => Cell::Number(tick as f64 * period_s),
+    }
+}
+
+fn with_time(columns: Vec<Column>) -> Vec<Column> {
+    let time = std::iter::once(Column::number("t_s", "s"));
+    time.chain(columns).collect()
+}
+
+fn with_tick(columns: Vec<Column>) -> Vec<Column> {
+    let tick = Column {
+        name: "tick".into(),
+        unit: "tick".into(),
+        is_number: false,
+    };
+    with_time(std::iter::once(tick).chain(columns).collect())
+}
+
+fn unwritten(e: &io::Error) -> Failure {
+    Failure::failed(format!("cannot write the export: {e}"))
+}
+
+/// Writes the table of all topics of the loop.
+fn export_joined(
+    reader: &mut LogReader,
+    format: TableFormat,
+    directory: &Path,
+) -> Result<u8, Failure> {
+    create_directory(directory)?;
+    let path = directory.join(format!("{JOINED}.{}", format.ending()));
+    // Before the first message, the log does not say what the laws show.
+    let first = reader.next_entry()?.copied();
+    let (shape, period_s) = (JoinedShape::of(reader), period_s(reader)?);
+    let out = Box::new(BufWriter::new(replace(&path)?));
+    let columns = with_tick(shape.columns.clone());
+    let mut table = TableFile::begin(format, out, columns).map_err(|e| unwritten(&e))?;
+    let mut joiner = Joiner::default();
+    let mut write = |joined: Joined| {
+        let begin = [time(joined.tick, period_s), Cell::Integer(joined.tick)];
+        let row: Vec<Cell> = begin.into_iter().chain(shape.cells(&joined)).collect();
+        table.push(&row).map_err(|e| unwritten(&e))
+    };
+    let mut next = Ok(first);
+    let read = loop {
+        let entry = match next {
+            Ok(Some(entry)) => entry,
+            Ok(None) => break Ok(()),
+            Err(failure) => break Err(failure),
+        };
+        let part = match &entry {
+            LogEntry::Wrench(message) => Some(LoopMessage::Wrench(message.content, None)),
+            entry => LoopMessage::of(entry),
+        };
+        part.into_iter()
+            .for_each(|it| joiner.take(entry.envelope().tick, it));
+        while let Some(joined) = joiner.next_complete() {
+            write(joined)?;
+        }
+        next = reader.next_entry().map(Option::<&LogEntry>::copied);
+    };
+    while let Some(joined) = joiner.rest() {
+        write(joined)?;
+    }
+    table.finish().map_err(|e| unwritten(&e))?;
+    print(&format!("{:>8} rows  {}\n", table.rows, path.display()))?;
+    // Everything before a damaged part is exported, then the damage is reported.
+    read?;
+    print_missing(reader)?;
+    Ok(OK)
+}
+
+/// The columns of the joined table. They have the names of the arrays in Python: `state`, `truth`, `setpoint`, `reference`,
+/// `wrench`, `rotor_speeds` and `telemetry.ROLE`.
+struct JoinedShape {
+    columns: Vec<Column>,
+    /// Which numbers of the messages have a column: all but the plant's record for the replay.
+    is_kept: Vec<bool>,
+    signals: [Option<TelemetryTopic>; LAW_ROLES.len()],
+}
+
+impl JoinedShape {
+    fn of(reader: &LogReader) -> Self {
+        let content = [
+            named_in::<State>(),
+            named_in::<Setpoint>(),
+            named_in::<Wrench>(),
+            named_in::<RotorSpeeds>(),
+        ]
+        .concat();
+        let is_kept = content.iter().map(Option::is_some).collect();
+        let mut columns: Vec<Column> = content.into_iter().flatten().collect();
+        let signals = LAW_ROLES.map(|role| reader.telemetry(role).cloned());
+        for (role, signals) in LAW_ROLES.iter().zip(&signals) {
+            let of_law = signals.iter().flat_map(TelemetryTopic::columns);
+            columns.extend(of_law.map(|column| Column {
+                name: format!("telemetry.{role}.{}", column.name),
+                ..column
+            }));
+        }
+        Self {
+            columns,
+            is_kept,
+            signals,
+        }
+    }
+
+    fn cells(&self, joined: &Joined) -> impl Iterator<Item = Cell> {
+        let content = [
+            rows::content_cells(&joined.state),
+            cells_of(joined.setpoint.as_ref()),
+            cells_of(joined.wrench.as_ref()),
+            cells_of(joined.rotor_speeds.as_ref()),
+        ]
+        .concat();
+        let content = content.into_iter().zip(&self.is_kept);
+        let telemetry = self.signals.iter().zip(joined.telemetry());
+        let telemetry = telemetry.flat_map(|(signals, shown)| {
+            let signals = signals.iter();
+            signals.flat_map(move |signals| match shown {
+                Some(shown) => signals.cells(shown),
+                None => vec![Cell::Missing; signals.columns().len()],
+            })
+        });
+        let kept = content.filter_map(|(cell, is_kept)| is_kept.then_some(cell));
+        kept.chain(telemetry)
+    }
+}
+
+/// The columns of a topic as the joined table has them; none for a number that it leaves out.
+fn named_in<C: Logged>() -> Vec<Option<Column>> {
+    let named = |column: Column| {
+        let path = column.name.split_once('.').map_or("", |(path, _)| path);
+        let name = match path {
+            "decision" => return None,
+            "truth" | "reference" => column.name,
+            _ => format!(
+                "{}.{}",
+                C::NAME,
+                column.name.trim_start_matches("measured.")
+            ),
+        };
+        Some(Column { name, ..column })
+    };
+    let columns = rows::content_columns::<C>().into_iter();
+    columns.map(named).collect()
+}
+
+fn cells_of<C: Logged>(content: Option<&C>) -> Vec<Cell> {
+    content.map_or_else(
+        || vec![Cell::Missing; rows::content_columns::<C>().len()],
+        rows::content_cells,
+    )
+}
+
+struct Tables {
+    format: TableFormat,
+    directory: Option<PathBuf>,
+    selected: Vec<&'static str>,
+    open: BTreeMap<&'static str, TableFile>,
+    /// Length of a tick [s], from the first message on.
+    period_s: Option<f64>,
+    is_read: bool,
 }
 
 impl Tables {
@@ -198,45 +373,47 @@ impl Tables {
     fn begin_all(
         is_selected: impl Fn(&str) -> bool,
         directory: Option<PathBuf>,
-        is_json: bool,
+        format: TableFormat,
     ) -> Result<Self, Failure> {
         directory.as_deref().map_or(Ok(()), create_directory)?;
         let mut tables = Self {
-            is_json,
+            format,
             directory,
             selected: topics().filter(|topic| is_selected(topic)).collect(),
             open: BTreeMap::new(),
+            period_s: None,
             is_read: true,
         };
         for topic in FORMATS {
-            tables.begin(topic.name, topic.columns)?;
+            tables.begin(topic.name, || with_time((topic.columns)()))?;
         }
         Ok(tables)
     }
 
-    /// Starts a table if it is selected and not started yet; writes the header line, also if no message follows.
+    /// Starts a table if it is selected and not started yet.
     fn begin(
         &mut self,
         topic: &'static str,
-        columns: impl FnOnce() -> Vec<String>,
+        columns: impl FnOnce() -> Vec<Column>,
     ) -> Result<(), Failure> {
         if self.open.contains_key(topic) || !self.selected.contains(&topic) {
             return Ok(());
         }
-        let mut out: Box<dyn Write> = match self.path(topic) {
+        let out: Out = match self.path(topic) {
             Some(path) => Box::new(BufWriter::new(replace(&path)?)),
             None => Box::new(BufWriter::new(io::stdout())),
         };
-        let begun = match self.is_json {
-            false => writeln!(out, "{}", columns().join(",")),
-            true => Ok(()),
-        };
-        self.open.insert(topic, Table { out, messages: 0 });
-        self.written(begun)
+        match TableFile::begin(self.format, out, columns()) {
+            Ok(table) => {
+                self.open.insert(topic, table);
+                Ok(())
+            }
+            Err(e) => self.written(Err(e)),
+        }
     }
 
     fn path(&self, topic: &str) -> Option<PathBuf> {
-        let ending = if self.is_json { "jsonl" } else { "csv" };
+        let ending = self.format.ending();
         Some(self.directory.as_ref()?.join(format!("{topic}.{ending}")))
     }
 
@@ -252,35 +429,40 @@ impl Tables {
         reader: &LogReader,
         message: &Message<C>,
     ) -> Result<(), Failure> {
-        let is_json = self.is_json;
-        self.put(<C as Topic>::NAME, || match is_json {
-            false => rows::csv(message),
-            true => rows::json(message),
-        })?;
+        let period_s = match self.period_s {
+            Some(period_s) => period_s,
+            None => *self.period_s.insert(period_s(reader)?),
+        };
+        let tick = message.envelope.tick;
+        let begin = time(tick, period_s);
+        self.put(<C as Topic>::NAME, [begin], || rows::cells(message))?;
         let signals = reader.telemetry(C::SENDER);
         let Some((signals, telemetry)) = signals.zip(message.content.telemetry()) else {
             return Ok(());
         };
-        self.begin(signals.topic(), || signals.columns())?;
-        self.put(signals.topic(), || match is_json {
-            false => signals.csv(message.envelope.tick, telemetry),
-            true => signals.json(message.envelope.tick, telemetry),
-        })
+        self.begin(signals.topic(), || with_tick(signals.columns()))?;
+        let begin = [begin, Cell::Integer(tick)];
+        self.put(signals.topic(), begin, || signals.cells(telemetry))
     }
 
-    fn put(&mut self, topic: &str, line: impl FnOnce() -> String) -> Result<(), Failure> {
+    fn put<const N: usize>(
+        &mut self,
+        topic: &str,
+        begin: [Cell; N],
+        rest: impl FnOnce() -> Vec<Cell>,
+    ) -> Result<(), Failure> {
         let Some(table) = self.open.get_mut(topic) else {
             return Ok(());
         };
-        table.messages += 1;
-        let written = writeln!(table.out, "{}", line());
+        let row: Vec<Cell> = begin.into_iter().chain(rest()).collect();
+        let written = table.push(&row);
         self.written(written)
     }
 
     fn finish(&mut self) -> Result<(), Failure> {
         let mut tables = self.open.values_mut();
-        let flushed = tables.try_for_each(|table| table.out.flush());
-        self.written(flushed)
+        let finished = tables.try_for_each(TableFile::finish);
+        self.written(finished)
     }
 
     /// A reader that ends early, such as `head`, is not an error.
@@ -290,15 +472,14 @@ impl Tables {
                 self.is_read = false;
                 Ok(())
             }
-            Err(e) => Err(Failure::failed(format!("cannot write the export: {e}"))),
-            Ok(()) => Ok(()),
+            written => written.map_err(|e| unwritten(&e)),
         }
     }
 
     /// Lists the files written; empty for standard output, which holds the messages.
     fn summary(&self) -> String {
         let line = |topic: &'static str| {
-            let (messages, file) = (self.open.get(topic)?.messages, self.path(topic)?);
+            let (messages, file) = (self.open.get(topic)?.rows, self.path(topic)?);
             Some(format!("{messages:>8} messages  {}\n", file.display()))
         };
         topics().filter_map(line).collect()

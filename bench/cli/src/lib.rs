@@ -22,3 +22,4 @@ pub mod params;
 pub mod report_command;
 pub mod resource_limits;
 pub mod runs;
+pub mod table_file;

@@ -11,6 +11,7 @@ from pathlib import Path
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace, TrackEvent
 
 STAGES = {"plant": "state", "outer": "setpoint", "inner": "wrench", "mixer": "rotor_speeds"}
+INPUTS = ["state", "setpoint", "wrench"]
 
 path, exported, report = map(Path, sys.argv[1:])
 trace = Trace()
@@ -35,12 +36,12 @@ assert list(tracks.values()) == ["ironbird", *STAGES, "deadlines missed", "swaps
 for place, (stage, topic) in enumerate(STAGES.items()):
     expected = []
     for line in (exported / f"{topic}.jsonl").read_text().splitlines():
-        envelope = json.loads(line)["envelope"]
-        stamps = envelope["stamps"][place]
-        is_stale = place > 0 and envelope["input_tick"][place - 1] != envelope["tick"]
+        message = json.loads(line)
+        tick, stamps = message["envelope.tick"], [message[f"envelope.stamps.{stage}.{which}_ns"] for which in ("receive", "send")]
+        is_stale = place > 0 and message[f"envelope.input_tick.{INPUTS[place - 1]}"] != tick
         name = stage + (" (stale input)" if is_stale else "")
-        if stamps["receive_ns"] > 0:
-            expected.append([envelope["tick"], stamps["receive_ns"], stamps["send_ns"], name])
+        if stamps[0] > 0:
+            expected.append([tick, *stamps, name])
     assert len(expected) > 100 and slices[stage] == expected, f"{stage}: {slices[stage]} {expected}"
 missed = sum(said["count"] for track, _, said in instants if track == "deadlines missed")
 # Misses before the first state, and after the last state, are in no state.

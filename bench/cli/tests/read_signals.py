@@ -25,7 +25,7 @@ def main(directory, text, outer, inner, rate_error, estimates):
     for role, count in ("outer", int(outer)), ("inner", int(inner)):
         exported = columns(directory / f"export/{role}_telemetry.csv")
         signals = laws[role]["telemetry"]
-        assert (len(signals), len(exported)) == (count, count + 1), (role, signals)
+        assert (len(signals), len(exported)) == (count, count + 2), (role, signals)
         for signal in signals:
             name = signal["name"]
             values = [float(cell) for cell in exported[name]]

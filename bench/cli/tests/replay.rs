@@ -207,14 +207,14 @@ fn flip(value: &mut f64) {
 
 /// A stage, a tick, and a field of a message of that tick.
 const CHANGES: [(&str, u64, &str); 8] = [
-    ("plant", 90, "state.measured.position_w_m[1]"),
+    ("plant", 90, "state.measured.position_w_m.y"),
     ("outer", 90, "setpoint.thrust_n"),
-    ("inner", 90, "wrench.torque_b_nm[2]"),
+    ("inner", 90, "wrench.torque_b_nm.z"),
     ("inner", 90, "inner_telemetry.rotational_drag_nm_s"),
     ("mixer", 90, "rotor_speeds.saturated"),
     ("mixer", 90, "mixer_telemetry.yaw_share"),
     ("record", 90, "theorem.v_th"),
-    ("plant", 60, "swaps.old[0]"),
+    ("plant", 60, "swaps.old.1"),
 ];
 
 /// Changes a field of the messages of a tick; keeps all messages.
@@ -223,11 +223,11 @@ fn change(tick: u64, field: &str) -> impl FnMut(&mut LogEntry) -> bool {
         let is_then = entry.envelope().tick == tick;
         match (entry, field) {
             _ if !is_then => {}
-            (LogEntry::State(it), "state.measured.position_w_m[1]") => {
+            (LogEntry::State(it), "state.measured.position_w_m.y") => {
                 flip(&mut it.content.measured.position_w_m[1]);
             }
             (LogEntry::Setpoint(it), "setpoint.thrust_n") => flip(&mut it.content.thrust_n),
-            (LogEntry::Wrench(it), "wrench.torque_b_nm[2]") => flip(&mut it.content.torque_b_nm[2]),
+            (LogEntry::Wrench(it), "wrench.torque_b_nm.z") => flip(&mut it.content.torque_b_nm[2]),
             (LogEntry::Wrench(it), "inner_telemetry.rotational_drag_nm_s") => {
                 flip(&mut it.content.telemetry.value[4]);
             }
@@ -236,7 +236,7 @@ fn change(tick: u64, field: &str) -> impl FnMut(&mut LogEntry) -> bool {
                 flip(&mut it.content.telemetry.value[1]);
             }
             (LogEntry::Theorem(it), "theorem.v_th") => flip(&mut it.content.v_th),
-            (LogEntry::Swap(it), "swaps.old[0]") => flip(&mut it.content.old[0]),
+            (LogEntry::Swap(it), "swaps.old.1") => flip(&mut it.content.old[0]),
             _ => {}
         }
         true

@@ -56,7 +56,7 @@ pub struct TopicFormat {
     /// The schema that logs of the format before have.
     pub(crate) earlier_descriptor_set: fn() -> Vec<u8>,
     pub describe: fn() -> BTreeMap<String, String>,
-    pub columns: fn() -> Vec<String>,
+    pub columns: fn() -> Vec<rows::Column>,
     pub(crate) empty: fn() -> LogEntry,
 }
 

@@ -6,7 +6,6 @@
 //! topic.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, Signal, TELEMETRY, Telemetry};
@@ -15,7 +14,7 @@ use prost_types::field_descriptor_proto::Type;
 use prost_types::{DescriptorProto, FileDescriptorSet};
 
 use crate::codec::{put_word, take_word};
-use crate::rows::json_number;
+use crate::rows::{Cell, Column};
 use crate::schema::{PACKAGE, file, plain};
 
 /// The topics, by role in the order of [`LAW_ROLES`].
@@ -142,26 +141,16 @@ impl TelemetryTopic {
         bytes.is_empty()
     }
 
-    pub fn columns(&self) -> Vec<String> {
-        let names = self.signals.iter().map(|(name, _)| name.clone());
-        std::iter::once(TICK.to_owned()).chain(names).collect()
+    pub fn columns(&self) -> Vec<Column> {
+        let columns = self.signals.iter();
+        columns
+            .map(|(name, unit)| Column::number(name, unit))
+            .collect()
     }
 
-    pub fn csv(&self, tick: u64, telemetry: &Telemetry) -> String {
-        let mut row = tick.to_string();
-        for value in &telemetry.value[..self.signals.len()] {
-            // Writing into a string cannot fail.
-            let _ = write!(row, ",{value:?}");
-        }
-        row
-    }
-
-    pub fn json(&self, tick: u64, telemetry: &Telemetry) -> String {
-        let mut object = format!("{{\"{TICK}\":{tick}");
-        for ((name, _), value) in self.signals.iter().zip(telemetry.value) {
-            let _ = write!(object, ",\"{name}\":{}", json_number(value));
-        }
-        object + "}"
+    pub fn cells(&self, telemetry: &Telemetry) -> Vec<Cell> {
+        let values = &telemetry.value[..self.signals.len()];
+        values.iter().copied().map(Cell::Number).collect()
     }
 }
 

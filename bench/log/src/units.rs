@@ -25,6 +25,9 @@ const UNITS: [(&str, &str); 14] = [
     ("tick", "tick; 18446744073709551615 is none"),
 ];
 
+/// Where the unit stands if no name says it.
+const ELSEWHERE: &str = "docs/conventions.md";
+
 const FRAMES: [(&str, &str); 4] = [
     ("_w_", "world: right-handed, z up"),
     ("_b_", "body: x forward, y left, z up"),
@@ -65,6 +68,16 @@ fn describe_fields(path: &str, fields: &[Field], facts: &mut BTreeMap<String, St
     }
 }
 
+/// The unit of a field's numbers as tables have it: empty for a ratio, a count or a flag, and where no name says it.
+pub(crate) fn of(field: &Field) -> String {
+    let unit = unit(field);
+    // Tables have no number where a log says which tick is none.
+    match unit.split(';').next().unwrap_or_default() {
+        "1" | ELSEWHERE => String::new(),
+        unit => unit.to_owned(),
+    }
+}
+
 /// The unit of a field; 1 for counts, flags and fingerprints, and where to look where no name says it.
 fn unit(field: &Field) -> String {
     if field.kind == Kind::F64 && field.length == Some(PARAMETERS) {
@@ -82,7 +95,7 @@ fn unit(field: &Field) -> String {
         name => {
             let unit = UNITS.iter().find(|(end, _)| name.ends_with(end));
             let other = if field.kind == Kind::F64 {
-                "docs/conventions.md"
+                ELSEWHERE
             } else {
                 "1"
             };

@@ -1,22 +1,30 @@
-"""The rig from Python: simulate flights, read recorded ones, fly laws that are written here.
+"""The rig from Python: simulate flights, fly and read recorded ones, fly laws that are written here, run campaigns.
 
     flight = ironbird.simulate("lissajous", 20, outer="estimating", faults=["mass_kg=+30%@8s"])
     flight.t, flight.state.position_w_m, flight.units["state.position_w_m"]
+    flight.plot()
 """
 
 from __future__ import annotations
 
+import csv
+import json
 import os
+import tempfile
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from ironbird import _rig
 from ironbird._rig import Desired, Given, LogError, Measured, Reference, Rig, SettingsError
+from ironbird.command import CommandError, Flag, executable, expect, failed, place, run
 from ironbird.flight import Array, Fault, Flight, Group
 from ironbird.law import InnerLaw, OuterLaw
+from ironbird.table import Table, flat
 
 __all__ = [
     "Array",
+    "CommandError",
     "Desired",
     "Fault",
     "Flight",
@@ -29,6 +37,12 @@ __all__ = [
     "Reference",
     "Rig",
     "SettingsError",
+    "Table",
+    "campaign",
+    "compare",
+    "executable",
+    "fly",
+    "margin",
     "read",
     "simulate",
 ]
@@ -93,3 +107,90 @@ def read(run: str | os.PathLike[str] = "latest", *, out: str | os.PathLike[str] 
     """
     columns, facts = _rig.read(os.fspath(run), None if out is None else os.fspath(out))
     return Flight._of(columns, facts)
+
+
+def fly(**flags: Flag) -> Flight:
+    """Flies in four real-time processes, as `ironbird fly` does, and reads the flight from its directory.
+
+    Keywords are the flags of `ironbird fly`, with `_` for each `-`: `fly(trajectory="helix", duration="10s", inner="indi",
+    fault=["mass_kg=+30%@5s"], set={"inner.filter_rad_s": 60.0}, pace="lockstep")`. A gate that does not hold, a lost
+    flight and a dead process are results: see `status` and `verdicts`.
+
+    Raises:
+        SettingsError: a flag or a setting is unknown, or not what it may be.
+        CommandError: nothing was flown.
+        LogError: the flight has no log (`log="off"`).
+        FileNotFoundError: there is no executable.
+        KeyboardInterrupt: Ctrl-C ended the flight in order; its directory is the newest one.
+    """
+    done = run("fly", **flags)
+    directory = place(done.stdout, "run")
+    if directory is None:
+        raise failed(done)
+    return read(directory)
+
+
+def compare(**flags: Flag) -> Table:
+    """Simulates a flight with several laws, as `ironbird compare` does: a row for each combination of laws.
+
+    `compare(inner=["adaptive", "indi"], fault="disturbance_gain_rad_s2=2@8s")`. With `table` or `suite`, there is a row for
+    each case and combination. `document` has all that `--format json` prints.
+
+    Raises:
+        SettingsError, CommandError, FileNotFoundError: as `fly`.
+    """
+    if "table" in flags or "suite" in flags:
+        with tempfile.TemporaryDirectory() as directory:
+            rows = Path(os.fspath(flags.pop("csv", None) or Path(directory) / "rows.csv"))  # type: ignore[arg-type]
+            expect(run("compare", csv=rows, **flags), 0, 3)
+            with open(rows, newline="", encoding="utf-8") as file:
+                return Table([{name: text if name == "outputs" else _number(text) for name, text in row.items()} for row in csv.DictReader(file)])
+    document = json.loads(expect(run("compare", **flags, format="json"), 0, 3))
+    return Table([flat(row["laws"] | {name: row[name] for name in row if name != "laws"}) for row in document["outcomes"]], document)
+
+
+def margin(**flags: Flag) -> Table:
+    """Measures which faults a loop survives, as `ironbird margin` does: a row for each law, kind of fault and stage.
+
+    `margin(inner="indi", only="inner", phases=1)`. The limits are the greatest strength, in ticks or as a share in percent,
+    that is `unnoticed`, from which the loop `recovers`, that it `survives`, and at which it is `calm`.
+
+    Raises:
+        SettingsError, CommandError, FileNotFoundError: as `fly`.
+    """
+    document = json.loads(expect(run("margin", **flags, format="json"), 0))
+    rows = []
+    for law in document["laws"]:
+        for search in law["searches"]:
+            limits = dict(zip(LIMITS, search["limits"], strict=True))
+            rows.append(law["laws"] | {name: search[name] for name in ("kind", "of", "most")} | limits)
+    return Table(rows, document)
+
+
+LIMITS = ("unnoticed", "recovers", "survives", "calm")
+
+
+def campaign(file: str | os.PathLike[str], *, out: str | os.PathLike[str] | None = None, **flags: Flag) -> Table:
+    """Runs a campaign, as `ironbird campaign run` does: a row for each flight and arm, in the order of the flights.
+
+    Flights that are recorded already in `out` (default: campaigns/NAME of the file) are not repeated. `document` is the
+    report of the campaign: success of each arm with its interval, differences, factors.
+
+    Raises:
+        SettingsError, CommandError, FileNotFoundError: as `fly`.
+        KeyboardInterrupt: Ctrl-C; the next call flies what is missing.
+    """
+    directory = Path(place(expect(run("campaign", "run", file, out=out, **flags), 0), "out") or "")
+    document = json.loads(expect(run("campaign", "report", directory, format="json"), 0, 3))
+    table = []
+    for chunk in sorted(directory.glob("chunk-*.parquet")):
+        columns = dict(_rig.read_rows(os.fspath(chunk)))
+        table += [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return Table(table, document)
+
+
+def _number(text: str) -> float | str | None:
+    try:
+        return float(text)
+    except ValueError:
+        return text or None

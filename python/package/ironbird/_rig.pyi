@@ -130,7 +130,7 @@ class Rig:
     def rotor_max_rad_s(self) -> float:
         """Largest rotor speed [rad/s]."""
 
-Column = tuple[str, str, str, Array]
+Column = tuple[str, str, str, list[str], Array]
 
 def simulate(
     settings: dict[str, dict[str, Any]],
@@ -139,3 +139,4 @@ def simulate(
     inner: InnerLaw | None = None,
 ) -> tuple[list[Column], dict[str, Any]]: ...
 def read(run: str, out: str | None = None) -> tuple[list[Column], dict[str, Any]]: ...
+def read_rows(path: str) -> list[tuple[str, list[Any]]]: ...

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import base64
 import difflib
+import html
+import io
+import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from ironbird import plot as picture
+from ironbird import table
+
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ironbird._rig import Column
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -104,7 +114,7 @@ class Setpoint(Group):
     mode: Array
 
 
-class Path(Group):
+class Course(Group):
     """Where the vehicle should be."""
 
     position_w_m: Array
@@ -168,7 +178,7 @@ class Flight:
     state: State
     truth: Truth
     setpoint: Setpoint
-    reference: Path
+    reference: Course
     wrench: Wrench
     rotor_speeds: RotorSpeeds
     telemetry: Telemetry
@@ -178,6 +188,8 @@ class Flight:
     """Latencies [us]; empty in a simulated flight. `slack_us` is below 0 where a deadline was missed."""
     units: Mapping[str, str]
     """Unit of each array, as `units["state.position_w_m"]`; empty for a ratio, a count or a flag."""
+    axes: Mapping[str, tuple[str, ...]]
+    """Names of the columns of each array that has several, as `axes["state.attitude_rad"]`: roll, pitch, yaw."""
     faults: tuple[Fault, ...]
     end: str
     """Why it ended: `completed`, or how it left its envelope."""
@@ -190,6 +202,28 @@ class Flight:
     """Length of a tick [s]."""
     settings: Mapping[str, Mapping[str, Any]]
     """What it was flown with; `simulate(settings=flight.settings)` flies it again."""
+    directory: Path | None
+    """Where its log is; None for a simulated flight."""
+    report: Mapping[str, Any]
+    """The report (docs/report.md) beside the log; empty where there is none."""
+
+    @property
+    def status(self) -> str | None:
+        """PASS, COMPLETED, INCOMPLETE, FAIL, INTERRUPTED or ABORTED; None without a report."""
+        status: str | None = self.report.get("verdict", {}).get("status")
+        return status
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """The report's verdicts on flight, timing and theorem, and the last words of a process that failed; of a flight
+        without a report, how it ended."""
+        words: Mapping[str, Mapping[str, str]] = self.report.get("words", {})
+        if not words:
+            error_m = self.position_error_m[self.t >= self.t[-1] - 5.0].max() if len(self.t) else np.nan
+            return {"flight": f"{self.end}; position error up to {error_m:.4f} m in the last 5 s"}
+        verdicts = {name: f"{it['word'].replace('_', ' ')}: {it['why']}" for name, it in words.items()}
+        last = "\n".join(self.report["run"]["last_words"])
+        return verdicts | ({"last words": last} if last else {})
 
     @property
     def position_error_m(self) -> Array:
@@ -218,30 +252,92 @@ class Flight:
         error: Array = np.arctan2(across, np.sum(body_z * thrust, axis=1))
         return error
 
+    @property
+    def title(self) -> str:
+        """Trajectory, length, laws and end."""
+        end = self.status if self.status and self.end == "completed" else ", ".join(filter(None, (self.status, self.end)))
+        return f"{self.trajectory}, {len(self.t)} ticks, {' + '.join(self.laws.values())}: {end}"
+
+    def columns(self, every: int = 1) -> dict[str, Array]:
+        """All numbers by name, each an array with a row for every `every`th tick: `t_s`, `tick`, `state.position_w_m.x`.
+
+        Those of the loop have the names of `ironbird export --joined`.
+        """
+        if every < 1:
+            raise ValueError(f"every = {every}: allowed are 1 and more")
+        result = {"t_s": self.t[::every], "tick": self.tick[::every]}
+        groups: dict[str, Group] = {name: value for name in self.__dataclass_fields__ if isinstance(value := getattr(self, name), Group)}
+        groups |= {f"telemetry.{role}": group for role, group in self.telemetry._asdict().items()}
+        for group, arrays in groups.items():
+            for name, array in arrays.items():
+                path = f"{group}.{name}"
+                if path in self.axes:
+                    parts = zip(self.axes[path], array[::every].T, strict=True)
+                    result |= {f"{path}.{axis}": part for axis, part in parts}
+                else:
+                    result[path] = array[::every]
+        return result
+
+    def to_pandas(self, every: int = 1) -> Any:
+        """A DataFrame of pandas with the columns of `columns`, and a row for every `every`th tick."""
+        return table.pandas(self.columns(every))
+
+    def to_polars(self, every: int = 1) -> Any:
+        """The same as a DataFrame of Polars."""
+        return table.polars(self.columns(every))
+
+    def plot(self, every: int = 1) -> Figure:
+        """A figure of matplotlib: path, position, error, attitude, rotor speeds and estimates; dotted lines are faults."""
+        matplotlib = table.library("matplotlib", "plot()")
+        pyplot = table.library("matplotlib.pyplot", "plot()")
+        figure: Figure = pyplot.figure(figsize=(11, 9), layout="constrained")
+        picture.draw(figure, self, every)
+        if "inline" in matplotlib.get_backend():
+            # A notebook shows what a cell returns, and all open figures once more.
+            pyplot.close(figure)
+        return figure
+
     def __repr__(self) -> str:
-        flown = f"{self.trajectory}, {len(self.t)} ticks, {' + '.join(self.laws.values())}"
-        return f"<Flight {flown}: {self.end}, outputs {self.fingerprint}>"
+        return f"<Flight {self.title}, outputs {self.fingerprint}>"
+
+    def _repr_html_(self) -> str:
+        lines = "".join(
+            f"<tr><th>{html.escape(name)}</th><td style='text-align:left;white-space:pre-wrap'>{html.escape(text)}</td></tr>"
+            for name, text in self.verdicts.items()
+        )
+        text = f"<p><b>{html.escape(self.title)}</b></p><table>{lines}</table>"
+        try:
+            drawn = table.library("matplotlib.figure", "plot()").Figure(figsize=(11, 9), layout="constrained")
+        except ImportError:
+            return text
+        picture.draw(drawn, self, max(1, len(self.t) // 4000))
+        png = io.BytesIO()
+        drawn.savefig(png, format="png", dpi=80)
+        return f"{text}<img alt='the flight' src='data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}'>"
 
     @classmethod
     def _of(cls, columns: list[Column], facts: dict[str, Any]) -> Flight:
         groups: dict[str, dict[str, Array]] = {}
-        for group, name, _, array in columns:
+        for group, name, _, _, array in columns:
             groups.setdefault(group, {})[name] = array
         telemetry = (Group(groups.get(f"telemetry.{role}", {})) for role in Telemetry._fields)
         tick: Array = facts["tick"]
+        directory = Path(facts["log"]).absolute().parent if "log" in facts else None
+        report = directory / "report.json" if directory else None
         return cls(
             t=tick * facts["period_s"],
             tick=tick,
             state=State(groups["state"]),
             truth=Truth(groups["truth"]),
             setpoint=Setpoint(groups["setpoint"]),
-            reference=Path(groups["reference"]),
+            reference=Course(groups["reference"]),
             wrench=Wrench(groups["wrench"]),
             rotor_speeds=RotorSpeeds(groups["rotor_speeds"]),
             telemetry=Telemetry(*telemetry),
             theorem=Group(groups.get("theorem", {})),
             timing=Group(groups.get("timing", {})),
-            units=Units({"t": "s"} | {f"{group}.{name}": unit for group, name, unit, _ in columns}),
+            units=Units({"t": "s"} | {f"{group}.{name}": unit for group, name, unit, _, _ in columns}),
+            axes={f"{group}.{name}": tuple(axes) for group, name, _, axes, _ in columns if axes},
             faults=tuple(Fault(*fault) for fault in facts["faults"]),
             end=facts["end"],
             fingerprint=facts["fingerprint"],
@@ -249,4 +345,6 @@ class Flight:
             trajectory=facts["trajectory"],
             period_s=facts["period_s"],
             settings=tomllib.loads(facts["settings"]) | facts.get("handed", {}),
+            directory=directory,
+            report=json.loads(report.read_text()) if report and report.is_file() else {},
         )

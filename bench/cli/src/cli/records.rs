@@ -9,6 +9,7 @@ use messages::role::Role;
 use render::flight::section_names;
 
 use crate::cli::values;
+use crate::table_file::TableFormat;
 use config::law_settings::Moved;
 use flight_log::topics;
 
@@ -88,6 +89,10 @@ pub struct ExportArgs {
     /// Write this topic to standard output [default: each topic to its own file].
     #[arg(long, value_parser = PossibleValuesParser::new(topics()))]
     pub topic: Option<String>,
+    /// Write one table instead, with a row per state: sensors, ground truth, setpoint, reference, wrench, rotor speeds and
+    /// the laws' signals of its tick. What a stage did not publish is empty.
+    #[arg(long, conflicts_with = "topic")]
+    pub joined: bool,
     /// Output format.
     #[arg(long, value_enum, default_value_t = ExportFormat::Csv)]
     pub format: ExportFormat,
@@ -103,10 +108,27 @@ pub struct ExportArgs {
 pub enum ExportFormat {
     /// One row per message, one column per number.
     Csv,
-    /// One JSON object per message, each on its own line.
+    /// One JSON object per message, each on its own line; its keys are the columns of the CSV file.
     Json,
+    /// Apache Parquet, with the units in the file's metadata.
+    Parquet,
+    /// MATLAB: one variable per column, with `_` for each `.`; NaN is no value.
+    Mat,
     /// A trace for ui.perfetto.dev: one track per stage; missed deadlines, parameter changes and faults as instants.
     Perfetto,
+}
+
+impl ExportFormat {
+    /// None for a trace, which is no table.
+    pub const fn table(self) -> Option<TableFormat> {
+        Some(match self {
+            Self::Csv => TableFormat::Csv,
+            Self::Json => TableFormat::Json,
+            Self::Parquet => TableFormat::Parquet,
+            Self::Mat => TableFormat::Mat,
+            Self::Perfetto => return None,
+        })
+    }
 }
 
 #[derive(Clone, Debug, Args)]

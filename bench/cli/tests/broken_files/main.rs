@@ -120,8 +120,8 @@ fn exported(path: &Path) -> Result<(), Failure> {
     while log.next_entry()?.is_some() {
         let entry = log.newest();
         trace.take(entry).unwrap();
-        let lines = with_message!(entry, it => [rows::csv(it), rows::json(it)]);
-        assert!(lines.iter().all(|line| !line.is_empty()));
+        let cells = with_message!(entry, it => rows::cells(it));
+        assert!(!cells.is_empty());
     }
     trace.finish().unwrap();
     log.missing().map(drop)

@@ -37,7 +37,6 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
     let mut text = json!({
         "kind": "flight",
         "instance": model.instance,
-        "launched": model.launched,
         "allows_control": allows_control,
     });
     if let Some(flight) = &model.flight {
@@ -114,8 +113,13 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
     };
     let is_off = matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost);
     let is_late = timing == TimingVerdict::Late;
-    let verdict =
-        |word: String, why: &str, tone: &str| json!({"word": word, "why": why, "tone": tone});
+    // Without a recorder, they are of the past.
+    let verdict = |word: String, why: &str, tone: &str| match flight.lost_at() {
+        Some(tick) => {
+            json!({"word": word, "why": format!("up to tick {tick}: {why}"), "tone": "open"})
+        }
+        None => json!({"word": word, "why": why, "tone": tone}),
+    };
     text["flight"] = json!({
         "phase": phase(flight),
         "tick": flight.tick(),

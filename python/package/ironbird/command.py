@@ -1,0 +1,133 @@
+"""Runs the executable `ironbird`: keywords become its flags, and its errors exceptions."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ironbird._rig import SettingsError
+
+Value: TypeAlias = str | float | os.PathLike[str]
+Flag: TypeAlias = Value | None | Iterable[Value] | Mapping[str, Any]
+"""The value of a flag: True for a flag without a value, a list for one that may be repeated, a mapping for KEY=VALUE."""
+
+
+class CommandError(RuntimeError):
+    """The executable failed; `code` is its exit code (docs/architecture.md)."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def executable() -> str:
+    """The executable: that of the variable IRONBIRD, else the one installed with this module, else `ironbird` on PATH."""
+    if named := os.environ.get("IRONBIRD"):
+        if found := shutil.which(named):
+            return found
+        raise FileNotFoundError(f"IRONBIRD={named} is no executable; name the executable `ironbird`, or unset the variable")
+    try:
+        files = metadata.files("ironbird") or []
+    except metadata.PackageNotFoundError:
+        files = []
+    installed = (str(file.locate()) for file in files if file.name == "ironbird")
+    on_path = shutil.which("ironbird")
+    for path in (*installed, *([on_path] if on_path else [])):
+        if os.access(path, os.X_OK) and not os.path.isdir(path):
+            return path
+    raise FileNotFoundError(
+        "there is no executable `ironbird`: put it on PATH (cargo install --path bench/cli), or name it in the variable IRONBIRD"
+    )
+
+
+def run(*command: str | os.PathLike[str], **flags: Flag) -> subprocess.CompletedProcess[str]:
+    """Runs a command to its end, whatever its exit code; Ctrl-C ends it in order.
+
+    Raises:
+        FileNotFoundError: there is no executable.
+        SettingsError: a flag or a setting is unknown, or not what it may be.
+    """
+    line = [executable(), *(os.fspath(word) for word in command), *arguments(flags)]
+    # In a group of its own, so that Ctrl-C reaches it once, from here; it ends with this process.
+    process = subprocess.Popen(
+        [*line, "--launcher", str(os.getpid())],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        process_group=0,
+    )
+    try:
+        out, err = process.communicate()
+    except BaseException:
+        process.send_signal(signal.SIGINT)
+        process.communicate()
+        raise
+    done = subprocess.CompletedProcess(line, process.returncode, out, err)
+    if done.returncode == 2:
+        raise SettingsError(_error(done))
+    for text in err.splitlines():
+        if text.startswith("warning: "):
+            warnings.warn(text.removeprefix("warning: "), stacklevel=3)
+    return done
+
+
+def expect(done: subprocess.CompletedProcess[str], *codes: int) -> str:
+    """What a command printed, if its exit code is one of these."""
+    if done.returncode not in codes:
+        raise failed(done)
+    return done.stdout
+
+
+def failed(done: subprocess.CompletedProcess[str]) -> CommandError:
+    """The exception of a command that did not do what it was to do."""
+    return CommandError(_error(done), done.returncode)
+
+
+def place(out: str, key: str) -> str | None:
+    """The directory that the RESULT line of a command ends with."""
+    result = [line for line in out.splitlines() if line.startswith("RESULT ")]
+    return result[-1].partition(f" {key}=")[2] if result else None
+
+
+def _error(done: subprocess.CompletedProcess[str]) -> str:
+    text = done.stderr[done.stderr.find("error: ") :].removeprefix("error: ").strip()
+    return text or f"{Path(done.args[0]).name} {done.args[1]} ended with exit code {done.returncode}"
+
+
+def arguments(flags: Mapping[str, Flag]) -> Iterator[str]:
+    """Keywords as flags, in their order: `max_miss_rate=100` is `--max-miss-rate 100`."""
+    for name, value in flags.items():
+        flag = "--" + name.rstrip("_").replace("_", "-")
+        if isinstance(value, Mapping):
+            yield from (f"{flag}={key}={text}" for key, text in _settings(value))
+        elif value is True:
+            yield flag
+        elif value is None or value is False:
+            continue
+        elif isinstance(value, str | int | float | os.PathLike):
+            yield f"{flag}={os.fspath(value) if isinstance(value, os.PathLike) else value}"
+        elif isinstance(value, Iterable):
+            yield from (argument for one in value for argument in arguments({name: one}))
+        else:
+            raise TypeError(
+                f"{name}: expected a text, a number, True, a list or a mapping, not {type(value).__name__}"
+                + ("; a law in Python flies here from its file, a function in simulate()" if callable(value) else "")
+            )
+
+
+def _settings(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _settings(value, f"{path}{key}.")
+        else:
+            yield f"{path}{key}", value if isinstance(value, str) else json.dumps(value)
