@@ -38,7 +38,7 @@ use host::sampler::Watch;
 const NUMBER_MAX: usize = 24;
 const FAULT_MAX: usize = 120;
 /// Handovers that are kept.
-const HANDOVERS: usize = 50;
+pub const HANDOVERS: usize = 50;
 /// Allowed characters besides digits: for numbers, `nominal`, shares, and the units of a ramp's duration.
 const NUMBER: &str = ".+-eE%~nominalmsuhd";
 
@@ -513,11 +513,12 @@ impl WatchedFlight {
         active
     }
 
-    /// The events with their ticks, the newest first.
-    pub fn events(&self) -> Vec<(u64, String)> {
+    /// The events with their ticks, the newest first; of handovers, which may be many, the newest `handovers`.
+    pub fn events(&self, handovers: usize) -> Vec<(u64, String)> {
         let supervised = self.supervision.events();
         let supervised = supervised.map(|(tick, message)| (tick, message.to_owned()));
-        let handovers = self.handovers.iter().map(|(tick, [before, after])| {
+        let newest = self.handovers.iter().rev().take(handovers);
+        let handovers = newest.map(|(tick, [before, after])| {
             (
                 *tick,
                 format!("channel {after} flies in place of channel {before}"),

@@ -23,7 +23,7 @@ use messages::role::{Channel, Replica, Role, STAGES};
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
-use crate::watch::dashboard_model::{Model, Pose, WatchedFlight};
+use crate::watch::dashboard_model::{HANDOVERS, Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
 const BINS: f64 = 12.0;
@@ -300,7 +300,7 @@ fn processes(flight: &WatchedFlight) -> Vec<Value> {
 }
 
 fn events(flight: &WatchedFlight) -> Vec<Value> {
-    let events = flight.events().into_iter().take(EVENTS);
+    let events = flight.events(HANDOVERS).into_iter().take(EVENTS);
     let event = |(tick, text): (u64, String)| json!([tick, flight.run.flight_time_s(tick), text]);
     events.map(event).collect()
 }

@@ -146,7 +146,7 @@ fn situation<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
         );
         add("faults", &format!("{what} {rest}"), BAD);
     }
-    for (i, (tick, event)) in flight.events().into_iter().take(EVENTS).enumerate() {
+    for (i, (tick, event)) in flight.events(1).into_iter().take(EVENTS).enumerate() {
         let title = if i == 0 { "events" } else { "" };
         add(title, &format!("{} {event}", time(tick)), PLAIN);
     }
