@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 ADAPTER = TARGET / "release" / "libironbird_python.so"
-"""python/build makes it where Python comes with its library; a machine that has all tools has it."""
+"""python/build makes it; a machine that has all tools has it."""
 needs_adapter = pytest.mark.skipif(
     not ADAPTER.exists() and "IRONBIRD_TEST_ALL" not in os.environ, reason=f"there is no {ADAPTER}"
 )

@@ -5,18 +5,14 @@
 )]
 
 use std::env;
-use std::ffi::{CStr, CString};
-use std::mem::MaybeUninit;
-use std::path::{Path, PathBuf};
+use std::ffi::CStr;
 use std::sync::OnceLock;
 
 use pyo3::ffi;
 use pyo3::prelude::*;
 
-/// The Python whose packages a law uses.
+/// The Python whose packages a law uses; the rig sets it, and has loaded the library of that Python.
 const PYTHON: &str = "IRONBIRD_PYTHON";
-/// Where a virtual environment lies that is active.
-const ENVIRONMENT: &str = "VIRTUAL_ENV";
 
 /// Starts the interpreter, once in a process; within a Python it is that one.
 pub(crate) fn start() -> Result<(), String> {
@@ -24,64 +20,20 @@ pub(crate) fn start() -> Result<(), String> {
     STARTED.get_or_init(begin).clone()
 }
 
-/// The executable whose packages are to be found; none where nothing is said.
-fn executable() -> Option<(PathBuf, &'static str)> {
-    let said = |name: &'static str| {
-        env::var_os(name)
-            .filter(|value| !value.is_empty())
-            .map(PathBuf::from)
-    };
-    said(PYTHON)
-        .map(|python| (python, PYTHON))
-        .or_else(|| said(ENVIRONMENT).map(|folder| (folder.join("bin/python"), ENVIRONMENT)))
-}
-
 fn begin() -> Result<(), String> {
     // SAFETY: may be asked at any time.
     if unsafe { ffi::Py_IsInitialized() } != 0 {
         return Ok(());
     }
-    show_symbols();
-    let executable = executable();
-    if let Some((path, name)) = executable.as_ref().filter(|(path, _)| !path.is_file()) {
-        return Err(format!(
-            "{name} leads to {}, which is not there: name a Python, or unset it",
-            path.display()
-        ));
-    }
-    let mut config = MaybeUninit::<ffi::PyConfig>::uninit();
-    // SAFETY: the config is initialised first and cleared last. The interpreter starts in this thread, which then lets
-    // go of it, so that any thread can attach.
+    let python = env::var(PYTHON).map_err(|e| format!("{PYTHON}: {e}"))?;
+    let name: Vec<libc::wchar_t> = python.chars().chain(['\0']).map(|c| c as _).collect();
+    // SAFETY: the name ends with a zero and is never freed. The interpreter starts in this thread, which then lets go of
+    // it, so that any thread can attach. Signals are the role's business: no handlers are installed.
     unsafe {
-        ffi::PyConfig_InitPythonConfig(config.as_mut_ptr());
-        let config = config.assume_init_mut();
-        // The hash of a text, and with it the order of a set, is the same in every process: a replay has the same bits.
-        config.use_hash_seed = 1;
-        config.hash_seed = 0;
-        // Signals are the role's business.
-        config.install_signal_handlers = 0;
-        let mut status = match executable
-            .as_ref()
-            .map(|(path, _)| c_path(path))
-            .transpose()?
-        {
-            None => ffi::PyStatus_Ok(),
-            Some(path) => {
-                ffi::PyConfig_SetBytesString(config, &raw mut config.program_name, path.as_ptr())
-            }
-        };
-        if ffi::PyStatus_Exception(status) == 0 {
-            status = ffi::Py_InitializeFromConfig(config);
-        }
-        ffi::PyConfig_Clear(config);
-        if ffi::PyStatus_Exception(status) != 0 {
-            let why = if status.err_msg.is_null() {
-                c"no reason given"
-            } else {
-                CStr::from_ptr(status.err_msg)
-            };
-            return Err(format!("Python does not start: {}", why.to_string_lossy()));
-        }
+        // Its successor is no part of the interface that every version has.
+        #[allow(deprecated)]
+        ffi::Py_SetProgramName(name.leak().as_ptr());
+        ffi::Py_InitializeEx(0);
         ffi::PyEval_SaveThread();
     }
     Python::attach(|py| {
@@ -103,14 +55,12 @@ pub(crate) fn check_numpy(py: Python<'_>) -> Result<(), String> {
         let place = py.import("sys").and_then(|sys| sys.getattr("prefix")?.extract::<String>()).unwrap_or_default();
         let version = py.version_info();
         format!(
-            "Python {}.{}.{} in {place} cannot import numpy ({}): install it there, or name another Python of version \
-             {}.{} with {PYTHON} or an active virtual environment",
+            "Python {}.{}.{} in {place} cannot import numpy ({}): install it there, or name another Python with {PYTHON} \
+             or an active virtual environment",
             version.major,
             version.minor,
             version.patch,
-            describe(py, &raised),
-            version.major,
-            version.minor
+            describe(py, &raised)
         )
     })
 }
@@ -136,27 +86,5 @@ pub(crate) fn describe(py: Python<'_>, raised: &PyErr) -> String {
         said
     } else {
         format!("{name}: {said}")
-    }
-}
-
-fn c_path(path: &Path) -> Result<CString, String> {
-    use std::os::unix::ffi::OsStrExt as _;
-    CString::new(path.as_os_str().as_bytes())
-        .map_err(|_| format!("{} has a NUL byte", path.display()))
-}
-
-/// Shows the interpreter's symbols to the libraries that come after it: the rig has loaded the adapter for itself alone,
-/// and packages such as numpy expect to find them.
-fn show_symbols() {
-    let mut place = MaybeUninit::<libc::Dl_info>::zeroed();
-    // SAFETY: asks for the library of a function that is there, and loads once more what is loaded.
-    unsafe {
-        let function = ffi::Py_IsInitialized as *const libc::c_void;
-        if libc::dladdr(function, place.as_mut_ptr()) != 0 {
-            let name = place.assume_init_ref().dli_fname;
-            if !name.is_null() {
-                libc::dlopen(name, libc::RTLD_NOW | libc::RTLD_GLOBAL | libc::RTLD_NOLOAD);
-            }
-        }
     }
 }

@@ -20,6 +20,7 @@ mod loader;
 mod modes;
 mod object;
 mod process_exit;
+mod python;
 mod table;
 pub mod trial;
 

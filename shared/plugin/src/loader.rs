@@ -15,6 +15,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::call::Call;
 use crate::crash::segment_of;
+use crate::python;
 
 /// The environment variable that names the library which makes laws of Python files.
 pub const PYTHON_ADAPTER: &str = "IRONBIRD_PYTHON_ADAPTER";
@@ -22,6 +23,8 @@ const ADAPTER_FILE: &str = "libironbird_python.so";
 const BUILD_ADAPTER: &str = "python/build (docs/python.md)";
 const ANOTHER_ADAPTER: &str = "build it: python/build (docs/python.md); name it with IRONBIRD_PYTHON_ADAPTER, or unset \
                                that where it lies beside the executable";
+
+const PYTHON_PAGE: &str = "docs/python.md says what a law in Python is, and what it needs";
 
 /// How long a refusal may be [bytes], with the NUL.
 pub(crate) const REFUSAL_BYTES: usize = 1024;
@@ -78,7 +81,15 @@ fn of_script(file: &Path, named: &Path, law: &'static str) -> Result<*const Iron
     let adapter = adapter(named)?;
     let of_adapter = format!("the adapter for laws in Python, {}", adapter.display());
     let useless = |why: &str| Failure::usage(format!("{of_adapter}: {why}")).help(ANOTHER_ADAPTER);
-    let library = loaded(&adapter, of_adapter.clone().leak()).map_err(|why| useless(&why))?;
+    let called: &'static str = of_adapter.clone().leak();
+    // Before its Python, the adapter misses symbols; one that another program has made may need none.
+    let library = match loaded(&adapter, called) {
+        Ok(library) => library,
+        Err(_) => {
+            python::load().map_err(|why| unusable(named, &why).help(PYTHON_PAGE))?;
+            loaded(&adapter, called).map_err(|why| useless(&why))?
+        }
+    };
     type Open = unsafe extern "C" fn(*const c_char, *mut c_char, u64) -> *const IronbirdLaw;
     // SAFETY: the header declares the function so; a library that exports another one of the name breaks that promise.
     let Some(open) = (unsafe { exported::<Open>(library, b"ironbird_law_open\0") }) else {
@@ -95,8 +106,7 @@ fn of_script(file: &Path, named: &Path, law: &'static str) -> Result<*const Iron
     let table =
         Call::new(law, "as it was opened").wait(|| unsafe { open(path.as_ptr(), text, size) });
     if table.is_null() {
-        return Err(unusable(named, &refusal.text())
-            .help("docs/python.md says what a law in Python is, and what it needs"));
+        return Err(unusable(named, &refusal.text()).help(PYTHON_PAGE));
     }
     Ok(table)
 }
