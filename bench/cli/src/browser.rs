@@ -1,6 +1,7 @@
-//! `--open`: opens a flight's page in the user's browser.
+//! `--open`: opens a flight's page, or its live page, in the user's browser.
 
 use std::env;
+use std::ffi::OsStr;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Duration;
@@ -22,26 +23,36 @@ pub fn open_page(directory: &Path) -> Result<(), Failure> {
     }
     // A browser that already runs has another working directory.
     let page = page.canonicalize().in_file("open", &page)?;
+    let help = "set BROWSER to a browser; without a screen, copy the page to another machine: it is a single file and needs no \
+                network";
+    open_with(page.as_os_str(), help)
+}
+
+/// Opens the address of a page.
+pub fn open_address(address: &str) -> Result<(), Failure> {
+    let help = "set BROWSER to a browser, or open the address yourself";
+    open_with(address.as_ref(), help)
+}
+
+/// Opens a file or an address in the browser that BROWSER names, or in the system's.
+fn open_with(page: &OsStr, help: &str) -> Result<(), Failure> {
     let path = page.display();
     let browser = env::var("BROWSER").unwrap_or_default();
     if !browser.is_empty() {
-        open::with_detached(&page, &browser).map_err(|e| {
+        open::with_detached(page, &browser).map_err(|e| {
             Failure::failed(format!("cannot open {path} with BROWSER={browser}: {e}"))
                 .help("BROWSER must name a program that takes a file")
         })?;
         say(&format!("gave {path} to {browser}\n"));
         return Ok(());
     }
-    open::that_detached_with_timeout(&page, OPEN_TIMEOUT).map_err(|e| {
+    open::that_detached_with_timeout(page, OPEN_TIMEOUT).map_err(|e| {
         let why = match e.kind() {
             ErrorKind::NotFound => "neither xdg-open nor gio nor kde-open is installed".into(),
             ErrorKind::Other => "the system's file opener found no browser".into(),
             _ => e.to_string(),
         };
-        Failure::failed(format!("cannot open {path} in a browser: {why}")).help(
-            "set BROWSER to a browser; without a screen, copy the page to another machine: it is a single file and needs no \
-             network",
-        )
+        Failure::failed(format!("cannot open {path} in a browser: {why}")).help(help)
     })?;
     say(&format!("opened {path}\n"));
     Ok(())

@@ -27,7 +27,9 @@ pub use flight::{
     FlightArgs, FlyArgs, GateArgs, GateName, OnDeath, RecordArgs, RecorderArgs, RoleArgs, RtArgs,
     SimulateArgs, TrajectoryArgs,
 };
-pub use interaction::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, SwitchArgs, WatchArgs};
+pub use interaction::{
+    BridgeTo, FoxgloveArgs, InjectArgs, PageArgs, ParamsArgs, SwitchArgs, WatchArgs,
+};
 pub use machine::{
     CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs,
 };
@@ -71,7 +73,7 @@ Examples:
   ironbird fly --fault 'rotational_drag_nm_s=+200%@8s'
   ironbird fly --inner ./my_law --max-miss-rate 100")]
     Fly(FlyArgs),
-    /// Watch a running flight in the terminal.
+    /// Watch a running flight in the terminal, or on a page in a browser.
     Watch(WatchArgs),
     /// Serve a running flight to another program.
     #[command(subcommand)]

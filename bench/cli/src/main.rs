@@ -43,7 +43,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
     });
     match &cli.command {
         Command::Fly(args) => fly::fly(args),
-        Command::Watch(args) => live::watch::watch(&args.instance, args.plain, args.launcher),
+        Command::Watch(args) => args.watch(),
         #[cfg(feature = "foxglove")]
         Command::Bridge(BridgeTo::Foxglove(args)) => live::bridge::foxglove(&args.options()),
         #[cfg(not(feature = "foxglove"))]

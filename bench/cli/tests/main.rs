@@ -10,6 +10,8 @@ mod endings;
 mod floor;
 mod golden;
 mod law_trial;
+#[cfg(feature = "web")]
+mod live_page;
 mod margin;
 mod message_faults;
 mod paper_facts;

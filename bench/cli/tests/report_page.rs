@@ -94,7 +94,7 @@ fn hostile_page(directory: &Path) -> String {
     page::render(&report)
 }
 
-fn chromium() -> Option<String> {
+pub fn chromium() -> Option<String> {
     let starts = |name: &&str| {
         let version = Command::new(name).arg("--version").output();
         version.is_ok_and(|output| output.status.success())
@@ -109,7 +109,7 @@ fn chromium() -> Option<String> {
     let mut names = ["chromium", "chromium-browser", "google-chrome"].into_iter();
     let found = names.find(starts);
     if found.is_none() {
-        lacks_tool("report.html is not opened in a browser: Chromium is not installed");
+        lacks_tool("pages are not opened in a browser: Chromium is not installed");
     }
     found.map(str::to_owned)
 }

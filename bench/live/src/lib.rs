@@ -1,4 +1,4 @@
-//! What looks at a running flight, or changes it: the dashboard, the bridge to Foxglove, injection.
+//! What looks at a running flight, or changes it: the dashboard, the live page, the bridge to Foxglove, injection.
 //!
 //! It joins a flight as an observer ([`observation`]), which has no effect on the control loops, and sends requests to
 //! the plant's parameter server ([`inject`]). It starts no flight (`supervisor`) and writes no log (`recorder`).
@@ -8,4 +8,8 @@ pub mod bridge;
 pub mod inject;
 pub mod observation;
 pub mod parameter_text;
+#[cfg(any(feature = "foxglove", feature = "web"))]
+mod request_head;
 pub mod watch;
+#[cfg(feature = "web")]
+pub mod web;

@@ -14,6 +14,7 @@ use messages::blackboards::{
     ActiveParameters, EndReason, IN_FORCE, RUN, Run, RunPhase, SETTINGS, SUPERVISION, SettingsText,
     Status, Supervision,
 };
+use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::Loss;
 use messages::inspection::Expected;
 use messages::monitor::Monitor;
@@ -42,6 +43,8 @@ pub struct Observation {
     statuses: RoleStatuses,
     /// None if the processes were started by hand.
     supervision: Option<BlackboardReader<Supervision>>,
+    /// None with one channel.
+    redundancy: Option<BlackboardReader<Redundancy>>,
     faults: InjectedFaults,
     /// Settings shared by all roles of the run, by key.
     pub settings: BTreeMap<String, String>,
@@ -103,6 +106,7 @@ impl Observation {
             active,
             statuses,
             supervision: wire.blackboard_reader(SUPERVISION)?,
+            redundancy: wire.blackboard_reader(REDUNDANCY)?,
             faults: InjectedFaults::open(&wire)?,
             settings: settings.unwrap_or_default(),
             ended: None,
@@ -126,6 +130,18 @@ impl Observation {
     pub fn supervision(&self) -> Supervision {
         let supervision = self.supervision.as_ref();
         supervision.map_or_else(Supervision::default, BlackboardReader::get)
+    }
+
+    pub fn redundancy(&self) -> Option<Redundancy> {
+        self.redundancy.as_ref().map(BlackboardReader::get)
+    }
+
+    /// Roles that no process plays now.
+    pub fn missing(&self) -> Vec<Replica> {
+        let all = Replica::all(self.run().channels.max(1) as usize);
+        let instance = self.wire.instance();
+        all.filter(|replica| !instance.is_occupied(*replica))
+            .collect()
     }
 
     /// Faults that were injected into the running flight.

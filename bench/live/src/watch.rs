@@ -6,7 +6,7 @@
 //! ```
 
 pub mod dashboard_model;
-mod feed;
+pub(crate) mod feed;
 pub mod screen;
 mod terminal;
 

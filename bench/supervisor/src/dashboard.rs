@@ -1,11 +1,12 @@
-//! The dashboard of `fly --watch`: a child process in the supervisor's terminal.
+//! The dashboard of `fly --watch`, a child process in the supervisor's terminal, and the live page of `fly --web`, one
+//! without a terminal.
 //!
 //! The supervisor continues when the user leaves the dashboard. It restores the terminal before it prints, even if the
 //! dashboard was killed.
 
-use std::io;
+use std::io::{self, BufRead as _, BufReader};
 use std::path::Path;
-use std::process::Child;
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use ipc::instance::Instance;
@@ -38,6 +39,35 @@ impl Dashboard {
             .spawn()
             .map_err(|e| Failure::failed(format!("cannot start the dashboard: {e}")))?;
         Ok(Self { child, before })
+    }
+
+    /// Serves the live page; returns also the line in which the process prints the page's address.
+    pub fn open_page(
+        executable: &Path,
+        instance: &Instance,
+        flags: &[String],
+    ) -> Result<(Self, String), Failure> {
+        let failed = |e| Failure::failed(format!("cannot start the live page: {e}"));
+        let mut child = process::signals::child(executable, "watch")
+            .args(["--web", "--instance", instance.name()])
+            .args(flags)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(failed)?;
+        let mut line = String::new();
+        let stdout = child.stdout.take().map(BufReader::new);
+        let read = stdout.map_or(Ok(0), |mut out| out.read_line(&mut line));
+        let page = Self {
+            child,
+            before: None,
+        };
+        match read.map_err(failed)? {
+            0 => Err(Failure::failed(
+                "the live page could not be served, for the reason above",
+            )),
+            _ => Ok((page, line.trim_end().to_owned())),
+        }
     }
 
     /// Whether the dashboard has the terminal. Restores the terminal if the dashboard was killed.

@@ -23,7 +23,7 @@ use ipc::clock::now_ns;
 use ipc::instance::Instance;
 use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::{
-    LOCKSTEP, RUN, RolePhase, Run, RunPhase, SUPERVISION, Status, Supervision,
+    LOCKSTEP, RUN, RolePhase, Run, RunPhase, SUPERVISION, SettingsText, Status, Supervision,
 };
 use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::NO_TICK;
@@ -97,6 +97,7 @@ pub(super) struct FlightSupervisor {
     /// The status blackboards of all roles, from the first tick on.
     role_statuses: Option<RoleStatuses>,
     dashboard: Option<Dashboard>,
+    page: Option<Dashboard>,
     supervision: Supervision,
     supervision_blackboard: Blackboard<Supervision>,
     /// Newest tick that the plant published.
@@ -156,6 +157,8 @@ pub struct FlightOptions {
     /// Whether roles that fail in flight are restarted.
     pub restarts_roles: bool,
     pub shows_dashboard: bool,
+    /// Flags of the process that serves the live page; none without a page.
+    pub page: Option<Vec<String>>,
     /// Where the recorder writes the states a second time.
     pub states: Option<PathBuf>,
 }
@@ -230,6 +233,7 @@ impl FlightSupervisor {
             outvoted: [0; MOST_CHANNELS],
             role_statuses: None,
             dashboard: None,
+            page: None,
             supervision: Supervision::default(),
             supervision_blackboard: wire.blackboard(SUPERVISION)?,
             tick: 0,
@@ -245,6 +249,14 @@ impl FlightSupervisor {
             let child = supervisor.spawner.start(replica, directory)?;
             supervisor.child_watch.watch(&child);
             supervisor.children.push(RoleProcess::new(replica, child));
+        }
+        supervisor.publish_directory();
+        if let Some(flags) = &options.page {
+            let (page, address) =
+                Dashboard::open_page(&supervisor.spawner.executable, instance, flags)?;
+            supervisor.page = Some(page);
+            // Not among the events: the page shows those, and the address contains the token.
+            supervisor.status_line.tell(&address);
         }
         if options.shows_dashboard {
             supervisor.dashboard = Some(Dashboard::open(&supervisor.spawner.executable, instance)?);
@@ -280,8 +292,8 @@ impl FlightSupervisor {
             }
         }
         (self.raised, self.off_loops) = (None, None);
-        if let Some(dashboard) = &mut self.dashboard {
-            dashboard.close();
+        for child in [&mut self.dashboard, &mut self.page].into_iter().flatten() {
+            child.close();
         }
         self.status_line.set_taken(false);
         self.status_line.clear();
@@ -306,6 +318,16 @@ impl FlightSupervisor {
         for message in std::mem::take(&mut self.fault_injector.messages) {
             self.announce(&message);
         }
+    }
+
+    /// Publishes where the newest recorder writes.
+    fn publish_directory(&mut self) {
+        let directory = std::path::absolute(&self.recordings.newest().path);
+        let text = directory
+            .ok()
+            .and_then(|path| SettingsText::new(path.to_str()?));
+        self.supervision.directory = text.unwrap_or_default();
+        self.supervision_blackboard.put(self.supervision);
     }
 
     /// Publishes what has happened, for the dashboards, and prints it.
@@ -725,6 +747,7 @@ impl FlightSupervisor {
                 }
                 Err(failure) => return Err(failure),
             };
+            self.publish_directory();
             self.child_watch.watch(&child);
             if let Some(limit) = self.restart_limits.get_mut(&replica) {
                 limit.restarted(now);

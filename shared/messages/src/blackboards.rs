@@ -299,6 +299,8 @@ layout! {
         /// Processes that ended although the flight needed them.
         pub failed: u64,
         pub restarted: u64,
+        /// The flight's directory, in which the newest recorder writes.
+        pub directory: SettingsText,
         /// Its newest messages, each in a line with the tick before it.
         pub events: SettingsText,
     }

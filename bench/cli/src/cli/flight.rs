@@ -9,7 +9,7 @@ use toml::Value;
 use crate::cli::setting_flags::{
     CHANNELS, FLIGHT, FLIGHT_GATES, REAL_TIME, RECORD, STATES, SettingFlags, TIMING_GATES,
 };
-use crate::cli::{overrides, set, values};
+use crate::cli::{PageArgs, overrides, set, values};
 use config::Overrides;
 use faults::grammar::Fault;
 use messages::role::Channel;
@@ -157,6 +157,11 @@ pub struct FlyArgs {
     /// Show the dashboard in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
+    /// Serve the live page of the flight to browsers on this machine, and print its address.
+    #[arg(long)]
+    pub web: bool,
+    #[command(flatten)]
+    pub page: PageArgs,
     /// Fly another law in channel b or c, for example b:inner=pid. It flies on request (`ironbird switch`), or with --simplex.
     #[arg(long, value_name = "LETTER:ROLE=LAW")]
     pub channel: Vec<String>,
@@ -171,7 +176,8 @@ pub struct FlyArgs {
     /// Write the acceptance results to FILE as JUnit XML.
     #[arg(long, value_name = "FILE.xml")]
     pub junit: Option<PathBuf>,
-    /// Open the report page in a browser after the flight: the one named by BROWSER, or the system's.
+    /// Open the report page in a browser after the flight, and with --web the live page at its start: the browser named by
+    /// BROWSER, or the system's.
     #[arg(long)]
     pub open: bool,
     /// Print the complete, commented settings of this flight, and exit.

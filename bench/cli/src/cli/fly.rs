@@ -112,6 +112,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         instance: args.rt.instance.clone(),
         restarts_roles,
         shows_dashboard: args.watch,
+        page: args.web.then(|| args.page.flags(args.open)),
         states: args.recorder.states.clone(),
     };
     let flight = supervisor::fly(&settings, &options, &mut requests)?;

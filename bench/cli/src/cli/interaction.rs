@@ -4,7 +4,12 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 
+#[cfg(feature = "web")]
+use crate::browser::open_address;
 use crate::cli::values;
+use errors::Failure;
+#[cfg(feature = "web")]
+use errors::output::say;
 use faults::grammar::{Change, FaultError};
 use messages::role::Channel;
 
@@ -16,8 +21,72 @@ pub struct WatchArgs {
     /// Print one line per second instead of the dashboard.
     #[arg(long)]
     pub plain: bool,
+    /// Serve the live page to browsers on this machine, and print its address.
+    #[arg(long, conflicts_with = "plain")]
+    pub web: bool,
+    #[command(flatten)]
+    pub page: PageArgs,
+    /// Open the live page in a browser: the one named by BROWSER, or the system's.
+    #[arg(long, requires = "web")]
+    pub open: bool,
     #[arg(from_global)]
     pub launcher: Option<u32>,
+}
+
+/// The live page of `watch` and `fly`.
+#[derive(Clone, Debug, Default, Args)]
+pub struct PageArgs {
+    /// Let the live page change parameters, inject faults and switch channels.
+    #[arg(long, requires = "web")]
+    pub allow_control: bool,
+    /// Port of the live page; 0 takes a free one.
+    #[arg(long, value_name = "PORT", default_value_t = 0, requires = "web")]
+    pub port: u16,
+}
+
+impl PageArgs {
+    /// The flags of a `watch` that serves the same page.
+    pub fn flags(&self, opens: bool) -> Vec<String> {
+        let port = ["--port".to_owned(), self.port.to_string()];
+        let control = self.allow_control.then(|| "--allow-control".to_owned());
+        let open = opens.then(|| "--open".to_owned());
+        port.into_iter().chain(control).chain(open).collect()
+    }
+}
+
+impl WatchArgs {
+    /// Shows a flight in the terminal or on a page.
+    pub fn watch(&self) -> Result<u8, Failure> {
+        match self.web {
+            true => self.serve(),
+            false => live::watch::watch(&self.instance, self.plain, self.launcher),
+        }
+    }
+
+    #[cfg(feature = "web")]
+    fn serve(&self) -> Result<u8, Failure> {
+        let options = live::web::WebOptions {
+            instance: self.instance.clone(),
+            port: self.page.port,
+            allow_control: self.page.allow_control,
+            launched: self.launcher.is_some(),
+        };
+        live::web::serve(&options, |address| {
+            if self.open
+                && let Err(failure) = open_address(address)
+            {
+                say(&failure.text());
+            }
+        })
+    }
+
+    #[cfg(not(feature = "web"))]
+    fn serve(&self) -> Result<u8, Failure> {
+        Err(
+            Failure::usage("this build of ironbird has no live page (--web)")
+                .help("build one that has: cargo build --release --features web"),
+        )
+    }
 }
 
 #[derive(Debug, Subcommand)]

@@ -18,18 +18,15 @@ use std::time::{Duration, Instant};
 
 use ipc::clock::now_ns;
 
+use crate::request_head::read_head;
 use errors::output::say;
 
 /// Where the Foxglove app runs.
 const APP: &str = "https://app.foxglove.dev";
-/// Longest head of a request [bytes].
-const HEAD_BYTES: usize = 16 << 10;
-const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long clients may take to receive the server's final messages.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(1);
 /// How soon to accept again after the system had no room for a client.
 const RETRY_EVERY: Duration = Duration::from_millis(100);
-const HEAD_END: &[u8] = b"\r\n\r\n";
 
 /// What clients may take: each needs two threads and four descriptors.
 #[derive(Clone, Copy, Debug)]
@@ -173,25 +170,6 @@ fn forward(from: &mut TcpStream, to: &mut TcpStream, last_ns: &AtomicU64, idle: 
             }
         }
     }
-}
-
-/// The head of a request, and what has arrived after it.
-fn read_head(client: &mut TcpStream) -> io::Result<Vec<u8>> {
-    let until = Instant::now() + HEAD_TIMEOUT;
-    let (mut head, mut piece) = (Vec::new(), [0; 1024]);
-    while !head.windows(HEAD_END.len()).any(|end| end == HEAD_END) {
-        let left = until.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return Err(ErrorKind::TimedOut.into());
-        }
-        client.set_read_timeout(Some(left))?;
-        let read = client.read(&mut piece)?;
-        if read == 0 || head.len() > HEAD_BYTES {
-            return Err(ErrorKind::InvalidData.into());
-        }
-        head.extend_from_slice(&piece[..read]);
-    }
-    Ok(head)
 }
 
 /// Fails with the first unknown origin of a request.

@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use messages::blackboards::{ActiveParameters, EndReason, LOCKSTEP, Run, Status, Supervision};
+use messages::channels::Redundancy;
 use messages::content::{RotorSpeeds, Setpoint, State, TakenCommand, Wrench};
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
@@ -27,6 +28,7 @@ use config::airframe::airframe_of;
 use config::planned_faults::injected;
 use config::trajectory::{built_in, is_file};
 use config::{PointsFile, law_settings};
+use controller::laws::adaptive;
 use errors::Failure;
 use faults::grammar::{Change, Desired};
 use flight_log::entry::LogEntry;
@@ -35,8 +37,8 @@ use host::sampler::Watch;
 
 const NUMBER_MAX: usize = 24;
 const FAULT_MAX: usize = 120;
-/// Events that are shown.
-pub const EVENTS: usize = 5;
+/// Handovers that are kept.
+pub const HANDOVERS: usize = 50;
 /// Allowed characters besides digits: for numbers, `nominal`, shares, and the units of a ramp's duration.
 const NUMBER: &str = ".+-eE%~nominalmsuhd";
 
@@ -282,6 +284,8 @@ pub struct WatchedFlight {
     pub position_error: Trace,
     /// V_th [rad^2/s^2].
     pub v_th: Trace,
+    /// The last [`POSES`] poses, one each [`POINT_S`].
+    pub poses: VecDeque<Pose>,
     pub statuses: BTreeMap<Replica, Status>,
     pub active: ActiveParameters,
     pub supervision: Box<Supervision>,
@@ -291,8 +295,12 @@ pub struct WatchedFlight {
     pub injected: Vec<InjectedFault>,
     /// The channel whose command the plant took last, and its first tick; unknown if that was before the dashboard joined.
     pub channel: Option<(Channel, Option<u64>)>,
-    /// The newest handover: its tick, and the channels before and after.
-    handover: Option<(u64, [Channel; 2])>,
+    /// The newest handovers: their ticks, and the channels before and after.
+    handovers: VecDeque<(u64, [Channel; 2])>,
+    /// The plant's account of the channels, if there are several.
+    pub redundancy: Option<Redundancy>,
+    /// Roles that no process plays now.
+    pub missing: Vec<Replica>,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
     pub airframe: Airframe,
@@ -330,13 +338,16 @@ impl WatchedFlight {
             monitor: None,
             position_error: Trace::default(),
             v_th: Trace::default(),
+            poses: VecDeque::new(),
             statuses: BTreeMap::new(),
             active: ActiveParameters::default(),
             supervision: Box::default(),
             planned: injected(&faults, run.flight_time_s(1))?,
             injected: Vec::new(),
             channel: (run.channels <= 1).then_some((Channel::A, Some(0))),
-            handover: None,
+            handovers: VecDeque::new(),
+            redundancy: None,
+            missing: Vec::new(),
             newest_swap: None,
             cpu_times: None,
             steal: Steal::default(),
@@ -396,6 +407,7 @@ impl WatchedFlight {
                 let error_m = self.tracking.error_m(tick, &message.content);
                 self.position_error
                     .take(self.run.flight_time_s(tick), error_m);
+                self.note_pose(tick, error_m);
                 let decision = &message.content.decision;
                 if decision.count == 1 {
                     self.note_channel(&decision.command);
@@ -425,6 +437,46 @@ impl WatchedFlight {
         }
     }
 
+    fn note_pose(&mut self, tick: u64, error_m: f64) {
+        let (pose, last) = (self.pose(tick, error_m), self.poses.back());
+        let is_due = |last: &Pose| pose.time_s >= last.time_s + POINT_S;
+        if last.is_none_or(is_due) {
+            self.poses.push_back(pose);
+            let surplus = self.poses.len().saturating_sub(POSES);
+            self.poses.drain(..surplus);
+        }
+    }
+
+    fn pose(&self, tick: u64, position_error_m: f64) -> Pose {
+        let state = self.state.unwrap_or_default();
+        let estimates = self.wrench.filter(|_| self.laws.without_theorem.is_none());
+        Pose {
+            time_s: self.run.flight_time_s(tick),
+            position_w_m: state.truth.position_w_m,
+            attitude: state.measured.attitude_quaternion,
+            yaw_rad: state.measured.attitude_rad[2],
+            reference_w_m: self.tracking.position_w_m(tick),
+            reference_yaw_rad: self.tracking.yaw_rad(tick),
+            rotor_command_rad_s: state.measured.rotor_speed_command_rad_s,
+            position_error_m,
+            estimates: estimates.map(|wrench| adaptive::estimate(&wrench.telemetry)),
+            estimated: state.truth.theta(),
+        }
+    }
+
+    /// The pose of the newest state; none before the first.
+    pub fn newest_pose(&self) -> Option<Pose> {
+        let (tick, state) = (self.tick(), self.state.as_ref()?);
+        Some(self.pose(tick, self.tracking.error_m(tick, state)))
+    }
+
+    /// The reference over at most a minute from the start of the flight, one point each [`POINT_S`] [m].
+    pub fn reference_line(&self) -> Vec<[f64; 3]> {
+        let ticks = (POINT_S / self.tracking.period_s()).round().max(1.0) as usize;
+        let line = (0..=self.run.last_tick).step_by(ticks).take(POINTS);
+        line.map(|tick| self.tracking.position_w_m(tick)).collect()
+    }
+
     /// Notes whose command the plant took.
     fn note_channel(&mut self, command: &TakenCommand) {
         let channel = Channel::from_wire(command.channel).filter(|_| command.is_offered == 1);
@@ -434,7 +486,9 @@ impl WatchedFlight {
             Some((before, _)) if before == channel => {}
             Some((before, _)) => {
                 self.channel = Some((channel, Some(tick)));
-                self.handover = Some((tick, [before, channel]));
+                self.handovers.push_back((tick, [before, channel]));
+                let surplus = self.handovers.len().saturating_sub(HANDOVERS);
+                self.handovers.drain(..surplus);
             }
             None => self.channel = Some((channel, (tick == 0).then_some(0))),
         }
@@ -459,11 +513,12 @@ impl WatchedFlight {
         active
     }
 
-    /// The newest events with their ticks, the newest first.
-    pub fn events(&self) -> Vec<(u64, String)> {
+    /// The events with their ticks, the newest first; of handovers, which may be many, the newest `handovers`.
+    pub fn events(&self, handovers: usize) -> Vec<(u64, String)> {
         let supervised = self.supervision.events();
         let supervised = supervised.map(|(tick, message)| (tick, message.to_owned()));
-        let handover = self.handover.iter().map(|(tick, [before, after])| {
+        let newest = self.handovers.iter().rev().take(handovers);
+        let handovers = newest.map(|(tick, [before, after])| {
             (
                 *tick,
                 format!("channel {after} flies in place of channel {before}"),
@@ -475,13 +530,12 @@ impl WatchedFlight {
         let ended = self
             .faults()
             .filter_map(|it| Some((it.to_tick?, format!("end of the fault {}", it.what))));
-        let swap = self.newest_swap.as_ref();
-        let swap = swap.map(|it| (it.tick, render::sentences::swap(it)));
-        let all = supervised.chain(handover).chain(begun).chain(ended);
+        let swaps = self.statistics.swaps.iter();
+        let swaps = swaps.map(|it| (it.tick, render::sentences::swap(it)));
+        let all = supervised.chain(handovers).chain(begun).chain(ended);
         let is_past = |(tick, _): &(u64, String)| *tick <= self.run.tick;
-        let mut events: Vec<_> = all.chain(swap).filter(is_past).collect();
+        let mut events: Vec<_> = all.chain(swaps).filter(is_past).collect();
         events.sort_by_key(|(tick, _)| std::cmp::Reverse(*tick));
-        events.truncate(EVENTS);
         events
     }
 
@@ -565,6 +619,27 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
 /// Flight time of a point [s].
 pub const POINT_S: f64 = 0.1;
 pub const POINTS: usize = 600;
+
+/// Poses that are kept: two minutes.
+pub const POSES: usize = 1200;
+
+/// Where the vehicle is and should be, and what drives it.
+#[derive(Clone, Copy, Debug)]
+pub struct Pose {
+    pub time_s: f64,
+    pub position_w_m: [f64; 3],
+    /// Body to world: w, x, y, z.
+    pub attitude: [f64; 4],
+    pub yaw_rad: f64,
+    pub reference_w_m: [f64; 3],
+    pub reference_yaw_rad: f64,
+    pub rotor_command_rad_s: [f64; 4],
+    pub position_error_m: f64,
+    /// Estimates of [`messages::parameters::ESTIMATED`]; none of a law that the theorem does not cover.
+    pub estimates: Option<[f64; 3]>,
+    /// Their true values.
+    pub estimated: [f64; 3],
+}
 
 /// The last [`POINTS`] points: the largest value of each tenth of a second.
 #[derive(Clone, Debug, Default)]

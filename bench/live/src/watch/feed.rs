@@ -11,18 +11,18 @@ use crate::observation::Observation;
 use recorder::injected_faults::injected;
 
 /// How often to look for a flight and to check its processes.
-pub(super) const LOOK_EVERY: Duration = Duration::from_millis(100);
+pub(crate) const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Updates the model: waits for a flight, joins it, reads its messages, and notices its end.
-pub(super) struct Feed {
-    pub(super) instance: Instance,
+pub(crate) struct Feed {
+    pub(crate) instance: Instance,
     joined: Option<Observation>,
     next_look: Instant,
     failed: u32,
 }
 
 impl Feed {
-    pub(super) fn new(instance: Instance) -> Self {
+    pub(crate) fn new(instance: Instance) -> Self {
         Self {
             instance,
             joined: None,
@@ -31,7 +31,7 @@ impl Feed {
         }
     }
 
-    pub(super) fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
+    pub(crate) fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
         let is_due = Instant::now() >= self.next_look;
         if is_due {
             self.next_look = Instant::now() + LOOK_EVERY;
@@ -50,6 +50,7 @@ impl Feed {
         flight.active = observation.active_parameters();
         flight.statuses = observation.statuses();
         *flight.supervision = observation.supervision();
+        flight.redundancy = observation.redundancy();
         let period_s = flight.run.flight_time_s(1);
         flight.injected = injected(observation.injected(), period_s);
         flight.update_steal();
@@ -57,6 +58,7 @@ impl Feed {
         let lives = observation.lives(Role::Record);
         if lives || observation.ending().is_none() {
             flight.recorder_lives = lives;
+            flight.missing = observation.missing();
         }
         flight.ending = observation.ending_after_last_messages();
         if flight.ending.is_some() {
@@ -73,7 +75,7 @@ impl Feed {
         Ok(())
     }
 
-    pub(super) fn leave(&mut self) {
+    pub(crate) fn leave(&mut self) {
         if self.joined.take().is_some() {
             // In case the dashboard is the last process. The next start or `ironbird clean` finds what remains.
             let _ = self.instance.remove_leftovers();

@@ -27,6 +27,9 @@ use super::region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_b
 use crate::parameter_text::{bound, number};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 
+/// Events that are shown.
+const EVENTS: usize = 5;
+
 pub(super) fn draw(model: &Model, flight: &WatchedFlight, region: &mut Region<'_, '_>) {
     match model.tab {
         Tab::Flight => flight_page(flight, &model.scrolled, region),
@@ -143,7 +146,7 @@ fn situation<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
         );
         add("faults", &format!("{what} {rest}"), BAD);
     }
-    for (i, (tick, event)) in flight.events().into_iter().enumerate() {
+    for (i, (tick, event)) in flight.events(1).into_iter().take(EVENTS).enumerate() {
         let title = if i == 0 { "events" } else { "" };
         add(title, &format!("{} {event}", time(tick)), PLAIN);
     }

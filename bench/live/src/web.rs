@@ -1,0 +1,223 @@
+//! `ironbird watch --web`: a flight on a page in a browser, without affecting the control loops.
+//!
+//! ```text
+//!   recorder, blackboards --feed--> dashboard's model --texts--> hub --server--> pages
+//!   the plant's parameter server <--inject-- requests of the pages, with --allow-control
+//! ```
+//!
+//! It is the model of the terminal's dashboard. The page is in `web/`, without a build step.
+
+mod filed_report;
+mod server;
+mod texts;
+
+use std::io::ErrorKind;
+use std::net::{Ipv4Addr, TcpListener};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant};
+
+use faults::grammar::duration;
+use ipc::instance::Instance;
+use process::signals::stop_flag;
+use render::{VEHICLE_JS, plot};
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::inject::{When, injected, parse_line};
+use crate::observation::DRAIN_EVERY;
+use crate::watch::dashboard_model::Model;
+use crate::watch::feed::Feed;
+use errors::output::print;
+use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
+use filed_report::FiledReport;
+use server::{Answer, Hub, PageFile, Server};
+
+const POSE_EVERY: Duration = Duration::from_millis(50);
+const NEWS_EVERY: Duration = Duration::from_millis(500);
+/// Requests of all pages whose answer is pending.
+const PENDING: usize = 16;
+
+#[derive(Clone, Debug)]
+pub struct WebOptions {
+    pub instance: String,
+    /// 0 takes a free one.
+    pub port: u16,
+    /// Whether pages may change parameters and inject faults.
+    pub allow_control: bool,
+    /// Whether `fly` started the server: it then ends with the flight.
+    pub launched: bool,
+}
+
+/// Serves one flight of the instance after the other, until a signal comes; `opened` receives the page's address.
+pub fn serve(options: &WebOptions, opened: impl FnOnce(&str)) -> Result<u8, Failure> {
+    let instance = Instance::new(&options.instance)?;
+    let stop = stop_flag()?;
+    let hub = Arc::new(Hub::default());
+    let server = start(options, &instance, &hub)?;
+    let access = match options.allow_control {
+        true => "pages with this address may change the flight",
+        false => "read-only",
+    };
+    let address = server.address();
+    print(&format!("live page: {address} ({access})\n"))?;
+    opened(&address);
+    let served = follow(options, instance, &hub, &stop);
+    hub.close();
+    served
+}
+
+fn start(
+    options: &WebOptions,
+    instance: &Instance,
+    hub: &Arc<Hub>,
+) -> Result<Arc<Server>, Failure> {
+    let port = options.port;
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(|e| match e.kind() {
+        ErrorKind::AddrInUse => {
+            let what = format!("cannot serve the live page: port {port} is in use");
+            Failure::new(OCCUPIED, what)
+                .help("name another port, or leave --port out: it takes one that is free")
+        }
+        _ => Failure::usage(format!("cannot serve the live page on port {port}: {e}"))
+            .help("ports below 1024 need rights; leave --port out, and it takes one that is free"),
+    })?;
+    let failed = |e| Failure::failed(format!("cannot serve the live page: {e}"));
+    let token = server::random_token().map_err(failed)?;
+    let answer = answer_to(instance, options.allow_control);
+    Server::open(listener, token, files(), Arc::clone(hub), answer).map_err(failed)
+}
+
+/// The files of the page, by their names below the token; the page itself has none.
+fn files() -> Vec<PageFile> {
+    const HTML: &str = "text/html; charset=utf-8";
+    const SCRIPT: &str = "text/javascript; charset=utf-8";
+    const STYLE: &str = "text/css; charset=utf-8";
+    let file = |name, media_type, text| PageFile {
+        name,
+        media_type,
+        text,
+    };
+    let licence = include_str!("web/uplot/LICENSE");
+    let chart = include_str!("web/uplot/uPlot.iife.min.js");
+    let style = [
+        plot::STYLE,
+        include_str!("web/uplot/uPlot.min.css"),
+        include_str!("web/page.css"),
+    ];
+    vec![
+        file("", HTML, include_str!("web/index.html").into()),
+        file("page.js", SCRIPT, include_str!("web/page.js").into()),
+        file("vehicle.js", SCRIPT, VEHICLE_JS.into()),
+        file("uplot.js", SCRIPT, format!("/*{licence}*/\n{chart}")),
+        file("page.css", STYLE, style.join("\n")),
+    ]
+}
+
+/// A change that a page requests.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Request {
+    id: u64,
+    /// As in a terminal: `mass_kg=0.6`, `state.drop=0.1 for 1s`.
+    inject: String,
+    /// How much later.
+    after: Option<String>,
+}
+
+impl Request {
+    fn injected(&self, instance: &Instance) -> Result<String, String> {
+        let (changes, lasts) = parse_line(&self.inject)?;
+        let after = self.after.as_deref().map_or(Ok(Duration::ZERO), duration)?;
+        injected(instance, &changes, When::In(after), lasts).map_err(|e| e.to_string())
+    }
+}
+
+/// Answers requests, each in a thread: the plant may take a while.
+fn answer_to(instance: &Instance, allows_control: bool) -> Box<Answer> {
+    let (instance, pending) = (instance.clone(), Arc::new(AtomicUsize::new(0)));
+    Box::new(move |hub: &Arc<Hub>, page: u64, text: &str| {
+        let request = match serde_json::from_str::<Request>(text) {
+            Ok(request) => request,
+            Err(e) => {
+                let refused = Err(format!("this is no request of the page: {e}"));
+                return hub.send(page, texts::answer(0, &refused).to_string().into());
+            }
+        };
+        let id = request.id;
+        let refuse = |why: &str| {
+            let refused = Err(why.to_owned());
+            hub.send(page, texts::answer(id, &refused).to_string().into());
+        };
+        if !allows_control {
+            return refuse(
+                "this page is read-only: start it with --allow-control, or use `ironbird inject`",
+            );
+        }
+        if pending.fetch_add(1, Ordering::Relaxed) >= PENDING {
+            pending.fetch_sub(1, Ordering::Relaxed);
+            return refuse("too many requests wait for their answers: try again later");
+        }
+        let (instance, hub, counted) = (instance.clone(), Arc::clone(hub), Arc::clone(&pending));
+        let inject = move || {
+            let answered = request.injected(&instance);
+            counted.fetch_sub(1, Ordering::Relaxed);
+            hub.send(page, texts::answer(id, &answered).to_string().into());
+        };
+        if let Err(e) = thread::Builder::new().spawn(inject) {
+            pending.fetch_sub(1, Ordering::Relaxed);
+            refuse(&format!("cannot start a thread to ask the plant: {e}"));
+        }
+    })
+}
+
+/// Feeds the model and sends its texts, until a signal comes or, if `fly` started it, the flight's report is complete.
+fn follow(
+    options: &WebOptions,
+    instance: Instance,
+    hub: &Hub,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
+    let mut model = Model::new(instance.name(), options.launched, true);
+    let mut feed = Feed::new(instance);
+    let mut filed = FiledReport::default();
+    let (mut shown, mut next_pose, mut next_news) = (None, Instant::now(), Instant::now());
+    let text = |value: Value| value.to_string().into();
+    loop {
+        let is_stopped = stop.load(Ordering::Relaxed);
+        feed.update(&mut model)?;
+        let now = Instant::now();
+        let run = model.flight.as_ref().map(|flight| flight.run.run_id);
+        let is_new = run != shown;
+        if is_new {
+            (shown, filed) = (run, FiledReport::default());
+        }
+        let has_new_page = hub.has_new_page();
+        let is_due = now >= next_news || is_new || has_new_page || is_stopped;
+        if is_new || has_new_page {
+            let flight = text(texts::flight(&model, options.allow_control));
+            hub.welcome(&flight, is_new);
+        }
+        if is_due {
+            next_news = now + NEWS_EVERY;
+            if let Some(flight) = &model.flight {
+                filed.look(flight.supervision.directory.text(), flight.run.run_id);
+            }
+            hub.broadcast(&text(texts::news(&model, &filed, hub.pages())));
+        }
+        if is_due || (model.is_flying() && now >= next_pose) {
+            next_pose = now + POSE_EVERY;
+            let pose = model.flight.as_ref().and_then(|flight| texts::pose(flight));
+            pose.into_iter().for_each(|pose| hub.broadcast(&text(pose)));
+        }
+        let is_complete = filed.excerpt.as_ref().is_some_and(|it| !it.run.in_flight);
+        if is_stopped {
+            return Ok(INTERRUPTED);
+        }
+        if options.launched && is_complete && !model.is_flying() {
+            return Ok(OK);
+        }
+        sleep(DRAIN_EVERY);
+    }
+}

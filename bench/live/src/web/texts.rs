@@ -1,0 +1,422 @@
+//! What the server sends the page, as JSON: functions of the dashboard's model.
+//!
+//! ```text
+//!   flight   once, and to each new page: what stays; the poses so far
+//!   pose     20 times a second
+//!   news     twice a second: verdicts, latencies, outages, channels, processes, faults, events, parameters
+//!   answer   to a request of the page
+//! ```
+
+use std::collections::BTreeMap;
+
+use analysis::phrase::name_of;
+use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
+use analysis::series::{Latencies, Series, Statistics};
+use analysis::theorem::no_theorem;
+use faults::PORTS;
+use faults::grammar::Change;
+use messages::blackboards::EndReason;
+use messages::channels::{Outage, OutageReason, SwitchoverReason};
+use messages::content::Mode;
+use messages::parameters::{Airframe, ESTIMATED, Parameter, SPECS};
+use messages::role::{Channel, Replica, Role, STAGES};
+use serde_json::{Value, json};
+
+use super::filed_report::FiledReport;
+use crate::watch::dashboard_model::{HANDOVERS, Model, Pose, WatchedFlight};
+
+/// Bins of a histogram in a decade.
+const BINS: f64 = 12.0;
+/// What is below 100 ns counts in the bin from there on.
+const FIRST_BIN: i32 = 2 * BINS as i32;
+const EVENTS: usize = 100;
+const OUTAGES: usize = 8;
+
+/// What stays for a flight, and the poses so far; without a flight, that the server waits for one.
+pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
+    let mut text = json!({
+        "kind": "flight",
+        "instance": model.instance,
+        "allows_control": allows_control,
+    });
+    if let Some(flight) = &model.flight {
+        let run = &flight.run;
+        let parameters = SPECS.iter().map(|spec| {
+            let range = flight.airframe.range(spec.parameter);
+            json!({
+                "name": spec.name, "unit": spec.unit, "meaning": spec.meaning, "min": range.min, "max": range.max,
+                "nominal": flight.airframe.get(spec.parameter),
+            })
+        });
+        let conditions = [
+            "flight.trajectory",
+            "flight.preset",
+            "outer.law",
+            "inner.law",
+            "mixer.law",
+        ];
+        let conditions = conditions.map(|key| flight.setting(key));
+        text["flight"] = json!({
+            "run": run.run_id.to_string(),
+            "channels": run.channels.max(1),
+            "duration_s": run.flight_time_s(run.last_tick),
+            "conditions": conditions,
+            "no_estimates": flight.laws.without_theorem.map(no_theorem),
+            "estimated": ESTIMATED.map(|parameter| [parameter.name(), parameter.spec().unit]),
+            "hover_rad_s": hover_rad_s(&flight.airframe),
+            "reference": flight.reference_line(),
+            "poses": flight.poses.iter().map(pose_numbers).collect::<Vec<_>>(),
+            "parameters": parameters.collect::<Vec<_>>(),
+            "faults": fault_rows(run.channels.max(1) as usize, run.flight_time_s(1)),
+        });
+    }
+    text
+}
+
+/// Speed of each rotor in hover by the nominal parameters.
+fn hover_rad_s(airframe: &Airframe) -> f64 {
+    use Parameter::{Gravity, Mass, ThrustCoefficient};
+    let [mass, gravity, k] = [Mass, Gravity, ThrustCoefficient].map(|it| airframe.get(it));
+    (mass * gravity / (4.0 * k)).sqrt()
+}
+
+fn pose_numbers(pose: &Pose) -> Value {
+    json!({
+        "t": pose.time_s, "p": pose.position_w_m, "q": pose.attitude, "yaw": pose.yaw_rad, "r": pose.reference_w_m,
+        "ryaw": pose.reference_yaw_rad, "w": pose.rotor_command_rad_s, "e": pose.position_error_m,
+        "th": pose.estimates, "true": pose.estimated,
+    })
+}
+
+pub(super) fn pose(flight: &WatchedFlight) -> Option<Value> {
+    let mut text = pose_numbers(&flight.newest_pose()?);
+    text["kind"] = "pose".into();
+    Some(text)
+}
+
+/// Everything that changes and is no pose.
+pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
+    let mut text = json!({"kind": "news", "pages": pages});
+    let Some(flight) = &model.flight else {
+        return text;
+    };
+    let (verdicts, not_fresh) = match &filed.excerpt {
+        Some(report) if !report.run.in_flight => (report.words.clone(), flight.verdicts().1),
+        _ => flight.verdicts(),
+    };
+    let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
+    let theorem = verdicts.theorem.word;
+    let tone = |is_good: bool, is_bad: bool| match (is_good, is_bad) {
+        (true, _) => "good",
+        (_, true) => "bad",
+        _ => "open",
+    };
+    let is_off = matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost);
+    let is_late = timing == TimingVerdict::Late;
+    // Without a recorder, they are of the past.
+    let verdict = |word: String, why: &str, tone: &str| match flight.lost_at() {
+        Some(tick) => {
+            json!({"word": word, "why": format!("up to tick {tick}: {why}"), "tone": "open"})
+        }
+        None => json!({"word": word, "why": why, "tone": tone}),
+    };
+    text["flight"] = json!({
+        "phase": phase(flight),
+        "tick": flight.tick(),
+        "verdicts": [
+            verdict(name_of(&tracked), &verdicts.flight.why, tone(tracked == FlightVerdict::Tracked, is_off)),
+            verdict(name_of(&timing), &verdicts.timing.why, tone(timing == TimingVerdict::InTime, is_late)),
+            verdict(
+                name_of(&theorem),
+                &verdicts.theorem.why,
+                tone(theorem == StabilityVerdict::Holds, theorem == StabilityVerdict::Broken),
+            ),
+        ],
+        "broken": broken(flight),
+        "missed": flight.run.deadlines_missed,
+        "skipped": flight.run.ticks_skipped,
+        "not_fresh": not_fresh.ticks,
+        "lost": flight.lost(),
+        "series": latencies(flight),
+        "outages": outages(filed),
+        "channel": channel(flight),
+        "processes": processes(flight),
+        "failed": flight.supervision.failed,
+        "restarted": flight.supervision.restarted,
+        "faults": flight.active_faults(),
+        "events": events(flight),
+        "parameters": flight.active.value,
+        "report": filed.path,
+        "status": filed.excerpt.as_ref().filter(|it| !it.run.in_flight).map(|it| it.verdict.status.to_string()),
+    });
+    text
+}
+
+fn phase(flight: &WatchedFlight) -> Value {
+    match flight.ending {
+        None => json!({"word": "flying", "why": "", "tone": "good"}),
+        Some(EndReason::Completed) => {
+            json!({"word": "landed", "why": "completed", "tone": "open"})
+        }
+        Some(ending) => json!({"word": "ended", "why": ending.name(), "tone": "bad"}),
+    }
+}
+
+/// What is not as it should be at this moment.
+fn broken(flight: &WatchedFlight) -> Vec<String> {
+    if flight.ending.is_some() {
+        return Vec::new();
+    }
+    let mut broken = Vec::new();
+    for replica in &flight.missing {
+        broken.push(format!("no {} process", name_in(flight, *replica)));
+    }
+    for (what, rest_s) in flight.active_faults() {
+        broken.push(match rest_s {
+            Some(rest_s) => format!("fault {what}, {rest_s:.1} s more"),
+            None => format!("fault {what}"),
+        });
+    }
+    let nominal = SPECS.iter().zip(flight.active.value);
+    for (spec, value) in
+        nominal.filter(|(spec, value)| *value != flight.airframe.get(spec.parameter))
+    {
+        broken.push(format!("{} is {value}, not nominal", spec.name));
+    }
+    let modes = [
+        ("outer", flight.setpoint.map(|it| it.mode)),
+        ("inner", flight.wrench.map(|it| it.mode)),
+        ("mixer", flight.rotor_speeds.map(|it| it.mode)),
+    ];
+    for (stage, mode) in modes {
+        if let Some(mode) = mode
+            .and_then(Mode::from_wire)
+            .filter(|it| *it != Mode::Fresh)
+        {
+            broken.push(format!("{stage}: {}", mode.name()));
+        }
+    }
+    broken
+}
+
+/// Name of a process, with its channel if there are several.
+fn name_in(flight: &WatchedFlight, replica: Replica) -> String {
+    let is_of_channel = !matches!(replica.role, Role::Plant | Role::Record);
+    match flight.run.channels > 1 && is_of_channel {
+        true => format!("{}.{}", replica.channel, replica.role),
+        false => replica.to_string(),
+    }
+}
+
+fn latencies(flight: &WatchedFlight) -> Vec<Value> {
+    let hops = STAGES.windows(2).map(|pair| Series::Hop(pair[0], pair[1]));
+    let wakes = STAGES.map(Series::Wake);
+    let shown = [Series::Loop].into_iter().chain(hops).chain(wakes);
+    let known = shown.filter_map(|series| {
+        let latencies = flight.statistics.series.flight(series)?;
+        let statistics = Statistics::of(&series.name(), latencies);
+        Some(json!({
+            "name": statistics.name, "count": statistics.count, "p50": statistics.p50_us, "p99": statistics.p99_us,
+            "p999": statistics.p999_us, "max": statistics.max_us, "bins": bins(latencies),
+        }))
+    });
+    known.collect()
+}
+
+/// Lower edges [us] and counts of the bins with values.
+fn bins(latencies: &Latencies) -> Vec<(f64, u64)> {
+    let mut counts = BTreeMap::<i32, u64>::new();
+    for value in latencies.iter_recorded() {
+        let bin = ((value.value_iterated_to().max(1) as f64).log10() * BINS).floor() as i32;
+        let bin = bin.max(FIRST_BIN);
+        *counts.entry(bin).or_default() += value.count_at_value();
+    }
+    let edge_us = |bin: i32| 10_f64.powf(f64::from(bin) / BINS) / 1e3;
+    counts
+        .into_iter()
+        .map(|(bin, count)| (edge_us(bin), count))
+        .collect()
+}
+
+/// Outages as the recorder has classed them so far.
+fn outages(filed: &FiledReport) -> Value {
+    let Some(report) = &filed.excerpt else {
+        return Value::Null;
+    };
+    let section = &report.autopsy;
+    let classes = section.classes.iter().map(|it| {
+        json!({"cause": it.class.words(), "stage": it.stage, "outages": it.outages, "missed": it.missed})
+    });
+    let worst = section.worst.iter().take(OUTAGES).map(|it| {
+        json!({
+            "tick": it.tick, "time_s": it.time_s, "ticks": it.ticks, "missed": it.missed, "cause": it.class.words(),
+            "stage": it.stage, "evidence": it.evidence, "faults": it.faults,
+        })
+    });
+    json!({
+        "classes": classes.collect::<Vec<_>>(),
+        "pending": section.pending,
+        "worst": worst.collect::<Vec<_>>(),
+    })
+}
+
+/// The channel that flies, and what the plant says of all of them; none of a flight with one.
+fn channel(flight: &WatchedFlight) -> Value {
+    let Some(redundancy) = flight.redundancy.filter(|_| flight.run.channels > 1) else {
+        return Value::Null;
+    };
+    let letter = |place: u64| Channel::from_wire(place).map(|channel| channel.to_string());
+    let outage = |it: &Outage| {
+        let reason = OutageReason::from_wire(it.reason).map_or("unknown", OutageReason::name);
+        json!({
+            "channel": letter(it.channel), "tick": it.tick, "ticks": it.ticks, "reason": reason,
+            "is_handover": it.is_handover == 1,
+        })
+    };
+    let kept = (redundancy.outage_count as usize).min(redundancy.outages.len());
+    let switchovers = redundancy.switchovers().iter().map(|it| {
+        let reason = SwitchoverReason::from_wire(it.reason);
+        let reason = reason.map_or("unknown", SwitchoverReason::name);
+        json!({"tick": it.tick, "from": letter(it.from), "to": letter(it.to), "reason": reason})
+    });
+    json!({
+        "active": letter(redundancy.active),
+        "flown": &redundancy.flown[..flight.run.channels.min(redundancy.flown.len() as u64) as usize],
+        "handovers": redundancy.handovers,
+        "outages": redundancy.outages[..kept].iter().rev().take(OUTAGES).map(outage).collect::<Vec<_>>(),
+        "switchovers": switchovers.collect::<Vec<_>>(),
+    })
+}
+
+fn processes(flight: &WatchedFlight) -> Vec<Value> {
+    let all = flight.statuses.iter().map(|(replica, status)| {
+        json!({
+            "name": name_in(flight, *replica), "pid": status.pid, "missing": flight.missing.contains(replica),
+            "phase": format!("{:?}", status.phase()).to_lowercase(), "ticks": status.ticks_run,
+            "skipped": status.ticks_skipped, "stale": status.ticks_stale,
+        })
+    });
+    all.collect()
+}
+
+fn events(flight: &WatchedFlight) -> Vec<Value> {
+    let events = flight.events(HANDOVERS).into_iter().take(EVENTS);
+    let event = |(tick, text): (u64, String)| json!([tick, flight.run.flight_time_s(tick), text]);
+    events.map(event).collect()
+}
+
+/// A button: its words, and what it injects, some of it later.
+type Button = (String, Vec<(String, Option<&'static str>)>);
+
+/// Buttons by what they act on.
+fn fault_rows(channels: usize, period_s: f64) -> Vec<Value> {
+    let now = |label: &str, what: String| (label.to_owned(), vec![(what, None)]);
+    let delay_ticks = (3e-3 / period_s).round().max(1.0);
+    let mut rows: Vec<(String, Vec<Button>)> = Vec::new();
+    let mut topics = PORTS.map(|port| port.topic()).to_vec();
+    topics.dedup();
+    for topic in topics {
+        let buttons = vec![
+            now("drop 20 %", format!("{topic}.drop=0.2")),
+            now(
+                &format!("delay {:.0} ms", 1e3 * delay_ticks * period_s),
+                format!("{topic}.delay={delay_ticks}"),
+            ),
+            now("freeze", format!("{topic}.freeze")),
+        ];
+        rows.push((format!("messages {topic}"), buttons));
+    }
+    let of_loops =
+        Replica::all(channels).filter(|it| !matches!(it.role, Role::Plant | Role::Record));
+    for Replica { channel, role } in of_loops {
+        let stage = match channels {
+            1 => role.to_string(),
+            _ => format!("{channel}.{role}"),
+        };
+        let buttons = ["kill", "late=3ms", "stop=20ms"];
+        let words = ["kill", "3 ms late", "stop 20 ms"];
+        let buttons = words.into_iter().zip(buttons);
+        let buttons = buttons.map(|(label, what)| now(label, format!("{stage}.{what}")));
+        rows.push((format!("process {stage}"), buttons.collect()));
+    }
+    if channels > 1 {
+        let letters = Channel::first(channels);
+        let switch = letters.map(|it| now(&format!("fly {it}"), format!("{it}.switch")));
+        rows.push(("channel".into(), switch.collect()));
+    }
+    let for_2s = |label: &str, name: &str, value: &str| {
+        let change = |value: &str| format!("{name}={value}~200ms");
+        let back = (change("nominal"), Some("2s"));
+        (label.to_owned(), vec![(change(value), None), back])
+    };
+    let gusts = [
+        ("gust along x", "wind_x_m_s", "2"),
+        ("gust along y", "wind_y_m_s", "2"),
+    ];
+    let weak = [1, 2, 3, 4].map(|rotor| {
+        (
+            format!("weak rotor {rotor}"),
+            format!("rotor_efficiency_{rotor}"),
+        )
+    });
+    let gusts = gusts.map(|(label, name, value)| for_2s(label, name, value));
+    let weak = weak.iter().map(|(label, name)| for_2s(label, name, "0.7"));
+    rows.push((
+        "vehicle, for 2 s".into(),
+        gusts.into_iter().chain(weak).collect(),
+    ));
+    let row = |(name, buttons): &(String, Vec<Button>)| {
+        let buttons = buttons.iter().map(|(label, inject)| {
+            json!({"label": label, "inject": inject, "meaning": meaning(&inject[0].0), "lasts": lasts(&inject[0].0)})
+        });
+        json!({"name": name, "buttons": buttons.collect::<Vec<_>>()})
+    };
+    rows.iter().map(row).collect()
+}
+
+/// What a change means, as it is declared.
+fn meaning(change: &str) -> &'static str {
+    match change.parse::<Change>() {
+        Ok(Change::Parameter(desired)) => desired.parameter.spec().meaning,
+        Ok(Change::Loop(change)) => change.kind.spec().meaning,
+        Err(_) => "",
+    }
+}
+
+fn lasts(change: &str) -> bool {
+    change.parse::<Change>().is_ok_and(|change| change.lasts())
+}
+
+pub(super) fn answer(id: u64, answered: &Result<String, String>) -> Value {
+    let (is_ok, text) = match answered {
+        Ok(text) => (true, text),
+        Err(text) => (false, text),
+    };
+    let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    json!({"kind": "answer", "id": id, "ok": is_ok, "text": text})
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_button_injects_what_can_be_injected_and_says_what_it_means() {
+        for (channels, buttons) in [(1, 27), (3, 48)] {
+            let rows = fault_rows(channels, 1e-3);
+            let all = rows
+                .iter()
+                .flat_map(|row| row["buttons"].as_array().unwrap());
+            let all: Vec<&Value> = all.collect();
+            assert_eq!(all.len(), buttons);
+            for button in all {
+                assert_ne!(button["meaning"], "", "{button}");
+                for part in button["inject"].as_array().unwrap() {
+                    let text = part[0].as_str().unwrap();
+                    let read = crate::inject::parse_line(text);
+                    assert!(read.is_ok(), "{text}: {read:?}");
+                }
+            }
+        }
+    }
+}
