@@ -34,7 +34,7 @@ def main(directory, text, outer, inner, rate_error, estimates):
             assert f'data-plot="{role}-{name}"' in page and f"  {role} {name} " in text, name
     for key, column, plots, exists in [
         ("rate_error_final_rad_s", "e_p", ["rate-error"], rate_error == "yes"),
-        ("estimates", "kr_hat", ["k_r", "k_r-error"], estimates == "yes"),
+        ("estimates", "kr_hat", ["k_r"], estimates == "yes"),
     ]:
         assert (key in report["flight"]) == exists, key
         assert any(states[column]) == exists, column
@@ -47,7 +47,7 @@ def main(directory, text, outer, inner, rate_error, estimates):
         law = laws["inner"]["name"]
         why = f"the inner law `{law}` has no theorem"
         assert report["theorem"] == {"law_without": law, "not_applicable": why}, report["theorem"]
-        assert f"Theorem: not applicable: {why}" in page
+        assert why in page
         assert f"Theorem   not applicable: {why}\n" in text
         assert "estimated" not in text, text
 
