@@ -30,7 +30,7 @@ use flight_log::reader::LogReader;
 use flight_log::rows;
 use render::brief::Left;
 use render::figures::Figures;
-use render::{brief, diff, flight, junit, picture};
+use render::{brief, diff, flight, junit, page, picture};
 use replay::fly_again;
 use sim::simulator::Simulator;
 use toml::Value;
@@ -181,8 +181,8 @@ fn reports() {
             page: None,
             log: None,
         };
-        let page = flight::page(&report);
-        assert_eq!(page.matches("<script").count(), 1, "the page's own");
+        let page = page::render(&report);
+        assert_eq!(page.matches("<script").count(), 3, "the page's own");
         let mut text = flight::text(&report)
             + &brief::render(&report, &left)
             + &flight::result_line(&report, "runs/x")
