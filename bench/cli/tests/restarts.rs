@@ -1,8 +1,6 @@
 //! Processes that end and are replaced: by the supervisor, by another program.
 
-use crate::rig::{Rig, is_gone, read_log, send, wait_until};
-use controller::laws::adaptive::estimate;
-use flight_log::entry::LogEntry;
+use crate::rig::{Rig, is_gone, send, wait_until};
 use ipc::Wire;
 use messages::blackboards::{RolePhase, Status};
 use messages::role::Role::Inner;
@@ -27,40 +25,6 @@ fn await_successor(rig: &Rig, dead: u32) -> u32 {
         (flies && status.pid != u64::from(dead)).then_some(status.pid)
     });
     u32::try_from(pid).unwrap()
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_restarted_inner_loop_continues_from_the_state_of_the_one_that_died() {
-    let rig = Rig::new("resumes");
-    let config = rig.airborne("trajectory = \"lissajous\"\n");
-    let flags = format!("--on-death restart --rt off --duration 2s --config {config}");
-    let flight = rig.start("fly", flags);
-    kill(&rig, 1000);
-    flight.end().expect(0);
-    let wrench = |entry: &LogEntry| match entry {
-        LogEntry::Wrench(it) => Some((it.envelope.epoch, estimate(&it.content.telemetry))),
-        _ => None,
-    };
-    let (entries, _) = read_log(&rig.out().join("latest/flight.mcap"));
-    let estimates: Vec<_> = entries.iter().filter_map(wrench).collect();
-    let has_restarted = |pair: &[(u64, [f64; 3])]| pair[0].0 != pair[1].0;
-    let begin = estimates.windows(2).position(has_restarted).unwrap() + 1;
-    let (before, first) = (&estimates[begin - 2..begin], estimates[begin].1);
-    // Learning goes on with the first state after the outage.
-    let moved = |last: &[f64; 3]| {
-        let range = estimates.iter().map(|(_, it)| it[0]);
-        let (low, high) = range.fold((f64::MAX, f64::MIN), |(low, high), it| {
-            (low.min(it), high.max(it))
-        });
-        (first[0] - last[0]).abs() / (high - low)
-    };
-    assert!(
-        before.iter().any(|(_, last)| moved(last) < 0.01),
-        "{before:?} {first:?}"
-    );
-    assert_ne!(first, estimates[0].1, "the initial estimates");
-    rig.assert_replayed();
 }
 
 #[test]
