@@ -4,7 +4,6 @@ use control_api::description::Settings;
 use control_api::law::Law as _;
 use control_api::{GuardedMixer, Rig};
 use messages::content::{Mode, NO_TICK, RotorSpeeds, Stamped, Wrench};
-use messages::parameters::Airframe;
 use mixer::RollPitchFirst;
 
 fn mixer(period_s: f64) -> GuardedMixer {
@@ -31,20 +30,6 @@ fn assert_idle(speeds: &RotorSpeeds) {
     assert!(at_least, "{speeds:?}");
     assert!((speeds.thrust_n - 4.0 * 3.13e-5 * 900.0).abs() < 1e-15);
     assert_eq!(speeds.torque_b_nm, [0.0; 3]);
-}
-
-#[test]
-fn a_fresh_wrench_is_met() {
-    let speeds = mixer(0.001).tick(100, &wrench(100));
-    assert_eq!((speeds.mode, speeds.saturated), (Mode::Fresh as u64, 0));
-    assert!((speeds.thrust_n - 5.0).abs() < 1e-12);
-    for (achieved, asked) in speeds.torque_b_nm.iter().zip([0.02, -0.01, 0.005]) {
-        assert!((achieved - asked).abs() < 1e-12);
-    }
-    let k = Airframe::nominal().k();
-    let thrust: f64 = speeds.speed_rad_s.iter().map(|w| k * w * w).sum();
-    // The speeds give the thrust that the message claims.
-    assert!((thrust - 5.0).abs() < 1e-12, "{thrust}");
 }
 
 #[test]

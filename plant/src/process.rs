@@ -94,9 +94,8 @@ pub fn run(
         } else {
             Ok(())
         };
-        let served = server.join().unwrap_or(Err(Error::Panicked {
-            thread: "the request server",
-        }));
+        let panicked = |_| Err(Error::failed("the request server panicked"));
+        let served = server.join().unwrap_or_else(panicked);
         flown.and(served)
     })
 }
@@ -162,9 +161,9 @@ impl<'a> PlantProcess<'a> {
         let mut plant = Plant::new(settings);
         plant.take_faults(injection.messages());
         for fault in faults {
-            plant.schedule(fault.clone()).map_err(|e| Error::TooMuch {
-                what: format!("cannot schedule a fault: {e}"),
-            })?;
+            plant
+                .schedule(fault.clone())
+                .map_err(|e| Error::usage(format!("cannot schedule a fault: {e}")))?;
         }
         let in_force = wire.blackboard(IN_FORCE)?;
         in_force.put(ActiveParameters {
@@ -549,7 +548,7 @@ impl<'a> PlantProcess<'a> {
                         tick - 1
                     )
                 };
-                return Err(Error::Absent { what });
+                return Err(Error::failed(what));
             }
             self.event.wait_until(
                 now + if is_there {

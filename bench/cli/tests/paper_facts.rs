@@ -230,20 +230,3 @@ fn estimates_converge_only_where_the_flight_excites_them() {
         }
     }
 }
-
-#[test]
-fn v_th_rises_once_a_parameter_of_the_rate_loop_is_not_the_models() {
-    for (parameter, value, rises) in [
-        (Parameter::Mass, 0.6, false),
-        (Parameter::MotorTimeConstant, LAG_S, false),
-        (Parameter::ArmLength, 0.25, true),
-    ] {
-        let what = format!("{parameter} = {value} at 8 s");
-        let measured = fly(Trajectory::Lissajous, "flight", &what, |flight| {
-            flight.swaps.push((8000, parameter, value));
-        });
-        let least = if rises { 1e6 * V_TH_RISE_MAX } else { 0.0 };
-        assert_eq!(measured.v_th_rise_max < V_TH_RISE_MAX, !rises, "{measured}");
-        assert!(measured.v_th_rise_max >= least, "{measured}");
-    }
-}

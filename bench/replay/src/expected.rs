@@ -12,19 +12,10 @@ use crate::comparison::ReplayComparison;
 /// Messages that may wait for their counterparts. In a sound log, both come at one position.
 const MOST_WAITING: usize = 4096;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Expected<C> {
     recorded: VecDeque<Message<C>>,
     following: VecDeque<Message<C>>,
-}
-
-impl<C> Default for Expected<C> {
-    fn default() -> Self {
-        Self {
-            recorded: VecDeque::new(),
-            following: VecDeque::new(),
-        }
-    }
 }
 
 impl<C: Logged> Expected<C> {

@@ -9,7 +9,7 @@ use std::time::SystemTime;
 
 use messages::blackboards::{Run, RunPhase};
 use rustix::termios::tcgetwinsize;
-use serde::Deserialize;
+use serde_json::Value;
 
 use errors::output::{has_screen, say};
 
@@ -117,25 +117,6 @@ struct ReportFigures {
     text: String,
 }
 
-/// What the line shows of a report.
-#[derive(Deserialize)]
-struct ReportExcerpt {
-    series: Vec<SeriesExcerpt>,
-    flight: FlightExcerpt,
-}
-
-#[derive(Deserialize)]
-struct SeriesExcerpt {
-    name: String,
-    p50_us: f64,
-    p99_us: f64,
-}
-
-#[derive(Deserialize)]
-struct FlightExcerpt {
-    position_error_final_m: f64,
-}
-
 impl ReportFigures {
     /// Reads the report where it is another one than at the last look; says whether it was.
     fn look(&mut self) -> bool {
@@ -148,13 +129,16 @@ impl ReportFigures {
         self.written = written;
         // A flight does not depend on its status line.
         let text = fs::read_to_string(&self.path).unwrap_or_default();
-        if let Ok(ReportExcerpt { series, flight }) = serde_json::from_str(&text) {
+        let report: Value = serde_json::from_str(&text).unwrap_or_default();
+        if let Some(error_m) = report["flight"]["position_error_final_m"].as_f64() {
             self.text.clear();
-            if let Some(chain) = series.iter().find(|series| series.name == "loop") {
-                let SeriesExcerpt { p50_us, p99_us, .. } = chain;
+            let mut series = report["series"].as_array().into_iter().flatten();
+            if let Some(chain) = series.find(|series| series["name"] == "loop") {
+                let [p50_us, p99_us] = ["p50_us", "p99_us"].map(|it| chain[it].as_f64());
+                let [p50_us, p99_us] = [p50_us, p99_us].map(Option::unwrap_or_default);
                 self.text += &format!("   loop p50 {p50_us:.1} p99 {p99_us:.1} us");
             }
-            self.text += &format!("   error {:.3} m", flight.position_error_final_m);
+            self.text += &format!("   error {error_m:.3} m");
         }
         true
     }

@@ -80,6 +80,10 @@ impl Failure {
         self
     }
 
+    pub fn remedy(&self) -> Option<&str> {
+        self.help.as_deref()
+    }
+
     /// The failure as a command prints it: what happened, and below it what to do.
     pub fn text(&self) -> String {
         let mut text = format!("error: {}\n", shortened(&harmless(&self.message)));

@@ -1,192 +1,72 @@
 //! What can go wrong outside the laws, and what to do about each error.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use std::{fs, io};
 
-use errors::{FAILED, Failure, INTERRUPTED, NO_REAL_TIME, OCCUPIED, USAGE};
+use errors::{FAILED, Failure, INTERRUPTED, OCCUPIED, USAGE};
 use rustix::fs::{StatVfs, StatVfsMountFlags, statvfs};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 use thiserror::Error;
 
-use messages::role::Role;
-
-/// Why a process of the rig cannot go on.
+/// Why a process of the rig cannot go on. What a caller tells apart has a variant.
 #[derive(Debug, Error)]
 pub enum Error {
-    /// The name of an instance has a character or a length that file names cannot carry everywhere.
-    #[error(
-        "instance name `{name}` is not allowed: 1 to 32 of the characters a-z, 0-9, `_` and `-`, not beginning with `-`"
-    )]
-    InstanceName { name: String },
     /// The directory for sockets and service files, or something in it or in shared memory, cannot be used.
     #[error("cannot use {}: {source}", path.display())]
     RootPath { path: PathBuf, source: io::Error },
-    /// The root path is so long that the middleware has no room for what it makes below it.
-    #[error("the root path {} is {length} characters long; iceoryx2's paths below it need it to be at most {max}", path.display())]
-    RootPathTooLong {
-        path: PathBuf,
-        length: usize,
-        max: usize,
-    },
     /// A file or directory belongs to another user, or can be written by others.
     #[error("{} is not used: {why}", path.display())]
     NotOurs { path: PathBuf, why: String },
-    /// The instance's directory is there, holds something, and is none of ours.
-    #[error("{} is no directory of ironbird: in it {}", path.display(), listed(names))]
-    ForeignDirectory { path: PathBuf, names: Vec<String> },
-    #[error("another process has locked {} for {} s", path.display(), waited.as_secs())]
-    Held { path: PathBuf, waited: Duration },
-    #[error("{what}: {used_up}")]
-    UsedUp {
-        what: String,
-        used_up: String,
-        remedy: String,
-    },
-    #[error("instance `{instance}` already has a running {role}{}", process(*pid))]
-    Occupied {
-        instance: String,
-        role: String,
-        /// Who holds it; not known in the instant before it has written its number.
-        pid: Option<u32>,
-    },
-    /// A process that played the role has ended, and its lock has not.
-    #[error(
-        "instance `{instance}`: its {role} (process {pid}) has ended, but a process that it left keeps its lock"
-    )]
-    Orphaned {
-        instance: String,
-        role: String,
-        /// The process that took the lock.
-        pid: u32,
-        path: PathBuf,
-    },
-    #[error("instance `{instance}` has {most} observers already, and that is the most")]
-    Crowded { instance: String, most: usize },
-    #[error("the {role} process has other settings than the plant: {differences}")]
-    SettingsDiffer {
-        role: Role,
-        /// Each differing key with both values.
-        differences: String,
-        /// The options that choose the plant's laws, where the role has others.
-        laws: String,
-    },
-    #[error("real time was required and not granted to the {role} process: {refused}")]
-    RealtimeRefused {
-        role: Role,
-        refused: String,
-        remedy: String,
-    },
-    #[error("shared memory is too small: {path} has {free_mib} MiB free, this instance needs {needed_mib} MiB", path = path.display())]
-    SharedMemoryFull {
-        path: PathBuf,
-        /// What is free [MiB].
-        free_mib: u64,
-        /// What is needed [MiB].
-        needed_mib: u64,
-    },
     #[error("{what}: iceoryx2 says {reason}")]
     Wire { what: String, reason: String },
     /// Shared memory was left by another build.
     #[error("{what} exists with an incompatible layout: iceoryx2 says {reason}")]
     Incompatible { what: String, reason: String },
-    /// Another process did not do its part in time.
-    #[error("{what}")]
-    Absent { what: String },
-    /// The run goes on without this process: it began without it, or is another one now.
-    #[error("{what}")]
-    TooLate {
-        /// What has happened, and what to start again.
-        what: String,
-    },
-    /// There is no room for what was requested.
-    #[error("{what}")]
-    TooMuch {
-        /// What there is too much of, and how much is allowed.
-        what: String,
-    },
-    #[error("{thread} panicked")]
-    Panicked { thread: &'static str },
-    #[error("{what}: {source}")]
-    System { what: String, source: io::Error },
     /// Ended by a signal before the run began.
     #[error("interrupted")]
     Interrupted,
+    #[error("{0}")]
+    Other(#[from] Failure),
 }
 
 impl Error {
     /// Exit code of a process that ends with this error (docs/architecture.md, "Exit codes").
     pub const fn exit_code(&self) -> u8 {
         match self {
-            Self::InstanceName { .. }
-            | Self::RootPath { .. }
-            | Self::RootPathTooLong { .. }
-            | Self::NotOurs { .. }
-            | Self::ForeignDirectory { .. }
-            | Self::SettingsDiffer { .. }
-            | Self::TooMuch { .. } => USAGE,
-            Self::RealtimeRefused { .. } => NO_REAL_TIME,
-            Self::Occupied { .. }
-            | Self::Orphaned { .. }
-            | Self::Held { .. }
-            | Self::Crowded { .. }
-            | Self::Incompatible { .. } => OCCUPIED,
+            Self::RootPath { .. } | Self::NotOurs { .. } => USAGE,
+            Self::Incompatible { .. } => OCCUPIED,
             Self::Interrupted => INTERRUPTED,
-            Self::SharedMemoryFull { .. }
-            | Self::UsedUp { .. }
-            | Self::Wire { .. }
-            | Self::Absent { .. }
-            | Self::TooLate { .. }
-            | Self::Panicked { .. }
-            | Self::System { .. } => FAILED,
+            Self::Wire { .. } => FAILED,
+            Self::Other(failure) => failure.code,
         }
     }
 
     pub fn remedy(&self) -> Option<String> {
         Some(match self {
-            Self::InstanceName { .. } => "for example: --instance left-rig".into(),
             Self::RootPath { source, .. } => remedy_of(source).unwrap_or_else(|| {
                 "make it a directory that you can write, or name another one in IRONBIRD_ROOT".into()
             }),
-            Self::RootPathTooLong { .. } => "name a shorter one in IRONBIRD_ROOT".into(),
             Self::NotOurs { .. } => {
                 "remove it, or take write permission from others (chmod go-w), or name a directory of your own in \
                  IRONBIRD_ROOT"
                     .into()
             }
-            Self::ForeignDirectory { .. } => {
-                "choose another --instance, or name another directory in IRONBIRD_ROOT; ironbird removes nothing there"
-                    .into()
-            }
-            Self::Held { path, .. } => format!("`fuser -v {}` names the process", path.display()),
-            Self::UsedUp { remedy, .. } => remedy.clone(),
-            Self::Occupied { instance, .. } => {
-                format!("wait for its end, or fly beside it under another name: --instance {instance}-2")
-            }
-            Self::Orphaned { path, .. } => format!("`fuser -v {}` names it: end it", path.display()),
-            Self::Crowded { .. } => "end one of the others: an `ironbird watch` or an `ironbird bridge`".into(),
-            Self::SettingsDiffer { laws, .. } => {
-                let same = "start every role with the same settings file and the same flags";
-                if laws.is_empty() { same.into() } else { format!("{same}, and like the plant with {laws}") }
-            }
-            Self::RealtimeRefused { remedy, .. } => remedy.clone(),
-            Self::SharedMemoryFull { path, .. } => format!(
-                "remove what fills it (`ironbird clean` removes leftovers of ours), or enlarge it: \
-                 mount -o remount,size=256M {}; in a container: docker run --shm-size=256m, or podman run likewise",
-                path.display()
-            ),
             Self::Incompatible { .. } => {
                 "another build of ironbird left it or still runs: end that one, then `ironbird clean`".into()
             }
             Self::Wire { .. } => "`ironbird clean` removes leftovers of killed processes".into(),
-            Self::System { source, .. } => return remedy_of(source),
-            Self::Absent { .. }
-            | Self::TooLate { .. }
-            | Self::TooMuch { .. }
-            | Self::Panicked { .. }
-            | Self::Interrupted => return None,
+            Self::Other(failure) => return failure.remedy().map(str::to_owned),
+            Self::Interrupted => return None,
         })
+    }
+
+    pub fn failed(what: impl Into<String>) -> Self {
+        Failure::failed(what).into()
+    }
+
+    pub fn usage(what: impl Into<String>) -> Self {
+        Failure::usage(what).into()
     }
 
     /// A middleware error with what was tried, or what the system has run out of.
@@ -197,11 +77,9 @@ impl Error {
 
     pub(crate) fn of_middleware(what: String, reason: String, shortage: Option<Shortage>) -> Self {
         match shortage {
-            Some(Shortage { used_up, remedy }) => Self::UsedUp {
-                what,
-                used_up,
-                remedy,
-            },
+            Some(Shortage { used_up, remedy }) => Failure::failed(format!("{what}: {used_up}"))
+                .help(remedy)
+                .into(),
             None => Self::Wire { what, reason },
         }
     }
@@ -216,10 +94,12 @@ impl Error {
 
     /// A failed system call with what was tried.
     pub fn system(what: impl Into<String>, source: impl Into<io::Error>) -> Self {
-        Self::System {
-            what: what.into(),
-            source: source.into(),
-        }
+        let (what, source) = (what.into(), source.into());
+        let failure = Failure::failed(format!("{what}: {source}"));
+        Self::Other(match remedy_of(&source) {
+            Some(remedy) => failure.help(remedy),
+            None => failure,
+        })
     }
 }
 
@@ -235,27 +115,15 @@ impl<T, E: std::fmt::Debug> Tried<T> for Result<T, E> {
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
+        if let Error::Other(failure) = error {
+            return failure;
+        }
         let failure = Self::new(error.exit_code(), error.to_string());
         match error.remedy() {
             Some(remedy) => failure.help(remedy),
             None => failure,
         }
     }
-}
-
-fn listed(names: &[String]) -> String {
-    const MOST: usize = 3;
-    let first = names.iter().take(MOST).map(|name| format!("`{name}`"));
-    let first = first.collect::<Vec<_>>().join(", ");
-    match names.len() {
-        0 | 1 => format!("lies {first}"),
-        2..=MOST => format!("lie {first}"),
-        all => format!("lie {first} and {} more", all - MOST),
-    }
-}
-
-fn process(pid: Option<u32>) -> String {
-    pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
 }
 
 /// Why the middleware did not open a service.

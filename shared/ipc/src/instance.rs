@@ -24,6 +24,7 @@ pub(crate) use locks::lock_soon;
 
 use crate::error::Error;
 use directory::Directory;
+use errors::Failure;
 use messages::layout::{FNV_OFFSET, fnv1a};
 use root::ROOT_MAX;
 
@@ -98,11 +99,16 @@ impl Instance {
             return Ok(());
         }
         let (free_mib, needed_mib) = (free / MIB, needed.div_ceil(MIB));
-        Err(Error::SharedMemoryFull {
-            path: SHARED_MEMORY.into(),
-            free_mib,
-            needed_mib,
-        })
+        let what = format!(
+            "shared memory is too small: {SHARED_MEMORY} has {free_mib} MiB free, this instance needs {needed_mib} MiB"
+        );
+        Err(Failure::failed(what)
+            .help(format!(
+                "remove what fills it (`ironbird clean` removes leftovers of ours), or enlarge it: \
+                 mount -o remount,size=256M {SHARED_MEMORY}; in a container: docker run --shm-size=256m, or podman run \
+                 likewise"
+            ))
+            .into())
     }
 
     /// The middleware's configuration; a configuration file in the working directory is ignored.
@@ -145,22 +151,25 @@ pub(crate) fn shared_memory() -> Result<Option<Directory>, Error> {
 fn allowed(name: &str) -> Result<Name, Error> {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
     let valid = !name.is_empty() && !name.starts_with('-') && name.chars().all(allowed);
-    Name::try_from(name)
-        .ok()
-        .filter(|_| valid)
-        .ok_or_else(|| Error::InstanceName {
-            name: name.to_owned(),
-        })
+    let refused = || {
+        let allowed = "1 to 32 of the characters a-z, 0-9, `_` and `-`, not beginning with `-`";
+        let what = format!("instance name `{name}` is not allowed: {allowed}");
+        Failure::usage(what).help("for example: --instance left-rig")
+    };
+    let name = Name::try_from(name).ok().filter(|_| valid);
+    Ok(name.ok_or_else(refused)?)
 }
 
 fn short(root: PathBuf) -> Result<PathBuf, Error> {
     let length = root.as_os_str().len();
     if length > ROOT_MAX {
-        return Err(Error::RootPathTooLong {
-            path: root,
-            length,
-            max: ROOT_MAX,
-        });
+        let what = format!(
+            "the root path {} is {length} characters long; iceoryx2's paths below it need it to be at most {ROOT_MAX}",
+            root.display()
+        );
+        return Err(Failure::usage(what)
+            .help("name a shorter one in IRONBIRD_ROOT")
+            .into());
     }
     Ok(root)
 }

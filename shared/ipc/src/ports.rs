@@ -16,6 +16,7 @@ use crate::clock::{Horizon, now_ns};
 use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use crate::wake_event::Notifier;
+use errors::{Failure, OCCUPIED};
 use messages::content::{
     Decisions, Loss, NO_TICK, RotorSpeeds, Setpoint, Stamped, State, SwapRecord, Wrench,
 };
@@ -454,10 +455,15 @@ impl Wire {
     /// A receiver of what the recorder passes on of a topic, from the next message on.
     pub fn observer<C: TopicPorts>(&self) -> Result<Receiver<C>, Error> {
         let subscriber = C::subscriber(&self.observed()?, OBSERVED).map_err(|e| match e {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => Error::Crowded {
-                instance: self.instance().name().into(),
-                most: OBSERVERS,
-            },
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                let name = self.instance().name();
+                let what = format!(
+                    "instance `{name}` has {OBSERVERS} observers already, and that is the most"
+                );
+                Failure::new(OCCUPIED, what)
+                    .help("end one of the others: an `ironbird watch` or an `ironbird bridge`")
+                    .into()
+            }
             e => Error::wire(format!("cannot observe topic `{}`", C::NAME), e),
         })?;
         Ok(Receiver::new(subscriber, true))

@@ -310,9 +310,8 @@ impl<Q: Order> RequestClient<Q> {
                 return Ok(answer);
             }
             if now_ns() >= until {
-                return Err(Error::Absent {
-                    what: format!("the plant did not answer within {timeout:?}"),
-                });
+                let what = format!("the plant did not answer within {timeout:?}");
+                return Err(Error::failed(what));
             }
             std::thread::sleep(Duration::from_millis(1));
         }

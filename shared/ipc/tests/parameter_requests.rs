@@ -52,7 +52,6 @@ fn next(server: &RequestServer<SwapOrder>) -> Call<SwapOrder> {
 
 fn assert_absent(result: Result<SwapAnswer, Error>) {
     let error = result.unwrap_err();
-    assert!(matches!(error, Error::Absent { .. }), "{error}");
     let words = "the plant did not answer within 20ms";
     assert!(error.to_string().contains(words), "{error}");
     assert_eq!(error.exit_code(), 1);

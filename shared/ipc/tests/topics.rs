@@ -263,7 +263,7 @@ fn a_slow_observer_loses_the_oldest_and_delays_no_loop() {
     assert!(newest.eq(sent - OBSERVED as u64..sent));
     let _crowd: Vec<_> = (2..OBSERVERS).map(|_| observer(&wire)).collect();
     let error = wire.observer::<State>().unwrap_err();
-    assert!(matches!(error, Error::Crowded { .. }), "{error}");
+    assert!(error.to_string().contains("observers already"), "{error}");
     assert_eq!(error.exit_code(), 5);
     assert!(error.remedy().unwrap().contains("ironbird watch"));
     drop(sleeper);

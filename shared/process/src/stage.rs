@@ -364,21 +364,17 @@ fn fly<S: Stage>(
             }
             WakeReason::Silence { tick, receive_ns } => {
                 if let Some(next) = armed.run.successor() {
-                    return Err(Error::TooLate {
-                        what: format!(
-                            "another run has begun: a new plant (process {}) has replaced the one that this {role} \
-                             process flew with; start `ironbird {role}` again",
-                            next.plant_pid
-                        ),
-                    });
+                    return Err(Error::failed(format!(
+                        "another run has begun: a new plant (process {}) has replaced the one that this {role} \
+                         process flew with; start `ironbird {role}` again",
+                        next.plant_pid
+                    )));
                 }
                 if armed.run.get().phase() == RunPhase::Closed {
                     return Ok(());
                 }
                 if plant.check_is_due(receive_ns) && !session.plant_lives() {
-                    return Err(Error::Absent {
-                        what: "the plant died in flight".into(),
-                    });
+                    return Err(Error::failed("the plant died in flight"));
                 }
                 if armed.pace == Pace::Lockstep {
                     // The plant notices a stage that has died, and closes the run.

@@ -28,10 +28,10 @@ fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// One kind of file: those that are read as they are, how they are broken, and what reads them.
 pub struct Trial<'a> {
     pub kind: &'static str,
     pub file: &'static str,
-    /// Files that are read as they are.
     pub good: &'a [Vec<u8>],
     pub change: &'a dyn Fn(&mut Rng, &[u8]) -> Vec<u8>,
     pub read: &'a dyn Fn(&Path) -> Result<(), Failure>,
@@ -80,16 +80,9 @@ impl Trial<'_> {
                 }
             }
         });
-        let (mut files, mut slowest) = (0, (Duration::ZERO, String::new()));
-        let mut largest = (0, String::new());
-        let mut read = |name: String, bytes: &[u8]| {
+        let read = |name: String, bytes: &[u8]| {
             begins.send(name.clone()).unwrap();
-            let begin = Instant::now();
-            let (answer, memory) = self.read_one(&path, bytes, &name);
-            files += 1;
-            slowest = std::mem::take(&mut slowest).max((begin.elapsed(), name.clone()));
-            largest = std::mem::take(&mut largest).max((memory, name));
-            answer
+            self.read_one(&path, bytes, &name)
         };
         for (i, good) in self.good.iter().enumerate() {
             if let Err(failure) = read(format!("good-{i}"), good) {
@@ -104,24 +97,15 @@ impl Trial<'_> {
         known.extend(corpus.iter().map(|(_, bytes)| bytes.as_slice()));
         let (seed, begin) = (number("IRONBIRD_BROKEN_SEED", 1), Instant::now());
         let length = Duration::from_secs(number("IRONBIRD_BROKEN_S", 1));
-        let mut accepted = 0;
         for i in (0..).take_while(|_| begin.elapsed() <= length) {
             let mut dice = Rng::with_seed(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(i));
             let file = known[dice.u64(..known.len() as u64) as usize];
-            let bytes = (self.change)(&mut dice, file);
-            accepted += u64::from(read(format!("{seed}-{i}"), &bytes).is_ok());
+            let _ = read(format!("{seed}-{i}"), &(self.change)(&mut dice, file));
         }
-        let (slow_ms, large_mib) = (slowest.0.as_millis(), largest.0 >> 20);
-        let _ = writeln!(
-            std::io::stderr(),
-            "{kind}: {files} files, {accepted} broken ones read; slowest {}: {slow_ms} ms; largest {}: {large_mib} MiB",
-            slowest.1,
-            largest.1
-        );
     }
 
-    /// Reads a file; gives the memory that it took, too. Panics and keeps the file if something is wrong.
-    fn read_one(&self, path: &Path, bytes: &[u8], name: &str) -> (Result<(), Failure>, u64) {
+    /// Reads a file. Panics and keeps the file if something is wrong.
+    fn read_one(&self, path: &Path, bytes: &[u8], name: &str) -> Result<(), Failure> {
         fs::write(path, bytes).unwrap();
         lock(&PANICS).clear();
         let before = memory(true);
@@ -146,7 +130,7 @@ impl Trial<'_> {
                 kept.display()
             );
         }
-        (answer.unwrap_or(Ok(())), grown)
+        answer.unwrap_or(Ok(()))
     }
 
     fn bad_refusal(&self, failure: &Failure) -> Option<String> {

@@ -26,9 +26,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 pub use role_process::{Ended, Running, squeezed};
-pub use system::{
-    command_line, files_below, is_gone, processes, send, signal_of, stop_for, wait_until,
-};
+pub use system::{command_line, is_gone, processes, send, signal_of, stop_for, wait_until};
 use system::{hear_signals, names};
 
 /// The executable under test: the one that the variable IRONBIRD names, else the release build if it is up to date, else
@@ -378,15 +376,6 @@ impl Drop for Rig {
                 .stderr(Stdio::null())
                 .status();
         }
-    }
-}
-
-/// What messages call the process of a role.
-pub fn process_of(role: &str) -> String {
-    if role == "record" {
-        "recorder".into()
-    } else {
-        format!("{role} process")
     }
 }
 

@@ -62,18 +62,6 @@ pub(super) fn names(directory: &Path) -> Vec<String> {
     names
 }
 
-pub fn files_below(directory: &Path) -> Vec<PathBuf> {
-    let below = |name: String| {
-        let path = directory.join(name);
-        if path.is_dir() {
-            files_below(&path)
-        } else {
-            vec![path]
-        }
-    };
-    names(directory).into_iter().flat_map(below).collect()
-}
-
 pub fn processes() -> impl Iterator<Item = u32> {
     names(Path::new("/proc"))
         .into_iter()

@@ -1,7 +1,7 @@
 //! Tests of the grammar of faults, of what is refused, and of what faults are in ticks.
 
 use crate::swap::Target;
-use crate::{FAULTS, FaultSpec, FaultValue, MAX_MESSAGE_FAULTS, Port, Span, StageTicks, ValueType};
+use crate::{FAULTS, FaultSpec, FaultValue, Port, Span, StageTicks, ValueType};
 use messages::parameters::{Parameter, SPECS};
 use messages::role::Role;
 use proptest::prelude::*;
@@ -276,16 +276,6 @@ fn every_mistake_is_named() {
     }
     let error = planned(&["mass_kg=0.6"]).unwrap_err();
     assert!(error.to_string().contains("has no time"), "{error}");
-}
-
-#[test]
-fn a_flight_has_room_for_a_number_of_faults_of_messages() {
-    let text = |i| format!("setpoint.drop=1@tick{i}..tick{}", i + 1);
-    let texts: Vec<String> = (0..=MAX_MESSAGE_FAULTS).map(text).collect();
-    let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
-    assert!(planned(&texts[..MAX_MESSAGE_FAULTS]).is_ok());
-    let refused = planned(&texts).unwrap_err().to_string();
-    assert!(refused.contains("there are more than"), "{refused}");
 }
 
 #[test]

@@ -23,6 +23,7 @@ use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use errors::{Failure, OCCUPIED};
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 use rustix::process::{Pid, test_kill_process};
@@ -94,26 +95,34 @@ impl Instance {
         let door = self.door()?;
         let mut file = door.directory.file_or_new(&lock_name(role))?;
         if !try_lock(&file, &path)? {
-            let (instance, role, pid) = (self.name().into(), role.into(), written_pid(&path));
-            return Err(match pid.filter(|pid| has_ended(*pid)) {
-                Some(pid) => Error::Orphaned {
-                    instance,
-                    role,
-                    pid,
-                    path,
-                },
-                None => Error::Occupied {
-                    instance,
-                    role,
-                    pid,
-                },
-            });
+            let pid = written_pid(&path);
+            let Some(pid) = pid.filter(|pid| has_ended(*pid)) else {
+                return Err(self.occupied(role, pid).into());
+            };
+            let what = format!(
+                "instance `{}`: its {role} (process {pid}) has ended, but a process that it left keeps its lock",
+                self.name()
+            );
+            let remedy = format!("`fuser -v {}` names it: end it", path.display());
+            return Err(Failure::new(OCCUPIED, what).help(remedy).into());
         }
         file.set_len(0)
             .and_then(|()| file.rewind())
             .map_err(root_path)?;
         writeln!(file, "{}", std::process::id()).map_err(root_path)?;
         Lock::keep(file, &path)
+    }
+
+    /// The error of a role that a process plays; which one is not known before it has written its number.
+    fn occupied(&self, role: &str, pid: Option<u32>) -> Failure {
+        let (name, by) = (
+            self.name(),
+            pid.map_or_else(String::new, |pid| format!(" (process {pid})")),
+        );
+        let what = format!("instance `{name}` already has a running {role}{by}");
+        Failure::new(OCCUPIED, what).help(format!(
+            "wait for its end, or fly beside it under another name: --instance {name}-2"
+        ))
     }
 
     /// Comes to use the instance's shared memory: [`Self::remove_leftovers`] leaves it alone until this is dropped.
@@ -126,11 +135,8 @@ impl Instance {
         if lock_if_free(&file, FlockOperation::NonBlockingLockExclusive, &path)? {
             if self.is_memory_used()? {
                 let directory = self.directory();
-                return Err(Error::Occupied {
-                    instance: self.name().into(),
-                    role: format!("flight, whose {} was removed", directory.display()),
-                    pid: None,
-                });
+                let role = format!("flight, whose {} was removed", directory.display());
+                return Err(self.occupied(&role, None).into());
             }
             self.remove_memory(&door)?;
         }
@@ -259,9 +265,17 @@ impl Instance {
         let (path, name) = (self.directory(), self.name());
         let foreign = self.contents(door)?.foreign;
         if !foreign.is_empty() {
-            let names = foreign.iter().map(|path| path.display().to_string());
-            let names = names.collect();
-            return Err(Error::ForeignDirectory { path, names });
+            let what = format!(
+                "{} is no directory of ironbird: in it {}",
+                path.display(),
+                listed(&foreign)
+            );
+            return Err(Failure::usage(what)
+                .help(
+                    "choose another --instance, or name another directory in IRONBIRD_ROOT; ironbird removes nothing \
+                     there",
+                )
+                .into());
         }
         door.directory.make_private()?;
         let Some(mut mark) = door.directory.new_file(MARK)? else {
@@ -271,6 +285,18 @@ impl Instance {
             "A directory of ironbird, which removes it when the instance `{name}` has ended."
         );
         writeln!(mark, "{text}").map_err(|source| Error::path(path.join(MARK), source))
+    }
+}
+
+fn listed(paths: &[PathBuf]) -> String {
+    const MOST: usize = 3;
+    let first = paths.iter().take(MOST);
+    let first = first.map(|path| format!("`{}`", path.display()));
+    let first = first.collect::<Vec<_>>().join(", ");
+    match paths.len() {
+        0 | 1 => format!("lies {first}"),
+        2..=MOST => format!("lie {first}"),
+        all => format!("lie {first} and {} more", all - MOST),
     }
 }
 
@@ -305,10 +331,10 @@ pub(crate) fn lock_soon(
     let start = Instant::now();
     while !lock_if_free(&file, operation, path)? {
         if start.elapsed() >= LOCK_TIMEOUT {
-            return Err(Error::Held {
-                path: path.to_owned(),
-                waited: LOCK_TIMEOUT,
-            });
+            let (path, seconds) = (path.display(), LOCK_TIMEOUT.as_secs());
+            let what = format!("another process has locked {path} for {seconds} s");
+            let remedy = format!("`fuser -v {path}` names the process");
+            return Err(Failure::new(OCCUPIED, what).help(remedy).into());
         }
         std::thread::sleep(LOOK_EVERY);
     }

@@ -18,7 +18,7 @@ use super::memory::{UNKNOWN, mappings, populate_mappings, settle};
 use super::sys;
 use super::thread::{Raised, allowed_cpus, loop_processors, loops_cpu, of_cpus, prefault_stack};
 use crate::wakes::place;
-use errors::errno_text;
+use errors::{Failure, NO_REAL_TIME, errno_text};
 use ipc::error::Error;
 use messages::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
 use messages::role::{Channel, Replica, Role};
@@ -276,14 +276,15 @@ impl Engaged {
         remedies.dedup();
         let word =
             |step: &RealtimeStep| format!("{step:?} ({})", errno_text(self.grants.of(*step).errno));
-        Err(Error::RealtimeRefused {
-            role,
-            refused: refused.iter().map(word).collect::<Vec<_>>().join(", "),
-            remedy: format!(
+        let refused = refused.iter().map(word).collect::<Vec<_>>().join(", ");
+        let what =
+            format!("real time was required and not granted to the {role} process: {refused}");
+        Err(Failure::new(NO_REAL_TIME, what)
+            .help(format!(
                 "{}; or fly with what is granted: --rt prefer; {WITHOUT_ROOT}",
                 remedies.join("; ")
-            ),
-        })
+            ))
+            .into())
     }
 }
 

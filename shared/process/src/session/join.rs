@@ -18,6 +18,7 @@ use std::thread::sleep;
 use super::{LOOK_EVERY, RoleSession, StartConfig};
 use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
+use errors::Failure;
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::{BlackboardReader, Wire};
@@ -195,38 +196,39 @@ impl RoleSession {
     }
 
     fn too_late(&self) -> Error {
-        Error::TooLate {
-            what: format!(
-                "the flight in lockstep has begun without this {} process, and cannot be joined late: end it and start \
-                 every role again",
-                self.replica.role
-            ),
-        }
+        Error::failed(format!(
+            "the flight in lockstep has begun without this {} process, and cannot be joined late: end it and start \
+             every role again",
+            self.replica.role
+        ))
     }
 
     fn compare_settings(&self, channels: u64) -> Result<(), Error> {
-        let own = self.config.rt.channels as u64;
+        let (own, role) = (self.config.rt.channels as u64, self.replica.role);
+        let differ = |differences: &str| {
+            let what =
+                format!("the {role} process has other settings than the plant: {differences}");
+            Failure::usage(what)
+        };
+        let same = "start every role with the same settings file and the same flags";
         if channels != own {
-            return Err(Error::SettingsDiffer {
-                role: self.replica.role,
-                differences: format!("rt.channels = {own}, and the plant flies with {channels}"),
-                laws: String::new(),
-            });
+            let what = format!("rt.channels = {own}, and the plant flies with {channels}");
+            return Err(differ(&what).help(same).into());
         }
         let Some(board) = self.wire.blackboard_reader::<SettingsText>(SETTINGS)? else {
             return Ok(());
         };
-        let (role, theirs) = (self.replica.role, board.get());
+        let theirs = board.get();
         let differences = differences(&self.config.settings, theirs.text(), role);
         if theirs.text().is_empty() || differences.is_empty() {
             return Ok(());
         }
-        let laws = other_laws(&self.config.settings, theirs.text());
-        Err(Error::SettingsDiffer {
-            role,
-            differences: differences.join("; "),
-            laws,
-        })
+        let failure = differ(&differences.join("; "));
+        let remedy = match other_laws(&self.config.settings, theirs.text()) {
+            laws if laws.is_empty() => same.into(),
+            laws => format!("{same}, and like the plant with {laws}"),
+        };
+        Err(failure.help(remedy).into())
     }
 }
 

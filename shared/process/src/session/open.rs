@@ -91,10 +91,10 @@ impl RoleSession {
         let blackboard = self.wire.blackboard::<Run>(RUN)?;
         let settings = self.wire.blackboard::<SettingsText>(SETTINGS)?;
         let length = self.config.settings.len();
-        let text = SettingsText::new(&self.config.settings).ok_or_else(|| Error::TooMuch {
-            what: format!(
+        let text = SettingsText::new(&self.config.settings).ok_or_else(|| {
+            Error::usage(format!(
                 "the settings are {length} bytes long, and their blackboard holds {SETTINGS_MAX}: fly with fewer faults"
-            ),
+            ))
         })?;
         settings.put(text);
         let mut run = self.own_run(plan);
