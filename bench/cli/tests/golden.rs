@@ -40,16 +40,6 @@ fn simulations_have_the_same_output_hashes() {
     }
 }
 
-#[test]
-fn a_log_of_the_first_format_is_exported_and_not_replayed() {
-    let rig = Rig::new("golden-format");
-    let states = run(&rig, "export {golden}/format-1/flight.mcap --topic state").expect(0);
-    assert_eq!(states.stdout.lines().count(), 202);
-    run(&rig, "replay {golden}/format-1/flight.mcap")
-        .expect(1)
-        .complains("format `ironbird-log/1`, here `ironbird-log/2`");
-}
-
 /// The paths of all keys, with `[]` for every array.
 fn key_paths(value: &Value, at: &str, paths: &mut BTreeSet<String>) {
     match value {

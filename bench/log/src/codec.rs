@@ -7,12 +7,8 @@
 //!
 //! What a law shows in its stage's message is left out: it has a message of its own, with names ([`crate::telemetry`]).
 
-use messages::content::Decision;
 use messages::header::{Header, Message};
-use messages::history::LawState;
 use messages::layout::{FNV_OFFSET, Field, Kind, Visit, Visitor, VisitorMut, fnv1a};
-use messages::monitor::TorqueCounts;
-use messages::parameters::{FIRST_PARAMETERS, PARAMETERS};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
@@ -38,7 +34,7 @@ const fn is_called_telemetry(name: &str) -> bool {
 
 pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     let begin = out.len();
-    out.resize(begin + const { message_length::<C, false>() }, 0);
+    out.resize(begin + const { message_length::<C>() }, 0);
     let mut encoder = Encoder {
         out: &mut out[begin..],
         at: 0,
@@ -49,44 +45,20 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     message.content.visit(&mut encoder);
 }
 
-/// Whether logs of format 1 lack a field: its struct was added later, as the last field of a message or its header.
-pub(crate) const fn is_added(field: &Field) -> bool {
-    matches!(field.kind, Kind::Struct { name, .. } if is_called_added(name))
-}
-
-const fn is_called_added(name: &str) -> bool {
-    const LAW_STATE: u64 = fnv1a(FNV_OFFSET, LawState::STRUCT.as_bytes());
-    const DECISION: u64 = fnv1a(FNV_OFFSET, Decision::STRUCT.as_bytes());
-    const TORQUE: u64 = fnv1a(FNV_OFFSET, TorqueCounts::STRUCT.as_bytes());
-    matches!(
-        fnv1a(FNV_OFFSET, name.as_bytes()),
-        LAW_STATE | DECISION | TORQUE
-    )
-}
-
-/// Length of an array that is logged.
-const fn logged_length(length: usize, earlier: bool) -> usize {
-    if earlier && length == PARAMETERS {
-        FIRST_PARAMETERS
-    } else {
-        length
-    }
-}
-
 /// Reads a message, without what a law shows in it; `None` where the bytes are not one.
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     let mut message = Message::default();
-    decode_into::<C, false>(bytes, &mut message).then_some(message)
+    decode_into(bytes, &mut message).then_some(message)
 }
 
-/// Reads a message into the place of another one, of which the telemetry stays, and with `EARLIER` what logs of format 1
-/// lack; false where the bytes are not one, and then none stands there.
-pub fn decode_into<C: Logged, const EARLIER: bool>(bytes: &[u8], message: &mut Message<C>) -> bool {
+/// Reads a message into the place of another one, of which the telemetry stays; false where the bytes are not one, and
+/// then none stands there.
+pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
     // So every field has its place, which the compiler knows.
-    if bytes.len() != const { message_length::<C, EARLIER>() } {
+    if bytes.len() != const { message_length::<C>() } {
         return false;
     }
-    let mut decoder = Decoder::<EARLIER> {
+    let mut decoder = Decoder {
         bytes,
         at: 0,
         number: ENVELOPE_NUMBER,
@@ -123,24 +95,23 @@ pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
 }
 
 /// Length of a message as it is logged [bytes].
-const fn message_length<C: Logged, const EARLIER: bool>() -> usize {
-    delimited_length(1, nested_length::<Header>(EARLIER))
-        + encoded_length(C::FIELDS, CONTENT_NUMBER, EARLIER)
+const fn message_length<C: Logged>() -> usize {
+    delimited_length(1, nested_length::<Header>()) + encoded_length(C::FIELDS, CONTENT_NUMBER)
 }
 
-const fn nested_length<L: Visit>(earlier: bool) -> usize {
-    encoded_length(L::FIELDS, ENVELOPE_NUMBER, earlier)
+const fn nested_length<L: Visit>() -> usize {
+    encoded_length(L::FIELDS, ENVELOPE_NUMBER)
 }
 
 /// Length of a struct's fields, numbered from `first` on [bytes].
-const fn encoded_length(fields: &[Field], first: u32, earlier: bool) -> usize {
+const fn encoded_length(fields: &[Field], first: u32) -> usize {
     let (mut sum, mut i) = (0, 0);
     while i < fields.len() {
         let tag = varint_length(((first as u64) + i as u64) << 3);
         sum += match (fields[i].kind, fields[i].length) {
-            _ if is_telemetry(&fields[i]) || (earlier && is_added(&fields[i])) => 0,
+            _ if is_telemetry(&fields[i]) => 0,
             (Kind::Struct { fields, .. }, length) => {
-                let each = delimited_length(tag, encoded_length(fields, ENVELOPE_NUMBER, earlier));
+                let each = delimited_length(tag, encoded_length(fields, ENVELOPE_NUMBER));
                 match length {
                     Some(length) => length * each,
                     None => each,
@@ -148,7 +119,7 @@ const fn encoded_length(fields: &[Field], first: u32, earlier: bool) -> usize {
             }
             (Kind::U64 | Kind::F64, None) => tag + size_of::<u64>(),
             (Kind::U64 | Kind::F64, Some(length)) => {
-                delimited_length(tag, logged_length(length, earlier) * size_of::<u64>())
+                delimited_length(tag, length * size_of::<u64>())
             }
             // Not shown to a visitor, and in no message.
             (Kind::U8 | Kind::I64, _) => 0,
@@ -193,7 +164,7 @@ impl Encoder<'_> {
     #[inline(always)]
     fn nested<L: Visit>(&mut self, value: &L) {
         self.tag(LENGTH_DELIMITED);
-        self.varint(const { nested_length::<L>(false) as u64 });
+        self.varint(const { nested_length::<L>() as u64 });
         let outside = self.number;
         self.number = ENVELOPE_NUMBER;
         value.visit(self);
@@ -242,14 +213,14 @@ impl Visitor for Encoder<'_> {
 }
 
 /// Reads fields from bytes of the right length. Inlined as [`Encoder`] is.
-struct Decoder<'a, const EARLIER: bool> {
+struct Decoder<'a> {
     bytes: &'a [u8],
     at: usize,
     number: u32,
     whole: bool,
 }
 
-impl<const EARLIER: bool> Decoder<'_, EARLIER> {
+impl Decoder<'_> {
     /// Takes a varint, which must be this one and as short as it can be.
     #[inline(always)]
     fn expect(&mut self, mut value: u64) {
@@ -270,7 +241,7 @@ impl<const EARLIER: bool> Decoder<'_, EARLIER> {
     #[inline(always)]
     fn nested<L: Visit>(&mut self, value: &mut L) {
         self.tag(LENGTH_DELIMITED);
-        self.expect(const { nested_length::<L>(EARLIER) as u64 });
+        self.expect(const { nested_length::<L>() as u64 });
         let outside = self.number;
         self.number = ENVELOPE_NUMBER;
         value.visit_mut(self);
@@ -279,7 +250,7 @@ impl<const EARLIER: bool> Decoder<'_, EARLIER> {
 
     #[inline(always)]
     fn words(&mut self, field: &Field, count: usize) -> impl Iterator<Item = u64> {
-        let length = logged_length(count, EARLIER) * size_of::<u64>();
+        let length = count * size_of::<u64>();
         if field.length.is_some() {
             self.tag(LENGTH_DELIMITED);
             self.expect(length as u64);
@@ -293,7 +264,7 @@ impl<const EARLIER: bool> Decoder<'_, EARLIER> {
     }
 }
 
-impl<const EARLIER: bool> VisitorMut for Decoder<'_, EARLIER> {
+impl VisitorMut for Decoder<'_> {
     #[inline(always)]
     fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
         let words = self.words(field, values.len());
@@ -312,7 +283,7 @@ impl<const EARLIER: bool> VisitorMut for Decoder<'_, EARLIER> {
 
     #[inline(always)]
     fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
-        if const { is_called_telemetry(L::STRUCT) || (EARLIER && is_called_added(L::STRUCT)) } {
+        if const { is_called_telemetry(L::STRUCT) } {
             return;
         }
         for value in values {

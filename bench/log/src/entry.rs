@@ -53,8 +53,6 @@ pub struct TopicFormat {
     pub sender: Role,
     pub schema_name: fn() -> String,
     pub descriptor_set: fn() -> Vec<u8>,
-    /// The schema that logs of the format before have.
-    pub(crate) earlier_descriptor_set: fn() -> Vec<u8>,
     pub describe: fn() -> BTreeMap<String, String>,
     pub columns: fn() -> Vec<rows::Column>,
     pub(crate) empty: fn() -> LogEntry,
@@ -66,8 +64,7 @@ impl TopicFormat {
             name: C::NAME,
             sender: C::SENDER,
             schema_name: schema::name::<C>,
-            descriptor_set: schema::descriptor_set::<C, false>,
-            earlier_descriptor_set: schema::descriptor_set::<C, true>,
+            descriptor_set: schema::descriptor_set::<C>,
             describe: units::describe::<C>,
             columns: rows::columns::<C>,
             empty,

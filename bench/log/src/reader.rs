@@ -448,8 +448,8 @@ impl LogReader {
 
 /// The channels of a file, and the message that is being put together.
 struct Assembly {
-    /// The topics that are read by the messages' layouts, by channel: place in [`TOPICS`], and whether the log has format 1.
-    channels: BTreeMap<u16, (usize, bool)>,
+    /// The topics that are read by the messages' layouts, by channel: place in [`TOPICS`].
+    channels: BTreeMap<u16, usize>,
     /// Topics whose messages have what their law shows right behind them, by place in [`TOPICS`].
     beside: BTreeMap<usize, String>,
     /// What the laws show: places in [`LAW_ROLES`] by channel.
@@ -485,13 +485,12 @@ impl Assembly {
             return true;
         };
         let format = &FORMATS[place];
-        let is_earlier = schema == Some(&(format.earlier_descriptor_set)());
-        self.channels.insert(channel.id, (place, is_earlier));
+        self.channels.insert(channel.id, place);
         let beside = channel.metadata.get(BESIDE);
         self.beside
             .extend(beside.map(|topic| (place, topic.clone())));
         // Only what is laid out as here can be read.
-        is_earlier || schema == Some(&(format.descriptor_set)())
+        schema == Some(&(format.descriptor_set)())
     }
 
     /// Takes the bytes of a channel; true where a message is whole now.
@@ -499,11 +498,11 @@ impl Assembly {
         if let Some(place) = self.telemetry_channels.get(&channel) {
             return self.take_telemetry(*place, data).map(|()| true);
         }
-        let Some((topic, is_earlier)) = self.channels.get(&channel).copied() else {
+        let Some(topic) = self.channels.get(&channel).copied() else {
             return Ok(false);
         };
         self.check_whole()?;
-        if !read(topic, is_earlier, data, &mut self.newest) {
+        if !read(topic, data, &mut self.newest) {
             return Err(format!(
                 "a message of topic `{}` does not follow its schema",
                 TOPICS[topic]
@@ -549,15 +548,12 @@ impl Assembly {
 }
 
 /// Reads a message of a topic into the place of another one; false where its bytes do not follow the layout.
-fn read(topic: usize, is_earlier: bool, data: &[u8], entry: &mut LogEntry) -> bool {
+fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
     // Messages of a topic stand together: most come into the place of one of their own.
     if entry.topic() != topic {
         *entry = (FORMATS[topic].empty)();
     }
-    with_message!(entry, message => match is_earlier {
-        true => decode_into::<_, true>(data, message),
-        false => decode_into::<_, false>(data, message),
-    })
+    with_message!(entry, message => decode_into(data, message))
 }
 
 #[cfg(test)]
@@ -593,7 +589,7 @@ mod tests {
         let beside = BTreeMap::from([(BESIDE.to_owned(), "inner_telemetry".to_owned())]);
         assert!(assembly.take_channel(
             &channel(WRENCH, "wrench", beside),
-            Some(&schema::descriptor_set::<Wrench, false>())
+            Some(&schema::descriptor_set::<Wrench>())
         ));
         let shown = channel(SHOWN, "inner_telemetry", topic().metadata());
         assert!(assembly.take_channel(&shown, Some(&topic().descriptor_set())));
@@ -636,7 +632,7 @@ mod tests {
         file.take(WRENCH, &eighth).unwrap();
         assert_eq!(file.take(SHOWN, &shown), Err(other.into()));
         let shown = channel(SHOWN, "inner_telemetry", BTreeMap::new());
-        for schema in [None, Some(&schema::descriptor_set::<Wrench, false>()[..])] {
+        for schema in [None, Some(&schema::descriptor_set::<Wrench>()[..])] {
             assert!(!Assembly::new().take_channel(&shown, schema));
         }
     }

@@ -11,7 +11,7 @@ use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 
-use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged, is_added, is_telemetry};
+use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged, is_telemetry};
 
 pub const PACKAGE: &str = "ironbird";
 
@@ -20,16 +20,16 @@ pub fn name<C: Logged>() -> String {
     format!("{PACKAGE}.{}", C::STRUCT)
 }
 
-/// Schema of a topic, as its bytes stand in the log; with `EARLIER` in logs of format 1.
-pub fn descriptor_set<C: Logged, const EARLIER: bool>() -> Vec<u8> {
+/// Schema of a topic, as its bytes stand in the log.
+pub fn descriptor_set<C: Logged>() -> Vec<u8> {
     let mut messages = BTreeMap::new();
-    collect(Header::STRUCT, Header::FIELDS, EARLIER, &mut messages);
-    collect(C::STRUCT, C::FIELDS, EARLIER, &mut messages);
+    collect(Header::STRUCT, Header::FIELDS, &mut messages);
+    collect(C::STRUCT, C::FIELDS, &mut messages);
     let envelope = reference("envelope", ENVELOPE_NUMBER, None, Header::STRUCT);
     let main = DescriptorProto {
         name: Some(C::STRUCT.into()),
         field: std::iter::once(envelope)
-            .chain(fields(C::FIELDS, CONTENT_NUMBER, EARLIER))
+            .chain(fields(C::FIELDS, CONTENT_NUMBER))
             .collect(),
         ..DescriptorProto::default()
     };
@@ -53,15 +53,14 @@ pub(crate) fn file(topic: &str, message_type: Vec<DescriptorProto>) -> Vec<u8> {
 fn collect(
     name: &'static str,
     layout: &[Field],
-    earlier: bool,
     messages: &mut BTreeMap<&'static str, DescriptorProto>,
 ) {
-    for field in logged(layout, earlier) {
+    for field in logged(layout) {
         if let Kind::Struct { name, fields } = field.kind {
-            collect(name, fields, earlier, messages);
+            collect(name, fields, messages);
         }
     }
-    let field = fields(layout, ENVELOPE_NUMBER, earlier);
+    let field = fields(layout, ENVELOPE_NUMBER);
     messages.insert(
         name,
         DescriptorProto {
@@ -72,13 +71,12 @@ fn collect(
     );
 }
 
-fn logged(layout: &[Field], earlier: bool) -> impl Iterator<Item = &Field> {
-    let is_logged = move |it: &&Field| !(is_telemetry(it) || earlier && is_added(it));
-    layout.iter().filter(is_logged)
+fn logged(layout: &[Field]) -> impl Iterator<Item = &Field> {
+    layout.iter().filter(|field| !is_telemetry(field))
 }
 
-fn fields(layout: &[Field], first: u32, earlier: bool) -> Vec<FieldDescriptorProto> {
-    logged(layout, earlier)
+fn fields(layout: &[Field], first: u32) -> Vec<FieldDescriptorProto> {
+    logged(layout)
         .zip(first..)
         .map(|(field, number)| match field.kind {
             Kind::Struct { name, .. } => reference(field.name, number, field.length, name),

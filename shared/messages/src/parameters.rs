@@ -64,8 +64,8 @@ macro_rules! parameters {
 
         pub const PARAMETERS: usize = [$($name),+].len();
 
-        /// How many of them, the first ones, logs of format 1 have. The later ones are in the hash of a flight's outputs
-        /// only where they are not 0.
+        /// How many of them, the first ones, are always in the hash of a flight's outputs; the later ones only where they
+        /// are not 0.
         pub const FIRST_PARAMETERS: usize = 28;
 
         /// The table: nominal values are the paper's Table I; the thrust coefficient, missing there, is that of
