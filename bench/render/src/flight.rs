@@ -160,6 +160,8 @@ fn head(report: &Report) -> Vec<Block> {
     blocks.extend(machine(report));
     let missing = sentences::warnings(report).into_iter();
     blocks.extend(missing.map(Block::Warning));
+    let loss = report.loss.as_ref().map(sentences::loss);
+    blocks.extend(loss.map(|why| Block::Fact("Why lost", why)));
     blocks.extend(last_messages(report));
     blocks
 }

@@ -23,8 +23,9 @@ const SHOWN_AT_ONCE: [&str; 12] = [
 ];
 /// Events in the list of what happened.
 const EVENTS: usize = 14;
-/// Outages among them.
+/// Outages among them, the longest ones, and handovers, those after the longest outages of a channel.
 const OUTAGES: usize = 3;
+const HANDOVERS: usize = 3;
 
 /// What report.json holds, and nothing else.
 pub fn render(report: &Report) -> String {
@@ -34,6 +35,8 @@ pub fn render(report: &Report) -> String {
     let mut lead = vec![flight::verdicts(report)];
     let warnings = sentences::warnings(report);
     lead.extend(warnings.into_iter().map(Block::Warning));
+    let loss = report.loss.as_ref().map(sentences::loss);
+    lead.extend(loss.map(|why| Block::Fact("Why lost", why)));
     lead.extend(flight::last_messages(report));
     let next = sentences::next_steps(report);
     lead.extend((!next.is_empty()).then_some(Block::NextSteps(next)));
@@ -104,7 +107,10 @@ fn events(report: &Report) -> Block {
             .map(|it| (it.time_s, "process", failure_line(it))),
     );
     if let Some(redundancy) = &report.redundancy {
-        let handovers = redundancy.outages.iter().filter(|it| it.handover);
+        let mut handovers: Vec<_> = redundancy.outages.iter().collect();
+        handovers.retain(|it| it.handover);
+        handovers.sort_by_key(|it| std::cmp::Reverse(it.ticks));
+        let handovers = handovers.into_iter().take(HANDOVERS);
         events.extend(handovers.map(|it| {
             let (channel, reason) = (&it.channel, &it.reason);
             (
@@ -129,6 +135,7 @@ fn events(report: &Report) -> Block {
     let rows = rows.collect();
     let title = match left_out {
         0 => "What happened".to_owned(),
+        1 => "What happened; one later event is in the sections below".to_owned(),
         n => format!("What happened; {n} later events are in the sections below"),
     };
     Block::Events(title, rows)

@@ -66,7 +66,16 @@ impl Timing {
         let first = first_of(&mut reader)?;
         reader.check_version()?;
         check_whole(&reader, path)?;
-        let mut expected = ExpectedMessages::new(&reader, &recorded_settings(&reader)?)?;
+        let settings = recorded_settings(&reader)?;
+        let channels = settings.rt.channels;
+        if channels > 1 {
+            return Err(Failure::failed(format!(
+                "{} was flown with {channels} channels, of which a simulation has one: their timing cannot be repeated",
+                path.display()
+            ))
+            .help("name a flight with one channel"));
+        }
+        let mut expected = ExpectedMessages::new(&reader, &settings)?;
         let (pace, sample_time_ns) = (reader.pace()?, reader.number("sample_time_ns")?);
         if pace == Pace::Lockstep {
             return Err(Failure::failed(format!(

@@ -83,16 +83,19 @@ pub fn report(
         &theorem,
     ));
     let mut lines = observations.unusable.sentences(settings)?;
-    let verdict = flight_verdict(&performance, None, &settings.tracking_limits());
-    let is_off_track = verdict.word == FlightVerdict::OffTrack;
-    lines.extend(is_off_track.then(|| format!("off track: {}", verdict.why)));
     for fault in settings.injected()? {
         lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
     if timing.is_some() || !settings.planned()?.has_no_loop_faults() {
         lines.push(outages(&rig));
     }
-    lines.extend(flown.departure.clone());
+    let verdict = flight_verdict(&performance, None, &settings.tracking_limits());
+    let (word, why) = match &flown.departure {
+        Some(how) => (FlightVerdict::Lost, how),
+        None => (verdict.word, &verdict.why),
+    };
+    let word = render::sentences::name_of(&word).to_uppercase();
+    lines.push(format!("Flight    {word}: {why}"));
     let failed = result.gates.iter().filter(|gate| gate.asked && !gate.held);
     lines.extend(failed.map(render::sentences::gate));
     let mut text = summary(&flown, &performance, settings, wall_s)

@@ -22,6 +22,7 @@ use analysis::laws::FlownLaws;
 use analysis::schema::{Explained, NotFresh, Speed, Ticks, Verdicts};
 use analysis::series::Series;
 use analysis::states::is_final_command;
+use analysis::theorem::Theorem;
 use analysis::tracking::Tracking;
 use analysis::verdicts::{TrackingLimits, flight_verdict, stability_verdict, timing_verdict};
 use config::airframe::airframe_of;
@@ -38,7 +39,7 @@ use host::sampler::Watch;
 const NUMBER_MAX: usize = 24;
 const FAULT_MAX: usize = 120;
 /// Handovers that are kept.
-pub const HANDOVERS: usize = 50;
+const HANDOVERS: usize = 50;
 /// Allowed characters besides digits: for numbers, `nominal`, shares, and the units of a ramp's duration.
 const NUMBER: &str = ".+-eE%~nominalmsuhd";
 
@@ -301,6 +302,8 @@ pub struct WatchedFlight {
     pub redundancy: Option<Redundancy>,
     /// Roles that no process plays now.
     pub missing: Vec<Replica>,
+    /// Since the newest judgement of the monitor.
+    wrenches_unwatched: u64,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
     pub airframe: Airframe,
@@ -348,6 +351,7 @@ impl WatchedFlight {
             handovers: VecDeque::new(),
             redundancy: None,
             missing: Vec::new(),
+            wrenches_unwatched: 0,
             newest_swap: None,
             cpu_times: None,
             steal: Steal::default(),
@@ -414,7 +418,10 @@ impl WatchedFlight {
                 }
             }
             LogEntry::Setpoint(message) => self.setpoint = Some(message.content),
-            LogEntry::Wrench(message) => self.wrench = Some(message.content),
+            LogEntry::Wrench(message) => {
+                self.wrench = Some(message.content);
+                self.wrenches_unwatched += 1;
+            }
             LogEntry::RotorSpeeds(message) => {
                 if !is_final_command(message) {
                     self.rotor_speeds = Some(message.content);
@@ -426,6 +433,7 @@ impl WatchedFlight {
             }
             LogEntry::Theorem(message) => {
                 self.monitor = Some(message.content);
+                self.wrenches_unwatched = 0;
                 let time_s = self.run.flight_time_s(message.envelope.tick);
                 self.v_th.take(time_s, message.content.v_th);
             }
@@ -582,9 +590,21 @@ impl WatchedFlight {
         let verdicts = Verdicts {
             flight: limits().map_or_else(unknown, tracked),
             timing: timing_verdict(&ticks, &not_fresh, speed, &self.steal),
-            theorem: stability_verdict(&statistics.theorem.section()),
+            theorem: stability_verdict(&self.theorem()),
         };
         (verdicts, not_fresh)
+    }
+}
+
+impl WatchedFlight {
+    /// The monitor's counts; what it has not judged is not watched, beyond what the recorder has yet to relay.
+    fn theorem(&self) -> Theorem {
+        const RELAYED_LATER: u64 = 500;
+        let mut theorem = self.statistics.theorem.section();
+        if self.statistics.theorem.applies() && self.wrenches_unwatched > RELAYED_LATER {
+            theorem.ticks_unwatched += self.wrenches_unwatched;
+        }
+        theorem
     }
 }
 

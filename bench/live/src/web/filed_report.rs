@@ -20,6 +20,7 @@ pub(super) struct Excerpt {
 #[derive(Debug, Deserialize)]
 pub(super) struct RunExcerpt {
     run_id: u64,
+    pub(super) ending: String,
     pub(super) in_flight: bool,
 }
 

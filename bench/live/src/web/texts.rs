@@ -23,13 +23,17 @@ use messages::role::{Channel, Replica, Role, STAGES};
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
-use crate::watch::dashboard_model::{HANDOVERS, Model, Pose, WatchedFlight};
+use crate::watch::dashboard_model::{Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
 const BINS: f64 = 12.0;
 /// What is below 100 ns counts in the bin from there on.
 const FIRST_BIN: i32 = 2 * BINS as i32;
 const EVENTS: usize = 100;
+/// Handovers among them, the newest ones; the account of the channels counts all.
+const HANDOVERS: usize = 3;
+/// How long a failed process is shown among what is broken, even if it is back [s].
+const FAILED_SHOWN_S: f64 = 10.0;
 const OUTAGES: usize = 8;
 
 /// What stays for a flight, and the poses so far; without a flight, that the server waits for one.
@@ -121,7 +125,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         None => json!({"word": word, "why": why, "tone": tone}),
     };
     text["flight"] = json!({
-        "phase": phase(flight),
+        "phase": phase(flight, filed, tracked),
         "tick": flight.tick(),
         "verdicts": [
             verdict(name_of(&tracked), &verdicts.flight.why, tone(tracked == FlightVerdict::Tracked, is_off)),
@@ -152,17 +156,26 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
     text
 }
 
-fn phase(flight: &WatchedFlight) -> Value {
-    match flight.ending {
-        None => json!({"word": "flying", "why": "", "tone": "good"}),
-        Some(EndReason::Completed) => {
-            json!({"word": "landed", "why": "completed", "tone": "open"})
-        }
-        Some(ending) => json!({"word": "ended", "why": ending.name(), "tone": "bad"}),
-    }
+fn phase(flight: &WatchedFlight, filed: &FiledReport, tracked: FlightVerdict) -> Value {
+    let Some(ending) = flight.ending else {
+        let active = flight
+            .redundancy
+            .and_then(|it| Channel::from_wire(it.active));
+        let active = active.filter(|_| flight.run.channels > 1);
+        let why = active.map_or_else(String::new, |it| format!("channel {it} flies"));
+        return json!({"word": "flying", "why": why, "tone": "good"});
+    };
+    let report = filed.excerpt.as_ref().filter(|it| !it.run.in_flight);
+    let why = report.map_or(ending.name(), |it| &it.run.ending);
+    let (word, tone) = match ending {
+        _ if tracked == FlightVerdict::Lost => ("lost", "bad"),
+        EndReason::Completed => ("landed", "open"),
+        _ => ("ended", "bad"),
+    };
+    json!({"word": word, "why": why, "tone": tone})
 }
 
-/// What is not as it should be at this moment.
+/// What is not as it should be at this moment, and which processes failed in the last seconds.
 fn broken(flight: &WatchedFlight) -> Vec<String> {
     if flight.ending.is_some() {
         return Vec::new();
@@ -171,6 +184,14 @@ fn broken(flight: &WatchedFlight) -> Vec<String> {
     for replica in &flight.missing {
         broken.push(format!("no {} process", name_in(flight, *replica)));
     }
+    let is_new = |tick: u64| flight.run.flight_time_s(flight.tick() - tick) < FAILED_SHOWN_S;
+    let failures = flight.supervision.events().filter(|(tick, text)| {
+        *tick <= flight.tick() && is_new(*tick) && text.contains(" process ")
+    });
+    broken.extend(failures.map(|(tick, text)| {
+        let time_s = flight.run.flight_time_s(tick);
+        format!("{time_s:.1} s: {text}")
+    }));
     for (what, rest_s) in flight.active_faults() {
         broken.push(match rest_s {
             Some(rest_s) => format!("fault {what}, {rest_s:.1} s more"),
