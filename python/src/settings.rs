@@ -46,6 +46,13 @@ pub(crate) fn table(dict: &Bound<'_, PyDict>, path: &str) -> PyResult<Table> {
 }
 
 fn value(given: &Bound<'_, PyAny>, path: &str) -> PyResult<Value> {
+    const DEEPEST: usize = 32;
+    if path.matches(['.', '[']).count() > DEEPEST {
+        let begin: String = path.chars().take(60).collect();
+        return Err(SettingsError::new_err(format!(
+            "settings: {begin}...: dicts and lists in each other more than {DEEPEST} deep, or one that contains itself"
+        )));
+    }
     if let Ok(dict) = given.cast::<PyDict>() {
         return table(dict, path).map(Value::Table);
     }
@@ -63,7 +70,7 @@ fn value(given: &Bound<'_, PyAny>, path: &str) -> PyResult<Value> {
     }
     match given.try_iter() {
         Ok(values) => values
-            .map(|given| value(&given?, path))
+            .map(|given| value(&given?, &format!("{path}[]")))
             .collect::<PyResult<_>>()
             .map(Value::Array),
         Err(_) => Err(SettingsError::new_err(format!(

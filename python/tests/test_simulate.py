@@ -282,3 +282,13 @@ def test_ctrl_c_ends_a_flight():
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert said.rstrip().endswith("KeyboardInterrupt")
+
+
+def test_settings_that_contain_themselves_are_refused():
+    nested: dict = {}
+    nested["a"] = nested
+    endless: list = []
+    endless.append(endless)
+    for settings in [nested, {"plant": {"mass_kg": endless}}]:
+        with pytest.raises(ironbird.SettingsError, match="contains itself"):
+            ironbird.simulate("hover", 0.1, settings=settings)

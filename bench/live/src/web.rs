@@ -216,6 +216,7 @@ fn follow(
             return Ok(INTERRUPTED);
         }
         if options.launched && is_complete && !model.is_flying() {
+            hub.broadcast(&text(texts::news(&model, &filed, hub.pages())));
             return Ok(OK);
         }
         sleep(DRAIN_EVERY);

@@ -5,6 +5,7 @@ use crate::figures::Figures;
 use crate::flight::{self, ending, failure_line};
 use crate::sentences::{self, count};
 use analysis::schema::Report;
+use errors::harmless;
 
 /// Charts that are shown at once, by name; the others of their section are in a fold.
 const SHOWN_AT_ONCE: [&str; 12] = [
@@ -60,7 +61,7 @@ pub fn render(report: &Report) -> String {
         ),
         has_miss_lines: report.traces.is_some() && !report.deadlines.stretches.is_empty(),
     };
-    document.html()
+    harmless(&document.html())
 }
 
 /// `adaptive on lissajous, 2 channels, a.inner.kill`: what tells this flight from others.

@@ -365,7 +365,7 @@ mod tests {
             exit(Role::Inner, code(1)).last_lines(directory.path())
         };
         let lines = last_lines(b"Traceback:\n  gain\nerror: \x1b[31mred\n");
-        assert_eq!(lines, ["Traceback:", "  gain", "error: \\u{1b}[31mred"]);
+        assert_eq!(lines, ["Traceback:", "  gain", "error: \\u001b[31mred"]);
         let lines = last_lines(b"\xff\xfe\nerror: SIGSEGV\n");
         assert_eq!(lines, ["\u{fffd}\u{fffd}", "error: SIGSEGV"]);
         let long: String = (0..100).map(|i| format!("{i}\n")).collect();

@@ -136,14 +136,14 @@ fn shortened(message: &str) -> String {
 }
 
 /// The text without control characters, and without those that change the direction of text: names and files may have
-/// any author.
+/// any author. They are written as JSON does (`\u202e`), so that JSON stays what it is.
 pub fn harmless(text: &str) -> String {
     let escaped = |c: char| match c {
         '\n' | '\t' => c.to_string(),
         '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
-            c.escape_default().to_string()
+            format!("\\u{:04x}", u32::from(c))
         }
-        c if c.is_control() => c.escape_default().to_string(),
+        c if c.is_control() => format!("\\u{:04x}", u32::from(c)),
         c => c.to_string(),
     };
     text.chars().map(escaped).collect()
