@@ -134,6 +134,8 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};
     let (word, why) = if let Some(why) = theorem.inapplicable() {
         (NotApplicable, why)
+    } else if theorem.ticks_checked == 0 && theorem.ticks_unwatched > 0 {
+        (NotJudged, counts)
     } else if theorem.ticks_checked == 0 {
         (NotApplicable, "no step of the estimates was checked".into())
     } else if theorem.holds && theorem.steps_adapted == 0 {
@@ -265,7 +267,11 @@ mod tests {
         ];
         check(2, "broken", &broken);
         check(2, "partly watched", &[|it| it.theorem.ticks_unwatched = 1]);
-        check(2, "not judged", &[|it| it.theorem.ticks_judged = 9_999]);
+        let not_judged: [Change; 2] = [
+            |it| it.theorem.ticks_judged = 9_999,
+            |it| (it.theorem.ticks_checked, it.theorem.ticks_unwatched) = (0, 1),
+        ];
+        check(2, "not judged", &not_judged);
         let lost = Verdicts::of(&good(), Some(EndReason::Position), &LIMITS);
         assert_eq!(words(&lost)[0], "lost");
         // A share is never rounded up to all.

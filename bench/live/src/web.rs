@@ -13,8 +13,8 @@ mod texts;
 
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, TcpListener};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
@@ -37,7 +37,9 @@ use server::{Answer, Hub, PageFile, Server};
 const POSE_EVERY: Duration = Duration::from_millis(50);
 const NEWS_EVERY: Duration = Duration::from_millis(500);
 /// Requests of all pages whose answer is pending.
-const PENDING: usize = 16;
+const PENDING: usize = 64;
+/// How much later a page may request a change.
+const LATEST: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Debug)]
 pub struct WebOptions {
@@ -127,16 +129,25 @@ struct Request {
 }
 
 impl Request {
-    fn injected(&self, instance: &Instance) -> Result<String, String> {
+    /// Asks the plant, after the time that the request names. `turn` is held meanwhile: the plant serves few clients.
+    fn injected(&self, instance: &Instance, turn: &Mutex<()>) -> Result<String, String> {
         let (changes, lasts) = parse_line(&self.inject)?;
         let after = self.after.as_deref().map_or(Ok(Duration::ZERO), duration)?;
-        injected(instance, &changes, When::In(after), lasts).map_err(|e| e.to_string())
+        if after > LATEST {
+            return Err(format!(
+                "after {after:?}: a page may wait at most {LATEST:?}"
+            ));
+        }
+        sleep(after);
+        let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
+        injected(instance, &changes, When::In(Duration::ZERO), lasts).map_err(|e| e.to_string())
     }
 }
 
 /// Answers requests, each in a thread: the plant may take a while.
 fn answer_to(instance: &Instance, allows_control: bool) -> Box<Answer> {
     let (instance, pending) = (instance.clone(), Arc::new(AtomicUsize::new(0)));
+    let turn = Arc::new(Mutex::new(()));
     Box::new(move |hub: &Arc<Hub>, page: u64, text: &str| {
         let request = match serde_json::from_str::<Request>(text) {
             Ok(request) => request,
@@ -160,8 +171,9 @@ fn answer_to(instance: &Instance, allows_control: bool) -> Box<Answer> {
             return refuse("too many requests wait for their answers: try again later");
         }
         let (instance, hub, counted) = (instance.clone(), Arc::clone(hub), Arc::clone(&pending));
+        let turn = Arc::clone(&turn);
         let inject = move || {
-            let answered = request.injected(&instance);
+            let answered = request.injected(&instance, &turn);
             counted.fetch_sub(1, Ordering::Relaxed);
             hub.send(page, texts::answer(id, &answered).to_string().into());
         };

@@ -140,6 +140,7 @@ fn shortened(message: &str) -> String {
 pub fn harmless(text: &str) -> String {
     let escaped = |c: char| match c {
         '\n' | '\t' => c.to_string(),
+        '\r' => "\\r".to_owned(),
         '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
             format!("\\u{:04x}", u32::from(c))
         }
@@ -368,8 +369,7 @@ mod tests {
     #[test]
     fn control_sequences_do_not_reach_the_terminal() {
         let text = "a\tb\n\u{1b}[2J\r\u{7}\u{9b}31m\u{202e}txt.exe\u{2066}\u{e4}\u{1f600}";
-        let expected =
-            "a\tb\n\\u{1b}[2J\\r\\u{7}\\u{9b}31m\\u{202e}txt.exe\\u{2066}\u{e4}\u{1f600}";
+        let expected = "a\tb\n\\u001b[2J\\r\\u0007\\u009b31m\\u202etxt.exe\\u2066\u{e4}\u{1f600}";
         assert_eq!(harmless(text), expected);
     }
 
@@ -384,7 +384,7 @@ mod tests {
         assert!(long.starts_with("error: begin\u{e4}") && long.ends_with("\u{e4}end\n"));
         assert!(long.contains("\u{e4} (997500 characters left out) \u{e4}"));
         let escaped = Failure::usage("\u{1b}".repeat(1000)).help("help").text();
-        assert!(escaped.contains("\\u{1b}\\u{1b}") && escaped.ends_with("\n help: help\n"));
+        assert!(escaped.contains("\\u001b\\u001b") && escaped.ends_with("\n help: help\n"));
         assert!(escaped.chars().count() < 2600 && long.chars().count() < 2600);
     }
 
