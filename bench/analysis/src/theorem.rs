@@ -373,6 +373,11 @@ impl TheoremStatistics {
         self.law_without.is_none()
     }
 
+    /// Wrenches that nothing was said of.
+    pub const fn unwatched(&self) -> u64 {
+        self.unwatched
+    }
+
     /// Counts a wrench that nothing is said of.
     pub fn count_unwatched(&mut self) {
         self.ticks += 1;

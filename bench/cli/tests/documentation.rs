@@ -130,7 +130,7 @@ fn every_promise_names_its_file_and_a_test_that_is_there() {
     }
 }
 
-/// What a page tells to type: lines of indented or fenced blocks, and words in backquotes.
+/// The commands of a page: lines of indented or fenced blocks, and words in backquotes.
 fn commands(page: &str) -> Vec<Vec<String>> {
     let blocks = page.lines().filter_map(|line| {
         let line = line.strip_prefix("    ").or(line.strip_prefix("$ "))?;

@@ -1,4 +1,4 @@
-//! What looks at a running flight, or changes it: the dashboard, the live page, the bridge to Foxglove, injection.
+//! Observers of a running flight, and changes of it: the dashboard, the live page, the bridge to Foxglove, injection.
 //!
 //! It joins a flight as an observer ([`observation`]), which has no effect on the control loops, and sends requests to
 //! the plant's parameter server ([`inject`]). It starts no flight (`supervisor`) and writes no log (`recorder`).

@@ -8,7 +8,7 @@ use flight_log::entry::LogEntry;
 use live::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
 use live::watch::line;
 use live::watch::screen::{SMALLEST, draw};
-use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status};
+use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status, Subject};
 use messages::content::{Decision, Loss, SwapRecord, TakenCommand, Truth, Wrench};
 use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
 use messages::header::{Header, Message, Stamps};
@@ -202,7 +202,7 @@ fn handed_over() -> Model {
     }
     (seen.supervision.failed, seen.supervision.restarted) = (1, 1);
     let killed = "the inner process of channel a was killed by the fault a.inner.kill of tick 1050; it is started again";
-    seen.supervision.add(1052, killed);
+    seen.supervision.add(1052, Subject::Process, killed);
     model
 }
 
@@ -446,6 +446,25 @@ fn a_reset_restarts_statistics_and_keeps_the_number_of_lost_messages() {
     shows(&model, "theorem holds: 0 unexplained of 100 steps");
     take_tick(flight(&mut model), 2000);
     assert_eq!(flight(&mut model).lost(), 50);
+}
+
+#[test]
+fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
+    let mut model = model();
+    for ticks_checked in 101..=300 {
+        let monitor = Monitor {
+            ticks_checked,
+            steps_adapted: ticks_checked,
+            is_live: 1,
+            ..Monitor::default()
+        };
+        let seen = LogEntry::Theorem(message(1000 + ticks_checked, monitor));
+        flight(&mut model).take(&seen);
+    }
+    shows(&model, "theorem not judged");
+    let recorder = flight(&mut model).statuses.get_mut(&Role::Record.into());
+    recorder.unwrap().wrenches_unwatched = 7;
+    shows(&model, "theorem partly watched");
 }
 
 #[test]

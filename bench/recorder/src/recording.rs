@@ -150,6 +150,7 @@ impl Recorder<'_> {
             session.status.commands_missed = not_fresh.missed;
             session.status.commands_stale = not_fresh.stale;
         }
+        session.status.wrenches_unwatched = report.theorem.ticks_unwatched;
         Ok(report)
     }
 
@@ -165,6 +166,7 @@ impl Recorder<'_> {
                 session.status.commands_missed,
                 session.status.commands_stale,
             ) = self.streams.statistics().commands_not_fresh();
+            session.status.wrenches_unwatched = self.streams.statistics().theorem.unwatched();
             session.pass_on_stop();
             self.update_faults();
             self.files.flush_log();

@@ -16,6 +16,8 @@ const HEIGHT: usize = 29;
 const CHANGES: usize = 2;
 /// Lines of a sentence; where it ends is in the whole report.
 const LINES: usize = 3;
+/// A space at which no line is broken.
+const UNBROKEN: &str = "\u{a0}";
 /// Last line of what there is no room for.
 const MORE: &str = "          ... the rest: ironbird report --full";
 /// The latencies that say how the loop did: those of the whole, then of each step.
@@ -65,7 +67,9 @@ fn verdicts(report: &Report) -> Vec<String> {
     let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
     all.extend(failed.map(|gate| format!("  {}", shared::gate(gate))));
     let next = shared::next_steps(report).into_iter();
-    let next: Vec<String> = next.map(|(command, _)| format!("`{command}`")).collect();
+    // A command stands in one line, from where it can be copied.
+    let next = next.map(|(command, _)| format!("`{}`", command.replace(' ', UNBROKEN)));
+    let next: Vec<String> = next.collect();
     all.extend((!next.is_empty()).then(|| format!("Next      {}", next.join(", "))));
     all
 }
@@ -124,6 +128,9 @@ fn details(report: &Report) -> Vec<String> {
 fn lines(sentence: &str) -> Vec<String> {
     const CUT: &str = " ...";
     let mut lines = wrap(sentence);
+    for line in &mut lines {
+        *line = line.replace(UNBROKEN, " ");
+    }
     if lines.len() > LINES {
         lines.truncate(LINES);
         let last = &mut lines[LINES - 1];

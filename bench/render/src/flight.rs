@@ -166,7 +166,7 @@ fn head(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// What flew and on what.
+/// The vehicle, laws and machine of a flight.
 pub(crate) fn machine(report: &Report) -> Vec<Block> {
     let (run, host, steal) = (&report.run, &report.host, &report.steal);
     let mut blocks = Vec::new();
@@ -701,7 +701,7 @@ fn tracking(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// What the vertical lines in charts mean.
+/// The legend of vertical lines in charts.
 pub(crate) fn marks(report: &Report) -> Block {
     let swap = match report.faults.is_empty() {
         true => "parameter change",

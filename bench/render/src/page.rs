@@ -28,7 +28,7 @@ const EVENTS: usize = 14;
 const OUTAGES: usize = 3;
 const HANDOVERS: usize = 3;
 
-/// What report.json holds, and nothing else.
+/// Draws the page from report.json alone.
 pub fn render(report: &Report) -> String {
     let (run, verdict) = (&report.run, &report.verdict);
     let figures = Figures::of(report);

@@ -201,7 +201,7 @@ pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, String, &str); 3] {
     ]
 }
 
-/// What to do after a flight that was lost, late or refused its rights: at most three commands, each with what it shows.
+/// At most three commands after a flight that was lost, late or refused its rights, each with what it shows.
 pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     let mut steps = Vec::new();
     let mut step = |command: &str, shows| steps.push((format!("ironbird {command}"), shows));

@@ -70,6 +70,12 @@ impl Dashboard {
         }
     }
 
+    /// Whether its process was killed or failed.
+    pub fn has_failed(&mut self) -> bool {
+        let status = self.child.try_wait();
+        status.is_ok_and(|status| status.is_some_and(|status| !status.success()))
+    }
+
     /// Whether the dashboard has the terminal. Restores the terminal if the dashboard was killed.
     pub fn has_terminal(&mut self) -> bool {
         let status = match self.child.try_wait() {

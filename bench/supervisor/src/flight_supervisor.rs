@@ -23,7 +23,8 @@ use ipc::clock::now_ns;
 use ipc::instance::Instance;
 use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::{
-    LOCKSTEP, RUN, RolePhase, Run, RunPhase, SUPERVISION, SettingsText, Status, Supervision,
+    LOCKSTEP, RUN, RolePhase, Run, RunPhase, SUPERVISION, SettingsText, Status, Subject,
+    Supervision,
 };
 use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::NO_TICK;
@@ -286,6 +287,11 @@ impl FlightSupervisor {
             self.act(run.as_ref())?;
             let is_taken = self.dashboard.as_mut().is_some_and(Dashboard::has_terminal);
             self.status_line.set_taken(is_taken);
+            if self.page.as_mut().is_some_and(Dashboard::has_failed) {
+                self.page = None;
+                let gone = "the server of the live page has failed; the flight goes on without it";
+                self.status_line.tell(gone);
+            }
             if let Some(run) = run.filter(|_| shown.elapsed() >= LOOK_EVERY) {
                 shown = Instant::now();
                 self.status_line.show(&run);
@@ -316,7 +322,7 @@ impl FlightSupervisor {
         self.fault_injector
             .rest(&self.wire, run.as_ref(), look_every, &mut players);
         for message in std::mem::take(&mut self.fault_injector.messages) {
-            self.announce(&message);
+            self.announce(Subject::Fault, &message);
         }
     }
 
@@ -331,8 +337,8 @@ impl FlightSupervisor {
     }
 
     /// Publishes what has happened, for the dashboards, and prints it.
-    fn announce(&mut self, message: &str) {
-        self.supervision.add(self.tick, message);
+    fn announce(&mut self, subject: Subject, message: &str) {
+        self.supervision.add(self.tick, subject, message);
         self.supervision_blackboard.put(self.supervision);
         self.status_line.tell(message);
     }
@@ -413,11 +419,14 @@ impl FlightSupervisor {
             };
             match unresolved {
                 Some(exit) if self.is_covered(&exit, run) => {
-                    self.announce(&format!(
-                        "{}; the flight goes on without channel {}",
-                        exit.describe(""),
-                        exit.replica.channel
-                    ));
+                    self.announce(
+                        Subject::Process,
+                        &format!(
+                            "{}; the flight goes on without channel {}",
+                            exit.describe(""),
+                            exit.replica.channel
+                        ),
+                    );
                 }
                 Some(exit) => self.outcome.take(exit, self.phase.is_ending(), is_early),
                 None => {}
@@ -731,18 +740,22 @@ impl FlightSupervisor {
             if replica.role == Role::Record
                 && let Err(failure) = self.recordings.begin_another()
             {
-                self.announce(&format!(
-                    "{how}; the flight goes on without a recorder: {failure}"
-                ));
+                self.announce(
+                    Subject::Process,
+                    &format!("{how}; the flight goes on without a recorder: {failure}"),
+                );
                 continue;
             }
             let child = match self.spawner.start(replica, self.recordings.newest()) {
                 Ok(child) => child,
                 Err(failure) if self.channels > 1 && CHANNEL_ROLES.contains(&replica.role) => {
-                    self.announce(&format!(
-                        "{how}; the flight goes on without channel {}: {failure}",
-                        replica.channel
-                    ));
+                    self.announce(
+                        Subject::Process,
+                        &format!(
+                            "{how}; the flight goes on without channel {}: {failure}",
+                            replica.channel
+                        ),
+                    );
                     continue;
                 }
                 Err(failure) => return Err(failure),
@@ -758,7 +771,7 @@ impl FlightSupervisor {
             }
             self.children.push(RoleProcess::new(replica, child));
             self.supervision.restarted += 1;
-            self.announce(&format!("{how}; it is started again"));
+            self.announce(Subject::Process, &format!("{how}; it is started again"));
         }
         Ok(())
     }

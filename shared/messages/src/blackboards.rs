@@ -196,6 +196,8 @@ layout! {
         /// and those whose command came of an older input; 0 of loops.
         pub commands_missed: u64,
         pub commands_stale: u64,
+        /// Wrenches that the recorder's monitor could not judge, because a message was lost or another process took over; 0 of loops.
+        pub wrenches_unwatched: u64,
         /// How often the recorder has looked for messages: it shows that it lives, also while the plant does not; 0 of loops.
         pub rounds: u64,
         /// 1 where its state is published after each tick; 0 before the first, or if its law cannot be saved.
@@ -301,15 +303,39 @@ layout! {
         pub restarted: u64,
         /// The flight's directory, in which the newest recorder writes.
         pub directory: SettingsText,
-        /// Its newest messages, each in a line with the tick before it.
+        /// Its newest messages, each in a line behind its tick and what it is about.
         pub events: SettingsText,
+    }
+}
+
+/// The subject of a message of the supervisor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// A process that failed, and what becomes of it.
+    Process,
+    /// A fault that the supervisor injects.
+    Fault,
+}
+
+impl Subject {
+    const ALL: [Self; 2] = [Self::Process, Self::Fault];
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Process => "process",
+            Self::Fault => "fault",
+        }
     }
 }
 
 impl Supervision {
     /// Adds a message; the oldest ones give way.
-    pub fn add(&mut self, tick: u64, message: &str) {
-        let all = format!("{}{tick} {message}\n", self.events.text());
+    pub fn add(&mut self, tick: u64, subject: Subject, message: &str) {
+        let all = format!(
+            "{}{tick} {} {message}\n",
+            self.events.text(),
+            subject.name()
+        );
         let mut newest = all.as_str();
         self.events = loop {
             if let Some(events) = SettingsText::new(newest) {
@@ -319,12 +345,15 @@ impl Supervision {
         };
     }
 
-    /// Ticks and messages, the oldest first.
-    pub fn events(&self) -> impl Iterator<Item = (u64, &str)> {
+    /// Ticks, subjects and messages, the oldest first.
+    pub fn events(&self) -> impl Iterator<Item = (u64, Subject, &str)> {
         let lines = self.events.text().lines();
         lines.filter_map(|line| {
-            let (tick, message) = line.split_once(' ')?;
-            Some((tick.parse().ok()?, message))
+            let (tick, rest) = line.split_once(' ')?;
+            let (name, message) = rest.split_once(' ')?;
+            let mut subjects = Subject::ALL.into_iter();
+            let subject = subjects.find(|subject| subject.name() == name)?;
+            Some((tick.parse().ok()?, subject, message))
         })
     }
 }
@@ -343,10 +372,10 @@ mod tests {
     fn the_newest_messages_of_the_supervisor_are_kept() {
         let mut supervision = Supervision::default();
         let message = |tick| format!("{tick}: {}", "x".repeat(90));
-        (0..200).for_each(|tick| supervision.add(tick, &message(tick)));
+        (0..200).for_each(|tick| supervision.add(tick, Subject::Process, &message(tick)));
         let kept: Vec<_> = supervision.events().collect();
         assert!(kept.len() > 70 && kept.len() < 200);
-        assert_eq!(kept.last(), Some(&(199, &*message(199))));
-        assert!(kept.is_sorted());
+        assert_eq!(kept.last(), Some(&(199, Subject::Process, &*message(199))));
+        assert!(kept.is_sorted_by_key(|(tick, ..)| *tick));
     }
 }

@@ -302,8 +302,6 @@ pub struct WatchedFlight {
     pub redundancy: Option<Redundancy>,
     /// Roles that no process plays now.
     pub missing: Vec<Replica>,
-    /// Since the newest judgement of the monitor.
-    wrenches_unwatched: u64,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
     pub airframe: Airframe,
@@ -351,7 +349,6 @@ impl WatchedFlight {
             handovers: VecDeque::new(),
             redundancy: None,
             missing: Vec::new(),
-            wrenches_unwatched: 0,
             newest_swap: None,
             cpu_times: None,
             steal: Steal::default(),
@@ -418,10 +415,7 @@ impl WatchedFlight {
                 }
             }
             LogEntry::Setpoint(message) => self.setpoint = Some(message.content),
-            LogEntry::Wrench(message) => {
-                self.wrench = Some(message.content);
-                self.wrenches_unwatched += 1;
-            }
+            LogEntry::Wrench(message) => self.wrench = Some(message.content),
             LogEntry::RotorSpeeds(message) => {
                 if !is_final_command(message) {
                     self.rotor_speeds = Some(message.content);
@@ -433,7 +427,6 @@ impl WatchedFlight {
             }
             LogEntry::Theorem(message) => {
                 self.monitor = Some(message.content);
-                self.wrenches_unwatched = 0;
                 let time_s = self.run.flight_time_s(message.envelope.tick);
                 self.v_th.take(time_s, message.content.v_th);
             }
@@ -522,28 +515,32 @@ impl WatchedFlight {
     }
 
     /// The events with their ticks, the newest first; of handovers, which may be many, the newest `handovers`.
-    pub fn events(&self, handovers: usize) -> Vec<(u64, String)> {
+    pub fn events(&self, handovers: usize) -> Vec<Event> {
+        let event = |tick: u64, kind: &'static str, text: String| Event { tick, kind, text };
         let supervised = self.supervision.events();
-        let supervised = supervised.map(|(tick, message)| (tick, message.to_owned()));
+        let supervised = supervised
+            .map(|(tick, subject, message)| event(tick, subject.name(), message.to_owned()));
         let newest = self.handovers.iter().rev().take(handovers);
         let handovers = newest.map(|(tick, [before, after])| {
-            (
-                *tick,
-                format!("channel {after} flies in place of channel {before}"),
-            )
+            let text = format!("channel {after} flies in place of channel {before}");
+            event(*tick, "handover", text)
         });
         let begun = self
             .faults()
-            .map(|it| (it.tick, format!("fault {}", it.what)));
-        let ended = self
-            .faults()
-            .filter_map(|it| Some((it.to_tick?, format!("end of the fault {}", it.what))));
+            .map(|it| event(it.tick, "fault", format!("fault {}", it.what)));
+        let ended = self.faults().filter_map(|it| {
+            Some(event(
+                it.to_tick?,
+                "end",
+                format!("end of the fault {}", it.what),
+            ))
+        });
         let swaps = self.statistics.swaps.iter();
-        let swaps = swaps.map(|it| (it.tick, render::sentences::swap(it)));
+        let swaps = swaps.map(|it| event(it.tick, "parameter", render::sentences::swap(it)));
         let all = supervised.chain(handovers).chain(begun).chain(ended);
-        let is_past = |(tick, _): &(u64, String)| *tick <= self.run.tick;
+        let is_past = |event: &Event| event.tick <= self.run.tick;
         let mut events: Vec<_> = all.chain(swaps).filter(is_past).collect();
-        events.sort_by_key(|(tick, _)| std::cmp::Reverse(*tick));
+        events.sort_by_key(|event| std::cmp::Reverse(event.tick));
         events
     }
 
@@ -573,6 +570,10 @@ impl WatchedFlight {
             LOCKSTEP => NotFresh::default(),
             _ => NotFresh::new(missed, stale, &ticks),
         };
+        let theorem = Theorem {
+            ticks_unwatched: recorder.map_or(0, |it| it.wrenches_unwatched),
+            ..statistics.theorem.section()
+        };
         let limit = |key: &str| self.setting(key).parse::<f64>().ok();
         let limits = || {
             Some(TrackingLimits {
@@ -590,21 +591,9 @@ impl WatchedFlight {
         let verdicts = Verdicts {
             flight: limits().map_or_else(unknown, tracked),
             timing: timing_verdict(&ticks, &not_fresh, speed, &self.steal),
-            theorem: stability_verdict(&self.theorem()),
+            theorem: stability_verdict(&theorem),
         };
         (verdicts, not_fresh)
-    }
-}
-
-impl WatchedFlight {
-    /// The monitor's counts; what it has not judged is not watched, beyond what the recorder has yet to relay.
-    fn theorem(&self) -> Theorem {
-        const RELAYED_LATER: u64 = 500;
-        let mut theorem = self.statistics.theorem.section();
-        if self.statistics.theorem.applies() && self.wrenches_unwatched > RELAYED_LATER {
-            theorem.ticks_unwatched += self.wrenches_unwatched;
-        }
-        theorem
     }
 }
 
@@ -639,6 +628,14 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
 /// Flight time of a point [s].
 pub const POINT_S: f64 = 0.1;
 pub const POINTS: usize = 600;
+
+/// Something that happened in a flight, and the kind of it: process, fault, end (of a fault), handover, parameter.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Event {
+    pub tick: u64,
+    pub kind: &'static str,
+    pub text: String,
+}
 
 /// Poses that are kept: two minutes.
 pub const POSES: usize = 1200;

@@ -220,7 +220,7 @@ const showNews = (it) => {
   byId("latency-note").textContent = loop ? `${loop.count} ticks since the page's server joined the flight. ${it.lost ? `${it.lost} messages were not seen.` : ""}` : "";
   showMisses(it);
   showChannels(it);
-  const event = ([tick, time, text]) => make("li", { title: `tick ${tick}` }, make("span", {}, `${time.toFixed(3)} s`), text);
+  const event = (it) => make("li", { title: `tick ${it.tick}`, className: it.kind }, make("span", {}, `${it.time_s.toFixed(3)} s`), it.text);
   byId("events").replaceChildren(...(it.events.length ? it.events.map(event) : [make("li", {}, "", "none yet")]));
   showMarks(it.events);
   showParameters(it.parameters);
@@ -233,10 +233,10 @@ const showNews = (it) => {
 // The newest faults and handovers stand where the vehicle was.
 const showMarks = (events) => {
   const APART_S = 0.5;
-  const marked = events.filter(([, , text]) => /^fault|^channel/.test(text));
-  const apart = marked.filter(([, time], i) => i + 1 === marked.length || time - marked[i + 1][1] > APART_S).slice(0, 4);
-  view.marks(apart.flatMap(([, time, text]) => {
-    const pose = poses.find((it) => it.t >= time);
+  const marked = events.filter((it) => ["fault", "process", "handover"].includes(it.kind));
+  const apart = marked.filter((it, i) => i + 1 === marked.length || it.time_s - marked[i + 1].time_s > APART_S).slice(0, 4);
+  view.marks(apart.flatMap(({ time_s, text }) => {
+    const pose = poses.find((it) => it.t >= time_s);
     return pose ? [{ position: pose.p, color: "red", label: text.slice(0, 28) }] : [];
   }));
 };

@@ -68,7 +68,7 @@ pub(super) struct Hub {
 struct Page {
     number: u64,
     texts: SyncSender<Utf8Bytes>,
-    /// Whether it has not been sent the flight yet.
+    /// Whether the flight is still to be sent to it.
     is_new: bool,
 }
 
@@ -223,15 +223,18 @@ impl Server {
         let head = read_head(&mut stream)?;
         let mut headers = [httparse::EMPTY_HEADER; HEADERS];
         let mut request = httparse::Request::new(&mut headers);
-        let route = match request.parse(&head) {
-            Ok(httparse::Status::Complete(_)) => self.route(&request),
-            _ => Err(("400 Bad Request", "this is no HTTP request".into())),
+        let (route, rest) = match request.parse(&head) {
+            Ok(httparse::Status::Complete(length)) => (self.route(&request), &head[length..]),
+            _ => {
+                let why = "this is no HTTP request".into();
+                (Err(("400 Bad Request", why)), &[][..])
+            }
         };
         match route {
             Ok(Route::File(file)) => {
                 self.respond(&mut stream, "200 OK", file.media_type, &file.text)
             }
-            Ok(Route::Live(accepted)) => self.session(number, stream, &accepted),
+            Ok(Route::Live(accepted)) => self.session(number, stream, &accepted, rest),
             Err((status, why)) => self.respond(
                 &mut stream,
                 status,
@@ -312,15 +315,21 @@ impl Server {
         stream.shutdown(Shutdown::Write)
     }
 
-    /// Sends a page the texts of the hub, and takes its requests.
-    fn session(&self, number: u64, mut stream: TcpStream, accepted: &str) -> io::Result<()> {
+    /// Sends a page the texts of the hub, and takes its requests; `rest` came behind the handshake.
+    fn session(
+        &self,
+        number: u64,
+        mut stream: TcpStream,
+        accepted: &str,
+        rest: &[u8],
+    ) -> io::Result<()> {
         let Some(texts) = self.hub.join(number) else {
             let why = format!("{PAGES} pages are open already\n");
             return self.respond(&mut stream, "503 Service Unavailable", "text/plain", &why);
         };
         self.is_served(number);
         self.hub.sessions.fetch_add(1, Ordering::Relaxed);
-        let ended = self.exchange(number, stream, accepted, &texts);
+        let ended = self.exchange(number, stream, accepted, rest, &texts);
         lock(&self.hub.pages).retain(|page| page.number != number);
         self.hub.sessions.fetch_sub(1, Ordering::Relaxed);
         ended.map_err(io::Error::other)
@@ -331,6 +340,7 @@ impl Server {
         number: u64,
         mut stream: TcpStream,
         accepted: &str,
+        rest: &[u8],
         texts: &Receiver<Utf8Bytes>,
     ) -> Result<(), Error> {
         write!(
@@ -343,7 +353,8 @@ impl Server {
         let config = WebSocketConfig::default()
             .max_message_size(Some(REQUEST_BYTES))
             .max_frame_size(Some(REQUEST_BYTES));
-        let mut socket = WebSocket::from_raw_socket(stream, Role::Server, Some(config));
+        let mut socket =
+            WebSocket::from_partially_read(stream, rest.to_vec(), Role::Server, Some(config));
         loop {
             match texts.recv_timeout(LOOK_EVERY) {
                 Ok(text) => socket.send(Message::Text(text))?,

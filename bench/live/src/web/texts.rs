@@ -1,4 +1,4 @@
-//! What the server sends the page, as JSON: functions of the dashboard's model.
+//! Texts that the server sends the page, as JSON: functions of the dashboard's model.
 //!
 //! ```text
 //!   flight   once, and to each new page: what stays; the poses so far
@@ -15,7 +15,7 @@ use analysis::series::{Latencies, Series, Statistics};
 use analysis::theorem::no_theorem;
 use faults::PORTS;
 use faults::grammar::Change;
-use messages::blackboards::EndReason;
+use messages::blackboards::{EndReason, Subject};
 use messages::channels::{Outage, OutageReason, SwitchoverReason};
 use messages::content::Mode;
 use messages::parameters::{Airframe, ESTIMATED, Parameter, SPECS};
@@ -23,11 +23,11 @@ use messages::role::{Channel, Replica, Role, STAGES};
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
-use crate::watch::dashboard_model::{Model, Pose, WatchedFlight};
+use crate::watch::dashboard_model::{Event, Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
 const BINS: f64 = 12.0;
-/// What is below 100 ns counts in the bin from there on.
+/// Times below 100 ns count in the bin from there on.
 const FIRST_BIN: i32 = 2 * BINS as i32;
 const EVENTS: usize = 100;
 /// Handovers among them, the newest ones; the account of the channels counts all.
@@ -36,7 +36,7 @@ const HANDOVERS: usize = 3;
 const FAILED_SHOWN_S: f64 = 10.0;
 const OUTAGES: usize = 8;
 
-/// What stays for a flight, and the poses so far; without a flight, that the server waits for one.
+/// The facts of a flight that stay, and the poses so far; without a flight, none.
 pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
     let mut text = json!({
         "kind": "flight",
@@ -175,7 +175,7 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, tracked: FlightVerdict) ->
     json!({"word": word, "why": why, "tone": tone})
 }
 
-/// What is not as it should be at this moment, and which processes failed in the last seconds.
+/// Missing processes, active faults, changed parameters and stale inputs of this moment, and the failures of the last seconds.
 fn broken(flight: &WatchedFlight) -> Vec<String> {
     if flight.ending.is_some() {
         return Vec::new();
@@ -185,10 +185,10 @@ fn broken(flight: &WatchedFlight) -> Vec<String> {
         broken.push(format!("no {} process", name_in(flight, *replica)));
     }
     let is_new = |tick: u64| flight.run.flight_time_s(flight.tick() - tick) < FAILED_SHOWN_S;
-    let failures = flight.supervision.events().filter(|(tick, text)| {
-        *tick <= flight.tick() && is_new(*tick) && text.contains(" process ")
+    let failures = flight.supervision.events().filter(|(tick, subject, _)| {
+        *subject == Subject::Process && *tick <= flight.tick() && is_new(*tick)
     });
-    broken.extend(failures.map(|(tick, text)| {
+    broken.extend(failures.map(|(tick, _, text)| {
         let time_s = flight.run.flight_time_s(tick);
         format!("{time_s:.1} s: {text}")
     }));
@@ -322,7 +322,7 @@ fn processes(flight: &WatchedFlight) -> Vec<Value> {
 
 fn events(flight: &WatchedFlight) -> Vec<Value> {
     let events = flight.events(HANDOVERS).into_iter().take(EVENTS);
-    let event = |(tick, text): (u64, String)| json!([tick, flight.run.flight_time_s(tick), text]);
+    let event = |it: Event| json!({"tick": it.tick, "time_s": flight.run.flight_time_s(it.tick), "kind": it.kind, "text": it.text});
     events.map(event).collect()
 }
 
@@ -395,7 +395,7 @@ fn fault_rows(channels: usize, period_s: f64) -> Vec<Value> {
     rows.iter().map(row).collect()
 }
 
-/// What a change means, as it is declared.
+/// The declared meaning of a change.
 fn meaning(change: &str) -> &'static str {
     match change.parse::<Change>() {
         Ok(Change::Parameter(desired)) => desired.parameter.spec().meaning,

@@ -146,9 +146,13 @@ fn situation<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
         );
         add("faults", &format!("{what} {rest}"), BAD);
     }
-    for (i, (tick, event)) in flight.events(1).into_iter().take(EVENTS).enumerate() {
+    for (i, event) in flight.events(1).into_iter().take(EVENTS).enumerate() {
         let title = if i == 0 { "events" } else { "" };
-        add(title, &format!("{} {event}", time(tick)), PLAIN);
+        add(
+            title,
+            &format!("{} {}", time(event.tick), event.text),
+            PLAIN,
+        );
     }
     lines
 }
