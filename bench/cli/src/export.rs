@@ -14,12 +14,12 @@ use messages::telemetry::LAW_ROLES;
 use messages::topic::Topic;
 
 use crate::cli::ExportArgs;
-use crate::table_file::{Out, TableFile, TableFormat};
+use crate::table_file::{TableFile, TableFormat};
 use analysis::phrase::count;
 use analysis::schema::Report;
 use analysis::states::{Joined, Joiner, LoopMessage};
 use errors::output::{print, say};
-use errors::{Failure, InFile as _, OK, replace};
+use errors::{AsideFile, Failure, InFile as _, OK};
 use flight_log::codec::Logged;
 use flight_log::entry::{FORMATS, LogEntry, with_message};
 use flight_log::facts::SETTINGS;
@@ -63,7 +63,8 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
         None => Tables::begin_all(|_| true, Some(directory), format)?,
     };
     // Everything before a damaged part is exported, then the damage is reported.
-    let read = tables.fill(&mut reader).and_then(|()| tables.finish());
+    let read = tables.fill(&mut reader)?;
+    tables.finish()?;
     print(&tables.summary())?;
     read?;
     let topic = args.topic.as_deref();
@@ -111,7 +112,7 @@ fn print_missing(reader: &LogReader) -> Result<(), Failure> {
 fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     create_directory(directory)?;
     let path = directory.join(perfetto::FILE);
-    let file = replace(&path)?;
+    let file = AsideFile::create(&path).in_file("write", &path)?;
     // The log may have been taken away from its flight's directory.
     let report = Report::read(&reader.path().with_file_name("report.json")).ok();
     let faults = report.iter().flat_map(|it| &it.faults);
@@ -121,7 +122,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
             .into_iter()
             .flatten()
     });
-    let out = BufWriter::new(file);
+    let out = BufWriter::new(file.file().in_file("write", &path)?);
     let mut writer = PerfettoWriter::new(out, faults.collect()).in_file("write", &path)?;
     if let (Some(report), Ok(Pace::Realtime(grid))) = (&report, reader.pace()) {
         for case in report.autopsy.worst.iter().filter(|it| !it.ran.is_empty()) {
@@ -152,9 +153,9 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     if writer.slices + writer.instants == 0
         && let Err(failure) = read
     {
-        let _ = fs::remove_file(&path);
         return Err(failure);
     }
+    file.keep().in_file("write", &path)?;
     let (slices, instants, path) = (writer.slices, writer.instants, path.display());
     print(&format!(
         "{slices:>8} slices, {instants} instants  {path}\n"
@@ -222,10 +223,6 @@ fn with_tick(columns: Vec<Column>) -> Vec<Column> {
     with_time(std::iter::once(tick).chain(columns).collect())
 }
 
-fn unwritten(e: &io::Error) -> Failure {
-    Failure::failed(format!("cannot write the export: {e}"))
-}
-
 /// Writes the table of all topics of the loop.
 fn export_joined(
     reader: &mut LogReader,
@@ -237,14 +234,13 @@ fn export_joined(
     // Before the first message, the log does not say what the laws show.
     let first = reader.next_entry()?.copied();
     let (shape, period_s) = (JoinedShape::of(reader), period_s(reader)?);
-    let out = Box::new(BufWriter::new(replace(&path)?));
     let columns = with_tick(shape.columns.clone());
-    let mut table = TableFile::begin(format, out, columns).map_err(|e| unwritten(&e))?;
+    let mut table = TableFile::create(format, &path, columns).in_file("write", &path)?;
     let mut joiner = Joiner::default();
     let mut write = |joined: Joined| {
         let begin = [time(joined.tick, period_s), Cell::Integer(joined.tick)];
         let row: Vec<Cell> = begin.into_iter().chain(shape.cells(&joined)).collect();
-        table.push(&row).map_err(|e| unwritten(&e))
+        table.push(&row).in_file("write", &path)
     };
     let mut next = Ok(first);
     let read = loop {
@@ -267,7 +263,7 @@ fn export_joined(
     while let Some(joined) = joiner.rest() {
         write(joined)?;
     }
-    table.finish().map_err(|e| unwritten(&e))?;
+    table.finish().in_file("write", &path)?;
     print(&format!("{:>8} rows  {}\n", table.rows, path.display()))?;
     // Everything before a damaged part is exported, then the damage is reported.
     read?;
@@ -399,17 +395,15 @@ impl Tables {
         if self.open.contains_key(topic) || !self.selected.contains(&topic) {
             return Ok(());
         }
-        let out: Out = match self.path(topic) {
-            Some(path) => Box::new(BufWriter::new(replace(&path)?)),
-            None => Box::new(BufWriter::new(io::stdout())),
-        };
-        match TableFile::begin(self.format, out, columns()) {
-            Ok(table) => {
-                self.open.insert(topic, table);
-                Ok(())
+        let begun = match self.path(topic) {
+            Some(path) => TableFile::create(self.format, &path, columns()),
+            None => {
+                let out = Box::new(BufWriter::new(io::stdout()));
+                TableFile::begin(self.format, out, columns())
             }
-            Err(e) => self.written(Err(e)),
-        }
+        };
+        let begun = begun.map(|table| drop(self.open.insert(topic, table)));
+        self.written(topic, begun)
     }
 
     fn path(&self, topic: &str) -> Option<PathBuf> {
@@ -417,11 +411,17 @@ impl Tables {
         Some(self.directory.as_ref()?.join(format!("{topic}.{ending}")))
     }
 
-    fn fill(&mut self, reader: &mut LogReader) -> Result<(), Failure> {
-        while self.is_read && reader.next_entry()?.is_some() {
+    /// Takes the messages of a log; the inner result is its damage.
+    fn fill(&mut self, reader: &mut LogReader) -> Result<Result<(), Failure>, Failure> {
+        while self.is_read {
+            match reader.next_entry() {
+                Ok(Some(_)) => {}
+                Ok(None) => break,
+                Err(damage) => return Ok(Err(damage)),
+            }
             with_message!(reader.newest(), message => self.write(reader, message))?;
         }
-        Ok(())
+        Ok(Ok(()))
     }
 
     fn write<C: Logged>(
@@ -456,23 +456,29 @@ impl Tables {
         };
         let row: Vec<Cell> = begin.into_iter().chain(rest()).collect();
         let written = table.push(&row);
-        self.written(written)
+        self.written(topic, written)
     }
 
     fn finish(&mut self) -> Result<(), Failure> {
-        let mut tables = self.open.values_mut();
-        let finished = tables.try_for_each(TableFile::finish);
-        self.written(finished)
+        let topics: Vec<&str> = self.open.keys().copied().collect();
+        topics.into_iter().try_for_each(|topic| {
+            let finished = self.open.get_mut(topic).map_or(Ok(()), TableFile::finish);
+            self.written(topic, finished)
+        })
     }
 
     /// A reader that ends early, such as `head`, is not an error.
-    fn written(&mut self, written: io::Result<()>) -> Result<(), Failure> {
-        match written {
-            Err(e) if e.kind() == ErrorKind::BrokenPipe && self.directory.is_none() => {
-                self.is_read = false;
-                Ok(())
-            }
-            written => written.map_err(|e| unwritten(&e)),
+    fn written(&mut self, topic: &str, written: io::Result<()>) -> Result<(), Failure> {
+        match self.path(topic) {
+            Some(path) => written.in_file("write", &path),
+            None => match written {
+                Err(e) if e.kind() == ErrorKind::BrokenPipe => {
+                    self.is_read = false;
+                    Ok(())
+                }
+                written => written
+                    .map_err(|e| Failure::failed(format!("cannot write to standard output: {e}"))),
+            },
         }
     }
 

@@ -19,6 +19,7 @@ process::count_allocations!();
 plugin::name_exits!();
 
 fn main() -> ExitCode {
+    plugin::set_python_environment();
     flight_log::build::set_executable(ironbird::build::here());
     let started = forget_inherited()
         .map_err(Failure::from)

@@ -1,9 +1,11 @@
 //! A table as a file: CSV, JSON lines, Parquet or a MAT file.
 
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
 use campaign::parquet_file::RowWriter;
 use campaign::table::{Cell as Typed, Column as TypedColumn, Kind};
+use errors::AsideFile;
 use flight_log::rows::{Cell, Column};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +35,8 @@ pub struct TableFile {
     columns: Vec<Column>,
     pub rows: u64,
     to: To,
+    /// None of a table on standard output.
+    file: Option<AsideFile>,
 }
 
 enum To {
@@ -44,7 +48,17 @@ enum To {
 }
 
 impl TableFile {
-    /// Begins a file; the names of its columns are in it also if no row follows.
+    /// Begins a file, which gets its name when the table is finished.
+    pub fn create(format: TableFormat, path: &Path, columns: Vec<Column>) -> io::Result<Self> {
+        let file = AsideFile::create(path)?;
+        let out = Box::new(BufWriter::new(file.file()?));
+        Ok(Self {
+            file: Some(file),
+            ..Self::begin(format, out, columns)?
+        })
+    }
+
+    /// Begins a table; the names of its columns are in it also if no row follows.
     pub fn begin(format: TableFormat, mut out: Out, columns: Vec<Column>) -> io::Result<Self> {
         let to = match format {
             TableFormat::Csv => {
@@ -58,8 +72,12 @@ impl TableFile {
             }
             TableFormat::Mat => To::Mat(out, vec![Vec::new(); columns.len()]),
         };
-        let rows = 0;
-        Ok(Self { columns, rows, to })
+        Ok(Self {
+            columns,
+            rows: 0,
+            to,
+            file: None,
+        })
     }
 
     /// Adds a row with a cell for each column.
@@ -102,7 +120,8 @@ impl TableFile {
                 }
                 out.flush()
             }
-        }
+        }?;
+        self.file.as_ref().map_or(Ok(()), AsideFile::keep)
     }
 }
 

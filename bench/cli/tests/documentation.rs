@@ -74,6 +74,21 @@ fn the_class_of_two_hours_shows_what_its_page_says() {
     cases.run();
 }
 
+#[test]
+fn the_site_replaces_no_directory_that_it_did_not_make() {
+    let rig = Rig::new("site");
+    fs::create_dir(rig.path("mine")).unwrap();
+    fs::write(rig.path("mine/notes"), "notes").unwrap();
+    let ended = Command::new(root().join("docs/build"))
+        .arg(rig.path("mine"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(said.contains("name another directory"), "{said}");
+    assert_eq!(ended.status.code(), Some(2));
+    assert_eq!(fs::read(rig.path("mine/notes")).unwrap(), b"notes");
+}
+
 fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }

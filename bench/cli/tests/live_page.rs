@@ -275,6 +275,25 @@ fn a_page_stays_for_the_next_flight_and_changes_nothing_unless_it_may() {
 }
 
 #[test]
+fn the_last_news_of_a_flight_has_its_end_and_its_status() {
+    let rig = Rig::new("page");
+    let flight = rig.take_off("--web --duration 3s --on-death restart");
+    let mut page = Page::open(&address(&flight));
+    let mut last = Value::Null;
+    while let Ok(message) = page.0.read() {
+        if let Message::Text(text) = message {
+            let text: Value = serde_json::from_str(&text).unwrap();
+            if text["kind"] == "news" {
+                last = text["flight"].clone();
+            }
+        }
+    }
+    assert_ne!(last["phase"]["word"], "flying", "{last}");
+    assert!(last["status"].is_string(), "{last}");
+    drop(flight.end());
+}
+
+#[test]
 fn requests_that_do_not_know_the_address_are_refused() {
     let rig = Rig::new("page");
     let watch = rig.start("watch", "--web --allow-control");

@@ -206,16 +206,19 @@ fn follow(
             (shown, filed) = (run, FiledReport::default());
         }
         let has_new_page = hub.has_new_page();
-        let is_due = now >= next_news || is_new || has_new_page || is_stopped;
+        let is_due = now >= next_news || is_new || has_new_page;
         if is_new || has_new_page {
             let flight = text(texts::flight(&model, options.allow_control));
             hub.welcome(&flight, is_new);
         }
-        if is_due {
+        if let Some(flight) = model.flight.as_ref().filter(|_| is_due) {
+            filed.look(flight.supervision.directory.text(), flight.run.run_id);
+        }
+        let is_complete = filed.excerpt.as_ref().is_some_and(|it| !it.run.in_flight);
+        let is_over = options.launched && is_complete && !model.is_flying();
+        // The last news have the end of the flight and its verdicts.
+        if is_due || is_over || is_stopped {
             next_news = now + NEWS_EVERY;
-            if let Some(flight) = &model.flight {
-                filed.look(flight.supervision.directory.text(), flight.run.run_id);
-            }
             hub.broadcast(&text(texts::news(&model, &filed, hub.pages())));
         }
         if is_due || (model.is_flying() && now >= next_pose) {
@@ -223,12 +226,10 @@ fn follow(
             let pose = model.flight.as_ref().and_then(|flight| texts::pose(flight));
             pose.into_iter().for_each(|pose| hub.broadcast(&text(pose)));
         }
-        let is_complete = filed.excerpt.as_ref().is_some_and(|it| !it.run.in_flight);
         if is_stopped {
             return Ok(INTERRUPTED);
         }
-        if options.launched && is_complete && !model.is_flying() {
-            hub.broadcast(&text(texts::news(&model, &filed, hub.pages())));
+        if is_over {
             return Ok(OK);
         }
         sleep(DRAIN_EVERY);

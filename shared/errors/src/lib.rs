@@ -4,9 +4,9 @@ pub mod output;
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Read as _, Write as _};
+use std::io::{Read as _, Write};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
-use std::path::{Path, absolute};
+use std::path::{Path, PathBuf, absolute};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::{fmt, fs, io};
@@ -242,45 +242,90 @@ pub fn create_file(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Writes a text into a file, opened as by [`create_file`].
+/// Writes a text into a file, whole or not at all; into a link, a pipe or a device as [`create_file`] opens it.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
-    create_file(path)
-        .and_then(|mut file| file.write_all(text.as_bytes()))
-        .in_file("write", path)
+    let is_file = match fs::symlink_metadata(path) {
+        Ok(there) => there.is_file(),
+        Err(e) => e.kind() == io::ErrorKind::NotFound,
+    };
+    if !is_file {
+        let created = create_file(path);
+        let written = created.and_then(|mut file| file.write_all(text.as_bytes()));
+        return written.in_file("write", path);
+    }
+    let written = check_replaceable(path).and_then(|()| {
+        let mut file = AsideFile::create(path)?;
+        file.write_all(text.as_bytes())?;
+        file.keep()
+    });
+    written.in_file("write", path)
 }
 
-/// A new file in place of what has the name: a link is not followed, and a pipe not waited for.
-pub fn replace(path: &Path) -> Result<File, Failure> {
-    match fs::remove_file(path) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e).in_file("write", path),
-        _ => File::create_new(path).in_file("write", path),
+/// A file that is written under another name (`.aside`) until it is whole: a reader finds the old file or the new one,
+/// never a part. It is removed if it is not kept. In place of a link, it replaces that.
+#[derive(Debug)]
+pub struct AsideFile {
+    file: File,
+    aside: PathBuf,
+    path: PathBuf,
+}
+
+impl AsideFile {
+    pub fn create(path: &Path) -> io::Result<Self> {
+        static NUMBER: AtomicU64 = AtomicU64::new(0);
+        let (process, number) = (std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(format!(".{process}-{number}.aside"));
+        let aside = path.with_file_name(name);
+        let _ = fs::remove_file(&aside);
+        Ok(Self {
+            file: File::create_new(&aside)?,
+            aside,
+            path: path.to_owned(),
+        })
+    }
+
+    /// Another handle of the file.
+    pub fn file(&self) -> io::Result<File> {
+        self.file.try_clone()
+    }
+
+    /// Gives the file its name.
+    pub fn keep(&self) -> io::Result<()> {
+        fs::rename(&self.aside, &self.path)
     }
 }
 
-/// Writes a file under another name (`.aside`), has it synced, and gives it its name if it is still wanted: a reader finds
-/// the old file or the new one, never a part. If only syncing fails, the file is replaced, and the reason returned.
+impl Write for AsideFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Drop for AsideFile {
+    fn drop(&mut self) {
+        // It is not there if it has got its name.
+        let _ = fs::remove_file(&self.aside);
+    }
+}
+
+/// Writes an [`AsideFile`], has it synced, and keeps it if it is still wanted. If only syncing fails, the file is
+/// replaced, and the reason returned.
 pub fn write_whole<E: fmt::Display>(
     path: &Path,
     write: impl FnOnce(&mut File) -> Result<(), E>,
     is_wanted: impl FnOnce() -> bool,
 ) -> Result<(), String> {
-    static NUMBER: AtomicU64 = AtomicU64::new(0);
-    let (process, number) = (std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{process}-{number}.aside"));
-    let aside = path.with_file_name(name);
-    let _ = fs::remove_file(&aside);
-    let mut file = File::create_new(&aside).map_err(|e| e.to_string())?;
-    let mut synced = Ok(());
-    let written = write(&mut file).map_err(|e| e.to_string());
-    let replaced = written.and_then(|()| {
-        synced = file.sync_all();
-        let renamed = is_wanted().then(|| fs::rename(&aside, path));
-        renamed.unwrap_or(Ok(())).map_err(|e| e.to_string())
-    });
-    // It is not there if it has got its name.
-    let _ = fs::remove_file(&aside);
-    replaced?;
+    let mut aside = AsideFile::create(path).map_err(|e| e.to_string())?;
+    write(&mut aside.file).map_err(|e| e.to_string())?;
+    let synced = aside.file.sync_all();
+    if is_wanted() {
+        aside.keep().map_err(|e| e.to_string())?;
+    }
     let of_directory = || match File::open(path.with_file_name("."))?.sync_all() {
         // Not every file system can.
         Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),
@@ -418,14 +463,25 @@ mod tests {
         make_pipe(&path("pipe"));
         let _socket = UnixListener::bind(path("socket")).unwrap();
         for name in ["link", "old", "pipe", "socket", "new"] {
-            replace(&path(name)).unwrap().write_all(b"ours").unwrap();
+            let mut file = AsideFile::create(&path(name)).unwrap();
+            file.write_all(b"ours").unwrap();
+            if name == "old" {
+                assert_eq!(fs::read_to_string(path(name)).unwrap(), "much older");
+            }
+            file.keep().unwrap();
             assert_eq!(fs::read_to_string(path(name)).unwrap(), "ours", "{name}");
             assert!(path(name).symlink_metadata().unwrap().is_file(), "{name}");
         }
         assert_eq!(fs::read_to_string(path("theirs")).unwrap(), "theirs");
-        let failure = replace(directory.path()).unwrap_err().to_string();
+        // A file that is not kept leaves nothing.
+        let lost = AsideFile::create(&path("lost")).unwrap();
+        drop(lost);
+        let there: Vec<_> = fs::read_dir(directory.path()).unwrap().collect();
+        assert_eq!(there.len(), 6);
+        let failure = AsideFile::create(directory.path()).unwrap().keep();
+        let failure = failure.unwrap_err().to_string();
         assert!(
-            failure.ends_with(": Is a directory (os error 21)"),
+            failure.ends_with("Is a directory (os error 21)"),
             "{failure}"
         );
     }

@@ -48,6 +48,7 @@ pub use child::{LawsRun, ask, set_laws_run};
 #[doc(hidden)]
 pub use crash::exit;
 pub use loader::{PYTHON_ADAPTER, has_python_adapter};
+pub use python::set_environment as set_python_environment;
 
 /// Longest file that is read [bytes].
 const MOST_BYTES: u64 = 1 << 30;

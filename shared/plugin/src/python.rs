@@ -7,6 +7,7 @@
 
 use std::env;
 use std::ffi::{OsString, c_int};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -57,6 +58,17 @@ pub(crate) fn load() -> Result<(), String> {
     let library = unsafe { Library::open(Some(file), RTLD_NOW | RTLD_GLOBAL) };
     // It is never unloaded.
     std::mem::forget(library.map_err(|e| format!("{file} cannot be loaded ({e}): {another}"))?);
+    Ok(())
+}
+
+/// Sets what the interpreter of a law reads of the environment. For the begin of `main`: where the process has more than
+/// one thread, it sets nothing, and laws in Python are refused.
+pub fn set_environment() {
+    let threads = fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
+    // Why there is no Python is said where a law needs one.
+    let Some(python) = python().ok().filter(|_| threads == 1) else {
+        return;
+    };
     let mut variables = vec![
         (PYTHON, python.into_os_string()),
         // The order of a set is the same in every process: a replay has the same bits.
@@ -67,10 +79,9 @@ pub(crate) fn load() -> Result<(), String> {
         variables.push(("LC_CTYPE", "C.UTF-8".into()));
     }
     for (variable, value) in variables {
-        // SAFETY: laws are opened before a process starts threads of its own.
+        // SAFETY: no other thread reads the environment.
         unsafe { env::set_var(variable, value) };
     }
-    Ok(())
 }
 
 fn said(variable: &str) -> Option<OsString> {
