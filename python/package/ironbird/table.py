@@ -90,7 +90,7 @@ class Table(Sequence[dict[str, Any]]):
             return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
 
         body = "".join(line(row, "td") for row in rows)
-        return f"<table><thead>{line(head, 'th')}</thead><tbody>{body}</tbody></table><p>{self._rest()}</p>"
+        return f"<table><thead>{line(head, 'th')}</thead><tbody>{body}</tbody></table><p>{html.escape(self._rest())}</p>"
 
 
 def flat(values: Mapping[str, Any], path: str = "") -> dict[str, Any]:
