@@ -5,7 +5,7 @@
 //!   the plant's parameter server <--inject-- requests of the pages, with --allow-control
 //! ```
 //!
-//! It is the model of the terminal's dashboard. The page is in `web/`, without a build step.
+//! The model is that of the terminal's dashboard. The page is in `web/`, without a build step.
 
 mod filed_report;
 mod server;

@@ -308,7 +308,7 @@ impl Write for AsideFile {
 
 impl Drop for AsideFile {
     fn drop(&mut self) {
-        // It is not there if it has got its name.
+        // A file that was kept has its own name by now.
         let _ = fs::remove_file(&self.aside);
     }
 }

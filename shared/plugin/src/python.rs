@@ -56,7 +56,7 @@ pub(crate) fn load() -> Result<(), String> {
     }
     // SAFETY: the user's own Python.
     let library = unsafe { Library::open(Some(file), RTLD_NOW | RTLD_GLOBAL) };
-    // It is never unloaded.
+    // The library is never unloaded.
     std::mem::forget(library.map_err(|e| format!("{file} cannot be loaded ({e}): {another}"))?);
     Ok(())
 }
@@ -88,7 +88,7 @@ fn said(variable: &str) -> Option<OsString> {
     env::var_os(variable).filter(|value| !value.is_empty())
 }
 
-/// That of the environment; else the one beside the executable, as in a virtual environment; else that of PATH.
+/// Python of the environment; else the one beside the executable, as in a virtual environment; else that of PATH.
 fn python() -> Result<PathBuf, String> {
     let of_environment =
         || said(ENVIRONMENT).map(|it| (Path::new(&it).join("bin/python"), ENVIRONMENT));

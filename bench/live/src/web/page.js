@@ -135,7 +135,7 @@ const draw = () => {
   charts.filter((it) => !it.after).forEach((it) => it.update());
 };
 
-// What the server sends
+// Texts of the server
 
 const show = {
   flight: (text) => {
@@ -266,7 +266,7 @@ const showChannels = (it) => {
     p.name, p.pid, p.missing ? make("span", { className: isOver ? "" : "bad-text" }, isOver ? "ended" : "missing") : p.phase, p.ticks, p.skipped, p.stale])));
 };
 
-// What the user changes
+// Changes by the user
 
 const requests = new Map();
 let nextRequest = 1;
