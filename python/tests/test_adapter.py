@@ -189,7 +189,7 @@ def test_what_is_wrong_with_a_file_is_told_before_take_off(ironbird_command, law
         ("x = " + "(" * 100_000, "my_law.py:1: too many nested parentheses"),
         ("def f(): f()\nf()\n", "RecursionError: maximum recursion depth exceeded"),
         ("raise ValueError('x' * 1_000_000)\n", "my_law.py:1: ValueError: xxx"),
-        ("raise ValueError('\\x1b[2J')\n", "my_law.py:1: ValueError: \\u{1b}[2J"),
+        ("raise ValueError('\\x1b[2J')\n", "my_law.py:1: ValueError: \\u001b[2J"),
     ],
 )
 def test_a_broken_file_is_refused_in_few_words(ironbird_command, law, text, said):

@@ -120,6 +120,9 @@ fn look(rig: &Rig, chromium: &str, html: &str, width: u32, dark: bool) -> (Value
     let script = script.trim().trim_end_matches(';');
     let probe = include_str!("browser/probe.html").replace("LOOK", script);
     let probed = rig.file("probed.html");
+    // With a virtual time, frames of the display may not come.
+    let frames = "<body><script>requestAnimationFrame = (draw) => setTimeout(draw);</script>";
+    let html = html.replacen("<body>", frames, 1);
     fs::write(&probed, html.replace("</body>", &(probe + "</body>"))).unwrap();
     let flags = "--headless=new --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run --enable-logging=stderr \
         --virtual-time-budget=5000 --dump-dom";
@@ -171,8 +174,8 @@ fn pages_are_complete_and_readable_by_day_and_by_night() {
             assert_eq!(texts(&found["faults"]), [""; 0], "{case}");
             assert_eq!(complaints, "", "{case}");
             assert_eq!(texts(&found["requests"]), [""; 0], "{case}");
-            // The page's own scripts with the flight's data, and the one that inspects.
-            assert_eq!(found["scripts"], 4, "{case}");
+            // The page's own scripts with the flight's data, and two that inspect.
+            assert_eq!(found["scripts"], 5, "{case}");
             assert!(found["texts"].as_u64().unwrap() > 300, "{case}");
             // What the page shows of the plot's middle.
             let readout = texts(&found["readout"]).join(" ");
