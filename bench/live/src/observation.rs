@@ -70,7 +70,7 @@ impl Observation {
 
     fn joined(instance: &Instance) -> Result<Option<Self>, Error> {
         // Without a flight, no shared memory is opened.
-        if !instance.is_occupied(Role::Plant) {
+        if !instance.look_for(Role::Plant)? {
             return Ok(None);
         }
         let wire = Wire::open(instance)?;

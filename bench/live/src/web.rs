@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 
 use faults::grammar::duration;
 use ipc::instance::Instance;
+use messages::role::Role;
 use process::signals::stop_flag;
 use render::{VEHICLE_JS, plot};
 use serde::Deserialize;
@@ -55,6 +56,8 @@ pub struct WebOptions {
 /// Serves one flight of the instance after the other, until a signal comes; `opened` receives the page's address.
 pub fn serve(options: &WebOptions, opened: impl FnOnce(&str)) -> Result<u8, Failure> {
     let instance = Instance::new(&options.instance)?;
+    // Another user's instance is refused before an address is printed.
+    instance.look_for(Role::Plant)?;
     let stop = stop_flag()?;
     let hub = Arc::new(Hub::default());
     let server = start(options, &instance, &hub)?;
