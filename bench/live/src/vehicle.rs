@@ -13,6 +13,8 @@ mod link;
 mod parameters;
 mod protocol;
 mod telemetry;
+#[cfg(test)]
+mod tests;
 
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -136,6 +138,8 @@ fn follow(
         });
         for (request, answer) in answered.try_iter() {
             vehicle.answered(&request, &answer, &model, now);
+            // What is acknowledged is what is read from then on.
+            feed.look_soon();
         }
         vehicle.update(&model, now);
         for request in vehicle.requests.drain(..) {

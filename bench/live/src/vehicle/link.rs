@@ -10,11 +10,14 @@ use mavlink::MavlinkReader;
 use mavlink::dialects::common::MavMessage;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, Message as _, consts};
 
+use rustix::net::sockopt::set_socket_send_buffer_size;
+
 use super::protocol::{COMPONENT, SYSTEM};
 
 /// Datagrams, or pieces of a stream, that are read in a row.
 const IN_A_ROW: usize = 64;
 const PIECE_BYTES: usize = 2048;
+const SEND_BUFFER_BYTES: usize = 64 << 10;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Address {
@@ -127,16 +130,15 @@ impl Link {
                 }
             }
             Transport::Tcp { listener, station } => {
-                while let Ok((stream, _)) = listener.accept() {
-                    if station.is_none() && stream.set_nonblocking(true).is_ok() {
-                        let _ = stream.set_nodelay(true);
-                        *station = Some(MavlinkReader::new(Budget { stream, pieces: 0 }));
-                    }
-                }
                 if let Some(reader) = station {
                     reader.get_mut().pieces = IN_A_ROW;
                     if !is_open(reader, &mut each) {
                         *station = None;
+                    }
+                }
+                while let Ok((stream, _)) = listener.accept() {
+                    if station.is_none() && prepare(&stream).is_ok() {
+                        *station = Some(MavlinkReader::new(Budget { stream, pieces: 0 }));
                     }
                 }
             }
@@ -171,6 +173,13 @@ impl Link {
         }
         self.sequence = self.sequence.wrapping_add(1);
     }
+}
+
+/// Lets a stream wait for nothing, and notice soon that its other end does not read.
+fn prepare(stream: &TcpStream) -> io::Result<()> {
+    stream.set_nonblocking(true)?;
+    stream.set_nodelay(true)?;
+    Ok(set_socket_send_buffer_size(stream, SEND_BUFFER_BYTES)?)
 }
 
 /// Passes on the frames of a stream that have arrived; whether more can come.

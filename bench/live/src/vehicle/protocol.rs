@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, HashSet};
 use std::time::Duration;
 
-use analysis::phrase::name_of;
+use analysis::phrase::{count, name_of};
 use mavlink::dialects::common::*;
 use mavlink::{MavHeader, Message as _, MessageData as _};
 use messages::blackboards::EndReason;
@@ -100,7 +100,8 @@ impl Vehicle {
         let Some(flight) = model.flight.as_deref() else {
             return;
         };
-        if flight.run.run_id != self.run_id {
+        let is_new = flight.run.run_id != self.run_id;
+        if is_new {
             self.join(flight);
         }
         for (id, (interval, due)) in &mut self.streams {
@@ -108,6 +109,13 @@ impl Vehicle {
                 *due = now + interval;
                 self.messages.extend(message(*id, flight));
             }
+        }
+        if is_new {
+            let name = flight.setting("flight.trajectory");
+            self.say(
+                MavSeverity::MAV_SEVERITY_INFO,
+                &format!("ironbird flies {name}"),
+            );
         }
         let ends = flight.ending.is_some() && !self.has_ended;
         if now >= self.next_look || ends {
@@ -134,9 +142,6 @@ impl Vehicle {
             .into_iter()
             .map(|(tick, _, text)| (tick, text))
             .collect();
-        let name = flight.setting("flight.trajectory");
-        let text = format!("ironbird flies {name}");
-        self.say(MavSeverity::MAV_SEVERITY_INFO, &text);
     }
 
     /// Reports the events since the last look, the oldest first.
@@ -150,9 +155,9 @@ impl Vehicle {
         let missed = flight.run.deadlines_missed;
         if missed > self.missed && (now >= self.next_misses || ends) {
             self.next_misses = now + REPORT_EVERY;
-            let new = missed - self.missed;
+            let new = count(missed - self.missed, "missed deadline");
             self.missed = missed;
-            let text = format!("{new} missed deadlines, {missed} in all");
+            let text = format!("{new}, {missed} in all");
             self.say(MavSeverity::MAV_SEVERITY_WARNING, &text);
         }
     }
@@ -522,7 +527,7 @@ impl Vehicle {
         }
     }
 
-    /// Sends the value that stays in force, the error, and the reason.
+    /// Sends the error, the value that stays in force, and the reason.
     fn refuse_parameter(
         &mut self,
         name: mavlink::types::CharArray<16>,
@@ -532,11 +537,12 @@ impl Vehicle {
         model: &Model,
         now: Duration,
     ) {
+        // First, because a client that gets the old value first asks again.
+        self.send_parameter_error(from, name, -1, error);
         let index = index_of(name.to_str().unwrap_or_default());
         if let Some((index, flight)) = index.zip(model.flight.as_deref()) {
             self.send_parameter(index, flight);
         }
-        self.send_parameter_error(from, name, -1, error);
         self.refuse(why, now);
     }
 

@@ -122,6 +122,10 @@ fn sys_status(flight: &WatchedFlight) -> SYS_STATUS_DATA {
         errors_count1: count(flight.run.deadlines_missed),
         errors_count2: count(flight.run.ticks_skipped),
         errors_count3: count(not_fresh.ticks),
+        // The default of flags is their first one.
+        onboard_control_sensors_present_extended: MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_enabled_extended: MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_health_extended: MavSysStatusSensorExtended::empty(),
         ..SYS_STATUS_DATA::default()
     }
 }
