@@ -307,6 +307,7 @@ impl Vehicle {
             MavMessage::SET_MODE(_) => {
                 self.refuse("the only mode is the trajectory of the flight", now)
             }
+            MavMessage::FILE_TRANSFER_PROTOCOL(it) => self.refuse_file(&it.payload, from),
             MavMessage::SETUP_SIGNING(_) => {
                 self.refuse("signing is not supported: no key is taken", now)
             }
@@ -317,6 +318,27 @@ impl Vehicle {
             | MavMessage::RC_CHANNELS_OVERRIDE(_) => self.refuse(FIXED, now),
             _ => {}
         }
+    }
+
+    /// Refuses a request of MAVLink FTP: without an answer, clients wait for seconds.
+    fn refuse_file(&mut self, request: &[u8; 251], [system, component]: [u8; 2]) {
+        // Sequence number, session, operation, size, operation that is answered; then the error.
+        const REFUSED: u8 = 129;
+        const UNKNOWN_COMMAND: u8 = 7;
+        const DATA: usize = 12;
+        let mut payload = [0; 251];
+        let sequence = u16::from_le_bytes([request[0], request[1]]).wrapping_add(1);
+        payload[..2].copy_from_slice(&sequence.to_le_bytes());
+        payload[2..6].copy_from_slice(&[request[2], REFUSED, 1, request[3]]);
+        payload[DATA] = UNKNOWN_COMMAND;
+        self.messages.push(MavMessage::FILE_TRANSFER_PROTOCOL(
+            FILE_TRANSFER_PROTOCOL_DATA {
+                target_network: 0,
+                target_system: system,
+                target_component: component,
+                payload,
+            },
+        ));
     }
 
     fn command(
