@@ -73,3 +73,4 @@ except FailureError as refused:
 
 for text in texts:
     print("  ", text)
+print("done")

@@ -65,8 +65,8 @@ pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
     };
     if options.allow_control && !options.address.is_of_this_machine() {
         say(&format!(
-            "warning: {address} is not of this machine, and MAVLink has no passwords: whoever can send from there or \
-             reach it may change the flight\n"
+            "warning: {address} is not of this machine, and MAVLink has no passwords: every program that can send from \
+             there or reach it may change the flight\n"
         ));
     }
     print(&format!(

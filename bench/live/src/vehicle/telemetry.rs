@@ -291,12 +291,12 @@ fn rotor_limits(flight: &WatchedFlight) -> Option<[f64; 2]> {
     Some([limit("rotor.min_rad_s")?, limit("rotor.max_rad_s")?])
 }
 
-/// Rotor commands as pulses of 1000 us (slowest) to 2000 us (fastest).
+/// Rotor commands as for servos, from 1000 us (slowest) to 2000 us (fastest).
 fn servo_output(flight: &WatchedFlight) -> Option<SERVO_OUTPUT_RAW_DATA> {
     let speeds = flight.rotor_speeds.as_ref()?.speed_rad_s;
     let [least, most] = rotor_limits(flight)?;
-    let pulse = |speed: f64| (1000.0 + 1000.0 * (speed - least) / (most - least)).round() as u16;
-    let [servo1_raw, servo2_raw, servo3_raw, servo4_raw] = speeds.map(pulse);
+    let width_us = |speed: f64| (1000.0 + 1000.0 * (speed - least) / (most - least)).round() as u16;
+    let [servo1_raw, servo2_raw, servo3_raw, servo4_raw] = speeds.map(width_us);
     Some(SERVO_OUTPUT_RAW_DATA {
         time_usec: time_ms(flight).wrapping_mul(1000),
         servo1_raw,

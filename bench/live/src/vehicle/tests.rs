@@ -864,7 +864,7 @@ fn over_udp_only_the_station_that_is_reported_to_is_heard() {
     drop(station);
     for _ in 0..3 {
         link.send(&message);
-        link.receive(|_| panic!("nobody sends"));
+        link.receive(|_| panic!("nothing is sent"));
     }
 }
 
