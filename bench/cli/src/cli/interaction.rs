@@ -101,11 +101,12 @@ pub struct MavlinkArgs {
         long,
         value_name = "ADDR:PORT",
         default_value = "127.0.0.1:14550",
+        value_parser = values::address,
         conflicts_with = "tcp"
     )]
     pub udp: SocketAddr,
     /// Wait at this address of this machine for a ground station that connects, instead; port 0 takes a free one.
-    #[arg(long, value_name = "ADDR:PORT")]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
     pub tcp: Option<SocketAddr>,
     /// Let the ground station change parameters and inject failures.
     #[arg(long)]

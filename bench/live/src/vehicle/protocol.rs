@@ -106,7 +106,9 @@ impl Vehicle {
         }
         for (id, (interval, due)) in &mut self.streams {
             if let Some(interval) = interval.filter(|_| now >= *due) {
-                *due = now + interval;
+                // On its own grid, unless it is late by more than one.
+                let next = *due + interval;
+                *due = if next > now { next } else { now + interval };
                 self.messages.extend(message(*id, flight));
             }
         }
@@ -534,6 +536,11 @@ impl Vehicle {
             };
             return self.refuse_parameter(it.param_id, error, &why, from, model, now);
         };
+        if it.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
+            let error = MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH;
+            let why = format!("{name} is set as a REAL32");
+            return self.refuse_parameter(it.param_id, error, &why, from, model, now);
+        }
         let value = meant(it.param_value);
         let request = Request {
             what: format!("{}={value}", parameter.name()),

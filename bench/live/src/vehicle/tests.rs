@@ -494,6 +494,13 @@ fn a_parameter_is_set_if_the_plant_takes_it_and_otherwise_the_old_value_is_sent(
             (Some(expected), words.to_owned())
         );
     }
+    let whole = PARAM_SET_DATA {
+        param_type: MavParamType::MAV_PARAM_TYPE_INT32,
+        ..set("WIND_X", 1.0)
+    };
+    let refused = answers(&mut vehicle, &model, MavMessage::PARAM_SET(whole));
+    let mismatch = Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH);
+    assert_eq!(error(&refused), mismatch);
     assert!(vehicle.requests.is_empty());
 }
 
