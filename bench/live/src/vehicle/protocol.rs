@@ -29,6 +29,8 @@ const SHORTEST: Duration = Duration::from_millis(20);
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How often deadline misses, and refusals of the same kind, are reported.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
+/// Refusals of different kinds in that time.
+const REFUSALS: usize = 20;
 /// Handovers in one look, the newest ones.
 const HANDOVERS: usize = 3;
 /// Requests whose answers are pending.
@@ -208,10 +210,8 @@ impl Vehicle {
 
     /// Says why something is refused, once a second at most.
     fn refuse(&mut self, text: &str, now: Duration) {
-        let is_quiet = self.quiet_until.get(text).is_some_and(|until| now < *until);
-        if !is_quiet {
-            // A sender that makes up reasons without end does not fill the memory.
-            self.quiet_until.retain(|_, until| now < *until);
+        self.quiet_until.retain(|_, until| now < *until);
+        if !self.quiet_until.contains_key(text) && self.quiet_until.len() < REFUSALS {
             self.quiet_until.insert(text.to_owned(), now + REPORT_EVERY);
             self.say(MavSeverity::MAV_SEVERITY_WARNING, text);
         }

@@ -7,10 +7,13 @@ use std::time::{Duration, Instant};
 use flight_log::entry::LogEntry;
 use mavlink::dialects::common::*;
 use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MessageData as _};
-use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase};
-use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
+use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Subject};
+use messages::content::{
+    Decision, Measured, Reference, RotorSpeeds, Setpoint, State, TakenCommand,
+};
 use messages::header::{Header, Message, Stamps};
 use messages::parameters::{Airframe, Parameter};
+use messages::role::Channel;
 
 use super::link::{Address, Frame, Link, frames};
 use super::parameters::{FAILURES_ENABLED, NAMES};
@@ -255,7 +258,7 @@ fn a_ground_station_can_connect_as_qgroundcontrol_does() {
                 &model,
                 MavMessage::PARAM_REQUEST_READ(read.clone())
             ),
-            [message.clone()]
+            std::slice::from_ref(message)
         );
         let read = PARAM_REQUEST_READ_DATA {
             param_index: index as i16,
@@ -268,7 +271,7 @@ fn a_ground_station_can_connect_as_qgroundcontrol_does() {
                 &model,
                 MavMessage::PARAM_REQUEST_READ(read.clone())
             ),
-            [message.clone()]
+            std::slice::from_ref(message)
         );
     }
     assert_eq!(value(&list), Some(("MASS".into(), 0.52)));
@@ -731,8 +734,13 @@ fn what_is_for_others_or_for_all_changes_nothing() {
         texts(&refused),
         "the trajectory of this flight is fixed: setpoints have no effect\n"
     );
-    // A stream of them is refused once a second.
+    // A stream of them is refused once a second, and so is one of made-up names after the first few.
     assert_eq!(answers(&mut vehicle, &model, target), []);
+    let unknown = |number: u32| MavMessage::PARAM_SET(set(&format!("X{number}"), 0.0));
+    let refused: Vec<_> = (0..100)
+        .flat_map(|it| answers(&mut vehicle, &model, unknown(it)))
+        .collect();
+    assert_eq!(texts(&refused).lines().count(), 19);
 }
 
 #[test]
@@ -753,13 +761,39 @@ fn events_misses_and_the_end_are_reported_once() {
         "1.600 s: fault inner.late=1ms\n3 missed deadlines, 7 in all\n"
     );
     assert_eq!(later(&model, 3000), "");
+    let seen = flight(&mut model);
+    let killed = "inner was killed by the fault, and is started again";
+    seen.supervision.add(1650, Subject::Process, killed);
+    for (tick, channel) in [(1660, Channel::A), (1661, Channel::B)] {
+        let command = TakenCommand {
+            of_tick: tick,
+            channel: channel as u64,
+            is_offered: 1,
+            ..TakenCommand::default()
+        };
+        let decision = Decision {
+            count: 1,
+            command,
+            ..Decision::default()
+        };
+        let state = State {
+            decision,
+            ..State::default()
+        };
+        seen.take(&LogEntry::State(entry(tick, state)));
+    }
+    let handed_over = "1.661 s: channel b flies in place of channel a\n";
+    assert_eq!(
+        later(&model, 4000),
+        format!("1.650 s: {killed}\n{handed_over}")
+    );
     flight(&mut model).ending = Some(EndReason::Attitude);
-    let end = later(&model, 3010);
+    let end = later(&model, 4010);
     assert!(
         end.starts_with("the flight has ended: left the envelope: tilt beyond its limit; "),
         "{end}"
     );
-    assert_eq!(later(&model, 4000), "");
+    assert_eq!(later(&model, 5000), "");
 }
 
 #[test]
