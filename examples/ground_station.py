@@ -1,4 +1,4 @@
-"""A ground station of 60 lines with MAVSDK: it watches a flight, changes a parameter and injects failures.
+"""A ground station with MAVSDK: it watches a flight, changes a parameter and injects failures.
 
     ironbird fly --mavlink --allow-control          # in one terminal
     pip install mavsdk==4.1.0
@@ -59,7 +59,7 @@ except ParamError as refused:
 wait("the reason", lambda: [text for text in texts if "out of range" in text])
 assert abs(param.get_param_float("MASS") - 0.52) < 1e-6
 
-# Failures: every second position is a fifth of a second old, until all is well again.
+# Failures: a fifth of the positions is lost, and rotor commands are late, until all is well again.
 failure.inject(FailureUnit.SENSOR_GPS, FailureType.INTERMITTENT, 0)
 wait("the fault", lambda: [text for text in texts if "outer.state.drop=0.2" in text])
 failure.inject(FailureUnit.SENSOR_GPS, FailureType.OK, 0)

@@ -8,159 +8,47 @@ pub type Refused = (MavResult, String);
 /// What each failure of each unit is here; `{n}` is the instance. A sensor stands for the messages of the stage that uses
 /// it, the receiver for what the inner loop is commanded, the servos for what the mixer commands.
 pub const FAILURES: &[(FailureUnit, FailureType, &str)] = {
-    use FailureType::*;
-    use FailureUnit::*;
+    use FailureType::{
+        FAILURE_TYPE_DELAYED as DELAYED, FAILURE_TYPE_GARBAGE as GARBAGE,
+        FAILURE_TYPE_INTERMITTENT as INTERMITTENT, FAILURE_TYPE_OFF as OFF,
+        FAILURE_TYPE_SLOW as SLOW, FAILURE_TYPE_STUCK as STUCK, FAILURE_TYPE_WRONG as WRONG,
+    };
+    use FailureUnit::{
+        FAILURE_UNIT_SENSOR_ACCEL as ACCEL, FAILURE_UNIT_SENSOR_GPS as GPS,
+        FAILURE_UNIT_SENSOR_GYRO as GYRO, FAILURE_UNIT_SYSTEM_MOTOR as MOTOR,
+        FAILURE_UNIT_SYSTEM_RC_SIGNAL as RC_SIGNAL, FAILURE_UNIT_SYSTEM_SERVO as SERVO,
+    };
     &[
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_OFF,
-            "inner.state.drop=1",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_STUCK,
-            "inner.state.freeze",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_GARBAGE,
-            "inner.state.rate_b_rad_s.noise=0.5",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_WRONG,
-            "inner.state.rate_b_rad_s.bias=0.05",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_SLOW,
-            "inner.state.drop=4/5",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_DELAYED,
-            "inner.state.delay=5",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GYRO,
-            FAILURE_TYPE_INTERMITTENT,
-            "inner.state.drop=0.2",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_ACCEL,
-            FAILURE_TYPE_GARBAGE,
-            "state.specific_force_b_m_s2.noise=2",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_ACCEL,
-            FAILURE_TYPE_WRONG,
-            "state.specific_force_b_m_s2.bias=0.5",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_OFF,
-            "outer.state.drop=1",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_STUCK,
-            "outer.state.freeze",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_GARBAGE,
-            "outer.state.position_w_m.noise=0.5",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_WRONG,
-            "outer.state.position_w_m.bias=0.2",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_SLOW,
-            "outer.state.drop=9/10",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_DELAYED,
-            "outer.state.lag=20",
-        ),
-        (
-            FAILURE_UNIT_SENSOR_GPS,
-            FAILURE_TYPE_INTERMITTENT,
-            "outer.state.drop=0.2",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_MOTOR,
-            FAILURE_TYPE_OFF,
-            "rotor_efficiency_{n}=0",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_MOTOR,
-            FAILURE_TYPE_WRONG,
-            "rotor_efficiency_{n}=0.7",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_OFF,
-            "rotor_speeds.drop=1",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_STUCK,
-            "rotor_speeds.freeze",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_GARBAGE,
-            "rotor_speeds.speed_rad_s.noise=20",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_WRONG,
-            "rotor_speeds.speed_rad_s.bias=-20",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_SLOW,
-            "rotor_speeds.drop=4/5",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_DELAYED,
-            "rotor_speeds.delay=5",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_SERVO,
-            FAILURE_TYPE_INTERMITTENT,
-            "rotor_speeds.drop=0.2",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_RC_SIGNAL,
-            FAILURE_TYPE_OFF,
-            "setpoint.drop=1",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_RC_SIGNAL,
-            FAILURE_TYPE_STUCK,
-            "setpoint.freeze",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_RC_SIGNAL,
-            FAILURE_TYPE_SLOW,
-            "setpoint.drop=4/5",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_RC_SIGNAL,
-            FAILURE_TYPE_DELAYED,
-            "setpoint.delay=5",
-        ),
-        (
-            FAILURE_UNIT_SYSTEM_RC_SIGNAL,
-            FAILURE_TYPE_INTERMITTENT,
-            "setpoint.drop=0.2",
-        ),
+        (GYRO, OFF, "inner.state.drop=1"),
+        (GYRO, STUCK, "inner.state.freeze"),
+        (GYRO, GARBAGE, "inner.state.rate_b_rad_s.noise=0.5"),
+        (GYRO, WRONG, "inner.state.rate_b_rad_s.bias=0.05"),
+        (GYRO, SLOW, "inner.state.drop=4/5"),
+        (GYRO, DELAYED, "inner.state.lag=5"),
+        (GYRO, INTERMITTENT, "inner.state.drop=0.2"),
+        (ACCEL, GARBAGE, "state.specific_force_b_m_s2.noise=2"),
+        (ACCEL, WRONG, "state.specific_force_b_m_s2.bias=0.5"),
+        (GPS, OFF, "outer.state.drop=1"),
+        (GPS, STUCK, "outer.state.freeze"),
+        (GPS, GARBAGE, "outer.state.position_w_m.noise=0.5"),
+        (GPS, WRONG, "outer.state.position_w_m.bias=0.2"),
+        (GPS, SLOW, "outer.state.drop=9/10"),
+        (GPS, DELAYED, "outer.state.lag=20"),
+        (GPS, INTERMITTENT, "outer.state.drop=0.2"),
+        (MOTOR, OFF, "rotor_efficiency_{n}=0"),
+        (MOTOR, WRONG, "rotor_efficiency_{n}=0.7"),
+        (SERVO, OFF, "rotor_speeds.drop=1"),
+        (SERVO, STUCK, "rotor_speeds.freeze"),
+        (SERVO, GARBAGE, "rotor_speeds.speed_rad_s.noise=20"),
+        (SERVO, WRONG, "rotor_speeds.speed_rad_s.bias=-20"),
+        (SERVO, SLOW, "rotor_speeds.drop=4/5"),
+        (SERVO, DELAYED, "rotor_speeds.delay=5"),
+        (SERVO, INTERMITTENT, "rotor_speeds.drop=0.2"),
+        (RC_SIGNAL, OFF, "setpoint.drop=1"),
+        (RC_SIGNAL, STUCK, "setpoint.freeze"),
+        (RC_SIGNAL, SLOW, "setpoint.drop=4/5"),
+        (RC_SIGNAL, DELAYED, "setpoint.lag=20"),
+        (RC_SIGNAL, INTERMITTENT, "setpoint.drop=0.2"),
     ]
 };
 

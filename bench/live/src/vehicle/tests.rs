@@ -4,17 +4,24 @@ use std::io::Read as _;
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
 
+use MavCmd::*;
+use MavParamError::*;
+use MavResult::{
+    MAV_RESULT_ACCEPTED as ACCEPTED, MAV_RESULT_DENIED as DENIED,
+    MAV_RESULT_TEMPORARILY_REJECTED as REJECTED, MAV_RESULT_UNSUPPORTED as UNSUPPORTED,
+};
 use flight_log::entry::LogEntry;
 use mavlink::dialects::common::*;
-use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MessageData as _};
-use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Subject};
-use messages::content::{
-    Decision, Measured, Reference, RotorSpeeds, Setpoint, State, TakenCommand,
+use mavlink::{
+    MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, Message as _, MessageData as _,
 };
+use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Subject};
+use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State, TakenCommand};
 use messages::header::{Header, Message, Stamps};
-use messages::parameters::{Airframe, Parameter};
+use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::Channel;
 
+use super::failures::FAILURES;
 use super::link::{Address, Frame, Link, frames};
 use super::parameters::{FAILURES_ENABLED, NAMES};
 use super::protocol::{Request, Vehicle};
@@ -107,18 +114,101 @@ fn flight(model: &mut Model) -> &mut WatchedFlight {
     model.flight.as_mut().unwrap()
 }
 
-/// A vehicle that has joined the flight, and its messages so far.
-fn joined(allows_control: bool, model: &Model) -> (Vehicle, Vec<MavMessage>) {
-    let mut vehicle = Vehicle::new(allows_control);
-    vehicle.update(model, NOW);
-    let messages = std::mem::take(&mut vehicle.messages);
-    (vehicle, messages)
+#[test]
+fn the_page_of_ground_stations_has_every_parameter_and_failure() {
+    let page = include_str!("../../../../docs/ground-station.md");
+    let names = NAMES.iter().zip(&SPECS);
+    let names = names.map(|(name, spec)| format!("| {name} | `{}` |", spec.name));
+    let failures = FAILURES.iter().map(|(unit, kind, what)| {
+        let (unit, kind) = (format!("{unit:?}"), format!("{kind:?}"));
+        let unit = unit.trim_start_matches("FAILURE_UNIT_");
+        let kind = kind.trim_start_matches("FAILURE_TYPE_");
+        format!("| {unit} | {kind} | `{}` |", what.replace("{n}", "N"))
+    });
+    for row in names.chain(failures) {
+        assert!(page.contains(&row), "docs/ground-station.md lacks {row}");
+    }
 }
 
-/// What the vehicle answers to a message.
-fn answers(vehicle: &mut Vehicle, model: &Model, message: MavMessage) -> Vec<MavMessage> {
-    vehicle.receive(&STATION, &message, model, NOW);
-    std::mem::take(&mut vehicle.messages)
+/// A vehicle that has joined the flight of a model, and the station's side of it.
+struct Joined {
+    vehicle: Vehicle,
+    model: Model,
+    /// What the vehicle has sent when it joined.
+    first: Vec<MavMessage>,
+}
+
+impl Joined {
+    fn new(allows_control: bool) -> Self {
+        Self::to(model(), allows_control)
+    }
+
+    fn to(model: Model, allows_control: bool) -> Self {
+        let mut vehicle = Vehicle::new(allows_control);
+        vehicle.update(&model, NOW);
+        let first = std::mem::take(&mut vehicle.messages);
+        Self {
+            vehicle,
+            model,
+            first,
+        }
+    }
+
+    /// What the vehicle answers to a message.
+    fn send(&mut self, message: &MavMessage) -> Vec<MavMessage> {
+        self.vehicle.receive(&STATION, message, &self.model, NOW);
+        std::mem::take(&mut self.vehicle.messages)
+    }
+
+    /// The result of a command, the texts beside it, and the message that was requested.
+    fn command(
+        &mut self,
+        name: MavCmd,
+        parameters: [f32; 3],
+    ) -> (MavResult, String, Option<MavMessage>) {
+        let mut answers = self.send(&command(name, parameters));
+        let (acked, text) = (result(&answers), texts(&answers));
+        (acked.unwrap(), text, answers.pop())
+    }
+
+    fn request(&mut self, id: u32, of: u32) -> Option<MavMessage> {
+        let parameters = [id as f32, of as f32, 0.0];
+        let (result, text, message) = self.command(MAV_CMD_REQUEST_MESSAGE, parameters);
+        assert_eq!(
+            (result == ACCEPTED, text),
+            (message.as_ref().unwrap().message_id() == id, String::new())
+        );
+        message.filter(|_| result == ACCEPTED)
+    }
+
+    fn set(&mut self, name: &str, value: f32) -> Vec<MavMessage> {
+        self.send(&MavMessage::PARAM_SET(set(name, value)))
+    }
+
+    fn read(&mut self, param_index: i16, name: &str) -> Vec<MavMessage> {
+        self.send(&MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
+            param_index,
+            target_system: 1,
+            target_component: 1,
+            param_id: name.into(),
+        }))
+    }
+
+    /// Lets the plant answer the only request; gives what was requested, and what the vehicle sends then.
+    fn answered(&mut self, answer: Result<&str, &str>) -> (String, Vec<MavMessage>) {
+        let request = self.vehicle.requests.pop().unwrap();
+        assert!(self.vehicle.requests.is_empty());
+        let answer = answer.map(str::to_owned).map_err(str::to_owned);
+        self.vehicle.answered(&request, &answer, &self.model, NOW);
+        (request.what, std::mem::take(&mut self.vehicle.messages))
+    }
+
+    /// The texts that the vehicle sends so much later.
+    fn later(&mut self, ms: u64) -> String {
+        let now = NOW + Duration::from_millis(ms);
+        self.vehicle.update(&self.model, now);
+        texts(&std::mem::take(&mut self.vehicle.messages))
+    }
 }
 
 fn command(command: MavCmd, [param1, param2, param3]: [f32; 3]) -> MavMessage {
@@ -143,688 +233,450 @@ fn set(name: &str, param_value: f32) -> PARAM_SET_DATA {
     }
 }
 
-/// The result of the command that was acknowledged, and the texts beside it.
-fn result(messages: &[MavMessage]) -> (Option<MavResult>, String) {
-    let ack = messages.iter().find_map(|it| match it {
-        MavMessage::COMMAND_ACK(ack) => Some(ack),
+/// A message without content for the vehicle.
+fn to_the_vehicle(id: u32) -> MavMessage {
+    let mut message = MavMessage::default_message_from_id(id).unwrap();
+    *message.target_system_id_mut().unwrap() = 1;
+    message
+}
+
+/// The result of the command that was acknowledged.
+fn result(messages: &[MavMessage]) -> Option<MavResult> {
+    messages.iter().find_map(|it| match it {
+        MavMessage::COMMAND_ACK(ack) => {
+            assert_eq!([ack.target_system, ack.target_component], [255, 190]);
+            Some(ack.result)
+        }
         _ => None,
-    });
-    if let Some(ack) = ack {
-        assert_eq!([ack.target_system, ack.target_component], [255, 190]);
-    }
-    (ack.map(|ack| ack.result), texts(messages))
+    })
 }
 
 /// The texts, put together again.
 fn texts(messages: &[MavMessage]) -> String {
     let mut text = String::new();
     for message in messages {
-        if let MavMessage::STATUSTEXT(part) = message {
-            text += part.text.to_str().unwrap();
-            text += if part.id == 0 || part.text.to_str().unwrap().len() < 50 {
-                "\n"
-            } else {
-                ""
-            };
+        if let MavMessage::STATUSTEXT(it) = message {
+            let part = it.text.to_str().unwrap();
+            let is_last = it.id == 0 || part.len() < 50;
+            text += part;
+            text += if is_last { "\n" } else { "" };
         }
     }
     text
 }
 
-fn value(messages: &[MavMessage]) -> Option<(String, f32)> {
-    messages.iter().find_map(|it| match it {
-        MavMessage::PARAM_VALUE(it) => {
-            Some((it.param_id.to_str().unwrap().to_owned(), it.param_value))
-        }
-        _ => None,
-    })
-}
-
-fn error(messages: &[MavMessage]) -> Option<MavParamError> {
-    messages.iter().find_map(|it| match it {
+/// The error of a parameter and its value.
+fn refused(messages: &[MavMessage]) -> (Option<MavParamError>, Option<f32>) {
+    let error = messages.iter().find_map(|it| match it {
         MavMessage::PARAM_ERROR(it) => Some(it.error),
         _ => None,
-    })
+    });
+    let value = messages.iter().find_map(|it| match it {
+        MavMessage::PARAM_VALUE(it) => Some(it.param_value),
+        _ => None,
+    });
+    (error, value)
 }
 
 #[test]
 fn a_ground_station_can_connect_as_qgroundcontrol_does() {
-    let mut model = Model::new("left", false, false);
-    let (mut vehicle, none) = joined(false, &model);
-    assert!(none.is_empty(), "a vehicle without a flight: {none:?}");
-    model = self::model();
-    vehicle.update(&model, NOW);
-    let first = vehicle.messages.first().cloned();
-    let Some(MavMessage::HEARTBEAT(heartbeat)) = first.or(None) else {
-        panic!("{:?}", vehicle.messages);
+    let empty = Model::new("left", false, false);
+    let mut joined = Joined::to(empty, false);
+    assert_eq!(joined.first, [], "a vehicle without a flight");
+    joined = Joined::new(false);
+    let MavMessage::HEARTBEAT(heartbeat) = &joined.first[0] else {
+        panic!("{:?}", joined.first);
     };
+    let armed = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
     assert_eq!(heartbeat.mavtype, MavType::MAV_TYPE_QUADROTOR);
     assert_eq!(heartbeat.autopilot, MavAutopilot::MAV_AUTOPILOT_GENERIC);
-    assert!(
-        heartbeat
-            .base_mode
-            .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
-    );
-    vehicle.messages.clear();
+    assert!(heartbeat.base_mode.contains(armed));
 
-    let mut request = |id: u32| {
-        answers(
-            &mut vehicle,
-            &model,
-            command(MavCmd::MAV_CMD_REQUEST_MESSAGE, [id as f32, 0.0, 0.0]),
-        )
-    };
-    let version = request(AUTOPILOT_VERSION_DATA::ID);
-    assert_eq!(result(&version).0, Some(MavResult::MAV_RESULT_ACCEPTED));
-    let Some(MavMessage::AUTOPILOT_VERSION(version)) = version.get(1) else {
+    let version = joined.request(AUTOPILOT_VERSION_DATA::ID, 0);
+    let Some(MavMessage::AUTOPILOT_VERSION(version)) = version else {
         panic!("{version:?}");
     };
-    let plan = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
-        | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_RALLY;
-    assert!(!version.capabilities.intersects(plan));
-    let metadata = request(COMPONENT_METADATA_DATA::ID);
+    let fence = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_FENCE;
+    let rally = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_RALLY;
+    assert!(!version.capabilities.intersects(fence | rally));
+    let modes = joined.request(AVAILABLE_MODES_DATA::ID, 1);
+    let Some(MavMessage::AVAILABLE_MODES(modes)) = modes else {
+        panic!("{modes:?}");
+    };
+    assert_eq!(modes.mode_name.to_str(), Ok("lissajous"));
+    let metadata = [COMPONENT_METADATA_DATA::ID as f32, 0.0, 0.0];
     assert_eq!(
-        result(&metadata),
-        (Some(MavResult::MAV_RESULT_UNSUPPORTED), String::new())
-    );
-    let modes = request(AVAILABLE_MODES_DATA::ID);
-    assert!(
-        matches!(&modes[1], MavMessage::AVAILABLE_MODES(it) if it.mode_name.to_str() == Ok("lissajous"))
+        joined.command(MAV_CMD_REQUEST_MESSAGE, metadata).0,
+        UNSUPPORTED
     );
 
-    let list = MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA {
+    let list = PARAM_REQUEST_LIST_DATA {
         target_system: 1,
         target_component: 0,
-    });
-    let list = answers(&mut vehicle, &model, list);
+    };
+    let list = joined.send(&MavMessage::PARAM_REQUEST_LIST(list));
     assert_eq!(list.len(), NAMES.len() + 1);
     for (index, message) in list.iter().enumerate() {
         let MavMessage::PARAM_VALUE(it) = message else {
             panic!("{message:?}");
         };
-        assert_eq!(
-            (usize::from(it.param_index), usize::from(it.param_count)),
-            (index, list.len())
-        );
-        let read = PARAM_REQUEST_READ_DATA {
-            param_index: -1,
-            target_system: 1,
-            param_id: it.param_id,
-            ..PARAM_REQUEST_READ_DATA::default()
-        };
-        assert_eq!(
-            answers(
-                &mut vehicle,
-                &model,
-                MavMessage::PARAM_REQUEST_READ(read.clone())
-            ),
-            std::slice::from_ref(message)
-        );
-        let read = PARAM_REQUEST_READ_DATA {
-            param_index: index as i16,
-            param_id: "".into(),
-            ..read
-        };
-        assert_eq!(
-            answers(
-                &mut vehicle,
-                &model,
-                MavMessage::PARAM_REQUEST_READ(read.clone())
-            ),
-            std::slice::from_ref(message)
-        );
+        assert_eq!([it.param_index, it.param_count], [index as u16, 33]);
+        let (index, name) = (index as i16, it.param_id.to_str().unwrap());
+        assert_eq!(joined.read(-1, name), std::slice::from_ref(message));
+        assert_eq!(joined.read(index, ""), std::slice::from_ref(message));
     }
-    assert_eq!(value(&list), Some(("MASS".into(), 0.52)));
-    assert_eq!(value(&list[32..]), Some((FAILURES_ENABLED.into(), 0.0)));
-    let read = PARAM_REQUEST_READ_DATA {
-        param_index: 33,
-        target_system: 1,
-        ..PARAM_REQUEST_READ_DATA::default()
-    };
-    let unknown = answers(&mut vehicle, &model, MavMessage::PARAM_REQUEST_READ(read));
+    assert_eq!(refused(&joined.read(-1, "MASS")), (None, Some(0.52)));
     assert_eq!(
-        error(&unknown),
-        Some(MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST)
+        refused(&joined.read(-1, FAILURES_ENABLED)),
+        (None, Some(0.0))
     );
+    let unknown = (Some(MAV_PARAM_ERROR_DOES_NOT_EXIST), None);
+    assert_eq!(refused(&joined.read(33, "")), unknown);
 
-    for mission_type in [
-        MavMissionType::MAV_MISSION_TYPE_MISSION,
-        MavMissionType::MAV_MISSION_TYPE_FENCE,
-    ] {
-        let request = MISSION_REQUEST_LIST_DATA {
-            target_system: 1,
-            target_component: 1,
-            mission_type,
-        };
-        let count = answers(
-            &mut vehicle,
-            &model,
-            MavMessage::MISSION_REQUEST_LIST(request),
-        );
-        assert!(
-            matches!(&count[..], [MavMessage::MISSION_COUNT(it)] if it.count == 0 && it.mission_type == mission_type)
-        );
-    }
+    let mission_type = MavMissionType::MAV_MISSION_TYPE_RALLY;
+    let list = MISSION_REQUEST_LIST_DATA {
+        target_system: 1,
+        target_component: 1,
+        mission_type,
+    };
+    let count = joined.send(&MavMessage::MISSION_REQUEST_LIST(list));
+    let [MavMessage::MISSION_COUNT(count)] = &count[..] else {
+        panic!("{count:?}");
+    };
+    assert_eq!((count.count, count.mission_type), (0, mission_type));
 }
 
 #[test]
 fn telemetry_is_in_the_frames_of_mavlink_and_as_often_as_requested() {
-    let model = model();
-    let (mut vehicle, messages) = joined(false, &model);
+    let mut joined = Joined::new(false);
     for (id, _) in STREAMS {
-        use mavlink::Message as _;
-        assert!(messages.iter().any(|it| it.message_id() == id), "{id}");
+        assert!(joined.first.iter().any(|it| it.message_id() == id), "{id}");
     }
-    for message in &messages {
-        match message {
+    for message in &joined.first {
+        let (numbers, expected): (Vec<f32>, &[f32]) = match message {
             MavMessage::LOCAL_POSITION_NED(it) => {
                 assert_eq!(it.time_boot_ms, 1500);
-                assert_eq!(
-                    [it.x, it.y, it.z, it.vx, it.vy, it.vz],
-                    [3.0, -1.0, -2.0, 0.5, -0.25, 0.125]
-                );
+                let numbers = vec![it.x, it.y, it.z, it.vx, it.vy, it.vz];
+                (numbers, &[3.0, -1.0, -2.0, 0.5, -0.25, 0.125])
             }
             MavMessage::POSITION_TARGET_LOCAL_NED(it) => {
-                assert_eq!([it.x, it.y, it.z, it.yaw], [3.0, -1.5, -2.0, -1.5])
+                (vec![it.x, it.y, it.z, it.yaw], &[3.0, -1.5, -2.0, -1.5])
             }
             MavMessage::ATTITUDE(it) => {
-                assert_eq!([it.roll, it.pitch, it.yaw], [0.1, -0.2, -1.5]);
-                assert_eq!(
-                    [it.rollspeed, it.pitchspeed, it.yawspeed],
-                    [0.01, -0.02, -0.03]
-                );
+                let rates = [it.rollspeed, it.pitchspeed, it.yawspeed];
+                assert_eq!(rates, [0.01, -0.02, -0.03]);
+                (vec![it.roll, it.pitch, it.yaw], &[0.1, -0.2, -1.5])
             }
-            MavMessage::GLOBAL_POSITION_INT(it) => assert_eq!(
-                [it.alt, it.relative_alt, it.hdg.into()],
-                [490_000, 2000, 27_406]
-            ),
+            MavMessage::GLOBAL_POSITION_INT(it) => {
+                let numbers = vec![it.alt as f32, it.relative_alt as f32, it.hdg.into()];
+                (numbers, &[490_000.0, 2000.0, 27_406.0])
+            }
             MavMessage::VFR_HUD(it) => {
-                assert_eq!((it.throttle, it.heading, it.climb), (25, 274, -0.125))
+                let numbers = vec![it.throttle.into(), it.heading.into(), it.climb];
+                (numbers, &[25.0, 274.0, -0.125])
             }
-            MavMessage::SERVO_OUTPUT_RAW(it) => assert_eq!(
-                [it.servo1_raw, it.servo2_raw, it.servo3_raw],
-                [1000, 1500, 2000]
-            ),
-            MavMessage::SYS_STATUS(it) => assert_eq!(it.errors_count1, 4),
-            _ => {}
-        }
+            MavMessage::SERVO_OUTPUT_RAW(it) => {
+                let servos = [it.servo1_raw, it.servo2_raw, it.servo3_raw];
+                (servos.map(f32::from).to_vec(), &[1000.0, 1500.0, 2000.0])
+            }
+            MavMessage::SYS_STATUS(it) => (vec![it.errors_count1.into()], &[4.0]),
+            _ => continue,
+        };
+        assert_eq!(numbers, expected, "{message:?}");
     }
-    let mut interval = |id: u32, us: f32| {
-        answers(
-            &mut vehicle,
-            &model,
-            command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [id as f32, us, 0.0]),
-        )
-    };
-    use MavResult::*;
+    let range = "allowed are -1, 0 and 20000 to 3600000000";
+    let [attitude, hud] = [ATTITUDE_DATA::ID, VFR_HUD_DATA::ID];
+    let [heartbeat, estimator] = [HEARTBEAT_DATA::ID, ESTIMATOR_STATUS_DATA::ID];
     for (id, us, expected, words) in [
-        (ATTITUDE_DATA::ID, -1.0, MAV_RESULT_ACCEPTED, ""),
-        (VFR_HUD_DATA::ID, 20_000.0, MAV_RESULT_ACCEPTED, ""),
+        (attitude, -1.0, ACCEPTED, ""),
+        (hud, 20_000.0, ACCEPTED, ""),
+        (hud, 100.0, DENIED, &format!("interval 100 us: {range}\n")),
         (
-            VFR_HUD_DATA::ID,
-            100.0,
-            MAV_RESULT_DENIED,
-            "interval 100 us: allowed are -1, 0 and 20000 to 3600000000\n",
-        ),
-        (
-            VFR_HUD_DATA::ID,
+            hud,
             f32::NAN,
-            MAV_RESULT_DENIED,
-            "interval NaN us: allowed are -1, 0 and 20000 to 3600000000\n",
+            DENIED,
+            &format!("interval NaN us: {range}\n"),
         ),
+        (heartbeat, -1.0, DENIED, "heartbeats stay at 1 Hz\n"),
         (
-            HEARTBEAT_DATA::ID,
-            -1.0,
-            MAV_RESULT_DENIED,
-            "heartbeats stay at 1 Hz\n",
-        ),
-        (
-            ESTIMATOR_STATUS_DATA::ID,
+            estimator,
             0.0,
-            MAV_RESULT_DENIED,
+            DENIED,
             "message 230 is not sent by itself\n",
         ),
     ] {
-        assert_eq!(
-            result(&interval(id, us)),
-            (Some(expected), words.to_owned()),
-            "{id} {us}"
-        );
+        let (result, text, _) = joined.command(MAV_CMD_SET_MESSAGE_INTERVAL, [id as f32, us, 0.0]);
+        assert_eq!((result, text.as_str()), (expected, words), "{id} {us}");
     }
     let mut count = [0; 2];
     for ms in 0..1000 {
-        vehicle.update(&model, NOW + Duration::from_millis(ms));
-        for message in vehicle.messages.drain(..) {
-            count[0] += u32::from(matches!(message, MavMessage::ATTITUDE(_)));
-            count[1] += u32::from(matches!(message, MavMessage::VFR_HUD(_)));
+        let now = NOW + Duration::from_millis(ms);
+        joined.vehicle.update(&joined.model, now);
+        for message in joined.vehicle.messages.drain(..) {
+            count[0] += u32::from(message.message_id() == attitude);
+            count[1] += u32::from(message.message_id() == hud);
         }
     }
     assert_eq!(count, [0, 50]);
-    let of = |id: u32| {
-        command(
-            MavCmd::MAV_CMD_REQUEST_MESSAGE,
-            [MESSAGE_INTERVAL_DATA::ID as f32, id as f32, 0.0],
-        )
-    };
-    for (id, interval_us) in [
-        (ATTITUDE_DATA::ID, -1),
-        (VFR_HUD_DATA::ID, 20_000),
-        (ESTIMATOR_STATUS_DATA::ID, 0),
-    ] {
-        let answer = answers(&mut vehicle, &model, of(id));
-        assert!(
-            matches!(&answer[1], MavMessage::MESSAGE_INTERVAL(it) if it.interval_us == interval_us),
-            "{answer:?}"
-        );
+    for (id, expected) in [(attitude, -1), (hud, 20_000), (estimator, 0)] {
+        let interval = joined.request(MESSAGE_INTERVAL_DATA::ID, id);
+        let Some(MavMessage::MESSAGE_INTERVAL(interval)) = interval else {
+            panic!("{interval:?}");
+        };
+        assert_eq!(interval.interval_us, expected, "{id}");
     }
 }
 
+const READ_ONLY: &str = "this bridge only observes: start it with --allow-control\n";
+
 #[test]
 fn a_parameter_is_set_if_the_plant_takes_it_and_otherwise_the_old_value_is_sent() {
-    let model = model();
-    let (mut vehicle, _) = joined(false, &model);
-    let refused = answers(
-        &mut vehicle,
-        &model,
-        MavMessage::PARAM_SET(set("MASS", 0.6)),
-    );
-    assert_eq!(value(&refused), Some(("MASS".into(), 0.52)));
+    let mut joined = Joined::new(false);
+    let answer = joined.set("MASS", 0.6);
+    let denied = (Some(MAV_PARAM_ERROR_PERMISSION_DENIED), Some(0.52));
     assert_eq!(
-        error(&refused),
-        Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED)
+        (refused(&answer), texts(&answer)),
+        (denied, READ_ONLY.into())
     );
-    assert_eq!(
-        texts(&refused),
-        "this bridge only observes: start it with --allow-control\n"
-    );
-    assert!(vehicle.requests.is_empty());
+    assert!(joined.vehicle.requests.is_empty());
 
-    let (mut vehicle, _) = joined(true, &model);
+    joined = Joined::new(true);
     // The plant's answer is the acknowledgement, and a repetition before it asks nothing again.
-    for _ in 0..2 {
-        assert_eq!(
-            answers(
-                &mut vehicle,
-                &model,
-                MavMessage::PARAM_SET(set("ROT_DRAG", 0.315))
-            ),
-            []
-        );
-    }
-    let [request] = &std::mem::take(&mut vehicle.requests)[..] else {
-        panic!("not one request");
-    };
-    assert_eq!(request.what, "rotational_drag_nm_s=0.315");
-    vehicle.answered(request, &Ok("applied".into()), &model, NOW);
-    assert_eq!(value(&vehicle.messages), Some(("ROT_DRAG".into(), 0.315)));
-    vehicle.messages.clear();
+    assert_eq!(joined.set("ROT_DRAG", 0.315), []);
+    assert_eq!(joined.set("ROT_DRAG", 0.315), []);
+    let (what, answer) = joined.answered(Ok("applied"));
+    assert_eq!(what, "rotational_drag_nm_s=0.315");
+    assert_eq!(refused(&answer), (None, Some(0.315)));
 
-    answers(
-        &mut vehicle,
-        &model,
-        MavMessage::PARAM_SET(set("MASS", 99.0)),
-    );
-    let request = vehicle.requests.remove(0);
-    vehicle.answered(
-        &request,
-        &Err("mass_kg = 99 is out of range".into()),
-        &model,
-        NOW,
-    );
-    let refused = std::mem::take(&mut vehicle.messages);
-    assert_eq!(value(&refused), Some(("MASS".into(), 0.52)));
-    assert_eq!(
-        error(&refused),
-        Some(MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
-    );
-    assert_eq!(texts(&refused), "mass_kg = 99 is out of range\n");
+    joined.set("MASS", 99.0);
+    let (_, answer) = joined.answered(Err("mass_kg = 99 is out of range"));
+    let out_of_range = (Some(MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE), Some(0.52));
+    assert_eq!(refused(&answer), out_of_range);
+    assert_eq!(texts(&answer), "mass_kg = 99 is out of range\n");
 
-    for (name, expected, words) in [
-        (
-            "NOTHING",
-            MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST,
-            "there is no parameter `NOTHING`\n",
-        ),
-        (
-            FAILURES_ENABLED,
-            MavParamError::MAV_PARAM_ERROR_READ_ONLY,
-            "SYS_FAILURE_EN says whether --allow-control was given\n",
-        ),
-    ] {
-        let refused = answers(&mut vehicle, &model, MavMessage::PARAM_SET(set(name, 1.0)));
-        assert_eq!(
-            (error(&refused), texts(&refused)),
-            (Some(expected), words.to_owned())
-        );
-    }
+    let int = MavParamType::MAV_PARAM_TYPE_INT32;
     let whole = PARAM_SET_DATA {
-        param_type: MavParamType::MAV_PARAM_TYPE_INT32,
+        param_type: int,
         ..set("WIND_X", 1.0)
     };
-    let refused = answers(&mut vehicle, &model, MavMessage::PARAM_SET(whole));
-    let mismatch = Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH);
-    assert_eq!(error(&refused), mismatch);
-    assert!(vehicle.requests.is_empty());
+    let unknown = set("NOTHING", 1.0);
+    let fixed = set(FAILURES_ENABLED, 1.0);
+    for (it, error, words) in [
+        (
+            whole,
+            MAV_PARAM_ERROR_TYPE_MISMATCH,
+            "WIND_X is set as a REAL32",
+        ),
+        (
+            unknown,
+            MAV_PARAM_ERROR_DOES_NOT_EXIST,
+            "there is no parameter `NOTHING`",
+        ),
+        (
+            fixed,
+            MAV_PARAM_ERROR_READ_ONLY,
+            "SYS_FAILURE_EN says whether --allow-control was given",
+        ),
+    ] {
+        let answer = joined.send(&MavMessage::PARAM_SET(it));
+        assert_eq!(refused(&answer).0, Some(error));
+        assert_eq!(texts(&answer).trim_end(), words);
+    }
+    assert!(joined.vehicle.requests.is_empty());
 }
 
 #[test]
 fn commands_get_the_result_that_they_deserve() {
-    use MavCmd::*;
-    use MavResult::*;
-    let mut model = model();
     let fixed =
         "the trajectory of this flight is fixed: `ironbird fly --trajectory` says what flies\n";
     let ends = "a flight ends after its duration, or by Ctrl-C where `ironbird fly` runs\n";
-    let read_only = "this bridge only observes: start it with --allow-control\n";
-    let no_flight = "no flight is running; start one: ironbird fly\n";
-    let failure = [4.0, 7.0, 0.0];
-    for (allows_control, name, parameters, expected, words) in [
-        (
-            false,
-            MAV_CMD_COMPONENT_ARM_DISARM,
-            [1.0, 0.0, 0.0],
-            MAV_RESULT_ACCEPTED,
-            "",
-        ),
-        (
-            true,
-            MAV_CMD_COMPONENT_ARM_DISARM,
-            [0.0; 3],
-            MAV_RESULT_DENIED,
-            ends,
-        ),
-        (
-            true,
-            MAV_CMD_DO_FLIGHTTERMINATION,
-            [1.0, 0.0, 0.0],
-            MAV_RESULT_DENIED,
-            ends,
-        ),
-        (
-            true,
-            MAV_CMD_NAV_TAKEOFF,
-            [0.0; 3],
-            MAV_RESULT_DENIED,
-            fixed,
-        ),
-        (true, MAV_CMD_NAV_LAND, [0.0; 3], MAV_RESULT_DENIED, fixed),
-        (
-            true,
-            MAV_CMD_DO_REPOSITION,
-            [0.0; 3],
-            MAV_RESULT_DENIED,
-            fixed,
-        ),
-        (
-            true,
-            MAV_CMD_DO_SET_MODE,
-            [0.0; 3],
-            MAV_RESULT_DENIED,
-            fixed,
-        ),
+    let calibration = "MAV_CMD_PREFLIGHT_CALIBRATION is not supported\n";
+    let (none, first, failure) = ([0.0; 3], [1.0, 0.0, 0.0], [4.0, 7.0, 0.0]);
+    for (may, name, parameters, expected, words) in [
+        (false, MAV_CMD_COMPONENT_ARM_DISARM, first, ACCEPTED, ""),
+        (true, MAV_CMD_COMPONENT_ARM_DISARM, none, DENIED, ends),
+        (true, MAV_CMD_DO_FLIGHTTERMINATION, first, DENIED, ends),
+        (true, MAV_CMD_NAV_TAKEOFF, none, DENIED, fixed),
+        (true, MAV_CMD_NAV_LAND, none, DENIED, fixed),
+        (true, MAV_CMD_DO_REPOSITION, none, DENIED, fixed),
+        (true, MAV_CMD_DO_SET_MODE, none, DENIED, fixed),
         (
             true,
             MAV_CMD_PREFLIGHT_CALIBRATION,
-            [0.0; 3],
-            MAV_RESULT_UNSUPPORTED,
-            "MAV_CMD_PREFLIGHT_CALIBRATION is not supported\n",
+            none,
+            UNSUPPORTED,
+            calibration,
         ),
-        (
-            false,
-            MAV_CMD_INJECT_FAILURE,
-            failure,
-            MAV_RESULT_DENIED,
-            read_only,
-        ),
+        (false, MAV_CMD_INJECT_FAILURE, failure, DENIED, READ_ONLY),
         (
             false,
             MAV_CMD_INJECT_FAILURE,
             [4.0, 0.0, 0.0],
-            MAV_RESULT_DENIED,
-            read_only,
+            DENIED,
+            READ_ONLY,
         ),
         (
             true,
             MAV_CMD_INJECT_FAILURE,
             [7.0, 1.0, 0.0],
-            MAV_RESULT_UNSUPPORTED,
+            UNSUPPORTED,
             "unit 7 cannot fail here\n",
         ),
     ] {
-        let (mut vehicle, _) = joined(allows_control, &model);
-        let answered = answers(&mut vehicle, &model, command(name, parameters));
-        assert_eq!(
-            result(&answered),
-            (Some(expected), words.to_owned()),
-            "{name:?}"
-        );
-        assert!(vehicle.requests.is_empty());
-        let MavMessage::COMMAND_LONG(long) = command(name, parameters) else {
-            unreachable!();
-        };
+        let mut joined = Joined::new(may);
+        let (result, text, _) = joined.command(name, parameters);
+        assert_eq!((result, text.as_str()), (expected, words), "{name:?}");
+        let [param1, param2, param3] = parameters;
         let int = MavMessage::COMMAND_INT(COMMAND_INT_DATA {
             command: name,
-            param1: long.param1,
-            param2: long.param2,
-            param3: long.param3,
+            param1,
+            param2,
+            param3,
             target_system: 1,
-            target_component: 1,
             ..COMMAND_INT_DATA::default()
         });
-        assert_eq!(
-            result(&answers(&mut vehicle, &model, int)).0,
-            Some(expected),
-            "{name:?}"
-        );
+        assert_eq!(self::result(&joined.send(&int)), Some(expected), "{name:?}");
+        assert!(joined.vehicle.requests.is_empty());
     }
-    flight(&mut model).ending = Some(EndReason::Completed);
-    let (mut vehicle, _) = joined(true, &model);
+    let mut joined = Joined::new(true);
+    flight(&mut joined.model).ending = Some(EndReason::Completed);
     for (name, parameters) in [
         (MAV_CMD_INJECT_FAILURE, failure),
-        (MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0]),
+        (MAV_CMD_COMPONENT_ARM_DISARM, first),
     ] {
-        let answered = answers(&mut vehicle, &model, command(name, parameters));
-        assert_eq!(result(&answered).0, Some(MAV_RESULT_TEMPORARILY_REJECTED));
+        assert_eq!(joined.command(name, parameters).0, REJECTED);
     }
-    let refused = answers(
-        &mut vehicle,
-        &model,
-        MavMessage::PARAM_SET(set("MASS", 0.6)),
-    );
-    assert_eq!(
-        error(&refused),
-        Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED)
-    );
-    let (mut vehicle, _) = joined(true, &model);
-    let refused = answers(
-        &mut vehicle,
-        &model,
-        MavMessage::PARAM_SET(set("MASS", 0.6)),
-    );
-    assert_eq!(texts(&refused), no_flight);
+    let denied = (Some(MAV_PARAM_ERROR_PERMISSION_DENIED), Some(0.52));
+    assert_eq!(refused(&joined.set("MASS", 0.6)), denied);
 }
 
 #[test]
 fn failures_begin_and_end_by_the_answers_of_the_plant() {
-    use MavResult::*;
-    let model = model();
-    let (mut vehicle, _) = joined(true, &model);
-    let inject = |kind: f32| command(MavCmd::MAV_CMD_INJECT_FAILURE, [4.0, kind, 0.0]);
-    let mut asked = |kind: f32, answer: Result<&str, &str>| {
-        assert_eq!(answers(&mut vehicle, &model, inject(kind)), []);
-        let request = vehicle.requests.pop().unwrap();
-        vehicle.answered(
-            &request,
-            &answer.map(str::to_owned).map_err(str::to_owned),
-            &model,
-            NOW,
+    let mut joined = Joined::new(true);
+    let inject = |kind: f32| command(MAV_CMD_INJECT_FAILURE, [4.0, kind, 0.0]);
+    let (began, overlap) = ((Ok(""), ACCEPTED), (Err("they overlap"), DENIED));
+    for (kind, (answer, expected), expected_what) in [
+        (7.0, began, "outer.state.drop=0.2"),
+        (5.0, overlap, "outer.state.drop=9/10"),
+        (6.0, began, "outer.state.lag=20"),
+        (0.0, began, "outer.state.drop=off,outer.state.lag=off"),
+    ] {
+        assert_eq!(joined.send(&inject(kind)), []);
+        let (what, messages) = joined.answered(answer);
+        assert_eq!(
+            (what.as_str(), result(&messages)),
+            (expected_what, Some(expected))
         );
-        let (result, text) = result(&std::mem::take(&mut vehicle.messages));
-        (request.what, result.unwrap(), text)
-    };
-    let accepted = |what: &str| (what.to_owned(), MAV_RESULT_ACCEPTED, String::new());
-    assert_eq!(asked(7.0, Ok("")), accepted("outer.state.drop=0.2"));
-    let refused = (
-        "outer.state.drop=9/10".into(),
-        MAV_RESULT_DENIED,
-        "they overlap\n".into(),
-    );
-    assert_eq!(asked(5.0, Err("they overlap")), refused);
-    assert_eq!(asked(6.0, Ok("")), accepted("outer.state.lag=20"));
-    assert_eq!(
-        asked(0.0, Ok("")),
-        accepted("outer.state.drop=off,outer.state.lag=off")
-    );
+        assert_eq!(
+            texts(&messages).trim_end(),
+            answer.err().unwrap_or_default()
+        );
+    }
     // Nothing is left to end.
-    let ended = answers(&mut vehicle, &model, inject(0.0));
-    assert_eq!(result(&ended).0, Some(MAV_RESULT_ACCEPTED));
-    assert!(vehicle.requests.is_empty());
+    assert_eq!(result(&joined.send(&inject(0.0))), Some(ACCEPTED));
+    assert!(joined.vehicle.requests.is_empty());
 }
 
 #[test]
 fn what_is_for_others_or_for_all_changes_nothing() {
-    let model = model();
-    let (mut vehicle, _) = joined(true, &model);
+    let mut joined = Joined::new(true);
     let own = MavHeader {
         system_id: 1,
         component_id: 1,
         sequence: 0,
     };
-    for (header, target_system, target_component) in [
+    for (header, system, component) in [
         (STATION, 2, 1),
         (STATION, 0, 1),
         (STATION, 0, 0),
         (STATION, 1, 191),
         (own, 1, 1),
     ] {
-        let it = PARAM_SET_DATA {
-            target_system,
-            target_component,
-            ..set("MASS", 0.6)
-        };
-        let MavMessage::COMMAND_LONG(fail) =
-            command(MavCmd::MAV_CMD_INJECT_FAILURE, [101.0, 1.0, 1.0])
-        else {
-            unreachable!();
-        };
-        let fail = COMMAND_LONG_DATA {
-            target_system,
-            target_component,
-            ..fail
-        };
-        for message in [MavMessage::PARAM_SET(it), MavMessage::COMMAND_LONG(fail)] {
-            vehicle.receive(&header, &message, &model, NOW);
+        let it = set("MASS", 0.6);
+        let fail = command(MAV_CMD_INJECT_FAILURE, [101.0, 1.0, 1.0]);
+        for mut message in [MavMessage::PARAM_SET(it), fail] {
+            *message.target_system_id_mut().unwrap() = system;
+            *message.target_component_id_mut().unwrap() = component;
+            joined
+                .vehicle
+                .receive(&header, &message, &joined.model, NOW);
         }
+        let vehicle = &joined.vehicle;
         assert!(
             vehicle.messages.is_empty() && vehicle.requests.is_empty(),
-            "{header:?} {target_system} {target_component}"
+            "{system} {component}"
         );
     }
     // What is only read may be requested of all.
-    let list = MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA::default());
-    assert_eq!(answers(&mut vehicle, &model, list).len(), 33);
-    let target = SET_POSITION_TARGET_LOCAL_NED_DATA {
-        target_system: 1,
-        target_component: 1,
-        ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
-    };
-    let target = MavMessage::SET_POSITION_TARGET_LOCAL_NED(target);
-    let refused = answers(&mut vehicle, &model, target.clone());
-    assert_eq!(
-        texts(&refused),
-        "the trajectory of this flight is fixed: setpoints have no effect\n"
-    );
+    let list = PARAM_REQUEST_LIST_DATA::default();
+    assert_eq!(joined.send(&MavMessage::PARAM_REQUEST_LIST(list)).len(), 33);
+    let target = to_the_vehicle(SET_POSITION_TARGET_LOCAL_NED_DATA::ID);
+    let fixed = "the trajectory of this flight is fixed: setpoints have no effect\n";
+    assert_eq!(texts(&joined.send(&target)), fixed);
     // A stream of them is refused once a second, and so is one of made-up names after the first few.
-    assert_eq!(answers(&mut vehicle, &model, target), []);
-    let unknown = |number: u32| MavMessage::PARAM_SET(set(&format!("X{number}"), 0.0));
-    let refused: Vec<_> = (0..100)
-        .flat_map(|it| answers(&mut vehicle, &model, unknown(it)))
-        .collect();
-    assert_eq!(texts(&refused).lines().count(), 19);
+    assert_eq!(joined.send(&target), []);
+    let refused = (0..100).flat_map(|it| joined.set(&format!("X{it}"), 0.0));
+    assert_eq!(texts(&refused.collect::<Vec<_>>()).lines().count(), 19);
 }
 
 #[test]
 fn events_misses_and_the_end_are_reported_once() {
-    let mut model = model();
-    let (mut vehicle, messages) = joined(false, &model);
-    assert_eq!(texts(&messages), "ironbird flies lissajous\n");
-    let mut later = |model: &Model, ms: u64| {
-        vehicle.update(model, NOW + Duration::from_millis(ms));
-        texts(&std::mem::take(&mut vehicle.messages))
-    };
-    assert_eq!(later(&model, 1000), "");
-    let seen = flight(&mut model);
+    let mut joined = Joined::new(false);
+    assert_eq!(texts(&joined.first), "ironbird flies lissajous\n");
+    assert_eq!(joined.later(1000), "");
+    let seen = flight(&mut joined.model);
     (seen.run.tick, seen.run.deadlines_missed) = (1700, 7);
-    let news = later(&model, 2000);
-    assert_eq!(
-        news,
-        "1.600 s: fault inner.late=1ms\n3 missed deadlines, 7 in all\n"
-    );
-    assert_eq!(later(&model, 3000), "");
-    let seen = flight(&mut model);
+    let news = "1.600 s: fault inner.late=1ms\n3 missed deadlines, 7 in all\n";
+    assert_eq!(joined.later(2000), news);
+    assert_eq!(joined.later(3000), "");
+    let seen = flight(&mut joined.model);
     let killed = "inner was killed by the fault, and is started again";
     seen.supervision.add(1650, Subject::Process, killed);
     for (tick, channel) in [(1660, Channel::A), (1661, Channel::B)] {
-        let command = TakenCommand {
+        let mut state = State::default();
+        state.decision.count = 1;
+        state.decision.command = TakenCommand {
             of_tick: tick,
             channel: channel as u64,
             is_offered: 1,
             ..TakenCommand::default()
         };
-        let decision = Decision {
-            count: 1,
-            command,
-            ..Decision::default()
-        };
-        let state = State {
-            decision,
-            ..State::default()
-        };
         seen.take(&LogEntry::State(entry(tick, state)));
     }
     let handed_over = "1.661 s: channel b flies in place of channel a\n";
     assert_eq!(
-        later(&model, 4000),
+        joined.later(4000),
         format!("1.650 s: {killed}\n{handed_over}")
     );
-    flight(&mut model).ending = Some(EndReason::Attitude);
-    let end = later(&model, 4010);
+    flight(&mut joined.model).ending = Some(EndReason::Attitude);
+    let (end, why) = (
+        joined.later(4010),
+        "left the envelope: tilt beyond its limit",
+    );
     assert!(
-        end.starts_with("the flight has ended: left the envelope: tilt beyond its limit; "),
+        end.starts_with(&format!("the flight has ended: {why}; ")),
         "{end}"
     );
-    assert_eq!(later(&model, 5000), "");
+    assert_eq!(joined.later(5000), "");
 }
 
 #[test]
 fn long_texts_come_in_parts_of_which_the_last_is_not_full() {
-    let model = model();
-    let (mut vehicle, _) = joined(true, &model);
+    let mut joined = Joined::new(true);
     for length in [1, 49, 50, 51, 99, 100, 101, 250] {
         let reason = "x".repeat(length);
-        answers(
-            &mut vehicle,
-            &model,
-            MavMessage::PARAM_SET(set("MASS", length as f32)),
-        );
-        let request = vehicle.requests.pop().unwrap();
-        vehicle.answered(&request, &Err(reason.clone()), &model, NOW);
-        let messages = std::mem::take(&mut vehicle.messages);
+        joined.set("MASS", length as f32);
+        let (_, messages) = joined.answered(Err(&reason));
         assert_eq!(texts(&messages).trim_end(), reason);
         let parts = messages.iter().filter_map(|it| match it {
-            MavMessage::STATUSTEXT(it) => Some(it.clone()),
+            MavMessage::STATUSTEXT(it) => Some(it),
             _ => None,
         });
-        let parts: Vec<STATUSTEXT_DATA> = parts.collect();
-        assert_eq!(parts.len() > 1, length > 50);
-        let is_whole = |it: &STATUSTEXT_DATA| it.text.to_str().unwrap().len() < 50 || it.id == 0;
-        assert!(is_whole(parts.last().unwrap()), "{length}");
-        assert!(
-            parts
-                .iter()
-                .enumerate()
-                .all(|(place, it)| usize::from(it.chunk_seq) == place)
-        );
+        let parts: Vec<&STATUSTEXT_DATA> = parts.collect();
+        let last = parts.last().unwrap();
+        assert_eq!(last.id != 0, length > 50);
+        assert_eq!(usize::from(last.chunk_seq) + 1, parts.len());
+        assert!(last.id == 0 || last.text.to_str().unwrap().len() < 50);
     }
 }
 
@@ -854,23 +706,17 @@ fn signed_frames_are_noticed_and_both_versions_are_read() {
     let crc = mavlink::calculate_crc(&signed[1..body], PARAM_SET_DATA::EXTRA_CRC);
     signed[body..].copy_from_slice(&crc.to_le_bytes());
     signed.extend([0; 13]);
-    let both = [frame(&message), v1.raw_bytes().to_vec(), signed.clone()].concat();
+    let both = [frame(&message), v1.raw_bytes().to_vec(), signed].concat();
     assert_eq!(read(&both), [false, false, true]);
     // Half a frame at the end of a datagram does not reach into the next one.
     assert_eq!(read(&both[..both.len() - 1]), [false, false]);
     assert_eq!(read(&frame(&message)), [false]);
 
-    let model = model();
-    let (mut vehicle, _) = joined(true, &model);
-    vehicle.refuse_signed(NOW);
+    let mut joined = Joined::new(true);
+    joined.vehicle.refuse_signed(NOW);
     let words = "signed frames are ignored: no key can be checked here; switch signing off\n";
-    assert_eq!(texts(&std::mem::take(&mut vehicle.messages)), words);
-    let signing = SETUP_SIGNING_DATA {
-        target_system: 1,
-        target_component: 1,
-        ..SETUP_SIGNING_DATA::default()
-    };
-    let refused = answers(&mut vehicle, &model, MavMessage::SETUP_SIGNING(signing));
+    assert_eq!(joined.later(0), words);
+    let refused = joined.send(&to_the_vehicle(SETUP_SIGNING_DATA::ID));
     assert_eq!(
         texts(&refused),
         "signing is not supported: no key is taken\n"
@@ -978,40 +824,24 @@ fn may_change(frame: &[u8]) -> bool {
 /// that was not addressed to the vehicle, and a vehicle that only observes asks for nothing.
 #[test]
 fn a_million_frames_change_nothing_that_they_may_not() {
-    let model = model();
-    let (mut vehicle, _) = joined(true, &model);
-    let (mut observer, _) = joined(false, &model);
+    let (mut joined, mut observer) = (Joined::new(true), Joined::new(false));
     let mut random = fastrand::Rng::with_seed(1);
-    let motor = [101.0, 1.0, 2.0];
-    let MavMessage::COMMAND_LONG(long) = command(MavCmd::MAV_CMD_INJECT_FAILURE, motor) else {
-        unreachable!();
-    };
-    let int = COMMAND_INT_DATA {
-        command: long.command,
-        param1: long.param1,
-        param2: long.param2,
+    let int = MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+        command: MAV_CMD_INJECT_FAILURE,
+        param1: 4.0,
+        param2: 7.0,
         target_system: 1,
         ..COMMAND_INT_DATA::default()
-    };
+    });
     let seeds = [
         MavMessage::PARAM_SET(set("MASS", 0.6)),
-        MavMessage::COMMAND_LONG(long.clone()),
-        MavMessage::COMMAND_INT(int),
-        command(MavCmd::MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0, 0.0]),
-        command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [30.0, 50_000.0, 0.0]),
-        MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
-            target_system: 1,
-            ..PARAM_REQUEST_READ_DATA::default()
-        }),
-        MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-            target_system: 1,
-            ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
-        }),
+        command(MAV_CMD_INJECT_FAILURE, [101.0, 1.0, 2.0]),
+        int,
+        command(MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0, 0.0]),
+        command(MAV_CMD_SET_MESSAGE_INTERVAL, [30.0, 5e4, 0.0]),
+        MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA::default()),
     ];
-    let seeds = seeds.map(|message| {
-        use mavlink::Message as _;
-        (frame(&message), MavMessage::extra_crc(message.message_id()))
-    });
+    let seeds = seeds.map(|it| (frame(&it), MavMessage::extra_crc(it.message_id())));
     let (mut accepted, mut asked, mut parsed) = (0, 0, 0);
     for round in 0..1_000_000_u32 {
         let (seed, extra) = random.choice(&seeds).unwrap();
@@ -1021,49 +851,40 @@ fn a_million_frames_change_nothing_that_they_may_not() {
             0 => bytes = (0..random.usize(..300)).map(|_| random.u8(..)).collect(),
             1 => *random.choice(&mut bytes).unwrap() = random.u8(..),
             2 => bytes.truncate(random.usize(..body)),
-            // Other content with a right checksum.
             _ => {
                 for _ in 0..random.usize(..4) {
-                    let place = random.usize(3..body);
-                    bytes[place] = if random.bool() {
-                        random.u8(..)
-                    } else {
-                        random.u8(..3)
-                    };
+                    let most = if random.bool() { u8::MAX } else { 2 };
+                    bytes[random.usize(3..body)] = random.u8(..=most);
                 }
             }
         }
+        // Other content with a right checksum.
         if round % 4 == 3 || (round % 4 == 1 && random.bool()) {
             let crc = mavlink::calculate_crc(&bytes[1..body], *extra);
             bytes[body..].copy_from_slice(&crc.to_le_bytes());
         }
-        let mut received = Vec::new();
-        frames(&bytes, &mut |frame| received.push(frame));
-        for frame in received {
+        frames(&bytes, &mut |frame| {
             parsed += 1;
-            let Frame::Message(header, message) = frame else {
-                continue;
-            };
-            vehicle.receive(&header, &message, &model, NOW);
-            observer.receive(&header, &message, &model, NOW);
-        }
-        let requests = std::mem::take(&mut vehicle.requests);
-        let may = round % 4 != 0 && may_change(&bytes);
+            if let Frame::Message(header, message) = frame {
+                for it in [&mut joined, &mut observer] {
+                    it.vehicle.receive(&header, &message, &it.model, NOW);
+                }
+            }
+        });
+        let may = may_change(&bytes);
         accepted += u32::from(may);
-        asked += requests.len() as u32;
-        for request in &requests {
+        for request in std::mem::take(&mut joined.vehicle.requests) {
+            asked += 1;
             assert!(may, "{request:?} by {bytes:?}");
-            check(request);
-            let answer = if random.bool() {
-                Ok(String::new())
-            } else {
-                Err("no".into())
-            };
-            vehicle.answered(request, &answer, &model, NOW);
+            check(&request);
+            let answer = random.bool().then(String::new).ok_or_else(String::new);
+            joined
+                .vehicle
+                .answered(&request, &answer, &joined.model, NOW);
         }
-        vehicle.messages.clear();
-        observer.messages.clear();
-        assert!(observer.requests.is_empty());
+        assert!(observer.vehicle.requests.is_empty());
+        joined.vehicle.messages.clear();
+        observer.vehicle.messages.clear();
     }
     // The oracle and the vehicle both see many of them.
     assert!(
@@ -1073,19 +894,9 @@ fn a_million_frames_change_nothing_that_they_may_not() {
 }
 
 /// A request is one that `ironbird inject` can read, or a number that is none.
-fn check(request: &Request) {
-    let text = &request.what;
-    if !(text.contains("NaN") || text.contains("inf")) {
-        parse_line(text).unwrap_or_else(|why| panic!("{text}: {why}"));
-    }
-    let parameter = text.split('=').next().unwrap();
-    let is_parameter = Parameter::from_name(parameter).is_ok();
-    assert!(
-        is_parameter
-            || text.contains(".state.")
-            || text.starts_with("state.")
-            || text.starts_with("setpoint.")
-            || text.starts_with("rotor_speeds."),
-        "{text}"
-    );
+fn check(Request { what, .. }: &Request) {
+    let name = what.split('=').next().unwrap();
+    let is_parameter = Parameter::from_name(name).is_ok();
+    let is_none = is_parameter && (what.contains("NaN") || what.contains("inf"));
+    assert!(is_none || parse_line(what).is_ok(), "{what}");
 }
