@@ -28,7 +28,7 @@ pub use flight::{
     SimulateArgs, TrajectoryArgs,
 };
 pub use interaction::{
-    BridgeTo, FoxgloveArgs, InjectArgs, PageArgs, ParamsArgs, SwitchArgs, WatchArgs,
+    BridgeTo, FoxgloveArgs, InjectArgs, MavlinkArgs, PageArgs, ParamsArgs, SwitchArgs, WatchArgs,
 };
 pub use machine::{
     CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs,

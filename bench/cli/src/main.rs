@@ -52,6 +52,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
             "this build of ironbird has no bridge to Foxglove",
         )
         .help("build one that has: cargo run --release --features foxglove -- bridge foxglove")),
+        Command::Bridge(BridgeTo::Mavlink(args)) => args.serve(),
         Command::Inject(args) => commands::inject(args),
         Command::Switch(args) => commands::inject(&args.clone().into()),
         Command::Params(args) => params::params(args),

@@ -116,7 +116,7 @@ macro_rules! pages {
     };
 }
 
-pages! { airframes campaigns causes channels directories engines export fault_matrix flights gates harms laws law_files machines processes reports runs studies watch }
+pages! { airframes campaigns causes channels directories engines export fault_matrix flights gates ground_station harms laws law_files machines processes reports runs studies watch }
 
 /// Settings of a flight that nothing ends early, however busy the machine is.
 const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";

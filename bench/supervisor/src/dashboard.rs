@@ -1,5 +1,5 @@
-//! The dashboard of `fly --watch`, a child process in the supervisor's terminal, and the live page of `fly --web`, one
-//! without a terminal.
+//! The dashboard of `fly --watch`, a child process in the supervisor's terminal, and the servers of `fly --web` and
+//! `fly --mavlink`, ones without a terminal.
 //!
 //! The supervisor continues when the user leaves the dashboard. It restores the terminal before it prints, even if the
 //! dashboard was killed.
@@ -16,6 +16,7 @@ use ratatui::crossterm::terminal::LeaveAlternateScreen;
 use rustix::process::getpgrp;
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr};
 
+use crate::ServerProcess;
 use crate::child_process::{end, wait_at_most};
 use errors::Failure;
 use errors::output::has_screen;
@@ -41,16 +42,17 @@ impl Dashboard {
         Ok(Self { child, before })
     }
 
-    /// Serves the live page; returns also the line in which the process prints the page's address.
-    pub fn open_page(
+    /// Starts a server; returns also the line in which the process prints its address.
+    pub fn serve(
         executable: &Path,
         instance: &Instance,
-        flags: &[String],
+        server: &ServerProcess,
     ) -> Result<(Self, String), Failure> {
-        let failed = |e| Failure::failed(format!("cannot start the live page: {e}"));
-        let mut child = process::signals::child(executable, "watch")
-            .args(["--web", "--instance", instance.name()])
-            .args(flags)
+        let what = server.what;
+        let failed = |e| Failure::failed(format!("cannot start {what}: {e}"));
+        let mut child = process::signals::child(executable, server.command)
+            .args(&server.arguments)
+            .args(["--instance", instance.name()])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
@@ -58,15 +60,15 @@ impl Dashboard {
         let mut line = String::new();
         let stdout = child.stdout.take().map(BufReader::new);
         let read = stdout.map_or(Ok(0), |mut out| out.read_line(&mut line));
-        let page = Self {
+        let process = Self {
             child,
             before: None,
         };
         match read.map_err(failed)? {
-            0 => Err(Failure::failed(
-                "the live page could not be served, for the reason above",
-            )),
-            _ => Ok((page, line.trim_end().to_owned())),
+            0 => Err(Failure::failed(format!(
+                "{what} could not be served, for the reason above"
+            ))),
+            _ => Ok((process, line.trim_end().to_owned())),
         }
     }
 

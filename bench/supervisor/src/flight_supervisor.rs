@@ -98,7 +98,8 @@ pub(super) struct FlightSupervisor {
     /// The status blackboards of all roles, from the first tick on.
     role_statuses: Option<RoleStatuses>,
     dashboard: Option<Dashboard>,
-    page: Option<Dashboard>,
+    /// Servers of the flight, with what they serve.
+    servers: Vec<(&'static str, Dashboard)>,
     supervision: Supervision,
     supervision_blackboard: Blackboard<Supervision>,
     /// Newest tick that the plant published.
@@ -152,14 +153,23 @@ struct StartProgress {
     ran_ns: u64,
 }
 
+/// A process that serves the flight to another program, and prints in its first line where.
+#[derive(Clone, Debug)]
+pub struct ServerProcess {
+    /// What it serves, for messages.
+    pub what: &'static str,
+    /// The command of `ironbird`, and its arguments except for the instance.
+    pub command: &'static str,
+    pub arguments: Vec<String>,
+}
+
 #[derive(Clone, Debug)]
 pub struct FlightOptions {
     pub instance: String,
     /// Whether roles that fail in flight are restarted.
     pub restarts_roles: bool,
     pub shows_dashboard: bool,
-    /// Flags of the process that serves the live page; none without a page.
-    pub page: Option<Vec<String>>,
+    pub servers: Vec<ServerProcess>,
     /// Where the recorder writes the states a second time.
     pub states: Option<PathBuf>,
 }
@@ -234,7 +244,7 @@ impl FlightSupervisor {
             outvoted: [0; MOST_CHANNELS],
             role_statuses: None,
             dashboard: None,
-            page: None,
+            servers: Vec::new(),
             supervision: Supervision::default(),
             supervision_blackboard: wire.blackboard(SUPERVISION)?,
             tick: 0,
@@ -252,11 +262,11 @@ impl FlightSupervisor {
             supervisor.children.push(RoleProcess::new(replica, child));
         }
         supervisor.publish_directory();
-        if let Some(flags) = &options.page {
-            let (page, address) =
-                Dashboard::open_page(&supervisor.spawner.executable, instance, flags)?;
-            supervisor.page = Some(page);
-            // Not among the events: the page shows those, and the address contains the token.
+        for server in &options.servers {
+            let (process, address) =
+                Dashboard::serve(&supervisor.spawner.executable, instance, server)?;
+            supervisor.servers.push((server.what, process));
+            // Not among the events: a page shows those, and its address contains the token.
             supervisor.status_line.tell(&address);
         }
         if options.shows_dashboard {
@@ -287,10 +297,13 @@ impl FlightSupervisor {
             self.act(run.as_ref())?;
             let is_taken = self.dashboard.as_mut().is_some_and(Dashboard::has_terminal);
             self.status_line.set_taken(is_taken);
-            if self.page.as_mut().is_some_and(Dashboard::has_failed) {
-                self.page = None;
-                let gone = "the server of the live page has failed; the flight goes on without it";
-                self.status_line.tell(gone);
+            let failed = self
+                .servers
+                .extract_if(.., |(_, server)| server.has_failed());
+            for (what, _) in failed {
+                let gone =
+                    format!("the server of {what} has failed; the flight goes on without it");
+                self.status_line.tell(&gone);
             }
             if let Some(run) = run.filter(|_| shown.elapsed() >= LOOK_EVERY) {
                 shown = Instant::now();
@@ -298,9 +311,11 @@ impl FlightSupervisor {
             }
         }
         (self.raised, self.off_loops) = (None, None);
-        for child in [&mut self.dashboard, &mut self.page].into_iter().flatten() {
-            child.close();
-        }
+        let servers = self.servers.iter_mut().map(|(_, server)| server);
+        self.dashboard
+            .iter_mut()
+            .chain(servers)
+            .for_each(Dashboard::close);
         self.status_line.set_taken(false);
         self.status_line.clear();
         Ok(std::mem::take(&mut self.outcome))

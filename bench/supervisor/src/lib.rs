@@ -30,7 +30,7 @@ use recorder::kernel_trace::remove_leftovers;
 use recorder::run_directory::RunDirectory;
 use stop_requests::StopRequests;
 
-pub use flight_supervisor::FlightOptions;
+pub use flight_supervisor::{FlightOptions, ServerProcess};
 
 /// A flight that has a report: the last one that the recorder wrote.
 pub struct FinishedFlight {

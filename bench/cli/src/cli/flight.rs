@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use toml::Value;
 
 use crate::cli::setting_flags::{
@@ -153,6 +153,7 @@ impl RecorderArgs {
 }
 
 #[derive(Clone, Debug, Default, Args)]
+#[command(group(ArgGroup::new("served").args(["web", "mavlink"]).multiple(true)))]
 pub struct FlyArgs {
     /// Show the dashboard in this terminal, as `ironbird watch` does.
     #[arg(long)]
@@ -162,6 +163,12 @@ pub struct FlyArgs {
     pub web: bool,
     #[command(flatten)]
     pub page: PageArgs,
+    /// Let the live page and the ground station change parameters and inject faults.
+    #[arg(long, requires = "served")]
+    pub allow_control: bool,
+    /// Report the flight to a MAVLink ground station on this machine (UDP port 14550), as `ironbird bridge mavlink` does.
+    #[arg(long)]
+    pub mavlink: bool,
     /// Fly another law in channel b or c, for example b:inner=pid. It flies on request (`ironbird switch`), or with --simplex.
     #[arg(long, value_name = "LETTER:ROLE=LAW")]
     pub channel: Vec<String>,

@@ -26,7 +26,7 @@ use render::files::write_all;
 use render::junit;
 use supervisor::exit_report::warnings;
 use supervisor::stop_requests::StopRequests;
-use supervisor::{self, FinishedFlight, FlightOptions};
+use supervisor::{self, FinishedFlight, FlightOptions, ServerProcess};
 use toml::Value;
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
@@ -112,11 +112,38 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
         instance: args.rt.instance.clone(),
         restarts_roles,
         shows_dashboard: args.watch,
-        page: args.web.then(|| args.page.flags(args.open)),
+        servers: servers(args),
         states: args.recorder.states.clone(),
     };
     let flight = supervisor::fly(&settings, &options, &mut requests)?;
     Ok(Some((settings, requests, flight)))
+}
+
+/// The processes that serve the flight to a browser and to a ground station.
+fn servers(args: &FlyArgs) -> Vec<ServerProcess> {
+    let control = args.allow_control.then(|| "--allow-control".to_owned());
+    let page = args.web.then(|| {
+        let port = ["--web".into(), "--port".into(), args.page.port.to_string()];
+        let open = args.open.then(|| "--open".to_owned());
+        ServerProcess {
+            what: "the live page",
+            command: "watch",
+            arguments: port
+                .into_iter()
+                .chain(control.clone())
+                .chain(open)
+                .collect(),
+        }
+    });
+    let vehicle = args.mavlink.then(|| ServerProcess {
+        what: "the MAVLink vehicle",
+        command: "bridge",
+        arguments: ["mavlink".to_owned()]
+            .into_iter()
+            .chain(control.clone())
+            .collect(),
+    });
+    page.into_iter().chain(vehicle).collect()
 }
 
 /// The laws that promise nothing about their time, a sentence each.

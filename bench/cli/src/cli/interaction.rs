@@ -1,5 +1,6 @@
 //! Flags of the commands for a running flight: `watch`, `bridge`, `inject`, `params`.
 
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
@@ -26,6 +27,9 @@ pub struct WatchArgs {
     pub web: bool,
     #[command(flatten)]
     pub page: PageArgs,
+    /// Let the live page change parameters, inject faults and switch channels.
+    #[arg(long, requires = "web")]
+    pub allow_control: bool,
     /// Open the live page in a browser: the one named by BROWSER, or the system's.
     #[arg(long, requires = "web")]
     pub open: bool,
@@ -36,22 +40,9 @@ pub struct WatchArgs {
 /// The live page of `watch` and `fly`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct PageArgs {
-    /// Let the live page change parameters, inject faults and switch channels.
-    #[arg(long, requires = "web")]
-    pub allow_control: bool,
     /// Port of the live page; 0 takes a free one.
     #[arg(long, value_name = "PORT", default_value_t = 0, requires = "web")]
     pub port: u16,
-}
-
-impl PageArgs {
-    /// The flags of a `watch` that serves the same page.
-    pub fn flags(&self, opens: bool) -> Vec<String> {
-        let port = ["--port".to_owned(), self.port.to_string()];
-        let control = self.allow_control.then(|| "--allow-control".to_owned());
-        let open = opens.then(|| "--open".to_owned());
-        port.into_iter().chain(control).chain(open).collect()
-    }
 }
 
 impl WatchArgs {
@@ -68,7 +59,7 @@ impl WatchArgs {
         let options = live::web::WebOptions {
             instance: self.instance.clone(),
             port: self.page.port,
-            allow_control: self.page.allow_control,
+            allow_control: self.allow_control,
             launched: self.launcher.is_some(),
         };
         live::web::serve(&options, |address| {
@@ -94,6 +85,58 @@ pub enum BridgeTo {
     /// Serve topics, a 3-D scene and the airframe's parameters over the Foxglove WebSocket protocol. Requires a build
     /// with `--features foxglove`.
     Foxglove(FoxgloveArgs),
+    /// Report to a ground station as a MAVLink vehicle: telemetry, events, and the airframe's parameters.
+    #[command(after_help = "\
+Examples:
+  ironbird bridge mavlink                           report to a ground station on this machine
+  ironbird bridge mavlink --tcp 127.0.0.1:5760      wait for a ground station that connects
+  ironbird bridge mavlink --allow-control           let it change parameters and inject failures")]
+    Mavlink(MavlinkArgs),
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct MavlinkArgs {
+    /// Address of the ground station.
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        default_value = "127.0.0.1:14550",
+        value_parser = values::address,
+        conflicts_with = "tcp"
+    )]
+    pub udp: SocketAddr,
+    /// Wait at this address of this machine for a ground station that connects, instead; port 0 takes a free one.
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
+    pub tcp: Option<SocketAddr>,
+    /// Let the ground station change parameters and inject failures.
+    #[arg(long)]
+    pub allow_control: bool,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    #[arg(from_global)]
+    pub launcher: Option<u32>,
+}
+
+impl MavlinkArgs {
+    #[cfg(feature = "mavlink")]
+    pub fn serve(&self) -> Result<u8, Failure> {
+        use live::vehicle::{Address, VehicleOptions};
+        live::vehicle::serve(&VehicleOptions {
+            instance: self.instance.clone(),
+            address: self.tcp.map_or(Address::Udp(self.udp), Address::Tcp),
+            allow_control: self.allow_control,
+            launched: self.launcher.is_some(),
+        })
+    }
+
+    #[cfg(not(feature = "mavlink"))]
+    pub fn serve(&self) -> Result<u8, Failure> {
+        Err(
+            Failure::usage("this build of ironbird has no bridge to MAVLink")
+                .help("build one that has: cargo build --release --features mavlink"),
+        )
+    }
 }
 
 #[derive(Clone, Debug, Args)]

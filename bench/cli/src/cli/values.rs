@@ -1,6 +1,7 @@
 //! Parses the values of flags. An error says what is allowed.
 
 use std::fmt::Display;
+use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
@@ -66,6 +67,12 @@ pub(crate) fn period_s(text: &str) -> Result<f64, String> {
 /// A setting by its key.
 pub(crate) fn setting(text: &str) -> Result<(&'static str, Value), String> {
     overrides::set("--set", text)
+}
+
+/// An address with its port.
+pub(crate) fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse()
+        .map_err(|_| "write an IP address and a port, as in 127.0.0.1:14550".into())
 }
 
 pub(crate) fn limit(text: &str) -> Result<f64, String> {

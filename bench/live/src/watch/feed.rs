@@ -31,6 +31,12 @@ impl Feed {
         }
     }
 
+    /// Looks again at the next update: something has changed.
+    #[cfg(feature = "mavlink")]
+    pub(crate) fn look_soon(&mut self) {
+        self.next_look = Instant::now();
+    }
+
     pub(crate) fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
         let is_due = Instant::now() >= self.next_look;
         if is_due {

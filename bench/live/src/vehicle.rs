@@ -1,0 +1,161 @@
+//! `ironbird bridge mavlink`: a flight as a MAVLink vehicle, without affecting the control loops.
+//!
+//! ```text
+//!   recorder, blackboards --feed--> dashboard's model --telemetry--> link --> ground station
+//!   the plant's parameter server <--inject-- requests of the ground station, with --allow-control
+//! ```
+//!
+//! The model is that of the terminal's dashboard. docs/ground-station.md is the user's page.
+
+mod failures;
+mod frames;
+mod link;
+mod parameters;
+mod protocol;
+mod telemetry;
+#[cfg(test)]
+mod tests;
+
+use std::io::ErrorKind;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant};
+
+use ipc::instance::Instance;
+use process::signals::stop_flag;
+
+use crate::inject::{When, injected, parse_line};
+use crate::observation::DRAIN_EVERY;
+use crate::watch::dashboard_model::Model;
+use crate::watch::feed::Feed;
+use errors::output::{print, say};
+use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
+use link::{Frame, Link};
+use protocol::Request;
+
+pub use link::Address;
+pub use protocol::Vehicle;
+
+#[derive(Clone, Debug)]
+pub struct VehicleOptions {
+    pub instance: String,
+    pub address: Address,
+    /// Whether the ground station may change parameters and inject failures.
+    pub allow_control: bool,
+    /// Whether `fly` started the bridge: it then ends with the flight.
+    pub launched: bool,
+}
+
+/// Serves one flight of the instance after the other, until a signal comes.
+pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
+    let instance = Instance::new(&options.instance)?;
+    let stop = stop_flag()?;
+    let mut link = open(options.address)?;
+    let address = link
+        .address()
+        .map_err(|e| Failure::failed(format!("cannot serve: {e}")))?;
+    let place = match options.address {
+        Address::Udp(_) => format!("reports to udp {address}"),
+        Address::Tcp(_) => format!("waits for a ground station at tcp {address}"),
+    };
+    let access = match options.allow_control {
+        true => "the ground station may change the flight",
+        false => "read-only",
+    };
+    if options.allow_control && !options.address.is_of_this_machine() {
+        say(&format!(
+            "warning: {address} is not of this machine, and MAVLink has no passwords: every program that can send from \
+             there or reach it may change the flight\n"
+        ));
+    }
+    print(&format!(
+        "MAVLink vehicle {} {place} ({access})\n",
+        protocol::SYSTEM
+    ))?;
+    follow(options, instance, &mut link, &stop)
+}
+
+fn open(address: Address) -> Result<Link, Failure> {
+    Link::open(address).map_err(|e| match (address, e.kind()) {
+        (Address::Tcp(at), ErrorKind::AddrInUse) => {
+            let what = format!("cannot wait for a ground station at tcp {at}: the port is in use");
+            Failure::new(OCCUPIED, what)
+                .help("end the other server, or name another port with --tcp")
+        }
+        (Address::Tcp(at), _) => {
+            Failure::usage(format!("cannot wait for a ground station at tcp {at}: {e}"))
+                .help("--tcp takes an address of this machine, such as 127.0.0.1:5760")
+        }
+        (Address::Udp(to), _) => Failure::usage(format!("cannot report to udp {to}: {e}"))
+            .help("--udp takes the address of a ground station, such as 127.0.0.1:14550"),
+    })
+}
+
+/// A request with the plant's answer.
+type Answered = (Request, Result<String, String>);
+
+/// Asks the plant, one request after the other: it may take a while, and the vehicle reports meanwhile.
+fn ask(instance: &Instance) -> Result<(Sender<Request>, Receiver<Answered>), Failure> {
+    let (asked, requests) = channel::<Request>();
+    let (answers, answered) = channel();
+    let instance = instance.clone();
+    let ask = move || {
+        for request in requests {
+            let parsed = parse_line(&request.what);
+            let answer = parsed.and_then(|(changes, lasts)| {
+                let when = When::In(Duration::ZERO);
+                injected(&instance, &changes, when, lasts).map_err(|e| e.to_string())
+            });
+            if answers.send((request, answer)).is_err() {
+                return;
+            }
+        }
+    };
+    let started = thread::Builder::new().spawn(ask);
+    started.map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
+    Ok((asked, answered))
+}
+
+fn follow(
+    options: &VehicleOptions,
+    instance: Instance,
+    link: &mut Link,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
+    let (asked, answered) = ask(&instance)?;
+    let mut model = Model::new(instance.name(), options.launched, false);
+    let mut feed = Feed::new(instance);
+    let mut vehicle = Vehicle::new(options.allow_control);
+    let start = Instant::now();
+    loop {
+        let is_stopped = stop.load(Ordering::Relaxed);
+        feed.update(&mut model)?;
+        let now = start.elapsed();
+        link.receive(|frame| match frame {
+            Frame::Message(header, message) => vehicle.receive(&header, &message, &model, now),
+            Frame::Signed => vehicle.refuse_signed(now),
+        });
+        for (request, answer) in answered.try_iter() {
+            vehicle.answered(&request, &answer, &model, now);
+            // What is acknowledged is what is read from then on.
+            feed.look_soon();
+        }
+        vehicle.update(&model, now);
+        for request in vehicle.requests.drain(..) {
+            asked
+                .send(request)
+                .map_err(|e| Failure::failed(format!("cannot ask the plant: {e}")))?;
+        }
+        for message in vehicle.messages.drain(..) {
+            link.send(&message);
+        }
+        if is_stopped {
+            return Ok(INTERRUPTED);
+        }
+        if options.launched && vehicle.has_ended() {
+            return Ok(OK);
+        }
+        sleep(DRAIN_EVERY);
+    }
+}

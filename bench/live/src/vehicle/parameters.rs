@@ -1,0 +1,97 @@
+//! The airframe's parameters under names that MAVLink has room for, and their values in single precision.
+
+use messages::parameters::{PARAMETERS, Parameter, SPECS};
+
+/// The names, at most 16 characters each, in the order of [`SPECS`].
+pub const NAMES: [&str; PARAMETERS] = [
+    "MASS",
+    "GRAVITY",
+    "TRANS_DRAG",
+    "ROT_DRAG",
+    "ARM_LENGTH",
+    "THRUST_COEFF",
+    "DRAG_FACTOR",
+    "ROTOR_INERTIA",
+    "INERTIA_X",
+    "INERTIA_Y",
+    "INERTIA_Z",
+    "DISTURB_GAIN",
+    "ROTOR_EFF_1",
+    "ROTOR_EFF_2",
+    "ROTOR_EFF_3",
+    "ROTOR_EFF_4",
+    "MOTOR_LAG",
+    "COMMAND_DELAY",
+    "POS_NOISE",
+    "VEL_NOISE",
+    "POS_DELAY",
+    "POS_RATE",
+    "ACCEL_DENSITY",
+    "ACCEL_BIAS",
+    "GYRO_BIAS",
+    "GYRO_DRIFT",
+    "GYRO_DENSITY",
+    "GYRO_NOISE",
+    "WIND_X",
+    "WIND_Y",
+    "WIND_Z",
+    "TURBULENCE_W20",
+];
+
+/// Ground stations look here whether failures may be injected: 1 with `--allow-control`.
+pub const FAILURES_ENABLED: &str = "SYS_FAILURE_EN";
+
+pub fn parameter_of(name: &str) -> Option<Parameter> {
+    let place = NAMES.iter().position(|it| *it == name)?;
+    Some(SPECS[place].parameter)
+}
+
+/// The number that a single-precision value stands for: its shortest decimal form, which is what a user typed.
+///
+/// 0.315 arrives as 0.31499999761581421, and means 0.315, as `ironbird inject` would read it.
+pub fn meant(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use proptest::prelude::*;
+
+    #[test]
+    fn names_fit_and_are_unique_and_reversible() {
+        for (name, spec) in NAMES.iter().zip(&SPECS) {
+            assert!(name.len() <= 16, "{name}");
+            assert_eq!(parameter_of(name), Some(spec.parameter));
+            // The same thing stands in both names, up to abbreviations.
+            let initial = |text: &str| text.chars().next().map(|it| it.to_ascii_lowercase());
+            assert_eq!(initial(name), initial(spec.name), "{name} {}", spec.name);
+        }
+        assert_eq!(parameter_of(FAILURES_ENABLED), None);
+        assert_eq!(parameter_of("MASS "), None);
+    }
+
+    #[test]
+    fn every_nominal_value_comes_back_as_it_is() {
+        for spec in &SPECS {
+            assert_eq!(meant(spec.nominal as f32), spec.nominal, "{}", spec.name);
+        }
+        assert_eq!(meant(0.315), 0.315);
+        assert_ne!(f64::from(0.315_f32), 0.315);
+        assert!(meant(f32::NAN).is_nan());
+        assert_eq!(meant(f32::INFINITY), f64::INFINITY);
+    }
+
+    proptest! {
+        /// What is acknowledged is what was sent, bit for bit; and what was read is within half a unit of the last place.
+        #[test]
+        fn values_survive_the_way_to_the_plant_and_back(bits in any::<u32>(), value in -1e6..1e6_f64) {
+            let sent = f32::from_bits(bits);
+            prop_assume!(!sent.is_nan());
+            prop_assert_eq!((meant(sent) as f32).to_bits(), bits);
+            let error = (meant(value as f32) - value).abs();
+            prop_assert!(error <= value.abs() * f64::from(f32::EPSILON), "{value} {error}");
+        }
+    }
+}

@@ -1,0 +1,337 @@
+//! What the vehicle reports of a flight: functions of the dashboard's model.
+
+use std::time::Duration;
+
+use analysis::schema::{FlightVerdict, TimingVerdict};
+use mavlink::MessageData as _;
+use mavlink::dialects::common::*;
+use messages::blackboards::EndReason;
+use messages::content::ROTORS;
+
+use super::frames::{ORIGIN, geographic, turned, turned_angles, turned_quaternion};
+use crate::watch::dashboard_model::WatchedFlight;
+
+/// Messages that are sent by themselves, and how often unless the ground station asks for something else.
+pub const STREAMS: [(u32, Duration); 13] = {
+    const fn hz(rate: u64) -> Duration {
+        Duration::from_micros(1_000_000 / rate)
+    }
+    [
+        (HEARTBEAT_DATA::ID, hz(1)),
+        (SYS_STATUS_DATA::ID, hz(2)),
+        (SYSTEM_TIME_DATA::ID, hz(1)),
+        (EXTENDED_SYS_STATE_DATA::ID, hz(2)),
+        (ATTITUDE_DATA::ID, hz(20)),
+        (ATTITUDE_QUATERNION_DATA::ID, hz(20)),
+        (LOCAL_POSITION_NED_DATA::ID, hz(20)),
+        (POSITION_TARGET_LOCAL_NED_DATA::ID, hz(10)),
+        (GLOBAL_POSITION_INT_DATA::ID, hz(5)),
+        (HOME_POSITION_DATA::ID, hz(1)),
+        (GPS_GLOBAL_ORIGIN_DATA::ID, hz(1)),
+        (VFR_HUD_DATA::ID, hz(5)),
+        (SERVO_OUTPUT_RAW_DATA::ID, hz(5)),
+    ]
+};
+
+/// A message of the flight by its number; none if there is no such message, or nothing to report yet.
+pub fn message(id: u32, flight: &WatchedFlight) -> Option<MavMessage> {
+    Some(match id {
+        HEARTBEAT_DATA::ID => MavMessage::HEARTBEAT(heartbeat(flight)),
+        SYS_STATUS_DATA::ID => MavMessage::SYS_STATUS(sys_status(flight)),
+        SYSTEM_TIME_DATA::ID => MavMessage::SYSTEM_TIME(system_time(flight)),
+        EXTENDED_SYS_STATE_DATA::ID => MavMessage::EXTENDED_SYS_STATE(extended_sys_state(flight)),
+        ATTITUDE_DATA::ID => MavMessage::ATTITUDE(attitude(flight)?),
+        ATTITUDE_QUATERNION_DATA::ID => {
+            MavMessage::ATTITUDE_QUATERNION(attitude_quaternion(flight)?)
+        }
+        LOCAL_POSITION_NED_DATA::ID => MavMessage::LOCAL_POSITION_NED(local_position(flight)?),
+        POSITION_TARGET_LOCAL_NED_DATA::ID => {
+            MavMessage::POSITION_TARGET_LOCAL_NED(position_target(flight)?)
+        }
+        GLOBAL_POSITION_INT_DATA::ID => MavMessage::GLOBAL_POSITION_INT(global_position(flight)?),
+        HOME_POSITION_DATA::ID => MavMessage::HOME_POSITION(home_position()),
+        GPS_GLOBAL_ORIGIN_DATA::ID => MavMessage::GPS_GLOBAL_ORIGIN(global_origin()),
+        VFR_HUD_DATA::ID => MavMessage::VFR_HUD(vfr_hud(flight)?),
+        SERVO_OUTPUT_RAW_DATA::ID => MavMessage::SERVO_OUTPUT_RAW(servo_output(flight)?),
+        AUTOPILOT_VERSION_DATA::ID => MavMessage::AUTOPILOT_VERSION(autopilot_version(flight)),
+        AVAILABLE_MODES_DATA::ID => MavMessage::AVAILABLE_MODES(available_modes(flight)),
+        CURRENT_MODE_DATA::ID => MavMessage::CURRENT_MODE(CURRENT_MODE_DATA::default()),
+        _ => return None,
+    })
+}
+
+/// Flight time [ms].
+fn time_ms(flight: &WatchedFlight) -> u32 {
+    (flight.run.flight_time_s(flight.tick()) * 1e3) as u32
+}
+
+fn heartbeat(flight: &WatchedFlight) -> HEARTBEAT_DATA {
+    let flies = flight.ending.is_none();
+    let mut base_mode = MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED
+        | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED
+        | MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED;
+    base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, flies);
+    let system_status = match flight.ending {
+        None => MavState::MAV_STATE_ACTIVE,
+        Some(EndReason::Completed | EndReason::Interrupted) => MavState::MAV_STATE_STANDBY,
+        Some(_) => MavState::MAV_STATE_CRITICAL,
+    };
+    HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: MavType::MAV_TYPE_QUADROTOR,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        base_mode,
+        system_status,
+        mavlink_version: 3,
+    }
+}
+
+fn sys_status(flight: &WatchedFlight) -> SYS_STATUS_DATA {
+    use MavSysStatusSensor as Part;
+    let present = Part::MAV_SYS_STATUS_SENSOR_3D_GYRO
+        | Part::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+        | Part::MAV_SYS_STATUS_SENSOR_GPS
+        | Part::MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL
+        | Part::MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
+        | Part::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+        | Part::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+        | Part::MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+        | Part::MAV_SYS_STATUS_LOGGING
+        | Part::MAV_SYS_STATUS_PREARM_CHECK;
+    let (verdicts, not_fresh) = flight.verdicts();
+    let mut health = present;
+    let controls = Part::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+        | Part::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL;
+    let is_off = matches!(
+        verdicts.flight.word,
+        FlightVerdict::OffTrack | FlightVerdict::Lost
+    );
+    health.set(controls, !is_off);
+    let is_late = verdicts.timing.word == TimingVerdict::Late;
+    health.set(Part::MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS, !is_late);
+    health.set(Part::MAV_SYS_STATUS_LOGGING, flight.recorder_lives);
+    let count = |ticks: u64| ticks.min(u16::MAX.into()) as u16;
+    SYS_STATUS_DATA {
+        onboard_control_sensors_present: present,
+        onboard_control_sensors_enabled: present,
+        onboard_control_sensors_health: health,
+        // There is no battery.
+        voltage_battery: u16::MAX,
+        current_battery: -1,
+        battery_remaining: -1,
+        errors_count1: count(flight.run.deadlines_missed),
+        errors_count2: count(flight.run.ticks_skipped),
+        errors_count3: count(not_fresh.ticks),
+        // The default of flags is their first one.
+        onboard_control_sensors_present_extended: MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_enabled_extended: MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_health_extended: MavSysStatusSensorExtended::empty(),
+        ..SYS_STATUS_DATA::default()
+    }
+}
+
+fn system_time(flight: &WatchedFlight) -> SYSTEM_TIME_DATA {
+    let run = &flight.run;
+    // In lockstep, the flight has no clock.
+    let since_start_ns = flight.tick().saturating_mul(run.period_ns);
+    SYSTEM_TIME_DATA {
+        time_unix_usec: run.t0_wall_ns.saturating_add(since_start_ns) / 1000,
+        time_boot_ms: time_ms(flight),
+    }
+}
+
+fn extended_sys_state(flight: &WatchedFlight) -> EXTENDED_SYS_STATE_DATA {
+    let touches = flight.state.is_some_and(|it| it.truth.touches_ground == 1);
+    EXTENDED_SYS_STATE_DATA {
+        vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
+        landed_state: match flight.ending.is_some() || touches {
+            true => MavLandedState::MAV_LANDED_STATE_ON_GROUND,
+            false => MavLandedState::MAV_LANDED_STATE_IN_AIR,
+        },
+    }
+}
+
+fn attitude(flight: &WatchedFlight) -> Option<ATTITUDE_DATA> {
+    let measured = flight.state.as_ref()?.measured;
+    let [roll, pitch, yaw] = turned_angles(measured.attitude_rad).map(|it| it as f32);
+    let [rollspeed, pitchspeed, yawspeed] = turned(measured.rate_b_rad_s).map(|it| it as f32);
+    Some(ATTITUDE_DATA {
+        time_boot_ms: time_ms(flight),
+        roll,
+        pitch,
+        yaw,
+        rollspeed,
+        pitchspeed,
+        yawspeed,
+    })
+}
+
+fn attitude_quaternion(flight: &WatchedFlight) -> Option<ATTITUDE_QUATERNION_DATA> {
+    let measured = flight.state.as_ref()?.measured;
+    let [q1, q2, q3, q4] = turned_quaternion(measured.attitude_quaternion).map(|it| it as f32);
+    let [rollspeed, pitchspeed, yawspeed] = turned(measured.rate_b_rad_s).map(|it| it as f32);
+    Some(ATTITUDE_QUATERNION_DATA {
+        time_boot_ms: time_ms(flight),
+        q1,
+        q2,
+        q3,
+        q4,
+        rollspeed,
+        pitchspeed,
+        yawspeed,
+        ..ATTITUDE_QUATERNION_DATA::default()
+    })
+}
+
+fn local_position(flight: &WatchedFlight) -> Option<LOCAL_POSITION_NED_DATA> {
+    let measured = flight.state.as_ref()?.measured;
+    let [x, y, z] = turned(measured.position_w_m).map(|it| it as f32);
+    let [vx, vy, vz] = turned(measured.velocity_w_m_s).map(|it| it as f32);
+    Some(LOCAL_POSITION_NED_DATA {
+        time_boot_ms: time_ms(flight),
+        x,
+        y,
+        z,
+        vx,
+        vy,
+        vz,
+    })
+}
+
+fn position_target(flight: &WatchedFlight) -> Option<POSITION_TARGET_LOCAL_NED_DATA> {
+    let reference = flight.setpoint.as_ref()?.reference;
+    let [x, y, z] = turned(reference.position_w_m).map(|it| it as f32);
+    let [vx, vy, vz] = turned(reference.velocity_w_m_s).map(|it| it as f32);
+    let [afx, afy, afz] = turned(reference.acceleration_w_m_s2).map(|it| it as f32);
+    Some(POSITION_TARGET_LOCAL_NED_DATA {
+        time_boot_ms: time_ms(flight),
+        x,
+        y,
+        z,
+        vx,
+        vy,
+        vz,
+        afx,
+        afy,
+        afz,
+        yaw: turned_angles([0.0, 0.0, reference.yaw_rad])[2] as f32,
+        yaw_rate: -reference.yaw_rate_rad_s as f32,
+        type_mask: PositionTargetTypemask::empty(),
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+    })
+}
+
+fn global_position(flight: &WatchedFlight) -> Option<GLOBAL_POSITION_INT_DATA> {
+    let measured = flight.state.as_ref()?.measured;
+    let [lat, lon, alt] = geographic(turned(measured.position_w_m));
+    let [vx, vy, vz] = turned(measured.velocity_w_m_s).map(|it| (it * 100.0).round() as i16);
+    Some(GLOBAL_POSITION_INT_DATA {
+        time_boot_ms: time_ms(flight),
+        lat,
+        lon,
+        alt,
+        relative_alt: (measured.position_w_m[2] * 1e3).round() as i32,
+        vx,
+        vy,
+        vz,
+        hdg: (heading_deg(measured.attitude_rad) * 100.0).round() as u16 % 36_000,
+    })
+}
+
+/// 0 to 360 degrees, clockwise from north.
+fn heading_deg(attitude_rad: [f64; 3]) -> f64 {
+    turned_angles(attitude_rad)[2]
+        .to_degrees()
+        .rem_euclid(360.0)
+}
+
+fn home_position() -> HOME_POSITION_DATA {
+    let [latitude, longitude, altitude] = geographic([0.0; 3]);
+    HOME_POSITION_DATA {
+        latitude,
+        longitude,
+        altitude,
+        q: [f32::NAN; 4],
+        approach_x: f32::NAN,
+        approach_y: f32::NAN,
+        approach_z: f32::NAN,
+        ..HOME_POSITION_DATA::default()
+    }
+}
+
+fn global_origin() -> GPS_GLOBAL_ORIGIN_DATA {
+    let [latitude, longitude, altitude] = geographic([0.0; 3]);
+    GPS_GLOBAL_ORIGIN_DATA {
+        latitude,
+        longitude,
+        altitude,
+        ..GPS_GLOBAL_ORIGIN_DATA::default()
+    }
+}
+
+fn vfr_hud(flight: &WatchedFlight) -> Option<VFR_HUD_DATA> {
+    let measured = flight.state.as_ref()?.measured;
+    let [vx, vy, vz] = measured.velocity_w_m_s;
+    let most = rotor_limits(flight)?[1];
+    let squares = measured.rotor_speed_squared_mean_rad2_s2;
+    let share = squares.iter().sum::<f64>() / (ROTORS as f64 * most * most);
+    Some(VFR_HUD_DATA {
+        airspeed: (vx * vx + vy * vy + vz * vz).sqrt() as f32,
+        groundspeed: vx.hypot(vy) as f32,
+        alt: (ORIGIN[2] + measured.position_w_m[2]) as f32,
+        climb: vz as f32,
+        heading: heading_deg(measured.attitude_rad).round() as i16 % 360,
+        throttle: (100.0 * share).round() as u16,
+    })
+}
+
+/// Slowest and fastest rotor [rad/s].
+fn rotor_limits(flight: &WatchedFlight) -> Option<[f64; 2]> {
+    let limit = |key: &str| flight.setting(key).parse().ok();
+    Some([limit("rotor.min_rad_s")?, limit("rotor.max_rad_s")?])
+}
+
+/// Rotor commands as for servos, from 1000 us (slowest) to 2000 us (fastest).
+fn servo_output(flight: &WatchedFlight) -> Option<SERVO_OUTPUT_RAW_DATA> {
+    let speeds = flight.rotor_speeds.as_ref()?.speed_rad_s;
+    let [least, most] = rotor_limits(flight)?;
+    let width_us = |speed: f64| (1000.0 + 1000.0 * (speed - least) / (most - least)).round() as u16;
+    let [servo1_raw, servo2_raw, servo3_raw, servo4_raw] = speeds.map(width_us);
+    Some(SERVO_OUTPUT_RAW_DATA {
+        time_usec: time_ms(flight).wrapping_mul(1000),
+        servo1_raw,
+        servo2_raw,
+        servo3_raw,
+        servo4_raw,
+        ..SERVO_OUTPUT_RAW_DATA::default()
+    })
+}
+
+fn autopilot_version(flight: &WatchedFlight) -> AUTOPILOT_VERSION_DATA {
+    let part = |text: &str| text.parse::<u32>().unwrap_or(0);
+    let version = [
+        part(env!("CARGO_PKG_VERSION_MAJOR")),
+        part(env!("CARGO_PKG_VERSION_MINOR")),
+        part(env!("CARGO_PKG_VERSION_PATCH")),
+    ];
+    AUTOPILOT_VERSION_DATA {
+        capabilities: MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+        uid: flight.run.run_id,
+        flight_sw_version: version[0] << 24 | version[1] << 16 | version[2] << 8,
+        ..AUTOPILOT_VERSION_DATA::default()
+    }
+}
+
+/// The only mode: the trajectory of the flight.
+fn available_modes(flight: &WatchedFlight) -> AVAILABLE_MODES_DATA {
+    AVAILABLE_MODES_DATA {
+        custom_mode: 0,
+        properties: MavModeProperty::MAV_MODE_PROPERTY_NOT_USER_SELECTABLE,
+        number_modes: 1,
+        mode_index: 1,
+        standard_mode: MavStandardMode::MAV_STANDARD_MODE_NON_STANDARD,
+        mode_name: flight.setting("flight.trajectory").into(),
+    }
+}
