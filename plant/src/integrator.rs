@@ -1,4 +1,4 @@
-//! Integrator: classical Runge-Kutta of order 4, four steps per tick.
+//! Integrator: classical Runge-Kutta of order 4, by default four steps per tick.
 //!
 //! It owns the steps and the times of their stages. Inside a tick the rotors' motion and the disturbance h(t) are
 //! continuous, so both are evaluated at the stage times. Every time is computed from the integer tick and the step
@@ -11,14 +11,14 @@ use messages::rate_dynamics::Disturbances;
 use crate::rigid_body::{Dynamics, Forcing, RigidBody, RigidBodyRate};
 use crate::rotors::Spin;
 
-/// Runge-Kutta steps per tick: 250 us each at 1 kHz.
+/// Runge-Kutta steps per tick by default: 250 us each at 1 kHz.
 pub const SUBSTEPS: u32 = 4;
 
 /// The steps of a tick: what is the same in every one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps {
     pub period_s: f64,
-    substeps: u32,
+    pub(crate) substeps: u32,
     pub(crate) half_s: f64,
     /// Sine and cosine of half a step, by which h(t) goes on.
     pub(crate) turn: (f64, f64),
@@ -45,8 +45,7 @@ impl Steps {
 
 /// Carries a body from grid tick `tick` to the next, `period_s` [s] later, in `substeps` equal steps.
 ///
-/// The parameters and the rotor command (inside `spin`) hold for the whole tick. The stage uses [`SUBSTEPS`]; other
-/// numbers of steps are there to measure the order of convergence.
+/// The parameters and the rotor command (inside `spin`) hold for the whole tick.
 pub fn integrate(
     body: &RigidBody,
     airframe: &Airframe,
@@ -99,7 +98,7 @@ pub fn integrate_with(
         after_step(&step_start, &mut body);
         start = end;
     }
-    // Four steps stretch the quaternion by less than rounding does, so once a tick is enough.
+    // Four steps stretch the quaternion by less than rounding does, and fewer by less than they err otherwise.
     RigidBody {
         attitude: body.attitude.normalised(),
         ..body

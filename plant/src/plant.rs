@@ -18,14 +18,13 @@ use messages::content::{Decision, Measured, NO_TICK, ROTORS, RotorSpeeds, Stampe
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use messages::role::Channel;
-use messages::vectors::vectorised;
 use nalgebra::{Vector3, Vector4};
 
 use crate::command_delay::CommandDelay;
 use crate::command_hold::CommandHold;
 use crate::envelope_violation::{Crash, EnvelopeViolation};
 use crate::ground::{Contact, Ground};
-use crate::integrator::{SUBSTEPS, Steps, integrate_with};
+use crate::integrator::{Steps, integrate_with};
 use crate::rigid_body::{Dynamics, RigidBody};
 use crate::rotors::{Rotors, Spin, SpinMeans, hover};
 use crate::sensors::Sensors;
@@ -87,7 +86,7 @@ impl Plant {
         };
         let hover = hover(&airframe);
         Self {
-            steps: Steps::new(period_s, SUBSTEPS),
+            steps: Steps::new(period_s, settings.substeps),
             airframe,
             dynamics: Dynamics::new(&airframe),
             rotors: Rotors::new(&airframe),
@@ -272,11 +271,11 @@ impl Plant {
         let (tick, steps) = (self.tick, &self.steps);
         let (airframe, dynamics, body) = (&self.airframe, &self.dynamics, &self.body);
         let Some(ground) = self.ground else {
-            return integrate_freely(body, dynamics, spin, tick, steps);
+            return integrate_with(body, dynamics, spin, tick, steps, |_, _| {});
         };
         let mut contact = Contact::default();
         let period_s = steps.period_s;
-        let step_s = period_s / f64::from(SUBSTEPS);
+        let step_s = period_s / f64::from(steps.substeps);
         let keep_above = |start: &RigidBody, body: &mut RigidBody| {
             ground.keep_above(airframe, start, body, step_s, &mut contact);
         };
@@ -417,12 +416,5 @@ impl Plant {
             }
         }
         Ok(())
-    }
-}
-
-vectorised! {
-    /// Where nothing touches the body between two ticks.
-    fn integrate_freely(body: &RigidBody, dynamics: &Dynamics, spin: &Spin, tick: u64, steps: &Steps) -> RigidBody {
-        integrate_with(body, dynamics, spin, tick, steps, |_, _| {})
     }
 }

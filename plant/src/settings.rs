@@ -7,10 +7,13 @@ use messages::limits::RotorLimits;
 use messages::parameters::Airframe;
 
 use crate::ground::Ground;
+use crate::integrator::SUBSTEPS;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantSettings {
     pub period_s: f64,
+    /// Runge-Kutta steps per tick.
+    pub substeps: u32,
     /// True parameters at the start; swaps change them in flight.
     pub airframe: Airframe,
     /// Range of the rotor speeds, whose lower end is idle.
@@ -29,6 +32,7 @@ impl Default for PlantSettings {
     fn default() -> Self {
         Self {
             period_s: 0.001,
+            substeps: SUBSTEPS,
             airframe: Airframe::nominal(),
             rotor: RotorLimits::default(),
             seed: 0,

@@ -55,9 +55,17 @@ impl Tracking {
         self.course.reference(tick as f64 * self.period_s)
     }
 
-    /// The reference of a tick: from its setpoint, if there is one, which has it already.
-    fn reference_of(&self, tick: u64, setpoint: Option<&Setpoint>) -> Reference {
-        setpoint.map_or_else(|| self.reference(tick), |setpoint| setpoint.reference)
+    /// Looks at the reference of a tick: that of its setpoint, if there is one, which has it already.
+    fn of_reference<R>(
+        &self,
+        tick: u64,
+        setpoint: Option<&Setpoint>,
+        look: impl FnOnce(&Reference) -> R,
+    ) -> R {
+        match setpoint {
+            Some(setpoint) => look(&setpoint.reference),
+            None => look(&self.reference(tick)),
+        }
     }
 
     /// True distance of the state of a tick from its reference [m].
@@ -67,17 +75,20 @@ impl Tracking {
 
     /// True distance of the state of a tick from the reference of its setpoint, if there is one [m].
     pub fn setpoint_error_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
-        state.position_error_m(&self.reference_of(tick, setpoint))
+        self.of_reference(tick, setpoint, |reference| {
+            state.position_error_m(reference)
+        })
     }
 
     /// True errors of the state of a tick, against the reference of its setpoint, if there is one.
     pub fn errors(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> StateErrors {
-        let reference = self.reference_of(tick, setpoint);
-        [
-            state.position_error_m(&reference),
-            state.yaw_error_rad(&reference),
-            state.tilt_error_rad(&reference),
-        ]
+        self.of_reference(tick, setpoint, |reference| {
+            [
+                state.position_error_m(reference),
+                state.yaw_error_rad(reference),
+                state.tilt_error_rad(reference),
+            ]
+        })
     }
 }
 

@@ -274,9 +274,12 @@ impl Design {
                 }
                 "plant" | "model" => {
                     for (name, value) in keys.iter_mut() {
-                        let built = || Some(self.airframe.get(Parameter::from_name(name).ok()?));
+                        let Some(spec) = SPECS.iter().find(|spec| spec.name == name) else {
+                            continue;
+                        };
                         let believed = self.believed.get(name).filter(|_| section == "model");
-                        *value = Value::Float(believed.copied().or_else(built).unwrap_or_default());
+                        let built = self.airframe.get(spec.parameter);
+                        *value = Value::Float(believed.copied().unwrap_or(built));
                     }
                 }
                 _ => {}

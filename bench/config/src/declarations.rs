@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use messages::parameters::{Parameter, SPECS, after_blank, shown};
 
 use crate::settings::{
-    FlightSettings, GroundSection, RealtimeSection, RecorderSettings, SimplexSection,
+    FlightSettings, GroundSection, PlantSection, RealtimeSection, RecorderSettings, SimplexSection,
 };
 use crate::trajectory::TrajectorySection;
 
@@ -31,6 +31,8 @@ pub enum Allowed {
     Any,
     /// Least and largest value; of each number, if the setting has several.
     Range(f64, f64),
+    /// A few whole numbers.
+    Counts(&'static [i64]),
     /// The words, and what each one means.
     OneOf(&'static [(&'static str, &'static str)]),
     /// The limit of a gate; a negative number for no gate.
@@ -209,68 +211,74 @@ const MODEL: [Parameter; 9] = [
     Parameter::InertiaZ,
 ];
 
-/// Content of a section.
-enum Rows {
-    Settings(&'static [Setting]),
-    Parameters(Vec<Parameter>),
-}
+/// Content of a section: settings, then parameters of the airframe.
+struct Rows(&'static [Setting], Vec<Parameter>);
 
 /// The sections with their explanations, in the order of a settings file. Those of the laws follow them.
 static SECTIONS: LazyLock<[(&str, &str, Rows); 10]> = LazyLock::new(|| {
-    use Rows::{Parameters, Settings};
     [
-        ("flight", "The flight.", Settings(FlightSettings::SETTINGS)),
+        (
+            "flight",
+            "The flight.",
+            Rows(FlightSettings::SETTINGS, Vec::new()),
+        ),
         (
             "initial",
             "State at tick 0; the rotors turn at hover speed.",
-            Settings(INITIAL),
+            Rows(INITIAL, Vec::new()),
         ),
         (
             "ground",
             "The ground, a plane at flight.ground_z_m.",
-            Settings(GroundSection::SETTINGS),
+            Rows(GroundSection::SETTINGS, Vec::new()),
         ),
         (
             "trajectory",
             "How the trajectory is stretched, and how its file is read.",
-            Settings(TrajectorySection::SETTINGS),
+            Rows(TrajectorySection::SETTINGS, Vec::new()),
         ),
         (
             "plant",
             "The true airframe at tick 0. `ironbird inject` changes it in flight; noise, bias and delay of 0 mean none.",
-            Parameters(SPECS.iter().map(|spec| spec.parameter).collect()),
+            Rows(
+                PlantSection::SETTINGS,
+                SPECS.iter().map(|spec| spec.parameter).collect(),
+            ),
         ),
         (
             "model",
             "The airframe as the laws know it. Changes in flight do not affect it. I_R, k_r and delta are not included: the \
              inner law `adaptive` estimates them.",
-            Parameters(MODEL.to_vec()),
+            Rows(&[], MODEL.to_vec()),
         ),
-        ("rotor", "Range of the rotor speeds.", Settings(ROTOR)),
+        (
+            "rotor",
+            "Range of the rotor speeds.",
+            Rows(ROTOR, Vec::new()),
+        ),
         (
             "rt",
             "Real-time execution and redundant channels.",
-            Settings(RealtimeSection::SETTINGS),
+            Rows(RealtimeSection::SETTINGS, Vec::new()),
         ),
         (
             "simplex",
             "When a channel that flies other laws takes over.",
-            Settings(SimplexSection::SETTINGS),
+            Rows(SimplexSection::SETTINGS, Vec::new()),
         ),
         (
             "recorder",
             "The recorder. Gates: exit code 3 if one fails or measured nothing; a negative value switches a gate off.",
-            Settings(RecorderSettings::SETTINGS),
+            Rows(RecorderSettings::SETTINGS, Vec::new()),
         ),
     ]
 });
 
 /// All settings except airframe parameters and laws' own.
 pub fn settings() -> impl Iterator<Item = &'static Setting> {
-    SECTIONS.iter().flat_map(|(_, _, rows)| match rows {
-        Rows::Settings(settings) => *settings,
-        Rows::Parameters(_) => &[],
-    })
+    SECTIONS
+        .iter()
+        .flat_map(|(_, _, Rows(settings, _))| *settings)
 }
 
 impl Setting {
@@ -291,6 +299,10 @@ impl Setting {
         match self.allowed {
             Allowed::Any => String::new(),
             Allowed::Range(min, max) => format!("{} to {}", shown(min), shown(max)),
+            Allowed::Counts(counts) => {
+                let counts: Vec<String> = counts.iter().map(i64::to_string).collect();
+                counts.join(", ")
+            }
             Allowed::OneOf(words) => {
                 let words: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
                 words.join(", ")
@@ -306,21 +318,18 @@ pub static DEFAULT: LazyLock<String> = LazyLock::new(|| {
     let mut text = "# Settings of ironbird. Every key is optional and has the default shown here. Relative paths start at \
                     the folder of their file.\n"
         .to_owned();
-    for (section, about, rows) in SECTIONS.iter() {
+    for (section, about, Rows(settings, parameters)) in SECTIONS.iter() {
         text += "\n";
         comment(&mut text, about);
         let _ = writeln!(text, "[{section}]");
-        match rows {
-            Rows::Settings(settings) => settings.iter().for_each(|setting| {
-                comment(&mut text, &with_allowed(setting));
-                let _ = writeln!(text, "{} = {}", setting.key, setting.default);
-            }),
-            Rows::Parameters(parameters) => parameters.iter().for_each(|parameter| {
-                let spec = parameter.spec();
-                let (unit, name) = (after_blank(spec.unit), spec.name);
-                let meaning = spec.meaning;
-                let _ = writeln!(text, "{name} = {:?} # {meaning}{unit}", spec.nominal);
-            }),
+        for setting in *settings {
+            comment(&mut text, &with_allowed(setting));
+            let _ = writeln!(text, "{} = {}", setting.key, setting.default);
+        }
+        for spec in parameters.iter().map(|parameter| parameter.spec()) {
+            let (unit, name) = (after_blank(spec.unit), spec.name);
+            let meaning = spec.meaning;
+            let _ = writeln!(text, "{name} = {:?} # {meaning}{unit}", spec.nominal);
         }
     }
     text
@@ -333,7 +342,7 @@ fn with_allowed(setting: &Setting) -> String {
             .iter()
             .map(|(word, meaning)| format!("\n{word}: {meaning}"))
             .collect(),
-        Allowed::Range(..) => format!(" Allowed: {}.", setting.allowed_text()),
+        Allowed::Range(..) | Allowed::Counts(_) => format!(" Allowed: {}.", setting.allowed_text()),
         Allowed::Any | Allowed::Limit | Allowed::Share => String::new(),
     };
     first + &meanings
@@ -354,38 +363,38 @@ pub fn page() -> String {
                     page.\n"
         .to_owned();
     let cell = |text: &str| text.replace('|', "\\|");
-    for (section, about, rows) in SECTIONS.iter() {
+    for (section, about, Rows(settings, parameters)) in SECTIONS.iter() {
         let _ = write!(page, "\n## [{section}]\n\n{about}\n\n");
-        match rows {
-            Rows::Settings(settings) => {
-                page += "| key | default | allowed | flag | meaning |\n|---|---|---|---|---|\n";
-                for setting in *settings {
-                    let flag = setting.flag.map_or(String::new(), |flag| {
-                        format!("`{} {}`", flag.name, flag.value).replace(" `", "`")
-                    });
-                    let (meaning, allowed) = (setting.explanations().0, setting.allowed_text());
-                    let cells = [
-                        setting.key,
-                        &format!("`{}`", setting.default),
-                        &allowed,
-                        &flag,
-                        &meaning,
-                    ];
-                    let _ = writeln!(page, "| {} |", cells.map(cell).join(" | "));
-                }
-            }
-            Rows::Parameters(parameters) => {
-                page += "| key | default | unit | range | meaning |\n|---|---|---|---|---|\n";
-                for spec in parameters.iter().map(|parameter| parameter.spec()) {
-                    let (name, nominal, unit, meaning) =
-                        (spec.name, spec.nominal, spec.unit, spec.meaning);
-                    let (min, max) = (shown(spec.min), shown(spec.max));
-                    let _ = writeln!(
-                        page,
-                        "| {name} | `{nominal:?}` | {unit} | {min} to {max} | {meaning} |"
-                    );
-                }
-            }
+        if !settings.is_empty() {
+            page += "| key | default | allowed | flag | meaning |\n|---|---|---|---|---|\n";
+        }
+        for setting in *settings {
+            let flag = setting.flag.map_or(String::new(), |flag| {
+                format!("`{} {}`", flag.name, flag.value).replace(" `", "`")
+            });
+            let (meaning, allowed) = (setting.explanations().0, setting.allowed_text());
+            let cells = [
+                setting.key,
+                &format!("`{}`", setting.default),
+                &allowed,
+                &flag,
+                &meaning,
+            ];
+            let _ = writeln!(page, "| {} |", cells.map(cell).join(" | "));
+        }
+        if !settings.is_empty() && !parameters.is_empty() {
+            page += "\n";
+        }
+        if !parameters.is_empty() {
+            page += "| key | default | unit | range | meaning |\n|---|---|---|---|---|\n";
+        }
+        for spec in parameters.iter().map(|parameter| parameter.spec()) {
+            let (name, nominal, unit, meaning) = (spec.name, spec.nominal, spec.unit, spec.meaning);
+            let (min, max) = (shown(spec.min), shown(spec.max));
+            let _ = writeln!(
+                page,
+                "| {name} | `{nominal:?}` | {unit} | {min} to {max} | {meaning} |"
+            );
         }
     }
     page += "\n## [outer], [inner], [mixer]\n\nThe key `law` names the law (`--outer`, `--inner`, `--mixer`). `ironbird laws NAME` \

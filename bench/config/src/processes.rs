@@ -29,12 +29,13 @@ use errors::Failure;
 impl Settings {
     /// The true airframe at tick 0.
     pub fn airframe(&self) -> Result<Airframe, Failure> {
-        self.airframe_of("plant", &self.plant)
+        self.airframe_of("plant", &self.plant.parameters)
     }
 
     pub fn plant(&self) -> Result<plant::PlantSettings, Failure> {
         Ok(plant::PlantSettings {
             period_s: self.flight.period_s,
+            substeps: self.plant.substeps,
             airframe: self.airframe()?,
             rotor: self.rotor,
             seed: self.flight.seed,

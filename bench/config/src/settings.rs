@@ -14,13 +14,14 @@ use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
 use messages::role::{Channel, MOST_CHANNELS, Role};
 use messages::telemetry::LAW_ROLES;
+use plant::integrator::SUBSTEPS;
 use plant::{Ground, Initial};
 use render::flight;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::airframe;
-use crate::declarations::{Allowed, DEFAULT, Flag, Group, Notation, section};
+use crate::declarations::{Allowed, DEFAULT, Flag, Group, Notation, Setting, section};
 use crate::law_settings::{self, Moved};
 use crate::toml_access::same;
 use crate::trajectory::{self, PointsFile, TrajectorySection};
@@ -40,7 +41,7 @@ pub struct Settings {
     #[serde(default = "airframe::paper")]
     pub airframe: BTreeMap<String, f64>,
     /// The true airframe at tick 0, by parameter name.
-    pub plant: BTreeMap<String, f64>,
+    pub plant: PlantSection,
     /// The airframe as the laws know it, by parameter name.
     pub model: BTreeMap<String, f64>,
     pub rotor: RotorLimits,
@@ -154,6 +155,34 @@ section! { "ground"
 pub enum ContactName {
     Off,
     Plane,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlantSection {
+    #[serde(default = "substeps", skip_serializing_if = "is_default_substeps")]
+    pub substeps: u32,
+    #[serde(flatten)]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+impl PlantSection {
+    pub(crate) const SETTINGS: &[Setting] = section! { rows "plant"
+        /// Runge-Kutta steps per tick: fewer are faster and less accurate (docs/plant.md).
+        substeps = "4", in Allowed::Counts(&[1, 2, 4]);
+    };
+}
+
+const fn substeps() -> u32 {
+    SUBSTEPS
+}
+
+/// Recorded settings name the steps only if they are not the default.
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+const fn is_default_substeps(substeps: &u32) -> bool {
+    *substeps == SUBSTEPS
 }
 
 section! { "rt"

@@ -328,6 +328,8 @@ const REFUSED: &[(&str, &str)] = &[
     ("[plant]; mass_kg = 50", "plant.mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
     (r#"[rt]; cpu = "fast""#, r#"rt.cpu = "fast""#),
     ("[rt]; cpu = -2", "rt.cpu = -2"),
+    ("[plant]; substeps = 3", "plant.substeps = 3: allowed are 1, 2, 4"),
+    ("[plant]; substeps = 2.0", "plant.substeps = 2.0: expected a whole number, as in 4"),
     ("[rt]; start_timeout_s = 0", "rt.start_timeout_s = 0 is out of range: allowed are 1 to 3600"),
     ("[rt]; loop_cpus = 3", "rt.loop_cpus = 3: allowed are 1, 2 and 4"),
     (r#"[flight]; faults = ["mas_kg=1@2s"]"#, "did you mean `mass_kg`"),
@@ -435,6 +437,20 @@ fn the_shared_text_has_no_settings_that_may_differ() {
     let text = default().shared_text().unwrap();
     assert!(text.contains("inner.alpha_1_s = 200.0\n"), "{text}");
     assert!(!text.contains("rt.") && !text.contains("recorder."));
+}
+
+#[test]
+fn the_plant_has_the_steps_of_its_settings_and_flights_share_other_ones_than_the_default() {
+    for substeps in [1, 2, 4] {
+        let settings = from_file(&format!("plant.substeps = {substeps}")).unwrap();
+        assert_eq!(settings.plant().unwrap().substeps, substeps);
+        let shared = settings.shared_text().unwrap();
+        let line = format!("plant.substeps = {substeps}\n");
+        // So settings of earlier flights keep their fingerprint.
+        assert_eq!(shared.contains(&line), substeps != 4, "{shared}");
+        let again = from_file(&settings.commented().unwrap()).unwrap();
+        assert_eq!(again.plant, settings.plant);
+    }
 }
 
 /// `IRONBIRD_WRITE_DOCS=1 cargo test -p config` writes the page.

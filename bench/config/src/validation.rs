@@ -2,6 +2,7 @@
 
 use analysis::theorem::no_theorem;
 use std::f64::consts::FRAC_PI_2;
+use std::fmt::Display;
 
 use control_api::Rig;
 use control_api::description::Refused;
@@ -33,6 +34,12 @@ fn check_allowed(table: &Table) -> Result<(), Failure> {
         };
         match setting.allowed {
             Allowed::Range(min, max) => check_range(setting, value, min, max)?,
+            Allowed::Counts(counts) => {
+                let counted = value.as_integer().is_none_or(|it| counts.contains(&it));
+                if !counted {
+                    return Err(outside(setting, value));
+                }
+            }
             Allowed::Limit => check_limit(setting, number(value), f64::MAX)?,
             Allowed::Share => check_limit(setting, number(value), 100.0)?,
             Allowed::Any | Allowed::OneOf(_) => {}
@@ -61,15 +68,15 @@ fn check_range(setting: &Setting, value: &Value, min: f64, max: f64) -> Result<(
 /// Refuses a limit that no number is compared with: it would be no gate, or one that always holds.
 fn check_limit(setting: &Setting, limit: Option<f64>, most: f64) -> Result<(), Failure> {
     match limit {
-        Some(limit) if !limit.is_finite() || limit > most => {
-            let allowed = setting.allowed_text();
-            Err(
-                Failure::usage(format!("{} = {limit}: allowed are {allowed}", setting.path))
-                    .help("`ironbird fly --print-config` explains every setting"),
-            )
-        }
+        Some(limit) if !limit.is_finite() || limit > most => Err(outside(setting, limit)),
         _ => Ok(()),
     }
+}
+
+fn outside(setting: &Setting, value: impl Display) -> Failure {
+    let (path, allowed) = (setting.path, setting.allowed_text());
+    Failure::usage(format!("{path} = {value}: allowed are {allowed}"))
+        .help("`ironbird fly --print-config` explains every setting")
 }
 
 pub(super) fn refused(e: Refused) -> Failure {

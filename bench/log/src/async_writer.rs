@@ -93,6 +93,8 @@ struct Queue {
 #[derive(Debug, Default)]
 struct QueueState {
     piece: Vec<u8>,
+    /// A piece that was written, whose memory is used again.
+    spare: Vec<u8>,
     pieces: VecDeque<Vec<u8>>,
     handed: u64,
     on_disk: u64,
@@ -145,8 +147,9 @@ impl AsyncWriter {
     /// Ends a piece and hands it over, without waiting. Gives the length up to which everything is on the disk [bytes].
     pub fn settle(&self) -> u64 {
         let mut state = self.state();
-        let piece = std::mem::take(&mut state.piece);
-        if !piece.is_empty() {
+        if !state.piece.is_empty() {
+            let next = std::mem::take(&mut state.spare);
+            let piece = std::mem::replace(&mut state.piece, next);
             state.handed += piece.len() as u64;
             state.pieces.push_back(piece);
             self.0.0.changed.notify_all();
@@ -332,8 +335,10 @@ impl Queue {
         state.busy = false;
         match (job, outcome) {
             (DiskJob::Write(..), _) if state.has_given_up => {}
-            (DiskJob::Write(piece, _), Ok(())) => {
+            (DiskJob::Write(mut piece, _), Ok(())) => {
                 state.on_disk += piece.len() as u64;
+                piece.clear();
+                state.spare = piece;
                 (state.unsynced, state.retry_at) = (true, None);
             }
             (DiskJob::Write(piece, _), Err(reason)) => {

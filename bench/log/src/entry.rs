@@ -55,7 +55,7 @@ pub struct TopicFormat {
     pub descriptor_set: fn() -> Vec<u8>,
     pub describe: fn() -> BTreeMap<String, String>,
     pub columns: fn() -> Vec<rows::Column>,
-    pub(crate) empty: fn() -> LogEntry,
+    pub empty: fn() -> LogEntry,
 }
 
 impl TopicFormat {

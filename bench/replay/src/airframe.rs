@@ -21,6 +21,8 @@ use sim::expected_messages::gap;
 #[derive(Clone, Debug)]
 pub struct AirframeReplay {
     plant: Box<Plant>,
+    /// The newest state.
+    state: State,
     arrangement: Arrangement,
     pace: Pace,
     /// Swaps that were read and are not applied yet.
@@ -41,6 +43,7 @@ impl AirframeReplay {
         plant.set_fault_filter(FaultFilter::new(faults, Port::PlantRotorSpeeds));
         Self {
             plant,
+            state: State::default(),
             arrangement,
             pace,
             swaps: VecDeque::new(),
@@ -65,7 +68,7 @@ impl AirframeReplay {
         message: &Message<State>,
         command: impl Fn(Channel, u64) -> Option<&'a Message<RotorSpeeds>>,
         comparison: &mut ReplayComparison,
-    ) -> Result<State, Failure> {
+    ) -> Result<&State, Failure> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
         let due = self.schedule_until(tick)?;
         let decision = recorded.decision;
@@ -81,20 +84,21 @@ impl AirframeReplay {
             )));
         }
         self.take_commands(tick, command, comparison)?;
-        let mut replayed = self.plant.begin(tick);
+        let replayed = &mut self.state;
+        self.plant.begin_into(tick, replayed);
         replayed.decision = Decision {
             count: decision.count,
             command: decision.command,
             ..replayed.decision
         };
-        comparison.compare(tick, recorded, &replayed);
+        comparison.compare(tick, recorded, replayed);
         let mut applied = self.plant.applied().iter().map(plant::AppliedSwap::record);
         for swap in due {
             let replayed = applied.next().unwrap_or_default();
             comparison.compare(swap.envelope.tick, &swap.content, &replayed);
         }
         self.plant.finish();
-        Ok(replayed)
+        Ok(&self.state)
     }
 
     /// Judges the command of the last tick, with the decisions after it. Returns all missed deadlines of the flight.
@@ -114,7 +118,7 @@ impl AirframeReplay {
         command: impl Fn(Channel, u64) -> Option<&'a Message<RotorSpeeds>>,
         comparison: &mut ReplayComparison,
     ) -> Result<(), Failure> {
-        for taken in std::mem::take(&mut self.decided) {
+        for taken in self.decided.drain(..) {
             let channel = Channel::from_wire(taken.channel);
             let message = channel.and_then(|it| Some((it, command(it, taken.of_tick)?)));
             let message = message.filter(|(_, it)| it.envelope.seq == taken.seq);

@@ -1,48 +1,126 @@
 //! Passes the messages of a log to the replay thread, chunk by chunk, in the order in which the recorder took them.
 
-use std::collections::VecDeque;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::mem::{replace, take};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 
-use flight_log::entry::LogEntry;
+use flight_log::entry::{FORMATS, LogEntry};
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::header::Message;
+use messages::monitor::Monitor;
 
 /// Chunks on their way: one is decompressed while another one is replayed.
 const ON_THEIR_WAY: usize = 1;
 
-/// A message with its position in the recorder's order.
-pub type Positioned = (u64, LogEntry);
+/// The messages of a chunk by topic, as one processor hands every byte of them to another.
+#[derive(Debug, Default)]
+struct Chunk {
+    /// Position in the recorder's order, then in the log; place in one of these lists.
+    order: Vec<(u64, usize, Place)>,
+    states: Vec<Message<State>>,
+    setpoints: Vec<Message<Setpoint>>,
+    wrenches: Vec<Message<Wrench>>,
+    rotor_speeds: Vec<Message<RotorSpeeds>>,
+    theorem: Vec<Message<Monitor>>,
+    rare: Vec<LogEntry>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Place {
+    State(usize),
+    Setpoint(usize),
+    Wrench(usize),
+    RotorSpeeds(usize),
+    Theorem(usize),
+    Rare(usize),
+}
+
+impl Chunk {
+    fn push(&mut self, position: u64, message: &LogEntry) {
+        fn add<T: Copy>(list: &mut Vec<T>, message: &T) -> usize {
+            list.push(*message);
+            list.len() - 1
+        }
+        let place = match message {
+            LogEntry::State(message) => Place::State(add(&mut self.states, message)),
+            LogEntry::Setpoint(message) => Place::Setpoint(add(&mut self.setpoints, message)),
+            LogEntry::Wrench(message) => Place::Wrench(add(&mut self.wrenches, message)),
+            LogEntry::RotorSpeeds(message) => {
+                Place::RotorSpeeds(add(&mut self.rotor_speeds, message))
+            }
+            LogEntry::Theorem(message) => Place::Theorem(add(&mut self.theorem, message)),
+            rare => Place::Rare(add(&mut self.rare, rare)),
+        };
+        self.order.push((position, self.order.len(), place));
+    }
+
+    /// Writes a message into the place of another one.
+    fn read(&self, place: Place, entry: &mut LogEntry) {
+        match place {
+            Place::State(place) => *entry = LogEntry::State(self.states[place]),
+            Place::Setpoint(place) => *entry = LogEntry::Setpoint(self.setpoints[place]),
+            Place::Wrench(place) => *entry = LogEntry::Wrench(self.wrenches[place]),
+            Place::RotorSpeeds(place) => *entry = LogEntry::RotorSpeeds(self.rotor_speeds[place]),
+            Place::Theorem(place) => *entry = LogEntry::Theorem(self.theorem[place]),
+            Place::Rare(place) => *entry = self.rare[place],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.order.clear();
+        self.states.clear();
+        self.setpoints.clear();
+        self.wrenches.clear();
+        self.rotor_speeds.clear();
+        self.theorem.clear();
+        self.rare.clear();
+    }
+}
 
 #[derive(Debug)]
 pub struct ToReplay {
-    chunk: Vec<Positioned>,
+    chunk: Chunk,
     number: u64,
-    full: SyncSender<Vec<Positioned>>,
+    full: SyncSender<Chunk>,
+    /// Replayed chunks, whose memory is used again.
+    used: Receiver<Chunk>,
 }
 
 #[derive(Debug)]
 pub struct FromLog {
-    full: Receiver<Vec<Positioned>>,
-    chunk: VecDeque<Positioned>,
+    chunk: Chunk,
+    /// Messages of the chunk that were replayed, and the newest of them.
+    replayed: usize,
+    newest: LogEntry,
+    full: Receiver<Chunk>,
+    used: Sender<Chunk>,
 }
 
 pub fn batches() -> (ToReplay, FromLog) {
-    let (to_replay, full) = sync_channel(ON_THEIR_WAY);
+    let ((to_replay, full), (to_log, used)) = (sync_channel(ON_THEIR_WAY), channel());
     let to_replay = ToReplay {
-        chunk: Vec::new(),
+        chunk: Chunk::default(),
         number: 0,
         full: to_replay,
+        used,
     };
-    let chunk = VecDeque::new();
-    (to_replay, FromLog { full, chunk })
+    let from_log = FromLog {
+        chunk: Chunk::default(),
+        replayed: 0,
+        newest: (FORMATS[0].empty)(),
+        full,
+        used: to_log,
+    };
+    (to_replay, from_log)
 }
 
 impl ToReplay {
-    /// Adds a message of a chunk, which has a number of its own.
-    pub fn push(&mut self, chunk: u64, message: Positioned) {
+    /// Adds a message of a chunk, which has a number of its own, with its position in the recorder's order.
+    pub fn push(&mut self, chunk: u64, position: u64, message: &LogEntry) {
         if chunk != self.number {
             self.number = chunk;
             self.hand_over();
         }
-        self.chunk.push(message);
+        self.chunk.push(position, message);
     }
 
     pub fn finish(mut self) {
@@ -50,26 +128,34 @@ impl ToReplay {
     }
 
     fn hand_over(&mut self) {
-        let mut chunk = std::mem::take(&mut self.chunk);
-        // Stable: messages at one position follow from the same message, and stand in their order.
-        chunk.sort_by_key(|(position, _)| *position);
+        let mut chunk = take(&mut self.chunk);
+        // Messages at one position follow from the same message, and stand in the log in their order.
+        chunk.order.sort_unstable();
         // The replay may have ended at a difference.
         let _ = self.full.send(chunk);
+        self.chunk = self.used.try_recv().unwrap_or_default();
+        self.chunk.clear();
     }
 }
 
 impl FromLog {
     /// Position of the next message; none at the end of the log.
     pub fn position(&mut self) -> Option<u64> {
-        while self.chunk.is_empty() {
-            self.chunk = self.full.recv().ok()?.into();
+        while self.replayed == self.chunk.order.len() {
+            let used = replace(&mut self.chunk, self.full.recv().ok()?);
+            self.replayed = 0;
+            // The log may have ended.
+            let _ = self.used.send(used);
         }
-        self.chunk.front().map(|(position, _)| *position)
+        Some(self.chunk.order[self.replayed].0)
     }
 
-    pub fn next_entry(&mut self) -> Option<LogEntry> {
+    pub fn next_entry(&mut self) -> Option<&LogEntry> {
         self.position()?;
-        self.chunk.pop_front().map(|(_, entry)| entry)
+        let (.., place) = self.chunk.order[self.replayed];
+        self.replayed += 1;
+        self.chunk.read(place, &mut self.newest);
+        Some(&self.newest)
     }
 }
 
@@ -91,7 +177,7 @@ mod tests {
                         for position in [3, 4, 1, 2] {
                             let message = Message::of_tick(position, State::default());
                             let position = 4 * chunk + position;
-                            to_replay.push(chunk, (position, LogEntry::State(message)));
+                            to_replay.push(chunk, position, &LogEntry::State(message));
                         }
                     }
                     to_replay.finish();

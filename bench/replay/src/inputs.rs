@@ -4,10 +4,12 @@
 //! depends only on that message and earlier ones, so the fault filters of the inputs run again here. Lost and late messages
 //! need no such treatment: they show in the ticks of the inputs.
 
-use faults::filter::FaultFilter;
+use faults::filter::{FaultFilter, Passed};
+use faults::plan::Planned;
 use faults::{MessageFaults, Port};
 use messages::content::Stamped;
 use messages::fields::Faulty;
+use messages::grid::Pace;
 use messages::header::Message;
 use messages::history::UNDISTURBED;
 use messages::message_window::MessageWindow;
@@ -17,21 +19,13 @@ use errors::Failure;
 use ipc::DEEP;
 use sim::expected_messages::gap;
 
-/// Messages of a topic that are kept: an older input is possible only if its stage was stopped this long between taking and
-/// using it.
-pub fn window<C: Topic>() -> MessageWindow<C> {
-    MessageWindow::keeping(DEEP)
-}
-
-/// What a stage had as its newest input at `tick`, by the tick that it says this was of.
-fn input<C: Topic>(
-    window: &MessageWindow<C>,
-    input_tick: u64,
-    tick: u64,
-) -> Result<Stamped<C>, Failure> {
-    window
-        .input(input_tick)
-        .ok_or_else(|| lacks::<C>(input_tick, tick))
+/// Messages of a topic that are kept. An older input is possible only if its stage was stopped this long between taking and
+/// using it; in lockstep the other stages wait for it, and only a fault has a stage work with an old message.
+pub fn kept(pace: Pace, planned: &Planned) -> usize {
+    match pace {
+        Pace::Lockstep if planned.has_no_loop_faults() => 128,
+        _ => DEEP,
+    }
 }
 
 fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
@@ -41,40 +35,55 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
     ))
 }
 
-/// An input of a stage that is replayed: the messages that its port let through.
+/// An input of a stage that is replayed: the messages of a topic that its port let through, as a fault left them.
 #[derive(Clone, Debug)]
 pub struct RecordedInput<C: Topic> {
-    filter: Option<FaultFilter<C>>,
-    passed: MessageWindow<C>,
+    /// With faults, the messages that passed; without, all messages did.
+    faulty: Option<(FaultFilter<C>, MessageWindow<C>)>,
 }
 
 impl<C: Faulty> RecordedInput<C> {
-    pub fn new(faults: &MessageFaults, port: Port) -> Self {
+    pub fn new(faults: &MessageFaults, port: Port, kept: usize) -> Self {
+        let filter = FaultFilter::new(faults, port);
         Self {
-            filter: FaultFilter::new(faults, port),
-            passed: window(),
+            faulty: filter.map(|filter| (filter, MessageWindow::keeping(kept))),
         }
+    }
+
+    pub const fn has_faults(&self) -> bool {
+        self.faulty.is_some()
     }
 
     pub fn take(&mut self, message: &Message<C>) {
-        let mut message = *message;
-        if let Some(filter) = &mut self.filter {
-            let Some(passed) = filter.pass(message.envelope.tick, &message.content) else {
-                return;
-            };
-            message.content = passed.content;
+        if let Some((filter, passed)) = &mut self.faulty
+            && let Some(Passed { content, .. }) =
+                filter.pass(message.envelope.tick, &message.content)
+        {
+            let envelope = message.envelope;
+            passed.push(Message { envelope, content });
         }
-        self.passed.push(message);
     }
 
-    /// The newest input that the stage had at `tick`, identified by the tick that its message names.
-    pub fn input(&self, input_tick: u64, tick: u64) -> Result<Stamped<C>, Failure> {
-        input(&self.passed, input_tick, tick)
+    fn passed<'a>(&'a self, all: &'a MessageWindow<C>) -> &'a MessageWindow<C> {
+        self.faulty.as_ref().map_or(all, |(_, passed)| passed)
+    }
+
+    /// The newest input that the stage had at `tick`, identified by the tick that its message names; `all` are the messages
+    /// of the topic.
+    #[inline]
+    pub fn input(
+        &self,
+        all: &MessageWindow<C>,
+        input_tick: u64,
+        tick: u64,
+    ) -> Result<Stamped<C>, Failure> {
+        let input = self.passed(all).input(input_tick);
+        input.ok_or_else(|| lacks::<C>(input_tick, tick))
     }
 
     /// Tick of an input, and the history of the state that its sender had after it.
-    pub fn history(&self, input_tick: u64) -> (u64, u64) {
-        let message = self.passed.of(input_tick);
+    pub fn history(&self, all: &MessageWindow<C>, input_tick: u64) -> (u64, u64) {
+        let message = self.passed(all).of(input_tick);
         let after = message.map_or(UNDISTURBED, |it| it.envelope.law_state.after);
         (input_tick, after)
     }
@@ -84,7 +93,6 @@ impl<C: Faulty> RecordedInput<C> {
 mod tests {
     use faults::filter::FaultyInput;
     use faults::grammar::Fault;
-    use faults::plan::Planned;
     use messages::content::{NO_TICK, Wrench};
     use messages::parameters::Airframe;
 
@@ -110,10 +118,12 @@ mod tests {
 
     #[test]
     fn finds_inputs_as_received_and_reports_impossible_ones_as_gaps() {
-        let mut input_with_faults = RecordedInput::new(&faults("wrench.freeze@tick2..tick5"), PORT);
+        let mut input_with_faults =
+            RecordedInput::new(&faults("wrench.freeze@tick2..tick5"), PORT, DEEP);
         (0..7).for_each(|tick| input_with_faults.take(&wrench(tick)));
+        let all = MessageWindow::keeping(DEEP);
         let thrust = |input_tick| {
-            let input = input_with_faults.input(input_tick, 9).ok()?;
+            let input = input_with_faults.input(&all, input_tick, 9).ok()?;
             Some(input.content.thrust_n)
         };
         assert_eq!(
@@ -127,7 +137,7 @@ mod tests {
     fn a_stage_restarted_within_a_fault_has_what_its_replay_finds_whatever_is_injected_later() {
         for text in ["wrench.freeze@tick2..tick9", "wrench.lag=3@tick2..tick9"] {
             let faults = faults(text);
-            let mut replayed = RecordedInput::new(&faults, PORT);
+            let mut replayed = RecordedInput::new(&faults, PORT, DEEP);
             (0..4).for_each(|tick| replayed.take(&wrench(tick)));
             let mut restarted = FaultyInput::changing(&MessageFaults::none(7), PORT);
             restarted.change(&faults, PORT, &Message::default());
@@ -139,7 +149,7 @@ mod tests {
                 restarted.arrive(&wrench(tick));
                 restarted.settle(tick);
                 let had = restarted.stamped();
-                let found = replayed.input(had.tick, tick);
+                let found = replayed.input(&MessageWindow::keeping(DEEP), had.tick, tick);
                 assert_eq!(found.ok(), Some(had), "tick {tick}");
             }
         }

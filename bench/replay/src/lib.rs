@@ -39,7 +39,7 @@ use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
 use crate::comparison::ReplayComparison;
 use crate::expected::Expected;
-use crate::inputs::{RecordedInput, window};
+use crate::inputs::{RecordedInput, kept};
 use crate::log_check::{LogCheck, LogValidator};
 use crate::loops::{LoopsReplay, SavedStates};
 use crate::summary::Summary;
@@ -117,7 +117,9 @@ pub fn fly_again(
                 messages,
             });
             let check = move || {
-                let check = validator.look_through(|chunk, entry| to_replay.push(chunk, entry));
+                let check = validator.look_through(|chunk, position, entry| {
+                    to_replay.push(chunk, position, entry);
+                });
                 to_replay.finish();
                 check.map_err(|e| of_log(&log, e))
             };
@@ -279,9 +281,13 @@ struct ChannelReplay {
 
 struct FlightReplay {
     from_tick: u64,
+    /// Messages of a topic, and states of a stage, that are kept.
+    kept: usize,
     airframe: AirframeReplay,
-    states: MessageWindow<State>,
-    setpoints: RecordedInput<Setpoint>,
+    /// Setpoints of the flight, of several channels.
+    setpoints: MessageWindow<Setpoint>,
+    /// Faults at the input of the monitored inner loop.
+    inner_setpoint: RecordedInput<Setpoint>,
     /// In the order of the channels.
     channels: Vec<ChannelReplay>,
     saved: SavedStates,
@@ -302,16 +308,18 @@ impl FlightReplay {
     fn new(flown: &LogValidator, from_tick: u64) -> Result<Self, Failure> {
         let (settings, pace) = (&flown.settings, flown.reader.pace()?);
         let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
-        let faults = settings.planned()?.loops.messages;
+        let planned = settings.planned()?;
+        let (faults, kept) = (planned.loops.messages, kept(pace, &planned));
         let (arrangement, signals) = (flown.arrangement, settings.flown_laws()?.signals);
         let merge = || ChannelMerge::new(arrangement, settings.waiting_ticks());
         Ok(Self {
             from_tick,
+            kept,
             airframe: AirframeReplay::new(&settings.plant()?, arrangement, pace, &faults),
-            states: window(),
-            setpoints: RecordedInput::new(&faults, Port::InnerSetpoint),
+            setpoints: MessageWindow::keeping(kept),
+            inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint, kept),
             channels: Vec::new(),
-            saved: SavedStates::default(),
+            saved: SavedStates::keeping(kept),
             merge: (arrangement.channels > 1).then(merge),
             flown: expected::Flown::default(),
             monitor: FlightMonitor::new(settings.theorem()?),
@@ -327,9 +335,9 @@ impl FlightReplay {
         let channel = own.channel.unwrap_or(Channel::A);
         let signals = own.settings.flown_laws()?.signals;
         self.channels.push(ChannelReplay {
-            loops: LoopsReplay::new(&own.settings, channel)?,
+            loops: LoopsReplay::new(&own.settings, channel, self.kept)?,
             comparison: ReplayComparison::from(from_tick, channel, signals),
-            rotor_speeds: window(),
+            rotor_speeds: MessageWindow::keeping(self.kept),
             states: Expected::default(),
         });
         Ok(())
@@ -356,7 +364,7 @@ impl FlightReplay {
             let Some(entry) = messages.next_entry() else {
                 break;
             };
-            let stepped = self.step(*channel, &entry);
+            let stepped = self.step(*channel, entry);
             stepped.map_err(|e| of_log(path, e))?;
             if stops && self.differs() {
                 return Ok(self.result());
@@ -434,9 +442,8 @@ impl FlightReplay {
         let command =
             |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
         let state = self.airframe.step(message, command, &mut self.comparison)?;
-        self.summary.state(tick, &state);
-        self.summary.outputs.take(tick, &state);
-        self.states.push(*message);
+        self.summary.state(tick, state);
+        self.summary.outputs.take(tick, state);
         (self.last_tick, self.is_ended) = (tick, false);
         for channel in &mut self.channels {
             channel.loops.take_state(message);
@@ -487,19 +494,27 @@ impl FlightReplay {
         match entry {
             LogEntry::Setpoint(message) => {
                 summary.outputs.take(tick, &message.content);
-                self.setpoints.take(message);
+                if self.merge.is_some() {
+                    self.setpoints.push(*message);
+                    self.inner_setpoint.take(message);
+                }
             }
             LogEntry::Wrench(message) => {
                 summary.outputs.take(tick, &message.content);
                 if is_counted {
                     summary.wrench(&message.content);
                 }
-                let [of_state, of_setpoint, _] = message.envelope.input_tick;
-                let truth = self.states.input(of_state);
+                let of_setpoint = message.envelope.input_tick[1];
                 // The inner loops of all channels have the same faults at their inputs.
                 let loops = self.channels.first().map(|it| &it.loops);
-                let state = loops.map_or(Ok(None), |it| it.monitored(message, truth))?;
-                let setpoint = self.setpoints.input(of_setpoint, tick).ok();
+                let state = loops.map_or(Ok(None), |it| it.monitored(message))?;
+                let setpoint = match loops.filter(|_| self.merge.is_none()) {
+                    Some(loops) => loops.setpoint_of(of_setpoint, tick),
+                    None => self
+                        .inner_setpoint
+                        .input(&self.setpoints, of_setpoint, tick),
+                };
+                let setpoint = setpoint.ok();
                 let result = self
                     .monitor
                     .watch(message, state.as_ref(), setpoint.as_ref());

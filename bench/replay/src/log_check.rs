@@ -47,14 +47,13 @@ pub struct LogValidator {
     pub arrangement: Arrangement,
     pub expected: ExpectedMessages,
     swaps: Vec<Message<SwapRecord>>,
-    first: LogEntry,
 }
 
 impl LogValidator {
     /// Checks the log's header and its first message.
     pub fn open(path: &Path, moved: &Moved) -> Result<Self, Failure> {
         let mut reader = LogReader::open(path)?;
-        let first = first_of(&mut reader)?;
+        first_of(&mut reader)?;
         reader.check_version()?;
         check_whole(&reader, path)?;
         let mut settings = settings_of(&reader)?;
@@ -74,18 +73,19 @@ impl LogValidator {
             arrangement,
             expected,
             swaps: Vec::new(),
-            first,
         })
     }
 
     /// Reads to the end of the log and passes on each valid message, with the number of its chunk and its position.
     pub fn look_through(
         mut self,
-        mut hand_on: impl FnMut(u64, (u64, LogEntry)),
+        mut hand_on: impl FnMut(u64, u64, &LogEntry),
     ) -> Result<LogCheck, Failure> {
         let mut newest = None;
-        let mut next = Some(self.first);
-        while let Some(entry) = &next {
+        // The first message was read when the log was opened.
+        let mut is_there = true;
+        while is_there {
+            let entry = self.reader.newest();
             self.expected.check(entry)?;
             match entry {
                 LogEntry::State(Message { envelope, content }) => {
@@ -98,8 +98,8 @@ impl LogValidator {
                 LogEntry::Swap(message) => self.swaps.push(*message),
                 _ => {}
             }
-            hand_on(self.reader.chunks, (self.reader.position(), *entry));
-            next = self.reader.next_entry()?.copied();
+            hand_on(self.reader.chunks, self.reader.position(), entry);
+            is_there = self.reader.next_entry()?.is_some();
         }
         let (reader, swaps) = (self.reader, self.swaps);
         if reader.end() == End::Complete {

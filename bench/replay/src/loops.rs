@@ -10,6 +10,7 @@ use faults::Port;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::{Header, Message};
 use messages::history::LawState;
+use messages::message_window::MessageWindow;
 use messages::role::{Channel, Replica, Role};
 
 use crate::comparison::ReplayComparison;
@@ -20,22 +21,27 @@ use errors::Failure;
 use flight_log::codec::Logged;
 use sim::expected_messages::gap;
 
-/// States that are kept of each stage. Another process continues from one of the last; half a second at 8 kHz is ample.
-const STATES_KEPT: usize = 4096;
-
 /// A state of a stage, with its tick and history.
 type DatedState = ((u64, u64), Vec<u8>);
 
 /// States of the stages of all channels after their last messages.
-#[derive(Default)]
 pub struct SavedStates {
+    /// So many of each stage.
+    kept: usize,
     states: BTreeMap<Replica, VecDeque<DatedState>>,
 }
 
 impl SavedStates {
+    pub const fn keeping(kept: usize) -> Self {
+        Self {
+            kept,
+            states: BTreeMap::new(),
+        }
+    }
+
     fn push(&mut self, stage: Replica, of: (u64, u64), state: &SavedState) {
         let states = self.states.entry(stage).or_default();
-        let is_full = states.len() == STATES_KEPT;
+        let is_full = states.len() == self.kept;
         let (_, mut place) = states.pop_front_if(|_| is_full).unwrap_or_default();
         place.clear();
         place.extend_from_slice(state);
@@ -55,8 +61,11 @@ pub struct LoopsReplay {
     outer: Option<Replayed<GuardedOuter>>,
     inner: Option<Replayed<GuardedInner>>,
     mixer: Option<Replayed<GuardedMixer>>,
+    pub states: MessageWindow<State>,
+    setpoints: MessageWindow<Setpoint>,
+    wrenches: MessageWindow<Wrench>,
     outer_state: RecordedInput<State>,
-    pub inner_state: RecordedInput<State>,
+    inner_state: RecordedInput<State>,
     inner_setpoint: RecordedInput<Setpoint>,
     mixer_wrench: RecordedInput<Wrench>,
     /// Of the inner loop.
@@ -67,7 +76,7 @@ pub struct LoopsReplay {
 
 impl LoopsReplay {
     /// The laws as they are started.
-    pub fn new(settings: &Settings, channel: Channel) -> Result<Self, Failure> {
+    pub fn new(settings: &Settings, channel: Channel, kept: usize) -> Result<Self, Failure> {
         // A law that cannot be created is refused here rather than during the replay.
         settings.outer_stage()?;
         settings.inner_stage()?;
@@ -79,16 +88,20 @@ impl LoopsReplay {
             outer: None,
             inner: None,
             mixer: None,
-            outer_state: RecordedInput::new(&faults, Port::OuterState),
-            inner_state: RecordedInput::new(&faults, Port::InnerState),
-            inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint),
-            mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench),
+            states: MessageWindow::keeping(kept),
+            setpoints: MessageWindow::keeping(kept),
+            wrenches: MessageWindow::keeping(kept),
+            outer_state: RecordedInput::new(&faults, Port::OuterState, kept),
+            inner_state: RecordedInput::new(&faults, Port::InnerState, kept),
+            inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint, kept),
+            mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench, kept),
             restarts: 0,
             takeovers: 0,
         })
     }
 
     pub fn take_state(&mut self, message: &Message<State>) {
+        self.states.push(*message);
         self.outer_state.take(message);
         self.inner_state.take(message);
     }
@@ -101,21 +114,24 @@ impl LoopsReplay {
     ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
         let (tick, input_tick) = (envelope.tick, envelope.input_tick);
+        self.setpoints.push(*message);
         self.inner_setpoint.take(message);
-        let state = self.outer_state.input(input_tick[0], tick)?;
+        let state = self.outer_state.input(&self.states, input_tick[0], tick)?;
+        let (mut setpoint, mut is_published) = (Setpoint::default(), false);
         let work = Replayed::work(
             &mut self.outer,
             (Replica::new(Role::Outer, self.channel), envelope),
             states,
             || self.settings.outer_stage(),
-            |outer| outer.tick(tick, &state),
+            |outer| is_published = outer.tick_into(tick, &state, &mut setpoint),
         )?;
         self.takeovers += u64::from(work.is_takeover);
-        match &work.output {
-            Some(setpoint) => comparison.compare(tick, content, setpoint),
-            None => comparison.lacks::<Setpoint>(tick, "thrust_n"),
+        if is_published {
+            comparison.compare(tick, content, &setpoint);
+        } else {
+            comparison.lacks::<Setpoint>(tick, "thrust_n");
         }
-        let inputs = [self.outer_state.history(input_tick[0])];
+        let inputs = [self.outer_state.history(&self.states, input_tick[0])];
         check_history::<Setpoint>(envelope, &inputs, comparison);
         Ok(())
     }
@@ -130,22 +146,24 @@ impl LoopsReplay {
     ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
         let (tick, input_tick) = (envelope.tick, envelope.input_tick);
+        self.wrenches.push(*message);
         self.mixer_wrench.take(message);
-        let state = self.inner_state.input(input_tick[0], tick)?;
-        let setpoint = self.inner_setpoint.input(input_tick[1], tick)?;
+        let state = self.inner_state.input(&self.states, input_tick[0], tick)?;
+        let setpoint = self.setpoint_of(input_tick[1], tick)?;
+        let mut wrench = Wrench::default();
         let work = Replayed::work(
             &mut self.inner,
             (Replica::new(Role::Inner, self.channel), envelope),
             states,
             || self.settings.inner_stage(),
-            |inner| inner.tick(tick, &state, &setpoint),
+            |inner| inner.tick_into(tick, &state, &setpoint, &mut wrench),
         )?;
         self.restarts += u64::from(work.is_restart && is_counted);
         self.takeovers += u64::from(work.is_takeover);
-        comparison.compare(tick, content, &work.output);
+        comparison.compare(tick, content, &wrench);
         let inputs = [
-            self.inner_setpoint.history(input_tick[1]),
-            self.inner_state.history(input_tick[0]),
+            self.inner_setpoint.history(&self.setpoints, input_tick[1]),
+            self.inner_state.history(&self.states, input_tick[0]),
         ];
         check_history::<Wrench>(envelope, &inputs, comparison);
         Ok(())
@@ -166,31 +184,39 @@ impl LoopsReplay {
             comparison.compare(tick, content, &idle);
             return Ok(());
         }
-        let wrench = self.mixer_wrench.input(input_tick[2], tick)?;
+        let wrench = self
+            .mixer_wrench
+            .input(&self.wrenches, input_tick[2], tick)?;
+        let mut speeds = RotorSpeeds::default();
         let work = Replayed::work(
             &mut self.mixer,
             (Replica::new(Role::Mixer, self.channel), envelope),
             states,
             || self.settings.mixer_stage(),
-            |mixer| mixer.tick(tick, &wrench),
+            |mixer| mixer.tick_into(tick, &wrench, &mut speeds),
         )?;
         self.takeovers += u64::from(work.is_takeover);
-        comparison.compare(tick, content, &work.output);
-        let inputs = [self.mixer_wrench.history(input_tick[2])];
+        comparison.compare(tick, content, &speeds);
+        let inputs = [self.mixer_wrench.history(&self.wrenches, input_tick[2])];
         check_history::<RotorSpeeds>(envelope, &inputs, comparison);
         Ok(())
     }
 
+    /// The setpoint that the inner loop had at a tick.
+    pub fn setpoint_of(&self, input_tick: u64, tick: u64) -> Result<Stamped<Setpoint>, Failure> {
+        self.inner_setpoint.input(&self.setpoints, input_tick, tick)
+    }
+
     /// The true state that a wrench goes back to, with the measurement that the inner loop had of it.
-    pub fn monitored(
-        &self,
-        wrench: &Message<Wrench>,
-        truth: Option<Stamped<State>>,
-    ) -> Result<Option<Stamped<State>>, Failure> {
+    pub fn monitored(&self, wrench: &Message<Wrench>) -> Result<Option<Stamped<State>>, Failure> {
         let Header {
             tick, input_tick, ..
         } = wrench.envelope;
-        let had = self.inner_state.input(input_tick[0], tick)?;
+        let had = self.inner_state.input(&self.states, input_tick[0], tick)?;
+        if !self.inner_state.has_faults() {
+            return Ok(Some(had));
+        }
+        let truth = self.states.input(input_tick[0]);
         Ok(truth.map(|mut truth| {
             truth.content.measured = had.content.measured;
             truth
@@ -221,9 +247,8 @@ struct Replayed<S> {
     stage: S,
 }
 
-/// Output of a stage, replayed.
-struct Work<O> {
-    output: O,
+/// How a stage came to a message.
+struct Work {
     /// Whether it is the first message of a process that has replaced another one.
     is_restart: bool,
     is_takeover: bool,
@@ -232,13 +257,13 @@ struct Work<O> {
 impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
     /// Works a tick from the state that the message names: that after the stage's own last message, the initial one, or
     /// that of another process after a tick.
-    fn work<O>(
+    fn work(
         replayed: &mut Option<Self>,
         (replica, header): (Replica, &Header),
         states: &mut SavedStates,
         make: impl Fn() -> Result<Guarded<L, M>, Failure>,
-        tick: impl FnOnce(&mut Guarded<L, M>) -> O,
-    ) -> Result<Work<O>, Failure> {
+        tick: impl FnOnce(&mut Guarded<L, M>),
+    ) -> Result<Work, Failure> {
         let LawState {
             from_tick: from,
             channel,
@@ -246,23 +271,22 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
             after,
         } = header.law_state;
         let (of, is_own) = ((from, before), channel == replica.channel as u64);
-        let last = replayed.take();
-        let is_restart = last.as_ref().is_some_and(|it| it.epoch != header.epoch);
+        let is_restart = replayed.as_ref().is_some_and(|it| it.epoch != header.epoch);
         let mut room = SavedState::new();
-        let mut stage = match last {
-            _ if from == NO_TICK => make()?,
-            Some(mut last) if is_own && last.of == of => {
+        let work = match replayed {
+            Some(last) if from != NO_TICK && is_own && last.of == of => {
                 if is_restart {
                     last.stage.replace_by(make()?, &mut room);
                 }
-                last.stage
+                last
             }
-            last => {
-                let own = last.filter(|_| !is_restart);
+            _ => {
+                let last = replayed.take();
+                let own = last.filter(|_| from != NO_TICK && !is_restart);
                 let mut stage = own.map_or_else(&make, |it| Ok(it.stage))?;
                 let twin = Channel::from_wire(channel).map(|it| Replica::new(replica.role, it));
-                let state = twin.and_then(|twin| states.of(twin, of));
-                if !state.is_some_and(|state| stage.load(state)) {
+                let state = || states.of(twin?, of);
+                if from != NO_TICK && !state().is_some_and(|state| stage.load(state)) {
                     return Err(gap(&format!(
                         "at tick {} stage {replica} continued from the state of channel {} after tick {from}, which is not \
                          in it",
@@ -270,18 +294,16 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
                         twin.map_or("?", |it| it.channel.name()),
                     )));
                 }
-                stage
+                let epoch = header.epoch;
+                replayed.insert(Self { epoch, of, stage })
             }
         };
-        let output = tick(&mut stage);
-        let of = (header.tick, after);
-        if stage.save(&mut room) {
-            states.push(replica, of, &room);
+        tick(&mut work.stage);
+        (work.epoch, work.of) = (header.epoch, (header.tick, after));
+        if work.stage.save(&mut room) {
+            states.push(replica, work.of, &room);
         }
-        let epoch = header.epoch;
-        *replayed = Some(Self { epoch, of, stage });
         Ok(Work {
-            output,
             is_restart,
             is_takeover: from != NO_TICK && (is_restart || !is_own),
         })

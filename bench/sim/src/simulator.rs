@@ -14,6 +14,7 @@ use std::collections::VecDeque;
 use std::mem::replace;
 
 use analysis::states::Joined;
+use control_api::guard::Route;
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use controller::{FlightMonitor, TheoremMonitor};
 use errors::Failure;
@@ -120,6 +121,14 @@ impl Simulator {
                 .map_err(|e| Failure::usage(format!("fault: {e}")))?;
         }
         Ok(rig)
+    }
+
+    /// With the references of another route.
+    pub fn along(self, route: Route) -> Self {
+        Self {
+            outer: self.outer.along(route),
+            ..self
+        }
     }
 
     /// Adds the theorem's monitor, if the inner law has a theorem.

@@ -78,7 +78,13 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Guarded<L, M> {
     }
 
     fn transfer(&mut self, fields: &mut Fields) -> bool {
-        let (mut hash, mut memory) = (self.made.state_hash, self.memory.clone());
+        let mut hash = self.made.state_hash;
+        // Writing changes nothing.
+        if matches!(fields, Fields::Write(_)) {
+            fields.all([&mut hash, &mut self.memory]);
+            return self.made.law.transfer(fields);
+        }
+        let mut memory = self.memory.clone();
         fields.all([&mut hash, &mut memory]);
         if hash != self.made.state_hash {
             *fields = Fields::Refused;
@@ -225,6 +231,12 @@ impl GuardedOuter {
             last: None,
         };
         Self { made, memory }
+    }
+
+    /// With the references of another route.
+    pub fn along(mut self, route: Route) -> Self {
+        self.memory.route = route;
+        self
     }
 
     /// Writes the setpoint of a tick; false, and nothing is written, if the state is of another tick.

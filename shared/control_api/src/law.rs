@@ -53,6 +53,11 @@ impl<L: Law + Clone + Send + 'static> CopyState for L {
     }
 
     fn transfer(&mut self, fields: &mut Fields) -> bool {
+        // Writing changes nothing.
+        if matches!(fields, Fields::Write(_)) {
+            self.state(fields);
+            return fields.is_complete();
+        }
         let mut copy = self.clone();
         copy.state(fields);
         if fields.is_complete() {

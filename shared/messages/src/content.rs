@@ -198,21 +198,24 @@ impl Setpoint {
 
 impl State {
     /// Distance between the vehicle, where it truly is, and its reference [m]: for those who judge, never for a law.
+    #[inline]
     pub fn position_error_m(&self, reference: &Reference) -> f64 {
         (Vector3::from(self.truth.position_w_m) - Vector3::from(reference.position_w_m)).norm()
     }
 
     /// Difference between the yaw and that of the reference, at most pi [rad].
+    #[inline]
     pub fn yaw_error_rad(&self, reference: &Reference) -> f64 {
         wrap(reference.yaw_rad - self.measured.attitude_rad[2]).abs()
     }
 
     /// Angle between body z and the thrust that the reference needs of the true airframe in the steady wind [rad]. The
     /// sensors' attitude is the true one.
+    #[inline]
     pub fn tilt_error_rad(&self, reference: &Reference) -> f64 {
         use Parameter::{Gravity, Mass, TranslationalDrag, WindX, WindY, WindZ};
         let truth = |parameter| self.truth.get(parameter);
-        let wind_w_m_s = Vector3::from([WindX, WindY, WindZ].map(truth));
+        let wind_w_m_s = Vector3::new(truth(WindX), truth(WindY), truth(WindZ));
         let air_w_m_s = Vector3::from(reference.velocity_w_m_s) - wind_w_m_s;
         let drag_1_s = truth(TranslationalDrag) / truth(Mass);
         let mut thrust_w = Vector3::from(reference.acceleration_w_m_s2) + drag_1_s * air_w_m_s;

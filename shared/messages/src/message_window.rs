@@ -22,14 +22,17 @@ impl<C: Topic> MessageWindow<C> {
         }
     }
 
+    #[inline]
     pub fn push(&mut self, message: Message<C>) {
         if self.messages.len() > self.kept {
-            self.messages.pop_front();
+            // `pop_front` would copy it.
+            self.messages.drain(..1);
         }
         self.messages.push_back(message);
     }
 
     /// The input of a stage, by the tick that the stage reports; none if that message is not in the window.
+    #[inline]
     pub fn input(&self, input_tick: u64) -> Option<Stamped<C>> {
         if input_tick == NO_TICK {
             return Some(Stamped::never());
@@ -37,12 +40,15 @@ impl<C: Topic> MessageWindow<C> {
         Some(Stamped::new(input_tick, self.of(input_tick)?.content))
     }
 
+    #[inline]
     pub fn of(&self, tick: u64) -> Option<&Message<C>> {
         let tick_of = |message: &Message<C>| message.envelope.tick;
-        // Without gaps, the distance from the first tick is the index.
-        let first = self.messages.front().map_or(0, tick_of);
-        let likely = usize::try_from(tick.wrapping_sub(first)).unwrap_or(usize::MAX);
-        let likely = self.messages.get(likely);
+        // Without gaps, the distance from the newest tick is that of the places. The oldest message is in no cache.
+        let ahead = self.messages.back().map_or(0, tick_of).wrapping_sub(tick);
+        let likely = (self.messages.len() as u64).wrapping_sub(ahead.wrapping_add(1));
+        let likely = self
+            .messages
+            .get(usize::try_from(likely).unwrap_or(usize::MAX));
         likely.filter(|it| tick_of(it) == tick).or_else(|| {
             let place = self.messages.binary_search_by_key(&tick, tick_of).ok()?;
             self.messages.get(place)

@@ -1,12 +1,16 @@
 //! The rows of a campaign: each flight flies as `ironbird simulate` does.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use ::campaign::gates::{Gates, Outcome, SignalGate, UNSET};
 use ::campaign::metrics::Metrics;
 use ::campaign::table::Row;
 use analysis::tracking::Tracking;
+use control_api::guard::Route;
+use controller::ScaledTrajectory;
 use errors::Failure;
+use messages::content::Reference;
 
 use crate::campaign::flight_settings::Plan;
 use crate::parallel::{check_stop, on_processors};
@@ -27,14 +31,20 @@ pub fn fly_all(
     stop: &AtomicBool,
     mut look: impl FnMut(u64),
 ) -> Result<Vec<Row>, Failure> {
-    let ended = AtomicU64::new(0);
+    let (ended, references) = (AtomicU64::new(0), References::default());
     let fly = |&(flight, arm): &Flight| {
         let (settings, timing) = plan.flight(flight, arm)?;
         let row = Row {
             flight,
             arm,
             draws: plan.campaign.draws(flight),
-            outcome: fly(&settings, timing, &plan.campaign.gates, stop)?,
+            outcome: fly(
+                &settings,
+                references.route(&settings)?,
+                timing,
+                &plan.campaign.gates,
+                stop,
+            )?,
         };
         ended.fetch_add(1, Ordering::Relaxed);
         Ok(row)
@@ -46,15 +56,47 @@ pub fn fly_all(
     Ok(rows)
 }
 
-/// Flies until `stop` is set, with a recorded timing if there is one.
+/// Ticks whose references are kept at most: 10 MB.
+const MOST_KEPT: u64 = 1 << 16;
+
+/// The references of the newest course, made once for all flights along it.
+#[derive(Default)]
+struct References(Mutex<Option<(Course, Route)>>);
+
+/// A trajectory, its sample time [s] and its ticks.
+type Course = (ScaledTrajectory, f64, u64);
+
+impl References {
+    fn route(&self, settings: &Settings) -> Result<Route, Failure> {
+        let (period_s, ticks) = (settings.flight.period_s, settings.last_tick() + 1);
+        let course = (settings.course()?, period_s, ticks.min(MOST_KEPT));
+        let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, route)) = newest.as_ref()
+            && *of == course
+        {
+            return Ok(Arc::clone(route));
+        }
+        let own = course.0.route(period_s);
+        let kept: Vec<OnceLock<Reference>> = (0..course.2).map(|_| OnceLock::new()).collect();
+        let route: Route = Arc::new(move |tick| match kept.get(tick as usize) {
+            Some(kept) => *kept.get_or_init(|| own(tick)),
+            None => own(tick),
+        });
+        *newest = Some((course, Arc::clone(&route)));
+        Ok(route)
+    }
+}
+
+/// Flies along a route until `stop` is set, with a recorded timing if there is one.
 fn fly(
     settings: &Settings,
+    route: Route,
     timing: Option<&Timing>,
     gates: &Gates,
     stop: &AtomicBool,
 ) -> Result<Outcome, Failure> {
     let mut observed = Observed::new(settings, gates)?;
-    let mut rig = Simulator::of(settings)?;
+    let mut rig = Simulator::of(settings)?.along(route);
     let flown = fly_with(&mut rig, settings, timing, |rig| {
         observed.take(rig, gates);
         check_stop(stop)
