@@ -1,0 +1,147 @@
+//! The exchange of a tick: a state and a remote control go out, motor commands come back or not, and each case is
+//! counted.
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::time::{Duration, Instant};
+
+use messages::content::ROTORS;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::{Flaw, PACKET_BYTES, Port};
+
+/// What became of a tick's question.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outcome {
+    /// No state of this tick had arrived, so nothing was sent.
+    #[default]
+    NotAsked = 0,
+    Answered = 1,
+    /// Nothing came in time.
+    Silent = 2,
+    /// What came had another length than a packet of motor commands.
+    WrongSize = 3,
+    /// What came had numbers that are not finite.
+    NotFinite = 4,
+    /// The firmware's process has ended.
+    Ended = 5,
+}
+
+/// What a tick brought.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Answer {
+    pub outcome: Outcome,
+    /// From sending the state to having the motor commands; none without an answer.
+    pub latency: Option<Duration>,
+    /// The newest motor commands, if some came.
+    pub motors: Option<[f64; ROTORS]>,
+    /// Packets that came before this tick's state was sent, while an older one had no answer.
+    pub late: u64,
+    /// Packets that came when no state was without an answer.
+    pub repeated: u64,
+}
+
+/// The sockets to a firmware.
+#[derive(Debug)]
+pub struct Exchange {
+    state: UdpSocket,
+    remote: UdpSocket,
+    motors: UdpSocket,
+    decode: fn(&[u8]) -> Result<[f64; ROTORS], Flaw>,
+    /// States without an answer.
+    open: u64,
+}
+
+impl Exchange {
+    /// Opens the sockets. Fails where another flight has the port of the motor commands.
+    pub fn new(port: &Port) -> io::Result<Self> {
+        let local = |udp: u16| SocketAddrV4::new(Ipv4Addr::LOCALHOST, udp);
+        let motors = UdpSocket::bind(local(port.motors_udp))?;
+        motors.set_nonblocking(true)?;
+        let to = |udp: u16| {
+            let socket = UdpSocket::bind(local(0))?;
+            socket.set_nonblocking(true)?;
+            socket.connect(local(udp))?;
+            Ok::<_, io::Error>(socket)
+        };
+        Ok(Self {
+            state: to(port.state_udp)?,
+            remote: to(port.remote_udp)?,
+            motors,
+            decode: port.motors,
+            open: 0,
+        })
+    }
+
+    pub fn try_clone(&self) -> io::Result<Self> {
+        Ok(Self {
+            state: self.state.try_clone()?,
+            remote: self.remote.try_clone()?,
+            motors: self.motors.try_clone()?,
+            decode: self.decode,
+            open: 0,
+        })
+    }
+
+    /// Takes what has come, and counts nothing.
+    pub fn forget(&mut self) {
+        while self.receive().is_some() {}
+        self.open = 0;
+    }
+
+    /// Sends the packets of a tick and waits for the answer, at most for `limit`. Allocates nothing.
+    pub fn ask(&mut self, state: &[u8], remote: &[u8], limit: Duration) -> Answer {
+        let mut answer = Answer {
+            outcome: Outcome::Silent,
+            ..Answer::default()
+        };
+        while let Some(motors) = self.receive() {
+            answer.motors = motors.ok().or(answer.motors);
+            match self.open {
+                0 => answer.repeated += 1,
+                _ => (answer.late, self.open) = (answer.late + 1, self.open - 1),
+            }
+        }
+        let sent = Instant::now();
+        // A port that nobody has is a firmware that has ended, which its process says.
+        let _ = self.remote.send(remote);
+        let _ = self.state.send(state);
+        self.open += 1;
+        loop {
+            match self.receive() {
+                Some(Ok(motors)) => {
+                    answer.outcome = Outcome::Answered;
+                    answer.latency = Some(sent.elapsed());
+                    answer.motors = Some(motors);
+                    self.open = 0;
+                    return answer;
+                }
+                Some(Err(Flaw::Size)) => answer.outcome = Outcome::WrongSize,
+                Some(Err(Flaw::NotFinite)) => answer.outcome = Outcome::NotFinite,
+                None => {
+                    let left = limit.saturating_sub(sent.elapsed());
+                    if left.is_zero() || !self.wait(left) {
+                        return answer;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The next packet, if one is there.
+    fn receive(&self) -> Option<Result<[f64; ROTORS], Flaw>> {
+        let mut packet = [0; PACKET_BYTES];
+        let bytes = self.motors.recv(&mut packet).ok()?;
+        Some((self.decode)(&packet[..bytes]))
+    }
+
+    /// Waits for a packet or a signal; false if the time is over.
+    fn wait(&self, left: Duration) -> bool {
+        let left = Timespec {
+            tv_sec: left.as_secs().cast_signed(),
+            tv_nsec: left.subsec_nanos().into(),
+        };
+        let mut sockets = [PollFd::new(&self.motors, PollFlags::IN)];
+        poll(&mut sockets, Some(&left)) != Ok(0)
+    }
+}
