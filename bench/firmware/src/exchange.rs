@@ -50,7 +50,13 @@ pub struct Exchange {
     decode: fn(&[u8]) -> Result<[f64; ROTORS], Flaw>,
     /// States without an answer.
     open: u64,
+    /// When the newest state was sent, and the newest answer came.
+    sent: Option<Instant>,
+    answered: Option<Instant>,
 }
+
+/// A state without an answer for this long counts as lost, and the next one is sent.
+const LOST: Duration = Duration::from_millis(20);
 
 impl Exchange {
     /// Opens the sockets. Fails where another flight has the port of the motor commands.
@@ -70,6 +76,8 @@ impl Exchange {
             motors,
             decode: port.motors,
             open: 0,
+            sent: None,
+            answered: None,
         })
     }
 
@@ -80,6 +88,8 @@ impl Exchange {
             motors: self.motors.try_clone()?,
             decode: self.decode,
             open: 0,
+            sent: None,
+            answered: None,
         })
     }
 
@@ -89,8 +99,23 @@ impl Exchange {
         self.open = 0;
     }
 
+    /// How long to wait until the firmware has had `spacing` to itself since its newest answer; nothing before the first.
+    pub fn rest(&self, spacing: Duration) -> Duration {
+        let since = self.answered.map_or(spacing, |it| it.elapsed());
+        spacing.saturating_sub(since)
+    }
+
     /// Sends the packets of a tick and waits for the answer, at most for `limit`. Allocates nothing.
-    pub fn ask(&mut self, state: &[u8], remote: &[u8], limit: Duration) -> Answer {
+    ///
+    /// With a `spacing` nothing is sent while the firmware still works on a state, nor for that time after its answer:
+    /// states that reach it close together speed its clock up (docs/firmware.md).
+    pub fn ask(
+        &mut self,
+        state: &[u8],
+        remote: &[u8],
+        spacing: Duration,
+        limit: Duration,
+    ) -> Answer {
         let mut answer = Answer {
             outcome: Outcome::Silent,
             ..Answer::default()
@@ -99,21 +124,29 @@ impl Exchange {
             answer.motors = motors.ok().or(answer.motors);
             match self.open {
                 0 => answer.repeated += 1,
-                _ => (answer.late, self.open) = (answer.late + 1, self.open - 1),
+                _ => {
+                    (answer.late, self.open) = (answer.late + 1, self.open - 1);
+                    self.answered = Some(Instant::now());
+                }
             }
         }
         let sent = Instant::now();
+        let is_lost = |at: Instant| sent.duration_since(at) > LOST;
+        let is_busy = self.open > 0 && !self.sent.is_some_and(is_lost);
+        if !spacing.is_zero() && (is_busy || !self.rest(spacing).is_zero()) {
+            return answer;
+        }
         // A port that nobody has is a firmware that has ended, which its process says.
         let _ = self.remote.send(remote);
         let _ = self.state.send(state);
-        self.open += 1;
+        (self.sent, self.open) = (Some(sent), self.open + 1);
         loop {
             match self.receive() {
                 Some(Ok(motors)) => {
                     answer.outcome = Outcome::Answered;
                     answer.latency = Some(sent.elapsed());
                     answer.motors = Some(motors);
-                    self.open = 0;
+                    (self.answered, self.open) = (Some(Instant::now()), 0);
                     return answer;
                 }
                 Some(Err(Flaw::Size)) => answer.outcome = Outcome::WrongSize,
@@ -129,14 +162,14 @@ impl Exchange {
     }
 
     /// The next packet, if one is there.
-    fn receive(&self) -> Option<Result<[f64; ROTORS], Flaw>> {
+    pub fn receive(&self) -> Option<Result<[f64; ROTORS], Flaw>> {
         let mut packet = [0; PACKET_BYTES];
         let bytes = self.motors.recv(&mut packet).ok()?;
         Some((self.decode)(&packet[..bytes]))
     }
 
     /// Waits for a packet or a signal; false if the time is over.
-    fn wait(&self, left: Duration) -> bool {
+    pub fn wait(&self, left: Duration) -> bool {
         let left = Timespec {
             tv_sec: left.as_secs().cast_signed(),
             tv_nsec: left.subsec_nanos().into(),

@@ -23,11 +23,13 @@ use crate::{PACKET_BYTES, Port};
 /// What the firmware writes, in its directory.
 const OUTPUT: &str = "output.txt";
 /// How long the switch stays at "armed" or "not armed" while the firmware is to arm.
-const SWITCH: Duration = Duration::from_millis(500);
+const SWITCH: Duration = Duration::from_millis(200);
 /// A firmware has armed when its motors have turned for so many answers in a row.
 const TURNING: u64 = 100;
-/// The first motor commands are waited for this long.
-const FIRST_ANSWER: Duration = Duration::from_secs(5);
+/// A firmware sends motor commands within this time after its start.
+const START: Duration = Duration::from_millis(1500);
+const STARTS: u32 = 3;
+const POLL: Duration = Duration::from_millis(5);
 /// Standard gravity, which the firmware calibrates with.
 const GRAVITY_M_S2: f64 = 9.80665;
 
@@ -173,8 +175,7 @@ struct AtRest {
     phase: AtomicU8,
     /// Time of the newest packet [ns].
     time_ns: AtomicU64,
-    answers: AtomicU64,
-    /// Answers in a row with motors that turn.
+    /// Answers in a row with motors that turn, while the switch is at "armed".
     turning: AtomicU64,
 }
 
@@ -187,18 +188,18 @@ impl AtRest {
             specific_force_b_m_s2: [0.0, 0.0, GRAVITY_M_S2],
             ..Measured::default()
         };
-        let (begun, mut ticks) = (Instant::now(), 0_u32);
+        let begun = Instant::now();
         let (mut state, mut remote) = ([0; PACKET_BYTES], [0; PACKET_BYTES]);
         loop {
-            ticks += 1;
-            let due = period * ticks;
-            thread::sleep(due.saturating_sub(begun.elapsed()));
+            thread::sleep(period);
+            // Its time is the clock's, however late this thread wakes up.
+            let now = begun.elapsed();
             let sticks = Sticks {
                 armed: self.armed.load(Ordering::Relaxed),
                 ..Sticks::default()
             };
-            let states = (port.state)(due.as_secs_f64(), &measured, &mut state);
-            let remotes = (port.remote)(due.as_secs_f64(), &sticks, &mut remote);
+            let states = (port.state)(now.as_secs_f64(), &measured, &mut state);
+            let remotes = (port.remote)(now.as_secs_f64(), &sticks, &mut remote);
             if self
                 .phase
                 .compare_exchange(0, SENDING, Ordering::AcqRel, Ordering::Relaxed)
@@ -206,11 +207,15 @@ impl AtRest {
             {
                 return;
             }
-            let answer = exchange.ask(&state[..states], &remote[..remotes], Duration::ZERO);
-            self.time_ns.store(due.as_nanos() as u64, Ordering::Relaxed);
+            let answer = exchange.ask(
+                &state[..states],
+                &remote[..remotes],
+                period / 2,
+                Duration::ZERO,
+            );
+            self.time_ns.store(now.as_nanos() as u64, Ordering::Relaxed);
             if let Some(motors) = answer.motors {
-                self.answers.fetch_add(1, Ordering::Relaxed);
-                match motors.iter().all(|motor| *motor > 0.0) {
+                match sticks.armed && motors.iter().all(|motor| *motor > 0.0) {
                     true => self.turning.fetch_add(1, Ordering::Relaxed),
                     false => self.turning.swap(0, Ordering::Relaxed),
                 };
@@ -259,7 +264,7 @@ pub fn start(
     let exchange = open(port)?;
     let socket = |e: io::Error| Refused(format!("{}: no socket: {e}", port.name));
     let mut of_rest = exchange.try_clone().map_err(socket)?;
-    let mut program = Program::start(port, priority)?;
+    let mut program = started(port, priority, &exchange)?;
     let at_rest = Arc::new(AtRest::default());
     let shared = Arc::clone(&at_rest);
     thread::Builder::new()
@@ -276,6 +281,35 @@ pub fn start(
         at_rest.phase.store(STOPPED, Ordering::Release);
     }
     armed
+}
+
+/// Starts the firmware and waits until it sends motor commands of its own accord. A packet that comes before can be its
+/// last one: Betaflight receives while it still initialises what receiving uses. Its start itself can hang, so it is
+/// tried a few times.
+fn started(port: &Port, priority: i32, exchange: &Exchange) -> Result<Program, Refused> {
+    let mut words = String::new();
+    for _ in 0..STARTS {
+        let (mut program, begun) = (Program::start(port, priority)?, Instant::now());
+        while begun.elapsed() < START {
+            if exchange.receive().is_some() {
+                return Ok(program);
+            }
+            if let Some(status) = program.ended() {
+                return Err(Refused(format!(
+                    "{} ended as it started: {status}; it wrote last: {}",
+                    port.name,
+                    program.last_words()
+                )));
+            }
+            exchange.wait(POLL);
+        }
+        words = program.last_words();
+    }
+    Err(Refused(format!(
+        "{} was started {STARTS} times and sent no motor commands within {} s; it wrote last: {words}",
+        port.name,
+        START.as_secs_f64()
+    )))
 }
 
 fn await_armed(
@@ -296,14 +330,6 @@ fn await_armed(
         if turning >= TURNING {
             return Ok(());
         }
-        let answers = at_rest.answers.load(Ordering::Relaxed);
-        if answers == 0 && begun.elapsed() > FIRST_ANSWER.min(limit) {
-            return Err(Refused(format!(
-                "{name} answered no state with motor commands within {} s; it wrote last: {}",
-                FIRST_ANSWER.min(limit).as_secs_f64(),
-                program.last_words()
-            )));
-        }
         if begun.elapsed() > limit {
             let why = (port.why_not_armed)().unwrap_or_else(|| "it does not say why".into());
             return Err(Refused(format!(
@@ -312,11 +338,11 @@ fn await_armed(
             )));
         }
         // An attempt that is refused is over only when the switch has been off.
-        if since.elapsed() > SWITCH && answers > 0 && turning == 0 {
+        if since.elapsed() > SWITCH && turning == 0 {
             at_rest.armed.fetch_xor(true, Ordering::Relaxed);
             since = Instant::now();
         }
-        thread::sleep(Duration::from_millis(5));
+        thread::sleep(POLL);
     }
 }
 
