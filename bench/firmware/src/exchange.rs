@@ -55,8 +55,9 @@ pub struct Exchange {
     answered: Option<Instant>,
 }
 
-/// A state without an answer for this long counts as lost, and the next one is sent.
-const LOST: Duration = Duration::from_millis(20);
+/// A state without an answer for this long counts as lost, and the next one is sent. Betaflight's clock stands still
+/// until its second state, and after a gap of 20 ms it keeps its rate whatever comes.
+const LOST: Duration = Duration::from_millis(5);
 
 impl Exchange {
     /// Opens the sockets. Fails where another flight has the port of the motor commands.

@@ -23,7 +23,7 @@ use crate::{PACKET_BYTES, Port};
 /// What the firmware writes, in its directory.
 const OUTPUT: &str = "output.txt";
 /// How long the switch stays at "armed" or "not armed" while the firmware is to arm.
-const SWITCH: Duration = Duration::from_millis(200);
+const SWITCH: Duration = Duration::from_millis(500);
 /// A firmware has armed when its motors have turned for so many answers in a row.
 const TURNING: u64 = 100;
 /// A firmware sends motor commands within this time after its start.
