@@ -20,10 +20,10 @@ use fastrand::Rng;
 use messages::allocation::Allocation;
 use messages::content::ROTORS;
 use messages::role::Role;
-use messages::telemetry::{Signal, Telemetry};
+use messages::telemetry::{ANSWERS, AnswerOutcome as Outcome, Signal, Telemetry};
 use nalgebra::Vector4;
 
-use crate::exchange::{Answer, Outcome};
+use crate::exchange::Answer;
 use crate::launch::{Armed, executable, start};
 use crate::sticks::{StickScale, Sticks};
 use crate::{PACKET_BYTES, Port, betaflight};
@@ -49,14 +49,14 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// Motor commands are this far below idle only if the firmware has disarmed.
 const STOPPED: f64 = 1e-3;
 
-/// What a tick shows of the exchange; the report finds the signals by these names.
+/// What a tick shows.
 const SIGNALS: &[Signal] = &[
-    signal("answer_outcome", ""),
-    signal("answer_latency_us", "us"),
-    signal("answers_late", ""),
-    signal("answers_repeated", ""),
-    signal("firmware_armed", ""),
-    signal("firmware_exit_status", ""),
+    signal(ANSWERS[0], ""),
+    signal(ANSWERS[1], "us"),
+    signal(ANSWERS[2], ""),
+    signal(ANSWERS[3], ""),
+    signal(ANSWERS[4], ""),
+    signal(ANSWERS[5], ""),
     signal("motor_1", ""),
     signal("motor_2", ""),
     signal("motor_3", ""),
@@ -250,7 +250,8 @@ impl Bridge {
 
     /// Shows the exchange in the order of [`SIGNALS`].
     fn show(&mut self, answer: &Answer, sticks: &Sticks, telemetry: &mut Telemetry) {
-        let is_armed = self.motors.iter().any(|motor| *motor > STOPPED);
+        let is_off = self.motors.iter().all(|motor| *motor < STOPPED);
+        let is_disarmed = is_off && sticks.throttle > 0.0 && answer.outcome != Outcome::Ended;
         let ended = self
             .firmware
             .as_mut()
@@ -259,11 +260,11 @@ impl Bridge {
         // As a shell has it: 128 and the number of the signal.
         let status = ended.map(|it| it.code().unwrap_or(128 + it.signal().unwrap_or(0)));
         let numbers = [
-            f64::from(answer.outcome as u8),
+            answer.outcome as u64 as f64,
             answer.latency.map_or(f64::NAN, |it| it.as_secs_f64() * 1e6),
             answer.late as f64,
             answer.repeated as f64,
-            f64::from(u8::from(is_armed)),
+            f64::from(u8::from(is_disarmed)),
             status.map_or(f64::NAN, f64::from),
         ];
         let positions = [sticks.roll, sticks.pitch, sticks.yaw, sticks.throttle];

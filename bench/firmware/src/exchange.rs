@@ -6,26 +6,10 @@ use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::time::{Duration, Instant};
 
 use messages::content::ROTORS;
+use messages::telemetry::AnswerOutcome as Outcome;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::{Flaw, PACKET_BYTES, Port};
-
-/// What became of a tick's question.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Outcome {
-    /// No state of this tick had arrived, so nothing was sent.
-    #[default]
-    NotAsked = 0,
-    Answered = 1,
-    /// Nothing came in time.
-    Silent = 2,
-    /// What came had another length than a packet of motor commands.
-    WrongSize = 3,
-    /// What came had numbers that are not finite.
-    NotFinite = 4,
-    /// The firmware's process has ended.
-    Ended = 5,
-}
 
 /// What a tick brought.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
