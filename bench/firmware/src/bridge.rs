@@ -11,6 +11,7 @@
 use std::any::Any;
 use std::fmt;
 use std::os::unix::process::ExitStatusExt as _;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use control_api::Rig;
@@ -69,6 +70,7 @@ const SIGNALS: &[Signal] = &[
 
 pub struct Bridge {
     port: &'static Port,
+    executable: PathBuf,
     scale: StickScale,
     allocation: Allocation,
     /// Thrust of a rotor at motor command 1 [N].
@@ -103,9 +105,9 @@ impl Pace {
         let now = Instant::now();
         let after = self.tick.mul_f64(ticks as f64);
         let zero = *self.zero.get_or_insert(now);
-        // Time that is lost is not made up for: the firmware would see packets too fast.
-        let latest = now.checked_sub(after).unwrap_or(zero);
-        let zero = zero.max(latest);
+        // Time that is lost is not made up for, except that of the jitter.
+        let latest = now.checked_sub(after + Duration::from_secs_f64(self.jitter_s));
+        let zero = latest.map_or(zero, |latest| zero.max(latest));
         self.zero = Some(zero);
         let late = Duration::from_secs_f64(self.jitter_s * self.random.f64());
         let due = zero + after + late;
@@ -137,12 +139,19 @@ impl Law for Bridge {
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let number = |setting: &Setting| settings.number(setting);
         let port = &betaflight::PORT;
-        executable(port)?;
+        Ok(Self::of(port, executable(port)?, rig, settings))
+    }
+}
+
+impl Bridge {
+    /// The bridge to an executable.
+    pub fn of(port: &'static Port, executable: PathBuf, rig: &Rig, settings: &Settings) -> Self {
+        let number = |setting: &Setting| settings.number(setting);
         let period = Duration::from_secs_f64(rig.period_s);
-        Ok(Self {
+        Self {
             port,
+            executable,
             scale: StickScale {
                 angle_rad: number(&ANGLE_LIMIT_RAD),
                 yaw_rad_s: number(&YAW_RATE_MAX_RAD_S),
@@ -167,7 +176,7 @@ impl Law for Bridge {
             firmware: None,
             began: None,
             motors: [0.0; ROTORS],
-        })
+        }
     }
 }
 
@@ -186,7 +195,9 @@ impl InnerLaw for Bridge {
     fn start(&mut self, comes_by_the_clock: bool) -> Result<(), Refused> {
         self.keeps_clock = !comes_by_the_clock;
         let priority = if comes_by_the_clock { self.priority } else { 0 };
-        self.firmware = Some(start(self.port, priority, self.period, self.arming_limit)?);
+        let (port, executable) = (self.port, &self.executable);
+        let started = start(port, executable, priority, self.period, self.arming_limit);
+        self.firmware = Some(started?);
         Ok(())
     }
 

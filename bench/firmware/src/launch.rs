@@ -76,8 +76,7 @@ pub fn executable(port: &Port) -> Result<PathBuf, Refused> {
 
 impl Program {
     /// Starts the program. `priority` is that of SCHED_FIFO; 0 keeps the usual scheduling, also where the kernel refuses.
-    pub fn start(port: &Port, priority: i32) -> Result<Self, Refused> {
-        let executable = executable(port)?;
+    pub fn start(port: &Port, executable: &Path, priority: i32) -> Result<Self, Refused> {
         for udp in [port.state_udp, port.remote_udp] {
             drop(UdpSocket::bind((Ipv4Addr::UNSPECIFIED, udp)).map_err(|e| {
                 Refused(format!(
@@ -103,7 +102,7 @@ impl Program {
         }
         let output = File::create(directory.path().join(OUTPUT)).map_err(failed)?;
         let errors = output.try_clone().map_err(failed)?;
-        let mut command = Command::new(&executable);
+        let mut command = Command::new(executable);
         command
             .current_dir(directory.path())
             .stdin(Stdio::null())
@@ -257,6 +256,7 @@ impl Drop for Armed {
 /// Starts the firmware, exchanges packets of a vehicle at rest, and waits until it has armed.
 pub fn start(
     port: &'static Port,
+    executable: &Path,
     priority: i32,
     period: Duration,
     limit: Duration,
@@ -264,7 +264,7 @@ pub fn start(
     let exchange = open(port)?;
     let socket = |e: io::Error| Refused(format!("{}: no socket: {e}", port.name));
     let mut of_rest = exchange.try_clone().map_err(socket)?;
-    let mut program = started(port, priority, &exchange)?;
+    let mut program = started(port, executable, priority, &exchange)?;
     let at_rest = Arc::new(AtRest::default());
     let shared = Arc::clone(&at_rest);
     thread::Builder::new()
@@ -286,10 +286,15 @@ pub fn start(
 /// Starts the firmware and waits until it sends motor commands of its own accord. A packet that comes before can be its
 /// last one: Betaflight receives while it still initialises what receiving uses. Its start itself can hang, so it is
 /// tried a few times.
-fn started(port: &Port, priority: i32, exchange: &Exchange) -> Result<Program, Refused> {
+fn started(
+    port: &Port,
+    executable: &Path,
+    priority: i32,
+    exchange: &Exchange,
+) -> Result<Program, Refused> {
     let mut words = String::new();
     for _ in 0..STARTS {
-        let (mut program, begun) = (Program::start(port, priority)?, Instant::now());
+        let (mut program, begun) = (Program::start(port, executable, priority)?, Instant::now());
         while begun.elapsed() < START {
             if exchange.receive().is_some() {
                 return Ok(program);
