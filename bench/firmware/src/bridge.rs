@@ -38,7 +38,7 @@ settings! {
     ANSWER_LIMIT = "answer_limit", "", number(0.6, 0.01, 10.0), "longest wait for an answer, as a share of the period, where ticks come by the clock";
     ARMING_LIMIT_S = "arming_limit_s", "s", number(8.0, 0.1, 60.0), "longest wait until the firmware has armed";
     PRIORITY = "priority", "", number(70.0, 0.0, 99.0), "SCHED_FIFO priority of the firmware where ticks come by the clock; 0 is none";
-    SPACING = "spacing", "", number(0.5, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends whatever is due, as other simulators do";
+    SPACING = "spacing", "", number(0.5, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends each state when it is due, answered or not, as other simulators do";
     SPEED = "speed", "", number(1.0, 0.01, 100.0), "how much faster than real time ticks are, where they do not come by the clock";
     JITTER_S = "jitter_s", "s", number(0.0, 0.0, 1.0), "each packet is sent up to this much later than its time, where ticks do not come by the clock";
     JITTER_SEED = "jitter_seed", "", number(1.0, 0.0, 1e9), "seed of the jitter";
@@ -95,23 +95,28 @@ struct Pace {
     tick: Duration,
     jitter_s: f64,
     random: Rng,
+    /// How much later than its time the next packet is sent.
+    late: Duration,
     /// When the first tick would have been, had none been late.
     zero: Option<Instant>,
 }
 
 impl Pace {
-    /// Waits until the packet of a tick, so many after the first, is due.
+    /// When the packet of a tick is due, so many after the first; from now on, if all before were on time.
+    fn due(&self, ticks: u64, now: Instant) -> Instant {
+        self.zero.unwrap_or(now) + self.tick.mul_f64(ticks as f64) + self.late
+    }
+
+    /// Waits until the packet of a tick is due, and draws how late the next one is.
     fn wait(&mut self, ticks: u64) {
         let now = Instant::now();
         let after = self.tick.mul_f64(ticks as f64);
-        let zero = *self.zero.get_or_insert(now);
         // Time that is lost is not made up for, except that of the jitter.
         let latest = now.checked_sub(after + Duration::from_secs_f64(self.jitter_s));
-        let zero = latest.map_or(zero, |latest| zero.max(latest));
-        self.zero = Some(zero);
-        let late = Duration::from_secs_f64(self.jitter_s * self.random.f64());
-        let due = zero + after + late;
-        std::thread::sleep(due.saturating_duration_since(now));
+        let zero = self.zero.unwrap_or(now);
+        self.zero = Some(latest.map_or(zero, |latest| zero.max(latest)));
+        std::thread::sleep(self.due(ticks, now).saturating_duration_since(now));
+        self.late = Duration::from_secs_f64(self.jitter_s * self.random.f64());
     }
 }
 
@@ -170,6 +175,7 @@ impl Bridge {
                 tick: period.div_f64(number(&SPEED)),
                 jitter_s: number(&JITTER_S),
                 random: Rng::with_seed(number(&JITTER_SEED) as u64),
+                late: Duration::ZERO,
                 zero: None,
             },
             keeps_clock: true,
@@ -198,6 +204,8 @@ impl InnerLaw for Bridge {
         let (port, executable) = (self.port, &self.executable);
         let started = start(port, executable, priority, self.period, self.arming_limit);
         self.firmware = Some(started?);
+        // Armed motors idle.
+        self.motors = [self.scale.idle; ROTORS];
         Ok(())
     }
 
@@ -242,10 +250,15 @@ impl Bridge {
         let (mut state, mut remote) = ([0; PACKET_BYTES], [0; PACKET_BYTES]);
         let states = (self.port.state)(time_s, &input.measured, &mut state);
         let remotes = (self.port.remote)(time_s, sticks, &mut remote);
-        let limit = if self.keeps_clock {
-            PATIENCE
-        } else {
-            self.answer_limit
+        let limit = match (self.keeps_clock, self.spacing.is_zero()) {
+            (false, _) => self.answer_limit,
+            (true, false) => PATIENCE,
+            // The next packet waits for nothing.
+            (true, true) => {
+                let now = Instant::now();
+                let next = self.pace.due(ticks + 1, now);
+                next.saturating_duration_since(now)
+            }
         };
         let mut answer =
             firmware
