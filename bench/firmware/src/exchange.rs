@@ -121,7 +121,7 @@ impl Exchange {
         if !spacing.is_zero() && (is_busy || !self.rest(spacing).is_zero()) {
             return answer;
         }
-        // A port that nobody has is a firmware that has ended, which its process says.
+        // A refused packet means that the firmware has ended, which its process says.
         let _ = self.remote.send(remote);
         let _ = self.state.send(state);
         (self.sent, self.open) = (Some(sent), self.open + 1);
