@@ -47,7 +47,9 @@ pub fn section_names() -> [&'static str; SECTIONS.len()] {
 }
 
 pub fn text(report: &Report) -> String {
-    section_names().map(|name| section(report, name)).join("\n")
+    let mut sections = section_names().map(|name| section(report, name)).to_vec();
+    sections.retain(|it| !it.is_empty());
+    sections.join("\n")
 }
 
 pub fn section(report: &Report, name: &str) -> String {
