@@ -38,7 +38,7 @@ settings! {
     ANSWER_LIMIT = "answer_limit", "", number(0.6, 0.01, 10.0), "longest wait for an answer, as a share of the period, where ticks come by the clock";
     ARMING_LIMIT_S = "arming_limit_s", "s", number(8.0, 0.1, 60.0), "longest wait until the firmware has armed";
     PRIORITY = "priority", "", number(70.0, 0.0, 99.0), "SCHED_FIFO priority of the firmware where ticks come by the clock; 0 is none";
-    SPACING = "spacing", "", number(0.5, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends each state when it is due, answered or not, as other simulators do";
+    SPACING = "spacing", "", number(0.2, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends each state when it is due, answered or not, as other simulators do";
     SPEED = "speed", "", number(1.0, 0.01, 100.0), "how much faster than real time ticks are, where they do not come by the clock";
     JITTER_S = "jitter_s", "s", number(0.0, 0.0, 1.0), "each packet is sent up to this much later than its time, where ticks do not come by the clock";
     JITTER_SEED = "jitter_seed", "", number(1.0, 0.0, 1e9), "seed of the jitter";
@@ -241,7 +241,6 @@ impl Bridge {
         let ticks = input.tick - first;
         if self.keeps_clock {
             self.pace.wait(ticks);
-            std::thread::sleep(firmware.exchange.rest(self.spacing));
         }
         if input.measured_age > 0 {
             return Answer::default();

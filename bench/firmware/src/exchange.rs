@@ -3,6 +3,7 @@
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use messages::content::ROTORS;
@@ -37,11 +38,13 @@ pub struct Exchange {
     /// When the newest state was sent, and the newest answer came.
     sent: Option<Instant>,
     answered: Option<Instant>,
+    /// As [`LOST`].
+    pub lost: Duration,
 }
 
-/// A state without an answer for this long counts as lost, and the next one is sent. Betaflight's clock stands still
-/// until its second state, and after a gap of 20 ms it keeps its rate whatever comes.
-const LOST: Duration = Duration::from_millis(5);
+/// A state without an answer for this long counts as lost, and the next one is sent. A firmware that has stalled would
+/// take both at once, and its clock would jump; a packet to this machine itself is hardly ever lost.
+pub const LOST: Duration = Duration::from_millis(100);
 
 impl Exchange {
     /// Opens the sockets. Fails where another flight has the port of the motor commands.
@@ -63,6 +66,7 @@ impl Exchange {
             open: 0,
             sent: None,
             answered: None,
+            lost: LOST,
         })
     }
 
@@ -75,6 +79,7 @@ impl Exchange {
             open: 0,
             sent: None,
             answered: None,
+            lost: LOST,
         })
     }
 
@@ -85,7 +90,7 @@ impl Exchange {
     }
 
     /// How long to wait until the firmware has had `spacing` to itself since its newest answer; nothing before the first.
-    pub fn rest(&self, spacing: Duration) -> Duration {
+    fn rest(&self, spacing: Duration) -> Duration {
         let since = self.answered.map_or(spacing, |it| it.elapsed());
         spacing.saturating_sub(since)
     }
@@ -115,12 +120,14 @@ impl Exchange {
                 }
             }
         }
-        let sent = Instant::now();
-        let is_lost = |at: Instant| sent.duration_since(at) > LOST;
-        let is_busy = self.open > 0 && !self.sent.is_some_and(is_lost);
-        if !spacing.is_zero() && (is_busy || !self.rest(spacing).is_zero()) {
+        let is_open = |at: &Instant| at.elapsed() <= self.lost;
+        let rest = self.rest(spacing);
+        let is_busy = self.open > 0 && self.sent.as_ref().is_some_and(is_open);
+        if !spacing.is_zero() && (is_busy || rest > limit) {
             return answer;
         }
+        thread::sleep(rest);
+        let (sent, limit) = (Instant::now(), limit - rest);
         // A refused packet means that the firmware has ended, which its process says.
         let _ = self.remote.send(remote);
         let _ = self.state.send(state);

@@ -16,7 +16,7 @@ use control_api::description::Refused;
 use ironbird_law::Measured;
 use tempfile::TempDir;
 
-use crate::exchange::Exchange;
+use crate::exchange::{Exchange, LOST};
 use crate::sticks::Sticks;
 use crate::{PACKET_BYTES, Port};
 
@@ -30,6 +30,10 @@ const TURNING: u64 = 100;
 const START: Duration = Duration::from_millis(1500);
 const STARTS: u32 = 3;
 const POLL: Duration = Duration::from_millis(5);
+/// Until so many answers have come, a state without one is lost after this time: Betaflight's clock stands still between
+/// its first and second state, and after a gap of 20 ms it keeps its rate whatever comes.
+const FIRST_ANSWERS: u32 = 10;
+const FIRST_LOST: Duration = Duration::from_millis(5);
 /// Standard gravity, which the firmware calibrates with.
 const GRAVITY_M_S2: f64 = 9.80665;
 
@@ -187,7 +191,7 @@ impl AtRest {
             specific_force_b_m_s2: [0.0, 0.0, GRAVITY_M_S2],
             ..Measured::default()
         };
-        let begun = Instant::now();
+        let (begun, mut answers) = (Instant::now(), 0);
         let (mut state, mut remote) = ([0; PACKET_BYTES], [0; PACKET_BYTES]);
         loop {
             thread::sleep(period);
@@ -214,6 +218,10 @@ impl AtRest {
             );
             self.time_ns.store(now.as_nanos() as u64, Ordering::Relaxed);
             if let Some(motors) = answer.motors {
+                answers += 1;
+                if answers > FIRST_ANSWERS {
+                    exchange.lost = LOST;
+                }
                 match sticks.armed && motors.iter().all(|motor| *motor > 0.0) {
                     true => self.turning.fetch_add(1, Ordering::Relaxed),
                     false => self.turning.swap(0, Ordering::Relaxed),
@@ -264,6 +272,7 @@ pub fn start(
     let exchange = open(port)?;
     let socket = |e: io::Error| Refused(format!("{}: no socket: {e}", port.name));
     let mut of_rest = exchange.try_clone().map_err(socket)?;
+    of_rest.lost = FIRST_LOST;
     let mut program = started(port, executable, priority, &exchange)?;
     let at_rest = Arc::new(AtRest::default());
     let shared = Arc::clone(&at_rest);
