@@ -245,10 +245,14 @@ impl Bridge {
         if input.measured_age > 0 {
             return Answer::default();
         }
-        let time_s = (began + self.period.mul_f64(ticks as f64)).as_secs_f64();
-        let (mut state, mut remote) = ([0; PACKET_BYTES], [0; PACKET_BYTES]);
-        let states = (self.port.state)(time_s, &input.measured, &mut state);
-        let remotes = (self.port.remote)(time_s, sticks, &mut remote);
+        let time = began + self.period.mul_f64(ticks as f64);
+        let port = self.port;
+        let write = |stamp_s, [state, remote]: &mut [[u8; PACKET_BYTES]; 2]| {
+            [
+                (port.state)(stamp_s, &input.measured, state),
+                (port.remote)(stamp_s, sticks, remote),
+            ]
+        };
         let limit = match (self.keeps_clock, self.spacing.is_zero()) {
             (false, _) => self.answer_limit,
             (true, false) => PATIENCE,
@@ -259,10 +263,7 @@ impl Bridge {
                 next.saturating_duration_since(now)
             }
         };
-        let mut answer =
-            firmware
-                .exchange
-                .ask(&state[..states], &remote[..remotes], self.spacing, limit);
+        let mut answer = firmware.exchange.ask(time, write, self.spacing, limit);
         self.motors = answer.motors.unwrap_or(self.motors);
         if answer.outcome != Outcome::Answered && firmware.program.ended().is_some() {
             answer.outcome = Outcome::Ended;
@@ -274,7 +275,7 @@ impl Bridge {
     /// Shows the exchange in the order of [`SIGNALS`].
     fn show(&mut self, answer: &Answer, sticks: &Sticks, telemetry: &mut Telemetry) {
         let is_off = self.motors.iter().all(|motor| *motor < STOPPED);
-        let is_disarmed = is_off && sticks.throttle > 0.0 && answer.outcome != Outcome::Ended;
+        let is_disarmed = is_off && sticks.throttle > 0.0 && answer.motors.is_some();
         let ended = self
             .firmware
             .as_mut()

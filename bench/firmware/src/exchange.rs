@@ -38,13 +38,17 @@ pub struct Exchange {
     /// When the newest state was sent, and the newest answer came.
     sent: Option<Instant>,
     answered: Option<Instant>,
-    /// As [`LOST`].
-    pub lost: Duration,
+    /// Time and stamp of the newest state.
+    stamped: Option<(Duration, Duration)>,
 }
+
+/// Greatest step between two stamps. Betaflight does not correct the rate of its clock by longer ones, and so would keep
+/// one that a stall has spoilt.
+const STEP: Duration = Duration::from_millis(15);
 
 /// A state without an answer for this long counts as lost, and the next one is sent. A firmware that has stalled would
 /// take both at once, and its clock would jump; a packet to this machine itself is hardly ever lost.
-pub const LOST: Duration = Duration::from_millis(100);
+const LOST: Duration = Duration::from_millis(100);
 
 impl Exchange {
     /// Opens the sockets. Fails where another flight has the port of the motor commands.
@@ -66,7 +70,7 @@ impl Exchange {
             open: 0,
             sent: None,
             answered: None,
-            lost: LOST,
+            stamped: None,
         })
     }
 
@@ -79,14 +83,14 @@ impl Exchange {
             open: 0,
             sent: None,
             answered: None,
-            lost: LOST,
+            stamped: None,
         })
     }
 
-    /// Takes what has come, and counts nothing.
-    pub fn forget(&mut self) {
+    /// Takes what has come, counts nothing, and goes on from a time.
+    pub fn forget(&mut self, time: Duration) {
         while self.receive().is_some() {}
-        self.open = 0;
+        (self.open, self.stamped) = (0, Some((time, time)));
     }
 
     /// How long to wait until the firmware has had `spacing` to itself since its newest answer; nothing before the first.
@@ -95,14 +99,15 @@ impl Exchange {
         spacing.saturating_sub(since)
     }
 
-    /// Sends the packets of a tick and waits for the answer, at most for `limit`. Allocates nothing.
+    /// Sends the packets of a time, state and remote control, and waits for the answer, at most for `limit`. `write` writes
+    /// them with a stamp [s] and returns their lengths. Allocates nothing.
     ///
     /// With a `spacing` nothing is sent while the firmware still works on a state, nor for that time after its answer:
     /// states that reach it close together speed its clock up (docs/firmware.md).
     pub fn ask(
         &mut self,
-        state: &[u8],
-        remote: &[u8],
+        time: Duration,
+        write: impl FnOnce(f64, &mut [[u8; PACKET_BYTES]; 2]) -> [usize; 2],
         spacing: Duration,
         limit: Duration,
     ) -> Answer {
@@ -120,14 +125,21 @@ impl Exchange {
                 }
             }
         }
-        let is_open = |at: &Instant| at.elapsed() <= self.lost;
+        let is_open = |at: &Instant| at.elapsed() <= LOST;
         let rest = self.rest(spacing);
         let is_busy = self.open > 0 && self.sent.as_ref().is_some_and(is_open);
         if !spacing.is_zero() && (is_busy || rest > limit) {
             return answer;
         }
         thread::sleep(rest);
-        let (sent, limit) = (Instant::now(), limit - rest);
+        let stamp = self.stamped.map_or(time, |(last, stamp)| {
+            stamp + time.saturating_sub(last).min(STEP)
+        });
+        self.stamped = Some((time, stamp));
+        let mut packets = [[0; PACKET_BYTES]; 2];
+        let [states, remotes] = write(stamp.as_secs_f64(), &mut packets);
+        let (state, remote) = (&packets[0][..states], &packets[1][..remotes]);
+        let (sent, limit) = (Instant::now(), limit.saturating_sub(rest));
         // A refused packet means that the firmware has ended, which its process says.
         let _ = self.remote.send(remote);
         let _ = self.state.send(state);

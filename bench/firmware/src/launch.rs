@@ -16,7 +16,7 @@ use control_api::description::Refused;
 use ironbird_law::Measured;
 use tempfile::TempDir;
 
-use crate::exchange::{Exchange, LOST};
+use crate::exchange::Exchange;
 use crate::sticks::Sticks;
 use crate::{PACKET_BYTES, Port};
 
@@ -30,10 +30,6 @@ const TURNING: u64 = 100;
 const START: Duration = Duration::from_millis(1500);
 const STARTS: u32 = 3;
 const POLL: Duration = Duration::from_millis(5);
-/// Until so many answers have come, a state without one is lost after this time: Betaflight's clock stands still between
-/// its first and second state, and after a gap of 20 ms it keeps its rate whatever comes.
-const FIRST_ANSWERS: u32 = 10;
-const FIRST_LOST: Duration = Duration::from_millis(5);
 /// Standard gravity, which the firmware calibrates with.
 const GRAVITY_M_S2: f64 = 9.80665;
 
@@ -191,8 +187,7 @@ impl AtRest {
             specific_force_b_m_s2: [0.0, 0.0, GRAVITY_M_S2],
             ..Measured::default()
         };
-        let (begun, mut answers) = (Instant::now(), 0);
-        let (mut state, mut remote) = ([0; PACKET_BYTES], [0; PACKET_BYTES]);
+        let begun = Instant::now();
         loop {
             thread::sleep(period);
             // Its time is the clock's, however late this thread wakes up.
@@ -201,8 +196,6 @@ impl AtRest {
                 armed: self.armed.load(Ordering::Relaxed),
                 ..Sticks::default()
             };
-            let states = (port.state)(now.as_secs_f64(), &measured, &mut state);
-            let remotes = (port.remote)(now.as_secs_f64(), &sticks, &mut remote);
             if self
                 .phase
                 .compare_exchange(0, SENDING, Ordering::AcqRel, Ordering::Relaxed)
@@ -210,18 +203,15 @@ impl AtRest {
             {
                 return;
             }
-            let answer = exchange.ask(
-                &state[..states],
-                &remote[..remotes],
-                period / 2,
-                Duration::ZERO,
-            );
+            let write = |stamp_s, [state, remote]: &mut [[u8; PACKET_BYTES]; 2]| {
+                [
+                    (port.state)(stamp_s, &measured, state),
+                    (port.remote)(stamp_s, &sticks, remote),
+                ]
+            };
+            let answer = exchange.ask(now, write, period / 2, period / 2);
             self.time_ns.store(now.as_nanos() as u64, Ordering::Relaxed);
             if let Some(motors) = answer.motors {
-                answers += 1;
-                if answers > FIRST_ANSWERS {
-                    exchange.lost = LOST;
-                }
                 match sticks.armed && motors.iter().all(|motor| *motor > 0.0) {
                     true => self.turning.fetch_add(1, Ordering::Relaxed),
                     false => self.turning.swap(0, Ordering::Relaxed),
@@ -250,8 +240,9 @@ impl Armed {
     /// Ends the rest. Returns the time of its newest packet. Neither waits nor allocates.
     pub fn take_off(&mut self) -> Duration {
         self.at_rest.phase.store(STOPPED, Ordering::Release);
-        self.exchange.forget();
-        Duration::from_nanos(self.at_rest.time_ns.load(Ordering::Relaxed))
+        let time = Duration::from_nanos(self.at_rest.time_ns.load(Ordering::Relaxed));
+        self.exchange.forget(time);
+        time
     }
 }
 
@@ -272,7 +263,6 @@ pub fn start(
     let exchange = open(port)?;
     let socket = |e: io::Error| Refused(format!("{}: no socket: {e}", port.name));
     let mut of_rest = exchange.try_clone().map_err(socket)?;
-    of_rest.lost = FIRST_LOST;
     let mut program = started(port, executable, priority, &exchange)?;
     let at_rest = Arc::new(AtRest::default());
     let shared = Arc::clone(&at_rest);
