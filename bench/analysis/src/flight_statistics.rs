@@ -6,6 +6,7 @@
 use crate::command_verdicts::CommandVerdicts;
 use crate::deadlines::{DeadlineOutcome, Deadlines, Judged, LateCommands, MissRuns};
 use crate::faults::AppliedSwap;
+use crate::firmware::FirmwareStatistics;
 use crate::freshness::FreshnessStatistics;
 use crate::laws::{FlownLaws, NotFinite, SignalStatistics};
 use crate::losses::Losses;
@@ -68,6 +69,7 @@ pub struct FlightStatistics {
     pub not_finite: [NotFinite; 3],
     laws: FlownLaws,
     pub telemetry: [SignalStatistics; LAW_ROLES.len()],
+    pub firmware: FirmwareStatistics,
     pub theorem: TheoremStatistics,
     pub swaps: Vec<AppliedSwap>,
     pub swaps_seen: u64,
@@ -114,6 +116,7 @@ impl FlightStatistics {
             not_finite: [NotFinite::default(); 3],
             laws: FlownLaws::default(),
             telemetry: [SignalStatistics::new(&[]); LAW_ROLES.len()],
+            firmware: FirmwareStatistics::new(tracking.period_s())?,
             theorem: TheoremStatistics::default(),
             swaps: Vec::new(),
             swaps_seen: 0,
@@ -138,6 +141,7 @@ impl FlightStatistics {
         self.laws = laws;
         self.telemetry = LAW_ROLES.map(|role| SignalStatistics::new(laws.signals.of(role)));
         self.tracer.set_laws(laws);
+        self.firmware.set_signals(&laws.signals);
         if let Some(law) = laws.without_theorem {
             self.theorem.does_not_apply(law);
         }
@@ -275,6 +279,7 @@ impl FlightStatistics {
         self.loop_message(1, message, content.mode, &content.telemetry, None);
         self.freshness.stage(message.envelope.tick, content.mode);
         self.flight.wrench(&self.laws, content);
+        self.firmware.take(message.envelope.tick, content);
     }
 
     /// Counts a message of outer (0), inner (1) or mixer stage (2); returns whether messages of it are missing before.

@@ -20,6 +20,7 @@ pub mod distribution;
 pub mod effort;
 pub mod faults;
 pub mod finding;
+pub mod firmware;
 pub mod flight_metrics;
 pub mod flight_statistics;
 pub mod freshness;

@@ -38,6 +38,9 @@ pub struct Report {
     /// What the redundant channels did; none of a flight with one channel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub redundancy: Option<RedundancySection>,
+    /// The answers of a program that flew as the inner law; none of another law.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub firmware: Option<FirmwareSection>,
     /// Processes that ended while the flight needed them; the first 500.
     pub deaths: Vec<ProcessFailure>,
     pub deaths_left_out: u64,
@@ -112,6 +115,37 @@ pub struct AcceptanceResult {
     pub status: FlightStatus,
     pub exit_code: u8,
     pub gates: Vec<Gate>,
+}
+
+/// The answers of another program that flew as the inner law ([`crate::firmware`]): ticks, by what became of them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FirmwareSection {
+    /// Ticks whose state it was to answer.
+    pub asked: u64,
+    pub answered: u64,
+    /// Nothing came in time.
+    pub silent: u64,
+    pub wrong_size: u64,
+    pub not_finite: u64,
+    pub after_its_end: u64,
+    pub unanswered_percent: f64,
+    /// Ticks without a state of their own, in which nothing was sent.
+    pub not_asked: u64,
+    /// Answers that came after their tick.
+    pub late: u64,
+    /// Answers that came though no state was without one.
+    pub repeated: u64,
+    /// Ticks with motors off and throttle up, and when the first one was [s].
+    pub disarmed: u64,
+    pub disarmed_at_s: Option<f64>,
+    /// Its exit status, if it ended in flight; 128 and the number of a signal.
+    pub exit_status: Option<i64>,
+    pub ended_at_s: Option<f64>,
+    /// From sending a state to having its answer; none without an answer.
+    pub latency_p50_us: Option<f64>,
+    pub latency_p99_us: Option<f64>,
+    pub latency_p999_us: Option<f64>,
+    pub latency_max_us: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

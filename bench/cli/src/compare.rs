@@ -50,6 +50,7 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     let mut laws = args.laws.clone();
     if table.is_some() && laws.inner.is_empty() {
         let inner = known(Role::Inner).into_iter();
+        let inner = inner.filter(|law| !firmware::is_program(law.name));
         laws.inner = inner.map(|law| law.name.to_owned()).collect();
     }
     let most = match table {

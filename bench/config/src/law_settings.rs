@@ -39,7 +39,7 @@ pub fn known(role: Role) -> Vec<&'static Description> {
     }
     match role {
         Role::Outer => all(controller::laws::OUTER),
-        Role::Inner => all(controller::laws::INNER),
+        Role::Inner => [all(controller::laws::INNER), all(firmware::LAWS)].concat(),
         Role::Mixer => all(mixer::LAWS),
         Role::Plant | Role::Record => Vec::new(),
     }

@@ -198,7 +198,11 @@ impl Settings {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
         let law = match law {
             Chosen::BuiltIn(law) => {
-                law_settings::entry(controller::laws::INNER, law).make(&rig, &settings)
+                let laws = match firmware::is_program(law.name) {
+                    true => firmware::LAWS,
+                    false => controller::laws::INNER,
+                };
+                law_settings::entry(laws, law).make(&rig, &settings)
             }
             Chosen::Library(library) => library.inner(&rig, &settings),
         };

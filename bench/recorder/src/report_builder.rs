@@ -145,6 +145,7 @@ impl<'a> ReportBuilder<'a> {
                 laws: self.channel_laws.clone(),
                 ..sections::redundancy(it, period_s)
             }),
+            firmware: statistics.firmware.section(),
             deaths: statistics.deaths.deaths.clone(),
             deaths_left_out: statistics.deaths.left_out,
             flight: performance,

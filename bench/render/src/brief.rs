@@ -95,6 +95,8 @@ fn details(report: &Report) -> Vec<String> {
     }
     let channels = report.redundancy.as_ref().map(shared::channels);
     all.extend(channels.map(|it| format!("Channels  {it}")));
+    let firmware = report.firmware.as_ref().map(shared::firmware);
+    all.extend(firmware.map(|it| format!("Firmware  {it}")));
     all.extend(report.deaths.last().map(|last| {
         let last = flight::failure_line(last);
         match process_failures::number(report) {

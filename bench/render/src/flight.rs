@@ -25,13 +25,14 @@ use std::fmt::Display;
 type Blocks = fn(&Report) -> Vec<Block>;
 
 /// The sections of the text by name, in order.
-const SECTIONS: [(&str, Blocks); 11] = [
+const SECTIONS: [(&str, Blocks); 12] = [
     ("head", head),
     ("deadlines", deadlines),
     ("outages", outages::blocks),
     ("deaths", deaths),
     ("latencies", latencies::blocks),
     ("floors", floors),
+    ("firmware", firmware),
     ("processes", processes),
     ("tracking", tracking),
     ("telemetry", telemetry),
@@ -46,7 +47,9 @@ pub fn section_names() -> [&'static str; SECTIONS.len()] {
 }
 
 pub fn text(report: &Report) -> String {
-    section_names().map(|name| section(report, name)).join("\n")
+    let mut sections = section_names().map(|name| section(report, name)).to_vec();
+    sections.retain(|it| !it.is_empty());
+    sections.join("\n")
 }
 
 pub fn section(report: &Report, name: &str) -> String {
@@ -712,6 +715,12 @@ pub(crate) fn marks(report: &Report) -> Block {
 }
 
 /// What each law showed of itself, as a table and charts.
+fn firmware(report: &Report) -> Vec<Block> {
+    let section = report.firmware.iter();
+    let fact = |it| Block::Fact("Firmware", sentences::firmware(it));
+    section.map(fact).collect()
+}
+
 fn telemetry(report: &Report) -> Vec<Block> {
     let laws = &report.run.laws;
     let number = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));

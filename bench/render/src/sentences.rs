@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
 use analysis::schema::{
-    AGITATION, AcceptanceResult, ControlPerformance, FlightVerdict, Gate, LawSection, LossSection,
-    MarginSection, QuantityError, RedundancySection, Report, RobustnessMargin, RoleSection,
-    RotorEffort, SimulatedLoss, Speed, TimingVerdict, Verdicts, sum,
+    AGITATION, AcceptanceResult, ControlPerformance, FirmwareSection, FlightVerdict, Gate,
+    LawSection, LossSection, MarginSection, QuantityError, RedundancySection, Report,
+    RobustnessMargin, RoleSection, RotorEffort, SimulatedLoss, Speed, TimingVerdict, Verdicts, sum,
 };
 use flight_log::facts::OFF;
 use messages::role::Role;
@@ -434,6 +434,62 @@ fn margin_of_flight(margin: &MarginSection) -> String {
         recovers.unwrap_or_default(),
         margin.margin.unwrap_or_default()
     )
+}
+
+/// The answers of a program that flew as the inner law: what went wrong first.
+pub fn firmware(section: &FirmwareSection) -> String {
+    let mut parts = Vec::new();
+    if let Some(ended_s) = section.ended_at_s {
+        let status = section.exit_status;
+        let status = status.map_or("was never started".into(), |it| format!("exit status {it}"));
+        parts.push(format!("ended at {ended_s:.3} s, {status}"));
+    }
+    if let Some(disarmed_s) = section.disarmed_at_s {
+        parts.push(format!("disarmed in flight at {disarmed_s:.3} s"));
+    }
+    let causes = [
+        (section.silent, "silent"),
+        (section.wrong_size, "wrong size"),
+        (section.not_finite, "not finite"),
+        (section.after_its_end, "after its end"),
+    ];
+    let causes = causes.into_iter().filter(|(ticks, _)| *ticks > 0);
+    let causes: Vec<String> = causes
+        .map(|(ticks, name)| format!("{ticks} {name}"))
+        .collect();
+    let unanswered = section.asked - section.answered;
+    let causes = match causes.is_empty() {
+        true => String::new(),
+        false => format!(": {}", causes.join(" + ")),
+    };
+    parts.push(format!(
+        "{unanswered} of {} ticks unanswered ({:.3} %){causes}",
+        section.asked, section.unanswered_percent
+    ));
+    let others = [
+        (section.late, "late answer"),
+        (section.repeated, "repeated answer"),
+        (section.not_asked, "tick without a state to send"),
+    ];
+    let others = others.into_iter().filter(|(number, _)| *number > 0);
+    parts.extend(others.map(|(number, thing)| match thing.split_once(' ') {
+        Some(("tick", rest)) => format!("{} {rest}", count(number, "tick")),
+        _ => count(number, thing),
+    }));
+    let latencies = [
+        ("p50", section.latency_p50_us),
+        ("p99", section.latency_p99_us),
+        ("p99.9", section.latency_p999_us),
+        ("max", section.latency_max_us),
+    ];
+    let known = latencies
+        .into_iter()
+        .filter_map(|(name, us)| Some(format!("{name} {:.0}", us?)));
+    let known: Vec<String> = known.collect();
+    if !known.is_empty() {
+        parts.push(format!("answer latency [us] {}", known.join(", ")));
+    }
+    parts.join("; ")
 }
 
 #[cfg(test)]

@@ -36,6 +36,8 @@ pub struct ReplayComparison {
     channel: Channel,
     signals: Signals,
     pub values: u64,
+    /// Messages of another program, which are not compared.
+    pub foreign: u64,
     pub first: Option<Divergence>,
 }
 
@@ -46,6 +48,7 @@ impl ReplayComparison {
             channel,
             signals,
             values: 0,
+            foreign: 0,
             first: None,
         }
     }
@@ -53,6 +56,7 @@ impl ReplayComparison {
     /// Adds what was compared in another log; of two differences in a tick, this one's stays the first.
     pub fn add(&mut self, other: Self) {
         self.values += other.values;
+        self.foreign += other.foreign;
         let both = [self.first.take(), other.first].into_iter().flatten();
         self.first = both.min_by_key(|it| it.tick);
     }

@@ -213,11 +213,23 @@ fn verdict(replayed: &ReplayResult) -> Result<u8, Failure> {
         return Ok(GATE);
     }
     print(&format!(
-        "replay: {}, {values} values, identical; outputs {}\n",
+        "replay: {}, {values} values, identical{}; outputs {}\n",
         count(ticks, "tick"),
+        not_compared(replayed),
         replayed.summary.outputs
     ))?;
     Ok(OK)
+}
+
+/// What says that the inner law was another program.
+fn not_compared(replayed: &ReplayResult) -> String {
+    match replayed.comparison.foreign {
+        0 => String::new(),
+        number => format!(
+            "; answers of another program: {} not compared",
+            count(number, "message")
+        ),
+    }
 }
 
 /// A log without its end: a difference in it may follow from the missing part.
@@ -250,8 +262,9 @@ fn print_summary(replayed: &ReplayResult) -> Result<u8, Failure> {
         _ if replayed.survey.end != End::Complete => return Err(truncated(replayed)),
         Some(divergence) => print(&format!("diverges from the record at {divergence}\n"))?,
         None => print(&format!(
-            "agrees with the record in {} values\n",
-            replayed.comparison.values
+            "agrees with the record in {} values{}\n",
+            replayed.comparison.values,
+            not_compared(replayed)
         ))?,
     }
     Ok(OK)

@@ -34,6 +34,12 @@ pub fn examine(log: &Path) -> Result<LossSection, Failure> {
             "its channels flew different laws, of which a simulation has one",
         ));
     }
+    let inner = settings.laws()?[1].name;
+    if firmware::is_program(inner) {
+        return Err(Failure::failed(format!(
+            "its inner law `{inner}` is another program, whose answers are not the same again"
+        )));
+    }
     let is_lockstep = reader.pace()? == Pace::Lockstep;
     settings.flight.faults = loop_faults(&settings, &injected(log)?)?;
     let mut swaps = Vec::new();

@@ -10,6 +10,7 @@ use crate::recorded_timing::Timing;
 use crate::simulator::Simulator;
 pub use crate::simulator::simulated_flight::{Judge, SimulatedFlight, fly, fly_with};
 use analysis::effort::EffortStatistics;
+use analysis::firmware::FirmwareStatistics;
 use analysis::laws::NotFinite;
 use analysis::phrase::count;
 use analysis::schema::{AcceptanceResult, ControlPerformance, FlightVerdict, Gate};
@@ -83,6 +84,8 @@ pub fn report(
         &theorem,
     ));
     let mut lines = observations.unusable.sentences(settings)?;
+    let firmware = observations.firmware.section();
+    lines.extend(firmware.map(|it| format!("Firmware  {}", render::sentences::firmware(&it))));
     for fault in settings.injected()? {
         lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
@@ -152,6 +155,7 @@ struct Observations {
     /// Estimate and true value of each parameter.
     newest: Option<[(f64, f64); ESTIMATED.len()]>,
     unusable: InvalidOutputs,
+    firmware: FirmwareStatistics,
     tracking: Tracking,
     errors: TrackingStatistics,
     effort: EffortStatistics,
@@ -162,6 +166,8 @@ impl Observations {
         let mut theorem = TheoremStatistics::default();
         theorem.set_airframe(&settings.airframe()?);
         let law_without = settings.law_without_theorem()?;
+        let mut firmware = FirmwareStatistics::new(tracking.period_s())?;
+        firmware.set_signals(&settings.flown_laws()?.signals);
         if let Some(law) = law_without {
             theorem.does_not_apply(law);
         }
@@ -170,6 +176,7 @@ impl Observations {
             has_estimates: law_without.is_none(),
             newest: None,
             unusable: InvalidOutputs::default(),
+            firmware,
             tracking,
             errors: TrackingStatistics::new(tracking.period_s()),
             effort: EffortStatistics::default(),
@@ -191,6 +198,7 @@ impl Observations {
         let Some(wrench) = rig.new_wrench() else {
             return;
         };
+        self.firmware.take(tick, wrench);
         match rig.monitor() {
             Some(monitor) => {
                 self.theorem.take(rig.theorem().number(), monitor);

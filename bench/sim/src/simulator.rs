@@ -163,6 +163,12 @@ impl Simulator {
         Ok(Some(rig))
     }
 
+    /// Starts what the inner law needs outside of this process, before the first tick.
+    pub fn start(&mut self) -> Result<(), Failure> {
+        let started = self.inner.start(false);
+        started.map_err(|e| Failure::failed(e.to_string()))
+    }
+
     pub fn tick(&mut self) {
         if self.faulted.is_some() {
             self.faulty_tick();

@@ -20,6 +20,7 @@ use messages::telemetry::Telemetry;
 use messages::topic::Topic as _;
 use nalgebra::Vector4;
 
+use crate::description::Refused;
 use crate::law::{
     CopyState, Desired, Given, InnerInput, InnerLaw, MixerInput, MixerLaw, OuterInput, OuterLaw,
     Rig, WrenchSetpoint,
@@ -353,6 +354,11 @@ pub struct InnerMemory {
 }
 
 impl GuardedInner {
+    /// As [`InnerLaw::start`].
+    pub fn start(&mut self, comes_by_the_clock: bool) -> Result<(), Refused> {
+        self.made.law.start(comes_by_the_clock)
+    }
+
     /// Of the channels whose laws are those of `group`; a law is given whether they fly.
     pub const fn in_group(mut self, group: Channel) -> Self {
         self.memory.active_command.group = group;

@@ -77,6 +77,12 @@ pub trait OuterLaw: CopyState {
 /// It is called in every tick, with the newest inputs and their ages. The rig replaces a setpoint that is
 /// too old, and commands no torque in a tick without a fresh measurement.
 pub trait InnerLaw: CopyState {
+    /// Starts what the law needs outside of its process, before tick 0; most laws need nothing. `comes_by_the_clock` says
+    /// whether ticks do, or as soon as the last one is done.
+    fn start(&mut self, _comes_by_the_clock: bool) -> Result<(), Refused> {
+        Ok(())
+    }
+
     fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint;
 }
 

@@ -3,7 +3,7 @@
 use ironbird_law::abi::IRONBIRD_TELEMETRY;
 pub use ironbird_law::{Signal, Telemetry};
 
-use crate::layout::layout;
+use crate::layout::{layout, wire_enum};
 use crate::role::Role;
 
 /// How many numbers a law may show.
@@ -18,6 +18,37 @@ pub const RATE_ERROR: [&str; 3] = [
     "rate_error_y_rad_s",
     "rate_error_z_rad_s",
 ];
+
+/// Names of the signals of a law that is another program: what a tick brought ([`AnswerOutcome`]), how long the answer
+/// took, answers to older states, answers to none, whether the program has switched the motors off against the sticks,
+/// and its exit status.
+pub const ANSWERS: [&str; 6] = [
+    "answer_outcome",
+    "answer_latency_us",
+    "answers_late",
+    "answers_repeated",
+    "firmware_disarmed",
+    "firmware_exit_status",
+];
+
+wire_enum! {
+    /// What became of a tick's question to another program.
+    #[derive(Default)]
+    pub enum AnswerOutcome {
+        /// No state of this tick had arrived, so nothing was sent.
+        #[default]
+        NotAsked = 0 => "not asked",
+        Answered = 1 => "answered",
+        /// Nothing came in time.
+        Silent = 2 => "silent",
+        /// What came had another length than an answer.
+        WrongSize = 3 => "wrong size",
+        /// What came had numbers that are not finite.
+        NotFinite = 4 => "not finite",
+        /// The program has ended.
+        Ended = 5 => "ended",
+    }
+}
 
 /// What the laws of a flight show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -53,7 +53,7 @@ pub struct FlightArgs {
     #[arg(long, value_name = "LAW|FILE")]
     pub outer: Option<String>,
     /// Law of the inner loop [default: adaptive].
-    #[arg(long, value_name = "LAW|FILE")]
+    #[arg(long, visible_alias = "controller", value_name = "LAW|FILE")]
     pub inner: Option<String>,
     /// Law of the mixer [default: roll_pitch_first].
     #[arg(long, value_name = "LAW|FILE")]

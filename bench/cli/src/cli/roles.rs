@@ -78,7 +78,14 @@ impl Stage {
         Ok(match role {
             Role::Plant => Self::Plant(Box::new(settings.plant()?)),
             Role::Outer => Self::Outer(settings.outer_stage()?),
-            Role::Inner => Self::Inner(settings.inner_stage()?),
+            Role::Inner => {
+                let mut inner = settings.inner_stage()?;
+                let by_the_clock = settings.flight.pace == PaceName::Realtime;
+                inner
+                    .start(by_the_clock)
+                    .map_err(|e| Failure::failed(e.to_string()))?;
+                Self::Inner(inner)
+            }
             Role::Mixer => Self::Mixer(settings.mixer_stage()?),
             Role::Record => {
                 let why = "the recorder has a command of its own: `ironbird record`";

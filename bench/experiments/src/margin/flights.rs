@@ -106,6 +106,7 @@ impl<'a> Flights<'a> {
         flight.faults = faults;
         let mut rig = rig(self.base.as_deref(), &settings)?;
         let mut judge = Judge::new(&settings)?;
+        rig.start()?;
         let (mut peak_m, mut back) = (0.0_f64, end);
         let (mut rate, mut steps, mut sum) = (Vector3::zeros(), 0, 0.0);
         let settled = self.from + (SETTLED_S / period_s).round() as u64;

@@ -36,6 +36,7 @@ pub fn fly(
     mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
 ) -> Result<SimulatedFlight, Failure> {
     let mut judge = Judge::new(settings)?;
+    rig.start()?;
     while judge.goes_on(rig) {
         rig.tick();
         judge.take(rig, &mut look)?;

@@ -1,0 +1,302 @@
+//! The law whose value is another program's answer.
+//!
+//! A tick sends one state and one remote control, waits for the motor commands, and turns them into the wrench of those
+//! rotor speeds by the airframe as it is known; the mixer turns it back into the same speeds. The wait ends in time for
+//! the rest of the chain. Without an answer the last motors are held, as a speed controller does; when the process has
+//! ended they stop. A tick without a fresh state sends nothing, so the firmware sees the gap.
+//!
+//! Where ticks do not come by the clock, the law keeps to it: the firmware runs on the processor's clock, and its loops
+//! take real time.
+
+use std::any::Any;
+use std::fmt;
+use std::os::unix::process::ExitStatusExt as _;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use control_api::Rig;
+use control_api::description::{Description, Refused, Setting, Settings, number, settings, signal};
+use control_api::law::{CopyState, InnerInput, InnerLaw, Law, WrenchSetpoint};
+use fastrand::Rng;
+use messages::allocation::Allocation;
+use messages::content::ROTORS;
+use messages::role::Role;
+use messages::telemetry::{ANSWERS, AnswerOutcome as Outcome, Signal, Telemetry};
+use nalgebra::Vector4;
+
+use crate::exchange::Answer;
+use crate::launch::{Armed, executable, start};
+use crate::sticks::{StickScale, Sticks};
+use crate::{PACKET_BYTES, Port, betaflight};
+
+settings! {
+    SETTINGS;
+    ANGLE_LIMIT_RAD = "angle_limit_rad", "rad", number(std::f64::consts::FRAC_PI_4, 0.1, 1.5), "tilt at full deflection, as in the firmware (angle_limit)";
+    YAW_RATE_MAX_RAD_S = "yaw_rate_max_rad_s", "rad/s", number(std::f64::consts::TAU, 0.1, 100.0), "yaw rate at full deflection, as in the firmware (yaw_srate)";
+    YAW_1_S = "yaw_1_s", "1/s", number(2.0, 0.0, 100.0), "from yaw error to yaw rate";
+    IDLE = "idle", "", number(0.055, 0.0, 0.5), "motor command at throttle 0, as in the firmware (motor_idle)";
+    ANSWER_LIMIT = "answer_limit", "", number(0.6, 0.01, 10.0), "longest wait for an answer, as a share of the period, where ticks come by the clock";
+    ARMING_LIMIT_S = "arming_limit_s", "s", number(8.0, 0.1, 60.0), "longest wait until the firmware has armed";
+    PRIORITY = "priority", "", number(70.0, 0.0, 99.0), "SCHED_FIFO priority of the firmware where ticks come by the clock; 0 is none";
+    SPACING = "spacing", "", number(0.2, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends each state when it is due, answered or not, as other simulators do";
+    SPEED = "speed", "", number(1.0, 0.01, 100.0), "how much faster than real time ticks are, where they do not come by the clock";
+    JITTER_S = "jitter_s", "s", number(0.0, 0.0, 1.0), "each packet is sent up to this much later than its time, where ticks do not come by the clock";
+    JITTER_SEED = "jitter_seed", "", number(1.0, 0.0, 1e9), "seed of the jitter";
+}
+
+/// How long an answer is waited for where ticks do not come by the clock: a firmware that is slow is no firmware that is
+/// silent.
+const PATIENCE: Duration = Duration::from_millis(200);
+/// Motor commands are this far below idle only if the firmware has disarmed.
+const STOPPED: f64 = 1e-3;
+
+/// What a tick shows.
+const SIGNALS: &[Signal] = &[
+    signal(ANSWERS[0], ""),
+    signal(ANSWERS[1], "us"),
+    signal(ANSWERS[2], ""),
+    signal(ANSWERS[3], ""),
+    signal(ANSWERS[4], ""),
+    signal(ANSWERS[5], ""),
+    signal("motor_1", ""),
+    signal("motor_2", ""),
+    signal("motor_3", ""),
+    signal("motor_4", ""),
+    signal("stick_roll", ""),
+    signal("stick_pitch", ""),
+    signal("stick_yaw", ""),
+    signal("stick_throttle", ""),
+];
+
+pub struct Bridge {
+    port: &'static Port,
+    executable: PathBuf,
+    scale: StickScale,
+    allocation: Allocation,
+    /// Thrust of a rotor at motor command 1 [N].
+    full_n: f64,
+    period: Duration,
+    priority: i32,
+    arming_limit: Duration,
+    answer_limit: Duration,
+    spacing: Duration,
+    pace: Pace,
+    keeps_clock: bool,
+    firmware: Option<Armed>,
+    /// First tick, and what time its packet has.
+    began: Option<(u64, Duration)>,
+    motors: [f64; ROTORS],
+}
+
+/// The clock of ticks that come as soon as the last one is done.
+#[derive(Clone, Debug)]
+struct Pace {
+    /// Length of a tick on the clock.
+    tick: Duration,
+    jitter_s: f64,
+    random: Rng,
+    /// How much later than its time the next packet is sent.
+    late: Duration,
+    /// When the first tick would have been, had none been late.
+    zero: Option<Instant>,
+}
+
+impl Pace {
+    /// When the packet of a tick is due, so many after the first; from now on, if all before were on time.
+    fn due(&self, ticks: u64, now: Instant) -> Instant {
+        self.zero.unwrap_or(now) + self.tick.mul_f64(ticks as f64) + self.late
+    }
+
+    /// Waits until the packet of a tick is due, and draws how late the next one is.
+    fn wait(&mut self, ticks: u64) {
+        let now = Instant::now();
+        let after = self.tick.mul_f64(ticks as f64);
+        // Time that is lost is not made up for, except that of the jitter.
+        let latest = now.checked_sub(after + Duration::from_secs_f64(self.jitter_s));
+        let zero = self.zero.unwrap_or(now);
+        self.zero = Some(latest.map_or(zero, |latest| zero.max(latest)));
+        std::thread::sleep(self.due(ticks, now).saturating_duration_since(now));
+        self.late = Duration::from_secs_f64(self.jitter_s * self.random.f64());
+    }
+}
+
+impl fmt::Debug for Bridge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { port, firmware, .. } = self;
+        f.debug_struct("Bridge")
+            .field("port", &port.name)
+            .field("firmware", firmware)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Law for Bridge {
+    const DESCRIPTION: Description = Description {
+        name: "betaflight",
+        role: Role::Inner,
+        version: "1",
+        summary: "Betaflight, as a program of its own: attitude and rate loop in ANGLE mode, and its mixer",
+        source: "Betaflight 4.6.0, simulator target, over UDP; docs/firmware.md",
+        settings: SETTINGS,
+        presets: &[],
+        suited: None,
+        telemetry: SIGNALS,
+    };
+
+    fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
+        let port = &betaflight::PORT;
+        Ok(Self::of(port, executable(port)?, rig, settings))
+    }
+}
+
+impl Bridge {
+    /// The bridge to an executable.
+    pub fn of(port: &'static Port, executable: PathBuf, rig: &Rig, settings: &Settings) -> Self {
+        let number = |setting: &Setting| settings.number(setting);
+        let period = Duration::from_secs_f64(rig.period_s);
+        Self {
+            port,
+            executable,
+            scale: StickScale {
+                angle_rad: number(&ANGLE_LIMIT_RAD),
+                yaw_rad_s: number(&YAW_RATE_MAX_RAD_S),
+                yaw_gain_1_s: number(&YAW_1_S),
+                idle: number(&IDLE),
+                full_thrust_n: StickScale::full_thrust_n(rig),
+            },
+            allocation: Allocation::new(&rig.airframe),
+            full_n: rig.rotor.f_max(rig.airframe.k()),
+            period,
+            priority: number(&PRIORITY) as i32,
+            arming_limit: Duration::from_secs_f64(number(&ARMING_LIMIT_S)),
+            answer_limit: period.mul_f64(number(&ANSWER_LIMIT)),
+            spacing: period.mul_f64(number(&SPACING)).div_f64(number(&SPEED)),
+            pace: Pace {
+                tick: period.div_f64(number(&SPEED)),
+                jitter_s: number(&JITTER_S),
+                random: Rng::with_seed(number(&JITTER_SEED) as u64),
+                late: Duration::ZERO,
+                zero: None,
+            },
+            keeps_clock: true,
+            firmware: None,
+            began: None,
+            motors: [0.0; ROTORS],
+        }
+    }
+}
+
+impl CopyState for Bridge {
+    /// Another program cannot be copied.
+    fn copy_into(&self, _: &mut dyn Any) -> bool {
+        false
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
+    }
+}
+
+impl InnerLaw for Bridge {
+    fn start(&mut self, comes_by_the_clock: bool) -> Result<(), Refused> {
+        self.keeps_clock = !comes_by_the_clock;
+        let priority = if comes_by_the_clock { self.priority } else { 0 };
+        let (port, executable) = (self.port, &self.executable);
+        let started = start(port, executable, priority, self.period, self.arming_limit);
+        self.firmware = Some(started?);
+        // Armed motors idle.
+        self.motors = [self.scale.idle; ROTORS];
+        Ok(())
+    }
+
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint {
+        let sticks = self.scale.sticks(
+            &input.wanted,
+            input.measured.attitude_rad[2],
+            input.reference.yaw_rate_rad_s,
+        );
+        let answer = self.exchange(input, &sticks);
+        self.show(&answer, &sticks, telemetry);
+        let thrusts = Vector4::from(self.motors).map(|motor| self.full_n * motor * motor);
+        let (thrust_n, torque) = self.allocation.wrench(&thrusts);
+        WrenchSetpoint {
+            thrust_n,
+            torque_b_nm: torque.into(),
+        }
+    }
+}
+
+impl Bridge {
+    fn exchange(&mut self, input: &InnerInput, sticks: &Sticks) -> Answer {
+        let Some(firmware) = &mut self.firmware else {
+            self.motors = [0.0; ROTORS];
+            return Answer {
+                outcome: Outcome::Ended,
+                ..Answer::default()
+            };
+        };
+        let (first, began) = *self
+            .began
+            .get_or_insert_with(|| (input.tick, firmware.take_off() + self.period));
+        let ticks = input.tick - first;
+        if self.keeps_clock {
+            self.pace.wait(ticks);
+        }
+        if input.measured_age > 0 {
+            return Answer::default();
+        }
+        let time = began + self.period.mul_f64(ticks as f64);
+        let port = self.port;
+        let write = |stamp_s, [state, remote]: &mut [[u8; PACKET_BYTES]; 2]| {
+            [
+                (port.state)(stamp_s, &input.measured, state),
+                (port.remote)(stamp_s, sticks, remote),
+            ]
+        };
+        let limit = match (self.keeps_clock, self.spacing.is_zero()) {
+            (false, _) => self.answer_limit,
+            (true, false) => PATIENCE,
+            // The next packet waits for nothing.
+            (true, true) => {
+                let now = Instant::now();
+                let next = self.pace.due(ticks + 1, now);
+                next.saturating_duration_since(now)
+            }
+        };
+        let mut answer = firmware.exchange.ask(time, write, self.spacing, limit);
+        self.motors = answer.motors.unwrap_or(self.motors);
+        if answer.outcome != Outcome::Answered && firmware.program.ended().is_some() {
+            answer.outcome = Outcome::Ended;
+            self.motors = [0.0; ROTORS];
+        }
+        answer
+    }
+
+    /// Shows the exchange in the order of [`SIGNALS`].
+    fn show(&mut self, answer: &Answer, sticks: &Sticks, telemetry: &mut Telemetry) {
+        let is_off = self.motors.iter().all(|motor| *motor < STOPPED);
+        let is_disarmed = is_off && sticks.throttle > 0.0 && answer.motors.is_some();
+        let ended = self
+            .firmware
+            .as_mut()
+            .filter(|_| answer.outcome == Outcome::Ended);
+        let ended = ended.and_then(|firmware| firmware.program.ended());
+        // As a shell has it: 128 and the number of the signal.
+        let status = ended.map(|it| it.code().unwrap_or(128 + it.signal().unwrap_or(0)));
+        let numbers = [
+            answer.outcome as u64 as f64,
+            answer.latency.map_or(f64::NAN, |it| it.as_secs_f64() * 1e6),
+            answer.late as f64,
+            answer.repeated as f64,
+            f64::from(u8::from(is_disarmed)),
+            status.map_or(f64::NAN, f64::from),
+        ];
+        let positions = [sticks.roll, sticks.pitch, sticks.yaw, sticks.throttle];
+        let all = numbers.iter().chain(&self.motors).chain(&positions);
+        telemetry
+            .value
+            .iter_mut()
+            .zip(all)
+            .for_each(|(it, number)| *it = *number);
+    }
+}
