@@ -501,6 +501,15 @@ impl Vehicle {
         model: &Model,
     ) -> Result<(), Refused> {
         let failure = Failure::of(parameters, &self.begun)?;
+        let begins = |it: &Request| {
+            matches!(&it.purpose, Purpose::Fail { failure: it, .. }
+                if it.unit == failure.unit && it.kind != FailureType::FAILURE_TYPE_OK)
+        };
+        // What is to be ended is known when the plant has answered.
+        if failure.kind == FailureType::FAILURE_TYPE_OK && self.pending.iter().any(begins) {
+            let why = "a failure of this unit is still being injected: send OK again".into();
+            return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, why));
+        }
         match failure.what.clone() {
             Some(what) => self.ask(
                 Request {
@@ -606,6 +615,8 @@ impl Vehicle {
                         MavResult::MAV_RESULT_ACCEPTED
                     }
                     Ok(_) => {
+                        // One that `ironbird inject` has ended may begin again, and ends once.
+                        self.begun.retain(|(_, what)| *what != request.what);
                         self.begun.push((failure.unit, request.what.clone()));
                         MavResult::MAV_RESULT_ACCEPTED
                     }

@@ -578,6 +578,23 @@ fn failures_begin_and_end_by_the_answers_of_the_plant() {
 }
 
 #[test]
+fn an_end_waits_for_what_begins_and_ends_each_fault_once() {
+    let mut joined = Joined::new(true);
+    let inject = |kind: f32| command(MAV_CMD_INJECT_FAILURE, [4.0, kind, 0.0]);
+    assert_eq!(joined.send(&inject(7.0)), []);
+    assert_eq!(result(&joined.send(&inject(0.0))), Some(REJECTED));
+    assert_eq!(result(&joined.answered(Ok("")).1), Some(ACCEPTED));
+    // The last one begins again, because `ironbird inject` has ended it.
+    for kind in [6.0, 7.0] {
+        assert_eq!(joined.send(&inject(kind)), []);
+        joined.answered(Ok(""));
+    }
+    assert_eq!(joined.send(&inject(0.0)), []);
+    let (what, _) = joined.answered(Ok(""));
+    assert_eq!(what, "outer.state.lag=off,outer.state.drop=off");
+}
+
+#[test]
 fn what_is_for_others_or_for_all_changes_nothing() {
     let mut joined = Joined::new(true);
     let own = MavHeader {
