@@ -8,6 +8,7 @@
 use std::collections::{BTreeMap, HashSet};
 use std::time::Duration;
 
+use analysis::faults::InjectedFault;
 use analysis::phrase::{count, name_of};
 use mavlink::dialects::common::*;
 use mavlink::{MavHeader, Message as _, MessageData as _};
@@ -35,6 +36,8 @@ const REFUSALS: usize = 20;
 const HANDOVERS: usize = 3;
 /// Requests whose answers are pending.
 const PENDING: usize = 16;
+/// Messages that wait to be sent. What is requested beyond them is left out, as if it had been lost on the way.
+const BACKLOG: usize = 1024;
 const TEXT_BYTES: usize = 50;
 
 const READ_ONLY: &str = "this bridge only observes: start it with --allow-control";
@@ -247,6 +250,9 @@ impl Vehicle {
             _ => (false, false),
         };
         if !is_for_us || from == [SYSTEM, COMPONENT] || !(is_named || is_for_all) {
+            return;
+        }
+        if self.messages.len() >= BACKLOG {
             return;
         }
         match message {
@@ -500,6 +506,9 @@ impl Vehicle {
         from: [u8; 2],
         model: &Model,
     ) -> Result<(), Refused> {
+        if let Some(flight) = model.flight.as_deref() {
+            self.begun.retain(|(_, what)| !has_ended(what, flight));
+        }
         let failure = Failure::of(parameters, &self.begun)?;
         let begins = |it: &Request| {
             matches!(&it.purpose, Purpose::Fail { failure: it, .. }
@@ -615,7 +624,7 @@ impl Vehicle {
                         MavResult::MAV_RESULT_ACCEPTED
                     }
                     Ok(_) => {
-                        // One that `ironbird inject` has ended may begin again, and ends once.
+                        // One that has ended may begin again, and ends once.
                         self.begun.retain(|(_, what)| *what != request.what);
                         self.begun.push((failure.unit, request.what.clone()));
                         MavResult::MAV_RESULT_ACCEPTED
@@ -673,6 +682,20 @@ impl Vehicle {
                 error,
             }));
     }
+}
+
+/// Whether a fault that was injected is known to have ended, as where `ironbird inject` has ended it.
+fn has_ended(what: &str, flight: &WatchedFlight) -> bool {
+    let input = |fault: &str| fault.split('=').next().map(str::to_owned);
+    let is_like = |it: &&InjectedFault| it.what.split(',').any(|it| input(it) == input(what));
+    let newest = flight
+        .injected
+        .iter()
+        .filter(is_like)
+        .max_by_key(|it| it.tick);
+    newest
+        .and_then(|it| it.to_tick)
+        .is_some_and(|end| end <= flight.tick())
 }
 
 /// Place of a parameter among those that are sent.

@@ -10,6 +10,7 @@ use MavResult::{
     MAV_RESULT_ACCEPTED as ACCEPTED, MAV_RESULT_DENIED as DENIED,
     MAV_RESULT_TEMPORARILY_REJECTED as REJECTED, MAV_RESULT_UNSUPPORTED as UNSUPPORTED,
 };
+use analysis::faults::InjectedFault;
 use flight_log::entry::LogEntry;
 use mavlink::dialects::common::*;
 use mavlink::{
@@ -592,6 +593,38 @@ fn an_end_waits_for_what_begins_and_ends_each_fault_once() {
     assert_eq!(joined.send(&inject(0.0)), []);
     let (what, _) = joined.answered(Ok(""));
     assert_eq!(what, "outer.state.lag=off,outer.state.drop=off");
+}
+
+#[test]
+fn what_others_have_ended_is_not_ended_again() {
+    let mut joined = Joined::new(true);
+    let inject = |kind: f32| command(MAV_CMD_INJECT_FAILURE, [4.0, kind, 0.0]);
+    for kind in [6.0, 7.0] {
+        assert_eq!(joined.send(&inject(kind)), []);
+        joined.answered(Ok(""));
+    }
+    let flight = joined.model.flight.as_mut().unwrap();
+    let now = flight.tick();
+    let fault = |what: &str, end| InjectedFault::new(what.into(), 0, end, 1e-3);
+    flight.injected = vec![
+        fault("outer.state.lag=20", Some(now)),
+        fault("outer.state.drop=0.2", Some(now + 1)),
+    ];
+    assert_eq!(joined.send(&inject(0.0)), []);
+    assert_eq!(joined.answered(Ok("")).0, "outer.state.drop=off");
+}
+
+#[test]
+fn requests_without_end_are_not_answered_without_end() {
+    let mut joined = Joined::new(false);
+    let list = MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA {
+        target_system: 1,
+        ..PARAM_REQUEST_LIST_DATA::default()
+    });
+    for _ in 0..10_000 {
+        joined.vehicle.receive(&STATION, &list, &joined.model, NOW);
+    }
+    assert!(joined.vehicle.messages.len() < 1100);
 }
 
 #[test]
