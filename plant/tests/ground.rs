@@ -52,21 +52,34 @@ const fn at(position_w_m: [f64; 3]) -> Initial {
 
 #[test]
 fn at_rest_it_stays_where_it_stands_and_feels_its_weight() {
-    let mut plant = plant(at([0.3, -0.2, REST_Z_M]));
-    fly(&mut plant, 5000, IDLE, |state, plant| {
-        let off = Vector3::from(state.measured.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
-        assert!(off.norm() < 1e-6, "{state:?}");
-        let tilt = Vector3::from(state.measured.attitude_rad).norm();
-        assert!(tilt < 1e-6, "{state:?}");
-        assert_eq!(plant.envelope(), Ok(()));
-        // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
-        if state.truth.position_w_m[2] < REST_Z_M + 1e-9
-            && plant.state().measured.rotor_speed_mean_rad_s[0] < 31.0
-        {
-            let felt = Vector3::from(plant.state().measured.specific_force_b_m_s2);
-            assert!((felt - Vector3::z() * 9.8).norm() < 0.02, "{felt}");
-        }
-    });
+    for substeps in [1, 2, SUBSTEPS] {
+        let mut plant = Plant::new(&PlantSettings {
+            ground: Some(GROUND),
+            initial: at([0.3, -0.2, REST_Z_M]),
+            substeps,
+            ..PlantSettings::default()
+        });
+        // It sinks with the square of the step.
+        let most = 1e-6 * f64::from(SUBSTEPS / substeps).powi(2);
+        fly(&mut plant, 5000, IDLE, |state, plant| {
+            let stand = Vector3::new(0.3, -0.2, REST_Z_M);
+            let off = Vector3::from(state.measured.position_w_m) - stand;
+            assert!(off.norm() < most, "{substeps}: {state:?}");
+            let tilt = Vector3::from(state.measured.attitude_rad).norm();
+            assert!(tilt < most, "{substeps}: {state:?}");
+            assert_eq!(plant.envelope(), Ok(()));
+            // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
+            if state.truth.position_w_m[2] < REST_Z_M + 1e-9
+                && plant.state().measured.rotor_speed_mean_rad_s[0] < 31.0
+            {
+                let felt = Vector3::from(plant.state().measured.specific_force_b_m_s2);
+                assert!(
+                    (felt - Vector3::z() * 9.8).norm() < 0.02,
+                    "{substeps}: {felt}"
+                );
+            }
+        });
+    }
 }
 
 #[test]

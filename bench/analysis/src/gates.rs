@@ -488,11 +488,11 @@ mod tests {
         let low = "flight envelope: below ground: down to z = -0.26 m";
         check(|it| it.flight.lowest_z_m = -0.26, low);
         let fresh = |rest: &str| format!("{NOT_FRESH} per million: {rest}");
-        let missed = fresh("100.0 (2 missed + 0 stale + 0 skipped)");
+        let missed = fresh("100.0 (2 late + 0 stale + 0 skipped)");
         check(|it| not_fresh(it, 2, 0, 0), &missed);
-        let stale = fresh("4950.0 (0 missed + 99 stale + 0 skipped)");
+        let stale = fresh("4950.0 (0 late + 99 stale + 0 skipped)");
         check(|it| not_fresh(it, 0, 99, 0), &stale);
-        let skipped = "50.0 (0 missed + 0 stale + 1 skipped); ticks skipped per million: 50.0";
+        let skipped = "50.0 (0 late + 0 stale + 1 skipped); ticks skipped per million: 50.0";
         check(|it| not_fresh(it, 0, 0, 1), &fresh(skipped));
         let stolen = "steal [%]: 0.25 of processor 1";
         check(|it| it.steal.percent = 0.25, stolen);

@@ -197,7 +197,7 @@ pub const NOT_FRESH: &str = "ticks without a fresh command on time";
 pub struct NotFresh {
     pub ticks: u64,
     pub per_million: f64,
-    /// The tick ran, and its command was late or never came.
+    /// The tick ran, and its command was late or never came: *late* in texts, as a skipped tick misses its deadline, too.
     pub missed: u64,
     /// The command was on time, but a stage had worked with an older input.
     pub stale: u64,
@@ -231,7 +231,7 @@ impl NotFresh {
 
     pub fn parts(&self) -> String {
         let (missed, stale, skipped) = (self.missed, self.stale, self.skipped);
-        format!("{missed} missed + {stale} stale + {skipped} skipped")
+        format!("{missed} late + {stale} stale + {skipped} skipped")
     }
 }
 

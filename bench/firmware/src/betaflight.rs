@@ -19,9 +19,10 @@ use std::time::{Duration, Instant};
 
 use ironbird_law::Measured;
 use messages::content::ROTORS;
+use messages::telemetry::AnswerOutcome;
 
 use crate::sticks::Sticks;
-use crate::{Flaw, PACKET_BYTES, Port};
+use crate::{PACKET_BYTES, Port};
 
 pub const PORT: Port = Port {
     name: "betaflight",
@@ -110,16 +111,16 @@ fn remote(time_s: f64, sticks: &Sticks, packet: &mut [u8; PACKET_BYTES]) -> usiz
 }
 
 /// Rotors 1 to 4 are rear left, rear right, front right, front left.
-fn motors(packet: &[u8]) -> Result<[f64; ROTORS], Flaw> {
+fn motors(packet: &[u8]) -> Result<[f64; ROTORS], AnswerOutcome> {
     let (numbers, rest) = packet.as_chunks::<4>();
     if packet.len() != MOTOR_BYTES || !rest.is_empty() {
-        return Err(Flaw::Size);
+        return Err(AnswerOutcome::WrongSize);
     }
     let number = |place: usize| f64::from(f32::from_le_bytes(numbers[place]));
     let commands = [1, 3, 0, 2].map(number);
     match commands.iter().all(|command| command.is_finite()) {
         true => Ok(commands.map(|command| command.clamp(0.0, 1.0))),
-        false => Err(Flaw::NotFinite),
+        false => Err(AnswerOutcome::NotFinite),
     }
 }
 
@@ -198,10 +199,10 @@ mod tests {
         // Front right 0.3, rear left 0.1, front left 0.4, rear right 0.2.
         let expected = [0.1_f32, 0.2, 0.3, 0.4].map(f64::from);
         assert_eq!(motors(&packet), Ok(expected));
-        assert_eq!(motors(&packet[..12]), Err(Flaw::Size));
-        assert_eq!(motors(&[0; 20]), Err(Flaw::Size));
+        assert_eq!(motors(&packet[..12]), Err(AnswerOutcome::WrongSize));
+        assert_eq!(motors(&[0; 20]), Err(AnswerOutcome::WrongSize));
         let mut broken = packet;
         broken[..4].copy_from_slice(&f32::NAN.to_le_bytes());
-        assert_eq!(motors(&broken), Err(Flaw::NotFinite));
+        assert_eq!(motors(&broken), Err(AnswerOutcome::NotFinite));
     }
 }

@@ -39,7 +39,6 @@ settings! {
     ARMING_LIMIT_S = "arming_limit_s", "s", number(8.0, 0.1, 60.0), "longest wait until the firmware has armed";
     PRIORITY = "priority", "", number(70.0, 0.0, 99.0), "SCHED_FIFO priority of the firmware where ticks come by the clock; 0 is none";
     SPACING = "spacing", "", number(0.2, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends each state when it is due, answered or not, as other simulators do";
-    SPEED = "speed", "", number(1.0, 0.01, 100.0), "how much faster than real time ticks are, where they do not come by the clock";
     JITTER_S = "jitter_s", "s", number(0.0, 0.0, 1.0), "each packet is sent up to this much later than its time, where ticks do not come by the clock";
     JITTER_SEED = "jitter_seed", "", number(1.0, 0.0, 1e9), "seed of the jitter";
 }
@@ -50,7 +49,7 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// Motor commands are this far below idle only if the firmware has disarmed.
 const STOPPED: f64 = 1e-3;
 
-/// What a tick shows.
+/// Signals of a tick: the exchange, then motor commands and sticks.
 const SIGNALS: &[Signal] = &[
     signal(ANSWERS[0], ""),
     signal(ANSWERS[1], "us"),
@@ -91,8 +90,6 @@ pub struct Bridge {
 /// The clock of ticks that come as soon as the last one is done.
 #[derive(Clone, Debug)]
 struct Pace {
-    /// Length of a tick on the clock.
-    tick: Duration,
     jitter_s: f64,
     random: Rng,
     /// How much later than its time the next packet is sent.
@@ -102,20 +99,19 @@ struct Pace {
 }
 
 impl Pace {
-    /// When the packet of a tick is due, so many after the first; from now on, if all before were on time.
-    fn due(&self, ticks: u64, now: Instant) -> Instant {
-        self.zero.unwrap_or(now) + self.tick.mul_f64(ticks as f64) + self.late
+    /// When the packet of a tick is due, so long after the first; from now on, if all before were on time.
+    fn due(&self, after: Duration, now: Instant) -> Instant {
+        self.zero.unwrap_or(now) + after + self.late
     }
 
     /// Waits until the packet of a tick is due, and draws how late the next one is.
-    fn wait(&mut self, ticks: u64) {
+    fn wait(&mut self, after: Duration) {
         let now = Instant::now();
-        let after = self.tick.mul_f64(ticks as f64);
         // Time that is lost is not made up for, except that of the jitter.
         let latest = now.checked_sub(after + Duration::from_secs_f64(self.jitter_s));
         let zero = self.zero.unwrap_or(now);
         self.zero = Some(latest.map_or(zero, |latest| zero.max(latest)));
-        std::thread::sleep(self.due(ticks, now).saturating_duration_since(now));
+        std::thread::sleep(self.due(after, now).saturating_duration_since(now));
         self.late = Duration::from_secs_f64(self.jitter_s * self.random.f64());
     }
 }
@@ -170,9 +166,8 @@ impl Bridge {
             priority: number(&PRIORITY) as i32,
             arming_limit: Duration::from_secs_f64(number(&ARMING_LIMIT_S)),
             answer_limit: period.mul_f64(number(&ANSWER_LIMIT)),
-            spacing: period.mul_f64(number(&SPACING)).div_f64(number(&SPEED)),
+            spacing: period.mul_f64(number(&SPACING)),
             pace: Pace {
-                tick: period.div_f64(number(&SPEED)),
                 jitter_s: number(&JITTER_S),
                 random: Rng::with_seed(number(&JITTER_SEED) as u64),
                 late: Duration::ZERO,
@@ -238,14 +233,14 @@ impl Bridge {
         let (first, began) = *self
             .began
             .get_or_insert_with(|| (input.tick, firmware.take_off() + self.period));
-        let ticks = input.tick - first;
+        let after = self.period.mul_f64((input.tick - first) as f64);
         if self.keeps_clock {
-            self.pace.wait(ticks);
+            self.pace.wait(after);
         }
         if input.measured_age > 0 {
             return Answer::default();
         }
-        let time = began + self.period.mul_f64(ticks as f64);
+        let time = began + after;
         let port = self.port;
         let write = |stamp_s, [state, remote]: &mut [[u8; PACKET_BYTES]; 2]| {
             [
@@ -259,7 +254,7 @@ impl Bridge {
             // The next packet waits for nothing.
             (true, true) => {
                 let now = Instant::now();
-                let next = self.pace.due(ticks + 1, now);
+                let next = self.pace.due(after + self.period, now);
                 next.saturating_duration_since(now)
             }
         };

@@ -10,9 +10,9 @@ use messages::content::ROTORS;
 use messages::telemetry::AnswerOutcome as Outcome;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::{Flaw, PACKET_BYTES, Port};
+use crate::{PACKET_BYTES, Port};
 
-/// What a tick brought.
+/// An answer of a tick, or why there is none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Answer {
     pub outcome: Outcome,
@@ -32,7 +32,7 @@ pub struct Exchange {
     state: UdpSocket,
     remote: UdpSocket,
     motors: UdpSocket,
-    decode: fn(&[u8]) -> Result<[f64; ROTORS], Flaw>,
+    decode: fn(&[u8]) -> Result<[f64; ROTORS], Outcome>,
     /// States without an answer.
     open: u64,
     /// When the newest state was sent, and the newest answer came.
@@ -153,8 +153,7 @@ impl Exchange {
                     (self.answered, self.open) = (Some(Instant::now()), 0);
                     return answer;
                 }
-                Some(Err(Flaw::Size)) => answer.outcome = Outcome::WrongSize,
-                Some(Err(Flaw::NotFinite)) => answer.outcome = Outcome::NotFinite,
+                Some(Err(outcome)) => answer.outcome = outcome,
                 None => {
                     let left = limit.saturating_sub(sent.elapsed());
                     if left.is_zero() || !self.wait(left) {
@@ -166,7 +165,7 @@ impl Exchange {
     }
 
     /// The next packet, if one is there.
-    pub fn receive(&self) -> Option<Result<[f64; ROTORS], Flaw>> {
+    pub fn receive(&self) -> Option<Result<[f64; ROTORS], Outcome>> {
         let mut packet = [0; PACKET_BYTES];
         let bytes = self.motors.recv(&mut packet).ok()?;
         Some((self.decode)(&packet[..bytes]))

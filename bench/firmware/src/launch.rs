@@ -4,7 +4,6 @@ use std::env;
 use std::fs::{self, File};
 use std::io;
 use std::net::{Ipv4Addr, UdpSocket};
-use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -14,13 +13,14 @@ use std::time::{Duration, Instant};
 
 use control_api::description::Refused;
 use ironbird_law::Measured;
+use process::rt::prepare_child;
 use tempfile::TempDir;
 
 use crate::exchange::Exchange;
 use crate::sticks::Sticks;
 use crate::{PACKET_BYTES, Port};
 
-/// What the firmware writes, in its directory.
+/// File in its directory that has the firmware's output.
 const OUTPUT: &str = "output.txt";
 /// How long the switch stays at "armed" or "not armed" while the firmware is to arm.
 const SWITCH: Duration = Duration::from_millis(500);
@@ -108,7 +108,9 @@ impl Program {
             .stdin(Stdio::null())
             .stdout(output)
             .stderr(errors);
-        let child = set_up(&mut command, priority).spawn().map_err(failed)?;
+        // With the default slack of timers of 50 us its loop of 125 us skips every other turn.
+        let child = prepare_child(&mut command, priority).spawn();
+        let child = child.map_err(failed)?;
         Ok(Self {
             child,
             directory,
@@ -140,27 +142,6 @@ impl Drop for Program {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-    }
-}
-
-/// Has the program end with the thread that starts it, and wake up in time: with the default slack of timers of 50 us
-/// its loop of 125 us skips every other turn.
-#[allow(unsafe_code, reason = "system calls between fork and exec")]
-fn set_up(command: &mut Command, priority: i32) -> &mut Command {
-    // SAFETY: between fork and exec this makes system calls alone, which take numbers and a pointer to a value on this
-    // stack.
-    unsafe {
-        command.pre_exec(move || {
-            libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
-            libc::prctl(libc::PR_SET_TIMERSLACK, 1);
-            if priority > 0 {
-                let wanted = libc::sched_param {
-                    sched_priority: priority,
-                };
-                libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const wanted);
-            }
-            Ok(())
-        })
     }
 }
 

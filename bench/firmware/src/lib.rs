@@ -20,6 +20,7 @@ use control_api::law::InnerLaw;
 use control_api::registry::Entry;
 use ironbird_law::Measured;
 use messages::content::ROTORS;
+use messages::telemetry::AnswerOutcome;
 
 use crate::bridge::Bridge;
 use crate::sticks::Sticks;
@@ -36,7 +37,7 @@ pub fn is_program(law: &str) -> bool {
 /// Longest packet [bytes].
 pub const PACKET_BYTES: usize = 256;
 
-/// What differs between firmwares.
+/// A firmware's packets, port numbers, stick and motor conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct Port {
     pub name: &'static str,
@@ -54,15 +55,9 @@ pub struct Port {
     pub state: fn(f64, &Measured, &mut [u8; PACKET_BYTES]) -> usize,
     /// Writes the packet of the remote control at a time [s]; returns its length.
     pub remote: fn(f64, &Sticks, &mut [u8; PACKET_BYTES]) -> usize,
-    /// The motor commands of a packet, each a share of full speed, in the order of this rig's rotors.
-    pub motors: fn(&[u8]) -> Result<[f64; ROTORS], Flaw>,
+    /// The motor commands of a packet, each a share of full speed, in the order of this rig's rotors; or why the packet
+    /// cannot be used.
+    pub motors: fn(&[u8]) -> Result<[f64; ROTORS], AnswerOutcome>,
     /// Why the firmware does not arm, in its own words, if it says so.
     pub why_not_armed: fn() -> Option<String>,
-}
-
-/// Why the packet of motor commands cannot be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flaw {
-    Size,
-    NotFinite,
 }

@@ -62,3 +62,64 @@ impl StickScale {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCALE: StickScale = StickScale {
+        angle_rad: 1.0,
+        yaw_rad_s: 4.0,
+        yaw_gain_1_s: 2.0,
+        idle: 0.1,
+        full_thrust_n: 16.0,
+    };
+
+    fn sticks(thrust_n: f64, attitude_rad: [f64; 3], yaw_rad: f64, yaw_rate_rad_s: f64) -> Sticks {
+        let wanted = Desired {
+            thrust_n,
+            attitude_rad,
+            attitude_rate_rad_s: [0.0; 3],
+            attitude_acceleration_rad_s2: [0.0; 3],
+            limited: 0,
+        };
+        SCALE.sticks(&wanted, yaw_rad, yaw_rate_rad_s)
+    }
+
+    #[test]
+    fn sticks_have_the_signs_of_a_pilot() {
+        let close = |found: Sticks, [roll, pitch, yaw, throttle]: [f64; 4]| {
+            let found = [found.roll, found.pitch, found.yaw, found.throttle];
+            let expected = [roll, pitch, yaw, throttle];
+            let is_close = found
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a - b).abs() < 1e-12);
+            assert!(is_close, "{found:?}, not {expected:?}");
+        };
+        // Body x forward, y left, z up: a positive roll is to the right, a positive pitch forward, a positive yaw to the left.
+        close(sticks(4.0, [0.0; 3], 0.0, 0.0), [0.0, 0.0, 0.0, 0.4 / 0.9]);
+        close(
+            sticks(4.0, [0.2, 0.0, 0.0], 0.0, 0.0),
+            [0.2, 0.0, 0.0, 0.4 / 0.9],
+        );
+        close(
+            sticks(4.0, [0.0, 0.3, 0.0], 0.0, 0.0),
+            [0.0, 0.3, 0.0, 0.4 / 0.9],
+        );
+        // A rate of 1 and an error of 0.5 to the left turn the stick to the left.
+        close(
+            sticks(4.0, [0.0, 0.0, 0.7], 0.2, 1.0),
+            [0.0, 0.0, -0.5, 0.4 / 0.9],
+        );
+        // The other way around from the measured heading, forward is backward.
+        let turned = sticks(4.0, [0.0, 0.3, 3.0], 3.0 - std::f64::consts::PI, 0.0);
+        assert!((turned.pitch + 0.3).abs() < 1e-12, "{turned:?}");
+        // Neither thrust nor tilt is beyond full deflection.
+        close(
+            sticks(99.0, [1.5, 0.0, 0.0], 0.0, 0.0),
+            [1.0, 0.0, 0.0, 1.0],
+        );
+        close(sticks(-1.0, [0.0; 3], 0.0, 0.0), [0.0; 4]);
+    }
+}

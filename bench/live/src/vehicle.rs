@@ -138,7 +138,7 @@ fn follow(
         });
         for (request, answer) in answered.try_iter() {
             vehicle.answered(&request, &answer, &model, now);
-            // What is acknowledged is what is read from then on.
+            // A value that is acknowledged is read from then on.
             feed.look_soon();
         }
         vehicle.update(&model, now);

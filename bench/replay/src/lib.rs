@@ -221,7 +221,7 @@ fn verdict(replayed: &ReplayResult) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// What says that the inner law was another program.
+/// Words on the messages of another program, if the inner law was one.
 fn not_compared(replayed: &ReplayResult) -> String {
     match replayed.comparison.foreign {
         0 => String::new(),

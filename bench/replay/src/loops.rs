@@ -319,3 +319,24 @@ impl<L: CopyState + ?Sized, M: Field + Clone> Replayed<Guarded<L, M>> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::telemetry::Signals;
+
+    #[test]
+    fn messages_of_another_program_are_counted_and_not_compared() {
+        let settings = Settings::resolve(None, &Vec::new()).unwrap();
+        let mut loops = LoopsReplay::new(&settings, Channel::A, 16).unwrap();
+        loops.inner_is_program = true;
+        let mut states = SavedStates::keeping(16);
+        let mut comparison = ReplayComparison::from(0, Channel::A, Signals::default());
+        for _ in 0..3 {
+            let message = Message::<Wrench>::default();
+            let replayed = loops.wrench(&message, true, &mut states, &mut comparison);
+            assert!(replayed.is_ok(), "{replayed:?}");
+        }
+        assert_eq!((comparison.foreign, comparison.values), (3, 0));
+    }
+}

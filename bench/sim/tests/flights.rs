@@ -1,10 +1,18 @@
 //! Simulated flights are, to the bit, as in `snapshots/`: `INSTA_UPDATE=always cargo test -p sim` accepts a change.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use std::any::Any;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use config::{Settings, overrides};
+use control_api::GuardedInner;
+use control_api::description::Refused;
+use control_api::law::{CopyState, InnerInput, InnerLaw, WrenchSetpoint};
+use control_api::registry::Made;
+use messages::telemetry::Telemetry;
 use sim::recorded_timing::{Event, Source, Timing};
 use sim::simulate::{self, InvalidOutputs, OutputFiles};
 use sim::simulator::Simulator;
@@ -109,4 +117,49 @@ fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
     let cut = fly(&timing);
     assert_ne!(whole.0, cut.0);
     assert!(whole.1 == cut.1 && whole.1.lines().count() == 200);
+}
+
+/// A law that counts how often it is started.
+#[derive(Clone, Default)]
+struct Counting(Arc<AtomicU64>);
+
+impl CopyState for Counting {
+    fn copy_into(&self, _: &mut dyn Any) -> bool {
+        false
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
+    }
+}
+
+impl InnerLaw for Counting {
+    fn start(&mut self, comes_by_the_clock: bool) -> Result<(), Refused> {
+        assert!(!comes_by_the_clock);
+        self.0.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn tick(&mut self, input: &InnerInput, _: &mut Telemetry) -> WrenchSetpoint {
+        assert_eq!(self.0.load(Ordering::Relaxed), 1, "tick {}", input.tick);
+        WrenchSetpoint {
+            thrust_n: input.wanted.thrust_n,
+            torque_b_nm: [0.0; 3],
+        }
+    }
+}
+
+#[test]
+fn a_law_is_started_once_before_tick_0_with_and_without_recorded_timing() {
+    let timing = Timing::read(&recorded("real-time")).unwrap();
+    let settings = settings(0.1, "");
+    let rig = settings.rig().unwrap();
+    for timing in [None, Some(&timing)] {
+        let law = Counting::default();
+        let inner = GuardedInner::new(Made::<dyn InnerLaw>::of(law.clone(), 0), &rig);
+        let outer = settings.outer_stage().unwrap();
+        let mut rig = Simulator::with(&settings, outer, inner).unwrap();
+        simulate::fly_with(&mut rig, &settings, timing, |_| Ok(())).unwrap();
+        assert_eq!(law.0.load(Ordering::Relaxed), 1);
+    }
 }

@@ -156,7 +156,7 @@ struct StartProgress {
 /// A process that serves the flight to another program, and prints in its first line where.
 #[derive(Clone, Debug)]
 pub struct ServerProcess {
-    /// What it serves, for messages.
+    /// Its service, in words.
     pub what: &'static str,
     /// The command of `ironbird`, and its arguments except for the instance.
     pub command: &'static str,

@@ -32,7 +32,7 @@ pub const ANSWERS: [&str; 6] = [
 ];
 
 wire_enum! {
-    /// What became of a tick's question to another program.
+    /// Outcome of a tick's request to another program.
     #[derive(Default)]
     pub enum AnswerOutcome {
         /// No state of this tick had arrived, so nothing was sent.
@@ -41,9 +41,9 @@ wire_enum! {
         Answered = 1 => "answered",
         /// Nothing came in time.
         Silent = 2 => "silent",
-        /// What came had another length than an answer.
+        /// A packet had another length than an answer.
         WrongSize = 3 => "wrong size",
-        /// What came had numbers that are not finite.
+        /// A packet had numbers that are not finite.
         NotFinite = 4 => "not finite",
         /// The program has ended.
         Ended = 5 => "ended",

@@ -5,7 +5,7 @@ use mavlink::dialects::common::{FailureType, FailureUnit, MavResult};
 /// Why a failure cannot be injected.
 pub type Refused = (MavResult, String);
 
-/// What each failure of each unit is here; `{n}` is the instance. A sensor stands for the messages of the stage that uses
+/// Failures by unit and type, as `ironbird inject` takes them; `{n}` is the instance. A sensor stands for the messages of the stage that uses
 /// it, the receiver for what the inner loop is commanded, the servos for what the mixer commands.
 pub const FAILURES: &[(FailureUnit, FailureType, &str)] = {
     use FailureType::{
@@ -59,7 +59,7 @@ const ROTORS: std::ops::RangeInclusive<u64> = 1..=4;
 pub struct Failure {
     pub unit: FailureUnit,
     pub kind: FailureType,
-    /// What to inject, as `ironbird inject` takes it; none if nothing of the unit is to be ended.
+    /// Request to the plant, as `ironbird inject` takes it; none if nothing of the unit is to be ended.
     pub what: Option<String>,
 }
 

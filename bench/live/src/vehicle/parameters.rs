@@ -64,7 +64,7 @@ mod tests {
         for (name, spec) in NAMES.iter().zip(&SPECS) {
             assert!(name.len() <= 16, "{name}");
             assert_eq!(parameter_of(name), Some(spec.parameter));
-            // The same thing stands in both names, up to abbreviations.
+            // Both names say the same, up to abbreviations.
             let initial = |text: &str| text.chars().next().map(|it| it.to_ascii_lowercase());
             assert_eq!(initial(name), initial(spec.name), "{name} {}", spec.name);
         }
@@ -84,7 +84,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is acknowledged is what was sent, bit for bit; and what was read is within half a unit of the last place.
+        /// A value that is acknowledged has the bits that were sent; one that is read is within half a unit of the last place.
         #[test]
         fn values_survive_the_way_to_the_plant_and_back(bits in any::<u32>(), value in -1e6..1e6_f64) {
             let sent = f32::from_bits(bits);

@@ -51,7 +51,7 @@ pub struct Request {
     pub purpose: Purpose,
 }
 
-/// What the answer is for.
+/// Purpose of a request: its answer is acknowledged accordingly.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Purpose {
     Set {
@@ -144,7 +144,7 @@ impl Vehicle {
         self.has_ended = false;
         self.missed = flight.run.deadlines_missed;
         self.begun.clear();
-        // What happened before is no news.
+        // Events before the bridge joined are not reported.
         self.reported = events(flight)
             .into_iter()
             .map(|(tick, _, text)| (tick, text))
@@ -374,7 +374,7 @@ impl Vehicle {
                     None => refused(MAV_RESULT_UNSUPPORTED, ""),
                 }
             }
-            // What follows changes something, and a broadcast may not.
+            // The commands below change something, and a broadcast may not.
             _ if !is_named => return,
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.set_interval(first, second, now),
             MavCmd::MAV_CMD_INJECT_FAILURE => {
@@ -514,7 +514,7 @@ impl Vehicle {
             matches!(&it.purpose, Purpose::Fail { failure: it, .. }
                 if it.unit == failure.unit && it.kind != FailureType::FAILURE_TYPE_OK)
         };
-        // What is to be ended is known when the plant has answered.
+        // The faults to end are known when the plant has answered.
         if failure.kind == FailureType::FAILURE_TYPE_OK && self.pending.iter().any(begins) {
             let why = "a failure of this unit is still being injected: send OK again".into();
             return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, why));

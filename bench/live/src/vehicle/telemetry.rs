@@ -1,4 +1,4 @@
-//! What the vehicle reports of a flight: functions of the dashboard's model.
+//! Telemetry of a flight: functions of the dashboard's model.
 
 use std::time::Duration;
 

@@ -135,7 +135,7 @@ fn the_page_of_ground_stations_has_every_parameter_and_failure() {
 struct Joined {
     vehicle: Vehicle,
     model: Model,
-    /// What the vehicle has sent when it joined.
+    /// Messages that the vehicle has sent when it joined.
     first: Vec<MavMessage>,
 }
 
@@ -155,7 +155,7 @@ impl Joined {
         }
     }
 
-    /// What the vehicle answers to a message.
+    /// The vehicle's answer to a message.
     fn send(&mut self, message: &MavMessage) -> Vec<MavMessage> {
         self.vehicle.receive(&STATION, message, &self.model, NOW);
         std::mem::take(&mut self.vehicle.messages)
@@ -657,7 +657,7 @@ fn what_is_for_others_or_for_all_changes_nothing() {
             "{system} {component}"
         );
     }
-    // What is only read may be requested of all.
+    // A broadcast may request values.
     let list = PARAM_REQUEST_LIST_DATA::default();
     assert_eq!(joined.send(&MavMessage::PARAM_REQUEST_LIST(list)).len(), 33);
     let target = to_the_vehicle(SET_POSITION_TARGET_LOCAL_NED_DATA::ID);
@@ -837,8 +837,7 @@ fn over_tcp_one_station_at_a_time_is_served() {
     assert_eq!(there, [0xfd]);
 }
 
-/// What a frame of MAVLink 2 asks the plant for if it is addressed to the vehicle, read by hand from the protocol's
-/// description. 23 is PARAM_SET, 75 COMMAND_INT, 76 COMMAND_LONG.
+/// Whether a frame of MAVLink 2 may have the vehicle request a change, read by hand from the protocol's description. 23 is PARAM_SET, 75 COMMAND_INT, 76 COMMAND_LONG.
 fn may_change(frame: &[u8]) -> bool {
     let crc_extra = |id: u32| match id {
         23 => Some((168, 4)),

@@ -33,15 +33,9 @@ impl SimulatedFlight {
 pub fn fly(
     rig: &mut Simulator,
     settings: &Settings,
-    mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
+    look: impl FnMut(&Simulator) -> Result<(), Failure>,
 ) -> Result<SimulatedFlight, Failure> {
-    let mut judge = Judge::new(settings)?;
-    rig.start()?;
-    while judge.goes_on(rig) {
-        rig.tick();
-        judge.take(rig, &mut look)?;
-    }
-    Ok(judge.end())
+    fly_with(rig, settings, None, look)
 }
 
 /// The same, with recorded timing if given. `look` is not called for skipped ticks.
@@ -49,13 +43,19 @@ pub fn fly_with(
     rig: &mut Simulator,
     settings: &Settings,
     timing: Option<&Timing>,
-    look: impl FnMut(&Simulator) -> Result<(), Failure>,
+    mut look: impl FnMut(&Simulator) -> Result<(), Failure>,
 ) -> Result<SimulatedFlight, Failure> {
-    let Some(timing) = timing else {
-        return fly(rig, settings, look);
-    };
     let mut judge = Judge::new(settings)?;
-    follow(timing, rig, settings, &mut judge, look)?;
+    rig.start()?;
+    match timing {
+        Some(timing) => follow(timing, rig, settings, &mut judge, look)?,
+        None => {
+            while judge.goes_on(rig) {
+                rig.tick();
+                judge.take(rig, &mut look)?;
+            }
+        }
+    }
     Ok(judge.end())
 }
 

@@ -131,10 +131,22 @@ pub(crate) fn exit_when_signalled(
     unsafe { signal_hook::low_level::register(signal, exit) }
 }
 
-/// Lets a program that is not ours end with the thread that starts it.
-pub fn end_with_this_thread(command: &mut Command) -> &mut Command {
-    // SAFETY: between fork and exec this makes one system call, which takes numbers alone.
-    unsafe { command.pre_exec(|| check(libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM))) }
+/// Has a program that is not ours be killed with the thread that starts it, also while it is stopped; wake up within 1 ns of
+/// its timers; and run under SCHED_FIFO with a priority above 0, where the kernel permits it.
+pub fn prepare_child(command: &mut Command, priority: i32) -> &mut Command {
+    let set_up = move || {
+        // SAFETY: the calls take numbers alone.
+        unsafe {
+            check(libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL))?;
+            check(libc::prctl(libc::PR_SET_TIMERSLACK, 1))?;
+        }
+        if priority > 0 {
+            let _ = set_scheduler(0, libc::SCHED_FIFO, priority);
+        }
+        Ok(())
+    };
+    // SAFETY: between fork and exec this makes system calls alone, and allocates nothing.
+    unsafe { command.pre_exec(set_up) }
 }
 
 /// Gives a signal that is ignored its default action back; one that has a handler keeps it.
