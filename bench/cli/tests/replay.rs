@@ -1,7 +1,6 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
 use crate::recorded::{Published, TickFaults, fly, rewrite, settings, write};
-use config::law_settings::Moved;
 use errors::Failure;
 use fastrand::Rng;
 use flight_log::entry::LogEntry;
@@ -50,7 +49,7 @@ impl Recording {
 }
 
 fn verify(path: &Path) -> Result<ReplayResult, Failure> {
-    fly_again(path, 0, true, &Moved::new())
+    fly_again(path, 0, true, &[])
 }
 
 #[track_caller]
@@ -90,9 +89,9 @@ fn a_flight_without_faults_is_identical_and_every_value_is_compared() {
         + values(&published.states, &[])
         + values(&published.theorem, &[]);
     assert_eq!(replayed.comparison.values, expected);
-    let later = fly_again(&flight.log, 60, true, &Moved::new()).unwrap();
+    let later = fly_again(&flight.log, 60, true, &[]).unwrap();
     assert!(later.is_identical() && later.summary.ticks == 41);
-    let beyond = fly_again(&flight.log, 102, true, &Moved::new()).unwrap_err();
+    let beyond = fly_again(&flight.log, 102, true, &[]).unwrap_err();
     let beyond = beyond.to_string();
     assert!(
         beyond.contains("--from 102: the log ends at tick 100"),
@@ -141,7 +140,7 @@ fn a_replay_from_a_tick_counts_what_came_from_then_on() {
         before.map_or(0, |message| message.content.deadlines_missed)
     };
     let text = |from: u64| {
-        let again = fly_again(&flight.log, from, false, &Moved::new()).unwrap();
+        let again = fly_again(&flight.log, from, false, &[]).unwrap();
         again.summary.text(&again.survey)
     };
     let (whole, later) = (text(0), text(200));
@@ -465,7 +464,7 @@ fn what_is_wrong_with_a_log_comes_before_what_differs_in_it() {
     let gap = "topic `wrench` lacks 1 message";
     assert_refused(&changed, &format!("{gap} before tick 351"));
     // Also before a tick after the end.
-    let said = fly_again(&changed, 1000, true, &Moved::new()).unwrap_err();
+    let said = fly_again(&changed, 1000, true, &[]).unwrap_err();
     assert!(said.to_string().contains(gap), "{said}");
     let mut flipped = std::fs::read(&flight.log).unwrap();
     let middle = flipped.len() / 2;

@@ -134,67 +134,74 @@ struct Stage {
 }
 
 impl Scenario<'_> {
-    /// Returns whether this machine and this user could play it.
-    fn play(&self, round: u64) -> bool {
-        let features = [
-            ("foxglove", cfg!(feature = "foxglove")),
-            ("instrumented", cfg!(feature = "instrumented")),
-        ];
-        let needs = |name: &str| self.title.contains(&format!("({name})"));
-        if needs("fifo") && fifo_refusal(80).is_some() {
+    fn needs(&self, name: &str) -> bool {
+        self.title.contains(&format!("({name})"))
+    }
+
+    /// Whether this machine and this user can play it. Says why not.
+    fn can_play(&self) -> bool {
+        if self.needs("fifo") && fifo_refusal(80).is_some() {
             not_tested(&format!("{}: SCHED_FIFO is refused", self.title));
             return false;
         }
         let mounts = [
-            ("mounts", ("mount -t tmpfs tmpfs /mnt", "true")),
+            ("mounts", "mount -t tmpfs tmpfs /mnt", "true"),
             (
                 "tracefs",
-                (
-                    "mount -t tracefs nodev /sys/kernel/tracing",
-                    "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$",
-                ),
+                "mount -t tracefs nodev /sys/kernel/tracing",
+                "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$",
             ),
             (
                 "unprivileged",
-                (
-                    "true",
-                    "setpriv --reuid=65534 --regid=65534 --clear-groups true",
-                ),
+                "true",
+                "setpriv --reuid=65534 --regid=65534 --clear-groups true",
             ),
         ];
-        let mut needed = mounts.into_iter().filter(|(name, _)| needs(name));
-        if needed.any(|(_, (mount, probe))| !can_mount(mount, probe)) {
+        let mut mounts = mounts.into_iter().filter(|it| self.needs(it.0));
+        if mounts.any(|(_, mount, probe)| !can_mount(mount, probe)) {
             return false;
         }
-        let rig = match features.into_iter().find(|(name, _)| needs(name)) {
-            Some((_, true)) => Rig::with_features("page"),
-            Some((name, false)) => {
-                lacks_feature(&self.title, name);
-                return false;
+        let features = [
+            ("foxglove", cfg!(feature = "foxglove")),
+            ("instrumented", cfg!(feature = "instrumented")),
+        ];
+        if let Some((name, _)) = features.iter().find(|it| self.needs(it.0) && !it.1) {
+            lacks_feature(&self.title, name);
+            return false;
+        }
+        let exists = |path| Path::new(path).exists();
+        let programs = [
+            ("strace", exists("/usr/bin/strace")),
+            ("stress-ng", exists("/usr/bin/stress-ng")),
+            ("nm", exists("/usr/bin/nm")),
+            (
+                "slurm",
+                exists("/usr/sbin/slurmctld") && geteuid().is_root(),
+            ),
+            ("tmux", exists("/usr/bin/tmux")),
+        ];
+        if let Some((program, _)) = programs.iter().find(|it| self.needs(it.0) && !it.1) {
+            lacks_tool(&format!("{}: there is no {program}", self.title));
+            return false;
+        }
+        true
+    }
+
+    /// A rig with the scenario's files.
+    fn stage(&self, round: u64) -> Stage {
+        let rig = match () {
+            () if self.needs("foxglove") || self.needs("instrumented") => {
+                Rig::with_features("page")
             }
             // What is mounted over /dev/shm must not hide the rig.
-            None if needs("mounts") => Rig::below("/tmp", "page"),
-            None => Rig::new("page"),
+            () if self.needs("mounts") => Rig::below("/tmp", "page"),
+            () => Rig::new("page"),
         };
         std::fs::write(rig.path("sky.toml"), SKY).unwrap();
         for fence in self.text.split("\n```").skip(1).step_by(2) {
             let (head, text) = fence.split_once('\n').unwrap();
             let (_, name) = head.split_once(' ').unwrap();
             std::fs::write(rig.path(name), format!("{text}\n")).unwrap();
-        }
-        let programs = [
-            ("strace", Path::new("/usr/bin/strace").exists()),
-            ("stress-ng", Path::new("/usr/bin/stress-ng").exists()),
-            ("nm", Path::new("/usr/bin/nm").exists()),
-            (
-                "slurm",
-                Path::new("/usr/sbin/slurmctld").exists() && geteuid().is_root(),
-            ),
-            ("tmux", Path::new("/usr/bin/tmux").exists()),
-        ];
-        if let Some((program, _)) = programs.iter().find(|it| needs(it.0) && !it.1) {
-            lacks_tool(&format!("{}: there is no {program}", self.title));
-            return false;
         }
         // No two rounds alike, and each the same whenever it is played.
         let random = (round + 1).wrapping_mul(2_654_435_761) % 1000;
@@ -213,9 +220,10 @@ impl Scenario<'_> {
             .values
             .iter()
             .map(|(name, cell)| (*name, (*cell).to_owned()));
-        let values = values.into_iter().chain(cells);
-        let mut stage = Stage {
+        Stage {
             values: values
+                .into_iter()
+                .chain(cells)
                 .map(|(name, value)| (name.to_owned(), value))
                 .collect(),
             rig,
@@ -223,7 +231,15 @@ impl Scenario<'_> {
             ended: None,
             is_open: false,
             is_refused: false,
-        };
+        }
+    }
+
+    /// Returns whether this machine and this user could play it.
+    fn play(&self, round: u64) -> bool {
+        if !self.can_play() {
+            return false;
+        }
+        let mut stage = self.stage(round);
         let outside = self.text.split("\n```").step_by(2);
         let steps = outside.flat_map(|text| text.lines().filter_map(|it| it.strip_prefix("    ")));
         for step in steps.chain(["close"]) {
@@ -249,33 +265,47 @@ impl Stage {
         }
         let (verb, rest) = step.split_once(' ').unwrap_or((&step, ""));
         let rest = rest.trim_end();
+        let is_known = self.runs(verb, rest) || self.checks(verb, rest) || self.acts(verb, rest);
+        assert!(is_known, "no step {step}");
+    }
+
+    /// Steps that start or end a command; false for others.
+    fn runs(&mut self, verb: &str, rest: &str) -> bool {
+        if ![
+            "$",
+            "&",
+            "unprivileged",
+            "sh",
+            "python",
+            "bg",
+            "end",
+            "close",
+        ]
+        .contains(&verb)
+        {
+            return false;
+        }
+        self.close();
         let (name, last) = rest.split_once(' ').unwrap_or((rest, ""));
         match verb {
             "$" => {
-                self.close();
                 let process = self.start(rest);
                 self.end(process);
             }
             "&" => {
-                self.close();
                 let process = self.start(rest);
                 let command = rest.split(' ').find(|word| !word.contains('='));
                 self.running.insert(command.unwrap().to_owned(), process);
             }
-            "unprivileged" => {
-                self.close();
-                match unprivileged(&self.rig, name, last) {
-                    Some(command) => self.end(self.rig.launch(command)),
-                    None => self.is_refused = true,
-                }
-            }
+            "unprivileged" => match unprivileged(&self.rig, name, last) {
+                Some(command) => self.end(self.rig.launch(command)),
+                None => self.is_refused = true,
+            },
             "sh" => {
-                self.close();
                 let process = self.shell(rest);
                 self.end(process);
             }
             "python" => {
-                self.close();
                 let (packages, script) = rest.split_once(": ").unwrap();
                 match python_with(packages, &format!("not run: {script}")) {
                     Some(python) => self.end(self.shell(&format!("{python} {script}"))),
@@ -283,10 +313,27 @@ impl Stage {
                 }
             }
             "bg" => {
-                self.close();
                 let process = self.shell(last);
                 self.running.insert(name.to_owned(), process);
             }
+            "end" => {
+                let process = self.running.remove(name).unwrap();
+                self.end(process);
+            }
+            _ => {
+                assert!(
+                    self.running.is_empty(),
+                    "a process in the background has no `end`"
+                );
+                self.rig.assert_nothing_left();
+            }
+        }
+        true
+    }
+
+    /// Steps that check what the last command has printed or written; false for others.
+    fn checks(&mut self, verb: &str, rest: &str) -> bool {
+        match verb {
             "?" => {
                 let ended = self.ended();
                 // `-` is the end by a signal.
@@ -318,11 +365,6 @@ impl Stage {
                 assert_eq!(self.ended().result()[key], value, "{}", self.ended());
             }
             "report" => compare(&self.rig.report(), rest),
-            "unless-stalled" => {
-                if !self.rig.has_stalled() {
-                    self.step(rest);
-                }
-            }
             "json" => compare(&self.ended().json(), rest),
             "has" | "lacks" => {
                 let (file, words) = rest.split_once(": ").unwrap();
@@ -334,6 +376,18 @@ impl Stage {
                     "{words} in {file}:\n{text}"
                 );
             }
+            "brief" => assert_brief(&self.rig, self.ended()),
+            "replays" => self.rig.assert_replayed(),
+            "nothing" => self.rig.assert_nothing_started(),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Steps that wait for a state, act on processes, or prepare what later steps use; false for others.
+    fn acts(&mut self, verb: &str, rest: &str) -> bool {
+        let (name, last) = rest.split_once(' ').unwrap_or((rest, ""));
+        match verb {
             "let" => {
                 let value = match last.trim_start_matches("= ").split_once(' ') {
                     Some(("result", key)) => self.ended().result()[key].clone(),
@@ -345,14 +399,16 @@ impl Stage {
                 };
                 self.values.insert(name.to_owned(), value);
             }
-            "law" => drop(library(
-                &self.rig,
-                name,
-                last.split(' ').next().unwrap(),
-                &last.split(' ').skip(1).collect::<Vec<_>>(),
-            )),
-            "brief" => assert_brief(&self.rig, self.ended()),
-            "replays" => self.rig.assert_replayed(),
+            "law" => {
+                let mut words = last.split(' ');
+                let source = words.next().unwrap();
+                drop(library(&self.rig, name, source, &words.collect::<Vec<_>>()));
+            }
+            "unless-stalled" => {
+                if !self.rig.has_stalled() {
+                    self.step(rest);
+                }
+            }
             "flies" => self.rig.await_flight(),
             "tick" => drop(self.rig.await_tick(rest.parse().unwrap())),
             "reported" => self.rig.await_report(),
@@ -368,11 +424,7 @@ impl Stage {
                 };
                 send(pid, signal_of(last));
             }
-            "end" => {
-                self.close();
-                let process = self.running.remove(name).unwrap();
-                self.end(process);
-            }
+            "kill" => self.rig.kill_all(),
             "present" => {
                 let look = || self.rig.processes_of(rest).first().copied();
                 wait_until(&format!("a process of {rest}"), look);
@@ -387,20 +439,11 @@ impl Stage {
                     .all(|it| self.rig.processes_of(it).is_empty())
                     .then_some(())
             }),
-            "close" => {
-                self.close();
-                assert!(
-                    self.running.is_empty(),
-                    "a process in the background has no `end`"
-                );
-                self.rig.assert_nothing_left();
-            }
             // A fault that the flags have planned.
             "-" | "planned" => {}
-            "kill" => self.rig.kill_all(),
-            "nothing" => self.rig.assert_nothing_started(),
-            other => panic!("no step {other}"),
+            _ => return false,
         }
+        true
     }
 
     /// A command line, with variables of its environment before it.

@@ -122,8 +122,8 @@ impl Chosen {
     }
 }
 
-/// Where the files of laws are now, by role, where they are not at the place that the settings name.
-pub type Moved = BTreeMap<Role, PathBuf>;
+/// Where the files of laws are now, by the place that the settings name.
+pub type Moved = BTreeMap<String, PathBuf>;
 
 /// The law of a role by its name or file; the first one if none is named.
 pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<Chosen, Failure> {
@@ -140,7 +140,7 @@ pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<C
     if plugin::is_file(text) {
         let library = plugin::open(
             role,
-            moved.get(&role).map_or(Path::new(text), PathBuf::as_path),
+            moved.get(text).map_or(Path::new(text), PathBuf::as_path),
         )?;
         utf8(&library.file)?;
         let name = library.description.name;

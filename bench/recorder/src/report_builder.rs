@@ -78,46 +78,14 @@ impl<'a> ReportBuilder<'a> {
         let period_s = self.settings.flight.period_s;
         let ticks = statistics.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(statistics.states);
-        let late = statistics.series.flight(Series::Late);
-        let missed = statistics.miss_runs.missed;
-        let deadlines = schema::DeadlineSection {
-            not_fresh: statistics.not_fresh(&ticks),
-            missed,
-            missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-            missed_by_stamps: statistics.late_commands.count,
-            late: late.map(buckets).unwrap_or_default(),
-            runs: statistics.miss_runs.lengths(),
-            stretches: statistics.late_commands.stretches.clone(),
-            stretches_left_out: statistics.late_commands.left_out,
-        };
         let lost = TOPICS.iter().zip(statistics.lost());
         let lost = lost
             .map(|(topic, lost)| ((*topic).to_owned(), lost))
             .collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
-        let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
         let performance = schema::ControlPerformance {
             ticks_without_state,
             ..statistics.flight()
-        };
-        let section = schema::RunSection {
-            run_id: run.run_id,
-            started,
-            hostname: hostname(),
-            instance: self.instance.clone(),
-            version: env!("CARGO_PKG_VERSION").into(),
-            build: flight_log::build::executable(),
-            trajectory: self.settings.trajectory_name().into(),
-            airframe: self.settings.airframe_name().into(),
-            airframe_sha256: self.settings.flight.airframe_sha256.clone(),
-            preset: self.settings.flight.preset.clone(),
-            period_us: period_s * 1e6,
-            wall_period_us: run.period_ns as f64 / 1e3,
-            settings_fingerprint: format!("{:016x}", run.settings),
-            laws: self.laws(statistics),
-            ending: ending.unwrap_or(EndReason::None).name().into(),
-            last_words: Vec::new(),
-            in_flight: ending.is_none(),
         };
         let injected = injected(parts.faults, period_s);
         let faults = [self.settings.injected()?, injected].concat();
@@ -135,10 +103,10 @@ impl<'a> ReportBuilder<'a> {
         let mut report = Report {
             schema: schema::SCHEMA.into(),
             words: Verdicts::default(),
-            run: section,
+            run: self.run_section(run, statistics, ending),
             verdict: schema::AcceptanceResult::default(),
+            deadlines: deadlines(statistics, &ticks),
             ticks,
-            deadlines,
             margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
             autopsy,
             redundancy: redundancy.map(|it| schema::RedundancySection {
@@ -190,6 +158,34 @@ impl<'a> ReportBuilder<'a> {
         Ok(report)
     }
 
+    fn run_section(
+        &self,
+        run: &Run,
+        statistics: &FlightStatistics,
+        ending: Option<EndReason>,
+    ) -> schema::RunSection {
+        let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
+        schema::RunSection {
+            run_id: run.run_id,
+            started,
+            hostname: hostname(),
+            instance: self.instance.clone(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            build: flight_log::build::executable(),
+            trajectory: self.settings.trajectory_name().into(),
+            airframe: self.settings.airframe_name().into(),
+            airframe_sha256: self.settings.flight.airframe_sha256.clone(),
+            preset: self.settings.flight.preset.clone(),
+            period_us: self.settings.flight.period_s * 1e6,
+            wall_period_us: run.period_ns as f64 / 1e3,
+            settings_fingerprint: format!("{:016x}", run.settings),
+            laws: self.laws(statistics),
+            ending: ending.unwrap_or(EndReason::None).name().into(),
+            last_words: Vec::new(),
+            in_flight: ending.is_none(),
+        }
+    }
+
     /// The laws of the flight with their telemetry and their unusable outputs.
     fn laws(&self, statistics: &FlightStatistics) -> BTreeMap<String, LawSection> {
         let laws = self.laws.into_iter().zip(statistics.not_finite);
@@ -198,5 +194,20 @@ impl<'a> ReportBuilder<'a> {
             (role, law.section(not_finite, telemetry.section()))
         };
         laws.zip(&statistics.telemetry).map(section).collect()
+    }
+}
+
+fn deadlines(statistics: &FlightStatistics, ticks: &schema::Ticks) -> schema::DeadlineSection {
+    let late = statistics.series.flight(Series::Late);
+    let missed = statistics.miss_runs.missed;
+    schema::DeadlineSection {
+        not_fresh: statistics.not_fresh(ticks),
+        missed,
+        missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
+        missed_by_stamps: statistics.late_commands.count,
+        late: late.map(buckets).unwrap_or_default(),
+        runs: statistics.miss_runs.lengths(),
+        stretches: statistics.late_commands.stretches.clone(),
+        stretches_left_out: statistics.late_commands.left_out,
     }
 }

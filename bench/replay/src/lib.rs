@@ -33,7 +33,7 @@ use messages::content::{RotorSpeeds, Setpoint, State};
 use messages::header::Message;
 use messages::message_window::MessageWindow;
 use messages::monitor::Monitor;
-use messages::role::Channel;
+use messages::role::{Channel, Role};
 
 use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
@@ -46,7 +46,6 @@ use crate::summary::Summary;
 use analysis::phrase::count;
 use analysis::states::is_final_command;
 use analysis::tracking::Tracking;
-use config::law_settings::Moved;
 use controller::FlightMonitor;
 use errors::output::{print, say};
 use errors::{Failure, GATE, OK};
@@ -58,7 +57,12 @@ use flight_log::wall_time::speed;
 use sim::expected_messages::gap;
 
 /// Replays a log from tick 0, compares from a tick on, and prints the verdict or a summary.
-pub fn replay(path: &Path, from: u64, verify: bool, moved: &Moved) -> Result<u8, Failure> {
+pub fn replay(
+    path: &Path,
+    from: u64,
+    verify: bool,
+    moved: &[(Role, PathBuf)],
+) -> Result<u8, Failure> {
     let start = Instant::now();
     let replayed = fly_again(path, from, verify, moved)?;
     // Standard output is the verdict alone.
@@ -94,7 +98,7 @@ pub fn fly_again(
     path: &Path,
     from_tick: u64,
     stops: bool,
-    moved: &Moved,
+    moved: &[(Role, PathBuf)],
 ) -> Result<ReplayResult, Failure> {
     let logs = open_logs(path, moved)?;
     let failed = |e| Failure::failed(format!("cannot start a thread for the replay: {e}"));
@@ -163,7 +167,10 @@ pub fn fly_again(
 const TOGETHER: &str = "the logs of a flight belong together: copy its whole directory";
 
 /// The log of a flight, and with several channels each one's own.
-fn open_logs(path: &Path, moved: &Moved) -> Result<Vec<(PathBuf, LogValidator)>, Failure> {
+fn open_logs(
+    path: &Path,
+    moved: &[(Role, PathBuf)],
+) -> Result<Vec<(PathBuf, LogValidator)>, Failure> {
     let open = |log: &Path| LogValidator::open(log, moved).map_err(|e| of_log(log, e));
     let flown = open(path)?;
     if let Some(channel) = flown.channel {

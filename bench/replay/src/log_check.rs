@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use messages::content::SwapRecord;
 use messages::grid::Pace;
 use messages::header::Message;
-use messages::role::Channel;
+use messages::role::{Channel, Role};
 use messages::settings_text::fingerprint;
 use redundancy::Arrangement;
 
-use config::law_settings::{LAW, Moved};
+use config::law_settings::{LAW, SHA256};
 use config::trajectory::is_file;
 use config::{PointsFile, Settings};
 use errors::Failure;
@@ -22,6 +22,7 @@ use flight_log::reader::{End, LogReader};
 use sim::expected_messages::{ExpectedMessages, gap};
 pub use sim::recorded_timing::first_of;
 use sim::recorded_timing::{check_whole, recorded_settings};
+use toml::Table;
 
 /// Parameter changes that a replay keeps at the most.
 const MOST_SWAPS: usize = 100_000;
@@ -51,7 +52,7 @@ pub struct LogValidator {
 
 impl LogValidator {
     /// Checks the log's header and its first message.
-    pub fn open(path: &Path, moved: &Moved) -> Result<Self, Failure> {
+    pub fn open(path: &Path, moved: &[(Role, PathBuf)]) -> Result<Self, Failure> {
         let mut reader = LogReader::open(path)?;
         first_of(&mut reader)?;
         reader.check_version()?;
@@ -168,28 +169,38 @@ fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Re
     })
 }
 
-/// Takes the new places of law libraries, and refuses other laws.
-fn take_moved(settings: &mut Settings, moved: &Moved) -> Result<(), Failure> {
+/// Takes the new places of law libraries, each for the flown file with its SHA-256, and refuses other laws.
+fn take_moved(settings: &mut Settings, moved: &[(Role, PathBuf)]) -> Result<(), Failure> {
+    let usage = "a replay flies the same files: `ironbird replay --outer | --inner | --mixer FILE` says where they are now";
     for (role, file) in moved {
-        let sections = settings.law_sections();
-        let section = sections.iter().find(|(it, _)| it == role);
-        let flown = section.and_then(|(_, section)| section.get(LAW)?.as_str());
-        let flown = flown.unwrap_or_default();
-        if !plugin::is_file(flown) {
+        let of_channels = settings
+            .channel_laws()
+            .map(|(_, role, section)| (role, section));
+        let sections = settings.law_sections().into_iter().chain(of_channels);
+        let word = |section: &Table, key| Some(section.get(key)?.as_str()?.to_owned());
+        let flown: Vec<(String, Option<String>)> = sections
+            .filter(|(it, _)| it == role)
+            .filter_map(|(_, section)| Some((word(section, LAW)?, word(section, SHA256))))
+            .collect();
+        let is_file = |it: &&(String, _)| plugin::is_file(&it.0);
+        let Some((first, _)) = flown.iter().find(is_file) else {
             return Err(Failure::usage(format!(
-                "--{role} {}: the flight flew the {role} law `{flown}`, which is built in",
-                file.display()
+                "--{role} {}: the flight flew the {role} law `{}`, which is built in",
+                file.display(),
+                flown[0].0
             ))
             .help("a replay flies the laws of the flight: leave the flag out"));
-        }
+        };
+        let here = Some(plugin::open(*role, file)?.sha256.clone());
+        let place = flown.iter().find(|(_, sha256)| *sha256 == here);
+        let place = place.map_or(first, |(place, _)| place);
+        settings.moved.insert(place.clone(), file.clone());
     }
-    settings.moved.clone_from(moved);
     // Loaded now: what is not there is said before the log is read.
-    settings.laws().map(drop).map_err(|failure| {
-        failure.help(
-            "a replay flies the same file: `ironbird replay --outer | --inner | --mixer FILE` says where it is now",
-        )
-    })
+    let loaded = settings.laws().map(drop);
+    loaded
+        .and_then(|()| settings.named_channel_laws().map(drop))
+        .map_err(|failure| failure.help(usage))
 }
 
 /// Every swap known to the last state must be in the log; a truncated log may end in between.

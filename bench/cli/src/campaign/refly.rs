@@ -8,7 +8,6 @@ use campaign::chunk::{self, Rows, State};
 use errors::{Failure, GATE, InFile as _, OK};
 
 use crate::cli::{self, CampaignFlyArgs, FlyArgs};
-use config::law_settings::Moved;
 use config::{PaceName, Settings};
 use errors::output::print;
 use experiments::campaign::flight_settings::{Plan, plan_of};
@@ -63,7 +62,7 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         return Ok(code);
     }
     let log = find_log(Path::new("latest"), Some(settings.recorder.out.as_ref()))?;
-    let flown = fly_again(&log, 0, false, &Moved::new())?;
+    let flown = fly_again(&log, 0, false, &[])?;
     compare(&flown.summary.outputs.to_string(), &row)
 }
 

@@ -10,7 +10,6 @@ use render::flight::section_names;
 
 use crate::cli::values;
 use crate::table_file::TableFormat;
-use config::law_settings::Moved;
 use flight_log::topics;
 
 #[derive(Clone, Debug, Args)]
@@ -142,15 +141,15 @@ pub struct ReplayArgs {
     /// Compare and count from this tick on; the flight is still replayed from tick 0.
     #[arg(long, value_name = "TICK", default_value_t = 0)]
     pub from: u64,
-    /// New place of the outer law's library; it must be the one that flew.
+    /// New place of the outer law's library; it must be the one that flew. Repeat it for laws of several channels.
     #[arg(long, value_name = "FILE")]
-    pub outer: Option<PathBuf>,
+    pub outer: Vec<PathBuf>,
     /// New place of the inner law's library.
     #[arg(long, value_name = "FILE")]
-    pub inner: Option<PathBuf>,
+    pub inner: Vec<PathBuf>,
     /// New place of the mixer's library.
     #[arg(long, value_name = "FILE")]
-    pub mixer: Option<PathBuf>,
+    pub mixer: Vec<PathBuf>,
     /// Directory in which `latest` is looked up [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -158,15 +157,19 @@ pub struct ReplayArgs {
 
 impl ReplayArgs {
     /// The libraries of laws that are no longer where the log says.
-    pub fn moved(&self) -> Moved {
-        [
+    pub fn moved(&self) -> Vec<(Role, PathBuf)> {
+        let moved = [
             (Role::Outer, &self.outer),
             (Role::Inner, &self.inner),
             (Role::Mixer, &self.mixer),
-        ]
-        .into_iter()
-        .filter_map(|(role, file)| Some((role, file.clone()?)))
-        .collect()
+        ];
+        let each = |(role, files): (Role, &Vec<PathBuf>)| {
+            files
+                .iter()
+                .map(move |it| (role, it.clone()))
+                .collect::<Vec<_>>()
+        };
+        moved.into_iter().flat_map(each).collect()
     }
 }
 

@@ -22,7 +22,6 @@ use analysis::report_file::RunFacts;
 use analysis::schema::Report;
 use config::Settings;
 use config::declarations::DEFAULT;
-use config::law_settings::Moved;
 use errors::{Failure, InFile as _, read_text};
 use flight_log::entry::with_message;
 use flight_log::perfetto::PerfettoWriter;
@@ -141,7 +140,7 @@ fn flight_logs() {
     let good = [fs::read(&path).unwrap()];
     let read = |path: &Path| {
         let exported = exported(path);
-        fly_again(path, 0, false, &Moved::new())?;
+        fly_again(path, 0, false, &[])?;
         exported
     };
     // Only a log with the right checksums gets far, and only a good one can be read to be changed.
