@@ -2,11 +2,12 @@
 //!
 //! The command filter ([`crate::command_filter`]) is a clock, not a measurement: it runs through every tick of the grid,
 //! even when there was no measurement or the loop was not called at all, so the wanted attitude is never late. After more
-//! than 100 ms without a measurement it restarts at rest from the measured attitude, as it does at the first tick: its
-//! old output says nothing about where the airframe is now.
+//! than 100 ms without a measurement it restarts at rest from the measured attitude, its yaw on the turn of the setpoint, as it
+//! does at the first tick: its old output says nothing about where the airframe is now.
 
 use control_api::guard::HOLD_S;
 use control_api::law::{Desired, Fields, Rig};
+use messages::attitude::near;
 use messages::content::Measured;
 use nalgebra::Vector3;
 
@@ -71,7 +72,9 @@ impl AttitudeLoop {
     ) {
         let skipped = tick.saturating_sub(self.filter_tick);
         if let Some(measured) = measured.filter(|_| self.is_lost(newest, tick)) {
-            self.filter = CommandFilter::at_rest(self.filter.w_f, measured.attitude_rad.into());
+            let mut attitude = Vector3::from(measured.attitude_rad);
+            attitude.z = near(attitude.z, wanted.attitude_rad[2]);
+            self.filter = CommandFilter::at_rest(self.filter.w_f, attitude);
         } else if skipped > 0 {
             let passed = Passage::new(&self.filter.w_f, skipped as f64 * self.period_s);
             self.filter = self.filter.advance(&self.win, &passed);
@@ -110,5 +113,32 @@ impl AttitudeLoop {
     pub fn end(&mut self, tick: u64) {
         self.filter = self.next();
         self.filter_tick = tick + 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn a_filter_starts_on_the_turn_of_the_setpoint_and_where_that_is_the_own_with_the_measured_bits()
+     {
+        for turns in [-50.0, -1.0, 0.0, 1.0, 2.0] {
+            let mut attitude = AttitudeLoop::new(&Rig::default(), &Gains::default());
+            let wanted = Desired {
+                attitude_rad: [0.0, 0.0, TAU * turns],
+                ..Desired::default()
+            };
+            let measured = Measured {
+                attitude_rad: [0.1, -0.2, -0.1],
+                ..Measured::default()
+            };
+            attitude.begin(0, &wanted, None, Some(&measured));
+            let [roll, pitch, yaw] = attitude.filter.ec.into();
+            assert_eq!([roll, pitch], [0.1, -0.2]);
+            assert!((yaw - (TAU * turns - 0.1)).abs() < 1e-12, "{yaw}");
+            assert!(turns != 0.0 || yaw == -0.1);
+        }
     }
 }

@@ -9,7 +9,7 @@ use std::fmt;
 use control_api::law::Rig;
 use messages::allocation::Allocation;
 use messages::content::Reference;
-use messages::frames::RollPitch;
+use messages::frames::{RollPitch, wrap};
 use messages::math::atan2;
 use messages::parameters::Airframe;
 use messages::rate_dynamics::Inertia;
@@ -108,7 +108,7 @@ pub fn excesses(
     };
     let begin = course.reference(0.0);
     let away_m = (Vector3::from(begin.position_w_m) - Vector3::from(start.position_w_m)).norm();
-    let jump = away_m.max((begin.yaw_rad - start.yaw_rad).abs());
+    let jump = away_m.max(wrap(begin.yaw_rad - start.yaw_rad).abs());
     look(0.0, Demanded::Jump, jump, JUMP);
     let looks = (end_s / STEP_S).floor() as u64;
     for i in 0..=looks {
@@ -298,5 +298,15 @@ mod tests {
         let above = first(&found, Demanded::RotorAbove).unwrap();
         assert_eq!((above.first_s, above.allowed), (0.0, 0.99 * hover));
         assert!(above.worst >= hover && above.worst < 1.2 * hover);
+    }
+
+    #[test]
+    fn a_start_on_another_turn_of_yaw_is_no_jump() {
+        let start = Start {
+            yaw_rad: 2.0 * std::f64::consts::TAU,
+            ..Start::default()
+        };
+        let hover = ScaledTrajectory::of(Trajectory::Hover);
+        assert_eq!(excesses(&hover, &Rig::default(), None, &start, 1.0), []);
     }
 }

@@ -242,6 +242,7 @@ fn export_joined(
         let row: Vec<Cell> = begin.into_iter().chain(shape.cells(&joined)).collect();
         table.push(&row).in_file("write", &path)
     };
+    let mut chunks = reader.chunks;
     let mut next = Ok(first);
     let read = loop {
         let entry = match next {
@@ -249,15 +250,18 @@ fn export_joined(
             Ok(None) => break Ok(()),
             Err(failure) => break Err(failure),
         };
+        // Within a chunk messages are in the order of their topics, not of their ticks.
+        if std::mem::replace(&mut chunks, reader.chunks) != reader.chunks {
+            while let Some(joined) = joiner.next_complete() {
+                write(joined)?;
+            }
+        }
         let part = match &entry {
             LogEntry::Wrench(message) => Some(LoopMessage::Wrench(message.content, None)),
             entry => LoopMessage::of(entry),
         };
         part.into_iter()
             .for_each(|it| joiner.take(entry.envelope().tick, it));
-        while let Some(joined) = joiner.next_complete() {
-            write(joined)?;
-        }
         next = reader.next_entry().map(Option::<&LogEntry>::copied);
     };
     while let Some(joined) = joiner.rest() {

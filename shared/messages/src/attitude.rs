@@ -198,6 +198,6 @@ fn followed(angle_rad: f64, last_rad: f64) -> f64 {
 
 /// The angle plus the whole turns that bring it nearest to the last one; where it is near already, its very bits.
 #[inline(always)]
-fn near(angle_rad: f64, last_rad: f64) -> f64 {
+pub fn near(angle_rad: f64, last_rad: f64) -> f64 {
     angle_rad + ((last_rad - angle_rad) / TAU).round() * TAU
 }
