@@ -21,6 +21,8 @@ mod _rig {
     use python_law::{Desired, Given, Measured, Reference, Rig};
 
     #[pymodule_export]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+    #[pymodule_export]
     use crate::campaign_rows::read_rows;
     #[pymodule_export]
     use crate::errors::{LogError, SettingsError};

@@ -98,7 +98,16 @@ pub fn flight_verdict(
         });
         let words = words.collect::<Vec<_>>().join(", ");
         let recent_s = performance.recent_s;
-        (word, format!("{words} in the last {recent_s:.1} s"))
+        let larger = judged.iter().filter(|(error, limit)| error.max > *limit);
+        let larger = larger
+            .filter(|(error, _)| error.max > error.recent_max)
+            .map(|(error, _)| format!("{} up to {:.4} {}", error.name, error.max, error.unit));
+        let larger: Vec<String> = larger.collect();
+        let before = match larger.is_empty() {
+            true => String::new(),
+            false => format!("; before that {}", larger.join(", ")),
+        };
+        (word, format!("{words} in the last {recent_s:.1} s{before}"))
     };
     Explained { word, why }
 }
@@ -232,6 +241,12 @@ mod tests {
             yaw(&mut report, yaw_rad);
             assert_eq!(Verdicts::of(&report, None, &LIMITS).flight.why, expected);
         }
+        // An excursion before the last seconds is named, though the flight is tracked in these.
+        let mut report = good();
+        report.flight.position_error_max_m = 1.34;
+        let why = Verdicts::of(&report, None, &LIMITS).flight.why;
+        let end = "in the last 5.0 s; before that position error up to 1.3400 m";
+        assert!(why.ends_with(end), "{why}");
         check(0, "lost", &[|it| it.flight.lowest_z_m = -0.26]);
         check(0, "not seen", &[|it| it.flight.states = 0]);
         let late: [Change; 3] = [

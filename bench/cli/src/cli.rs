@@ -140,6 +140,8 @@ Example:
     Doctor(DoctorArgs),
     /// Remove what killed processes left behind: shared memory, locks, service files.
     Clean(CleanArgs),
+    /// Print the folder with the documentation and the examples: cp -r "$(ironbird docs)/examples" .
+    Docs,
     /// Print shell completions: ironbird completions bash > /etc/bash_completion.d/ironbird
     Completions(CompletionsArgs),
     /// Print the manual page: ironbird man | man -l -

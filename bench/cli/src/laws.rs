@@ -103,9 +103,10 @@ fn of_file(library: &Library) -> String {
         true => "not real-time: it promises nothing about its time",
         false => "real-time",
     };
-    let warm_up = match library.is_rehearsed {
-        true => "yes",
-        false => "no: it has no copy_into",
+    let warm_up = match (library.not_real_time, library.is_rehearsed) {
+        (true, _) => "no: it is not real-time",
+        (false, true) => "yes",
+        (false, false) => "no: it has no copy_into",
     };
     format!(
         "\nFile\n  {file}\n  SHA-256    {sha256}\n  interface  version {IRONBIRD_LAW_INTERFACE}\n  time       {time}\n  \

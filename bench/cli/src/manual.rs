@@ -12,6 +12,22 @@ use errors::{Failure, InFile as _, OK};
 
 const NAME: &str = "ironbird";
 
+/// Prints where the pages are: in a package beside the executable, or in the source tree that it was built in.
+pub fn docs() -> Result<u8, Failure> {
+    let executable = std::env::current_exe().unwrap_or_default();
+    let places = ["../share/doc/ironbird", "../.."].iter();
+    let mut folders =
+        places.filter_map(|place| executable.parent()?.join(place).canonicalize().ok());
+    let found = folders.find(|folder| folder.join("docs/architecture.md").is_file());
+    let folder = found.ok_or_else(|| {
+        Failure::failed(format!("no documentation beside {}", executable.display())).help(
+            "it is in share/doc/ironbird of each package, and in the folder docs of the source tree",
+        )
+    })?;
+    print(&format!("{}\n", folder.display()))?;
+    Ok(OK)
+}
+
 pub fn completions(args: &CompletionsArgs) -> Result<u8, Failure> {
     let cli = Cli::command();
     let visible = cli.get_subcommands().filter(|it| !it.is_hide_set());

@@ -158,10 +158,10 @@ fn a_replay_from_a_tick_counts_what_came_from_then_on() {
         let restarts = format!("; started {restarts} in flight\n");
         assert!(text.contains(&counts) && text.contains(&restarts), "{text}");
     }
-    let first_swap = "swap 1 at tick 7:";
+    let first_swap = "parameter change 1 at tick 7:";
     assert!(whole.contains(first_swap) && !later.contains(first_swap));
     assert!(whole.contains("ticks replayed, to tick 400"), "{whole}");
-    assert!(later.contains("swap 3 at tick 200:"), "{later}");
+    assert!(later.contains("parameter change 3 at tick 200:"), "{later}");
     assert!(
         later.contains("198 ticks replayed, from tick 200 to tick 400"),
         "{later}"
@@ -440,7 +440,7 @@ fn a_log_with_a_gap_or_of_other_settings_is_refused_and_the_reason_named() {
     );
     lacks(
         |entry| matches!(entry, LogEntry::Swap(it) if it.content.parameter_epoch == 4),
-        "its last state knows 4 swaps, and it holds 3",
+        "its last state knows 4 parameter changes, and it holds 3",
     );
     lacks(|_| true, "holds no message");
     rewrite(None, &flight.log, &mixed, SHORT, &[], |_| true);

@@ -44,7 +44,7 @@ impl Settings {
         let most = plant::swap::PENDING_SWAPS;
         if swaps > most {
             return Err(Failure::usage(format!(
-                "flight.faults has {swaps} swaps: allowed are {most}"
+                "flight.faults has {swaps} parameter changes: allowed are {most}"
             ))
             .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
         }

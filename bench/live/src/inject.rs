@@ -232,9 +232,11 @@ fn check_applied(
             .map_or_else(|| "a value is out of range".into(), out_of_range),
         SwapOutcome::UnknownParameter => "it does not know one of the parameters".into(),
         SwapOutcome::Malformed => {
-            "the swap names no parameter, or one twice, or a ramp of no length".into()
+            "the change names no parameter, or one twice, or a ramp of no length".into()
         }
-        SwapOutcome::QueueFull => "too many swaps wait for their ticks; ask again later".into(),
+        SwapOutcome::QueueFull => {
+            "too many parameter changes wait for their ticks; ask again later".into()
+        }
         SwapOutcome::Ended => "the run ended before the tick".into(),
     };
     Err(plant_refused(&why))

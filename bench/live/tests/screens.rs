@@ -346,8 +346,10 @@ fn a_parameter_or_a_fault_is_typed_corrected_and_injected() {
     );
     let ramp = "mass_kg=0.6~2s500ms";
     assert_eq!(press(&mut model, "<Enter>0.6~2s500ms<Enter>"), now(ramp));
-    model.answer(Err(Failure::failed("the plant refused: too many swaps")));
-    shows(&model, "the plant refused: too many swaps");
+    model.answer(Err(Failure::failed(
+        "the plant refused: too many parameter changes",
+    )));
+    shows(&model, "the plant refused: too many parameter changes");
     press(&mut model, "<Enter>1e-e<Enter>");
     shows(&model, "mass_kg = `1e-e` is not a number");
     // Esc leaves the value, not the dashboard; then the dashboard.
@@ -532,6 +534,7 @@ fn earlier_swaps_do_not_count_as_lost_and_the_latest_is_shown() {
     }
     assert_eq!(flight(&mut model).lost(), 0);
     press(&mut model, "4");
-    let last = "swaps so far 0; the last: mass_kg 0.52 -> 0.676 over 2 s from tick 8000";
+    let last =
+        "parameter changes so far 0; the last: mass_kg 0.52 -> 0.676 over 2 s from tick 8000";
     assert!(screen(&model, (110, 40)).contains(last));
 }

@@ -104,14 +104,6 @@ fn details(report: &Report) -> Vec<String> {
             number => format!("Deaths    {number}, the last one: {last}"),
         }
     }));
-    all.extend(refusals(report));
-    all.extend(floors(report));
-    all.extend(outages(report));
-    // How to measure can wait: what is refused matters more, and there is room for little.
-    let margin = report.margin.as_ref();
-    let is_known = margin.is_some_and(|it| it.unknown.is_none());
-    let margin = shared::margin(report).map(|margin| format!("Margin    {margin}"));
-    all.extend(margin.clone().filter(|_| is_known));
     let attitude = match report.flight.errors() {
         [_, Some(yaw), Some(tilt)] => format!(
             "; {} up to {:.4} rad, tilt {:.4} rad",
@@ -121,6 +113,14 @@ fn details(report: &Report) -> Vec<String> {
     };
     let position = shared::errors(&report.flight).into_iter().next();
     all.extend(position.map(|it| format!("Tracking  {it}{attitude}")));
+    all.extend(outages(report));
+    all.extend(refusals(report));
+    all.extend(floors(report));
+    // How to measure can wait: what is refused matters more, and there is room for little.
+    let margin = report.margin.as_ref();
+    let is_known = margin.is_some_and(|it| it.unknown.is_none());
+    let margin = shared::margin(report).map(|margin| format!("Margin    {margin}"));
+    all.extend(margin.clone().filter(|_| is_known));
     let effort = shared::large_effort(&report.flight);
     all.extend(effort.map(|it| format!("Effort    {it}")));
     all.extend(margin.filter(|_| !is_known));

@@ -404,7 +404,11 @@ fn widen(scale: &mut Scale, factor: f64) {
 }
 
 fn swap_words(swap: &AppliedSwap) -> String {
-    format!("swap at {:.3} s: {}", swap.time_s, sentences::swap(swap))
+    format!(
+        "parameter change at {:.3} s: {}",
+        swap.time_s,
+        sentences::swap(swap)
+    )
 }
 
 #[cfg(test)]

@@ -677,7 +677,7 @@ fn tracking(report: &Report) -> Vec<Block> {
     items.extend(report.swaps.iter().map(|swap| {
         let (epoch, tick, time_s) = (swap.parameter_epoch, swap.tick, swap.time_s);
         let words = sentences::swap(swap);
-        format!("swap {epoch} at tick {tick} ({time_s:.3} s): {words}")
+        format!("parameter change {epoch} at tick {tick} ({time_s:.3} s): {words}")
     }));
     if report.swaps_left_out > 0 {
         items.push(format!("and {} later ones", report.swaps_left_out));

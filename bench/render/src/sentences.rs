@@ -213,6 +213,24 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
         report.words.flight.word,
         FlightVerdict::Lost | FlightVerdict::OffTrack
     );
+    let loss = report.loss.as_ref();
+    let is_lost_by_delays = loss.is_some_and(|it| it.without_delays.lost_at_s.is_none());
+    if is_lost && !is_lost_by_delays {
+        if let Some(law) = loss.and_then(|it| it.held_by.as_ref()) {
+            step(
+                &format!("fly {law}"),
+                "with the same flags: a law with which the simulated flight is not lost",
+            );
+        }
+        step(
+            "simulate",
+            "with the same flags: the same flight without the machine's delays",
+        );
+        step(
+            "margin",
+            "measures the outage, delay and loss that the loop survives",
+        );
+    }
     if was_refused || is_late {
         step(
             "doctor",
@@ -225,16 +243,7 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
             "lists the longest outages with what was observed",
         );
     }
-    if is_lost {
-        step(
-            "simulate",
-            "with the same flags: the same flight without the machine's delays",
-        );
-        step(
-            "margin",
-            "measures the outage, delay and loss that the loop survives",
-        );
-    } else if was_refused {
+    if was_refused {
         step(
             "fly --pace lockstep",
             "flies without the clock: it needs no rights",
@@ -390,7 +399,7 @@ pub fn margin(report: &Report) -> Option<String> {
     if margin.unknown.is_some() || swaps == 0 {
         return Some(sentence);
     }
-    let swaps = count(swaps, "swap");
+    let swaps = count(swaps, "parameter change");
     Some(format!(
         "{sentence}; of the airframe before {swaps} in flight"
     ))

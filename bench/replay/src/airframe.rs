@@ -186,5 +186,7 @@ pub fn swap_of(record: &Message<SwapRecord>) -> Result<Swap, Failure> {
 
 fn refused(record: &Message<SwapRecord>, why: &dyn std::fmt::Display) -> Failure {
     let epoch = record.content.parameter_epoch;
-    Failure::failed(format!("swap {epoch} of the log cannot be applied: {why}"))
+    Failure::failed(format!(
+        "parameter change {epoch} of the log cannot be applied: {why}"
+    ))
 }

@@ -209,14 +209,14 @@ fn check_swaps(swaps: &[Message<SwapRecord>], known: u64, end: End) -> Result<()
         let epoch = swap.content.parameter_epoch;
         if epoch != expected {
             return Err(gap(&format!(
-                "swap {expected} is missing: after {} comes {epoch}",
+                "parameter change {expected} is missing: after {} comes {epoch}",
                 expected - 1
             )));
         }
     }
     if known > swaps.len() as u64 && end == End::Complete {
         return Err(gap(&format!(
-            "its last state knows {known} swaps, and it holds {}",
+            "its last state knows {known} parameter changes, and it holds {}",
             swaps.len()
         )));
     }

@@ -131,7 +131,7 @@ impl Summary {
                 let swap = AppliedSwap::new(envelope.tick, flight.period_s, content);
                 let (epoch, tick) = (swap.parameter_epoch, swap.tick);
                 text += &format!(
-                    "swap {epoch} at tick {tick}: {}\n",
+                    "parameter change {epoch} at tick {tick}: {}\n",
                     render::sentences::swap(&swap)
                 );
             }

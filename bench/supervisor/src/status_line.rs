@@ -72,7 +72,7 @@ impl StatusLine {
     fn flying(&self, run: &Run) -> String {
         let flown_s = run.flight_time_s(run.tick);
         format!(
-            "{flown_s:7.1} of {:.1} s   missed {}   skipped {}   swaps {}{}",
+            "{flown_s:7.1} of {:.1} s   missed {}   skipped {}   changes {}{}",
             self.duration_s,
             run.deadlines_missed,
             run.ticks_skipped,

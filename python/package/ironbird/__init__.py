@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ironbird import _rig
-from ironbird._rig import Desired, Given, LogError, Measured, Reference, Rig, SettingsError
+from ironbird._rig import Desired, Given, LogError, Measured, Reference, Rig, SettingsError, __version__
 from ironbird.command import CommandError, Flag, executable, expect, failed, place, run
 from ironbird.flight import Array, Fault, Flight, Group
 from ironbird.law import InnerLaw, OuterLaw
@@ -38,6 +38,7 @@ __all__ = [
     "Rig",
     "SettingsError",
     "Table",
+    "__version__",
     "campaign",
     "compare",
     "executable",

@@ -5,6 +5,8 @@ from typing import Any
 from ironbird.flight import Array
 from ironbird.law import InnerLaw, OuterLaw
 
+__version__: str
+
 class SettingsError(ValueError):
     """A setting is unknown, or not what it may be."""
 

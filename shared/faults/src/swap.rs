@@ -66,9 +66,9 @@ impl AppliedSwap {
 /// Why a swap was refused; nothing of it is applied then.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SwapError {
-    #[error("a swap of no parameter: name at least one as `name=value`")]
+    #[error("a parameter change without a parameter: name at least one as `name=value`")]
     Empty,
-    #[error("{parameter} is given twice in one swap: keep one value, or make it two swaps")]
+    #[error("{parameter} is given twice in one change: keep one value, or make it two changes")]
     Twice { parameter: Parameter },
     /// A ramp of no step, or of more than a flight has ticks.
     #[error("{parameter}: a ramp of {steps} steps: allowed are 1 to {STEPS_MAX}")]
@@ -78,7 +78,7 @@ pub enum SwapError {
     Value(#[from] ParameterError),
     /// Too many swaps wait for their tick.
     #[error(
-        "{PENDING_SWAPS} swaps are pending already: send this one again when one of them has been applied"
+        "{PENDING_SWAPS} parameter changes are pending already: send this one again when one of them has been applied"
     )]
     Full,
 }

@@ -532,7 +532,7 @@ fn dialogue<'a>(flight: &WatchedFlight, page: &'a ParameterPage) -> Vec<Line<'a>
             let last = flight.newest_swap.as_ref();
             let last = last.map(|swap| format!("; the last: {}", render::sentences::swap(swap)));
             let swaps = format!(
-                "* is not nominal; swaps so far {}{}",
+                "* is not nominal; parameter changes so far {}{}",
                 flight.active.parameter_epoch,
                 last.unwrap_or_default()
             );
