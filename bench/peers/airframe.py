@@ -22,12 +22,12 @@ def ironbird(steps):
 
 
 def rotorpy(_):
-    python = pip("python", "rotorpy==3.0.0")
+    python = pip("rotorpy", "rotorpy==3.0.0")
     return "3.0.0", [python, SIMULATORS / "rotorpy_airframe.py", WORK], None
 
 
 def mujoco(steps):
-    python = pip("python", "mujoco==4.0.0")
+    python = pip("mujoco", "mujoco==4.0.0")
     return "4.0.0", [python, SIMULATORS / "mujoco_airframe.py", WORK, steps], 4 * steps
 
 
@@ -60,8 +60,8 @@ def sides():
 
 COLUMNS = [
     ("derivatives per tick", lambda results, _: f"{results[-1]['derivatives']:g}"),
-    ("us per simulated s", figure("us_per_simulated_s", 0)),
-    ("times ironbird's", times("us_per_simulated_s", 1)),
+    ("us per simulated s", figure("us_per_simulated_s", ".0f")),
+    ("times ironbird's", times("us_per_simulated_s", ".3g")),
     ("end-state error", lambda results, _: f"{results[-1]['position_error_m']:.1e} m, {results[-1]['attitude_error_rad']:.1e} rad"),
     STEAL,
 ]

@@ -1,5 +1,6 @@
 """Flights with a controller, in other simulators: seconds of flight per second of processor time, on one processor."""
 
+import functools
 import json
 import os
 import tempfile
@@ -36,41 +37,45 @@ def campaign(program, period_s):
     return {"flight_s_per_cpu_s": FLIGHTS * FLIGHT_S / cpu_s}
 
 
-def ironbird(period_s):
-    program = executable()
-    return commit(), lambda: campaign(program, period_s)
-
-
-def script(environment, packages, name, *arguments):
-    """A script of a peer, which prints the same figure."""
-    python = pip(environment, *packages)
-    version = packages[0].split("==")[1]
-    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(PEERS / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    return version, lambda: json.loads(call([python, "-W", "ignore", SIMULATORS / name, *arguments], env=environment).splitlines()[-1])
-
-
-# Peer, what flies, how it is installed, ticks per second.
+# Packages of each peer's environment: the first one gives the version.
+PACKAGES = {
+    "crazyflow": ["crazyflow==0.4.0"],
+    "mujoco": ["mujoco==4.0.0"],
+    "rotorpy": ["rotorpy==3.0.0"],
+    "rotorpy-batched": ["rotorpy[batched]==3.0.0", "torch==2.15.0"],
+}
+# Peer, what flies, ticks per second, its environment and script; flights and seconds of each.
 ROWS = [
-    ("ironbird", "campaign, 1 kHz, RK4 in 4 steps, f64", lambda: ironbird(0.001), 1000),
-    ("ironbird", "campaign, 500 Hz, RK4 in 4 steps, f64", lambda: ironbird(0.002), 500),
-    ("Crazyflow", "1000 at once, its default: 500 Hz, Euler, f32", lambda: script("crazyflow", ["crazyflow==0.4.0"], "crazyflow_closed.py", 1000, 5, "default"), 500),
-    ("Crazyflow", "1000 at once, equal work: 500 Hz, RK4 in 4 steps, f64", lambda: script("crazyflow", ["crazyflow==0.4.0"], "crazyflow_closed.py", 1000, 1, "equal"), 500),
-    ("MuJoCo", "rollout, RK4, f64, a geometric PD in C", lambda: script("python", ["mujoco==4.0.0"], "mujoco_rollout.py", 50, 2), 1000),
-    ("MuJoCo", "RK4, f64, a geometric PD in Python", lambda: script("python", ["mujoco==4.0.0"], "mujoco_closed.py", 5, 5), 1000),
-    ("RotorPy", "1000 at once (torch), 500 Hz, RK4, f64", lambda: script("rotorpy-batched", ["rotorpy[batched]==3.0.0", "torch==2.15.0"], "rotorpy_batched.py", 1000, 0.1), 500),
-    ("RotorPy", "its Hummingbird and SE3Control, RK45, f64", lambda: script("python", ["rotorpy==3.0.0"], "rotorpy_closed.py", 1, 1), 1000),
+    ("ironbird", "campaign, 1 kHz, RK4 in 4 steps, f64", 1000, None, ()),
+    ("ironbird", "campaign, 500 Hz, RK4 in 4 steps, f64", 500, None, ()),
+    ("Crazyflow", "batch, default: 500 Hz, Euler, f32", 500, "crazyflow", ("crazyflow_closed.py", 1000, 2, "default")),
+    ("Crazyflow", "batch, equal work: 500 Hz, RK4 in 4 steps, f64", 500, "crazyflow", ("crazyflow_closed.py", 1000, 1, "equal")),
+    ("MuJoCo", "rollout, RK4, f64, controller in C", 1000, "mujoco", ("mujoco_rollout.py", 50, 2)),
+    ("MuJoCo", "RK4, f64, controller in Python", 1000, "mujoco", ("mujoco_closed.py", 5, 5)),
+    ("RotorPy", "batch on torch, 500 Hz, RK4, f64", 500, "rotorpy-batched", ("rotorpy_batched.py", 1000, 0.1)),
+    ("RotorPy", "RK45, f64", 1000, "rotorpy", ("rotorpy_closed.py", 1, 1)),
 ]
 
 
+def install(rate_hz, environment, script):
+    if environment is None:
+        program = executable()
+        return commit(), lambda: campaign(program, 1 / rate_hz)
+    packages = PACKAGES[environment]
+    command = [pip(environment, *packages), "-W", "ignore", SIMULATORS / script[0], *script[1:]]
+    cache = {"JAX_COMPILATION_CACHE_DIR": str(PEERS / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    return packages[0].split("==")[1], lambda: json.loads(call(command, env={**os.environ, **cache}).splitlines()[-1])
+
+
 def sides():
-    bases = {rate: f"{peer}, {what}" for peer, what, _, rate in ROWS if peer == "ironbird"}
-    return [Side(peer, what, install, bases[rate]) for peer, what, install, rate in ROWS]
+    bases = {rate_hz: f"{peer}, {what}" for peer, what, rate_hz, *_ in ROWS if peer == "ironbird"}
+    return [Side(peer, what, functools.partial(install, *of), bases[of[0]]) for peer, what, *of in ROWS]
 
 
 COLUMNS = [
-    ("flight-seconds per second of processor time", figure("flight_s_per_cpu_s", 1)),
-    ("over ironbird at that rate", times("flight_s_per_cpu_s", 4)),
-    ("position error", lambda results, _: f"{max(it['position_error_m'] for it in results):.3f} m" if "position_error_m" in results[0] else "-"),
+    ("flight-seconds per second of processor time", figure("flight_s_per_cpu_s", ".4g")),
+    ("over ironbird at that rate", times("flight_s_per_cpu_s", ".2g")),
+    ("position error", lambda results, _: f"{results[-1]['position_error_m']:.3f} m" if "position_error_m" in results[-1] else "-"),
     STEAL,
 ]
 

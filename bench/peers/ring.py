@@ -58,11 +58,12 @@ def kernel():
 
 def c_library(name, links, *packages, more=()):
     """A transport library written in C for a Debian package."""
-    version, library = debian(*packages), PEERS / f"{name}.so"
+    version, built = debian(*packages), PEERS / f"{name}.so"
     usr = DEBIAN / "usr"
-    compiled(library, "-shared", "-fPIC", f"{name}.c", *more, f"-I{PEERS}", f"-I{usr}/include", f"-I{usr}/include/{multiarch()}", f"-L{debian_libraries()}", f"-l{links}",
+    headers = [f"-I{it}" for it in (PEERS, usr / "include", usr / "include" / multiarch())]
+    compiled(built, "-shared", "-fPIC", f"{name}.c", *more, *headers, f"-L{debian_libraries()}", f"-l{links}",
              "-Wl,--allow-shlib-undefined")
-    return version, f"{library}:"
+    return version, f"{built}:"
 
 
 def cyclone():

@@ -32,13 +32,13 @@ class Side:
         return f"{self.peer}, {self.what}"
 
 
-def figure(name, digits=1):
-    return lambda results, _: spread([result[name] for result in results], digits)
+def figure(name, form=".1f"):
+    return lambda results, _: spread([result[name] for result in results], form)
 
 
-def times(name, digits=2):
+def times(name, form=".2f"):
     """A side's figure over that of its base in the same round."""
-    return lambda results, base: spread(ratios(*([r[name] for r in side] for side in (results, base))), digits) if base else "-"
+    return lambda results, base: spread(ratios(*([r[name] for r in side] for side in (results, base))), form) if base else "-"
 
 
 STEAL = ("steal %", lambda results, _: f"{statistics.mean(result['steal_percent'] for result in results):.1f}")
@@ -98,7 +98,8 @@ def debian(*packages):
         call(["apt-get", "download", *needed], cwd=archives)
         for archive in archives.glob("*.deb"):
             call(["dpkg-deb", "--extract", archive, DEBIAN])
-    return re.search(rf"^(?:Inst {packages[0]} \(|{packages[0]} is already the newest version \()(\S+?)[ )]", said, re.MULTILINE)[1]
+    shown = re.search(r"Version: (\S+)", call(["apt-cache", "show", "--no-all-versions", packages[0]]))
+    return shown[1]
 
 
 @functools.cache

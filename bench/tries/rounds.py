@@ -73,9 +73,9 @@ def interval(values):
     return (values[k - 1], values[-k]) if k else (math.nan, math.nan)
 
 
-def spread(values, digits=1):
+def spread(values, form=".1f"):
     """Median (least to largest)."""
-    return f"{statistics.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
+    return f"{statistics.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
 
 
 def table(columns, rows):

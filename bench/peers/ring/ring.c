@@ -79,7 +79,9 @@ static void receive_bytes(int stage, Message *message) {
     need(read(ends[before(stage)][0], message, sizeof *message) == sizeof *message, "read");
 }
 static void pipes(void) { for (int i = 0; i < STAGES; i++) need(!pipe(ends[i]), "pipe"); }
-static void datagrams(void) { for (int i = 0; i < STAGES; i++) need(!socketpair(AF_UNIX, SOCK_DGRAM, 0, ends[i]), "socketpair"); }
+static void datagrams(void) {
+    for (int i = 0; i < STAGES; i++) need(!socketpair(AF_UNIX, SOCK_DGRAM, 0, ends[i]), "socketpair");
+}
 static void udp(void) {
     for (int i = 0; i < STAGES; i++) {
         struct sockaddr_in at = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
@@ -90,7 +92,9 @@ static void udp(void) {
     }
 }
 // Eventfd: the message in shared memory, as for the futex.
-static void eventfds(void) { for (int i = 0; i < STAGES; i++) need((ends[i][0] = eventfd(0, 0)) >= 0, "eventfd"); }
+static void eventfds(void) {
+    for (int i = 0; i < STAGES; i++) need((ends[i][0] = eventfd(0, 0)) >= 0, "eventfd");
+}
 static void eventfd_send(int stage, const Message *message) {
     shared->slot[stage].message = *message;
     need(!eventfd_write(ends[stage][0], 1), "eventfd_write");
@@ -154,20 +158,24 @@ static void take_stand(int priority, int cpu) {
     CPU_SET(cpu, &set);
     need(!sched_setaffinity(0, sizeof set, &set), "sched_setaffinity");
     struct sched_param parameters = {.sched_priority = priority};
-    if (priority && (sched_setscheduler(0, SCHED_FIFO, &parameters) || mlockall(MCL_CURRENT | MCL_FUTURE))) shared->without_fifo = 1;
+    if (priority && (sched_setscheduler(0, SCHED_FIFO, &parameters) || mlockall(MCL_CURRENT | MCL_FUTURE)))
+        shared->without_fifo = 1;
     prctl(PR_SET_PDEATHSIG, SIGKILL);
 }
 
-static void fill(Message *message, uint64_t tick) { for (int i = 0; i < 98; i++) message->data[i] = (double)(tick * 98 + i); }
+static void fill(Message *message, uint64_t tick) {
+    for (int i = 0; i < 98; i++) message->data[i] = (double)(tick * 98 + i);
+}
 static void expect(const Message *message, uint64_t tick, int is_check, int stage) {
     int is_whole = message->tick == tick;
     for (int i = 0; is_check && i < 98; i++) is_whole &= message->data[i] == (double)(tick * 98 + i);
     if (is_whole) return;
-    fprintf(stderr, "error: stage %d received message %lu in the place of %lu, or one with another content\n", stage, message->tick, tick);
+    fprintf(stderr, "error: stage %d received message %lu in the place of %lu, or one with another content\n", stage,
+            message->tick, tick);
     exit(1);
 }
 
-static void stage(const Transport *transport, int stage, uint64_t ticks, uint64_t period_ns, int is_check) {
+static void run_stage(const Transport *transport, int stage, uint64_t ticks, uint64_t period_ns, int is_check) {
     uint64_t last = ticks + WARM_UP, cpu_ns = 0, start_ns = 0;
     Message message = {.data = {1.0}};
     atomic_fetch_add(&shared->ready, 1);
@@ -199,23 +207,28 @@ static void stage(const Transport *transport, int stage, uint64_t ticks, uint64_
         shared->elapsed_ns = now_ns() - start_ns;
     }
     shared->cpu_ns[stage] = clock_ns(CLOCK_PROCESS_CPUTIME_ID) - cpu_ns;
-    // A library takes what was not yet received with it.
+    // A library that closes takes what was not yet received with it.
     atomic_fetch_add(&shared->finished, 1);
     while (atomic_load(&shared->finished) < STAGES) usleep(1000);
 }
 
-static int by_size(const void *a, const void *b) { return (*(uint32_t *)a > *(uint32_t *)b) - (*(uint32_t *)a < *(uint32_t *)b); }
+static int by_size(const void *a, const void *b) {
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
 
 int main(int count, char **words) {
     need(count == 7, "usage: ring TRANSPORT TICKS PERIOD_US PRIORITY CPU CHECK");
     uint64_t ticks = strtoull(words[2], NULL, 10), period_ns = strtoull(words[3], NULL, 10) * 1000;
     int priority = atoi(words[4]), cpu = atoi(words[5]), is_check = atoi(words[6]);
     const Transport *transport = NULL;
-    for (size_t i = 0; i < sizeof kernel / sizeof *kernel; i++) if (!strcmp(kernel[i].name, words[1])) transport = &kernel[i];
+    for (size_t i = 0; i < sizeof kernel / sizeof *kernel; i++)
+        if (!strcmp(kernel[i].name, words[1])) transport = &kernel[i];
     char *variant = strchr(words[1], ':');
     need(transport || variant, "TRANSPORT is no name of the kernel's and no LIBRARY.so:VARIANT");
     need(ticks > 0, "TICKS is 0");
-    shared = mmap(NULL, sizeof *shared + ticks * sizeof(uint32_t), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
+    size_t bytes = sizeof *shared + ticks * sizeof(uint32_t);
+    shared = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
     need(shared != MAP_FAILED, "mmap");
     computed = calibrated();
     if (transport) transport->prepare();
@@ -227,14 +240,14 @@ int main(int count, char **words) {
         take_stand(priority ? priority + i : 0, cpu);
         alarm(ticks * period_ns / 1000000000 + HANGS_S);
         if (transport) {
-            stage(transport, i, ticks, period_ns, is_check);
+            run_stage(transport, i, ticks, period_ns, is_check);
             _exit(0);
         }
         void *library = dlopen(words[1], RTLD_NOW);
         if (!library) fprintf(stderr, "error: %s\n", dlerror()), exit(1);
         Transport loaded = {variant, none, dlsym(library, "ring_send"), dlsym(library, "ring_receive")};
         ((typeof(&ring_open))dlsym(library, "ring_open"))(variant, i, run);
-        stage(&loaded, i, ticks, period_ns, is_check);
+        run_stage(&loaded, i, ticks, period_ns, is_check);
         ((typeof(&ring_close))dlsym(library, "ring_close"))(i);
         _exit(0);
     }
@@ -243,15 +256,19 @@ int main(int count, char **words) {
         waitpid(-1, &status, 0);
         if (!status) continue;
         for (int j = 0; j < STAGES; j++) kill(processes[j], SIGKILL);
-        if (WIFSIGNALED(status)) fprintf(stderr, "error: a stage was ended by signal %d (%s); 14: a message did not arrive\n", WTERMSIG(status), strsignal(WTERMSIG(status)));
+        if (WIFSIGNALED(status) && WTERMSIG(status) == SIGALRM) fputs("error: a message was lost: a stage waited in vain\n", stderr);
+        else if (WIFSIGNALED(status)) fprintf(stderr, "error: a stage was ended by signal %d\n", WTERMSIG(status));
         return 1;
     }
     uint64_t cpu_ns = 0;
     for (int i = 0; i < STAGES; i++) cpu_ns += shared->cpu_ns[i];
     qsort(shared->loop_ns, ticks, sizeof(uint32_t), by_size);
-    printf("{\"fifo\": %s, \"ticks\": %lu, \"cpu_us\": %.3f, \"lap_us\": %.3f", shared->without_fifo || !priority ? "false" : "true", ticks, cpu_ns / 1e3 / ticks, shared->elapsed_ns / 1e3 / ticks);
+    const char *fifo = shared->without_fifo || !priority ? "false" : "true";
+    printf("{\"fifo\": %s, \"ticks\": %lu, \"cpu_us\": %.3f, \"lap_us\": %.3f", fifo, ticks, cpu_ns / 1e3 / ticks,
+           shared->elapsed_ns / 1e3 / ticks);
     static const struct { const char *name; double share; } quantiles[] = {{"p50", 0.5}, {"p99", 0.99}, {"p999", 0.999}};
-    for (int i = 0; i < 3; i++) printf(", \"%s_us\": %.3f", quantiles[i].name, shared->loop_ns[(uint64_t)(quantiles[i].share * ticks)] / 1e3);
+    for (int i = 0; i < 3; i++)
+        printf(", \"%s_us\": %.3f", quantiles[i].name, shared->loop_ns[(uint64_t)(quantiles[i].share * ticks)] / 1e3);
     puts("}");
     return 0;
 }

@@ -18,17 +18,21 @@ flights, seconds, variant = closed_loop.arguments("FLIGHTS SECONDS default|equal
 options = {}
 if variant == "equal":
     jax.config.update("jax_enable_x64", True)
-    options = {"integrator": Integrator.rk4, "freq": 2000, **{f"{what}_freq": 500 for what in ("state", "attitude", "force_torque", "body_rate")}}
+    controllers = ("state", "attitude", "force_torque", "body_rate")
+    options = {"integrator": Integrator.rk4, "freq": 2000, **{f"{controller}_freq": 500 for controller in controllers}}
 sim = Sim(n_worlds=flights, control=Control.state, **options)
 (A, a), (B, b) = closed_loop.X, closed_loop.Y
 
 
 @jax.jit
 def command(t):
-    """Position, velocity, acceleration, attitude (x y z w) and body rates, for each world."""
+    """The reference at a time, for each world."""
     zero = 0.0 * t
-    one = jnp.stack([A * jnp.sin(a * t), B * jnp.sin(b * t), zero + closed_loop.HEIGHT_M, A * a * jnp.cos(a * t), B * b * jnp.cos(b * t), zero,
-                     -A * a * a * jnp.sin(a * t), -B * b * b * jnp.sin(b * t), *[zero] * 4, zero + 1, *[zero] * 3])
+    position = [A * jnp.sin(a * t), B * jnp.sin(b * t), zero + closed_loop.HEIGHT_M]
+    velocity = [A * a * jnp.cos(a * t), B * b * jnp.cos(b * t), zero]
+    acceleration = [-A * a * a * jnp.sin(a * t), -B * b * b * jnp.sin(b * t), zero]
+    attitude, rates = [zero, zero, zero, zero + 1], [zero] * 3
+    one = jnp.stack([*position, *velocity, *acceleration, *attitude, *rates])
     return jnp.broadcast_to(one, (flights, 1, 16))
 
 
@@ -37,10 +41,11 @@ def fly(_, ticks):
     states = sim.data.states
     position, velocity, _ = closed_loop.reference(0.0)
     place = lambda like, values: jnp.broadcast_to(jnp.asarray(values, like.dtype), like.shape)
-    sim.data = sim.data.replace(states=states.replace(pos=place(states.pos, position), vel=place(states.vel, velocity),
-                                                      rotor_vel=jnp.full_like(states.rotor_vel, 15000.0)))
+    states = states.replace(pos=place(states.pos, position), vel=place(states.vel, velocity),
+                            rotor_vel=jnp.full_like(states.rotor_vel, 15000.0))
+    sim.data = sim.data.replace(states=states)
     steps = sim.freq // sim.control_freq
-    for i in range(round(ticks * PERIOD_S * sim.control_freq)):
+    for i in range(max(1, round(ticks * PERIOD_S * sim.control_freq))):
         sim.state_control(command(i / sim.control_freq))
         sim.step(steps)
     end = np.asarray(sim.data.states.pos)[:, 0]

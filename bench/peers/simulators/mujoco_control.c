@@ -13,10 +13,12 @@ void control(const mjModel *model, mjData *data) {
     double t = data->time, s1 = sin(0.5 * t), c1 = cos(0.5 * t), s2 = sin(t), c2 = cos(t);
     double position[3] = {2 * s1, s2, 1.5}, velocity[3] = {c1, c2, 0}, acceleration[3] = {-0.5 * s1, -s2, 0};
     double force[3], rot_wb[9], wanted[3][3], column[3][3], x_w[3] = {1, 0, 0}, spin[3], gyroscopic[3];
-    for (int i = 0; i < 3; i++) force[i] = mass * (kp * (position[i] - data->qpos[i]) + kd * (velocity[i] - data->qvel[i]) + acceleration[i]);
+    for (int i = 0; i < 3; i++) {
+        force[i] = mass * (kp * (position[i] - data->qpos[i]) + kd * (velocity[i] - data->qvel[i]) + acceleration[i]);
+    }
     force[2] += mass * gravity;
     mju_quat2Mat(rot_wb, data->qpos + 3);
-    for (int i = 0; i < 3; i++) for (int j = 0; j < 3; j++) column[i][j] = rot_wb[3 * j + i];
+    for (int i = 0; i < 9; i++) column[i % 3][i / 3] = rot_wb[i];
     mju_copy3(wanted[2], force);
     mju_normalize3(wanted[2]);
     mju_cross(wanted[1], wanted[2], x_w);
