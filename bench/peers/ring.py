@@ -26,6 +26,7 @@ STAGES = ("plant", "outer", "inner", "mixer")
 def go_around(transport, ticks, period_us=PERIOD_US, is_check=False):
     """A ring's figures; a period of 0 sends again at once."""
     PEERS.mkdir(parents=True, exist_ok=True)
+    others = shared_memory()
     with tempfile.TemporaryDirectory() as directory:
         libraries = os.pathsep.join(filter(None, [str(debian_libraries()), os.environ.get("LD_LIBRARY_PATH")]))
         environment = {**os.environ, "TMPDIR": directory, "CYCLONEDDS_URI": CYCLONE, "LD_LIBRARY_PATH": libraries}
@@ -33,13 +34,17 @@ def go_around(transport, ticks, period_us=PERIOD_US, is_check=False):
         process = subprocess.Popen([str(word) for word in words], env=environment, text=True,
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         said, complaint = process.communicate()
-        # iceoryx2 leaves these behind where a process is killed.
-        for left in Path("/dev/shm").glob(f"ring{process.pid}_*"):
-            left.unlink()
+    for left in shared_memory() - others:
+        left.unlink(missing_ok=True)
     if process.returncode:
         errors = [line for line in complaint.splitlines() if "error" in line.lower()]
         raise Absent((errors or complaint.splitlines() or ["?"])[0])
     return json.loads(said)
+
+
+def shared_memory():
+    """Files that zenoh leaves behind, and iceoryx2 where a process is killed."""
+    return {file for pattern in ("*.zenoh", "ring*_*") for file in Path("/dev/shm").glob(pattern)}
 
 
 @functools.cache
