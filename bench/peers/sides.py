@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable
 
-from rounds import (Absent, alternate, call, commit, loops_processor, machine, ratios, spread, table, target, write_part)
+from rounds import (Absent, alternate, call, commit, conditions, loops_processor, ratios, spread, table, target, write_part)
 
 HERE = Path(__file__).resolve().parent
 PEERS = target() / "peers"
@@ -48,6 +48,7 @@ def compare(args, name, sides, columns):
     """Measures the sides that are there, prints their table, and writes it with --write."""
     PEERS.mkdir(parents=True, exist_ok=True)
     found = installed(sides, args.without)
+    facts = conditions()
     os.sched_setaffinity(0, {loops_processor()})
     results = alternate({key: measure for key, (_, measure) in found.items() if measure}, args.rounds)
     rows, numbers = [], []
@@ -59,7 +60,7 @@ def compare(args, name, sides, columns):
         cells = [cell(measured, base) for _, cell in columns] if is_there else ["-"] * len(columns)
         rows.append([side.peer, side.what, version if is_there else measured, *cells])
         numbers.append({"peer": side.peer, "what": side.what, "version": version, "measured": measured})
-    facts = f"{commit()}; {machine()}; Python {platform.python_version()}; {args.rounds} rounds"
+    facts = f"{facts}; Python {platform.python_version()}; {args.rounds} rounds"
     text = f"{table(['peer', 'what', 'version', *(heading for heading, _ in columns)], rows)}\n\nMeasured at {facts}."
     print(text)
     if args.write:

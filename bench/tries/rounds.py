@@ -119,9 +119,11 @@ def commit():
     return described.stdout.strip() or "unknown"
 
 
-def machine():
+def conditions():
+    """Commit, machine and its load, for the line below a table. Call it before measuring."""
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
-    return f"{model[1] if model else platform.machine()}, {os.cpu_count()} processors, Linux {platform.release()}"
+    return (f"{commit()}; {model[1] if model else platform.machine()}, {os.cpu_count()} processors, Linux {platform.release()}; "
+            f"load average {os.getloadavg()[0]:.1f} before")
 
 
 def loops_processor():
