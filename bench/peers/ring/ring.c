@@ -30,7 +30,8 @@ enum { WARM_UP = 300, COMPUTE_NS = 1000, SETTLE_US = 1000000, HANGS_S = 20 };
 
 typedef struct {
     const char *name;
-    void (*prepare)(void);  // of all links, before the processes start
+    // Opens all links before the processes start; a library's are opened in each process.
+    void (*prepare)(void);
     void (*send)(int stage, const Message *message);
     void (*receive)(int stage, Message *message);
 } Transport;
@@ -129,6 +130,9 @@ static const Transport kernel[] = {
     {"udp", udp, send_bytes, receive_bytes},
 };
 
+static void fill(Message *message, uint64_t tick) {
+    for (int i = 0; i < 98; i++) message->data[i] = (double)(tick * 98 + i);
+}
 // A chain of dependent operations on the message: a fixed amount of work, which a preemption prolongs.
 __attribute__((noinline)) static void compute(Message *message, int iterations) {
     double x = message->data[0], y = message->data[1];
@@ -141,7 +145,8 @@ __attribute__((noinline)) static void compute(Message *message, int iterations) 
 }
 // How many iterations take COMPUTE_NS: the best of some trials.
 static int calibrated(void) {
-    Message message = {.data = {1.0}};
+    Message message;
+    fill(&message, 1);
     uint64_t best_ns = UINT64_MAX;
     for (int trial = 0; trial < 20; trial++) {
         uint64_t start_ns = now_ns();
@@ -163,9 +168,6 @@ static void take_stand(int priority, int cpu) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
 }
 
-static void fill(Message *message, uint64_t tick) {
-    for (int i = 0; i < 98; i++) message->data[i] = (double)(tick * 98 + i);
-}
 static void expect(const Message *message, uint64_t tick, int is_check, int stage) {
     int is_whole = message->tick == tick;
     for (int i = 0; is_check && i < 98; i++) is_whole &= message->data[i] == (double)(tick * 98 + i);
@@ -177,11 +179,12 @@ static void expect(const Message *message, uint64_t tick, int is_check, int stag
 
 static void run_stage(const Transport *transport, int stage, uint64_t ticks, uint64_t period_ns, int is_check) {
     uint64_t last = ticks + WARM_UP, cpu_ns = 0, start_ns = 0;
-    Message message = {.data = {1.0}};
+    Message message = {0};
+    fill(&message, 1);
     atomic_fetch_add(&shared->ready, 1);
     while (stage == 0 && atomic_load(&shared->ready) < STAGES) usleep(1000);
     // No event says that every library has found its peers.
-    if (stage == 0 && transport->prepare == none && transport->send != futex_send) usleep(SETTLE_US);
+    if (stage == 0 && !transport->prepare) usleep(SETTLE_US);
     uint64_t begin_ns = now_ns() + 20000000;
     for (uint64_t tick = 0; tick < last; tick++) {
         uint64_t due_ns = begin_ns + tick * period_ns;
@@ -245,7 +248,7 @@ int main(int count, char **words) {
         }
         void *library = dlopen(words[1], RTLD_NOW);
         if (!library) fprintf(stderr, "error: %s\n", dlerror()), exit(1);
-        Transport loaded = {variant, none, dlsym(library, "ring_send"), dlsym(library, "ring_receive")};
+        Transport loaded = {variant, NULL, dlsym(library, "ring_send"), dlsym(library, "ring_receive")};
         ((typeof(&ring_open))dlsym(library, "ring_open"))(variant, i, run);
         run_stage(&loaded, i, ticks, period_ns, is_check);
         ((typeof(&ring_close))dlsym(library, "ring_close"))(i);
