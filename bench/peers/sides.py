@@ -38,18 +38,24 @@ def figure(name, form=".1f"):
 
 def times(name, form=".2f"):
     """A side's figure over that of its base in the same round."""
-    return lambda results, base: spread(ratios(*([r[name] for r in side] for side in (results, base))), form) if base else "-"
+    def cell(results, base):
+        if base is None or base is results:
+            return "-" if base is None else "1"
+        return spread(ratios(*([result[name] for result in side] for side in (results, base))), form)
+
+    return cell
 
 
 STEAL = ("steal %", lambda results, _: f"{statistics.mean(result['steal_percent'] for result in results):.1f}")
 
 
-def compare(args, name, sides, columns):
-    """Measures the sides that are there, prints their table, and writes it with --write."""
+def compare(args, name, sides, columns, is_pinned=True):
+    """Measures the sides that are there, on one processor if pinned, prints their table, and writes it with --write."""
     PEERS.mkdir(parents=True, exist_ok=True)
     found = installed(sides, args.without)
     facts = conditions()
-    os.sched_setaffinity(0, {loops_processor()})
+    if is_pinned:
+        os.sched_setaffinity(0, {loops_processor()})
     results = alternate({key: measure for key, (_, measure) in found.items() if measure}, args.rounds)
     rows, numbers = [], []
     for side in sides:
