@@ -46,7 +46,7 @@ def sides():
         return version, lambda: measure(command, derivatives)
 
     def measure(command, derivatives):
-        work, flown = load(WORK), json.loads(call(command))
+        work, flown = load(WORK), json.loads(call(command, cwd=PEERS))
         simulated_s = len(work["commands"]) * work["period_s"]
         return {"us_per_simulated_s": flown["wall_s"] / simulated_s * 1e6, **errors(work, flown),
                 "derivatives": flown.get("evaluations_per_tick", derivatives)}

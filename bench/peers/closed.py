@@ -64,7 +64,7 @@ def install(rate_hz, environment, script):
     packages = PACKAGES[environment]
     command = [pip(environment, *packages), "-W", "ignore", SIMULATORS / script[0], *script[1:]]
     cache = {"JAX_COMPILATION_CACHE_DIR": str(PEERS / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    return packages[0].split("==")[1], lambda: json.loads(call(command, env={**os.environ, **cache}).splitlines()[-1])
+    return packages[0].split("==")[1], lambda: json.loads(call(command, cwd=PEERS, env={**os.environ, **cache}).splitlines()[-1])
 
 
 def sides():
