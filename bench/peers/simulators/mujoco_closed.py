@@ -7,9 +7,10 @@ import mujoco
 import closed_loop
 from mujoco_body import free_body
 
+PERIOD_S = 1e-3
 MASS_KG, INERTIA_KG_M2, GRAVITY_M_S2 = 0.5, (3.65e-3, 3.68e-3, 7.03e-3), 9.81
 POSITION_GAINS, ATTITUDE_GAINS = (6.5, 4.0), (310.0, 35.0)
-model = free_body(closed_loop.PERIOD_S, MASS_KG, INERTIA_KG_M2, GRAVITY_M_S2)
+model = free_body(PERIOD_S, MASS_KG, INERTIA_KG_M2, GRAVITY_M_S2)
 
 
 def cross(a, b):
@@ -61,10 +62,11 @@ def fly(ticks):
     data.qvel[:3] = velocity
     largest = 0.0
     for tick in range(ticks):
-        data.ctrl[:], error = control(tick * closed_loop.PERIOD_S, data.qpos.tolist(), data.qvel.tolist())
+        data.ctrl[:], error = control(tick * PERIOD_S, data.qpos.tolist(), data.qvel.tolist())
         largest = max(largest, error)
         mujoco.mj_step(model, data)
     return largest
 
 
-closed_loop.report(fly, mujoco.__version__)
+flights, seconds = closed_loop.arguments()
+closed_loop.report(closed_loop.one_by_one(fly), PERIOD_S, flights, seconds)

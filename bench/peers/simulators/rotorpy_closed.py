@@ -1,6 +1,5 @@
 """RotorPy in closed loop: its Hummingbird, its SE3Control, its Lissajous, its default integrator, one `step` per tick."""
 
-import importlib.metadata
 import math
 
 import numpy as np
@@ -11,6 +10,7 @@ from rotorpy.vehicles.multirotor import Multirotor
 
 import closed_loop
 
+PERIOD_S = 1e-3
 (A, a), (B, b) = closed_loop.X, closed_loop.Y
 
 
@@ -29,11 +29,12 @@ def fly(ticks):
     }
     largest = 0.0
     for tick in range(ticks):
-        t = tick * closed_loop.PERIOD_S
+        t = tick * PERIOD_S
         flat = curve.update(t)
         largest = max(largest, math.dist(state["x"], flat["x"]))
-        state = craft.step(state, controller.update(t, state, flat), closed_loop.PERIOD_S)
+        state = craft.step(state, controller.update(t, state, flat), PERIOD_S)
     return largest
 
 
-closed_loop.report(fly, importlib.metadata.version("rotorpy"))
+flights, seconds = closed_loop.arguments()
+closed_loop.report(closed_loop.one_by_one(fly), PERIOD_S, flights, seconds)
