@@ -9,6 +9,8 @@
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::turbulence`],
 //! [`crate::integrator`] and [`crate::sensors`].
 
+pub mod batch;
+
 use std::f64::consts::PI;
 
 use faults::filter::{FaultFilter, Passed};
