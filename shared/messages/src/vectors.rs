@@ -70,11 +70,12 @@ macro_rules! vectorised_by_four {
 }
 pub use vectorised_by_four;
 
-/// Numbers in the lanes of vectors.
+/// Values that are computed together: as many numbers as the widest vectors hold.
 pub const LANES: usize = 8;
 
-/// What consists of numbers, all of which [`Columns`] lay beside those of others.
+/// A value that consists of numbers, so that [`Columns`] can hold one for each lane.
 pub trait Numbers: Copy + Default {
+    /// Calls `look` with every number, always in the same order.
     fn each(&mut self, look: &mut impl FnMut(&mut f64));
 }
 
@@ -109,7 +110,8 @@ macro_rules! numbers {
 }
 pub use numbers;
 
-/// N numbers of each lane, those of the same kind side by side: a loop over lanes becomes vectors.
+/// A value of up to N numbers for each lane, with corresponding numbers side by side: the compiler turns a loop over the
+/// lanes into vector instructions.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub struct Columns<const N: usize>([[f64; LANES]; N]);
@@ -117,6 +119,7 @@ pub struct Columns<const N: usize>([[f64; LANES]; N]);
 impl<const N: usize> Columns<N> {
     pub const ZERO: Self = Self([[0.0; LANES]; N]);
 
+    /// The value of a lane. Panics if it has more than N numbers.
     #[inline(always)]
     pub fn of<T: Numbers>(&self, lane: usize) -> T {
         let (mut value, mut column) = (T::default(), 0..N);
@@ -124,6 +127,7 @@ impl<const N: usize> Columns<N> {
         value
     }
 
+    /// Sets the value of a lane to `value`, which does not change. Panics if it has more than N numbers.
     #[inline(always)]
     pub fn put<T: Numbers>(&mut self, lane: usize, value: &mut T) {
         let mut column = 0..N;
