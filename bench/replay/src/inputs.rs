@@ -159,7 +159,7 @@ mod tests {
                 restarted.settle(tick);
                 let had = restarted.stamped();
                 let found = replayed.input(&MessageWindow::keeping(DEEP), had.tick, tick);
-                assert_eq!(found.ok(), Some(had), "tick {tick}");
+                assert_eq!(found.ok().copied(), Some(had), "tick {tick}");
             }
         }
     }
