@@ -9,12 +9,14 @@
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::turbulence`],
 //! [`crate::integrator`] and [`crate::sensors`].
 
+pub mod batch;
+
 use std::f64::consts::PI;
 
 use faults::filter::{FaultFilter, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
-use messages::content::{Decision, Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
+use messages::content::{Decision, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use messages::role::Channel;
@@ -338,17 +340,16 @@ impl Plant {
             &self.pushed_w,
         );
         // Field by field: a value of all would be made elsewhere, and copied.
-        state.measured = Measured {
-            position_w_m: fix.into(),
-            velocity_w_m_s: fix_velocity.into(),
-            attitude_rad: self.eta2.into(),
-            attitude_quaternion: body.attitude.wxyz(),
-            rate_b_rad_s: sensors.rates(airframe, &body.nu2).into(),
-            specific_force_b_m_s2: sensors.specific_force(airframe, &force).into(),
-            rotor_speed_mean_rad_s: self.means.speed.into(),
-            rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
-            rotor_speed_command_rad_s: command_hold.speed(),
-        };
+        let measured = &mut state.measured;
+        measured.position_w_m = fix.into();
+        measured.velocity_w_m_s = fix_velocity.into();
+        measured.attitude_rad = self.eta2.into();
+        measured.attitude_quaternion = body.attitude.wxyz();
+        measured.rate_b_rad_s = sensors.rates(airframe, &body.nu2).into();
+        measured.specific_force_b_m_s2 = sensors.specific_force(airframe, &force).into();
+        measured.rotor_speed_mean_rad_s = self.means.speed.into();
+        measured.rotor_speed_squared_mean_rad2_s2 = self.means.speed_squared.into();
+        measured.rotor_speed_command_rad_s = command_hold.speed();
         state.command_tick = command_hold.command_tick();
         state.commands_taken = self.commands_taken;
         state.command_taken_tick = self.command_taken_tick;

@@ -14,7 +14,8 @@ use messages::attitude::Attitude;
 use messages::math::atan2;
 use messages::parameters::Airframe;
 use messages::rate_dynamics::Inertia;
-use nalgebra::{Vector3, Vector4};
+use messages::vectors::numbers;
+use nalgebra::{Vector2, Vector3, Vector4};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RigidBody {
@@ -63,7 +64,7 @@ pub struct Effort {
 }
 
 /// (1) and (8) with the parameters of one airframe: their quotients, which hold for a whole tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Dynamics {
     /// Gravity, g [m/s^2].
     g: f64,
@@ -75,12 +76,16 @@ pub struct Dynamics {
     wind: Vector3<f64>,
     inertia: Inertia,
     /// I_M^-1 I_R of x and y, without unit.
-    gyroscopic: [f64; 2],
+    gyroscopic: Vector2<f64>,
     /// I_M^-1 k_r [1/s].
     rate_drag: Vector3<f64>,
     /// delta [rad/s^2].
     delta: f64,
 }
+
+numbers!(RigidBody: eta1, v, attitude, nu2);
+numbers!(Forcing: lift, push, om);
+numbers!(Dynamics: g, per_mass, drag, wind, inertia, gyroscopic, rate_drag, delta);
 
 impl Dynamics {
     #[inline]
@@ -94,10 +99,7 @@ impl Dynamics {
             drag: airframe.k_t() / m,
             wind: airframe.wind().into(),
             inertia,
-            gyroscopic: [
-                airframe.i_r() * per_inertia.x,
-                airframe.i_r() * per_inertia.y,
-            ],
+            gyroscopic: airframe.i_r() * per_inertia.xy(),
             rate_drag: per_inertia * airframe.k_r(),
             delta: airframe.delta(),
         }
@@ -145,7 +147,7 @@ impl Dynamics {
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
     #[inline(always)]
     pub fn angular_acceleration(&self, nu2: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
-        let [i_r_x, i_r_y] = self.gyroscopic;
+        let (i_r_x, i_r_y) = (self.gyroscopic.x, self.gyroscopic.y);
         let g1_i_r = Vector3::new(-i_r_x * forcing.om * nu2.y, i_r_y * forcing.om * nu2.x, 0.0);
         let g2_k_r = -self.rate_drag.component_mul(nu2);
         self.inertia.coupling(nu2) + g1_i_r + g2_k_r + forcing.push

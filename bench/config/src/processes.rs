@@ -165,6 +165,13 @@ impl Settings {
         ])
     }
 
+    /// Whether no law is that of a file, which may have memory that flights share, or another program.
+    pub fn has_built_in_laws(&self) -> Result<bool, Failure> {
+        let is_built_in =
+            |law: &Chosen| law.library().is_none() && !firmware::is_program(law.description().name);
+        Ok(self.chosen_laws()?.iter().all(is_built_in))
+    }
+
     pub fn laws(&self) -> Result<[&'static Description; 3], Failure> {
         Ok(self.chosen_laws()?.map(Chosen::description))
     }

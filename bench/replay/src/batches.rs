@@ -129,8 +129,8 @@ impl ToReplay {
 
     fn hand_over(&mut self) {
         let mut chunk = take(&mut self.chunk);
-        // Messages at one position follow from the same message, and stand in the log in their order.
-        chunk.order.sort_unstable();
+        // Messages at one position follow from the same message, and stand in the log in their order. Those of a topic are sorted already.
+        chunk.order.sort();
         // The replay may have ended at a difference.
         let _ = self.full.send(chunk);
         self.chunk = self.used.try_recv().unwrap_or_default();

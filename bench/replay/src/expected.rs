@@ -37,19 +37,21 @@ impl<C: Logged> Expected<C> {
     }
 
     fn compare(&mut self, most_waiting: usize, comparison: &mut ReplayComparison) {
-        while let Some(recorded) = self.recorded.pop_front_if(|_| !self.following.is_empty()) {
-            let Some(following) = self.following.pop_front() else {
-                return;
-            };
+        while let (Some(recorded), Some(following)) =
+            (self.recorded.front(), self.following.front())
+        {
             let tick = recorded.envelope.tick;
             comparison.compare(tick, &recorded.content, &following.content);
             if recorded.envelope != following.envelope {
-                let headers = [&recorded, &following].map(|it| {
+                let headers = [recorded, following].map(|it| {
                     let header = &it.envelope;
                     format!("tick {}, number {}", header.tick, header.seq)
                 });
                 comparison.differs::<C>(tick, "envelope", headers);
             }
+            // `pop_front` would copy them.
+            self.recorded.drain(..1);
+            self.following.drain(..1);
         }
         if self.recorded.len() > most_waiting {
             let extra = self.recorded.drain(..);

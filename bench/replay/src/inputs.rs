@@ -7,7 +7,7 @@
 use faults::filter::{FaultFilter, Passed};
 use faults::plan::Planned;
 use faults::{MessageFaults, Port};
-use messages::content::Stamped;
+use messages::content::{NO_TICK, Stamped};
 use messages::fields::Faulty;
 use messages::grid::Pace;
 use messages::header::Message;
@@ -40,6 +40,8 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
 pub struct RecordedInput<C: Topic> {
     /// With faults, the messages that passed; without, all messages did.
     faulty: Option<(FaultFilter<C>, MessageWindow<C>)>,
+    /// The input that was looked up last.
+    input: Stamped<C>,
 }
 
 impl<C: Faulty> RecordedInput<C> {
@@ -47,6 +49,7 @@ impl<C: Faulty> RecordedInput<C> {
         let filter = FaultFilter::new(faults, port);
         Self {
             faulty: filter.map(|filter| (filter, MessageWindow::keeping(kept))),
+            input: Stamped::never(),
         }
     }
 
@@ -70,15 +73,21 @@ impl<C: Faulty> RecordedInput<C> {
 
     /// The newest input that the stage had at `tick`, identified by the tick that its message names; `all` are the messages
     /// of the topic.
-    #[inline]
     pub fn input(
-        &self,
+        &mut self,
         all: &MessageWindow<C>,
         input_tick: u64,
         tick: u64,
-    ) -> Result<Stamped<C>, Failure> {
-        let input = self.passed(all).input(input_tick);
-        input.ok_or_else(|| lacks::<C>(input_tick, tick))
+    ) -> Result<&mut Stamped<C>, Failure> {
+        if input_tick == NO_TICK {
+            self.input = Stamped::never();
+        } else {
+            let passed = self.faulty.as_ref().map_or(all, |(_, passed)| passed);
+            let message = passed.of(input_tick);
+            let message = message.ok_or_else(|| lacks::<C>(input_tick, tick))?;
+            (self.input.tick, self.input.content) = (input_tick, message.content);
+        }
+        Ok(&mut self.input)
     }
 
     /// Tick of an input, and the history of the state that its sender had after it.
@@ -93,7 +102,7 @@ impl<C: Faulty> RecordedInput<C> {
 mod tests {
     use faults::filter::FaultyInput;
     use faults::grammar::Fault;
-    use messages::content::{NO_TICK, Wrench};
+    use messages::content::Wrench;
     use messages::parameters::Airframe;
 
     use super::*;
@@ -122,12 +131,12 @@ mod tests {
             RecordedInput::new(&faults("wrench.freeze@tick2..tick5"), PORT, DEEP);
         (0..7).for_each(|tick| input_with_faults.take(&wrench(tick)));
         let all = MessageWindow::keeping(DEEP);
-        let thrust = |input_tick| {
+        let mut thrust = |input_tick| {
             let input = input_with_faults.input(&all, input_tick, 9).ok()?;
             Some(input.content.thrust_n)
         };
         assert_eq!(
-            [NO_TICK, 1, 1, 3, 6].map(thrust),
+            [NO_TICK, 1, 1, 3, 6].map(&mut thrust),
             [Some(0.0), Some(1.0), Some(1.0), Some(1.0), Some(6.0)]
         );
         assert_eq!(thrust(8), None);
@@ -150,7 +159,7 @@ mod tests {
                 restarted.settle(tick);
                 let had = restarted.stamped();
                 let found = replayed.input(&MessageWindow::keeping(DEEP), had.tick, tick);
-                assert_eq!(found.ok(), Some(had), "tick {tick}");
+                assert_eq!(found.ok().copied(), Some(had), "tick {tick}");
             }
         }
     }

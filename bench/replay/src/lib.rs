@@ -524,20 +524,17 @@ impl FlightReplay {
                 if is_counted {
                     summary.wrench(&message.content);
                 }
-                let of_setpoint = message.envelope.input_tick[1];
                 // The inner loops of all channels have the same faults at their inputs.
-                let loops = self.channels.first().map(|it| &it.loops);
-                let state = loops.map_or(Ok(None), |it| it.monitored(message))?;
-                let setpoint = match loops.filter(|_| self.merge.is_none()) {
-                    Some(loops) => loops.setpoint_of(of_setpoint, tick),
-                    None => self
-                        .inner_setpoint
-                        .input(&self.setpoints, of_setpoint, tick),
-                };
-                let setpoint = setpoint.ok();
-                let result = self
-                    .monitor
-                    .watch(message, state.as_ref(), setpoint.as_ref());
+                let loops = self.channels.first_mut().map(|it| &mut it.loops);
+                let (state, mut setpoint) =
+                    loops.map_or(Ok((None, None)), |it| it.monitored(message))?;
+                if self.merge.is_some() {
+                    let of_setpoint = message.envelope.input_tick[1];
+                    let input = &mut self.inner_setpoint;
+                    let flown = input.input(&self.setpoints, of_setpoint, tick);
+                    setpoint = flown.ok().map(|it| &*it);
+                }
+                let result = self.monitor.watch(message, state, setpoint);
                 if let Some(result) = result {
                     self.theorem.follows(&result, &mut self.comparison);
                 }

@@ -129,7 +129,7 @@ impl LoopsReplay {
             (Replica::new(Role::Outer, self.channel), envelope),
             states,
             || self.settings.outer_stage(),
-            |outer| is_published = outer.tick_into(tick, &state, &mut setpoint),
+            |outer| is_published = outer.tick_into(tick, state, &mut setpoint),
         )?;
         self.takeovers += u64::from(work.is_takeover);
         if is_published {
@@ -159,14 +159,16 @@ impl LoopsReplay {
             return Ok(());
         }
         let state = self.inner_state.input(&self.states, input_tick[0], tick)?;
-        let setpoint = self.setpoint_of(input_tick[1], tick)?;
+        let setpoint = self
+            .inner_setpoint
+            .input(&self.setpoints, input_tick[1], tick)?;
         let mut wrench = Wrench::default();
         let work = Replayed::work(
             &mut self.inner,
             (Replica::new(Role::Inner, self.channel), envelope),
             states,
             || self.settings.inner_stage(),
-            |inner| inner.tick_into(tick, &state, &setpoint, &mut wrench),
+            |inner| inner.tick_into(tick, state, setpoint, &mut wrench),
         )?;
         self.restarts += u64::from(work.is_restart && is_counted);
         self.takeovers += u64::from(work.is_takeover);
@@ -203,7 +205,7 @@ impl LoopsReplay {
             (Replica::new(Role::Mixer, self.channel), envelope),
             states,
             || self.settings.mixer_stage(),
-            |mixer| mixer.tick_into(tick, &wrench, &mut speeds),
+            |mixer| mixer.tick_into(tick, wrench, &mut speeds),
         )?;
         self.takeovers += u64::from(work.is_takeover);
         comparison.compare(tick, content, &speeds);
@@ -212,25 +214,31 @@ impl LoopsReplay {
         Ok(())
     }
 
-    /// The setpoint that the inner loop had at a tick.
-    pub fn setpoint_of(&self, input_tick: u64, tick: u64) -> Result<Stamped<Setpoint>, Failure> {
-        self.inner_setpoint.input(&self.setpoints, input_tick, tick)
-    }
-
-    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it.
-    pub fn monitored(&self, wrench: &Message<Wrench>) -> Result<Option<Stamped<State>>, Failure> {
+    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it, and the setpoint that
+    /// the loop had.
+    pub fn monitored(
+        &mut self,
+        wrench: &Message<Wrench>,
+    ) -> Result<(Option<&Stamped<State>>, Option<&Stamped<Setpoint>>), Failure> {
         let Header {
-            tick, input_tick, ..
+            tick,
+            input_tick: [of_state, of_setpoint, _],
+            ..
         } = wrench.envelope;
-        let had = self.inner_state.input(&self.states, input_tick[0], tick)?;
-        if !self.inner_state.has_faults() {
-            return Ok(Some(had));
+        let has_faults = self.inner_state.has_faults();
+        let state = self.inner_state.input(&self.states, of_state, tick)?;
+        let mut is_known = true;
+        if has_faults {
+            let measured = state.content.measured;
+            let truth = self.states.input(of_state);
+            is_known = truth.is_some();
+            *state = truth.unwrap_or_else(Stamped::never);
+            state.content.measured = measured;
         }
-        let truth = self.states.input(input_tick[0]);
-        Ok(truth.map(|mut truth| {
-            truth.content.measured = had.content.measured;
-            truth
-        }))
+        let setpoint = self
+            .inner_setpoint
+            .input(&self.setpoints, of_setpoint, tick);
+        Ok((is_known.then_some(&*state), setpoint.ok().map(|it| &*it)))
     }
 }
 

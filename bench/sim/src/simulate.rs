@@ -8,7 +8,7 @@ use messages::parameters::ESTIMATED;
 
 use crate::recorded_timing::Timing;
 use crate::simulator::Simulator;
-pub use crate::simulator::simulated_flight::{Judge, SimulatedFlight, fly, fly_with};
+pub use crate::simulator::simulated_flight::{Judge, SimulatedFlight, fly, fly_batch, fly_with};
 use analysis::effort::EffortStatistics;
 use analysis::firmware::FirmwareStatistics;
 use analysis::laws::NotFinite;

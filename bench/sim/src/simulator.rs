@@ -170,6 +170,12 @@ impl Simulator {
     }
 
     pub fn tick(&mut self) {
+        self.stages();
+        self.plant.finish();
+    }
+
+    /// A tick without the rest of the plant's, which [`Plant::finish`] flies.
+    pub(crate) fn stages(&mut self) {
         if self.faulted.is_some() {
             self.faulty_tick();
             return;
@@ -201,7 +207,6 @@ impl Simulator {
         self.theorem
             .watch_next(tick, state, setpoint, &wrench.content);
         self.tick += 1;
-        self.plant.finish();
     }
 
     #[cold]
@@ -437,9 +442,6 @@ impl Faulted {
             }
             let acts_from = tick + 1 + late.output;
             self.commands.push_back((rig.rotor_speeds, acts_from));
-        }
-        if plant_works {
-            rig.plant.finish();
         }
         rig.tick += 1;
     }

@@ -407,19 +407,19 @@ impl InnerMemory {
             self.measured_at = Some(tick);
         }
         let signals = self.signals;
-        let (wanted, reference, mode) = self.order(tick, state, setpoint);
         wrench.telemetry.forget(signals);
-        let input = InnerInput {
+        let mut input = InnerInput {
             tick,
             // A state of a later tick is not fresh either.
             measured_age: state.age(tick).max(u64::from(!is_fresh)),
             wanted_age: setpoint.age(tick),
             given_age: given.age(tick),
             measured: state.content.measured,
-            wanted,
-            reference,
+            wanted: Desired::default(),
+            reference: Reference::default(),
             given: given.content,
         };
+        let mode = self.order(tick, state, setpoint, &mut input);
         let demand = law.tick(&input, &mut wrench.telemetry);
         wrench.telemetry.truncate(signals);
         write_wrench(&demand, mode, wrench);
@@ -445,22 +445,24 @@ impl InnerMemory {
         at.is_none_or(|at| tick.saturating_sub(at) > self.hold_ticks)
     }
 
-    /// The setpoint and reference to follow in this tick.
+    /// Writes the setpoint and reference to follow in this tick.
     fn order(
         &mut self,
         tick: u64,
         state: &Stamped<State>,
         setpoint: &Stamped<Setpoint>,
-    ) -> (Desired, Reference, Mode) {
+        input: &mut InnerInput,
+    ) -> Mode {
         let content = &setpoint.content;
         if setpoint.age(tick) <= self.hold_ticks {
             self.stays = None;
-            let mode = if setpoint.tick == tick {
+            input.wanted = content.desired();
+            input.reference = content.reference;
+            return if setpoint.tick == tick {
                 Mode::Fresh
             } else {
                 Mode::Held
             };
-            return (content.desired(), content.reference, mode);
         }
         let yaw = if setpoint.tick == NO_TICK {
             self.began.yaw_rad
@@ -471,7 +473,9 @@ impl InnerMemory {
             NO_TICK => self.began,
             _ => rest_at(&state.content, yaw),
         });
-        (level(&self.rig, yaw), *stays, Mode::Fallback)
+        input.reference = *stays;
+        input.wanted = level(&self.rig, yaw);
+        Mode::Fallback
     }
 
     /// No torque and the last thrust, or hover thrust if that is too old.

@@ -9,12 +9,15 @@ use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::frames::quaternion_wb;
 use crate::math::atan2;
+use crate::vectors::numbers;
 
 /// A rotation from the body into the world frame; q and -q are the same one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attitude {
     q: Vector4<f64>,
 }
+
+numbers!(Attitude: q);
 
 impl Default for Attitude {
     /// Level, nose along x of the world.

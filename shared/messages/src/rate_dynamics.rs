@@ -6,15 +6,18 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::math::{sin, sin_cos};
+use crate::vectors::numbers;
 
 /// I_M, with the quotients that (8) is made of: they change with the parameters alone.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inertia {
     i_m: Vector3<f64>,
     inverse: Vector3<f64>,
     /// (I_z - I_y)/I_x, (I_x - I_z)/I_y, (I_y - I_x)/I_z.
     ratio: Vector3<f64>,
 }
+
+numbers!(Inertia: i_m, inverse, ratio);
 
 impl Inertia {
     /// Of the diagonal of I_M [kg m^2].

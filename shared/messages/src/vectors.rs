@@ -3,6 +3,8 @@
 //! Releases are built for every x86-64. Where many numbers go through the same arithmetic, wider registers pay. They
 //! change no bit: each lane rounds as a scalar does, and nothing is contracted to fused operations.
 
+use nalgebra::SVector;
+
 /// Defines a function whose body is also compiled for AVX2 and for AVX-512; each call takes the widest that is there.
 ///
 /// What the body calls takes part as far as it is inlined.
@@ -67,3 +69,68 @@ macro_rules! vectorised_by_four {
     };
 }
 pub use vectorised_by_four;
+
+/// Values that are computed together: as many numbers as the widest vectors hold.
+pub const LANES: usize = 8;
+
+/// A value that consists of numbers, so that [`Columns`] can hold one for each lane.
+pub trait Numbers: Copy + Default {
+    /// Calls `look` with every number, always in the same order.
+    fn each(&mut self, look: &mut impl FnMut(&mut f64));
+}
+
+impl Numbers for f64 {
+    #[inline(always)]
+    fn each(&mut self, look: &mut impl FnMut(&mut f64)) {
+        look(self);
+    }
+}
+
+impl<const N: usize> Numbers for SVector<f64, N>
+where
+    Self: Default,
+{
+    #[inline(always)]
+    fn each(&mut self, look: &mut impl FnMut(&mut f64)) {
+        self.as_mut_slice().iter_mut().for_each(look);
+    }
+}
+
+/// Implements [`Numbers`] for a struct of such fields.
+#[macro_export]
+macro_rules! numbers {
+    ($type:ty: $($field:ident),+) => {
+        impl $crate::vectors::Numbers for $type {
+            #[inline(always)]
+            fn each(&mut self, look: &mut impl FnMut(&mut f64)) {
+                $($crate::vectors::Numbers::each(&mut self.$field, look);)+
+            }
+        }
+    };
+}
+pub use numbers;
+
+/// A value of up to N numbers for each lane, with corresponding numbers side by side: the compiler turns a loop over the
+/// lanes into vector instructions.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub struct Columns<const N: usize>([[f64; LANES]; N]);
+
+impl<const N: usize> Columns<N> {
+    pub const ZERO: Self = Self([[0.0; LANES]; N]);
+
+    /// The value of a lane. Panics if it has more than N numbers.
+    #[inline(always)]
+    pub fn of<T: Numbers>(&self, lane: usize) -> T {
+        let (mut value, mut column) = (T::default(), 0..N);
+        value.each(&mut |number| *number = self.0[column.next().unwrap_or(N)][lane]);
+        value
+    }
+
+    /// Sets the value of a lane to `value`, which does not change. Panics if it has more than N numbers.
+    #[inline(always)]
+    pub fn put<T: Numbers>(&mut self, lane: usize, value: &mut T) {
+        let mut column = 0..N;
+        value.each(&mut |number| self.0[column.next().unwrap_or(N)][lane] = *number);
+    }
+}

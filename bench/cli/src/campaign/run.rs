@@ -15,7 +15,7 @@ use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::runs::size;
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{Plan, open_directory};
-use experiments::campaign::rows::{Flight, fly_all};
+use experiments::campaign::rows::{Flight, LANES, fly_all};
 use experiments::parallel::processors;
 use experiments::progress::Progress;
 use process::signals::stop_flag;
@@ -185,10 +185,13 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
     let mut next = 0;
     while next < tried && begun.elapsed() <= TRIED {
-        let flights: Vec<Flight> = (0..arms).map(|arm| (flight(next), arm)).collect();
+        // As many as fly in a batch.
+        let some = (next..tried).take(LANES);
+        let flights = some.flat_map(|i| (0..arms).map(move |arm| (flight(i), arm)));
+        let flights: Vec<Flight> = flights.collect();
         let stop = AtomicBool::new(false);
         rows.extend(fly_all(&plan, &flights, 1, &stop, |_| ())?);
-        next += 1;
+        next += LANES as u64;
     }
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
     let jobs = args.jobs.unwrap_or_else(processors);

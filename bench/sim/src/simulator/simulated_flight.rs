@@ -2,6 +2,7 @@
 
 use messages::output_hash::OutputHash;
 use plant::EnvelopeViolation;
+use plant::plant::batch;
 
 use crate::recorded_timing::{Event, Source, Timing};
 use crate::simulator::Simulator;
@@ -57,6 +58,30 @@ pub fn fly_with(
         }
     }
     Ok(judge.end())
+}
+
+/// The same for a batch of flights, tick by tick. `look` also gets the place of the flight.
+pub fn fly_batch(
+    rigs: &mut [Simulator],
+    settings: &[Settings],
+    mut look: impl FnMut(usize, &Simulator) -> Result<(), Failure>,
+) -> Result<Vec<SimulatedFlight>, Failure> {
+    let judges = settings.iter().map(Judge::new);
+    let mut judges = judges.collect::<Result<Vec<_>, Failure>>()?;
+    rigs.iter_mut().try_for_each(Simulator::start)?;
+    let mut flying: Vec<usize> = (0..rigs.len()).collect();
+    loop {
+        flying.retain(|place| judges[*place].goes_on(&rigs[*place]));
+        if flying.is_empty() {
+            return Ok(judges.into_iter().map(Judge::end).collect());
+        }
+        flying.iter().for_each(|place| rigs[*place].stages());
+        // Those that have ended have not begun another tick.
+        batch::finish(rigs.iter_mut().map(|rig| &mut rig.plant));
+        for place in &flying {
+            judges[*place].take(&rigs[*place], |rig| look(*place, rig))?;
+        }
+    }
 }
 
 /// Runs with recorded timing and reports to `judge`. A simulation of the whole recorded flight includes what its stages
