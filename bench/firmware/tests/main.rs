@@ -10,55 +10,49 @@ use std::time::Duration;
 
 use control_api::Rig;
 use control_api::description::{Settings, Value};
-use control_api::law::{InnerInput, InnerLaw as _, Law as _, WrenchSetpoint};
-use firmware::bridge::Bridge;
+use control_api::law::{InnerInput, InnerLaw as _, WrenchSetpoint};
+use firmware::bridge::{Bridge, SIGNALS};
 use firmware::{Port, betaflight};
 use ironbird_law::{Desired, Given, Measured, Reference};
 use messages::telemetry::{AnswerOutcome, Telemetry};
 use tempfile::TempDir;
 
-/// Ports that no other stand-in of this process has.
-fn port() -> &'static Port {
+const PORT: &Port = &Port {
+    why_not_armed: || None,
+    ..betaflight::PORT
+};
+
+/// Number of the first of three ports that no other stand-in of this process has.
+fn number() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     // Processes of tests that run beside each other are unlikely to have the same.
     let first = 20_000 + (std::process::id() % 1000) as u16 * 40;
-    let first = first + 4 * NEXT.fetch_add(1, Ordering::Relaxed);
-    Box::leak(Box::new(Port {
-        state_udp: first,
-        remote_udp: first + 1,
-        motors_udp: first + 2,
-        why_not_armed: || None,
-        ..betaflight::PORT
-    }))
+    first + 4 * NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 /// A stand-in that does something once the throttle is up.
-fn stand_in(mode: &str, port: &Port) -> (TempDir, PathBuf) {
+fn stand_in(mode: &str, number: u16) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("stand_in");
-    let Port {
-        state_udp,
-        remote_udp,
-        motors_udp,
-        ..
-    } = port;
     let head = format!(
-        "#!/usr/bin/env python3\nMODE = '{mode}'\nSTATE, REMOTE, MOTORS = {state_udp}, {remote_udp}, {motors_udp}\n"
+        "#!/usr/bin/env python3\nMODE = '{mode}'\nMOTORS, STATE, REMOTE = range({number}, {number} + 3)\n"
     );
     fs::write(&path, head + include_str!("stand_in.py")).unwrap();
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    for file in port.files {
+    for file in PORT.cached.unwrap().1 {
         fs::write(folder.path().join(file), "").unwrap();
     }
     (folder, path)
 }
 
-fn settings(limit_s: f64) -> Settings {
-    Settings::new(vec![
+fn bridge(executable: PathBuf, number: u16, limit_s: f64) -> Bridge {
+    let settings = Settings::new(vec![
+        ("port", Value::Number(number.into())),
         ("arming_limit_s", Value::Number(limit_s)),
         // Ten periods of a millisecond, whatever else the machine does.
         ("answer_limit", Value::Number(10.0)),
-    ])
+    ]);
+    Bridge::of(PORT, Some(executable), &Rig::default(), &settings)
 }
 
 fn input(tick: u64, measured: Measured) -> InnerInput {
@@ -90,9 +84,9 @@ struct Flight {
 
 impl Flight {
     fn start(mode: &str) -> Self {
-        let port = port();
-        let (folder, path) = stand_in(mode, port);
-        let mut bridge = Bridge::of(port, path, &Rig::default(), &settings(30.0));
+        let number = number();
+        let (folder, path) = stand_in(mode, number);
+        let mut bridge = bridge(path, number, 30.0);
         bridge.start(true).unwrap();
         Self {
             bridge,
@@ -113,8 +107,7 @@ impl Flight {
     }
 
     fn signal(&self, name: &str) -> f64 {
-        let signals = Bridge::DESCRIPTION.telemetry;
-        let place = signals.iter().position(|it| it.name == name).unwrap();
+        let place = SIGNALS.iter().position(|it| it.name == name).unwrap();
         self.telemetry.value[place]
     }
 
@@ -238,9 +231,9 @@ fn motors_off_with_the_throttle_up_is_disarmed() {
 #[test]
 fn a_firmware_that_cannot_fly_is_refused_with_the_reason() {
     let started = |mode: &str, limit_s: f64| {
-        let port = port();
-        let (_folder, path) = stand_in(mode, port);
-        let mut bridge = Bridge::of(port, path, &Rig::default(), &settings(limit_s));
+        let number = number();
+        let (_folder, path) = stand_in(mode, number);
+        let mut bridge = bridge(path, number, limit_s);
         bridge.start(true).unwrap_err().to_string()
     };
     let said = started("fails", 1.0);
@@ -263,20 +256,20 @@ fn a_firmware_that_cannot_fly_is_refused_with_the_reason() {
 
 #[test]
 fn one_flight_at_a_time_has_a_firmware() {
-    let port = port();
-    let (_folder, path) = stand_in("well", port);
-    let make = || Bridge::of(port, path.clone(), &Rig::default(), &settings(30.0));
+    let number = number();
+    let (_folder, path) = stand_in("well", number);
+    let make = || bridge(path.clone(), number, 30.0);
     let mut first = make();
     first.start(true).unwrap();
     let said = make().start(true).unwrap_err().to_string();
-    assert!(said.contains("is in use: its ports are fixed"), "{said}");
+    assert!(said.contains("is in use by another flight"), "{said}");
     drop(first);
     make().start(true).unwrap();
 }
 
 #[test]
 fn betaflight_arms_and_turns_its_motors() {
-    let mut bridge = match Bridge::new(&Rig::default(), &Settings::default()) {
+    let mut bridge = match Bridge::new(&betaflight::PORT, &Rig::default(), &Settings::default()) {
         Ok(bridge) => bridge,
         Err(why) => {
             eprintln!("skipped: {why}");
