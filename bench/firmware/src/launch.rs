@@ -369,3 +369,25 @@ impl Launch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_of_processes_that_are_gone_are_removed_and_those_of_others_stay() {
+        let mut ended = Command::new("true").spawn().unwrap();
+        ended.wait().unwrap();
+        let folder = |process: u32| {
+            let folder = env::temp_dir().join(format!("{FOLDER}{process}-test"));
+            fs::create_dir_all(&folder).unwrap();
+            fs::write(folder.join(OUTPUT), "text").unwrap();
+            folder
+        };
+        let [left, own] = [ended.id(), std::process::id()].map(folder);
+        remove_leftovers();
+        assert!(!left.exists());
+        assert!(own.exists());
+        fs::remove_dir_all(own).unwrap();
+    }
+}
