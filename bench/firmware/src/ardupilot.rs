@@ -44,7 +44,6 @@ pub const PORT: Port = Port {
     why_not_armed: || None,
 };
 
-#[derive(Debug)]
 struct Json(Inbox);
 
 impl Link for Json {

@@ -49,7 +49,6 @@ pub const PORT: Port = Port {
     why_not_armed,
 };
 
-#[derive(Debug)]
 struct Sockets {
     motors: Inbox,
     state: UdpSocket,
@@ -233,23 +232,5 @@ mod tests {
         assert_eq!(channels(&sticks), [2000, 1250, 1525, 1550, 1800, 1800]);
         let low = channels(&Sticks::default());
         assert_eq!(low, [1500, 1500, 1000, 1500, 1000, 1800]);
-    }
-
-    #[test]
-    fn motors_come_in_the_order_of_the_rotors() {
-        let packet: Vec<u8> = [0.3_f32, 0.1, 0.4, 0.2]
-            .iter()
-            .flat_map(|it| it.to_le_bytes())
-            .collect();
-        // Front right 0.3, rear left 0.1, front left 0.4, rear right 0.2.
-        let expected = [0.1_f32, 0.2, 0.3, 0.4].map(f64::from);
-        assert_eq!(motors(&packet), Message::motors(expected, true, None));
-        let wrong_size = Message::Broken(AnswerOutcome::WrongSize);
-        assert_eq!(motors(&packet[..12]), wrong_size);
-        assert_eq!(motors(&[0; 20]), wrong_size);
-        let mut broken = packet;
-        broken[..4].copy_from_slice(&f32::NAN.to_le_bytes());
-        let not_finite = Message::Broken(AnswerOutcome::NotFinite);
-        assert_eq!(motors(&broken), not_finite);
     }
 }

@@ -8,7 +8,6 @@
 //! Where ticks do not come by the clock, the law keeps to it if the firmware does: Betaflight's loops take real time.
 
 use std::any::Any;
-use std::fmt;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -116,18 +115,6 @@ impl Pace {
         self.zero = Some(latest.map_or(zero, |latest| zero.max(latest)));
         std::thread::sleep(self.due(after, now).saturating_duration_since(now));
         self.late = Duration::from_secs_f64(self.jitter_s * self.random.f64());
-    }
-}
-
-impl fmt::Debug for Bridge {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            launch, firmware, ..
-        } = self;
-        f.debug_struct("Bridge")
-            .field("launch", launch)
-            .field("firmware", firmware)
-            .finish_non_exhaustive()
     }
 }
 

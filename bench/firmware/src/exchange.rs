@@ -27,7 +27,6 @@ pub struct Answer {
 }
 
 /// The exchange with a firmware.
-#[derive(Debug)]
 pub struct Exchange {
     link: Box<dyn Link>,
     is_lockstep: bool,

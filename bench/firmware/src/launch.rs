@@ -212,7 +212,6 @@ impl AtRest {
 }
 
 /// A firmware that has armed, and whose vehicle is at rest until the first tick.
-#[derive(Debug)]
 pub struct Armed {
     /// None of one that the user has started.
     pub program: Option<Program>,
@@ -292,6 +291,17 @@ impl Launch {
         Refused(format!("{}: {why}", self.port.description.name))
     }
 
+    /// Refuses a program that has ended.
+    fn check(&self, program: Option<&mut Program>, ended: &str) -> Result<(), Refused> {
+        let Some(program) = program else {
+            return Ok(());
+        };
+        program.ended().map_or(Ok(()), |status| {
+            let words = program.last_words();
+            Err(self.refused(format!("{ended}: {status}; it wrote last: {words}")))
+        })
+    }
+
     /// Starts the firmware, or waits for one that the user starts, until it sends something of its own accord. A packet
     /// that comes before can be its last one: Betaflight receives while it still initialises what receiving uses. Its
     /// start itself can hang, so it is tried a few times.
@@ -310,13 +320,7 @@ impl Launch {
                 if exchange.heard {
                     return Ok(program);
                 }
-                if let Some(program) = &mut program
-                    && let Some(status) = program.ended()
-                {
-                    let words = program.last_words();
-                    let why = format!("it ended as it started: {status}; it wrote last: {words}");
-                    return Err(self.refused(why));
-                }
+                self.check(program.as_mut(), "it ended as it started")?;
                 exchange.wait(POLL);
             }
             words = program.map(|program| program.last_words());
@@ -337,16 +341,10 @@ impl Launch {
     fn await_armed(&self, firmware: &mut Armed) -> Result<(), Refused> {
         let (begun, mut since) = (Instant::now(), Instant::now());
         loop {
-            let program = firmware.program.as_mut();
-            if let Some(status) = program.and_then(Program::ended) {
-                let words = firmware.program.as_ref().map(Program::last_words);
-                return Err(self.refused(format!(
-                    "it ended before it had armed: {status}; it wrote last: {}",
-                    words.unwrap_or_default()
-                )));
-            }
+            let ended = "it ended before it had armed";
+            self.check(firmware.program.as_mut(), ended)?;
             if firmware.at_rest.has_gone.load(Ordering::Relaxed) {
-                return Err(self.refused("it ended before it had armed"));
+                return Err(self.refused(ended));
             }
             let armed_for = firmware.at_rest.armed_for.load(Ordering::Relaxed);
             if armed_for >= ARMED {

@@ -21,7 +21,6 @@ pub mod sticks;
 pub mod udp;
 
 use std::env;
-use std::fmt::Debug;
 use std::io;
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
@@ -36,28 +35,26 @@ use messages::telemetry::AnswerOutcome;
 use crate::bridge::{ARMING_LIMIT_S, Bridge, UDP_PORT};
 use crate::sticks::Sticks;
 
-macro_rules! entry {
-    ($port:expr) => {
-        Entry::new(&$port.description, |rig, settings| {
-            Ok(Box::new(Bridge::new(&$port, rig, settings)?))
-        })
+macro_rules! firmwares {
+    ($($(#[$attribute:meta])* $module:ident),+) => {
+        const PORTS: &[&Port] = &[$($(#[$attribute])* &$module::PORT),+];
+
+        /// Laws that are programs of their own.
+        pub const LAWS: &[Entry<dyn InnerLaw>] = &[$(
+            $(#[$attribute])*
+            Entry::new(&$module::PORT.description, |rig, settings| {
+                Ok(Box::new(Bridge::new(&$module::PORT, rig, settings)?))
+            })
+        ),+];
     };
 }
 
-/// Laws that are programs of their own.
-pub const LAWS: &[Entry<dyn InnerLaw>] = &[
-    entry!(ardupilot::PORT),
-    entry!(betaflight::PORT),
+firmwares!(
+    ardupilot,
+    betaflight,
     #[cfg(feature = "mavlink")]
-    entry!(px4::PORT),
-];
-
-const PORTS: &[&Port] = &[
-    &ardupilot::PORT,
-    &betaflight::PORT,
-    #[cfg(feature = "mavlink")]
-    &px4::PORT,
-];
+    px4
+);
 
 fn port(law: &str) -> Option<&'static Port> {
     PORTS.iter().find(|it| it.description.name == law).copied()
@@ -156,7 +153,7 @@ impl Message {
 }
 
 /// The sockets to a firmware, and its packets. Nothing of it waits, nor allocates once the firmware has sent something.
-pub trait Link: Debug + Send {
+pub trait Link: Send {
     fn send(&mut self, sample: &Sample) -> io::Result<()>;
 
     /// The next message. An error other than [`io::ErrorKind::WouldBlock`] means that the firmware has gone.

@@ -14,7 +14,6 @@
 //! without waiting for answers. Motors 1 to 4 are front right, rear left, front left, rear right. PX4 takes a sensor that
 //! repeats a value a hundred times for a broken one, so each reading alternates by a few of its steps.
 
-use std::fmt;
 use std::io::{self, ErrorKind, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::{AsFd as _, BorrowedFd};
@@ -74,12 +73,6 @@ enum Hil {
         sequence: u8,
         gps_at: Duration,
     },
-}
-
-impl fmt::Debug for Hil {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.descriptor().fmt(f)
-    }
 }
 
 impl Hil {

@@ -14,7 +14,6 @@ pub fn local(udp: u16) -> SocketAddrV4 {
 
 /// A port of this machine to which one program sends: where the first motor commands came from. The kernel drops what
 /// comes from elsewhere after them.
-#[derive(Debug)]
 pub struct Inbox {
     pub socket: UdpSocket,
     has_sender: bool,

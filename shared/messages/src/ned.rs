@@ -1,4 +1,5 @@
-//! Frames, in one place: the rig's are z up, x forward, y left; MAVLink's are NED and FRD, half a turn about x away.
+//! Frames, in one place: the rig's are z up, x forward, y left; those of MAVLink and of firmwares are NED and FRD, half a turn
+//! about x away.
 //!
 //! Each conversion is its own inverse. At take-off x points north, y west.
 
