@@ -20,7 +20,7 @@ use crate::Port;
 use crate::exchange::Exchange;
 use crate::sticks::Sticks;
 
-/// What the folders of firmwares begin with; the id of the flight's process follows.
+/// Prefix of the folders of firmwares; the id of the flight's process follows.
 const FOLDER: &str = "ironbird-firmware-";
 /// File in its directory that has the firmware's output.
 const OUTPUT: &str = "output.txt";

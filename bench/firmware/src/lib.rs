@@ -73,7 +73,7 @@ pub fn start_limit_s(law: &str, settings: &Settings) -> f64 {
     })
 }
 
-/// What the user has to start for a law, if anything.
+/// Tells the user which firmware to start for a law; none if the rig starts it.
 pub fn to_start(law: &str, settings: &Settings) -> Option<String> {
     let is_awaited = |it: &&Port| it.cached.is_none() && env::var_os(it.variable).is_none();
     let port = port(law).filter(is_awaited)?;
@@ -84,7 +84,7 @@ pub fn to_start(law: &str, settings: &Settings) -> Option<String> {
     ))
 }
 
-/// What differs between firmwares.
+/// The differences between firmwares.
 #[derive(Clone, Copy, Debug)]
 pub struct Port {
     pub description: Description,
@@ -112,7 +112,7 @@ impl Port {
     }
 }
 
-/// What a firmware gets at a time.
+/// A state for a firmware.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample<'a> {
     pub stamp: Duration,
@@ -129,7 +129,7 @@ pub struct Motors {
     pub number: Option<u64>,
 }
 
-/// What has come from a firmware.
+/// A message of a firmware.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Message {
     Motors(Motors),
@@ -159,7 +159,7 @@ pub trait Link: Send {
     /// The next message. An error other than [`io::ErrorKind::WouldBlock`] means that the firmware has gone.
     fn receive(&mut self) -> io::Result<Message>;
 
-    /// What becomes readable when a message comes.
+    /// Becomes readable when a message comes.
     fn descriptor(&self) -> BorrowedFd<'_>;
 
     fn try_clone(&self) -> io::Result<Box<dyn Link>>;
