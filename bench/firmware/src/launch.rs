@@ -83,7 +83,9 @@ fn remove_leftovers() {
         let name = entry.file_name();
         let of = name.to_str().and_then(|it| it.strip_prefix(FOLDER));
         if let Some((process, _)) = of.and_then(|it| it.split_once('-'))
-            && !Path::new("/proc").join(process).exists()
+            // One that has ended and is not waited for has no program either.
+            && fs::read_link(format!("/proc/{process}/exe"))
+                .is_err_and(|e| e.kind() == io::ErrorKind::NotFound)
         {
             // Another user's cannot be removed.
             let _ = fs::remove_dir_all(entry.path());
@@ -375,7 +377,10 @@ mod tests {
     #[test]
     fn folders_of_processes_that_are_gone_are_removed_and_those_of_others_stay() {
         let mut ended = Command::new("true").spawn().unwrap();
-        ended.wait().unwrap();
+        let running = || fs::read_link(format!("/proc/{}/exe", ended.id())).is_ok();
+        while running() {
+            thread::sleep(POLL);
+        }
         let folder = |process: u32| {
             let folder = env::temp_dir().join(format!("{FOLDER}{process}-test"));
             fs::create_dir_all(&folder).unwrap();
@@ -386,6 +391,7 @@ mod tests {
         remove_leftovers();
         assert!(!left.exists());
         assert!(own.exists());
+        ended.wait().unwrap();
         fs::remove_dir_all(own).unwrap();
     }
 }
