@@ -135,7 +135,7 @@ pub struct FirmwareSection {
     pub late: u64,
     /// Answers that came though no state was without one.
     pub repeated: u64,
-    /// Ticks with motors off and throttle up, and when the first one was [s].
+    /// Ticks in which it had disarmed, and when the first one was [s].
     pub disarmed: u64,
     pub disarmed_at_s: Option<f64>,
     /// Its exit status, if it ended in flight; 128 and the number of a signal.

@@ -424,7 +424,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Demands of the flight beyond its limits, and gains that do not suit the airframe's motors.
+    /// Demands of the flight beyond its limits, gains that do not suit the airframe's motors, and what the user has to start.
     pub fn warnings(&self) -> Result<Vec<String>, Failure> {
         let rig = self.rig()?;
         let name = self.trajectory_name();
@@ -444,7 +444,16 @@ impl Settings {
         warnings.extend(points.map(|it| format!("trajectory {name} {it}")));
         warnings.extend(excesses);
         warnings.extend(self.motor_lag(&rig)?);
+        let (law, settings) = self.chosen(Role::Inner)?;
+        warnings.extend(firmware::to_start(law.description().name, &settings));
         Ok(warnings)
+    }
+
+    /// How long no process may come further at a start [s].
+    pub fn start_timeout_s(&self) -> Result<f64, Failure> {
+        let (law, settings) = self.chosen(Role::Inner)?;
+        let program_s = firmware::start_limit_s(law.description().name, &settings);
+        Ok(self.rt.start_timeout_s + program_s)
     }
 
     /// The active limits of the thrust acceleration, and the role whose law has them. An inner law that has some

@@ -13,30 +13,91 @@
 //! of a frame with x forward, y right, z down. So this port sends the negative specific force, the rate (p, -q, -r) and
 //! the quaternion (w, x, -y, -z). Each state is answered with one motor packet, which does not say whose answer it is.
 
-use std::io::{Read as _, Write as _};
-use std::net::{Ipv4Addr, TcpStream};
+use std::io::{self, Read as _, Write as _};
+use std::net::{Ipv4Addr, TcpStream, UdpSocket};
+use std::os::fd::{AsFd as _, BorrowedFd};
 use std::time::{Duration, Instant};
 
+use control_api::description::Description;
 use ironbird_law::Measured;
-use messages::content::ROTORS;
+use messages::ned::{turned, turned_quaternion};
+use messages::role::Role;
 use messages::telemetry::AnswerOutcome;
 
+use crate::bridge::{self, SIGNALS};
 use crate::sticks::Sticks;
-use crate::{PACKET_BYTES, Port};
+use crate::udp::{Inbox, PACKET_BYTES, local};
+use crate::{Link, Message, Port, Sample};
 
 pub const PORT: Port = Port {
-    name: "betaflight",
+    description: Description {
+        name: "betaflight",
+        role: Role::Inner,
+        version: "1",
+        summary: "Betaflight, as a program of its own: attitude and rate loop in ANGLE mode, and its mixer",
+        source: "Betaflight 4.6.0, simulator target, over UDP; docs/firmware.md",
+        settings: bridge::SETTINGS,
+        presets: &[],
+        suited: None,
+        telemetry: SIGNALS,
+    },
     variable: "IRONBIRD_BETAFLIGHT",
-    executable: "betaflight_SITL",
-    files: &["eeprom.bin"],
-    state_udp: 9003,
-    remote_udp: 9004,
-    motors_udp: 9002,
-    state,
-    remote,
-    motors,
+    cached: Some(("betaflight_SITL", &["eeprom.bin"])),
+    is_lockstep: false,
+    answers_each: true,
+    open: |udp| Ok(Box::new(Sockets::open(udp)?)),
     why_not_armed,
 };
+
+struct Sockets {
+    motors: Inbox,
+    state: UdpSocket,
+    remote: UdpSocket,
+}
+
+impl Sockets {
+    fn open(udp: u16) -> io::Result<Self> {
+        let to = |udp: u16| {
+            // Another Betaflight would take the packets.
+            drop(UdpSocket::bind((Ipv4Addr::UNSPECIFIED, udp))?);
+            let socket = UdpSocket::bind(local(0))?;
+            socket.set_nonblocking(true)?;
+            socket.connect(local(udp))?;
+            Ok::<_, io::Error>(socket)
+        };
+        Ok(Self {
+            motors: Inbox::open(udp)?,
+            state: to(udp + 1)?,
+            remote: to(udp + 2)?,
+        })
+    }
+}
+
+impl Link for Sockets {
+    fn send(&mut self, sample: &Sample) -> io::Result<()> {
+        let (mut packet, time_s) = ([0; PACKET_BYTES], sample.stamp.as_secs_f64());
+        let bytes = remote(time_s, sample.sticks, &mut packet);
+        let sent = self.remote.send(&packet[..bytes]);
+        let bytes = state(time_s, sample.measured, &mut packet);
+        self.state.send(&packet[..bytes]).and(sent).map(drop)
+    }
+
+    fn receive(&mut self) -> io::Result<Message> {
+        self.motors.receive(motors)
+    }
+
+    fn descriptor(&self) -> BorrowedFd<'_> {
+        self.motors.socket.as_fd()
+    }
+
+    fn try_clone(&self) -> io::Result<Box<dyn Link>> {
+        Ok(Box::new(Self {
+            motors: self.motors.try_clone()?,
+            state: self.state.try_clone()?,
+            remote: self.remote.try_clone()?,
+        }))
+    }
+}
 
 /// TCP port of the command line.
 const COMMAND_LINE_TCP: u16 = 5761;
@@ -48,6 +109,8 @@ const PRESSURE_PA: f64 = 101_325.0;
 const PRESSURE_PA_PER_M: f64 = 12.0;
 /// Bytes of the packet of motor commands.
 const MOTOR_BYTES: usize = 16;
+/// Motor commands are this far below idle only if the firmware has disarmed.
+const STOPPED: f64 = 1e-3;
 
 /// Writes numbers one after another.
 fn write<const N: usize>(bytes: &mut [u8], numbers: impl IntoIterator<Item = [u8; N]>) -> usize {
@@ -60,33 +123,15 @@ fn write<const N: usize>(bytes: &mut [u8], numbers: impl IntoIterator<Item = [u8
 }
 
 fn state(time_s: f64, measured: &Measured, packet: &mut [u8; PACKET_BYTES]) -> usize {
-    let [p, q, r] = measured.rate_b_rad_s;
-    let [fx, fy, fz] = measured.specific_force_b_m_s2;
-    let [w, x, y, z] = measured.attitude_quaternion;
-    let [px, py, pz] = measured.position_w_m;
-    let [vx, vy, vz] = measured.velocity_w_m_s;
-    let pressure_pa = PRESSURE_PA - PRESSURE_PA_PER_M * pz;
-    let (east, north) = (px / DEGREE_M, py / DEGREE_M);
-    let numbers = [
-        time_s,
-        p,
-        -q,
-        -r,
-        -fx,
-        -fy,
-        -fz,
-        w,
-        x,
-        -y,
-        -z,
-        vx,
-        vy,
-        vz,
-        east,
-        north,
-        pz,
-        pressure_pa,
-    ];
+    let [x, y, height_m] = measured.position_w_m;
+    let pressure_pa = PRESSURE_PA - PRESSURE_PA_PER_M * height_m;
+    let numbers = [time_s]
+        .into_iter()
+        .chain(turned(measured.rate_b_rad_s))
+        .chain(measured.specific_force_b_m_s2.map(|it| -it))
+        .chain(turned_quaternion(measured.attitude_quaternion))
+        .chain(measured.velocity_w_m_s)
+        .chain([x / DEGREE_M, y / DEGREE_M, height_m, pressure_pa]);
     write(packet, numbers.map(f64::to_le_bytes))
 }
 
@@ -111,17 +156,16 @@ fn remote(time_s: f64, sticks: &Sticks, packet: &mut [u8; PACKET_BYTES]) -> usiz
 }
 
 /// Rotors 1 to 4 are rear left, rear right, front right, front left.
-fn motors(packet: &[u8]) -> Result<[f64; ROTORS], AnswerOutcome> {
-    let (numbers, rest) = packet.as_chunks::<4>();
-    if packet.len() != MOTOR_BYTES || !rest.is_empty() {
-        return Err(AnswerOutcome::WrongSize);
+fn motors(packet: &[u8]) -> Message {
+    let (numbers, _) = packet.as_chunks::<4>();
+    if packet.len() != MOTOR_BYTES {
+        return Message::Broken(AnswerOutcome::WrongSize);
     }
     let number = |place: usize| f64::from(f32::from_le_bytes(numbers[place]));
     let commands = [1, 3, 0, 2].map(number);
-    match commands.iter().all(|command| command.is_finite()) {
-        true => Ok(commands.map(|command| command.clamp(0.0, 1.0))),
-        false => Err(AnswerOutcome::NotFinite),
-    }
+    // Armed motors idle.
+    let is_armed = commands.iter().any(|command| *command > STOPPED);
+    Message::motors(commands, is_armed, None)
 }
 
 /// The line of `status` that lists what keeps it from arming.
@@ -188,21 +232,5 @@ mod tests {
         assert_eq!(channels(&sticks), [2000, 1250, 1525, 1550, 1800, 1800]);
         let low = channels(&Sticks::default());
         assert_eq!(low, [1500, 1500, 1000, 1500, 1000, 1800]);
-    }
-
-    #[test]
-    fn motors_come_in_the_order_of_the_rotors() {
-        let packet: Vec<u8> = [0.3_f32, 0.1, 0.4, 0.2]
-            .iter()
-            .flat_map(|it| it.to_le_bytes())
-            .collect();
-        // Front right 0.3, rear left 0.1, front left 0.4, rear right 0.2.
-        let expected = [0.1_f32, 0.2, 0.3, 0.4].map(f64::from);
-        assert_eq!(motors(&packet), Ok(expected));
-        assert_eq!(motors(&packet[..12]), Err(AnswerOutcome::WrongSize));
-        assert_eq!(motors(&[0; 20]), Err(AnswerOutcome::WrongSize));
-        let mut broken = packet;
-        broken[..4].copy_from_slice(&f32::NAN.to_le_bytes());
-        assert_eq!(motors(&broken), Err(AnswerOutcome::NotFinite));
     }
 }

@@ -5,52 +5,54 @@
 //! the rest of the chain. Without an answer the last motors are held, as a speed controller does; when the process has
 //! ended they stop. A tick without a fresh state sends nothing, so the firmware sees the gap.
 //!
-//! Where ticks do not come by the clock, the law keeps to it: the firmware runs on the processor's clock, and its loops
-//! take real time.
+//! Where ticks do not come by the clock, the law keeps to it if the firmware does: Betaflight's loops take real time.
 
 use std::any::Any;
-use std::fmt;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use control_api::Rig;
-use control_api::description::{Description, Refused, Setting, Settings, number, settings, signal};
-use control_api::law::{CopyState, InnerInput, InnerLaw, Law, WrenchSetpoint};
+use control_api::description::{Refused, Setting, Settings, number, settings, signal};
+use control_api::law::{CopyState, InnerInput, InnerLaw, WrenchSetpoint};
 use fastrand::Rng;
+use ironbird_law::Measured;
 use messages::allocation::Allocation;
 use messages::content::ROTORS;
-use messages::role::Role;
 use messages::telemetry::{ANSWERS, AnswerOutcome as Outcome, Signal, Telemetry};
 use nalgebra::Vector4;
 
+use crate::Port;
 use crate::exchange::Answer;
-use crate::launch::{Armed, executable, start};
+use crate::launch::{Armed, Launch, executable};
 use crate::sticks::{StickScale, Sticks};
-use crate::{PACKET_BYTES, Port, betaflight};
 
 settings! {
-    SETTINGS;
+    pub SETTINGS;
     ANGLE_LIMIT_RAD = "angle_limit_rad", "rad", number(std::f64::consts::FRAC_PI_4, 0.1, 1.5), "tilt at full deflection, as in the firmware (angle_limit)";
     YAW_RATE_MAX_RAD_S = "yaw_rate_max_rad_s", "rad/s", number(std::f64::consts::TAU, 0.1, 100.0), "yaw rate at full deflection, as in the firmware (yaw_srate)";
     YAW_1_S = "yaw_1_s", "1/s", number(2.0, 0.0, 100.0), "from yaw error to yaw rate";
     IDLE = "idle", "", number(0.055, 0.0, 0.5), "motor command at throttle 0, as in the firmware (motor_idle)";
-    ANSWER_LIMIT = "answer_limit", "", number(0.6, 0.01, 10.0), "longest wait for an answer, as a share of the period, where ticks come by the clock";
-    ARMING_LIMIT_S = "arming_limit_s", "s", number(8.0, 0.1, 60.0), "longest wait until the firmware has armed";
-    PRIORITY = "priority", "", number(70.0, 0.0, 99.0), "SCHED_FIFO priority of the firmware where ticks come by the clock; 0 is none";
+    pub ANSWER_LIMIT = "answer_limit", "", number(0.6, 0.01, 10.0), "longest wait for an answer, as a share of the period, where ticks come by the clock";
+    pub ARMING_LIMIT_S = "arming_limit_s", "s", number(8.0, 0.1, 60.0), "longest wait until the firmware has armed";
+    pub PRIORITY = "priority", "", number(70.0, 0.0, 99.0), "SCHED_FIFO priority of the firmware where ticks come by the clock; 0 is none";
     SPACING = "spacing", "", number(0.2, 0.0, 1.0), "least time between an answer and the next state, as a share of the period; 0 sends each state when it is due, answered or not, as other simulators do";
     JITTER_S = "jitter_s", "s", number(0.0, 0.0, 1.0), "each packet is sent up to this much later than its time, where ticks do not come by the clock";
     JITTER_SEED = "jitter_seed", "", number(1.0, 0.0, 1e9), "seed of the jitter";
 }
 
+// Of a firmware that flies its own mode.
+settings! {
+    pub LOCKSTEP_ARMING_LIMIT_S = "arming_limit_s", "s", number(120.0, 0.1, 3600.0), "longest wait until a firmware has come, and again until it has armed";
+    pub UDP_PORT = "port", "", number(9002.0, 1024.0, 65_533.0), "UDP port that the firmware sends to";
+}
+
 /// How long an answer is waited for where ticks do not come by the clock: a firmware that is slow is no firmware that is
 /// silent.
 const PATIENCE: Duration = Duration::from_millis(200);
-/// Motor commands are this far below idle only if the firmware has disarmed.
-const STOPPED: f64 = 1e-3;
 
 /// Signals of a tick: the exchange, then motor commands and sticks.
-const SIGNALS: &[Signal] = &[
+pub const SIGNALS: &[Signal] = &[
     signal(ANSWERS[0], ""),
     signal(ANSWERS[1], "us"),
     signal(ANSWERS[2], ""),
@@ -67,23 +69,23 @@ const SIGNALS: &[Signal] = &[
     signal("stick_throttle", ""),
 ];
 
+/// Those of a firmware without sticks.
+pub const LOCKSTEP_SIGNALS: &[Signal] = SIGNALS.split_at(ANSWERS.len() + ROTORS).0;
+
 pub struct Bridge {
-    port: &'static Port,
-    executable: PathBuf,
+    launch: Launch,
     scale: StickScale,
     allocation: Allocation,
     /// Thrust of a rotor at motor command 1 [N].
     full_n: f64,
-    period: Duration,
-    priority: i32,
-    arming_limit: Duration,
     answer_limit: Duration,
-    spacing: Duration,
+    /// As in [`crate::exchange::Exchange::ask`].
+    spacing: Option<Duration>,
     pace: Pace,
-    keeps_clock: bool,
+    comes_by_the_clock: bool,
     firmware: Option<Armed>,
-    /// First tick, and what time its packet has.
-    began: Option<(u64, Duration)>,
+    /// First tick, what time its packet has, and where the vehicle was [m]; the firmware knows no other start.
+    began: Option<(u64, Duration, [f64; 3])>,
     motors: [f64; ROTORS],
 }
 
@@ -116,43 +118,30 @@ impl Pace {
     }
 }
 
-impl fmt::Debug for Bridge {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { port, firmware, .. } = self;
-        f.debug_struct("Bridge")
-            .field("port", &port.name)
-            .field("firmware", firmware)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Law for Bridge {
-    const DESCRIPTION: Description = Description {
-        name: "betaflight",
-        role: Role::Inner,
-        version: "1",
-        summary: "Betaflight, as a program of its own: attitude and rate loop in ANGLE mode, and its mixer",
-        source: "Betaflight 4.6.0, simulator target, over UDP; docs/firmware.md",
-        settings: SETTINGS,
-        presets: &[],
-        suited: None,
-        telemetry: SIGNALS,
-    };
-
-    fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let port = &betaflight::PORT;
+impl Bridge {
+    pub fn new(port: &'static Port, rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
         Ok(Self::of(port, executable(port)?, rig, settings))
     }
-}
 
-impl Bridge {
-    /// The bridge to an executable.
-    pub fn of(port: &'static Port, executable: PathBuf, rig: &Rig, settings: &Settings) -> Self {
-        let number = |setting: &Setting| settings.number(setting);
+    /// The bridge to an executable, or to a firmware that the user starts.
+    pub fn of(
+        port: &'static Port,
+        executable: Option<PathBuf>,
+        rig: &Rig,
+        settings: &Settings,
+    ) -> Self {
+        let number = |setting: &Setting| settings.number(port.setting(setting));
         let period = Duration::from_secs_f64(rig.period_s);
+        let spacing = period.mul_f64(number(&SPACING));
         Self {
-            port,
-            executable,
+            launch: Launch {
+                port,
+                number: number(&UDP_PORT) as u16,
+                executable,
+                priority: number(&PRIORITY) as i32,
+                period,
+                limit: Duration::from_secs_f64(number(&ARMING_LIMIT_S)),
+            },
             scale: StickScale {
                 angle_rad: number(&ANGLE_LIMIT_RAD),
                 yaw_rad_s: number(&YAW_RATE_MAX_RAD_S),
@@ -162,18 +151,18 @@ impl Bridge {
             },
             allocation: Allocation::new(&rig.airframe),
             full_n: rig.rotor.f_max(rig.airframe.k()),
-            period,
-            priority: number(&PRIORITY) as i32,
-            arming_limit: Duration::from_secs_f64(number(&ARMING_LIMIT_S)),
             answer_limit: period.mul_f64(number(&ANSWER_LIMIT)),
-            spacing: period.mul_f64(number(&SPACING)),
+            spacing: match port.is_lockstep {
+                true => port.answers_each.then_some(Duration::ZERO),
+                false => (!spacing.is_zero()).then_some(spacing),
+            },
             pace: Pace {
                 jitter_s: number(&JITTER_S),
                 random: Rng::with_seed(number(&JITTER_SEED) as u64),
                 late: Duration::ZERO,
                 zero: None,
             },
-            keeps_clock: true,
+            comes_by_the_clock: false,
             firmware: None,
             began: None,
             motors: [0.0; ROTORS],
@@ -194,11 +183,8 @@ impl CopyState for Bridge {
 
 impl InnerLaw for Bridge {
     fn start(&mut self, comes_by_the_clock: bool) -> Result<(), Refused> {
-        self.keeps_clock = !comes_by_the_clock;
-        let priority = if comes_by_the_clock { self.priority } else { 0 };
-        let (port, executable) = (self.port, &self.executable);
-        let started = start(port, executable, priority, self.period, self.arming_limit);
-        self.firmware = Some(started?);
+        self.comes_by_the_clock = comes_by_the_clock;
+        self.firmware = Some(self.launch.start(comes_by_the_clock)?);
         // Armed motors idle.
         self.motors = [self.scale.idle; ROTORS];
         Ok(())
@@ -230,37 +216,39 @@ impl Bridge {
                 ..Answer::default()
             };
         };
-        let (first, began) = *self
-            .began
-            .get_or_insert_with(|| (input.tick, firmware.take_off() + self.period));
-        let after = self.period.mul_f64((input.tick - first) as f64);
-        if self.keeps_clock {
+        let period = self.launch.period;
+        let (first, began, start_m) = *self.began.get_or_insert_with(|| {
+            let time = firmware.take_off(period) + period;
+            (input.tick, time, input.measured.position_w_m)
+        });
+        let after = period.mul_f64((input.tick - first) as f64);
+        let is_paced = !self.comes_by_the_clock && !self.launch.port.is_lockstep;
+        if is_paced {
             self.pace.wait(after);
         }
         if input.measured_age > 0 {
             return Answer::default();
         }
-        let time = began + after;
-        let port = self.port;
-        let write = |stamp_s, [state, remote]: &mut [[u8; PACKET_BYTES]; 2]| {
-            [
-                (port.state)(stamp_s, &input.measured, state),
-                (port.remote)(stamp_s, sticks, remote),
-            ]
+        let mut position = input.measured.position_w_m.into_iter().zip(start_m);
+        let measured = Measured {
+            position_w_m: [(); 3].map(|()| position.next().map_or(0.0, |(it, start)| it - start)),
+            ..input.measured
         };
-        let limit = match (self.keeps_clock, self.spacing.is_zero()) {
-            (false, _) => self.answer_limit,
-            (true, false) => PATIENCE,
+        let limit = match (self.comes_by_the_clock, is_paced && self.spacing.is_none()) {
+            (true, _) => self.answer_limit,
+            (false, false) => PATIENCE,
             // The next packet waits for nothing.
-            (true, true) => {
+            (false, true) => {
                 let now = Instant::now();
-                let next = self.pace.due(after + self.period, now);
+                let next = self.pace.due(after + period, now);
                 next.saturating_duration_since(now)
             }
         };
-        let mut answer = firmware.exchange.ask(time, write, self.spacing, limit);
-        self.motors = answer.motors.unwrap_or(self.motors);
-        if answer.outcome != Outcome::Answered && firmware.program.ended().is_some() {
+        let exchange = &mut firmware.exchange;
+        let sample = (&measured, sticks);
+        let mut answer = exchange.ask(began + after, sample, self.spacing, limit);
+        self.motors = answer.motors.map_or(self.motors, |it| it.commands);
+        if answer.outcome != Outcome::Answered && firmware.has_ended() {
             answer.outcome = Outcome::Ended;
             self.motors = [0.0; ROTORS];
         }
@@ -269,13 +257,14 @@ impl Bridge {
 
     /// Shows the exchange in the order of [`SIGNALS`].
     fn show(&mut self, answer: &Answer, sticks: &Sticks, telemetry: &mut Telemetry) {
-        let is_off = self.motors.iter().all(|motor| *motor < STOPPED);
-        let is_disarmed = is_off && sticks.throttle > 0.0 && answer.motors.is_some();
+        let port = self.launch.port;
+        let is_wanted = port.is_lockstep || sticks.throttle > 0.0;
+        let is_disarmed = is_wanted && answer.motors.is_some_and(|motors| !motors.is_armed);
         let ended = self
             .firmware
             .as_mut()
             .filter(|_| answer.outcome == Outcome::Ended);
-        let ended = ended.and_then(|firmware| firmware.program.ended());
+        let ended = ended.and_then(|firmware| firmware.program.as_mut()?.ended());
         // As a shell has it: 128 and the number of the signal.
         let status = ended.map(|it| it.code().unwrap_or(128 + it.signal().unwrap_or(0)));
         let numbers = [
@@ -291,7 +280,7 @@ impl Bridge {
         telemetry
             .value
             .iter_mut()
-            .zip(all)
+            .zip(all.take(port.description.telemetry.len()))
             .for_each(|(it, number)| *it = *number);
     }
 }

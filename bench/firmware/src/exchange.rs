@@ -1,16 +1,16 @@
-//! The exchange of a tick: a state and a remote control go out, motor commands come back or not, and each case is
-//! counted.
+//! The exchange of a tick: a state goes out, motor commands come back or not, and each case is counted.
 
-use std::io;
-use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::io::{self, ErrorKind};
+use std::mem::take;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use messages::content::ROTORS;
+use ironbird_law::Measured;
 use messages::telemetry::AnswerOutcome as Outcome;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::{PACKET_BYTES, Port};
+use crate::sticks::Sticks;
+use crate::{Link, Message, Motors, Port, Sample};
 
 /// An answer of a tick, or why there is none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -19,27 +19,30 @@ pub struct Answer {
     /// From sending the state to having the motor commands; none without an answer.
     pub latency: Option<Duration>,
     /// The newest motor commands, if some came.
-    pub motors: Option<[f64; ROTORS]>,
+    pub motors: Option<Motors>,
     /// Packets that came before this tick's state was sent, while an older one had no answer.
     pub late: u64,
-    /// Packets that came when no state was without an answer.
+    /// Packets that came when no state was without an answer, or whose number had come before.
     pub repeated: u64,
 }
 
-/// The sockets to a firmware.
-#[derive(Debug)]
+/// The exchange with a firmware.
 pub struct Exchange {
-    state: UdpSocket,
-    remote: UdpSocket,
-    motors: UdpSocket,
-    decode: fn(&[u8]) -> Result<[f64; ROTORS], Outcome>,
-    /// States without an answer.
+    link: Box<dyn Link>,
+    is_lockstep: bool,
+    /// States without an answer, and until when the firmware may still work on one.
     open: u64,
-    /// When the newest state was sent, and the newest answer came.
-    sent: Option<Instant>,
+    busy_until: Option<Instant>,
+    /// When the newest answer came.
     answered: Option<Instant>,
     /// Time and stamp of the newest state.
     stamped: Option<(Duration, Duration)>,
+    /// Number of the newest motor commands, and how many came with a number that was not above it.
+    newest: Option<u64>,
+    old: u64,
+    /// Whether something came from the firmware, and whether it has gone.
+    pub heard: bool,
+    pub gone: bool,
 }
 
 /// Greatest step between two stamps. Betaflight does not correct the rate of its clock by longer ones, and so would keep
@@ -51,46 +54,32 @@ const STEP: Duration = Duration::from_millis(15);
 const LOST: Duration = Duration::from_millis(100);
 
 impl Exchange {
-    /// Opens the sockets. Fails where another flight has the port of the motor commands.
-    pub fn new(port: &Port) -> io::Result<Self> {
-        let local = |udp: u16| SocketAddrV4::new(Ipv4Addr::LOCALHOST, udp);
-        let motors = UdpSocket::bind(local(port.motors_udp))?;
-        motors.set_nonblocking(true)?;
-        let to = |udp: u16| {
-            let socket = UdpSocket::bind(local(0))?;
-            socket.set_nonblocking(true)?;
-            socket.connect(local(udp))?;
-            Ok::<_, io::Error>(socket)
-        };
-        Ok(Self {
-            state: to(port.state_udp)?,
-            remote: to(port.remote_udp)?,
-            motors,
-            decode: port.motors,
+    pub fn new(port: &Port, link: Box<dyn Link>) -> Self {
+        Self {
+            link,
+            is_lockstep: port.is_lockstep,
             open: 0,
-            sent: None,
+            busy_until: None,
             answered: None,
             stamped: None,
-        })
+            newest: None,
+            old: 0,
+            heard: false,
+            gone: false,
+        }
     }
 
-    pub fn try_clone(&self) -> io::Result<Self> {
-        Ok(Self {
-            state: self.state.try_clone()?,
-            remote: self.remote.try_clone()?,
-            motors: self.motors.try_clone()?,
-            decode: self.decode,
-            open: 0,
-            sent: None,
-            answered: None,
-            stamped: None,
-        })
+    pub fn try_clone(&self, port: &Port) -> io::Result<Self> {
+        Ok(Self::new(port, self.link.try_clone()?))
     }
 
-    /// Takes what has come, counts nothing, and goes on from a time.
-    pub fn forget(&mut self, time: Duration) {
+    /// Takes what has come, counts nothing, and goes on from a time, at which a state may still be without an answer until
+    /// an instant.
+    pub fn forget(&mut self, time: Duration, busy_until: Option<Instant>) {
         while self.receive().is_some() {}
-        (self.open, self.stamped) = (0, Some((time, time)));
+        self.old = 0;
+        (self.open, self.busy_until) = (busy_until.is_some().into(), busy_until);
+        self.stamped = Some((time, time));
     }
 
     /// How long to wait until the firmware has had `spacing` to itself since its newest answer; nothing before the first.
@@ -99,16 +88,15 @@ impl Exchange {
         spacing.saturating_sub(since)
     }
 
-    /// Sends the packets of a time, state and remote control, and waits for the answer, at most for `limit`. `write` writes
-    /// them with a stamp [s] and returns their lengths. Allocates nothing.
+    /// Sends the packets of a time and waits for the answer, at most for `limit`. Allocates nothing.
     ///
     /// With a `spacing` nothing is sent while the firmware still works on a state, nor for that time after its answer:
-    /// states that reach it close together speed its clock up (docs/firmware.md).
+    /// states that reach Betaflight close together speed its clock up (docs/firmware.md).
     pub fn ask(
         &mut self,
         time: Duration,
-        write: impl FnOnce(f64, &mut [[u8; PACKET_BYTES]; 2]) -> [usize; 2],
-        spacing: Duration,
+        (measured, sticks): (&Measured, &Sticks),
+        spacing: Option<Duration>,
         limit: Duration,
     ) -> Answer {
         let mut answer = Answer {
@@ -125,25 +113,38 @@ impl Exchange {
                 }
             }
         }
-        let is_open = |at: &Instant| at.elapsed() <= LOST;
-        let rest = self.rest(spacing);
-        let is_busy = self.open > 0 && self.sent.as_ref().is_some_and(is_open);
-        if !spacing.is_zero() && (is_busy || rest > limit) {
-            return answer;
+        let rest = spacing.map_or(Duration::ZERO, |spacing| self.rest(spacing));
+        let is_busy = self.open > 0 && self.busy_until.is_some_and(|until| Instant::now() < until);
+        if spacing.is_none() || !(is_busy || rest > limit) {
+            thread::sleep(rest);
+            let sent = Instant::now();
+            self.send(time, measured, sticks);
+            self.wait_for_answer(sent, limit.saturating_sub(rest), &mut answer);
         }
-        thread::sleep(rest);
+        answer.repeated += take(&mut self.old);
+        answer
+    }
+
+    fn send(&mut self, time: Duration, measured: &Measured, sticks: &Sticks) {
+        let longest = if self.is_lockstep {
+            Duration::MAX
+        } else {
+            STEP
+        };
         let stamp = self.stamped.map_or(time, |(last, stamp)| {
-            stamp + time.saturating_sub(last).min(STEP)
+            stamp + time.saturating_sub(last).min(longest)
         });
         self.stamped = Some((time, stamp));
-        let mut packets = [[0; PACKET_BYTES]; 2];
-        let [states, remotes] = write(stamp.as_secs_f64(), &mut packets);
-        let (state, remote) = (&packets[0][..states], &packets[1][..remotes]);
-        let (sent, limit) = (Instant::now(), limit.saturating_sub(rest));
-        // A refused packet means that the firmware has ended, which its process says.
-        let _ = self.remote.send(remote);
-        let _ = self.state.send(state);
-        (self.sent, self.open) = (Some(sent), self.open + 1);
+        // A refused packet means that the firmware has ended, which receiving or its process says.
+        let _ = self.link.send(&Sample {
+            stamp,
+            measured,
+            sticks,
+        });
+        (self.busy_until, self.open) = (Some(Instant::now() + LOST), self.open + 1);
+    }
+
+    fn wait_for_answer(&mut self, sent: Instant, limit: Duration, answer: &mut Answer) {
         loop {
             match self.receive() {
                 Some(Ok(motors)) => {
@@ -151,24 +152,39 @@ impl Exchange {
                     answer.latency = Some(sent.elapsed());
                     answer.motors = Some(motors);
                     (self.answered, self.open) = (Some(Instant::now()), 0);
-                    return answer;
+                    return;
                 }
-                Some(Err(outcome)) => answer.outcome = outcome,
+                Some(Err(outcome)) => (answer.outcome, self.open) = (outcome, 0),
                 None => {
                     let left = limit.saturating_sub(sent.elapsed());
-                    if left.is_zero() || !self.wait(left) {
-                        return answer;
+                    if self.gone || left.is_zero() || !self.wait(left) {
+                        return;
                     }
                 }
             }
         }
     }
 
-    /// The next packet, if one is there.
-    pub fn receive(&self) -> Option<Result<[f64; ROTORS], Outcome>> {
-        let mut packet = [0; PACKET_BYTES];
-        let bytes = self.motors.recv(&mut packet).ok()?;
-        Some((self.decode)(&packet[..bytes]))
+    /// The next motor commands, if some are there.
+    pub fn receive(&mut self) -> Option<Result<Motors, Outcome>> {
+        while !self.gone {
+            match self.link.receive() {
+                Ok(Message::Broken(outcome)) => return Some(Err(outcome)),
+                Ok(Message::Motors(motors)) => {
+                    self.heard = true;
+                    if motors.number.is_none() || motors.number > self.newest {
+                        self.newest = motors.number;
+                        return Some(Ok(motors));
+                    }
+                    self.old += 1;
+                }
+                Ok(Message::Other) => self.heard = true,
+                Err(e) if e.kind() == ErrorKind::WouldBlock => return None,
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(_) => self.gone = true,
+            }
+        }
+        None
     }
 
     /// Waits for a packet or a signal; false if the time is over.
@@ -177,7 +193,10 @@ impl Exchange {
             tv_sec: left.as_secs().cast_signed(),
             tv_nsec: left.subsec_nanos().into(),
         };
-        let mut sockets = [PollFd::new(&self.motors, PollFlags::IN)];
+        let mut sockets = [PollFd::from_borrowed_fd(
+            self.link.descriptor(),
+            PollFlags::IN,
+        )];
         poll(&mut sockets, Some(&left)) != Ok(0)
     }
 }

@@ -1,9 +1,9 @@
-//! The firmware's process: found, started in a directory of its own, armed, and ended with the flight.
+//! The firmware's process: found, started in a directory of its own or waited for, armed, and ended with the flight.
 
 use std::env;
+use std::fmt::Display;
 use std::fs::{self, File};
 use std::io;
-use std::net::{Ipv4Addr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -16,16 +16,18 @@ use ironbird_law::Measured;
 use process::rt::prepare_child;
 use tempfile::TempDir;
 
+use crate::Port;
 use crate::exchange::Exchange;
 use crate::sticks::Sticks;
-use crate::{PACKET_BYTES, Port};
 
+/// Prefix of the folders of firmwares; the id of the flight's process follows.
+const FOLDER: &str = "ironbird-firmware-";
 /// File in its directory that has the firmware's output.
 const OUTPUT: &str = "output.txt";
 /// How long the switch stays at "armed" or "not armed" while the firmware is to arm.
 const SWITCH: Duration = Duration::from_millis(500);
-/// A firmware has armed when its motors have turned for so many answers in a row.
-const TURNING: u64 = 100;
+/// A firmware has armed when so many answers in a row say so.
+const ARMED: u64 = 100;
 /// A firmware sends motor commands within this time after its start.
 const START: Duration = Duration::from_millis(1500);
 const STARTS: u32 = 3;
@@ -41,62 +43,72 @@ pub struct Program {
     ended: Option<ExitStatus>,
 }
 
-/// The executable, where the user or `bench/firmware/fetch` has put it.
-pub fn executable(port: &Port) -> Result<PathBuf, Refused> {
+/// The executable, where the user or `bench/firmware/fetch` has put it; none of a firmware that the user starts.
+pub fn executable(port: &Port) -> Result<Option<PathBuf>, Refused> {
     let named = env::var_os(port.variable).map(PathBuf::from);
+    let Some((executable, files)) = port.cached else {
+        return Ok(named);
+    };
     let cache = || {
         let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
         let cache = env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
-        let folder = cache.or_else(home)?.join("ironbird").join(port.name);
-        Some(folder.join(port.executable))
+        let folder = cache.or_else(home)?.join("ironbird");
+        Some(folder.join(port.description.name).join(executable))
     };
     let path = named.or_else(cache).unwrap_or_default();
-    let missing = |what: &Path| {
-        Refused(format!(
-            "{}: there is no {}; build it with bench/firmware/fetch, or name the executable with {} \
-             (docs/firmware.md)",
-            port.name,
-            what.display(),
-            port.variable
-        ))
-    };
-    if !path.is_file() {
-        return Err(missing(&path));
-    }
-    match port
-        .files
-        .iter()
-        .map(|it| path.with_file_name(it))
+    let beside = files.iter().map(|it| path.with_file_name(it));
+    match [path.clone()]
+        .into_iter()
+        .chain(beside)
         .find(|it| !it.is_file())
     {
-        Some(file) => Err(missing(&file)),
-        None => Ok(path),
+        Some(missing) => Err(Refused(format!(
+            "{}: there is no {}; build it with bench/firmware/fetch, or name the executable with {} \
+             (docs/firmware.md)",
+            port.description.name,
+            missing.display(),
+            port.variable
+        ))),
+        None => Ok(Some(path)),
+    }
+}
+
+/// Removes the folders of flights whose process was killed.
+fn remove_leftovers() {
+    for entry in fs::read_dir(env::temp_dir())
+        .into_iter()
+        .flatten()
+        .flatten()
+    {
+        let name = entry.file_name();
+        let of = name.to_str().and_then(|it| it.strip_prefix(FOLDER));
+        if let Some((process, _)) = of.and_then(|it| it.split_once('-'))
+            // One that has ended and is not waited for has no program either.
+            && fs::read_link(format!("/proc/{process}/exe"))
+                .is_err_and(|e| e.kind() == io::ErrorKind::NotFound)
+        {
+            // Another user's cannot be removed.
+            let _ = fs::remove_dir_all(entry.path());
+        }
     }
 }
 
 impl Program {
     /// Starts the program. `priority` is that of SCHED_FIFO; 0 keeps the usual scheduling, also where the kernel refuses.
     pub fn start(port: &Port, executable: &Path, priority: i32) -> Result<Self, Refused> {
-        for udp in [port.state_udp, port.remote_udp] {
-            drop(UdpSocket::bind((Ipv4Addr::UNSPECIFIED, udp)).map_err(|e| {
-                Refused(format!(
-                    "{}: UDP port {udp} cannot be used ({e}): another {0} runs; end it first",
-                    port.name
-                ))
-            })?);
-        }
         let failed = |e: io::Error| {
             Refused(format!(
                 "{}: {} cannot be started: {e}",
-                port.name,
+                port.description.name,
                 executable.display()
             ))
         };
+        remove_leftovers();
         let directory = tempfile::Builder::new()
-            .prefix("ironbird-firmware-")
+            .prefix(&format!("{FOLDER}{}-", std::process::id()))
             .tempdir()
             .map_err(failed)?;
-        for file in port.files {
+        for file in port.cached.map_or(&[][..], |(_, files)| files) {
             let from = executable.with_file_name(file);
             fs::copy(from, directory.path().join(file)).map_err(failed)?;
         }
@@ -155,8 +167,9 @@ struct AtRest {
     phase: AtomicU8,
     /// Time of the newest packet [ns].
     time_ns: AtomicU64,
-    /// Answers in a row with motors that turn, while the switch is at "armed".
-    turning: AtomicU64,
+    /// Answers in a row of a firmware that has armed.
+    armed_for: AtomicU64,
+    has_gone: AtomicBool,
 }
 
 const SENDING: u8 = 1;
@@ -168,7 +181,11 @@ impl AtRest {
             specific_force_b_m_s2: [0.0, 0.0, GRAVITY_M_S2],
             ..Measured::default()
         };
-        let begun = Instant::now();
+        let moves = |from, to| {
+            let (set, failed) = (Ordering::AcqRel, Ordering::Relaxed);
+            self.phase.compare_exchange(from, to, set, failed).is_ok()
+        };
+        let (begun, spacing) = (Instant::now(), port.answers_each.then_some(period / 2));
         loop {
             thread::sleep(period);
             // Its time is the clock's, however late this thread wakes up.
@@ -177,32 +194,19 @@ impl AtRest {
                 armed: self.armed.load(Ordering::Relaxed),
                 ..Sticks::default()
             };
-            if self
-                .phase
-                .compare_exchange(0, SENDING, Ordering::AcqRel, Ordering::Relaxed)
-                .is_err()
-            {
+            if !moves(0, SENDING) {
                 return;
             }
-            let write = |stamp_s, [state, remote]: &mut [[u8; PACKET_BYTES]; 2]| {
-                [
-                    (port.state)(stamp_s, &measured, state),
-                    (port.remote)(stamp_s, &sticks, remote),
-                ]
-            };
-            let answer = exchange.ask(now, write, period / 2, period / 2);
+            let answer = exchange.ask(now, (&measured, &sticks), spacing, period / 2);
             self.time_ns.store(now.as_nanos() as u64, Ordering::Relaxed);
+            self.has_gone.store(exchange.gone, Ordering::Relaxed);
             if let Some(motors) = answer.motors {
-                match sticks.armed && motors.iter().all(|motor| *motor > 0.0) {
-                    true => self.turning.fetch_add(1, Ordering::Relaxed),
-                    false => self.turning.swap(0, Ordering::Relaxed),
+                match motors.is_armed {
+                    true => self.armed_for.fetch_add(1, Ordering::Relaxed),
+                    false => self.armed_for.swap(0, Ordering::Relaxed),
                 };
             }
-            if self
-                .phase
-                .compare_exchange(SENDING, 0, Ordering::AcqRel, Ordering::Relaxed)
-                .is_err()
-            {
+            if !moves(SENDING, 0) {
                 return;
             }
         }
@@ -210,20 +214,27 @@ impl AtRest {
 }
 
 /// A firmware that has armed, and whose vehicle is at rest until the first tick.
-#[derive(Debug)]
 pub struct Armed {
-    pub program: Program,
+    /// None of one that the user has started.
+    pub program: Option<Program>,
     pub exchange: Exchange,
     at_rest: Arc<AtRest>,
 }
 
 impl Armed {
-    /// Ends the rest. Returns the time of its newest packet. Neither waits nor allocates.
-    pub fn take_off(&mut self) -> Duration {
-        self.at_rest.phase.store(STOPPED, Ordering::Release);
+    /// Ends the rest. Returns the time of its newest packet, whose answer may come within a period. Neither waits nor
+    /// allocates.
+    pub fn take_off(&mut self, period: Duration) -> Duration {
+        let is_sending = self.at_rest.phase.swap(STOPPED, Ordering::AcqRel) == SENDING;
         let time = Duration::from_nanos(self.at_rest.time_ns.load(Ordering::Relaxed));
-        self.exchange.forget(time);
+        let answered = is_sending.then(|| Instant::now() + period);
+        self.exchange.forget(time, answered);
         time
+    }
+
+    pub fn has_ended(&mut self) -> bool {
+        let program = self.program.as_mut();
+        self.exchange.gone || program.is_some_and(|program| program.ended().is_some())
     }
 }
 
@@ -233,112 +244,154 @@ impl Drop for Armed {
     }
 }
 
-/// Starts the firmware, exchanges packets of a vehicle at rest, and waits until it has armed.
-pub fn start(
-    port: &'static Port,
-    executable: &Path,
-    priority: i32,
-    period: Duration,
-    limit: Duration,
-) -> Result<Armed, Refused> {
-    let exchange = open(port)?;
-    let socket = |e: io::Error| Refused(format!("{}: no socket: {e}", port.name));
-    let mut of_rest = exchange.try_clone().map_err(socket)?;
-    let mut program = started(port, executable, priority, &exchange)?;
-    let at_rest = Arc::new(AtRest::default());
-    let shared = Arc::clone(&at_rest);
-    thread::Builder::new()
-        .name("firmware at rest".into())
-        .spawn(move || shared.run(port, &mut of_rest, period))
-        .map_err(|e| Refused(format!("{}: no thread: {e}", port.name)))?;
-    let armed = await_armed(port, &mut program, &at_rest, limit);
-    let armed = armed.map(|()| Armed {
-        program,
-        exchange,
-        at_rest: Arc::clone(&at_rest),
-    });
-    if armed.is_err() {
-        at_rest.phase.store(STOPPED, Ordering::Release);
-    }
-    armed
+/// How a firmware is started, or waited for.
+#[derive(Clone, Debug)]
+pub struct Launch {
+    pub port: &'static Port,
+    /// Number of its first port.
+    pub number: u16,
+    /// None of a firmware that the user starts.
+    pub executable: Option<PathBuf>,
+    pub priority: i32,
+    pub period: Duration,
+    /// Longest wait until it has armed, and until one has come that the user starts.
+    pub limit: Duration,
 }
 
-/// Starts the firmware and waits until it sends motor commands of its own accord. A packet that comes before can be its
-/// last one: Betaflight receives while it still initialises what receiving uses. Its start itself can hang, so it is
-/// tried a few times.
-fn started(
-    port: &Port,
-    executable: &Path,
-    priority: i32,
-    exchange: &Exchange,
-) -> Result<Program, Refused> {
-    let mut words = String::new();
-    for _ in 0..STARTS {
-        let (mut program, begun) = (Program::start(port, executable, priority)?, Instant::now());
-        while begun.elapsed() < START {
-            if exchange.receive().is_some() {
-                return Ok(program);
+impl Launch {
+    /// Starts the firmware or waits for it, exchanges packets of a vehicle at rest, and waits until it has armed.
+    pub fn start(&self, comes_by_the_clock: bool) -> Result<Armed, Refused> {
+        let port = self.port;
+        let link = (port.open)(self.number).map_err(|e| match e.kind() {
+            io::ErrorKind::AddrInUse => self.refused(format!(
+                "port {} or one that follows is in use by another flight or another firmware: end it, or use --jobs 1",
+                self.number
+            )),
+            _ => self.refused(format!("no socket: {e}")),
+        })?;
+        let mut exchange = Exchange::new(port, link);
+        let priority = if comes_by_the_clock { self.priority } else { 0 };
+        let program = self.heard(priority, &mut exchange)?;
+        let socket = |e: io::Error| self.refused(format!("no socket: {e}"));
+        let mut of_rest = exchange.try_clone(port).map_err(socket)?;
+        let at_rest = Arc::new(AtRest::default());
+        let mut firmware = Armed {
+            program,
+            exchange,
+            at_rest: Arc::clone(&at_rest),
+        };
+        let period = self.period;
+        thread::Builder::new()
+            .name("firmware at rest".into())
+            .spawn(move || at_rest.run(port, &mut of_rest, period))
+            .map_err(|e| self.refused(format!("no thread: {e}")))?;
+        self.await_armed(&mut firmware)?;
+        Ok(firmware)
+    }
+
+    fn refused(&self, why: impl Display) -> Refused {
+        Refused(format!("{}: {why}", self.port.description.name))
+    }
+
+    /// Refuses a program that has ended.
+    fn check(&self, program: Option<&mut Program>, ended: &str) -> Result<(), Refused> {
+        let Some(program) = program else {
+            return Ok(());
+        };
+        program.ended().map_or(Ok(()), |status| {
+            let words = program.last_words();
+            Err(self.refused(format!("{ended}: {status}; it wrote last: {words}")))
+        })
+    }
+
+    /// Starts the firmware, or waits for one that the user starts, until it sends something of its own accord. A packet
+    /// that comes before can be its last one: Betaflight receives while it still initialises what receiving uses. Its
+    /// start itself can hang, so it is tried a few times.
+    fn heard(&self, priority: i32, exchange: &mut Exchange) -> Result<Option<Program>, Refused> {
+        let (starts, limit) = match self.port.is_lockstep {
+            true => (1, self.limit),
+            false => (STARTS, START),
+        };
+        let mut words = None;
+        for _ in 0..starts {
+            let start = |executable: &PathBuf| Program::start(self.port, executable, priority);
+            let mut program = self.executable.as_ref().map(start).transpose()?;
+            let begun = Instant::now();
+            while begun.elapsed() < limit {
+                exchange.receive();
+                if exchange.heard {
+                    return Ok(program);
+                }
+                self.check(program.as_mut(), "it ended as it started")?;
+                exchange.wait(POLL);
             }
-            if let Some(status) = program.ended() {
-                return Err(Refused(format!(
-                    "{} ended as it started: {status}; it wrote last: {}",
-                    port.name,
-                    program.last_words()
+            words = program.map(|program| program.last_words());
+        }
+        let limit_s = limit.as_secs_f64();
+        Err(self.refused(match words {
+            Some(words) => format!(
+                "it was started {starts} times and sent no motor commands within {limit_s} s; it wrote last: {words}"
+            ),
+            None => format!(
+                "no firmware has come to port {} within {limit_s} s: start it beside the flight (docs/firmware.md), or wait \
+                 longer with --set inner.arming_limit_s=SECONDS",
+                self.number
+            ),
+        }))
+    }
+
+    fn await_armed(&self, firmware: &mut Armed) -> Result<(), Refused> {
+        let (begun, mut since) = (Instant::now(), Instant::now());
+        loop {
+            let ended = "it ended before it had armed";
+            self.check(firmware.program.as_mut(), ended)?;
+            if firmware.at_rest.has_gone.load(Ordering::Relaxed) {
+                return Err(self.refused(ended));
+            }
+            let armed_for = firmware.at_rest.armed_for.load(Ordering::Relaxed);
+            if armed_for >= ARMED {
+                return Ok(());
+            }
+            if begun.elapsed() > self.limit {
+                let why =
+                    (self.port.why_not_armed)().unwrap_or_else(|| "it does not say why".into());
+                return Err(self.refused(format!(
+                    "it has not armed within {} s: {why}",
+                    self.limit.as_secs_f64()
                 )));
             }
-            exchange.wait(POLL);
+            // An attempt that is refused is over only when the switch has been off.
+            if since.elapsed() > SWITCH && armed_for == 0 {
+                firmware.at_rest.armed.fetch_xor(true, Ordering::Relaxed);
+                since = Instant::now();
+            }
+            thread::sleep(POLL);
         }
-        words = program.last_words();
-    }
-    Err(Refused(format!(
-        "{} was started {STARTS} times and sent no motor commands within {} s; it wrote last: {words}",
-        port.name,
-        START.as_secs_f64()
-    )))
-}
-
-fn await_armed(
-    port: &Port,
-    program: &mut Program,
-    at_rest: &AtRest,
-    limit: Duration,
-) -> Result<(), Refused> {
-    let (begun, mut since, name) = (Instant::now(), Instant::now(), port.name);
-    loop {
-        if let Some(status) = program.ended() {
-            return Err(Refused(format!(
-                "{name} ended before it had armed: {status}; it wrote last: {}",
-                program.last_words()
-            )));
-        }
-        let turning = at_rest.turning.load(Ordering::Relaxed);
-        if turning >= TURNING {
-            return Ok(());
-        }
-        if begun.elapsed() > limit {
-            let why = (port.why_not_armed)().unwrap_or_else(|| "it does not say why".into());
-            return Err(Refused(format!(
-                "{name} has not armed within {} s: {why}",
-                limit.as_secs_f64()
-            )));
-        }
-        // An attempt that is refused is over only when the switch has been off.
-        if since.elapsed() > SWITCH && turning == 0 {
-            at_rest.armed.fetch_xor(true, Ordering::Relaxed);
-            since = Instant::now();
-        }
-        thread::sleep(POLL);
     }
 }
 
-/// Opens the sockets to a firmware that no other flight uses.
-fn open(port: &Port) -> Result<Exchange, Refused> {
-    Exchange::new(port).map_err(|e| match e.kind() {
-        io::ErrorKind::AddrInUse => Refused(format!(
-            "{0}: UDP port {1} is in use: its ports are fixed, so one flight at a time can use it; end the other one, or \
-             use --jobs 1",
-            port.name, port.motors_udp
-        )),
-        _ => Refused(format!("{}: no socket: {e}", port.name)),
-    })
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_of_processes_that_are_gone_are_removed_and_those_of_others_stay() {
+        let mut ended = Command::new("true").spawn().unwrap();
+        let running = || fs::read_link(format!("/proc/{}/exe", ended.id())).is_ok();
+        while running() {
+            thread::sleep(POLL);
+        }
+        let folder = |process: u32| {
+            let folder = env::temp_dir().join(format!("{FOLDER}{process}-test"));
+            fs::create_dir_all(&folder).unwrap();
+            fs::write(folder.join(OUTPUT), "text").unwrap();
+            folder
+        };
+        let [left, own] = [ended.id(), std::process::id()].map(folder);
+        remove_leftovers();
+        assert!(!left.exists());
+        assert!(own.exists());
+        ended.wait().unwrap();
+        fs::remove_dir_all(own).unwrap();
+    }
 }

@@ -2,63 +2,77 @@
 #![allow(clippy::unwrap_used, reason = "a test fails where it cannot go on")]
 
 use std::fs;
+use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
 use control_api::Rig;
 use control_api::description::{Settings, Value};
-use control_api::law::{InnerInput, InnerLaw as _, Law as _, WrenchSetpoint};
-use firmware::bridge::Bridge;
-use firmware::{Port, betaflight};
+use control_api::law::{InnerInput, InnerLaw as _, WrenchSetpoint};
+use firmware::bridge::{Bridge, SIGNALS};
+use firmware::{Port, ardupilot, betaflight};
 use ironbird_law::{Desired, Given, Measured, Reference};
+use messages::attitude::Attitude;
 use messages::telemetry::{AnswerOutcome, Telemetry};
+use nalgebra::Vector3;
+use sim::simulator::Simulator;
 use tempfile::TempDir;
 
-/// Ports that no other stand-in of this process has.
-fn port() -> &'static Port {
-    static NEXT: AtomicU16 = AtomicU16::new(0);
-    // Processes of tests that run beside each other are unlikely to have the same.
-    let first = 20_000 + (std::process::id() % 1000) as u16 * 40;
-    let first = first + 4 * NEXT.fetch_add(1, Ordering::Relaxed);
-    Box::leak(Box::new(Port {
-        state_udp: first,
-        remote_udp: first + 1,
-        motors_udp: first + 2,
-        why_not_armed: || None,
-        ..betaflight::PORT
-    }))
+const BETAFLIGHT: &Port = &Port {
+    why_not_armed: || None,
+    ..betaflight::PORT
+};
+
+/// Firmwares that fly a mode of their own.
+const LOCKSTEP: &[&Port] = &[
+    &ardupilot::PORT,
+    #[cfg(feature = "mavlink")]
+    &firmware::px4::PORT,
+];
+
+fn ports() -> impl Iterator<Item = &'static Port> {
+    [BETAFLIGHT].into_iter().chain(LOCKSTEP.iter().copied())
 }
 
-/// A stand-in that does something once the throttle is up.
-fn stand_in(mode: &str, port: &Port) -> (TempDir, PathBuf) {
+/// Number of the first of three ports that no other stand-in of this process has.
+fn number() -> u16 {
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    // Processes of tests that run beside each other are unlikely to have the same.
+    let first = 20_000 + (std::process::id() % 200) as u16 * 200;
+    first + 4 * NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+/// A stand-in that does something once the vehicle is to fly.
+fn stand_in(port: &Port, mode: &str, number: u16) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("stand_in");
-    let Port {
-        state_udp,
-        remote_udp,
-        motors_udp,
-        ..
-    } = port;
-    let head = format!(
-        "#!/usr/bin/env python3\nMODE = '{mode}'\nSTATE, REMOTE, MOTORS = {state_udp}, {remote_udp}, {motors_udp}\n"
-    );
-    fs::write(&path, head + include_str!("stand_in.py")).unwrap();
+    let text = match port.is_lockstep {
+        true => include_str!("lockstep.py"),
+        false => include_str!("stand_in.py"),
+    };
+    let name = port.description.name;
+    let head =
+        format!("#!/usr/bin/env python3\nFIRMWARE, MODE, NUMBER = '{name}', '{mode}', {number}\n");
+    fs::write(&path, head + text).unwrap();
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    for file in port.files {
+    for file in port.cached.map_or(&[][..], |(_, files)| files) {
         fs::write(folder.path().join(file), "").unwrap();
     }
     (folder, path)
 }
 
-fn settings(limit_s: f64) -> Settings {
-    Settings::new(vec![
+fn bridge(port: &'static Port, executable: Option<PathBuf>, number: u16, limit_s: f64) -> Bridge {
+    let settings = Settings::new(vec![
+        ("port", Value::Number(number.into())),
         ("arming_limit_s", Value::Number(limit_s)),
         // Ten periods of a millisecond, whatever else the machine does.
         ("answer_limit", Value::Number(10.0)),
-    ])
+    ]);
+    Bridge::of(port, executable, &Rig::default(), &settings)
 }
 
 fn input(tick: u64, measured: Measured) -> InnerInput {
@@ -83,19 +97,21 @@ fn input(tick: u64, measured: Measured) -> InnerInput {
 /// A flight with a stand-in, tick by tick.
 struct Flight {
     bridge: Bridge,
+    number: u16,
     tick: u64,
     telemetry: Telemetry,
     _folder: TempDir,
 }
 
 impl Flight {
-    fn start(mode: &str) -> Self {
-        let port = port();
-        let (folder, path) = stand_in(mode, port);
-        let mut bridge = Bridge::of(port, path, &Rig::default(), &settings(30.0));
+    fn start(port: &'static Port, mode: &str) -> Self {
+        let number = number();
+        let (folder, path) = stand_in(port, mode, number);
+        let mut bridge = bridge(port, Some(path), number, 30.0);
         bridge.start(true).unwrap();
         Self {
             bridge,
+            number,
             tick: 0,
             telemetry: Telemetry::unknown(15),
             _folder: folder,
@@ -113,8 +129,7 @@ impl Flight {
     }
 
     fn signal(&self, name: &str) -> f64 {
-        let signals = Bridge::DESCRIPTION.telemetry;
-        let place = signals.iter().position(|it| it.name == name).unwrap();
+        let place = SIGNALS.iter().position(|it| it.name == name).unwrap();
         self.telemetry.value[place]
     }
 
@@ -136,21 +151,25 @@ impl Flight {
         );
     }
 
-    /// Flies until a signal is above 0.
-    fn until_above_0(&mut self, name: &str) {
+    /// Flies with a measurement until a tick is as wanted.
+    fn until_it(&mut self, measured: Measured, is_wanted: impl Fn(&Self) -> bool) {
         for _ in 0..500 {
-            self.next(Measured::default(), 0);
-            if self.signal(name) > 0.0 {
+            self.next(measured, 0);
+            if is_wanted(self) {
                 return;
             }
         }
-        panic!("{name} stayed at {}", self.signal(name));
+        panic!("no tick was as wanted: {:?}", self.telemetry.value);
+    }
+
+    fn until_above_0(&mut self, name: &str) {
+        self.until_it(Measured::default(), |it| it.signal(name) > 0.0);
     }
 }
 
 #[test]
 fn motors_become_the_wrench_of_their_rotors_and_a_tick_without_a_state_asks_nothing() {
-    let mut flight = Flight::start("well");
+    let mut flight = Flight::start(BETAFLIGHT, "well");
     let wrench = flight.until(AnswerOutcome::Answered);
     let rig = Rig::default();
     let full_n = 4.0 * rig.rotor.f_max(rig.airframe.k());
@@ -171,50 +190,120 @@ fn motors_become_the_wrench_of_their_rotors_and_a_tick_without_a_state_asks_noth
 
 #[test]
 fn rates_and_accelerations_arrive_with_the_signs_of_the_firmware() {
-    let mut flight = Flight::start("signs");
-    flight.until(AnswerOutcome::Answered);
-    // Which motor says it, and by how much; rotors 3, 1, 4, 2 are the firmware's first to fourth.
-    for (place, expected) in [(0, 0.6), (1, 0.4), (2, 0.4), (3, 0.4)] {
-        let mut measured = Measured::default();
-        match place {
-            3 => measured.specific_force_b_m_s2[0] = 10.0,
-            axis => measured.rate_b_rad_s[axis] = 1.0,
+    // Numbers that the firmware gets for a rate of 1 rad/s about each axis and 10 m/s^2 ahead; rotors 3, 1, 4, 2 are its
+    // first to fourth.
+    for (port, ahead) in ports().map(|port| (port, if port.is_lockstep { 0.6 } else { 0.4 })) {
+        let mut flight = Flight::start(port, "signs");
+        flight.until(AnswerOutcome::Answered);
+        for (place, expected) in [(0, 0.6), (1, 0.4), (2, 0.4), (3, ahead)] {
+            let mut measured = Measured::default();
+            match place {
+                3 => measured.specific_force_b_m_s2[0] = 10.0,
+                axis => measured.rate_b_rad_s[axis] = 1.0,
+            }
+            let motor = ["motor_3", "motor_1", "motor_4", "motor_2"][place];
+            flight.until_it(measured, |it| (it.signal(motor) - expected).abs() < 1e-3);
         }
-        let mut found = 0.0;
-        for _ in 0..50 {
-            flight.next(measured, 0);
-            found = flight.signal(["motor_3", "motor_1", "motor_4", "motor_2"][place]);
-            if flight.outcome() == AnswerOutcome::Answered && (found - expected).abs() < 1e-6 {
-                break;
+    }
+}
+
+#[test]
+fn attitudes_and_places_arrive_in_ned() {
+    let mut flight = Flight::start(&ardupilot::PORT, "well");
+    flight.until(AnswerOutcome::Answered);
+    for (tilt_rad, place_m, more, less) in [
+        // Right side down, nose down: the rotors there pull up.
+        ([0.1, 0.0, 0.0], [0.0; 3], [2, 3], [1, 4]),
+        ([0.0, 0.1, 0.0], [0.0; 3], [3, 4], [1, 2]),
+        // Nose to the left: the rotors that turn counter-clockwise turn it back.
+        ([0.0, 0.0, 0.1], [0.0; 3], [2, 4], [1, 3]),
+        // Too far ahead: nose up. Too far to the left: left side up.
+        ([0.0; 3], [1.0, 0.0, 0.0], [3, 4], [1, 2]),
+        ([0.0; 3], [0.0, 1.0, 0.0], [1, 4], [2, 3]),
+    ] {
+        let measured = Measured {
+            attitude_quaternion: Attitude::of_euler(&tilt_rad.into()).wxyz(),
+            position_w_m: place_m,
+            ..Measured::default()
+        };
+        flight.until_it(measured, |flight| {
+            let motors = |of: [u8; 2]| of.map(|it| flight.signal(&format!("motor_{it}")));
+            let (more, less) = (motors(more), motors(less));
+            more.iter().all(|more| less.iter().all(|less| more > less))
+        });
+    }
+}
+
+#[test]
+fn a_firmware_that_the_user_starts_hovers_by_its_sensors() {
+    for (port, period_s) in LOCKSTEP.iter().zip([0.001, 0.004]) {
+        let (number, name) = (number(), port.description.name);
+        let (_folder, path) = stand_in(port, "well", number);
+        let mut stand_in = Command::new(path).spawn().unwrap();
+        let text = format!(
+            "flight = {{ trajectory = \"hover\", duration_s = 12.0, period_s = {period_s} }}\n\
+             ground = {{ contact = \"plane\" }}\ninner = {{ law = \"{name}\", port = {number} }}"
+        );
+        let settings = config::Settings::of(toml::from_str(&text).unwrap(), &Vec::new()).unwrap();
+        let mut rig = Simulator::of(&settings).unwrap();
+        rig.start().unwrap();
+        let mut largest_m = 0.0_f64;
+        for tick in 0..=settings.last_tick() {
+            rig.tick();
+            let position = Vector3::from(rig.state().truth.position_w_m);
+            if tick as f64 * period_s > 8.0 {
+                largest_m = largest_m.max((position - Vector3::z()).norm());
             }
         }
-        assert!(
-            (found - expected).abs() < 1e-6,
-            "number {place}: {found}, expected {expected}"
-        );
+        stand_in.kill().unwrap();
+        stand_in.wait().unwrap();
+        assert!(largest_m < 0.1, "{name}: {largest_m} m");
     }
 }
 
 #[test]
 fn a_late_answer_is_counted_when_it_comes() {
-    let mut flight = Flight::start("late");
-    flight.until(AnswerOutcome::Silent);
-    flight.until_above_0("answers_late");
+    for port in ports() {
+        let mut flight = Flight::start(port, "late");
+        flight.until(AnswerOutcome::Silent);
+        flight.until_above_0("answers_late");
+    }
 }
 
 #[test]
 fn a_second_answer_is_counted() {
-    Flight::start("twice").until_above_0("answers_repeated");
+    for port in ports() {
+        Flight::start(port, "twice").until_above_0("answers_repeated");
+    }
+}
+
+#[test]
+fn an_answer_whose_number_has_come_before_is_counted_and_not_flown() {
+    for port in LOCKSTEP {
+        let mut flight = Flight::start(port, "old");
+        flight.until_above_0("answers_repeated");
+        flight.until(AnswerOutcome::Silent);
+    }
 }
 
 #[test]
 fn answers_of_another_size_without_numbers_or_none_are_told_apart_and_the_motors_are_held() {
-    for (mode, outcome) in [
-        ("short", AnswerOutcome::WrongSize),
-        ("nan", AnswerOutcome::NotFinite),
-        ("silent", AnswerOutcome::Silent),
-    ] {
-        let mut flight = Flight::start(mode);
+    for (port, (mode, outcome)) in ports().flat_map(|port| {
+        let cases = [
+            ("short", AnswerOutcome::WrongSize),
+            ("nan", AnswerOutcome::NotFinite),
+            ("silent", AnswerOutcome::Silent),
+        ];
+        cases.map(|case| (port, case))
+    }) {
+        let outcome = match (port.description.name, mode) {
+            // Its numbers are whole.
+            ("ardupilot-json", "nan") => continue,
+            // Bytes between messages are skipped.
+            ("px4-hil", "short") => AnswerOutcome::Silent,
+            _ => outcome,
+        };
+        let mut flight = Flight::start(port, mode);
         let wrench = flight.until(outcome);
         assert!(wrench.thrust_n > 0.0, "{mode}: {wrench:?}");
         assert_eq!(flight.signal("firmware_disarmed"), 0.0, "{mode}");
@@ -222,61 +311,92 @@ fn answers_of_another_size_without_numbers_or_none_are_told_apart_and_the_motors
 }
 
 #[test]
-fn a_firmware_that_ends_stops_the_motors_and_its_status_is_shown() {
-    let mut flight = Flight::start("dies");
-    let wrench = flight.until(AnswerOutcome::Ended);
-    assert_eq!(wrench.thrust_n, 0.0);
-    assert_eq!(flight.signal("firmware_exit_status"), 7.0);
-    assert_eq!(flight.signal("firmware_disarmed"), 0.0, "it has ended");
+fn another_program_cannot_answer() {
+    for port in [BETAFLIGHT, &ardupilot::PORT] {
+        let mut flight = Flight::start(port, "silent");
+        flight.until(AnswerOutcome::Silent);
+        let forger = UdpSocket::bind("127.0.0.1:0").unwrap();
+        for _ in 0..20 {
+            // Of a length that neither has.
+            let to = ("127.0.0.1", flight.number);
+            assert_eq!(forger.send_to(&[0; 100], to).unwrap(), 100);
+            flight.next(Measured::default(), 0);
+            assert_eq!(flight.outcome(), AnswerOutcome::Silent);
+        }
+    }
 }
 
 #[test]
-fn motors_off_with_the_throttle_up_is_disarmed() {
-    Flight::start("disarms").until_above_0("firmware_disarmed");
+fn a_firmware_that_ends_stops_the_motors_and_its_status_is_shown() {
+    for port in ports() {
+        let mut flight = Flight::start(port, "dies");
+        let wrench = flight.until(AnswerOutcome::Ended);
+        assert_eq!(wrench.thrust_n, 0.0);
+        flight.until_it(Measured::default(), |it| {
+            it.signal("firmware_exit_status") == 7.0
+        });
+        assert_eq!(flight.signal("firmware_disarmed"), 0.0, "it has ended");
+    }
+}
+
+#[test]
+fn motors_off_when_they_should_turn_is_disarmed() {
+    for port in ports() {
+        Flight::start(port, "disarms").until_above_0("firmware_disarmed");
+    }
 }
 
 #[test]
 fn a_firmware_that_cannot_fly_is_refused_with_the_reason() {
-    let started = |mode: &str, limit_s: f64| {
-        let port = port();
-        let (_folder, path) = stand_in(mode, port);
-        let mut bridge = Bridge::of(port, path, &Rig::default(), &settings(limit_s));
-        bridge.start(true).unwrap_err().to_string()
-    };
-    let said = started("fails", 1.0);
-    assert!(
-        said.contains("ended as it started: exit status: 1"),
-        "{said}"
-    );
-    assert!(said.ends_with("it cannot read its settings"), "{said}");
-    let said = started("never", 1.0);
-    assert!(
-        said.contains("has not armed within 1 s: it does not say why"),
-        "{said}"
-    );
-    let said = started("mute", 1.0);
-    assert!(
-        said.contains("was started 3 times and sent no motor commands"),
-        "{said}"
-    );
+    for port in ports() {
+        let started = |mode: &str, limit_s: f64| {
+            let number = number();
+            let (_folder, path) = stand_in(port, mode, number);
+            let mut bridge = bridge(port, Some(path), number, limit_s);
+            bridge.start(true).unwrap_err().to_string()
+        };
+        let said = started("fails", 30.0);
+        assert!(
+            said.contains("ended as it started: exit status: 1"),
+            "{said}"
+        );
+        assert!(said.ends_with("it cannot read its settings"), "{said}");
+        let said = started("never", 5.0);
+        assert!(
+            said.contains("has not armed within 5 s: it does not say why"),
+            "{said}"
+        );
+        let said = started("mute", 1.0);
+        assert!(
+            said.contains("times and sent no motor commands within"),
+            "{said}"
+        );
+        let number = number();
+        let said = bridge(port, None, number, 0.1)
+            .start(true)
+            .unwrap_err()
+            .to_string();
+        let none = format!("no firmware has come to port {number}");
+        assert!(said.contains(&none), "{said}");
+    }
 }
 
 #[test]
 fn one_flight_at_a_time_has_a_firmware() {
-    let port = port();
-    let (_folder, path) = stand_in("well", port);
-    let make = || Bridge::of(port, path.clone(), &Rig::default(), &settings(30.0));
+    let number = number();
+    let (_folder, path) = stand_in(BETAFLIGHT, "well", number);
+    let make = || bridge(BETAFLIGHT, Some(path.clone()), number, 30.0);
     let mut first = make();
     first.start(true).unwrap();
     let said = make().start(true).unwrap_err().to_string();
-    assert!(said.contains("is in use: its ports are fixed"), "{said}");
+    assert!(said.contains("is in use by another flight"), "{said}");
     drop(first);
     make().start(true).unwrap();
 }
 
 #[test]
 fn betaflight_arms_and_turns_its_motors() {
-    let mut bridge = match Bridge::new(&Rig::default(), &Settings::default()) {
+    let mut bridge = match Bridge::new(&betaflight::PORT, &Rig::default(), &Settings::default()) {
         Ok(bridge) => bridge,
         Err(why) => {
             eprintln!("skipped: {why}");

@@ -1,7 +1,6 @@
 """A stand-in for a firmware, written from the packets of Betaflight's simulator target.
 
-`MODE` says what it does once the throttle is up; STATE, REMOTE and MOTORS are its ports. The test writes them above this
-text.
+`MODE` says what it does once the throttle is up; `NUMBER` is the first of its ports. The test writes them above this text.
 """
 import os
 import socket
@@ -10,6 +9,7 @@ import sys
 import time
 
 ON, IDLE = 1700, 0.055
+MOTORS, STATE, REMOTE = range(NUMBER, NUMBER + 3)
 
 state = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 state.bind(("127.0.0.1", STATE))

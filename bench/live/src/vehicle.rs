@@ -8,7 +8,6 @@
 //! The model is that of the terminal's dashboard. docs/ground-station.md is the user's page.
 
 mod failures;
-mod frames;
 mod link;
 mod parameters;
 mod protocol;

@@ -450,8 +450,8 @@ pub fn firmware(section: &FirmwareSection) -> String {
     let mut parts = Vec::new();
     if let Some(ended_s) = section.ended_at_s {
         let status = section.exit_status;
-        let status = status.map_or("was never started".into(), |it| format!("exit status {it}"));
-        parts.push(format!("ended at {ended_s:.3} s, {status}"));
+        let status = status.map_or(String::new(), |it| format!(", exit status {it}"));
+        parts.push(format!("ended at {ended_s:.3} s{status}"));
     }
     if let Some(disarmed_s) = section.disarmed_at_s {
         parts.push(format!("disarmed in flight at {disarmed_s:.3} s"));

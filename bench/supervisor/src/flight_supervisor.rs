@@ -251,7 +251,7 @@ impl FlightSupervisor {
             wire,
             status_line: StatusLine::new(&directory.path, settings.flight.duration_s),
             phase: Phase::Starting,
-            start_timeout: Duration::from_secs_f64(settings.rt.start_timeout_s),
+            start_timeout: Duration::from_secs_f64(settings.start_timeout_s()?),
             progress: StartProgress::default(),
             outcome: Outcome::default(),
             memory_kills: memory_kills(),

@@ -28,9 +28,9 @@ pub const fn three(default: [f64; 3], min: f64, max: f64) -> SettingKind {
 /// the list of all.
 #[macro_export]
 macro_rules! settings {
-    ($all:ident; $($vis:vis $constant:ident = $name:literal, $unit:literal, $kind:expr, $meaning:literal;)+) => {
+    ($of_all:vis $all:ident; $($vis:vis $constant:ident = $name:literal, $unit:literal, $kind:expr, $meaning:literal;)+) => {
         $crate::settings! { $($vis $constant = $name, $unit, $kind, $meaning;)+ }
-        const $all: &[$crate::description::Setting] = &[$($constant),+];
+        $of_all const $all: &[$crate::description::Setting] = &[$($constant),+];
     };
     ($($vis:vis $constant:ident = $name:literal, $unit:literal, $kind:expr, $meaning:literal;)+) => {
         $($vis const $constant: $crate::description::Setting = $crate::description::Setting {

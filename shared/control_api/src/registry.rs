@@ -13,6 +13,11 @@ pub struct Entry<L: ?Sized> {
 }
 
 impl<L: ?Sized> Entry<L> {
+    /// For laws of one type that differ in their descriptions.
+    pub const fn new(description: &'static Description, make: Make<L>) -> Self {
+        Self { description, make }
+    }
+
     /// The law as it is before tick 0, and its twin for warm-up runs.
     pub fn make(&self, rig: &Rig, settings: &Settings) -> Result<Made<L>, Refused> {
         Ok(Made {

@@ -24,6 +24,7 @@ pub mod limits;
 pub mod math;
 pub mod message_window;
 pub mod monitor;
+pub mod ned;
 pub mod noise;
 pub mod output_hash;
 pub mod parameters;

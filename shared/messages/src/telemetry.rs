@@ -41,7 +41,7 @@ wire_enum! {
         Answered = 1 => "answered",
         /// Nothing came in time.
         Silent = 2 => "silent",
-        /// A packet had another length than an answer.
+        /// A packet had another length than an answer, or did not begin like one.
         WrongSize = 3 => "wrong size",
         /// A packet had numbers that are not finite.
         NotFinite = 4 => "not finite",

@@ -8,8 +8,8 @@ use mavlink::dialects::common::*;
 use messages::blackboards::EndReason;
 use messages::content::ROTORS;
 
-use super::frames::{ORIGIN, geographic, turned, turned_angles, turned_quaternion};
 use crate::watch::dashboard_model::WatchedFlight;
+use messages::ned::{ORIGIN, geographic, turned, turned_angles, turned_quaternion};
 
 /// Messages that are sent by themselves, and how often unless the ground station asks for something else.
 pub const STREAMS: [(u32, Duration); 13] = {

@@ -1,8 +1,10 @@
-//! Frames, in one place: the rig's are z up, x forward, y left; MAVLink's are NED and FRD, half a turn about x away.
+//! Frames, in one place: the rig's are z up, x forward, y left; those of MAVLink and of firmwares are NED and FRD, half a turn
+//! about x away.
 //!
 //! Each conversion is its own inverse. At take-off x points north, y west.
 
-use messages::frames::wrap;
+use crate::frames::wrap;
+use crate::math::cos;
 
 /// A vector of either world frame in the other, or of either body frame.
 pub fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
@@ -28,7 +30,7 @@ const EARTH_RADIUS_M: f64 = 6_378_137.0;
 /// Latitude and longitude [1e-7 deg] and height [mm] of a NED position, on the plane that touches the earth at [`ORIGIN`].
 pub fn geographic([north_m, east_m, down_m]: [f64; 3]) -> [i32; 3] {
     let [latitude, longitude, height_m] = ORIGIN;
-    let parallel_m = EARTH_RADIUS_M * latitude.to_radians().cos();
+    let parallel_m = EARTH_RADIUS_M * cos(latitude.to_radians());
     let latitude = latitude + (north_m / EARTH_RADIUS_M).to_degrees();
     let longitude = longitude + (east_m / parallel_m).to_degrees();
     [
@@ -43,7 +45,7 @@ mod tests {
     use super::*;
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    use messages::attitude::Attitude;
+    use crate::attitude::Attitude;
     use proptest::prelude::*;
 
     /// R v of a unit quaternion.
