@@ -75,9 +75,9 @@ fn outer_loops(inner: Chosen<'_>, outer: Chosen<'_>, lag_s: f64) -> Option<Strin
     {
         let stage = if of == law.name { "inner" } else { "outer" };
         return Some(format!(
-            "the attitude loop of {} is too slow for the position loop of {of}: with {k_1_s:.2} 1/s inside K_P = {k_p} and \
-             K_D = {k_d}, the flight is unstable, and motors that lag by {lag_s} s allow no faster one: lower \
-             {stage}.position_1_s2, or take other laws",
+            "the attitude loop of {} ({k_1_s:.2} 1/s) is too slow for the position loop of {of} (K_P = {k_p} 1/s^2, \
+             K_D = {k_d} 1/s), and motors that lag by {lag_s} s allow no faster one: lower {stage}.position_1_s2, or take \
+             other laws",
             law.name
         ));
     }

@@ -15,9 +15,9 @@ pub struct Quantile {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Distribution {
-    /// Flights with a value: mean, smallest and largest are theirs; none without such a flight.
+    /// Flights with a value: the mean is theirs.
     pub count: u64,
-    /// Flights without one, because they did not recover: quantiles and curve have them as the largest values.
+    /// Flights without one, because they did not recover: in all but the mean, they are above every value.
     pub missing: u64,
     pub mean: Option<f64>,
     pub min: Option<f64>,
@@ -58,7 +58,7 @@ pub fn distribution(values: impl Iterator<Item = f64>) -> Distribution {
         missing: missing.len() as u64,
         mean: (count > 0).then(|| sorted.iter().sum::<f64>() / count as f64),
         min: sorted.first().copied(),
-        max: sorted.last().copied(),
+        max: at(1.0).value,
         quantiles: SHARES.into_iter().filter(is_known).map(at).collect(),
         curve,
     }
@@ -100,7 +100,7 @@ mod tests {
         let missing = distribution((1..=20).map(f64::from).chain([f64::NAN; 80]));
         assert_eq!(
             (missing.count, missing.missing, missing.max, missing.mean),
-            (20, 80, Some(20.0), Some(10.5))
+            (20, 80, None, Some(10.5))
         );
         let expected = [(0.1, Some(10.0)), (0.5, None), (0.9, None)];
         assert_eq!(values(&missing), expected);

@@ -329,14 +329,11 @@ fn quantiles(name: &str, arm: &VariantResults, metric: usize) -> Vec<Cell> {
         format!("p{percent} {}", value(q.value))
     });
     let quantiles = quantiles.collect::<Vec<_>>().join("  ");
-    let (max, flights) = match it.missing {
-        0 => (value(it.max), it.count.to_string()),
-        missing => (
-            NOT_RECOVERED.into(),
-            format!("{}, {missing} {NOT_RECOVERED}", it.count + missing),
-        ),
+    let flights = match it.missing {
+        0 => it.count.to_string(),
+        missing => format!("{}, {missing} {NOT_RECOVERED}", it.count + missing),
     };
-    row([&name, &arm.name, &quantiles, &max, &flights])
+    row([&name, &arm.name, &quantiles, &value(it.max), &flights])
 }
 
 fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Figure {
