@@ -375,6 +375,11 @@ impl Plant {
         &self.airframe
     }
 
+    /// Mean torque of the rotors on the body over the last tick [N m], body frame, with their reaction torque.
+    pub fn mean_torque_b_nm(&self) -> [f64; 3] {
+        self.rotors.mean_torque(&self.means).into()
+    }
+
     pub fn parameter_epoch(&self) -> u64 {
         self.parameter_epoch
     }

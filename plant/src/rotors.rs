@@ -15,7 +15,7 @@
 use messages::allocation::{Allocation, net_speed};
 use messages::math::{exp, exp_m1};
 use messages::parameters::Airframe;
-use nalgebra::Vector4;
+use nalgebra::{Vector3, Vector4};
 
 use crate::rigid_body::Effort;
 
@@ -39,6 +39,8 @@ pub struct SpinMeans {
     pub speed: Vector4<f64>,
     /// Mean squared speed [rad^2/s^2].
     pub speed_squared: Vector4<f64>,
+    /// Mean change of the speed [rad/s^2]; 0 for rotors without a lag.
+    pub acceleration: Vector4<f64>,
 }
 
 impl SpinMeans {
@@ -47,6 +49,7 @@ impl SpinMeans {
         Self {
             speed: *speed,
             speed_squared: speed.component_mul(speed),
+            acceleration: Vector4::zeros(),
         }
     }
 }
@@ -74,9 +77,9 @@ impl Spin {
     pub fn effort(&self, offset_s: f64) -> Effort {
         let (w, rotors) = (self.speed(offset_s), &self.rotors);
         let mut effort = rotors.effort(&w);
-        if self.lags() && rotors.i_r < 0.0 {
+        if self.lags() {
             let d_w = (self.command - w) / rotors.time_constant_s;
-            effort.tau.z -= rotors.i_r * net_speed(&d_w);
+            rotors.react(&d_w, &mut effort.tau);
         }
         effort
     }
@@ -97,6 +100,7 @@ impl Spin {
             speed_squared: w_c.component_mul(&w_c)
                 + w_c.component_mul(&gap) * (2.0 * decay)
                 + gap.component_mul(&gap) * decay_squared,
+            acceleration: gap * (-decay / tau),
         }
     }
 }
@@ -144,6 +148,22 @@ impl Rotors {
     #[inline]
     fn forces(&self, w: &Vector4<f64>) -> Vector4<f64> {
         w.component_mul(w).component_mul(&self.efficiency) * self.k
+    }
+
+    /// Adds the reaction torque -I_R d(Om) of rotors whose speed changes by `d_w` [rad/s^2], where I_R is physical.
+    #[inline]
+    fn react(&self, d_w: &Vector4<f64>, tau: &mut Vector3<f64>) {
+        if self.i_r < 0.0 {
+            tau.z -= self.i_r * net_speed(d_w);
+        }
+    }
+
+    /// (7) with the reaction torque, averaged over a tick [N m].
+    pub(crate) fn mean_torque(&self, means: &SpinMeans) -> Vector3<f64> {
+        let forces = means.speed_squared.component_mul(&self.efficiency) * self.k;
+        let (_, mut tau) = self.allocation.wrench(&forces);
+        self.react(&means.acceleration, &mut tau);
+        tau
     }
 
     #[inline]

@@ -180,6 +180,8 @@ proptest! {
         squared /= 3.0 * f64::from(intervals);
         prop_assert!((means.speed - speed).norm() < 1e-7, "{} {speed}", means.speed);
         prop_assert!((means.speed_squared - squared).norm() < 1e-4, "{} {squared}", means.speed_squared);
+        let change = (spin.speed(PERIOD_S) - spin.speed(0.0)) / PERIOD_S;
+        prop_assert!((means.acceleration - change).norm() < 1e-6 * change.norm().max(1e3), "{} {change}", means.acceleration);
         if tau == 0.0 {
             prop_assert_eq!(spin.speed(0.0), command);
             prop_assert_eq!(means.speed_squared, command.component_mul(&command));

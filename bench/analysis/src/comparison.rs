@@ -30,8 +30,9 @@ pub struct Flight {
     /// Last tick of the plan; the first one is 0.
     pub last_tick: u64,
     pub period_s: f64,
-    /// A flight has recovered when its true position error stays below this [m].
+    /// A flight has recovered when its true position error stays below this [m], and its true yaw error below that [rad].
     pub bound_m: f64,
+    pub bound_yaw_rad: f64,
     /// Instants at which something was made to go wrong, in order.
     pub faults: Vec<Fault>,
 }
@@ -85,7 +86,7 @@ pub struct Figures {
     /// Errors of the whole flight; none without a state.
     pub yaw_error: Option<AngleErrors>,
     pub tilt_error: Option<AngleErrors>,
-    /// Per fault, time until the true position error stayed below the bound ([`crate::recovery`]) [s]; none where it did
+    /// Per fault, time until the true errors of position and yaw stayed below their bounds ([`crate::recovery`]) [s]; none where they did
     /// not.
     pub recovery_s: Vec<Option<f64>>,
     pub effort: Effort,

@@ -4,10 +4,10 @@
 
 use crate::comparison::{Effort, ErrorFigures, Figures, Flight, POWER, TRUE_ERROR};
 use crate::effort::EffortStatistics;
-use crate::recovery::Recoveries;
+use crate::recovery::{Recoveries, RecoveryBounds};
 use crate::schema::ControlPerformance;
 use crate::tracer::{Merge as _, Range, Stretches};
-use crate::tracking::{POSITION, StateErrors, Tracking, TrackingStatistics};
+use crate::tracking::{POSITION, StateErrors, Tracking, TrackingStatistics, YAW};
 use messages::content::{ROTORS, RotorSpeeds, State};
 use messages::math;
 use messages::parameters::Airframe;
@@ -74,12 +74,13 @@ impl FlightMetrics {
     }
 }
 
-/// A flight of a comparison: its metrics, and its true position error at every tick.
+/// A flight of a comparison: its metrics, and its true errors of position and yaw at every tick.
 #[derive(Debug)]
 pub struct ComparedFlight {
     tracking: Tracking,
     metrics: FlightMetrics,
     error_m: Vec<f64>,
+    yaw_error_rad: Vec<f64>,
     trace: Stretches<Range>,
     /// Height below which a flight is lost [m].
     ground_z_m: f64,
@@ -95,6 +96,7 @@ impl ComparedFlight {
             tracking,
             metrics: FlightMetrics::new(tracking.period_s(), airframe),
             error_m: Vec::new(),
+            yaw_error_rad: Vec::new(),
             trace: Stretches::default(),
         }
     }
@@ -112,6 +114,7 @@ impl ComparedFlight {
         let power = self.metrics.take(tick, state, &errors, rotors);
         let error_m = errors[POSITION];
         self.error_m.push(error_m);
+        self.yaw_error_rad.push(errors[YAW]);
         for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {
             *range = range.and(Range::of(value));
         }
@@ -144,13 +147,18 @@ impl ComparedFlight {
         }
     }
 
-    /// Per fault, how long the error took to come back [s].
+    /// Per fault, how long the errors took to come back [s].
     fn recoveries(&self, flight: &Flight) -> Vec<Option<f64>> {
         let faults = flight.faults.iter().map(|fault| fault.tick);
-        let mut recoveries =
-            Recoveries::new(faults, flight.last_tick, flight.bound_m, flight.period_s);
-        let errors = (0..).zip(&self.error_m);
-        errors.for_each(|(tick, error_m)| recoveries.take(tick, *error_m));
+        let mut recoveries = Recoveries::new(faults, flight.last_tick, flight.period_s);
+        let bounds = RecoveryBounds {
+            position_m: flight.bound_m,
+            yaw_rad: flight.bound_yaw_rad,
+        };
+        let errors = (0..).zip(self.error_m.iter().zip(&self.yaw_error_rad));
+        for (tick, (error_m, yaw_rad)) in errors {
+            recoveries.take(tick, bounds.hold(*error_m, *yaw_rad));
+        }
         let ticks = recoveries.ticks().into_iter();
         ticks.map(|ticks| Some(flight.time_s(ticks?))).collect()
     }
@@ -191,18 +199,25 @@ mod tests {
             last_tick,
             period_s: 0.1,
             bound_m: 0.5,
+            bound_yaw_rad: 0.1,
             faults: faults.iter().map(fault).collect(),
         }
     }
 
     /// A flight with these errors, whose sensors show none of them; its rotors turn at hover speed.
     fn flown(errors_m: &[f64]) -> ComparedFlight {
+        turned(errors_m, 0.0)
+    }
+
+    /// The same with a yaw error.
+    fn turned(errors_m: &[f64], yaw_rad: f64) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
         let mut compared = ComparedFlight::new(tracking, &airframe, -10.0);
         for (tick, error_m) in (0..).zip(errors_m) {
             let [x, y, z] = tracking.position_w_m(tick);
             let mut state = State::default();
             state.measured.position_w_m = [x, y, z];
+            state.measured.attitude_rad[2] = yaw_rad;
             state.measured.rotor_speed_mean_rad_s = [airframe.hover_speed_rad_s(); ROTORS];
             state.truth.position_w_m = [x, y - error_m, z];
             let speed = 200.0 + if tick % 2 == 0 { 0.0 } else { 3.0 };
@@ -277,6 +292,9 @@ mod tests {
         // Of a flight that ended early, no recovery is known.
         let early = flown(&[0.1; 150]).figures(&flight(200, &[50, 100, 180]));
         assert_eq!(early.recovery_s, [Some(0.0), None, None]);
+        // Nor has one recovered that is where it should be and looks elsewhere.
+        let of = |yaw_rad: f64| turned(&[0.1; 201], yaw_rad).figures(&plan).recovery_s;
+        assert_eq!((of(0.09), of(-0.11)), (vec![Some(0.0); 3], vec![None; 3]));
     }
 
     #[test]

@@ -3,12 +3,13 @@
 
 use crate::comparison::Laws;
 use crate::outages::OutageSection;
+use crate::recovery::RecoveryBounds;
 use crate::schema::{MACHINE, MarginSection, RobustnessMargin};
 use flight_log::build::Build;
 use messages::role::STAGES;
 use serde::{Deserialize, Serialize};
 
-pub const SCHEMA: &str = "ironbird-margin/3";
+pub const SCHEMA: &str = "ironbird-margin/4";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
@@ -48,9 +49,13 @@ pub const CALM: usize = 3;
 pub struct Bounds {
     /// Position error from the fault on [m]: unnoticed.
     pub unnoticed_below_m: f64,
+    /// Yaw error from the fault on [rad]: unnoticed.
+    pub unnoticed_yaw_below_rad: f64,
     /// Position error of a flight that is back on its trajectory [m].
     pub recovered_below_m: f64,
-    /// Time until the error is below that and stays: recovers [s].
+    /// Yaw error of a flight that is back on its trajectory [rad].
+    pub recovered_yaw_below_rad: f64,
+    /// Time until the errors are below those and stay: recovers [s].
     pub recovery_max_s: f64,
     /// Likewise: survives [s].
     pub survival_max_s: f64,
@@ -68,8 +73,7 @@ pub struct LawMargins {
     /// Whether its error is within the bound of each limit. A law that is not qualified has no such limit.
     pub qualified: [bool; LIMITS.len()],
     pub searches: Vec<Search>,
-    /// The loop through the rotors, axis by axis.
-    pub predicted: Vec<LoopMargin>,
+    pub predicted: Prediction,
     pub flights: u64,
 }
 
@@ -113,7 +117,9 @@ pub struct Point {
     pub at: u64,
     /// Largest position error from the fault on [m]; none where a flight left its envelope.
     pub peak_m: Option<f64>,
-    /// Time until the error was below the bound and stayed, from the end of an outage or from the beginning of a steady
+    /// Largest yaw error from the fault on [rad]; none where a flight left its envelope.
+    pub peak_yaw_rad: Option<f64>,
+    /// Time until the errors were below their bounds and stayed, from the end of an outage or from the beginning of a steady
     /// fault [s]; none where it did not.
     pub recovery_s: Option<f64>,
     /// Change of the body rate per tick, beyond that of the flight without a fault: root of the difference of their mean
@@ -132,8 +138,19 @@ pub enum Cause {
     Position,
     /// The state is no longer finite.
     Diverged,
-    /// Within its envelope, but the error is not below the bound in time.
+    /// Within its envelope, but the position error is not below its bound in time.
     Error,
+    /// Within its envelope, but the yaw error is not below its bound in time.
+    Yaw,
+}
+
+/// Stability margins of the loop through the rotors, at hover.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Prediction {
+    /// The axes that settle after an impulse; none if the prediction was not asked for.
+    pub axes: Vec<LoopMargin>,
+    /// The axes whose response to an impulse does not decay. With one of them the loop has no margin.
+    pub unsettled: Vec<String>,
 }
 
 /// Stability margins of one axis at hover, by the frequency response of its sampled loop.
@@ -150,12 +167,25 @@ pub struct LoopMargin {
 }
 
 impl Bounds {
+    pub const fn unnoticed(&self) -> RecoveryBounds {
+        RecoveryBounds {
+            position_m: self.unnoticed_below_m,
+            yaw_rad: self.unnoticed_yaw_below_rad,
+        }
+    }
+
+    pub const fn recovered(&self) -> RecoveryBounds {
+        RecoveryBounds {
+            position_m: self.recovered_below_m,
+            yaw_rad: self.recovered_yaw_below_rad,
+        }
+    }
+
     pub fn hold(&self, limit: usize, point: &Point) -> bool {
-        let within = |value: Option<f64>, most: f64| value.is_some_and(|value| value <= most);
         point.cause.is_none()
             && match limit {
-                UNNOTICED => within(point.peak_m, self.unnoticed_below_m),
-                RECOVERS => within(point.recovery_s, self.recovery_max_s),
+                UNNOTICED => point.peaks_hold(&self.unnoticed()),
+                RECOVERS => point.recovery_s.is_some_and(|it| it <= self.recovery_max_s),
                 CALM => point.rate_step_increase_rad_s <= self.rate_step_increase_rad_s,
                 _ => true,
             }
@@ -163,23 +193,37 @@ impl Bounds {
 
     /// Which limits laws are qualified for that fly like this without a fault.
     pub fn qualified(&self, unfaulted: &Point) -> [bool; LIMITS.len()] {
-        let bounds = [
-            self.unnoticed_below_m,
-            self.recovered_below_m,
-            self.recovered_below_m,
-            self.recovered_below_m,
-        ];
-        let is_within = |bound_m| unfaulted.peak_m.is_some_and(|peak_m| peak_m <= bound_m);
-        bounds.map(|bound_m| unfaulted.cause.is_none() && is_within(bound_m))
+        std::array::from_fn(|limit| {
+            let bounds = match limit {
+                UNNOTICED => self.unnoticed(),
+                _ => self.recovered(),
+            };
+            unfaulted.cause.is_none() && unfaulted.peaks_hold(&bounds)
+        })
+    }
+}
+
+impl Prediction {
+    /// The axis with the least of a margin, and that margin; none if an axis does not settle.
+    pub fn least(&self, of: fn(&LoopMargin) -> Option<f64>) -> Option<(f64, &LoopMargin)> {
+        let axes = self.axes.iter().filter_map(|it| Some((of(it)?, it)));
+        let least = axes.min_by(|a, b| a.0.total_cmp(&b.0));
+        least.filter(|_| self.unsettled.is_empty())
     }
 }
 
 impl Point {
+    fn peaks_hold(&self, bounds: &RecoveryBounds) -> bool {
+        let peaks = self.peak_m.zip(self.peak_yaw_rad);
+        peaks.is_some_and(|(peak_m, yaw_rad)| bounds.hold(peak_m, yaw_rad))
+    }
+
     pub fn worse(self, other: Self) -> Self {
         let max = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
         Self {
             at: self.at,
             peak_m: max(self.peak_m, other.peak_m),
+            peak_yaw_rad: max(self.peak_yaw_rad, other.peak_yaw_rad),
             recovery_s: max(self.recovery_s, other.recovery_s),
             rate_step_increase_rad_s: self
                 .rate_step_increase_rad_s
@@ -282,7 +326,9 @@ mod tests {
     fn the_worst_flight_of_a_strength_counts_and_the_first_failure_ends_a_limit() {
         let bounds = Bounds {
             unnoticed_below_m: 0.02,
+            unnoticed_yaw_below_rad: 0.02,
             recovered_below_m: 0.1,
+            recovered_yaw_below_rad: 0.1,
             recovery_max_s: 5.0,
             survival_max_s: 20.0,
             rate_step_increase_rad_s: 0.05,
@@ -290,6 +336,7 @@ mod tests {
         let flown = |at, peak_m, recovery_s, cause| Point {
             at,
             peak_m: Some(peak_m),
+            peak_yaw_rad: Some(0.0),
             recovery_s: Some(recovery_s),
             rate_step_increase_rad_s: 0.0,
             cause,
@@ -327,6 +374,18 @@ mod tests {
         ] {
             let unfaulted = flown(0, peak_m, 0.0, cause);
             assert_eq!(bounds.qualified(&unfaulted), qualified);
+        }
+        for (yaw_rad, qualified) in [
+            (0.02, [true; LIMITS.len()]),
+            (0.05, [false, true, true, true]),
+            (0.2, [false; LIMITS.len()]),
+        ] {
+            let turned = Point {
+                peak_yaw_rad: Some(yaw_rad),
+                ..flown(0, 0.0, 0.0, None)
+            };
+            assert_eq!(bounds.qualified(&turned), qualified);
+            assert_eq!(bounds.hold(UNNOTICED, &turned), qualified[UNNOTICED]);
         }
     }
 

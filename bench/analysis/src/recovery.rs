@@ -1,6 +1,6 @@
-//! Recovery from faults: from when on the error stays below a bound.
+//! Recovery from faults: from when on the errors of position and heading stay below their bounds.
 //!
-//! An error that moves around the bound is below it at the end of every flight, for a while. So a flight has recovered only
+//! An error that moves around its bound is below it at the end of every flight, for a while. So a flight has recovered only
 //! if the error then stays below for long enough to tell: for [`STAYING_S`], for [`STAYING_SHARE`] of the time from the fault
 //! to the next one or to the end, and for longer than it had been below before it rose again ([`LONGER`]).
 
@@ -11,11 +11,23 @@ pub const STAYING_SHARE: f64 = 0.2;
 /// Least ratio of the time for which an error stays below the bound to that for which it was below before.
 pub const LONGER: f64 = 1.1;
 
+/// True errors up to which a flight is on its trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecoveryBounds {
+    pub position_m: f64,
+    pub yaw_rad: f64,
+}
+
+impl RecoveryBounds {
+    pub fn hold(&self, position_error_m: f64, yaw_error_rad: f64) -> bool {
+        position_error_m <= self.position_m && yaw_error_rad <= self.yaw_rad
+    }
+}
+
 #[derive(Clone, Debug)]
 pub struct Recoveries {
     faults: Vec<Fault>,
     last_tick: u64,
-    bound_m: f64,
     staying_ticks: u64,
     next_tick: u64,
 }
@@ -23,20 +35,15 @@ pub struct Recoveries {
 #[derive(Clone, Copy, Debug)]
 struct Fault {
     tick: u64,
-    /// First tick from which the error has been below the bound.
+    /// First tick from which the errors have been below their bounds.
     back: u64,
-    /// Longest time for which it was below before that [ticks].
+    /// Longest time for which they were below before that [ticks].
     longest_below: u64,
 }
 
 impl Recoveries {
     /// Of faults at these ticks in their order; of several at one tick, each has the recovery of the last one.
-    pub fn new(
-        faults: impl IntoIterator<Item = u64>,
-        last_tick: u64,
-        bound_m: f64,
-        period_s: f64,
-    ) -> Self {
+    pub fn new(faults: impl IntoIterator<Item = u64>, last_tick: u64, period_s: f64) -> Self {
         let fault = |tick| Fault {
             tick,
             back: tick,
@@ -45,25 +52,22 @@ impl Recoveries {
         Self {
             faults: faults.into_iter().map(fault).collect(),
             last_tick,
-            bound_m,
             staying_ticks: (STAYING_S / period_s).round() as u64,
             next_tick: 0,
         }
     }
 
-    /// Takes the error of a tick.
-    pub fn take(&mut self, tick: u64, error_m: f64) {
+    /// Takes whether the errors of a tick are below their bounds.
+    pub fn take(&mut self, tick: u64, is_below: bool) {
         self.next_tick = tick + 1;
         let begun = self.faults.partition_point(|fault| fault.tick <= tick);
-        if error_m > self.bound_m
-            && let Some(fault) = self.faults[..begun].last_mut()
-        {
+        if !is_below && let Some(fault) = self.faults[..begun].last_mut() {
             fault.longest_below = fault.longest_below.max(tick - fault.back);
             fault.back = tick + 1;
         }
     }
 
-    /// Per fault, how long it took until the error stayed below the bound [ticks]; none where it did not, or where the
+    /// Per fault, how long it took until the errors stayed below their bounds [ticks]; none where it did not, or where the
     /// flight ended before its time.
     pub fn ticks(&self) -> Vec<Option<u64>> {
         let later = self.faults.iter().skip(1).map(|fault| fault.tick);
@@ -90,10 +94,30 @@ mod tests {
     use super::*;
 
     fn recovered(faults: &[u64], errors_m: &[f64], last_tick: u64) -> Vec<Option<u64>> {
-        let mut recoveries = Recoveries::new(faults.iter().copied(), last_tick, 0.5, 1.0 / 3.0);
+        let mut recoveries = Recoveries::new(faults.iter().copied(), last_tick, 1.0 / 3.0);
         let errors_m = (0..).zip(errors_m);
-        errors_m.for_each(|(tick, error_m)| recoveries.take(tick, *error_m));
+        errors_m.for_each(|(tick, error_m)| recoveries.take(tick, *error_m <= 0.5));
         recoveries.ticks()
+    }
+
+    #[test]
+    fn a_flight_is_on_its_trajectory_with_position_and_heading() {
+        let bounds = RecoveryBounds {
+            position_m: 0.1,
+            yaw_rad: 0.2,
+        };
+        for (position_m, yaw_rad, expected) in [
+            (0.1, 0.2, true),
+            (0.11, 0.0, false),
+            (0.0, 0.21, false),
+            (f64::NAN, 0.0, false),
+        ] {
+            assert_eq!(
+                bounds.hold(position_m, yaw_rad),
+                expected,
+                "{position_m} {yaw_rad}"
+            );
+        }
     }
 
     #[test]

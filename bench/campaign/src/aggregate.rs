@@ -7,8 +7,8 @@ use crate::distribution::Distribution as Drawn;
 use crate::gates::METRICS;
 use crate::metric_distribution::distribution;
 use crate::results::{
-    CampaignResults, Effect, FactorResults, GateResults, Map, Of, Pair, SCHEMA, Side,
-    VariantResults, Worst,
+    CampaignResults, Effect, FactorResults, GateResults, Map, MeanDifference, Of, Pair, SCHEMA,
+    Side, VariantResults, Worst,
 };
 use crate::table::{HOLDS, unit_and_meaning};
 use analysis::statistics::{Discordant, mean_interval, wilson};
@@ -61,22 +61,29 @@ pub fn of(
     for metric in METRICS {
         let values = rows.numbers(metric.name)?;
         for (arm, results) in arms.iter_mut().enumerate() {
+            // Only the recovery may have no value, and without a fault none is missing.
+            let is_asked = campaign.has_faults(&campaign.arms[arm]);
+            let values = all.of_arm(&values, arm);
             results.metrics.push(Of {
                 name: metric.name.into(),
-                is: distribution(all.of_arm(&values, arm)),
+                is: distribution(values.filter(|value| is_asked || !value.is_nan())),
             });
         }
         for ([first, second], pair) in &mut pairs {
             let of = |arm: &usize| all.of_arm(&values, *arm).zip(all.of_arm(&all.lost, *arm));
             let both = of(first).zip(of(second));
-            let differences = both.map(|((one, one_lost), (other, other_lost))| {
-                let is_lost = one_lost || other_lost;
-                if is_lost { f64::NAN } else { one - other }
-            });
-            pair.metrics.extend(mean_interval(differences).map(|is| Of {
-                name: metric.name.into(),
-                is,
-            }));
+            let flown = both.filter(|((_, one_lost), (_, other_lost))| !one_lost && !other_lost);
+            let flown: Vec<[f64; 2]> = flown.map(|((one, _), (other, _))| [one, other]).collect();
+            let differences = flown.iter().map(|[one, other]| one - other);
+            pair.metrics
+                .extend(mean_interval(differences).map(|mean| Of {
+                    name: metric.name.into(),
+                    is: MeanDifference {
+                        of: mean,
+                        missing:
+                            [0, 1].map(|i| count(flown.iter().map(|values| values[i].is_nan()))),
+                    },
+                }));
         }
     }
     let factors = all.factors()?;

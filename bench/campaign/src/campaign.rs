@@ -75,6 +75,27 @@ pub struct Variant {
 }
 
 impl Campaign {
+    /// Whether the flights of an arm have faults from which they may recover.
+    pub fn has_faults(&self, arm: &Variant) -> bool {
+        let own = arm
+            .settings
+            .iter()
+            .find(|(section, key, _)| section == "flight" && key == "faults");
+        let of_all = self
+            .base
+            .get("flight")
+            .and_then(|flight| flight.get("faults"));
+        let planned = own.map(|(_, _, faults)| faults).or(of_all);
+        !self.faults.is_empty()
+            || self
+                .factors
+                .iter()
+                .any(|factor| factor.name == "flight.faults")
+            || planned
+                .and_then(Value::as_array)
+                .is_some_and(|faults| !faults.is_empty())
+    }
+
     /// What a flight draws, in the order of the factors: of its number and the seed alone.
     pub fn draws(&self, flight: u64) -> Vec<Value> {
         let draw = |factor: &Factor| {

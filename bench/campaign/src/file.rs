@@ -407,10 +407,13 @@ impl Reader {
         let own = self.section(given, "success", None);
         let mut gates = Gates {
             recovered_below_m: RECOVERED_BELOW_M,
+            recovered_yaw_below_rad: YAW_ERROR_MAX_RAD,
             ..Gates::default()
         };
         let names = METRICS.iter().map(|metric| metric.name);
-        let known: Vec<&str> = names.chain(["recovered_below_m", "telemetry"]).collect();
+        let known: Vec<&str> = names
+            .chain(["recovered_below_m", "recovered_yaw_below_rad", "telemetry"])
+            .collect();
         for (key, value) in &own {
             let path = format!("success.{key}");
             let most = number(value).filter(|most| *most >= 0.0 && most.is_finite());
@@ -428,6 +431,9 @@ impl Reader {
                     self.mistake(&path, wrong(&path, value, expected));
                 }
                 ("recovered_below_m", _, Some(bound_m)) => gates.recovered_below_m = bound_m,
+                ("recovered_yaw_below_rad", _, Some(bound)) => {
+                    gates.recovered_yaw_below_rad = bound
+                }
                 (_, Some(place), Some(most)) => gates.limits.push((place, most)),
             }
         }

@@ -7,7 +7,8 @@ pub const RECOVERED_BELOW_M: f64 = 0.05;
 /// Metrics of the last 5 s: a limit for the first one implies [`YAW_ERROR_MAX_RAD`] for the second.
 pub const TRACKING_ERROR: &str = "tracking_error_max_m";
 pub const TRACKING_YAW_ERROR: &str = "tracking_yaw_error_max_rad";
-/// Largest yaw error of the last 5 s in a flight that succeeds, if a campaign sets none [rad].
+/// Largest yaw error of the last 5 s in a flight that succeeds, and of one that has recovered, if a campaign sets none
+/// [rad].
 pub const YAW_ERROR_MAX_RAD: f64 = 0.1;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +43,7 @@ pub const METRICS: [Metric; 14] = [
     metric(
         "recovery_max_s",
         "s",
-        "longest time from a fault until the error stayed below recovered_below_m",
+        "longest time from a fault until the errors stayed below recovered_below_m and recovered_yaw_below_rad",
     ),
     metric(
         "tilt_max_rad",
@@ -91,8 +92,9 @@ pub const METRICS: [Metric; 14] = [
 pub struct Gates {
     /// Places of metrics, and the most that each may be.
     pub limits: Vec<(usize, f64)>,
-    /// True position error below which a flight has recovered from a fault [m].
+    /// True errors of position [m] and yaw [rad] below which a flight has recovered from a fault.
     pub recovered_below_m: f64,
+    pub recovered_yaw_below_rad: f64,
     pub telemetry: Vec<SignalGate>,
 }
 
@@ -184,6 +186,7 @@ mod tests {
         let gates = Gates {
             limits: vec![(1, 0.5), (4, 2.0)],
             recovered_below_m: 0.05,
+            recovered_yaw_below_rad: 0.1,
             telemetry: vec![gate],
         };
         let metrics = [Some(0.1); METRICS.len()];

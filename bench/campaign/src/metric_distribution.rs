@@ -5,35 +5,41 @@ use serde::Serialize;
 /// Shares whose quantiles are given, as far as there are enough values.
 const SHARES: [f64; 7] = [0.01, 0.1, 0.5, 0.9, 0.99, 0.999, 0.9999];
 
-/// A share of the values with the smallest value that so many do not exceed.
+/// A share of the flights with the smallest value that so many do not exceed; none where it falls on flights without a
+/// value, which are above all that have one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quantile {
     pub share: f64,
-    pub value: f64,
+    pub value: Option<f64>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Distribution {
+    /// Flights with a value: the mean is theirs.
     pub count: u64,
-    pub mean: f64,
-    pub min: f64,
-    pub max: f64,
-    /// Of the shares that at least ten values lie beyond, on either side.
+    /// Flights without one, because they did not recover: in all but the mean, they are above every value.
+    pub missing: u64,
+    pub mean: Option<f64>,
+    pub min: Option<f64>,
+    pub max: Option<f64>,
+    /// Of the shares that at least ten flights lie beyond, on either side.
     pub quantiles: Vec<Quantile>,
     pub curve: Vec<Quantile>,
 }
 
-/// The distribution of values; NaN is none.
+/// The distribution of the values of flights; NaN is none.
 pub fn distribution(values: impl Iterator<Item = f64>) -> Distribution {
-    let mut sorted: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
+    let (missing, mut sorted): (Vec<f64>, Vec<f64>) = values.partition(|value| value.is_nan());
     sorted.sort_unstable_by(f64::total_cmp);
-    let (Some(min), Some(max)) = (sorted.first().copied(), sorted.last().copied()) else {
+    let (count, n) = (sorted.len(), sorted.len() + missing.len());
+    if n == 0 {
         return Distribution::default();
-    };
-    let n = sorted.len();
+    }
     let at = |share: f64| Quantile {
         share,
-        value: sorted[((share * n as f64).ceil() as usize).clamp(1, n) - 1],
+        value: sorted
+            .get(((share * n as f64).ceil() as usize).clamp(1, n) - 1)
+            .copied(),
     };
     let is_known =
         |share: &f64| (n as f64 * share.min(1.0 - share)).round() >= 10.0 || *share == 0.5;
@@ -45,14 +51,14 @@ pub fn distribution(values: impl Iterator<Item = f64>) -> Distribution {
     let mut curve: Vec<Quantile> = nines.take_while(|share| *share < last).map(at).collect();
     curve.push(Quantile {
         share: last,
-        value: max,
+        value: at(1.0).value,
     });
-    let mean = sorted.iter().sum::<f64>() / n as f64;
     Distribution {
-        count: n as u64,
-        mean,
-        min,
-        max,
+        count: count as u64,
+        missing: missing.len() as u64,
+        mean: (count > 0).then(|| sorted.iter().sum::<f64>() / count as f64),
+        min: sorted.first().copied(),
+        max: at(1.0).value,
         quantiles: SHARES.into_iter().filter(is_known).map(at).collect(),
         curve,
     }
@@ -64,12 +70,15 @@ mod tests {
 
     #[test]
     fn quantiles_are_given_as_far_as_there_are_values() {
-        let known = distribution((1..=1000).rev().map(f64::from).chain([f64::NAN]));
+        let known = distribution((1..=1000).rev().map(f64::from));
         assert_eq!(
-            (known.count, known.min, known.max, known.mean),
-            (1000, 1.0, 1000.0, 500.5)
+            (known.count, known.missing, known.min, known.max, known.mean),
+            (1000, 0, Some(1.0), Some(1000.0), Some(500.5))
         );
-        let quantiles = known.quantiles.iter().map(|it| (it.share, it.value));
+        let values = |it: &Distribution| -> Vec<(f64, Option<f64>)> {
+            let quantiles = it.quantiles.iter();
+            quantiles.map(|it| (it.share, it.value)).collect()
+        };
         let expected = [
             (0.01, 10.0),
             (0.1, 100.0),
@@ -77,10 +86,27 @@ mod tests {
             (0.9, 900.0),
             (0.99, 990.0),
         ];
-        assert!(quantiles.eq(expected));
+        assert_eq!(
+            values(&known),
+            expected.map(|(share, value)| (share, Some(value)))
+        );
         let rises = |a: &Quantile, b: &Quantile| a.share < b.share && a.value <= b.value;
         assert!(known.curve.is_sorted_by(rises), "{:?}", known.curve);
-        let at = |share, value| Quantile { share, value };
+        let at = |share, value| Quantile {
+            share,
+            value: Some(value),
+        };
+        // Flights without a value are above all others.
+        let missing = distribution((1..=20).map(f64::from).chain([f64::NAN; 80]));
+        assert_eq!(
+            (missing.count, missing.missing, missing.max, missing.mean),
+            (20, 80, None, Some(10.5))
+        );
+        let expected = [(0.1, Some(10.0)), (0.5, None), (0.9, None)];
+        assert_eq!(values(&missing), expected);
+        assert_eq!(missing.curve.last().unwrap().value, None);
+        let none = distribution([f64::NAN; 3].into_iter());
+        assert_eq!((none.count, none.missing, none.mean), (0, 3, None));
         assert_eq!(known.curve.last(), Some(&at(0.999, 1000.0)));
         assert_eq!(distribution(std::iter::empty()), Distribution::default());
         assert_eq!(distribution([3.0].into_iter()).curve, [at(0.0, 3.0)]);

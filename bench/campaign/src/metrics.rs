@@ -1,8 +1,8 @@
 //! The metrics of a flight, by its true states and not by what its sensors measure.
 
 use analysis::flight_metrics::FlightMetrics;
-use analysis::recovery::Recoveries;
-use analysis::tracking::{POSITION, Tracking};
+use analysis::recovery::{Recoveries, RecoveryBounds};
+use analysis::tracking::Tracking;
 use messages::content::{RotorSpeeds, Setpoint, State};
 use messages::parameters::Airframe;
 
@@ -13,6 +13,7 @@ pub struct Metrics {
     tracking: Tracking,
     flight: FlightMetrics,
     recoveries: Recoveries,
+    bounds: RecoveryBounds,
 }
 
 impl Metrics {
@@ -22,7 +23,7 @@ impl Metrics {
         airframe: &Airframe,
         mut fault_ticks: Vec<u64>,
         last_tick: u64,
-        bound_m: f64,
+        bounds: RecoveryBounds,
     ) -> Self {
         fault_ticks.sort_unstable();
         fault_ticks.dedup();
@@ -30,7 +31,8 @@ impl Metrics {
         Self {
             tracking,
             flight: FlightMetrics::new(period_s, airframe),
-            recoveries: Recoveries::new(fault_ticks, last_tick, bound_m, period_s),
+            recoveries: Recoveries::new(fault_ticks, last_tick, period_s),
+            bounds,
         }
     }
 
@@ -44,7 +46,9 @@ impl Metrics {
     ) {
         let errors = self.tracking.errors(tick, state, setpoint);
         self.flight.take(tick, state, &errors, rotors);
-        self.recoveries.take(tick, errors[POSITION]);
+        let [position_m, yaw_rad, _] = errors;
+        let is_below = self.bounds.hold(position_m, yaw_rad);
+        self.recoveries.take(tick, is_below);
     }
 
     /// The values of [`METRICS`]; there is no recovery without a fault, or when the flight did not recover from one.

@@ -6,7 +6,7 @@ use analysis::schema::Gate;
 use analysis::statistics::{Discordant, Interval, MeanInterval};
 use serde::Serialize;
 
-pub const SCHEMA: &str = "ironbird-campaign-report/1";
+pub const SCHEMA: &str = "ironbird-campaign-report/2";
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CampaignResults {
@@ -77,7 +77,16 @@ pub struct Pair {
     pub p_value: f64,
     pub difference: MeanInterval,
     /// Mean difference of each metric, first less second, over the flights that neither lost.
-    pub metrics: Vec<Of<MeanInterval>>,
+    pub metrics: Vec<Of<MeanDifference>>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MeanDifference {
+    /// Over the flights in which both have a value.
+    #[serde(flatten)]
+    pub of: MeanInterval,
+    /// Flights that neither lost and that are left out, because the first or the second did not recover.
+    pub missing: [u64; 2],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -2,13 +2,17 @@
 
 use crate::bins::{Bin, short};
 use crate::gates::{METRICS, Metric};
-use crate::results::{CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst};
+use crate::results::{
+    CampaignResults, FactorResults, Map, MeanDifference, Pair, Side, VariantResults, Worst,
+};
 use analysis::phrase::count;
 use analysis::statistics::{Discordant, Interval, MeanInterval};
 use render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use render::plot::{Axis, Chart, LAWS, Layer};
 use render::scale::{Kind, Scale};
 
+/// In place of the recovery time of a flight that did not recover.
+const NOT_RECOVERED: &str = "not recovered";
 /// Factors that are drawn at the most: those that matter least are in the table alone.
 const DRAWN: usize = 12;
 
@@ -121,20 +125,28 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     });
     let means = results.pairs.iter().flat_map(|pair| {
         // What is the same in every flight is left out.
-        let differs = |it: &MeanInterval| it.interval.low != 0.0 || it.interval.high != 0.0;
+        let differs = |it: &MeanDifference| {
+            it.of.interval.low != 0.0 || it.of.interval.high != 0.0 || it.missing != [0, 0]
+        };
         let metrics = pair.metrics.iter();
         let metrics = metrics.filter(move |metric| differs(&metric.is));
         metrics.map(move |metric| {
-            let it = &metric.is;
+            let MeanDifference { of: it, missing } = &metric.is;
             let name = format!("{} - {}", pair.first, pair.second);
             let interval = format!("{} to {}", short(it.interval.low), short(it.interval.high));
-            row([&name, &metric.name, &short(it.mean), &interval, &it.count])
+            let left_out = match missing {
+                [0, 0] => String::new(),
+                [first, second] => format!(" ({NOT_RECOVERED}: {first} and {second})"),
+            };
+            let flights = format!("{}{left_out}", it.count);
+            row([&name, &metric.name, &short(it.mean), &interval, &flights])
         })
     });
     let columns = ["mean difference", "metric", "mean", "interval", "flights"];
     let note = "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both \
                 alike. Its interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with \
-                bootstrap-t intervals at 95 %.";
+                bootstrap-t intervals at 95 %; that of a recovery leaves out flights in which the first or the second \
+                did not recover.";
     let blocks = vec![
         Block::Items(items.collect()),
         table(columns, means),
@@ -287,17 +299,17 @@ fn distributions(results: &CampaignResults) -> Section {
     // What is the same in every flight is left out.
     let varies = |i: &usize| {
         let mut metrics = results.arms.iter().map(|arm| &arm.metrics[*i].is);
-        metrics.any(|it| it.min < it.max)
+        metrics.any(|it| it.min < it.max || it.missing > 0)
     };
     let varying: Vec<usize> = (0..METRICS.len()).filter(varies).collect();
     let rows = varying.iter().flat_map(|i| {
         let arms = results.arms.iter();
-        let known = arms.filter(|arm| arm.metrics[*i].is.count > 0);
+        let known = arms.filter(|arm| !arm.metrics[*i].is.quantiles.is_empty());
         known.map(move |arm| quantiles(METRICS[*i].name, arm, *i))
     });
     let columns = ["metric", "arm", "quantiles", "max", "flights"];
-    let note =
-        "The share of flights that a value is not exceeded in; the axis is logarithmic in 1 - p.";
+    let note = "The share of flights that a value is not exceeded in; the axis is logarithmic in 1 - p. Flights that did not \
+         recover have the largest recovery time: a curve ends where they begin.";
     let figure = |i: &usize| distribution(results, *i, &METRICS[*i]);
     let figures = varying.iter().map(figure).collect();
     let blocks = vec![
@@ -311,15 +323,22 @@ fn distributions(results: &CampaignResults) -> Section {
 fn quantiles(name: &str, arm: &VariantResults, metric: usize) -> Vec<Cell> {
     let it = &arm.metrics[metric].is;
     let quantiles = it.quantiles.iter();
-    let quantiles =
-        quantiles.map(|q| format!("p{} {}", (1e4 * q.share).round() / 1e2, short(q.value)));
+    let value = |value: Option<f64>| value.map_or_else(|| NOT_RECOVERED.into(), short);
+    let quantiles = quantiles.map(|q| {
+        let percent = (1e4 * q.share).round() / 1e2;
+        format!("p{percent} {}", value(q.value))
+    });
     let quantiles = quantiles.collect::<Vec<_>>().join("  ");
-    row([&name, &arm.name, &quantiles, &short(it.max), &it.count])
+    let flights = match it.missing {
+        0 => it.count.to_string(),
+        missing => format!("{}, {missing} {NOT_RECOVERED}", it.count + missing),
+    };
+    row([&name, &arm.name, &quantiles, &value(it.max), &flights])
 }
 
 fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Figure {
     let curves = || results.arms.iter().map(|arm| &arm.metrics[place].is.curve);
-    let values = || curves().flatten().map(|point| point.value);
+    let values = || curves().flatten().filter_map(|point| point.value);
     let smallest = values().fold(f64::INFINITY, f64::min);
     let largest = values().fold(0.0, f64::max);
     let y = match smallest > 0.0 && largest / smallest > 20.0 {
@@ -330,7 +349,8 @@ fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Fig
     let x = Scale::tail(shares.fold(0.0, f64::max));
     let layers = LAWS.into_iter().cycle().zip(curves());
     let layers = layers.map(|(class, curve)| {
-        let points = curve.iter().map(|point| (point.share, point.value));
+        let points = curve.iter();
+        let points = points.filter_map(|point| Some((point.share, point.value?)));
         let points = points.collect();
         Layer::Line(class, points)
     });

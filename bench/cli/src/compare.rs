@@ -208,6 +208,7 @@ impl Plan {
             last_tick,
             period_s: first.flight.period_s,
             bound_m,
+            bound_yaw_rad: first.flight.tracking_yaw_error_max_rad,
             faults: faults(first)?,
         };
         Ok(Self { flight, settings })

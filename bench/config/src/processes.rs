@@ -468,13 +468,17 @@ impl Settings {
         Ok(None)
     }
 
-    /// Warnings of the inner law's loops that are too fast for the motors.
+    /// Warnings of loops that do not suit the motors.
     fn motor_lag(&self, rig: &Rig) -> Result<Vec<String>, Failure> {
-        let (law, settings) = self.chosen(Role::Inner)?;
+        let [inner, outer] = [self.chosen(Role::Inner)?, self.chosen(Role::Outer)?];
         let built_s = rig.airframe.motor_time_constant_s();
         let lag_s = self.airframe()?.motor_time_constant_s();
-        let law = law.description();
-        Ok(motor_lag::warnings(law, &settings, built_s, lag_s))
+        Ok(motor_lag::warnings(
+            (inner.0.description(), &inner.1),
+            (outer.0.description(), &outer.1),
+            built_s,
+            lag_s,
+        ))
     }
 }
 

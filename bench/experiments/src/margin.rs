@@ -14,8 +14,11 @@ pub mod target;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use analysis::margin::{Bounds, Kind, LawMargins, Margins, Point, SCHEMA, SURVIVES, Search};
+use analysis::margin::{
+    Bounds, Kind, LawMargins, Margins, Point, Prediction, SCHEMA, SURVIVES, Search,
+};
 use analysis::phrase::name_of;
+use analysis::recovery::RecoveryBounds;
 use config::Settings;
 use errors::{Failure, GATE};
 use flight_log::build;
@@ -71,7 +74,7 @@ pub fn measure_all(
             unfaulted,
             qualified: bounds.qualified(&unfaulted),
             searches: searches.clone(),
-            predicted: Vec::new(),
+            predicted: Prediction::default(),
             flights: 0,
         });
     }
@@ -113,16 +116,22 @@ fn check(margins: &Margins) -> Result<(), Failure> {
     }
     let why = margins.laws.iter().map(|law| {
         let why = match law.unfaulted.peak_m {
-            Some(peak_m) => format!("its position error is {peak_m:.4} m"),
+            Some(peak_m) => {
+                let yaw_rad = law.unfaulted.peak_yaw_rad.unwrap_or_default();
+                format!("its position error is {peak_m:.4} m, its yaw error {yaw_rad:.4} rad")
+            }
             None => format!("its flight is lost ({})", name_of(&law.unfaulted.cause)),
         };
         format!("{}: {why}", margins.name_of(&law.laws))
     });
-    let bound_m = margins.bounds.recovered_below_m;
+    let RecoveryBounds {
+        position_m,
+        yaw_rad,
+    } = margins.bounds.recovered();
     Err(Failure::new(
         GATE,
         format!(
-            "no law keeps its envelope and {bound_m} m without a fault; {}",
+            "no law keeps its envelope, {position_m} m and {yaw_rad} rad of yaw without a fault; {}",
             why.collect::<Vec<_>>().join("; ")
         ),
     )

@@ -30,7 +30,10 @@ impl Cases {
     }
 
     fn measures(&self) -> [Measure; 2] {
-        let bound_m = self.first().map_or(0.0, |it| it.flight.bound_m);
+        let bounds = self
+            .first()
+            .map(|it| (it.flight.bound_m, it.flight.bound_yaw_rad));
+        let (bound_m, bound_yaw_rad) = bounds.unwrap_or_default();
         let (error, cell): (String, fn(&[&Outcome]) -> CellFigure) = match self.from_fault {
             true => (
                 "true position error from the fault on [mm]: rms / peak".into(),
@@ -41,7 +44,9 @@ impl Cases {
                 (format!("worst true position error {from}"), lasting)
             }
         };
-        let error = format!("{error} / time until it stays below {bound_m} m [s]");
+        let error = format!(
+            "{error} / time until it stays below {bound_m} m, and the yaw error below {bound_yaw_rad} rad [s]"
+        );
         let flights = self.rows.first().map_or(1, |(_, flights)| flights.len());
         let of_flights = match flights {
             1 => String::new(),

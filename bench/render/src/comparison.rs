@@ -63,9 +63,10 @@ pub fn document(comparison: &Comparison) -> Document {
         let faults = flight.faults.iter();
         let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
         let title = format!(
-            "Recovery from the fault at: when the true error stays below {} m: for at least {STAYING_S} s and {:.0} % of \
-             the time after the fault, and longer than it was below before",
+            "Recovery from the fault at: when the true errors stay below {} m and {} rad of yaw: for at least \
+             {STAYING_S} s and {:.0} % of the time after the fault, and longer than they were below before",
             flight.bound_m,
+            flight.bound_yaw_rad,
             100.0 * STAYING_SHARE
         );
         let table = table(comparison, columns, |it| recoveries_of(it).collect());

@@ -61,21 +61,24 @@ fn phases(margins: &Margins) -> String {
 fn criteria(margins: &Margins) -> [String; 2] {
     let it = &margins.bounds;
     let meaning = format!(
-        "unnoticed: the position error stays below {} m; recovers, survives: it is below {} m from {} s or {} s on, after \
-         the end of an outage or the beginning of a steady fault; always: envelope kept; oscillates: under a lag, delay or \
+        "unnoticed: the errors of position and yaw stay below {} m and {} rad; recovers, survives: they are below {} m and \
+         {} rad from {} s or {} s on, after the end of an outage or the beginning of a steady fault; always: envelope kept; oscillates: under a lag, delay or \
          gain, the change of the body rate per tick is more than {} rad/s above that without a fault (root of the \
          difference of their mean squares)",
         it.unnoticed_below_m,
+        it.unnoticed_yaw_below_rad,
         it.recovered_below_m,
+        it.recovered_yaw_below_rad,
         it.recovery_max_s,
         it.survival_max_s,
         it.rate_step_increase_rad_s,
     );
     let cells = format!(
-        "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error (flies on, above {} \
-         m); and from where on it oscillates, if it does before. 60+: more was not tried. -: not qualified, the error without a fault is too large",
+        "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error, yaw (flies on, above {} \
+         m or {} rad); and from where on it oscillates, if it does before. 60+: more was not tried. -: not qualified, the error without a fault is too large",
         LIMITS[..CALM].join("/"),
-        it.recovered_below_m
+        it.recovered_below_m,
+        it.recovered_yaw_below_rad
     );
     [meaning, cells]
 }
@@ -239,13 +242,6 @@ fn predicted(margins: &Margins) -> Option<Section> {
         "phase margin [deg]",
         "axis",
     ];
-    let least = |law: &LawMargins, of: fn(&LoopMargin) -> Option<f64>| {
-        let axes = law
-            .predicted
-            .iter()
-            .filter_map(move |it| Some((of(it)?, it.clone())));
-        axes.min_by(|a, b| a.0.total_cmp(&b.0))
-    };
     let table = table(margins, &columns, |law| {
         let measured = |kind| {
             let search = law.search(kind, of)?;
@@ -254,22 +250,27 @@ fn predicted(margins: &Margins) -> Option<Section> {
                 None => strength(search, SURVIVES) + &ending(search),
             })
         };
-        let delay = least(law, |it| it.delay_ticks);
+        let predicted = &law.predicted;
+        let (delay, gain) = (
+            predicted.least(|it| it.delay_ticks),
+            predicted.least(|it| it.gain),
+        );
+        let margin = |least: Option<(f64, &LoopMargin)>| match predicted.unsettled.as_slice() {
+            [] => known(least.map(|(margin, _)| format!("{margin:.2}"))),
+            [axis] => format!("none: {axis} does not settle"),
+            axes => format!("none: {} do not settle", axes.join(", ")),
+        };
         let of_delay = |of: fn(&LoopMargin) -> Option<f64>| {
-            known(
-                delay
-                    .as_ref()
-                    .and_then(|(_, it)| Some(format!("{:.1}", of(it)?))),
-            )
+            known(delay.and_then(|(_, it)| Some(format!("{:.1}", of(it)?))))
         };
         vec![
-            known(delay.as_ref().map(|(ticks, _)| format!("{ticks:.2}"))),
+            margin(delay),
             known(measured(Kind::Lag)),
-            known(least(law, |it| it.gain).map(|(gain, _)| format!("{gain:.2}"))),
+            margin(gain),
             known(measured(Kind::Gain)),
             of_delay(|it| it.crossover_rad_s),
             of_delay(|it| it.phase_margin_deg),
-            known(delay.as_ref().map(|(_, it)| &it.axis)),
+            known(delay.map(|(_, it)| &it.axis)),
         ]
     });
     let title = format!(
@@ -283,6 +284,7 @@ fn predicted(margins: &Margins) -> Option<Section> {
 fn unfaulted(margins: &Margins) -> Option<Section> {
     let columns = [
         "error [mm]",
+        "yaw error [mrad]",
         "rate change per tick [mrad/s]",
         "qualified for",
         "flights",
@@ -301,6 +303,7 @@ fn unfaulted(margins: &Margins) -> Option<Section> {
         let rate_step = format!("{:.2}", 1e3 * it.rate_step_increase_rad_s);
         vec![
             known(it.peak_m.map(thousandths)),
+            known(it.peak_yaw_rad.map(thousandths)),
             rate_step,
             qualified,
             law.flights.to_string(),

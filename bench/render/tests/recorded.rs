@@ -204,6 +204,7 @@ fn the_comparison_of_laws_and_a_table_of_cases_are_their_snapshots() {
             last_tick: 9000,
             period_s: 1e-3,
             bound_m: 0.05,
+            bound_yaw_rad: 0.1,
             faults: vec![Fault {
                 tick: 1000,
                 time_s: 1.0,

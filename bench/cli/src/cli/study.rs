@@ -39,7 +39,8 @@ pub struct CompareArgs {
     pub course: TrajectoryArgs,
     #[command(flatten)]
     pub laws: LawSetArgs,
-    /// A flight has recovered from a fault when its true position error stays below this [m] [default: 0.05].
+    /// A flight has recovered from a fault when its true position error stays below this [m] [default: 0.05], and its
+    /// yaw error below flight.tracking_yaw_error_max_rad.
     #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = values::limit)]
     pub recovered_below: Option<f64>,
     /// Output format.
@@ -75,8 +76,8 @@ pub struct MarginArgs {
     pub course: TrajectoryArgs,
     #[command(flatten)]
     pub laws: LawSetArgs,
-    /// Another bound for the limits: unnoticed_below_m (0.02), recovered_below_m (flight.tracking_error_max_m),
-    /// recovery_max_s (5), survival_max_s (20), rate_step_increase_rad_s (1e-4); may be repeated.
+    /// Another bound for the limits: unnoticed_below_m (0.02), unnoticed_yaw_below_rad (0.02), recovered_below_m
+    /// (flight.tracking_error_max_m), recovered_yaw_below_rad (flight.tracking_yaw_error_max_rad), recovery_max_s (5), survival_max_s (20), rate_step_increase_rad_s (1e-4); may be repeated.
     #[arg(long = "gate", value_name = "NAME=MAX", value_parser = bound)]
     pub gates: Vec<(BoundName, f64)>,
     /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration. 1 is a

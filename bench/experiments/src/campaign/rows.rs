@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use ::campaign::gates::{Gates, Outcome, SignalGate, UNSET};
 use ::campaign::metrics::Metrics;
 use ::campaign::table::Row;
+use analysis::recovery::RecoveryBounds;
 use analysis::tracking::Tracking;
 use control_api::guard::Route;
 use controller::ScaledTrajectory;
@@ -139,7 +140,11 @@ struct Observed {
 
 impl Observed {
     fn new(settings: &Settings, gates: &Gates) -> Result<Self, Failure> {
-        let (period_s, bound_m) = (settings.flight.period_s, gates.recovered_below_m);
+        let period_s = settings.flight.period_s;
+        let bounds = RecoveryBounds {
+            position_m: gates.recovered_below_m,
+            yaw_rad: gates.recovered_yaw_below_rad,
+        };
         let typed = settings.typed_faults();
         let typed = typed.map_err(|e| Failure::usage(format!("fault: {e}")))?;
         let faults = typed.iter().map(|fault| fault.from.tick(period_s));
@@ -152,7 +157,7 @@ impl Observed {
         };
         let places: Vec<Option<usize>> = gates.telemetry.iter().map(place).collect();
         Ok(Self {
-            metrics: Metrics::new(tracking, &airframe, faults.collect(), last_tick, bound_m),
+            metrics: Metrics::new(tracking, &airframe, faults.collect(), last_tick, bounds),
             telemetry: places.iter().map(|place| place.map(|_| UNSET)).collect(),
             places,
         })

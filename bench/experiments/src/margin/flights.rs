@@ -16,7 +16,7 @@ use errors::Failure;
 use sim::simulate::Judge;
 use sim::simulator::Simulator;
 
-/// A flight ends when its error has been below the bound for this time after an outage [s].
+/// A flight ends when its errors have been below their bounds for this time after an outage [s].
 const RECOVERED_FOR_S: f64 = 5.0;
 
 /// From when on after the beginning of a fault the change of the body rate is taken [s].
@@ -95,7 +95,7 @@ impl<'a> Flights<'a> {
         self.point(at, vec![fault], self.from + ticks.unwrap_or(0), calm_s)
     }
 
-    /// Flies until the error has been below the bound for `calm_s`, or until it can no longer be in time. The recovery is
+    /// Flies until the errors have been below their bounds for `calm_s`, or until it can no longer be in time. The recovery is
     /// measured from tick `end` on.
     fn point(&self, at: u64, faults: Vec<String>, end: u64, calm_s: f64) -> Result<Point, Failure> {
         let mut settings = self.settings.clone();
@@ -107,7 +107,10 @@ impl<'a> Flights<'a> {
         let mut rig = rig(self.base.as_deref(), &settings)?;
         let mut judge = Judge::new(&settings)?;
         rig.start()?;
-        let (mut peak_m, mut back) = (0.0_f64, end);
+        let bounds = self.bounds.recovered();
+        let (mut peak_m, mut peak_yaw_rad) = (0.0_f64, 0.0_f64);
+        // From when on the errors have been below their bounds, and which one was above last.
+        let (mut back, mut above) = (end, Cause::Error);
         let (mut rate, mut steps, mut sum) = (Vector3::zeros(), 0, 0.0);
         let settled = self.from + (SETTLED_S / period_s).round() as u64;
         let mut is_low = false;
@@ -120,10 +123,15 @@ impl<'a> Flights<'a> {
                 if tick < self.from {
                     return Ok(());
                 }
-                let error_m = self.tracking.setpoint_error_m(tick, state, rig.setpoint());
+                let [error_m, yaw_rad, _] = self.tracking.errors(tick, state, rig.setpoint());
                 peak_m = peak_m.max(error_m);
-                if error_m > self.bounds.recovered_below_m {
+                peak_yaw_rad = peak_yaw_rad.max(yaw_rad);
+                if !bounds.hold(error_m, yaw_rad) {
                     back = back.max(tick + 1);
+                    above = match error_m > bounds.position_m {
+                        true => Cause::Error,
+                        false => Cause::Yaw,
+                    };
                 }
                 let last = replace(&mut rate, state.truth.rate_b_rad_s.into());
                 if tick >= settled {
@@ -147,11 +155,12 @@ impl<'a> Flights<'a> {
         Ok(Point {
             at,
             peak_m: lost.is_none().then_some(peak_m),
+            peak_yaw_rad: lost.is_none().then_some(peak_yaw_rad),
             recovery_s: (lost.is_none() && is_back).then_some(recovery_s),
             rate_step_increase_rad_s: (sum / f64::from(steps.max(1)) - unfaulted * unfaulted)
                 .max(0.0)
                 .sqrt(),
-            cause: lost.or((!is_back).then_some(Cause::Error)),
+            cause: lost.or((!is_back).then_some(above)),
         })
     }
 }

@@ -61,9 +61,15 @@ impl Phases {
 /// A bound of the limits, by its name in `--gate`.
 pub type BoundName = (&'static str, fn(&mut Bounds) -> &mut f64);
 
-pub const BOUNDS: [BoundName; 5] = [
+pub const BOUNDS: [BoundName; 7] = [
     ("unnoticed_below_m", |it| &mut it.unnoticed_below_m),
+    ("unnoticed_yaw_below_rad", |it| {
+        &mut it.unnoticed_yaw_below_rad
+    }),
     ("recovered_below_m", |it| &mut it.recovered_below_m),
+    ("recovered_yaw_below_rad", |it| {
+        &mut it.recovered_yaw_below_rad
+    }),
     ("recovery_max_s", |it| &mut it.recovery_max_s),
     ("survival_max_s", |it| &mut it.survival_max_s),
     ("rate_step_increase_rad_s", |it| {
@@ -75,7 +81,9 @@ pub const BOUNDS: [BoundName; 5] = [
 pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds, Failure> {
     let mut bounds = Bounds {
         unnoticed_below_m: 0.02,
+        unnoticed_yaw_below_rad: 0.02,
         recovered_below_m: settings.flight.tracking_error_max_m,
+        recovered_yaw_below_rad: settings.flight.tracking_yaw_error_max_rad,
         recovery_max_s: 5.0,
         survival_max_s: 20.0,
         rate_step_increase_rad_s: 1e-4,

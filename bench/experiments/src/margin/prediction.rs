@@ -5,16 +5,16 @@
 //! for small signals, so it needs no knowledge of the law. The loop is cut where the fault of the flights acts:
 //!
 //! * for the delay at the rotor commands: d is added to those along one axis, before the plant measures the rotors;
-//! * for the gain behind the measured rotors: d is an angular acceleration, by the gain of the disturbance h(t) in (3).
+//! * for the gain behind the measured rotors: d is an angular acceleration, by the gain of the disturbance h(t) in (3), and
+//!   the torque of the rotors comes back, with the reaction of those that change their speed.
 //!   An observer that measures the rotors knows their torque. It attributes the extra acceleration of a higher gain to a
 //!   disturbance and compensates it; a cut at the commands hides this and overestimates the gain margin.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::atomic::AtomicBool;
 
-use analysis::margin::LoopMargin;
+use analysis::margin::{LoopMargin, Prediction};
 use errors::Failure;
-use messages::allocation::Allocation;
 use messages::parameters::Parameter;
 use messages::rate_dynamics::disturbance;
 use nalgebra::{Complex, ComplexField, Vector3, Vector4};
@@ -45,8 +45,7 @@ const REST: f64 = 0.02;
 const LOWEST_RAD_S: f64 = 2.0;
 const FREQUENCIES: i32 = 300;
 
-/// The margins of each axis; none of those whose response does not decay.
-pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargin>, Failure> {
+pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Prediction, Failure> {
     let mut settings = settings.clone();
     settings.flight.trajectory = "hover".into();
     settings.trajectory.size = 1.0;
@@ -57,7 +56,6 @@ pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargi
     let period_s = settings.flight.period_s;
     let from = (FROM_S / period_s).round() as u64;
     let airframe = settings.airframe()?;
-    let allocation = Allocation::new(&airframe);
     let impulse = IMPULSE * airframe.hover_speed_rad_s();
     let base = base(&settings, from, stop)?;
     let mut flown = |faults: Vec<String>, look: &dyn Fn(&Simulator) -> Vector3<f64>| {
@@ -78,20 +76,17 @@ pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargi
         let set = |gain: f64, tick: u64| format!("{}={gain}@tick{tick}", DISTURBANCE.name());
         let faults = vec![set(gain, from), set(airframe.delta(), from + 1)];
         flown(faults, &|rig| {
-            let squared = Vector4::from(rig.state().measured.rotor_speed_squared_mean_rad2_s2);
-            let (_, torque) = allocation.wrench(&(airframe.k() * squared));
+            let torque = Vector3::from(rig.plant().mean_torque_b_nm());
             torque.component_div(&Vector3::from(airframe.i_m()))
         })
     });
     let h = disturbance((from as f64 + 0.5) * period_s);
-    // The means of a tick are in the state after it.
     let accelerations: Vec<Vector3<f64>> = above?
         .into_iter()
         .zip(below?)
-        .skip(1)
         .map(|(a, b)| (a - b).component_div(&(2.0 * ACCELERATION_RAD_S2 * h)))
         .collect();
-    let mut all = Vec::new();
+    let mut prediction = Prediction::default();
     for (i, (axis, signs)) in AXES.into_iter().enumerate() {
         let mut commands = |impulse: f64| {
             let biases = (1..)
@@ -107,16 +102,19 @@ pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Vec<LoopMargi
         let pair = commands(impulse)?.into_iter().zip(commands(-impulse)?);
         let response: Vec<f64> = pair.map(|(a, b)| (a - b).x / (2.0 * impulse)).collect();
         let behind: Vec<f64> = accelerations.iter().map(|it| it[i]).collect();
-        all.push(LoopMargin {
-            gain: margin(axis, &behind, period_s).gain,
-            ..margin(axis, &response, period_s)
-        });
+        match margin(axis, &response, period_s).zip(margin(axis, &behind, period_s)) {
+            Some((at_commands, behind_rotors)) => prediction.axes.push(LoopMargin {
+                gain: behind_rotors.gain,
+                ..at_commands
+            }),
+            None => prediction.unsettled.push(axis.into()),
+        }
     }
-    Ok(all)
+    Ok(prediction)
 }
 
-/// The margins of a loop, from the closed loop's response to an impulse at its first tick.
-fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
+/// The margins of a loop, from the closed loop's response to an impulse at its first tick; none if that does not decay.
+fn margin(axis: &str, response: &[f64], period_s: f64) -> Option<LoopMargin> {
     let mut margin = LoopMargin {
         axis: axis.into(),
         ..LoopMargin::default()
@@ -125,7 +123,7 @@ fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
     let end = response.len() - response.len() / 10;
     // Also where a flight diverged.
     if peak(&response[end..]) > REST * peak(response) {
-        return margin;
+        return None;
     }
     // Frequencies in radians per tick.
     let open = |w: f64| {
@@ -168,7 +166,7 @@ fn margin(axis: &str, response: &[f64], period_s: f64) -> LoopMargin {
         .filter(|(_, l)| l.re < 0.0 && l.modulus() < 1.0)
         .map(|(_, l)| 1.0 / l.modulus());
     margin.gain = gains.min_by(f64::total_cmp);
-    margin
+    Some(margin)
 }
 
 #[cfg(test)]
@@ -188,7 +186,7 @@ mod tests {
                 response.push(command);
                 rate.push(rate[k] + command + impulse);
             }
-            let found = margin("roll", &response, 1e-3);
+            let found = margin("roll", &response, 1e-3).unwrap();
             let limit = |d: f64| 2.0 * (PI / (2.0 * (2.0 * d + 1.0))).sin();
             let gain = limit(d as f64) / c;
             // At d and the delay margin, c is the limit.
@@ -199,6 +197,6 @@ mod tests {
         }
         // An oscillation that stays is no response to an impulse.
         let rings: Vec<f64> = (0..8000).map(|k| f64::from(k).sin()).collect();
-        assert_eq!(margin("yaw", &rings, 1e-3).gain, None);
+        assert_eq!(margin("yaw", &rings, 1e-3), None);
     }
 }

@@ -187,6 +187,7 @@ mod tests {
                 for at in strengths {
                     search.take(Point {
                         at,
+                        peak_yaw_rad: Some(0.0),
                         peak_m: Some(if at <= limits[0] { 0.01 } else { 1.0 }),
                         recovery_s: Some(if at <= limits[1] { 1.0 } else { 9.0 }),
                         rate_step_increase_rad_s: 0.0,
