@@ -73,6 +73,10 @@ const vehicleView = (canvas) => {
     const base = lines.find(isFree) ?? y - gap;
     labels.push({ left, right: left + width, base });
     pen.fillStyle = color("muted");
+    pen.strokeStyle = color("card");
+    pen.lineWidth = 3 * devicePixelRatio;
+    pen.setLineDash([]);
+    pen.strokeText(shown, left, base);
     pen.fillText(shown, left, base);
   };
 

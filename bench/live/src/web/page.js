@@ -390,6 +390,9 @@ const connect = () => {
 setInterval(() => {
   if (socket.readyState === WebSocket.OPEN && performance.now() - heard > STALE_MS) lose("ironbird sends nothing.");
 }, 1000);
-byId("all-parameters").open = innerWidth > 900;
+const narrow = matchMedia("(max-width: 900px)");
+const foldParameters = () => { byId("all-parameters").open = !narrow.matches; };
+narrow.addEventListener("change", foldParameters);
+foldParameters();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach((it) => it.made.redraw()));
 connect();
