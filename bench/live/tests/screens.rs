@@ -276,8 +276,8 @@ fn each_page_is_its_snapshot() {
     take_wrench(flight(&mut unset), 101, Telemetry::unknown(7));
     let mut noisy = model();
     flight(&mut noisy).active.value[Parameter::GyroNoise as usize] = 0.01;
-    let mut landed = model();
-    flight(&mut landed).ending = Some(EndReason::Completed);
+    let mut ended = model();
+    flight(&mut ended).ending = Some(EndReason::Completed);
     let starting = Model::new("left", true, true);
     for (name, mut model, keys, size) in [
         ("waiting", waiting, "", NORMAL),
@@ -311,7 +311,7 @@ fn each_page_is_its_snapshot() {
         ("laws", laws(), "6", NORMAL),
         ("laws_unset", unset, "6", NORMAL),
         ("help", model(), "?", NORMAL),
-        ("landed", landed, "4<Enter>", NORMAL),
+        ("ended", ended, "4<Enter>", NORMAL),
         ("too_small", model(), "", (60, 9)),
     ] {
         press(&mut model, keys);

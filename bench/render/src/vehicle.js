@@ -55,13 +55,29 @@ const vehicleView = (canvas) => {
     pen.fillStyle = fill;
     pen.fill();
   };
-  const label = (at, point, text, offset = [6, -6]) => {
-    const [x, y] = at(point);
-    pen.textAlign = x > 0.6 * canvas.width ? "right" : "left";
-    const across = pen.textAlign === "right" ? -offset[0] : offset[0];
+  // Labels stand beside their points: inside the canvas, on a line free of other labels, and shortened to the width.
+  let labels = [];
+  const label = (at, point, text) => {
+    const [x, y] = at(point), gap = 6 * devicePixelRatio, height = 14 * devicePixelRatio;
     pen.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    pen.textAlign = "left";
+    const widthOf = (it) => pen.measureText(it).width, most = canvas.width - 2 * gap;
+    let shown = text;
+    while (shown.length > 1 && widthOf(shown) > most) shown = `${shown.slice(0, -2).trimEnd()}\u2026`;
+    const width = widthOf(shown), isRight = x + gap + width > canvas.width - gap;
+    const left = Math.max(gap, isRight ? x - gap - width : x + gap);
+    const isFree = (base) => base >= height && base <= canvas.height
+      && labels.every((it) => it.left > left + width || it.right < left || Math.abs(it.base - base) >= height);
+    // The nearest free line: above, below, two above, ...
+    const lines = Array.from({ length: 40 }, (_, i) => y - gap + (i % 2 ? -1 : 1) * Math.ceil(i / 2) * height);
+    const base = lines.find(isFree) ?? y - gap;
+    labels.push({ left, right: left + width, base });
     pen.fillStyle = color("muted");
-    pen.fillText(text, x + across * devicePixelRatio, y + offset[1] * devicePixelRatio);
+    pen.strokeStyle = color("card");
+    pen.lineWidth = 3 * devicePixelRatio;
+    pen.setLineDash([]);
+    pen.strokeText(shown, left, base);
+    pen.fillText(shown, left, base);
   };
 
   // The ground, a square of the grid being 1, 2 or 5 times a power of ten of metres wide.
@@ -109,13 +125,14 @@ const vehicleView = (canvas) => {
     canvas.width = Math.max(1, canvas.clientWidth * devicePixelRatio);
     canvas.height = Math.max(1, canvas.clientHeight * devicePixelRatio);
     const around = box(), at = camera(around);
+    labels = [];
     ground(at, around);
     line(at, scene.reference, color("shade"), 4);
     line(at, scene.path, color("blue"), 1.6);
-    scene.marks.forEach((mark, i) => {
+    for (const mark of scene.marks) {
       dot(at, mark.position, color(mark.color), 5);
-      label(at, mark.position, mark.label, [6, -6 - 14 * (i % 3)]);
-    });
+      label(at, mark.position, mark.label);
+    }
     if (!scene.pose) return;
     if (scene.pose.reference) dot(at, scene.pose.reference, color("shade"), 5);
     vehicle(at, scene.pose, around.size);

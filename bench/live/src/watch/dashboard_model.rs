@@ -8,10 +8,12 @@ use std::time::Duration;
 
 use messages::blackboards::{ActiveParameters, EndReason, LOCKSTEP, Run, Status, Supervision};
 use messages::channels::Redundancy;
-use messages::content::{RotorSpeeds, Setpoint, State, TakenCommand, Wrench};
+use messages::content::{Mode, RotorSpeeds, Setpoint, State, TakenCommand, Wrench};
+use messages::header::Message;
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Channel, Replica, Role, STAGES};
+use messages::topic::Topic;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::inject::parse_line;
@@ -280,6 +282,8 @@ pub struct WatchedFlight {
     pub setpoint: Option<Setpoint>,
     pub wrench: Option<Wrench>,
     pub rotor_speeds: Option<RotorSpeeds>,
+    /// Of each control loop's newest message its [`Mode`] as number, and the first tick of it in a row.
+    modes: BTreeMap<Role, (u64, u64)>,
     pub monitor: Option<Monitor>,
     /// Position error [m].
     pub position_error: Trace,
@@ -336,6 +340,7 @@ impl WatchedFlight {
             setpoint: None,
             wrench: None,
             rotor_speeds: None,
+            modes: BTreeMap::new(),
             monitor: None,
             position_error: Trace::default(),
             v_th: Trace::default(),
@@ -414,11 +419,18 @@ impl WatchedFlight {
                     self.note_channel(&decision.command);
                 }
             }
-            LogEntry::Setpoint(message) => self.setpoint = Some(message.content),
-            LogEntry::Wrench(message) => self.wrench = Some(message.content),
+            LogEntry::Setpoint(message) => {
+                self.setpoint = Some(message.content);
+                self.note_mode(message, message.content.mode);
+            }
+            LogEntry::Wrench(message) => {
+                self.wrench = Some(message.content);
+                self.note_mode(message, message.content.mode);
+            }
             LogEntry::RotorSpeeds(message) => {
                 if !is_final_command(message) {
                     self.rotor_speeds = Some(message.content);
+                    self.note_mode(message, message.content.mode);
                 }
             }
             LogEntry::Swap(message) => {
@@ -436,6 +448,20 @@ impl WatchedFlight {
             }
             LogEntry::Loss(_) => {}
         }
+    }
+
+    fn note_mode<C: Topic>(&mut self, message: &Message<C>, mode: u64) {
+        let since = (mode, message.envelope.tick);
+        let noted = self.modes.entry(C::SENDER).or_insert(since);
+        if noted.0 != mode {
+            *noted = since;
+        }
+    }
+
+    /// How each control loop came by its newest output, and since which tick.
+    pub fn modes(&self) -> impl Iterator<Item = (Role, Mode, u64)> {
+        let modes = self.modes.iter();
+        modes.filter_map(|(role, (mode, since))| Some((*role, Mode::from_wire(*mode)?, *since)))
     }
 
     fn note_pose(&mut self, tick: u64, error_m: f64) {

@@ -73,7 +73,7 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
             None => add("flying".into(), GOOD),
             Some(ending) => {
                 let style = good_or_bad(ending == EndReason::Completed);
-                add(format!("landed: {}", ending.name()), style);
+                add(format!("ended: {}", ending.name()), style);
             }
         }
         if tick != NO_TICK {

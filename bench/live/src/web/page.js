@@ -56,7 +56,7 @@ const chart = (figure, title, lines, data, scales = {}, axes = null, height = 19
   const series = lines.map(([, className, more]) => ({ stroke: stroke(className), width: 2, points: { show: false }, ...more }));
   const made = new uPlot({
     width: Math.max(100, room.clientWidth), height, pxAlign: 0, legend: { show: false }, cursor: { show: false },
-    scales: { x: { time: false }, ...scales }, axes: axes ?? [axis(SHORT, 26), axis(SHORT, 52)], series: [{}, ...series],
+    scales: { x: { time: false }, ...scales }, axes: axes ?? [axis(SHORT, 26, { label: "flight time [s]", labelSize: 16, labelFont: "12px system-ui" }), axis(SHORT, 52)], series: [{}, ...series],
   }, data(), room);
   new ResizeObserver(() => made.setSize({ width: Math.max(100, room.clientWidth), height })).observe(room);
   const shown = { made, figure, update: () => made.setData(data()) };
@@ -146,9 +146,10 @@ const show = {
     byId("control").hidden = !allowsControl;
     const isOther = flight?.run !== text.flight?.run;
     flight = text.flight ?? null;
+    byId("connecting").hidden = true;
     byId("waiting").hidden = flight !== null;
     byId("content").hidden = flight === null;
-    if (!flight) return;
+    if (!flight) return tile("phase", { word: "waiting", why: "", tone: "open" });
     poses = flight.poses;
     const [trajectory, gains, outer, inner, mixer] = flight.conditions;
     byId("conditions").textContent = `${trajectory}, gains ${gains}; laws ${outer}, ${inner}, ${mixer}${flight.channels > 1 ? `; ${flight.channels} channels` : ""}`;
@@ -208,12 +209,14 @@ const showNews = (it) => {
   tile("timing", timing);
   tile("theorem", theorem);
   const isOver = it.phase.word !== "flying";
-  const { broken } = it;
-  tile("broken", isOver ? { word: "-", why: "no flight", tone: "open" } : broken.length ? { word: `${broken.length} thing${broken.length > 1 ? "s" : ""}`, why: broken.join("; "), tone: "bad" }
-    : { word: "nothing", why: "all processes run, no fault acts", tone: "good" });
+  const { broken } = it, why = broken.length ? broken : ["all processes run, no fault acts"];
+  if (it.changed.length) why.push(`changed: ${it.changed.join(", ")}`);
+  tile("broken", isOver ? { word: "-", why: "no flight", tone: "open" } : {
+    word: broken.length ? `${broken.length} thing${broken.length > 1 ? "s" : ""}` : "nothing", why: why.join("\n"), tone: broken.length ? "bad" : "good",
+  });
   if (isOver) {
     const status = it.status ? `${it.status}. ` : "";
-    banner(`The flight has ended: ${it.phase.why}. ${status}${it.report ? `Report: ${it.report}` : "The report is in the flight's directory."}`, true);
+    banner(`The flight has ${it.phase.word === "lost" ? "been lost" : "ended"}: ${it.phase.why}. ${status}${it.report ? `Report: ${it.report}` : "The report is in the flight's directory."}`, true);
   } else banner("");
   charts.filter((shown) => shown.after).forEach((shown) => { shown.update(); shown.after(); });
   const loop = seriesOf("loop")[0];
@@ -237,7 +240,7 @@ const showMarks = (events) => {
   const apart = marked.filter((it, i) => i + 1 === marked.length || it.time_s - marked[i + 1].time_s > APART_S).slice(0, 4);
   view.marks(apart.flatMap(({ time_s, text }) => {
     const pose = poses.find((it) => it.t >= time_s);
-    return pose ? [{ position: pose.p, color: "red", label: text.slice(0, 28) }] : [];
+    return pose ? [{ position: pose.p, color: "red", label: text }] : [];
   }));
 };
 
@@ -387,6 +390,9 @@ const connect = () => {
 setInterval(() => {
   if (socket.readyState === WebSocket.OPEN && performance.now() - heard > STALE_MS) lose("ironbird sends nothing.");
 }, 1000);
-byId("all-parameters").open = innerWidth > 900;
+const narrow = matchMedia("(max-width: 900px)");
+const foldParameters = () => { byId("all-parameters").open = !narrow.matches; };
+narrow.addEventListener("change", foldParameters);
+foldParameters();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach((it) => it.made.redraw()));
 connect();

@@ -10,12 +10,12 @@
 use std::collections::BTreeMap;
 
 use analysis::phrase::name_of;
-use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
+use analysis::schema::{Explained, FlightVerdict, StabilityVerdict, TimingVerdict};
 use analysis::series::{Latencies, Series, Statistics};
 use analysis::theorem::no_theorem;
 use faults::PORTS;
 use faults::grammar::Change;
-use messages::blackboards::{EndReason, Subject};
+use messages::blackboards::EndReason;
 use messages::channels::{Outage, OutageReason, SwitchoverReason};
 use messages::content::Mode;
 use messages::parameters::{Airframe, ESTIMATED, Parameter, SPECS};
@@ -32,8 +32,6 @@ const FIRST_BIN: i32 = 2 * BINS as i32;
 const EVENTS: usize = 100;
 /// Handovers among them, the newest ones; the account of the channels counts all.
 const HANDOVERS: usize = 3;
-/// How long a failed process is shown among what is broken, even if it is back [s].
-const FAILED_SHOWN_S: f64 = 10.0;
 const OUTAGES: usize = 8;
 
 /// The facts of a flight that stay, and the poses so far; without a flight, none.
@@ -125,7 +123,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         None => json!({"word": word, "why": why, "tone": tone}),
     };
     text["flight"] = json!({
-        "phase": phase(flight, filed, tracked),
+        "phase": phase(flight, filed, &verdicts.flight),
         "tick": flight.tick(),
         "verdicts": [
             verdict(name_of(&tracked), &verdicts.flight.why, tone(tracked == FlightVerdict::Tracked, is_off)),
@@ -137,6 +135,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
             ),
         ],
         "broken": broken(flight),
+        "changed": changed(flight),
         "missed": flight.run.deadlines_missed,
         "skipped": flight.run.ticks_skipped,
         "not_fresh": not_fresh.ticks,
@@ -156,7 +155,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
     text
 }
 
-fn phase(flight: &WatchedFlight, filed: &FiledReport, tracked: FlightVerdict) -> Value {
+fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVerdict>) -> Value {
     let Some(ending) = flight.ending else {
         let active = flight
             .redundancy
@@ -166,16 +165,19 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, tracked: FlightVerdict) ->
         return json!({"word": "flying", "why": why, "tone": "good"});
     };
     let report = filed.excerpt.as_ref().filter(|it| !it.run.in_flight);
-    let why = report.map_or(ending.name(), |it| &it.run.ending);
-    let (word, tone) = match ending {
-        _ if tracked == FlightVerdict::Lost => ("lost", "bad"),
-        EndReason::Completed => ("landed", "open"),
-        _ => ("ended", "bad"),
+    let (word, why, tone) = match ending {
+        _ if track.word == FlightVerdict::Lost => ("lost", track.why.as_str(), "bad"),
+        EndReason::Completed => ("ended", "its duration is over", "open"),
+        _ => (
+            "ended",
+            report.map_or(ending.name(), |it| it.run.ending.as_str()),
+            "bad",
+        ),
     };
     json!({"word": word, "why": why, "tone": tone})
 }
 
-/// Missing processes, active faults, changed parameters and stale inputs of this moment, and the failures of the last seconds.
+/// Missing processes, active faults and stages that use old data, at this moment.
 fn broken(flight: &WatchedFlight) -> Vec<String> {
     if flight.ending.is_some() {
         return Vec::new();
@@ -184,40 +186,42 @@ fn broken(flight: &WatchedFlight) -> Vec<String> {
     for replica in &flight.missing {
         broken.push(format!("no {} process", name_in(flight, *replica)));
     }
-    let is_new = |tick: u64| flight.run.flight_time_s(flight.tick() - tick) < FAILED_SHOWN_S;
-    let failures = flight.supervision.events().filter(|(tick, subject, _)| {
-        *subject == Subject::Process && *tick <= flight.tick() && is_new(*tick)
-    });
-    broken.extend(failures.map(|(tick, _, text)| {
-        let time_s = flight.run.flight_time_s(tick);
-        format!("{time_s:.1} s: {text}")
-    }));
     for (what, rest_s) in flight.active_faults() {
         broken.push(match rest_s {
             Some(rest_s) => format!("fault {what}, {rest_s:.1} s more"),
             None => format!("fault {what}"),
         });
     }
-    let nominal = SPECS.iter().zip(flight.active.value);
-    for (spec, value) in
-        nominal.filter(|(spec, value)| *value != flight.airframe.get(spec.parameter))
-    {
-        broken.push(format!("{} is {value}, not nominal", spec.name));
-    }
-    let modes = [
-        ("outer", flight.setpoint.map(|it| it.mode)),
-        ("inner", flight.wrench.map(|it| it.mode)),
-        ("mixer", flight.rotor_speeds.map(|it| it.mode)),
-    ];
-    for (stage, mode) in modes {
-        if let Some(mode) = mode
-            .and_then(Mode::from_wire)
-            .filter(|it| *it != Mode::Fresh)
-        {
-            broken.push(format!("{stage}: {}", mode.name()));
-        }
+    for (stage, mode, since) in flight.modes() {
+        let does = match mode {
+            Mode::Fresh => continue,
+            Mode::Held => "works with its last input",
+            Mode::Fallback => "has had no new input for too long and sends a safe output",
+            Mode::Idle => "is idle",
+            Mode::NotFinite => "sends a safe output in place of its law's",
+        };
+        let since_s = flight.run.flight_time_s(since);
+        let stage = name_in(flight, stage.into());
+        broken.push(format!("{stage} {does}, since {since_s:.3} s"));
     }
     broken
+}
+
+/// Parameters that are not nominal.
+fn changed(flight: &WatchedFlight) -> Vec<String> {
+    let all = SPECS.iter().zip(flight.active.value);
+    let all = all.map(|(spec, value)| (spec, value, flight.airframe.get(spec.parameter)));
+    let changed = all.filter(|(_, value, nominal)| value != nominal);
+    let words = changed.map(|(spec, value, nominal)| {
+        let digits = |it: f64| format!("{it:.4e}").parse().unwrap_or(it);
+        format!(
+            "{} {} (nominal {})",
+            spec.name,
+            digits(value),
+            digits(nominal)
+        )
+    });
+    words.collect()
 }
 
 /// Name of a process, with its channel if there are several.
