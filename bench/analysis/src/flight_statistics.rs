@@ -744,7 +744,7 @@ mod tests {
         assert_eq!(statistics.lost(), [0; TOPICS.len()]);
         let late = &statistics.late_commands.stretches;
         assert!(late.len() >= 20 && late.iter().all(|it| it.late_us == 100.0));
-        let position_m = TRACKING.position_w_m(DAYS_30);
+        let position_m = TRACKING.reference(DAYS_30, &State::default()).position_w_m;
         assert!(position_m.iter().all(|m| m.is_finite() && m.abs() < 10.0));
     }
 }

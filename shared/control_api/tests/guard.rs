@@ -145,7 +145,7 @@ fn mixer_of(wrong: fn(u64) -> Option<f64>) -> GuardedMixer {
 }
 
 fn outer(wrong: fn(u64) -> Option<f64>) -> GuardedOuter {
-    let route = |tick: u64| Reference {
+    let route = |tick: u64, _: &State| Reference {
         yaw_rad: tick as f64 / 1000.0,
         ..Reference::default()
     };

@@ -6,7 +6,7 @@
 use std::mem::offset_of;
 
 use crate::content::{
-    Decision, Decisions, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, TakenCommand, Truth,
+    Decision, Decisions, FlightTarget, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, TakenCommand, Truth,
     Wrench,
 };
 use crate::enum_registry::Fingerprint as _;
@@ -153,6 +153,7 @@ pub const LAYOUT: u64 = hash_of(&[
     Truth::FINGERPRINT,
     Decision::FINGERPRINT,
     TakenCommand::FINGERPRINT,
+    FlightTarget::FINGERPRINT,
     Decisions::FINGERPRINT,
     Setpoint::FINGERPRINT,
     Wrench::FINGERPRINT,
