@@ -50,7 +50,9 @@ pub const PATIENCE_S: f64 = 0.5;
 /// Why a target is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum TargetError {
-    #[error("position of the target: {0} m is out of range: allowed are -{FARTHEST_M} to {FARTHEST_M} m")]
+    #[error(
+        "position of the target: {0} m is out of range: allowed are -{FARTHEST_M} to {FARTHEST_M} m"
+    )]
     Position(f64),
     #[error("speed of the target: {0} m/s is out of range: allowed are up to {most} m/s", most = POSITION.speed)]
     Speed(f64),
@@ -202,7 +204,8 @@ impl<const N: usize> Motion<N> {
             acceleration,
         } = self;
         Self {
-            value: value + (rate + (acceleration + jerk * (time_s / 3.0)) * (time_s / 2.0)) * time_s,
+            value: value
+                + (rate + (acceleration + jerk * (time_s / 3.0)) * (time_s / 2.0)) * time_s,
             rate: rate + (acceleration + jerk * (time_s / 2.0)) * time_s,
             acceleration: acceleration + jerk * time_s,
         }
@@ -262,7 +265,10 @@ mod tests {
         for (after, target) in targets {
             from_tick += after;
             fly_to(&mut guidance, from_tick);
-            guidance.aim(FlightTarget { from_tick, ..*target });
+            guidance.aim(FlightTarget {
+                from_tick,
+                ..*target
+            });
         }
         fly_to(&mut guidance, from_tick + ticks);
         guidance.reference
@@ -334,11 +340,20 @@ mod tests {
     fn a_target_waits_for_its_first_tick() {
         let mut guidance = Guidance::at([0.0; 3], 0.0, PERIOD_S);
         let kind = TargetKind::Position as u64;
-        guidance.aim(FlightTarget { from_tick: 7, kind, position_w_m: [1.0; 3], ..FlightTarget::default() });
+        guidance.aim(FlightTarget {
+            from_tick: 7,
+            kind,
+            position_w_m: [1.0; 3],
+            ..FlightTarget::default()
+        });
         for tick in 0..20 {
             guidance.enter(tick);
             assert_eq!(guidance.target().kind == kind, tick >= 7);
-            assert_eq!(guidance.reference().jerk_w_m_s3 != [0.0; 3], tick >= 7, "{tick}");
+            assert_eq!(
+                guidance.reference().jerk_w_m_s3 != [0.0; 3],
+                tick >= 7,
+                "{tick}"
+            );
             guidance.advance();
         }
     }

@@ -76,7 +76,14 @@ pub fn run(
         let (ready_sender, ready) = mpsc::channel();
         let server = scope.spawn(move || {
             let follows = settings.follows_targets;
-            requests::serve(&instance, &ready_sender, &opened, requests_in, events_out, follows)
+            requests::serve(
+                &instance,
+                &ready_sender,
+                &opened,
+                requests_in,
+                events_out,
+                follows,
+            )
         });
         // A server that cannot open ends, and its error is the result of `join` below.
         let flown = if ready.recv().is_ok() {
@@ -612,12 +619,19 @@ impl<'a> PlantProcess<'a> {
         };
         let target = FlightTarget {
             from_tick: newest.from_tick,
-            yaw_rad: if has_yaw { target.yaw_rad } else { newest.yaw_rad },
+            yaw_rad: if has_yaw {
+                target.yaw_rad
+            } else {
+                newest.yaw_rad
+            },
             ..target
         };
         if target != *newest {
             let from_tick = tick;
-            self.plant.aim(FlightTarget { from_tick, ..target });
+            self.plant.aim(FlightTarget {
+                from_tick,
+                ..target
+            });
         }
     }
 

@@ -395,6 +395,11 @@ impl WatchedFlight {
         (!self.recorder_lives).then(|| self.tick())
     }
 
+    /// Whether a ground station flies the vehicle.
+    pub fn follows_targets(&self) -> bool {
+        self.tracking.course().follows_targets()
+    }
+
     pub fn setting(&self, key: &str) -> &str {
         self.settings.get(key).map_or("", String::as_str)
     }
@@ -544,8 +549,10 @@ impl WatchedFlight {
         let swaps = self.statistics.swaps.iter();
         let swaps = swaps.map(|it| event(it.tick, "parameter", render::sentences::swap(it)));
         let all = supervised.chain(handovers).chain(begun).chain(ended);
+        let targets = self.statistics.targets.followed.iter();
+        let targets = targets.map(|it| event(it.tick, "target", render::sentences::target(it)));
         let is_past = |event: &Event| event.tick <= self.run.tick;
-        let mut events: Vec<_> = all.chain(swaps).filter(is_past).collect();
+        let mut events: Vec<_> = all.chain(swaps).chain(targets).filter(is_past).collect();
         events.sort_by_key(|event| std::cmp::Reverse(event.tick));
         events
     }
@@ -635,7 +642,7 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
 pub const POINT_S: f64 = 0.1;
 pub const POINTS: usize = 600;
 
-/// Something that happened in a flight, and the kind of it: process, fault, end (of a fault), handover, parameter.
+/// Something that happened in a flight, and the kind of it: process, fault, end (of a fault), handover, parameter, target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Event {
     pub tick: u64,
