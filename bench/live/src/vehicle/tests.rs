@@ -785,7 +785,7 @@ fn in_the_mode_offboard_setpoints_are_targets_until_they_stop() {
         seen.run.tick = tick;
     };
     at(&mut joined, 2500);
-    assert_eq!(joined.later(1500), "");
+    assert_eq!(joined.later(1500), "1.600 s: fault inner.late=1ms\n");
     at(&mut joined, 2501);
     assert_eq!(
         joined.later(2000),
