@@ -56,6 +56,7 @@ def is_still():
 
 wait("armed", telemetry.armed)
 action.arm()
+action.set_takeoff_altitude(2.5)
 action.takeoff()
 wait("at 2.5 m", lambda: is_near(0, 0, -2.5))
 

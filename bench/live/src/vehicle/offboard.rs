@@ -152,7 +152,12 @@ pub struct Place {
 
 impl Place {
     pub fn long(it: &COMMAND_LONG_DATA) -> Self {
-        Self::new([it.param5, it.param6].map(meant), it.param7, ORIGIN[2])
+        // The altitude of a take-off is above the start: clients send it so to all autopilots but PX4.
+        let begin_m = match it.command {
+            MavCmd::MAV_CMD_NAV_TAKEOFF => 0.0,
+            _ => ORIGIN[2],
+        };
+        Self::new([it.param5, it.param6].map(meant), it.param7, begin_m)
     }
 
     /// None of a frame that is not global.

@@ -921,7 +921,7 @@ fn commands_climb_descend_move_and_hold() {
             None,
         ),
         (
-            long(MAV_CMD_NAV_TAKEOFF, nothing, 495.0),
+            long(MAV_CMD_NAV_TAKEOFF, nothing, 7.0),
             position,
             [3.0, 1.5, 7.0],
             None,
@@ -973,8 +973,8 @@ fn commands_climb_descend_move_and_hold() {
     }
     for (message, words) in [
         (
-            long(MAV_CMD_NAV_TAKEOFF, nothing, 10.0),
-            "height of the target: -478 m above the start",
+            long(MAV_CMD_NAV_TAKEOFF, nothing, -1.0),
+            "height of the target: -1 m above the start",
         ),
         (
             long(MAV_CMD_DO_REPOSITION, 5.0, nothing),
