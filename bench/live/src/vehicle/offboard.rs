@@ -67,7 +67,13 @@ fn order(
 ) -> Result<TargetOrder, String> {
     let has_yaw = !yaw_rad.is_nan();
     let yaw_rad = if has_yaw { yaw_rad } else { 0.0 };
-    let target = FlightTarget { yaw_rad, ..target };
+    // Turned zeros are negative.
+    let target = FlightTarget {
+        yaw_rad: yaw_rad + 0.0,
+        position_w_m: target.position_w_m.map(|it| it + 0.0),
+        velocity_w_m_s: target.velocity_w_m_s.map(|it| it + 0.0),
+        ..target
+    };
     guidance::check(&target).map_err(|e| e.to_string())?;
     let (height_m, lowest_m) = (target.position_w_m[2], lowest_m(flight));
     if target.kind == TargetKind::Position as u64 && height_m < lowest_m {
