@@ -21,7 +21,7 @@ use thiserror::Error;
 /// Speed and acceleration of the reference at the most, in any direction.
 pub const POSITION: Limits = Limits {
     speed: 3.0,
-    acceleration: 3.0,
+    acceleration: 2.0,
 };
 /// Those of yaw [rad/s], [rad/s^2].
 pub const YAW: Limits = Limits {
@@ -29,7 +29,7 @@ pub const YAW: Limits = Limits {
     acceleration: 2.0,
 };
 /// Lag of the acceleration behind the one wanted [s].
-const LAG_S: f64 = 0.06;
+const LAG_S: f64 = 0.1;
 /// Velocity gain [1/s]: the largest with which an acceleration with this lag does not overshoot.
 const VELOCITY_GAIN: f64 = 1.0 / (4.0 * LAG_S);
 /// Position gain [1/s]: the largest with which all poles are real.
@@ -327,8 +327,8 @@ mod tests {
             prop_assert!(wrap(last.yaw_rad - to.yaw_rad).abs() < 1e-6);
             prop_assert!(beyond < 1e-3, "{beyond}");
             let mut stopped = Vec::new();
-            fly(&[(0, to), (2000, FlightTarget::default())], 2500, |tick, _, after| {
-                if tick > 4400 {
+            fly(&[(0, to), (2000, FlightTarget::default())], 6000, |tick, _, after| {
+                if tick > 7900 {
                     stopped.push(length(after.velocity_w_m_s));
                 }
             });

@@ -165,7 +165,7 @@ fn a_law_is_started_once_before_tick_0_with_and_without_recorded_timing() {
     }
 }
 
-/// Every pair of laws of the default settings follows the reference that the plant makes of targets.
+/// Inner laws of different kinds follow the reference that the plant makes of targets.
 #[test]
 fn a_vehicle_that_a_ground_station_flies_stays_near_its_reference() {
     let (position, velocity) = (TargetKind::Position as u64, TargetKind::Velocity as u64);
@@ -208,7 +208,6 @@ fn a_vehicle_that_a_ground_station_flies_stays_near_its_reference() {
             worst_m = worst_m.max(state.position_error_m(&state.reference));
             farthest_m = farthest_m.max(state.truth.position_w_m[0]);
         }
-        println!("{inner}: {worst_m} m");
         assert!(
             worst_m < 0.05 && farthest_m > 1.0,
             "{inner}: {worst_m} m, {farthest_m} m"
