@@ -724,11 +724,11 @@ const OFFBOARD: [f32; 3] = [1.0, 6.0, 0.0];
 const HOLD: [f32; 3] = [1.0, 4.0, 3.0];
 
 fn custom_mode(messages: &[MavMessage]) -> u32 {
-    let modes = messages.iter().filter_map(|it| match it {
+    let mut modes = messages.iter().filter_map(|it| match it {
         MavMessage::HEARTBEAT(it) => Some(it.custom_mode),
         _ => None,
     });
-    modes.last().unwrap_or_default()
+    modes.next_back().unwrap_or_default()
 }
 
 #[test]
@@ -823,10 +823,10 @@ fn what_is_no_target_is_refused_with_the_reason() {
         ),
         (
             SET_POSITION_TARGET_LOCAL_NED_DATA {
-                coordinate_frame: MavFrame::MAV_FRAME_BODY_NED,
+                coordinate_frame: MavFrame::MAV_FRAME_BODY_FRD,
                 ..nothing
             },
-            "setpoint in MAV_FRAME_BODY_NED: allowed is MAV_FRAME_LOCAL_NED",
+            "setpoint in MAV_FRAME_BODY_FRD: allowed is MAV_FRAME_LOCAL_NED",
         ),
         (
             SET_POSITION_TARGET_LOCAL_NED_DATA {
