@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub use spline::{AXES, Deviation, Point, Spline, SplineError};
 
 use control_api::guard::Route;
-use messages::content::Reference;
+use messages::content::{Reference, State};
 use messages::layout::wire_enum;
 use messages::math::sin_cos_of_each;
 use thiserror::Error;
@@ -38,6 +38,8 @@ wire_enum! {
         Lissajous = 3 => "lissajous",
         /// Quicker figure that excites all three estimates.
         Fast = 4 => "fast",
+        /// Targets of a ground station, from rest at the start.
+        Mavlink = 5 => "mavlink",
     }
 }
 
@@ -95,6 +97,7 @@ impl Trajectory {
 
     /// x, y, z and psi of the trajectory.
     const fn axes(self) -> &'static [Axis; 4] {
+        const START: [Axis; 4] = [fixed(0.0), fixed(0.0), fixed(0.0), fixed(0.0)];
         const HOVER: [Axis; 4] = [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)];
         const STEP: [Axis; 4] = [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)];
         const HELIX: [Axis; 4] = [
@@ -127,6 +130,7 @@ impl Trajectory {
             Self::Helix => &HELIX,
             Self::Lissajous => &LISSAJOUS,
             Self::Fast => &FAST,
+            Self::Mavlink => &START,
         }
     }
 }
@@ -263,7 +267,8 @@ impl ScaledTrajectory {
         }
     }
 
-    /// The reference at time `t_s` since the start of the flight [s].
+    /// The reference at time `t_s` since the start of the flight [s]; of a vehicle that a ground station flies, rest at the
+    /// origin.
     pub fn reference(&self, t_s: f64) -> Reference {
         let t_s = t_s / self.period;
         let reference = match self.shape {
@@ -292,9 +297,22 @@ impl ScaledTrajectory {
         (0..order).fold(size, |factor, _| factor * (1.0 / self.period))
     }
 
+    /// Whether a ground station flies the vehicle: the plant then makes the reference.
+    pub fn follows_targets(&self) -> bool {
+        self.shape == Shape::Named(Trajectory::Mavlink)
+    }
+
+    /// The reference at time `t_s` [s], at which the plant has published this state.
+    pub fn flown(&self, t_s: f64, state: &State) -> Reference {
+        match self.follows_targets() {
+            true => state.reference,
+            false => self.reference(t_s),
+        }
+    }
+
     /// The reference of each tick of `period_s` [s].
     pub fn route(self, period_s: f64) -> Route {
-        Arc::new(move |tick| self.reference(tick as f64 * period_s))
+        Arc::new(move |tick, state| self.flown(tick as f64 * period_s, state))
     }
 
     /// When it has left its ramp [s].

@@ -101,7 +101,7 @@ proptest! {
     fn every_law_continues_from_its_saved_state(flight in flight()) {
         let (rig, settings) = (Rig::default(), Settings::default());
         for law in OUTER {
-            let route = Arc::new(|_| Reference::default());
+            let route = Arc::new(|_, _: &State| Reference::default());
             let make = || GuardedOuter::new(law.make(&rig, &settings).unwrap(), route.clone(), &rig);
             assert_continues(&flight, make, |law, inputs| {
                 law.tick(inputs.tick, &inputs.state).unwrap_or_default()

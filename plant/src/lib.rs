@@ -10,6 +10,7 @@ pub mod command_delay;
 pub mod command_hold;
 pub mod envelope_violation;
 pub mod ground;
+pub mod guidance;
 pub mod integrator;
 pub mod noise;
 pub mod plant;

@@ -7,7 +7,7 @@
 //!
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::command_hold`],
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::turbulence`],
-//! [`crate::integrator`] and [`crate::sensors`].
+//! [`crate::integrator`], [`crate::sensors`] and [`crate::guidance`].
 
 pub mod batch;
 
@@ -16,7 +16,9 @@ use std::f64::consts::PI;
 use faults::filter::{FaultFilter, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
-use messages::content::{Decision, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
+use messages::content::{
+    Decision, FlightTarget, Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State,
+};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use messages::role::Channel;
@@ -26,6 +28,7 @@ use crate::command_delay::CommandDelay;
 use crate::command_hold::CommandHold;
 use crate::envelope_violation::{Crash, EnvelopeViolation};
 use crate::ground::{Contact, Ground};
+use crate::guidance::Guidance;
 use crate::integrator::{Steps, integrate_with};
 use crate::rigid_body::{Dynamics, RigidBody};
 use crate::rotors::{Rotors, Spin, SpinMeans, hover};
@@ -51,6 +54,8 @@ pub struct Plant {
     pushed_w: Vector3<f64>,
     crash: Option<Crash>,
     sensors: Sensors,
+    /// Of a vehicle that a ground station flies.
+    guidance: Option<Guidance>,
     turbulence: Turbulence,
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
@@ -99,6 +104,9 @@ impl Plant {
             pushed_w: Vector3::zeros(),
             crash: None,
             sensors: Sensors::new(period_s, settings.seed, &airframe, &body),
+            guidance: settings
+                .follows_targets
+                .then(|| Guidance::at(initial.position_w_m, initial.attitude_rad[2], period_s)),
             turbulence: Turbulence::new(period_s, settings.seed),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
@@ -262,6 +270,9 @@ impl Plant {
     fn arrive(&mut self, spin: &Spin, body: RigidBody, eta2: Vector3<f64>) {
         (self.body, self.eta2) = (body, eta2);
         self.sensors.advance(&self.airframe, &self.body);
+        if let Some(guidance) = &mut self.guidance {
+            guidance.advance();
+        }
         self.means = spin.means(self.steps.period_s);
         self.rotor_speed = spin.speed(self.steps.period_s);
         self.tick += 1;
@@ -317,6 +328,9 @@ impl Plant {
             self.dynamics.gust(&self.airframe, &gust);
         }
         self.sensors.settle();
+        if let Some(guidance) = &mut self.guidance {
+            guidance.enter(self.tick);
+        }
         self.command_hold.enter(self.tick);
         self.delay.take(self.command_hold.speed());
         self.has_begun = true;
@@ -369,6 +383,20 @@ impl Plant {
         truth.rate_b_rad_s = body.nu2.into();
         truth.touches_ground = u64::from(self.pushed_w != Vector3::zeros());
         truth.parameter = *airframe.values();
+        if let Some(guidance) = &self.guidance {
+            (state.target, state.reference) = (*guidance.target(), *guidance.reference());
+        }
+    }
+
+    /// Takes a target of the ground station; false if no ground station flies this vehicle.
+    pub fn aim(&mut self, target: FlightTarget) -> bool {
+        let guidance = self.guidance.as_mut();
+        guidance.map(|guidance| guidance.aim(target)).is_some()
+    }
+
+    /// The newest target of the ground station; none if no ground station flies this vehicle.
+    pub fn target(&self) -> Option<&FlightTarget> {
+        self.guidance.as_ref().map(Guidance::newest)
     }
 
     pub fn airframe(&self) -> &Airframe {

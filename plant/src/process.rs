@@ -18,8 +18,8 @@ use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wakes, Wire};
 use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, LOCKSTEP, Run, RunPhase};
 use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::{
-    DECISIONS, Decision, Decisions, Reference, RotorSpeeds, Stamped, State, SwapRecord,
-    TakenCommand,
+    DECISIONS, Decision, Decisions, FlightTarget, Reference, RotorSpeeds, Stamped, State,
+    SwapRecord, TakenCommand,
 };
 use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use messages::grid::{Grid, Pace};
@@ -37,6 +37,7 @@ use redundancy::{Arrangement, ChannelSelection, Excursion, SimplexLimits};
 
 use crate::command_hold::{pending_commands, waiting_ticks};
 use crate::envelope_violation::EnvelopeViolation;
+use crate::guidance::PATIENCE_S;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
 use crate::swap::Swap;
@@ -51,8 +52,8 @@ const CHAIN_PERCENT: u64 = 20;
 /// In lockstep, how often the plant looks while it waits for the recorder, which sends no wake-up event [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
-/// Where the vehicle is to be at a tick.
-pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
+/// Where the vehicle is to be at a tick with this state.
+pub type Route = Arc<dyn Fn(u64, &State) -> Reference + Send + Sync>;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers. With simplex limits, a channel with other
 /// laws takes over beyond it.
@@ -74,7 +75,15 @@ pub fn run(
         let (open, opened) = mpsc::channel();
         let (ready_sender, ready) = mpsc::channel();
         let server = scope.spawn(move || {
-            requests::serve(&instance, &ready_sender, &opened, requests_in, events_out)
+            let follows = settings.follows_targets;
+            requests::serve(
+                &instance,
+                &ready_sender,
+                &opened,
+                requests_in,
+                events_out,
+                follows,
+            )
         });
         // A server that cannot open ends, and its error is the result of `join` below.
         let flown = if ready.recv().is_ok() {
@@ -126,6 +135,9 @@ struct PlantProcess<'a> {
     requests: Consumer<'a, Request>,
     events: Producer<'a, Event>,
     injection: Injection,
+    /// Ticks for which a target is followed without another one, and the tick at which that is over.
+    patience_ticks: u64,
+    hold_at: Option<u64>,
     /// Whether channel a is below the plant on its processor, and works its tick while the plant sleeps.
     is_above: bool,
     lead: ActiveLead,
@@ -174,6 +186,8 @@ impl<'a> PlantProcess<'a> {
         Ok(Self {
             plant,
             injection,
+            patience_ticks: (PATIENCE_S / settings.period_s).round() as u64,
+            hold_at: None,
             is_above: session.rt().channel_cpus > 1,
             states: wire.sender(wakes)?,
             decisions: wire.sender(Wakes::default())?,
@@ -332,6 +346,9 @@ impl<'a> PlantProcess<'a> {
         self.decide(tick);
         while let Some(request) = self.requests.dequeue() {
             self.accept(request, tick);
+        }
+        if self.hold_at.take_if(|at| *at <= tick).is_some() {
+            self.aim(FlightTarget::default(), false, tick);
         }
         let mut state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
@@ -503,7 +520,7 @@ impl<'a> PlantProcess<'a> {
         let [_, x, y, _] = measured.attitude_quaternion;
         let sin_half = (x * x + y * y).sqrt();
         let position_w_m = Vector3::from(measured.position_w_m);
-        let error_w_m = position_w_m - Vector3::from(route(tick).position_w_m);
+        let error_w_m = position_w_m - Vector3::from(route(tick, state).position_w_m);
         Excursion {
             tilt_rad: 2.0 * atan2(sin_half, (1.0 - sin_half * sin_half).max(0.0).sqrt()),
             rate_rad_s: Vector3::from(measured.rate_b_rad_s).norm(),
@@ -585,9 +602,37 @@ impl<'a> PlantProcess<'a> {
                     Err((which, reason)) => Event::FaultRefused { id, which, reason },
                 }
             }
+            Action::Aim(order) => {
+                self.aim(order.target, order.has_yaw == 1, tick);
+                self.hold_at = (order.stays == 0).then_some(tick + self.patience_ticks);
+                return;
+            }
         };
         // The outbox holds more events than requests can be under way.
         let _ = self.events.enqueue(event);
+    }
+
+    /// Follows a target from a tick on; one that is repeated is the same one.
+    fn aim(&mut self, target: FlightTarget, has_yaw: bool, tick: u64) {
+        let Some(newest) = self.plant.target() else {
+            return;
+        };
+        let target = FlightTarget {
+            from_tick: newest.from_tick,
+            yaw_rad: if has_yaw {
+                target.yaw_rad
+            } else {
+                newest.yaw_rad
+            },
+            ..target
+        };
+        if target != *newest {
+            let from_tick = tick;
+            self.plant.aim(FlightTarget {
+                from_tick,
+                ..target
+            });
+        }
     }
 
     /// The first request to switch to a channel that the flight does not have, or that has no usable command.

@@ -25,6 +25,8 @@ pub struct PlantSettings {
     pub ground: Option<Ground>,
     /// Angle between body z and the vertical beyond which the flight has left its envelope [rad]; pi is no limit.
     pub tilt_max_rad: f64,
+    /// Whether a ground station flies it: see [`crate::guidance`].
+    pub follows_targets: bool,
 }
 
 impl Default for PlantSettings {
@@ -39,6 +41,7 @@ impl Default for PlantSettings {
             initial: Initial::default(),
             ground: None,
             tilt_max_rad: PI,
+            follows_targets: false,
         }
     }
 }

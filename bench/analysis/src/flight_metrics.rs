@@ -214,8 +214,8 @@ mod tests {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
         let mut compared = ComparedFlight::new(tracking, &airframe, -10.0);
         for (tick, error_m) in (0..).zip(errors_m) {
-            let [x, y, z] = tracking.position_w_m(tick);
             let mut state = State::default();
+            let [x, y, z] = tracking.reference(tick, &state).position_w_m;
             state.measured.position_w_m = [x, y, z];
             state.measured.attitude_rad[2] = yaw_rad;
             state.measured.rotor_speed_mean_rad_s = [airframe.hover_speed_rad_s(); ROTORS];

@@ -15,6 +15,7 @@ use crate::process_failures::FailureStatistics;
 use crate::schema;
 use crate::series::{Series, SeriesSet};
 use crate::states::is_final_command;
+use crate::targets::TargetStatistics;
 use crate::theorem::TheoremStatistics;
 use crate::timer_lead::{LeadSection, LeadStatistics};
 use crate::tracer::{Timing, Tracer};
@@ -73,6 +74,7 @@ pub struct FlightStatistics {
     pub theorem: TheoremStatistics,
     pub swaps: Vec<AppliedSwap>,
     pub swaps_seen: u64,
+    pub targets: TargetStatistics,
     pub tracer: Tracer,
     /// Tick of the newest state, and when it was sampled.
     newest: Option<(u64, u64)>,
@@ -120,6 +122,7 @@ impl FlightStatistics {
             theorem: TheoremStatistics::default(),
             swaps: Vec::new(),
             swaps_seen: 0,
+            targets: TargetStatistics::default(),
             newest: None,
             missed: 0,
             skipped: 0,
@@ -208,6 +211,7 @@ impl FlightStatistics {
             self.freshness.join(state);
         }
         self.states += 1;
+        self.targets.take(&state.target, self.tracking.period_s());
         if self.grid.is_some() {
             let (lead_ns, late_ns) = (message.envelope.lead_ns, message.envelope.timer_late_ns);
             self.series.record(Series::Timer, late_ns);
@@ -744,7 +748,7 @@ mod tests {
         assert_eq!(statistics.lost(), [0; TOPICS.len()]);
         let late = &statistics.late_commands.stretches;
         assert!(late.len() >= 20 && late.iter().all(|it| it.late_us == 100.0));
-        let position_m = TRACKING.position_w_m(DAYS_30);
+        let position_m = TRACKING.reference(DAYS_30, &State::default()).position_w_m;
         assert!(position_m.iter().all(|m| m.is_finite() && m.abs() < 10.0));
     }
 }

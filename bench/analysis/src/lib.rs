@@ -46,6 +46,7 @@ pub mod sections;
 pub mod series;
 pub mod states;
 pub mod statistics;
+pub mod targets;
 pub mod theorem;
 pub mod timer_lead;
 pub mod tracer;

@@ -8,6 +8,7 @@ use crate::host::{ContainerSection, Host, InterruptSection, Steal};
 use crate::outages;
 use crate::phrase::name_of;
 use crate::series::Statistics;
+use crate::targets::FollowedTarget;
 use crate::theorem::Theorem;
 use crate::timer_lead::LeadSection;
 use crate::traces::Traces;
@@ -51,6 +52,11 @@ pub struct Report {
     /// Swaps of plant parameters, in order; the first 500.
     pub swaps: Vec<AppliedSwap>,
     pub swaps_left_out: u64,
+    /// Targets of a ground station, in order; the first 500. None with a trajectory that is known before the flight.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub targets: Vec<FollowedTarget>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub targets_left_out: Option<u64>,
     /// Faults of messages and stages that were planned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<InjectedFault>,

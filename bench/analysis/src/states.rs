@@ -152,8 +152,9 @@ fn row(joined: &Joined, tracking: &Tracking, laws: &FlownLaws) -> Vec<Option<f64
     row.push(wrench.map(|wrench| wrench.thrust_n));
     row.extend(cells(wrench.map(|wrench| wrench.torque_b_nm)));
     row.extend(cells(at(laws.rate_error())));
-    row.extend(tracking.position_w_m(tick).map(Some));
-    row.push(Some(tracking.yaw_rad(tick)));
+    let reference = tracking.reference(tick, &joined.state);
+    row.extend(reference.position_w_m.map(Some));
+    row.push(Some(reference.yaw_rad));
     for (role, telemetry) in LAW_ROLES.into_iter().zip(joined.telemetry()) {
         let value = |i: usize| telemetry.map(|telemetry| telemetry.value[i]);
         row.extend((0..laws.signals.of(role).len()).map(value));

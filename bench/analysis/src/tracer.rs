@@ -61,7 +61,11 @@ impl Tracer {
     }
 
     pub fn take(&mut self, joined: &Joined) {
-        let (tick, reference) = (joined.tick, self.tracking.position_w_m(joined.tick));
+        let (tick, reference) = (
+            joined.tick,
+            self.tracking.reference(joined.tick, &joined.state),
+        );
+        let reference = reference.position_w_m;
         let distance_m = self.tracking.error_m(tick, &joined.state);
         let channels = channels(joined, &self.laws, reference, distance_m);
         if self.names.is_empty() {

@@ -2,7 +2,7 @@
 //!
 //! It is judged by where the vehicle truly is, and not by what its sensors show: errors of the position do not make a
 //! flight that tracks one that does not, or the other way round.
-//! The reference is a function of time alone, so a state counts even if no setpoint was published for its tick. A
+//! The reference is a function of time, or the plant's own, so a state counts even if no setpoint was published for its tick. A
 //! flight without control is far from its reference, not without one.
 
 use crate::effort::EffortStatistics;
@@ -42,29 +42,25 @@ impl Tracking {
         self.period_s
     }
 
-    /// Reference position at a tick, world frame [m]: that of the tick's setpoint, bit for bit.
-    pub fn position_w_m(&self, tick: u64) -> [f64; 3] {
-        self.reference(tick).position_w_m
+    pub fn course(&self) -> &ScaledTrajectory {
+        &self.course
     }
 
-    pub fn yaw_rad(&self, tick: u64) -> f64 {
-        self.reference(tick).yaw_rad
-    }
-
-    fn reference(&self, tick: u64) -> Reference {
-        self.course.reference(tick as f64 * self.period_s)
+    /// Reference at a tick with this state: that of the tick's setpoint, bit for bit.
+    pub fn reference(&self, tick: u64, state: &State) -> Reference {
+        self.course.flown(tick as f64 * self.period_s, state)
     }
 
     /// Looks at the reference of a tick: that of its setpoint, if there is one, which has it already.
     fn of_reference<R>(
         &self,
-        tick: u64,
+        (tick, state): (u64, &State),
         setpoint: Option<&Setpoint>,
         look: impl FnOnce(&Reference) -> R,
     ) -> R {
         match setpoint {
             Some(setpoint) => look(&setpoint.reference),
-            None => look(&self.reference(tick)),
+            None => look(&self.reference(tick, state)),
         }
     }
 
@@ -75,14 +71,14 @@ impl Tracking {
 
     /// True distance of the state of a tick from the reference of its setpoint, if there is one [m].
     pub fn setpoint_error_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
-        self.of_reference(tick, setpoint, |reference| {
+        self.of_reference((tick, state), setpoint, |reference| {
             state.position_error_m(reference)
         })
     }
 
     /// True errors of the state of a tick, against the reference of its setpoint, if there is one.
     pub fn errors(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> StateErrors {
-        self.of_reference(tick, setpoint, |reference| {
+        self.of_reference((tick, state), setpoint, |reference| {
             [
                 state.position_error_m(reference),
                 state.yaw_error_rad(reference),
@@ -290,7 +286,8 @@ mod tests {
             let setpoint = outer.tick(tick, &Stamped { tick, content }).unwrap();
             let reference = setpoint.reference;
             let bits = |[x, y, z]: [f64; 3], yaw: f64| [x, y, z, yaw].map(f64::to_bits);
-            let found = bits(tracking.position_w_m(tick), tracking.yaw_rad(tick));
+            let found = tracking.reference(tick, &content);
+            let found = bits(found.position_w_m, found.yaw_rad);
             let expected = bits(reference.position_w_m, reference.yaw_rad);
             assert_eq!(found, expected, "tick {tick}");
             let error_m = content.position_error_m(&setpoint.reference).to_bits();

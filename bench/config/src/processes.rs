@@ -42,6 +42,7 @@ impl Settings {
             initial: self.initial,
             ground: self.ground.plane(self.flight.ground_z_m),
             tilt_max_rad: self.flight.tilt_max_rad,
+            follows_targets: self.course()?.follows_targets(),
         })
     }
 
@@ -434,7 +435,12 @@ impl Settings {
             ground_z_m: self.flight.ground_z_m,
         };
         let duration_s = self.flight.duration_s;
-        let excesses = excesses(&self.course()?, &rig, self.limits()?, &start, duration_s);
+        let course = self.course()?;
+        // The plant keeps the targets of a ground station within limits.
+        let excesses = match course.follows_targets() {
+            true => Vec::new(),
+            false => excesses(&course, &rig, self.limits()?, &start, duration_s),
+        };
         let excesses = excesses.iter().map(|it| format!("trajectory {name} {it}"));
         let built = rig.airframe.as_built();
         let mut warnings = implausible(&built, &rig.rotor);

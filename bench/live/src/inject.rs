@@ -10,8 +10,8 @@ use faults::live::{LiveFault, MAX_LIVE_FAULTS, NOTICE_TICKS};
 use faults::{FaultRefusal, MAX_MESSAGE_FAULTS, Span};
 use ipc::instance::Instance;
 use ipc::{
-    ACCEPTED, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, SwapAnswer, SwapOrder,
-    SwapOutcome, Wire,
+    ACCEPTED, BUSY, BlackboardReader, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE,
+    RequestClient, SwapAnswer, SwapOrder, SwapOutcome, TargetOrder, Wire,
 };
 use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
 use messages::content::{self, NO_TICK};
@@ -342,6 +342,63 @@ fn check_taken(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Res
         }
     };
     Err(plant_refused(&why))
+}
+
+fn ended() -> Failure {
+    Failure::failed("the flight that it was meant for has ended")
+}
+
+/// The wire of a run that flies; a request to it must not reach the next one.
+pub fn still_flying(instance: &Instance, run_id: u64) -> Result<Wire, Failure> {
+    let flies = flight(instance)?.filter(|(_, run)| run.run_id == run_id);
+    flies.map(|(wire, _)| wire).ok_or_else(ended)
+}
+
+/// A client for targets, open for as long as a flight lasts: they come many times a second.
+pub struct TargetClient {
+    run_id: u64,
+    run: BlackboardReader<Run>,
+    client: RequestClient<TargetOrder>,
+    _wire: Wire,
+}
+
+impl TargetClient {
+    /// The client of a flight, which is opened if there is none yet.
+    pub fn of<'a>(
+        opened: &'a mut Option<Self>,
+        instance: &Instance,
+        run_id: u64,
+    ) -> Result<&'a Self, Failure> {
+        let is_known = |it: &Self| it.run_id == run_id && it.run.get().phase() == RunPhase::Flying;
+        let known = opened.take().filter(is_known);
+        let client = match known {
+            Some(client) => client,
+            None => Self::open(instance, run_id)?,
+        };
+        Ok(opened.insert(client))
+    }
+
+    fn open(instance: &Instance, run_id: u64) -> Result<Self, Failure> {
+        let wire = still_flying(instance, run_id)?;
+        let run = wire.blackboard_reader::<Run>(RUN)?;
+        Ok(Self {
+            run_id,
+            run: run.ok_or_else(ended)?,
+            client: wire.client()?,
+            _wire: wire,
+        })
+    }
+
+    /// Requests a target from the plant, and waits for its answer.
+    pub fn aim(&self, order: TargetOrder) -> Result<String, Failure> {
+        match self.client.request(order, TIMEOUT)?.verdict {
+            ACCEPTED => Ok(String::new()),
+            MALFORMED => Err(plant_refused("the target is out of range")),
+            ENDED => Err(plant_refused("the run ended before it")),
+            BUSY => Err(plant_refused("too many requests wait; ask again later")),
+            verdict => Err(other_version(verdict)),
+        }
+    }
 }
 
 /// The wire and the run of an instance that flies.

@@ -2,13 +2,14 @@
 //!
 //! ```text
 //!   recorder, blackboards --feed--> dashboard's model --telemetry--> link --> ground station
-//!   the plant's parameter server <--inject-- requests of the ground station, with --allow-control
+//!   the plant's request server <--inject-- requests of the ground station, with --allow-control
 //! ```
 //!
 //! The model is that of the terminal's dashboard. docs/ground-station.md is the user's page.
 
 mod failures;
 mod link;
+mod offboard;
 mod parameters;
 mod protocol;
 mod telemetry;
@@ -24,14 +25,14 @@ use std::time::{Duration, Instant};
 use ipc::instance::Instance;
 use process::signals::stop_flag;
 
-use crate::inject::{When, injected, parse_line};
+use crate::inject::{TargetClient, When, injected, parse_line, still_flying};
 use crate::observation::DRAIN_EVERY;
 use crate::watch::dashboard_model::Model;
 use crate::watch::feed::Feed;
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use link::{Frame, Link};
-use protocol::Request;
+use protocol::{Request, What};
 
 pub use link::Address;
 pub use protocol::Vehicle;
@@ -100,12 +101,14 @@ fn ask(instance: &Instance) -> Result<(Sender<Request>, Receiver<Answered>), Fai
     let (answers, answered) = channel();
     let instance = instance.clone();
     let ask = move || {
+        let mut client = None;
         for request in requests {
-            let parsed = parse_line(&request.what);
-            let answer = parsed.and_then(|(changes, lasts)| {
-                let when = When::In(Duration::ZERO);
-                injected(&instance, &changes, when, lasts).map_err(|e| e.to_string())
-            });
+            let answer = match &request.what {
+                What::Line(line) => inject(&instance, request.run_id, line),
+                What::Target(order) => TargetClient::of(&mut client, &instance, request.run_id)
+                    .and_then(|client| client.aim(*order))
+                    .map_err(|e| e.to_string()),
+            };
             if answers.send((request, answer)).is_err() {
                 return;
             }
@@ -114,6 +117,15 @@ fn ask(instance: &Instance) -> Result<(Sender<Request>, Receiver<Answered>), Fai
     let started = thread::Builder::new().spawn(ask);
     started.map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
     Ok((asked, answered))
+}
+
+/// Injects into the flight that the request was meant for.
+fn inject(instance: &Instance, run_id: u64, line: &str) -> Result<String, String> {
+    let (changes, lasts) = parse_line(line)?;
+    let when = When::In(Duration::ZERO);
+    still_flying(instance, run_id)
+        .and_then(|_| injected(instance, &changes, when, lasts))
+        .map_err(|e| e.to_string())
 }
 
 fn follow(

@@ -8,11 +8,13 @@ use messages::parameters::{PARAMETERS, SPECS};
 
 use crate::codec::{Logged, is_telemetry};
 
-const UNITS: [(&str, &str); 14] = [
+const UNITS: [(&str, &str); 16] = [
     ("_rad2_s2", "rad^2/s^2"),
     ("_rad_s2", "rad/s^2"),
     ("_rad_s", "rad/s"),
     ("_rad", "rad"),
+    ("_m_s4", "m/s^4"),
+    ("_m_s3", "m/s^3"),
     ("_m_s2", "m/s^2"),
     ("_m_s", "m/s"),
     ("_nm_s", "N m s"),

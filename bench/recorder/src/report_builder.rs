@@ -120,6 +120,8 @@ impl<'a> ReportBuilder<'a> {
             theorem: statistics.theorem.section(),
             swaps: statistics.swaps.clone(),
             swaps_left_out: statistics.swaps_seen - statistics.swaps.len() as u64,
+            targets: statistics.targets.followed.clone(),
+            targets_left_out: Some(statistics.targets.left_out).filter(|it| *it > 0),
             faults,
             series: statistics.series.statistics(),
             roles: parts.roles.sections(),

@@ -682,6 +682,12 @@ fn tracking(report: &Report) -> Vec<Block> {
     if report.swaps_left_out > 0 {
         items.push(format!("and {} later ones", report.swaps_left_out));
     }
+    items.extend(report.targets.iter().map(|it| {
+        let (time_s, words) = (it.time_s, sentences::targets(it));
+        format!("target at {time_s:.3} s: {words}")
+    }));
+    let left_out = report.targets_left_out;
+    items.extend(left_out.map(|it| format!("and {it} later targets")));
     let faults = report.faults.iter();
     items.extend(faults.map(|fault| format!("fault {}", sentences::fault(fault))));
     let mut blocks = vec![tracking, Block::Items(items)];

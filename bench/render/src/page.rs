@@ -101,6 +101,8 @@ fn events(report: &Report) -> Block {
             .iter()
             .map(|it| (it.time_s, "parameter", sentences::swap(it))),
     );
+    let targets = report.targets.iter();
+    events.extend(targets.map(|it| (it.time_s, "target", sentences::targets(it))));
     events.extend(
         report
             .deaths

@@ -8,6 +8,7 @@ use analysis::schema::{
     LawSection, LossSection, MarginSection, QuantityError, RedundancySection, Report,
     RobustnessMargin, RoleSection, RotorEffort, SimulatedLoss, Speed, TimingVerdict, Verdicts, sum,
 };
+use analysis::targets::FollowedTarget;
 use flight_log::facts::OFF;
 use messages::role::Role;
 
@@ -116,6 +117,26 @@ pub fn swap(swap: &AppliedSwap) -> String {
     };
     let changes: Vec<String> = swap.changes.iter().map(change).collect();
     changes.join(", ")
+}
+
+/// What the vehicle was to fly to: `position (1, 2, 3) m`, `velocity (1, 0, 0) m/s`, `hold`.
+pub fn target(target: &FollowedTarget) -> String {
+    let vector = |[x, y, z]: [f64; 3], unit: &str| format!(" ({x:.3}, {y:.3}, {z:.3}) {unit}");
+    let place = match &*target.kind {
+        "position" => vector(target.position_w_m, "m"),
+        "velocity" => vector(target.velocity_w_m_s, "m/s"),
+        _ => String::new(),
+    };
+    format!("{}{place}, yaw {:.3} rad", target.kind, target.yaw_rad)
+}
+
+/// The same, with those that followed in its stream.
+pub fn targets(stream: &FollowedTarget) -> String {
+    let target = target(stream);
+    match stream.later {
+        0 => target,
+        later => format!("{target}; {later} more until {:.3} s", stream.last_s),
+    }
 }
 
 pub fn channels(section: &RedundancySection) -> String {

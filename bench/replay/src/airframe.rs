@@ -84,6 +84,9 @@ impl AirframeReplay {
             )));
         }
         self.take_commands(tick, command, comparison)?;
+        if self.plant.target().is_some_and(|it| *it != recorded.target) {
+            self.plant.aim(recorded.target);
+        }
         let replayed = &mut self.state;
         self.plant.begin_into(tick, replayed);
         replayed.decision = Decision {

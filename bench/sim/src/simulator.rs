@@ -98,8 +98,14 @@ impl Simulator {
         outer: GuardedOuter,
         inner: GuardedInner,
     ) -> Result<Self, Failure> {
-        let mixer = settings.mixer_stage()?;
-        let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
+        let (mixer, plant) = (settings.mixer_stage()?, settings.plant()?);
+        if plant.follows_targets {
+            return Err(Failure::usage(
+                "trajectory mavlink is flown by a ground station, which a simulation does not have",
+            )
+            .help("fly it: `ironbird fly --trajectory mavlink --mavlink --allow-control`; or choose another one, such as hover"));
+        }
+        let mut rig = Self::new(&plant, outer, inner, mixer);
         let planned = settings.planned()?;
         for fault in &planned.acts {
             let Target::Processor(_) = fault.kind.target else {

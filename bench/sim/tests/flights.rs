@@ -12,6 +12,7 @@ use control_api::GuardedInner;
 use control_api::description::Refused;
 use control_api::law::{CopyState, InnerInput, InnerLaw, WrenchSetpoint};
 use control_api::registry::Made;
+use messages::content::{FlightTarget, TargetKind};
 use messages::telemetry::Telemetry;
 use sim::recorded_timing::{Event, Source, Timing};
 use sim::simulate::{self, InvalidOutputs, OutputFiles};
@@ -161,5 +162,55 @@ fn a_law_is_started_once_before_tick_0_with_and_without_recorded_timing() {
         let mut rig = Simulator::with(&settings, outer, inner).unwrap();
         simulate::fly_with(&mut rig, &settings, timing, |_| Ok(())).unwrap();
         assert_eq!(law.0.load(Ordering::Relaxed), 1);
+    }
+}
+
+/// Inner laws of different kinds follow the reference that the plant makes of targets.
+#[test]
+fn a_vehicle_that_a_ground_station_flies_stays_near_its_reference() {
+    let (position, velocity) = (TargetKind::Position as u64, TargetKind::Velocity as u64);
+    let target = |from_tick, kind, position_w_m, velocity_w_m_s, yaw_rad| FlightTarget {
+        from_tick,
+        kind,
+        position_w_m,
+        velocity_w_m_s,
+        yaw_rad,
+    };
+    let targets = [
+        target(500, position, [0.0, 0.0, 2.0], [0.0; 3], 0.0),
+        target(4000, position, [6.0, -5.0, 3.0], [0.0; 3], 3.0),
+        // On the way, back.
+        target(5500, position, [-2.0, 0.0, 3.0], [0.0; 3], -3.0),
+        target(8000, velocity, [0.0; 3], [0.0, 2.0, -0.5], 1.0),
+        target(9000, 0, [0.0; 3], [0.0; 3], 1.0),
+    ];
+    for inner in ["adaptive", "indi", "geometric"] {
+        let settings = settings(
+            12.0,
+            &format!("flight.trajectory=mavlink; inner.law={inner}"),
+        );
+        let refused = Simulator::of(&settings).err().unwrap().to_string();
+        assert!(refused.contains("flown by a ground station"), "{refused}");
+        let (outer, inner_stage) = (
+            settings.outer_stage().unwrap(),
+            settings.inner_stage().unwrap(),
+        );
+        let mixer = settings.mixer_stage().unwrap();
+        let mut rig = Simulator::new(&settings.plant().unwrap(), outer, inner_stage, mixer);
+        let (mut due, mut worst_m, mut farthest_m) = (targets.iter().peekable(), 0.0_f64, 0.0_f64);
+        for tick in 0..=settings.last_tick() {
+            if let Some(target) = due.next_if(|it| it.from_tick == tick) {
+                assert!(rig.plant_mut().aim(*target));
+            }
+            rig.tick();
+            let state = rig.state();
+            assert_eq!(rig.setpoint().unwrap().reference, state.reference);
+            worst_m = worst_m.max(state.position_error_m(&state.reference));
+            farthest_m = farthest_m.max(state.truth.position_w_m[0]);
+        }
+        assert!(
+            worst_m < 0.05 && farthest_m > 1.0,
+            "{inner}: {worst_m} m, {farthest_m} m"
+        );
     }
 }

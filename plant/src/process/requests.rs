@@ -1,4 +1,4 @@
-//! The request server: parameter changes and faults that clients request, answered on a thread beside the loop.
+//! The request server: parameter changes, faults and targets that clients request, answered on a thread beside the loop.
 //!
 //! It is a thread of the plant's process without real-time priority. It validates requests, passes them to the loop
 //! through a lock-free queue, and answers once the loop reports that they hold. A client that comes or goes costs the
@@ -16,11 +16,13 @@ use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::Instance;
 use ipc::{
-    ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner,
-    SwapAnswer, SwapOrder, SwapOutcome, Wire,
+    ACCEPTED, BUSY, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, Owner,
+    SwapAnswer, SwapOrder, SwapOutcome, TargetAnswer, TargetOrder, Wire,
 };
 use messages::content::NO_TICK;
 use messages::parameters::{PARAMETERS, Parameter, ParameterError};
+
+use crate::guidance;
 
 /// Requests that may lie between the server and the loop.
 pub(super) const INBOX: usize = 16;
@@ -61,6 +63,7 @@ pub enum Action {
         for_ticks: u64,
         faults: heapless::Vec<LiveFault, MOST_AT_ONCE>,
     },
+    Aim(TargetOrder),
 }
 
 /// What the loop reports about a request.
@@ -97,9 +100,11 @@ pub(super) fn serve(
     opened: &mpsc::Receiver<()>,
     requests: Producer<'_, Request>,
     mut events: Consumer<'_, Event>,
+    follows_targets: bool,
 ) -> Result<(), Error> {
     let wire = Wire::open(instance)?;
     let (swap_server, fault_server) = (wire.server::<SwapOrder>()?, wire.server::<FaultOrder>()?);
+    let target_server = wire.server::<TargetOrder>()?;
     let event = wire.wake_event(Owner::Requests)?;
     let mut server = Server {
         requests,
@@ -126,6 +131,15 @@ pub(super) fn serve(
         }
         while let Some(call) = fault_server.next()? {
             server.receive_faults(call);
+        }
+        while let Some(call) = target_server.next()? {
+            let is_flown = follows_targets && guidance::check(&call.order().target).is_ok();
+            let verdict = match is_flown {
+                _ if closed => ENDED,
+                true => server.receive_target(call.order()),
+                false => MALFORMED,
+            };
+            call.reply(TargetAnswer { verdict });
         }
         while let Some(outcome) = events.dequeue() {
             server.report(outcome);
@@ -199,6 +213,17 @@ impl Server<'_> {
         if let Some(call) = self.submit(call, ticks, action, |it| &mut it.injections) {
             call.reply(fault_refusal(FaultRefusal::NoRoom as u64, 0));
         }
+    }
+
+    /// Passes a target to the loop, which takes every one.
+    fn receive_target(&mut self, order: TargetOrder) -> u64 {
+        let request = Request {
+            id: 0,
+            tick: None,
+            in_ticks: 0,
+            action: Action::Aim(order),
+        };
+        self.requests.enqueue(request).map_or(BUSY, |()| ACCEPTED)
     }
 
     /// Answers the client of an event.

@@ -43,8 +43,8 @@ pub type GuardedOuter = Guarded<dyn OuterLaw, OuterMemory>;
 pub type GuardedInner = Guarded<dyn InnerLaw, InnerMemory>;
 pub type GuardedMixer = Guarded<dyn MixerLaw, Rotors>;
 
-/// The reference of each tick.
-pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
+/// The reference of each tick and its state.
+pub type Route = Arc<dyn Fn(u64, &State) -> Reference + Send + Sync>;
 
 impl<L: CopyState + ?Sized, M: Field + Clone> Guarded<L, M> {
     /// Copies law and memory of another stage of the same law; false, and the stage must not be used, if the law cannot
@@ -250,7 +250,7 @@ impl GuardedOuter {
         if state.tick != tick {
             return false;
         }
-        setpoint.reference = (self.memory.route)(tick);
+        setpoint.reference = (self.memory.route)(tick, &state.content);
         self.memory.tick(&mut *self.made.law, tick, state, setpoint);
         true
     }
@@ -267,7 +267,7 @@ impl GuardedOuter {
         }
         self.on_copies(|memory, law| {
             let mut setpoint = Setpoint {
-                reference: (memory.route)(tick),
+                reference: (memory.route)(tick, &state.content),
                 ..Setpoint::default()
             };
             memory.tick(law, tick, state, &mut setpoint);

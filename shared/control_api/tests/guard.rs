@@ -145,7 +145,7 @@ fn mixer_of(wrong: fn(u64) -> Option<f64>) -> GuardedMixer {
 }
 
 fn outer(wrong: fn(u64) -> Option<f64>) -> GuardedOuter {
-    let route = |tick: u64| Reference {
+    let route = |tick: u64, _: &State| Reference {
         yaw_rad: tick as f64 / 1000.0,
         ..Reference::default()
     };
@@ -237,7 +237,7 @@ proptest! {
         let answers = <[f64; ROTORS]>::try_from(answers).unwrap_or_default();
         let rig = Rig::default();
         let law = Fixed { output: Some(answers), ..fixed(|_| None) };
-        let mut outer = GuardedOuter::new(law.clone().into(), Arc::new(|_| Reference::default()), &rig);
+        let mut outer = GuardedOuter::new(law.clone().into(), Arc::new(|_, _: &State| Reference::default()), &rig);
         let mut inner = GuardedInner::new(law.clone().into(), &rig);
         let mut mixer = GuardedMixer::new(law.clone().into(), &rig);
         for tick in 7..200 {

@@ -20,7 +20,7 @@ pub use ports::{
     DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Relay, Sender, TopicPorts, Wakes, recorder_depth,
 };
 pub use requests::{
-    ACCEPTED, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order, RequestClient,
-    RequestServer, SwapAnswer, SwapOrder, SwapOutcome,
+    ACCEPTED, BUSY, Call, ENDED, FaultAnswer, FaultOrder, MALFORMED, MOST_AT_ONCE, Order,
+    RequestClient, RequestServer, SwapAnswer, SwapOrder, SwapOutcome, TargetAnswer, TargetOrder,
 };
 pub use wake_event::{Notifier, Owner, WakeEvent};

@@ -17,6 +17,7 @@ use crate::sys::Sealed;
 use crate::wake_event::{Notifier, Owner};
 use faults::FaultRefusal;
 use faults::code::FaultCode;
+use messages::content::{FlightTarget, TargetKind};
 use messages::enum_registry::Fingerprint as _;
 use messages::layout::{Layout, hash_of, layout, wire_enum};
 use messages::parameters::{PARAMETERS, Parameter};
@@ -148,10 +149,34 @@ layout! {
     }
 }
 
+layout! {
+    /// A target for a vehicle that a ground station flies.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct TargetOrder {
+        /// Its first tick is the plant's next one.
+        pub target: FlightTarget,
+        /// 1 if its yaw counts; 0 keeps that of the target before.
+        pub has_yaw: u64,
+        /// 1 if it holds until the next one; 0 if the plant holds the position when no other target follows in time.
+        pub stays: u64,
+    }
+}
+
+layout! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct TargetAnswer {
+        /// [`ACCEPTED`]; [`MALFORMED`] if it is not within its limits, or if no ground station flies this vehicle;
+        /// [`ENDED`]; [`BUSY`].
+        pub verdict: u64,
+    }
+}
+
 pub const ACCEPTED: u64 = 0;
 /// Verdict: not a fault, none, or too many.
 pub const MALFORMED: u64 = 100;
 pub const ENDED: u64 = 101;
+/// Verdict: too many requests wait.
+pub const BUSY: u64 = 102;
 
 order!(
     FaultOrder,
@@ -159,6 +184,7 @@ order!(
     FaultAnswer,
     FaultRefusal::ENUM_HASH
 );
+order!(TargetOrder, "targets", TargetAnswer, TargetKind::ENUM_HASH);
 
 #[derive(Clone, Copy, Debug, ZeroCopySend)]
 #[repr(C)]

@@ -77,6 +77,38 @@ layout! {
         /// What no sensor shows; for monitors and records alone, never for a law.
         pub truth: Truth,
         pub decision: Decision,
+        /// Where a ground station wants the vehicle to fly; all 0 with a trajectory that is known before the flight.
+        pub target: FlightTarget,
+        /// What the plant makes of the targets; all 0 with a trajectory that is known before the flight.
+        pub reference: Reference,
+    }
+}
+
+wire_enum! {
+    /// What of a target is followed.
+    pub enum TargetKind {
+        /// Nothing: the reference comes to rest and stays there.
+        Hold = 0 => "hold",
+        /// Its velocity.
+        Velocity = 1 => "velocity",
+        /// Its position, which moves with its velocity.
+        Position = 2 => "position",
+    }
+}
+
+layout! {
+    /// A target of a vehicle that a ground station flies, world frame.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct FlightTarget {
+        /// First tick with this target.
+        pub from_tick: u64,
+        /// A [`TargetKind`] as number.
+        pub kind: u64,
+        /// Position at its first tick; of [`TargetKind::Position`] alone.
+        pub position_w_m: [f64; 3],
+        /// Not of [`TargetKind::Hold`].
+        pub velocity_w_m_s: [f64; 3],
+        pub yaw_rad: f64,
     }
 }
 

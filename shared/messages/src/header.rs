@@ -6,8 +6,8 @@
 use std::mem::offset_of;
 
 use crate::content::{
-    Decision, Decisions, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, TakenCommand, Truth,
-    Wrench,
+    Decision, Decisions, FlightTarget, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord,
+    TakenCommand, Truth, Wrench,
 };
 use crate::enum_registry::Fingerprint as _;
 use crate::history::LawState;
@@ -153,6 +153,7 @@ pub const LAYOUT: u64 = hash_of(&[
     Truth::FINGERPRINT,
     Decision::FINGERPRINT,
     TakenCommand::FINGERPRINT,
+    FlightTarget::FINGERPRINT,
     Decisions::FINGERPRINT,
     Setpoint::FINGERPRINT,
     Wrench::FINGERPRINT,

@@ -40,6 +40,18 @@ pub fn geographic([north_m, east_m, down_m]: [f64; 3]) -> [i32; 3] {
     ]
 }
 
+/// The inverse of [`geographic`]: the NED position at the height of [`ORIGIN`] of a latitude and a longitude [deg].
+pub fn local([latitude_deg, longitude_deg]: [f64; 2]) -> [f64; 3] {
+    let [latitude, longitude, _] = ORIGIN;
+    let parallel_m = EARTH_RADIUS_M * latitude.to_radians().cos();
+    let north_m = EARTH_RADIUS_M * (latitude_deg - latitude).to_radians();
+    [
+        north_m,
+        parallel_m * (longitude_deg - longitude).to_radians(),
+        0.0,
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,6 +110,13 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_place_on_the_map_is_found_again(north_m in -1e3..1e3, east_m in -1e3..1e3) {
+            let [latitude, longitude, _] = geographic([north_m, east_m, 0.0]);
+            let again = local([latitude, longitude].map(|it| f64::from(it) * 1e-7));
+            prop_assert!((again[0] - north_m).hypot(again[1] - east_m) < 0.02, "{again:?}");
+        }
+
         #[test]
         fn each_conversion_is_its_own_inverse(v in prop::array::uniform3(-1e3..1e3), q in prop::array::uniform4(-1.0..1.0)) {
             prop_assert_eq!(turned(turned(v)), v);

@@ -3,8 +3,8 @@
 use std::mem::offset_of;
 
 use crate::content::{
-    DECISIONS, Decisions, Loss, Mode, RotorSpeeds, Setpoint, State, SwapRecord, TakenCommand,
-    Wrench,
+    DECISIONS, Decisions, Loss, Mode, Reference, RotorSpeeds, Setpoint, State, SwapRecord,
+    TakenCommand, TargetKind, Wrench,
 };
 use crate::layout::{Field, Visit, Visitor, words};
 use crate::monitor::{CAUSES, Monitor};
@@ -31,7 +31,7 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
     /// Whether flags and indices are ones that exist.
     fn has_known_flags(&self) -> bool;
 
-    /// Words that make the flight: all but the record of whose command was taken.
+    /// Words that make the flight: not the record of whose command was taken, and not what another topic repeats.
     fn flight_words(&self) -> &[u64] {
         words(self)
     }
@@ -127,6 +127,11 @@ impl Topic for State {
         look(&truth.velocity_w_m_s, Size(VELOCITY_M_S));
         look(&truth.rate_b_rad_s, Size(RATE_RAD_S));
         look(&truth.parameter, Size(PARAMETER));
+        let target = &self.target;
+        look(&target.position_w_m, Size(POSITION_M));
+        look(&target.velocity_w_m_s, Size(VELOCITY_M_S));
+        look(&[target.yaw_rad], Size(ANGLE_RAD));
+        look_at_reference(&self.reference, look);
     }
 
     fn has_known_flags(&self) -> bool {
@@ -134,6 +139,7 @@ impl Topic for State {
             && self.truth.touches_ground <= 1
             && self.decision.command.is_known()
             && self.decision.group < MOST_CHANNELS as u64
+            && TargetKind::from_wire(self.target.kind).is_some()
     }
 
     fn flight_words(&self) -> &[u64] {
@@ -152,18 +158,7 @@ impl Topic for Setpoint {
     #[inline]
     fn numbers(&self, mut look: impl FnMut(&[f64], Bound)) {
         self.fields(&mut look);
-        let reference = &self.reference;
-        look(&reference.position_w_m, Size(POSITION_M));
-        look(&reference.velocity_w_m_s, Size(VELOCITY_M_S));
-        look(&reference.acceleration_w_m_s2, Size(REFERENCE_ACCELERATION));
-        look(&reference.jerk_w_m_s3, Size(REFERENCE_JERK));
-        look(&reference.snap_w_m_s4, Size(REFERENCE_SNAP));
-        look(&[reference.yaw_rad], Size(ANGLE_RAD));
-        look(&[reference.yaw_rate_rad_s], Size(RATE_RAD_S));
-        look(
-            &[reference.yaw_acceleration_rad_s2],
-            Size(REFERENCE_ACCELERATION),
-        );
+        look_at_reference(&self.reference, look);
     }
 
     fn has_known_flags(&self) -> bool {
@@ -207,6 +202,20 @@ impl Topic for RotorSpeeds {
     }
 
     shows_telemetry!();
+}
+
+fn look_at_reference(reference: &Reference, mut look: impl FnMut(&[f64], Bound)) {
+    look(&reference.position_w_m, Size(POSITION_M));
+    look(&reference.velocity_w_m_s, Size(VELOCITY_M_S));
+    look(&reference.acceleration_w_m_s2, Size(REFERENCE_ACCELERATION));
+    look(&reference.jerk_w_m_s3, Size(REFERENCE_JERK));
+    look(&reference.snap_w_m_s4, Size(REFERENCE_SNAP));
+    look(&[reference.yaw_rad], Size(ANGLE_RAD));
+    look(&[reference.yaw_rate_rad_s], Size(RATE_RAD_S));
+    look(
+        &[reference.yaw_acceleration_rad_s2],
+        Size(REFERENCE_ACCELERATION),
+    );
 }
 
 /// All numbers of a struct, of which any finite one is plausible.

@@ -73,9 +73,9 @@ impl References {
         }
         let own = course.0.route(period_s);
         let kept: Vec<OnceLock<Reference>> = (0..course.2).map(|_| OnceLock::new()).collect();
-        let route: Route = Arc::new(move |tick| match kept.get(tick as usize) {
-            Some(kept) => *kept.get_or_init(|| own(tick)),
-            None => own(tick),
+        let route: Route = Arc::new(move |tick, state| match kept.get(tick as usize) {
+            Some(kept) => *kept.get_or_init(|| own(tick, state)),
+            None => own(tick, state),
         });
         *newest = Some((course, Arc::clone(&route)));
         Ok(route)

@@ -10,14 +10,18 @@ use std::time::Duration;
 
 use analysis::faults::InjectedFault;
 use analysis::phrase::{count, name_of};
+use ipc::TargetOrder;
 use mavlink::dialects::common::*;
 use mavlink::{MavHeader, Message as _, MessageData as _};
 use messages::blackboards::EndReason;
+use messages::content::TargetKind;
 use messages::parameters::{Parameter, SPECS};
+use plant::guidance::PATIENCE_S;
 
 use super::failures::{Failure, Refused};
+use super::offboard::{Mode, Place, of_command, of_setpoint};
 use super::parameters::{FAILURES_ENABLED, NAMES, meant, parameter_of};
-use super::telemetry::{STREAMS, message};
+use super::telemetry::{STREAMS, available_modes, message};
 use crate::watch::dashboard_model::{Model, WatchedFlight};
 
 /// Who the vehicle is.
@@ -42,13 +46,23 @@ const TEXT_BYTES: usize = 50;
 
 const READ_ONLY: &str = "this bridge only observes: start it with --allow-control";
 const NO_FLIGHT: &str = "no flight is running; start one: ironbird fly";
-const FIXED: &str = "the trajectory of this flight is fixed: setpoints have no effect";
+const FIXED: &str =
+    "the trajectory of this flight is fixed: setpoints have no effect; fly --trajectory mavlink";
+const NOT_OFFBOARD: &str = "setpoints have no effect before MAV_CMD_DO_SET_MODE offboard";
 
-/// A request to the plant, as `ironbird inject` takes it.
+/// A request to the plant of a flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
-    pub what: String,
+    pub run_id: u64,
+    pub what: What,
     pub purpose: Purpose,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum What {
+    /// As `ironbird inject` takes it.
+    Line(String),
+    Target(TargetOrder),
 }
 
 /// Purpose of a request: its answer is acknowledged accordingly.
@@ -61,6 +75,12 @@ pub enum Purpose {
     },
     Fail {
         failure: Failure,
+        from: [u8; 2],
+    },
+    /// The next target of a stream, which is not acknowledged.
+    Follow,
+    Command {
+        command: MavCmd,
         from: [u8; 2],
     },
 }
@@ -84,6 +104,10 @@ pub struct Vehicle {
     /// Failures that are in force.
     begun: Vec<(FailureUnit, String)>,
     pending: Vec<Request>,
+    /// Tick at which the mode became offboard, if it is.
+    offboard_since: Option<u64>,
+    /// The newest target of a stream, while another one is pending.
+    next_target: Option<TargetOrder>,
     /// Messages to send.
     pub messages: Vec<MavMessage>,
     /// Requests to pass to the plant.
@@ -109,12 +133,14 @@ impl Vehicle {
         if is_new {
             self.join(flight);
         }
+        self.end_offboard(flight, now);
+        let mode = self.mode();
         for (id, (interval, due)) in &mut self.streams {
             if let Some(interval) = interval.filter(|_| now >= *due) {
                 // On its own grid, unless it is late by more than one.
                 let next = *due + interval;
                 *due = if next > now { next } else { now + interval };
-                self.messages.extend(message(*id, flight));
+                self.messages.extend(message(*id, flight, mode));
             }
         }
         if is_new {
@@ -139,9 +165,108 @@ impl Vehicle {
         self.has_ended
     }
 
+    const fn mode(&self) -> Mode {
+        match self.offboard_since {
+            Some(_) => Mode::Offboard,
+            None => Mode::Hold,
+        }
+    }
+
+    /// Ends the mode offboard when the plant holds the position, because setpoints no longer come.
+    fn end_offboard(&mut self, flight: &WatchedFlight, now: Duration) {
+        let patience_ticks = (PATIENCE_S / flight.run.flight_time_s(1)).round() as u64;
+        let holds = flight
+            .state
+            .is_some_and(|it| it.target.kind == TargetKind::Hold as u64);
+        let is_over = |since: &mut u64| holds && flight.tick() > *since + 2 * patience_ticks;
+        if self.offboard_since.take_if(is_over).is_some() {
+            self.refuse(
+                &format!("no setpoint for {PATIENCE_S} s: the vehicle holds its position"),
+                now,
+            );
+        }
+    }
+
+    /// Takes a setpoint, which is a target in the mode offboard.
+    fn setpoint(
+        &mut self,
+        it: &SET_POSITION_TARGET_LOCAL_NED_DATA,
+        model: &Model,
+        flight: &WatchedFlight,
+    ) -> Result<(), String> {
+        if !flight.follows_targets() {
+            return Err(FIXED.into());
+        }
+        let order = of_setpoint(it, flight)?;
+        if self.offboard_since.is_none() {
+            return Err(NOT_OFFBOARD.into());
+        }
+        self.follow(order, model)
+    }
+
+    /// Requests a target of a stream. While one is pending, only the newest one waits.
+    fn follow(&mut self, order: TargetOrder, model: &Model) -> Result<(), String> {
+        if self.pending.iter().any(|it| it.purpose == Purpose::Follow) {
+            self.next_target = Some(order);
+            return Ok(());
+        }
+        self.ask(What::Target(order), Purpose::Follow, model)
+            .map_err(|(_, why)| why)
+    }
+
+    /// Changes the mode, or flies what a command says; its acknowledgement is due, or comes with the plant's answer.
+    fn steer(
+        &mut self,
+        (command, parameters, place): (MavCmd, [f32; 4], Option<Place>),
+        from: [u8; 2],
+        model: &Model,
+        flight: &WatchedFlight,
+    ) -> Result<bool, Refused> {
+        let command = match command {
+            MavCmd::MAV_CMD_DO_SET_MODE => match Mode::of_command(parameters) {
+                Some(Mode::Offboard) => {
+                    self.check_may_change(model)?;
+                    self.offboard_since = Some(flight.tick());
+                    self.messages
+                        .extend(message(HEARTBEAT_DATA::ID, flight, self.mode()));
+                    return Ok(true);
+                }
+                Some(Mode::Hold) => (command, MavCmd::MAV_CMD_DO_PAUSE_CONTINUE),
+                None => {
+                    let modes = Mode::ALL.map(Mode::name).join(" and ");
+                    return Err((
+                        MavResult::MAV_RESULT_DENIED,
+                        format!("modes of this vehicle: {modes}"),
+                    ));
+                }
+            },
+            command => (command, command),
+        };
+        let (command, does) = command;
+        let parameters = if command == does {
+            parameters
+        } else {
+            [0.0; 4]
+        };
+        let Some(order) = of_command(does, parameters, place, flight)? else {
+            return Err((
+                MavResult::MAV_RESULT_DENIED,
+                format!("{command:?} is not flown here"),
+            ));
+        };
+        self.ask(
+            What::Target(order),
+            Purpose::Command { command, from },
+            model,
+        )?;
+        (self.offboard_since, self.next_target) = (None, None);
+        Ok(false)
+    }
+
     fn join(&mut self, flight: &WatchedFlight) {
         self.run_id = flight.run.run_id;
         self.has_ended = false;
+        (self.offboard_since, self.next_target) = (None, None);
         self.missed = flight.run.deadlines_missed;
         self.begun.clear();
         // Events before the bridge joined are not reported.
@@ -187,7 +312,8 @@ impl Vehicle {
             ending.name()
         );
         self.say(severity, &text);
-        self.messages.extend(message(HEARTBEAT_DATA::ID, flight));
+        let heartbeat = message(HEARTBEAT_DATA::ID, flight, self.mode());
+        self.messages.extend(heartbeat);
     }
 
     /// Sends a text, in parts if it is long.
@@ -287,12 +413,14 @@ impl Vehicle {
                     }));
             }
             MavMessage::COMMAND_LONG(it) => {
-                let parameters = [it.param1, it.param2, it.param3];
-                self.command(it.command, parameters, from, is_named, model, now);
+                let parameters = [it.param1, it.param2, it.param3, it.param4];
+                let command = (it.command, parameters, Some(Place::long(it)));
+                self.command(command, from, is_named, model, now);
             }
             MavMessage::COMMAND_INT(it) => {
-                let parameters = [it.param1, it.param2, it.param3];
-                self.command(it.command, parameters, from, is_named, model, now);
+                let parameters = [it.param1, it.param2, it.param3, it.param4];
+                let command = (it.command, parameters, Place::int(it));
+                self.command(command, from, is_named, model, now);
             }
             _ if !is_named => {}
             MavMessage::PARAM_SET(it) => self.set_parameter(it, from, model, now),
@@ -319,11 +447,23 @@ impl Vehicle {
             MavMessage::SETUP_SIGNING(_) => {
                 self.refuse("signing is not supported: no key is taken", now)
             }
-            MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
-            | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(it) => {
+                if let Err(why) = self.setpoint(it, model, flight) {
+                    self.refuse(&why, now);
+                }
+            }
+            MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
             | MavMessage::SET_ATTITUDE_TARGET(_)
             | MavMessage::MANUAL_CONTROL(_)
-            | MavMessage::RC_CHANNELS_OVERRIDE(_) => self.refuse(FIXED, now),
+            | MavMessage::RC_CHANNELS_OVERRIDE(_) => {
+                let why = match flight.follows_targets() {
+                    true => {
+                        "of setpoints and sticks, SET_POSITION_TARGET_LOCAL_NED alone has an effect"
+                    }
+                    false => FIXED,
+                };
+                self.refuse(why, now);
+            }
             _ => {}
         }
     }
@@ -351,8 +491,7 @@ impl Vehicle {
 
     fn command(
         &mut self,
-        command: MavCmd,
-        [first, second, third]: [f32; 3],
+        (command, parameters, place): (MavCmd, [f32; 4], Option<Place>),
         from: [u8; 2],
         is_named: bool,
         model: &Model,
@@ -362,16 +501,19 @@ impl Vehicle {
         let Some(flight) = model.flight.as_deref() else {
             return;
         };
-        let mut answer = None;
+        let [first, second, third, _] = parameters;
+        let mut answer = Vec::new();
         let refused = |result: MavResult, why: &str| Err((result, why.to_owned()));
         let outcome: Result<(), Refused> = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE => {
-                match number(first).and_then(|id| self.requested(id, second, flight)) {
-                    Some(found) => {
-                        answer = Some(found);
-                        Ok(())
-                    }
-                    None => refused(MAV_RESULT_UNSUPPORTED, ""),
+                answer.extend(
+                    number(first)
+                        .into_iter()
+                        .flat_map(|id| self.requested(id, second, flight)),
+                );
+                match answer.is_empty() {
+                    false => Ok(()),
+                    true => refused(MAV_RESULT_UNSUPPORTED, ""),
                 }
             }
             // The commands below change something, and a broadcast may not.
@@ -392,6 +534,20 @@ impl Vehicle {
                 MAV_RESULT_DENIED,
                 "a flight ends after its duration, or by Ctrl-C where `ironbird fly` runs",
             ),
+            MavCmd::MAV_CMD_NAV_TAKEOFF
+            | MavCmd::MAV_CMD_NAV_LAND
+            | MavCmd::MAV_CMD_DO_REPOSITION
+            | MavCmd::MAV_CMD_DO_SET_MODE
+            | MavCmd::MAV_CMD_DO_PAUSE_CONTINUE
+                if flight.follows_targets() =>
+            {
+                match self.steer((command, parameters, place), from, model, flight) {
+                    Ok(true) => Ok(()),
+                    // The plant's answer is acknowledged.
+                    Ok(false) => return,
+                    Err(refused) => Err(refused),
+                }
+            }
             MavCmd::MAV_CMD_NAV_TAKEOFF
             | MavCmd::MAV_CMD_NAV_LAND
             | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -432,12 +588,15 @@ impl Vehicle {
             }));
     }
 
-    /// A message that a ground station requests by its number; of an interval, `of` is the message that is sent so often.
-    fn requested(&self, id: u32, of: f32, flight: &WatchedFlight) -> Option<MavMessage> {
-        match id {
-            MESSAGE_INTERVAL_DATA::ID => Some(self.interval(number(of)?)),
-            _ => message(id, flight),
-        }
+    /// Messages that a ground station requests by their number; of an interval, `of` is the message that is sent so often, of
+    /// modes the one that is wanted, and 0 all.
+    fn requested(&self, id: u32, of: f32, flight: &WatchedFlight) -> Vec<MavMessage> {
+        let message = match id {
+            AVAILABLE_MODES_DATA::ID => return available_modes(flight, number(of).unwrap_or(0)),
+            MESSAGE_INTERVAL_DATA::ID => number(of).map(|of| self.interval(of)),
+            _ => message(id, flight, self.mode()),
+        };
+        message.into_iter().collect()
     }
 
     fn interval(&self, id: u32) -> MavMessage {
@@ -479,14 +638,26 @@ impl Vehicle {
         Ok(())
     }
 
-    /// Passes a request to the plant, if changes are allowed and there is a flight to change.
-    fn ask(&mut self, request: Request, model: &Model) -> Result<(), Refused> {
+    /// Refuses where changes are not allowed, or where there is no flight to change.
+    fn check_may_change(&self, model: &Model) -> Result<(), Refused> {
         if !self.allows_control {
             return Err((MavResult::MAV_RESULT_DENIED, READ_ONLY.into()));
         }
         if !model.is_flying() {
             return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, NO_FLIGHT.into()));
         }
+        Ok(())
+    }
+
+    /// Passes a request to the plant, if it may change the flight.
+    fn ask(&mut self, what: What, purpose: Purpose, model: &Model) -> Result<(), Refused> {
+        self.check_may_change(model)?;
+        let run_id = self.run_id;
+        let request = Request {
+            run_id,
+            what,
+            purpose,
+        };
         if self.pending.contains(&request) {
             // A ground station that repeats itself before the plant has answered.
             return Ok(());
@@ -520,13 +691,7 @@ impl Vehicle {
             return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, why));
         }
         match failure.what.clone() {
-            Some(what) => self.ask(
-                Request {
-                    what,
-                    purpose: Purpose::Fail { failure, from },
-                },
-                model,
-            ),
+            Some(what) => self.ask(What::Line(what), Purpose::Fail { failure, from }, model),
             None if !self.allows_control => Err((MavResult::MAV_RESULT_DENIED, READ_ONLY.into())),
             None => {
                 self.acknowledge(
@@ -560,15 +725,13 @@ impl Vehicle {
             return self.refuse_parameter(it.param_id, error, &why, from, model, now);
         }
         let value = meant(it.param_value);
-        let request = Request {
-            what: format!("{}={value}", parameter.name()),
-            purpose: Purpose::Set {
-                parameter,
-                value,
-                from,
-            },
+        let what = What::Line(format!("{}={value}", parameter.name()));
+        let purpose = Purpose::Set {
+            parameter,
+            value,
+            from,
         };
-        if let Err((_, why)) = self.ask(request, model) {
+        if let Err((_, why)) = self.ask(what, purpose, model) {
             let error = MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED;
             self.refuse_parameter(it.param_id, error, &why, from, model, now);
         }
@@ -625,8 +788,9 @@ impl Vehicle {
                     }
                     Ok(_) => {
                         // One that has ended may begin again, and ends once.
-                        self.begun.retain(|(_, what)| *what != request.what);
-                        self.begun.push((failure.unit, request.what.clone()));
+                        let what = failure.what.clone().unwrap_or_default();
+                        self.begun.retain(|(_, begun)| *begun != what);
+                        self.begun.push((failure.unit, what));
                         MavResult::MAV_RESULT_ACCEPTED
                     }
                     Err(why) => {
@@ -635,6 +799,23 @@ impl Vehicle {
                     }
                 };
                 self.acknowledge(MavCmd::MAV_CMD_INJECT_FAILURE, result, *from);
+            }
+            Purpose::Command { command, from } => {
+                let result = match answer {
+                    Ok(_) => MavResult::MAV_RESULT_ACCEPTED,
+                    Err(why) => {
+                        self.refuse(why, now);
+                        MavResult::MAV_RESULT_DENIED
+                    }
+                };
+                self.acknowledge(*command, result, *from);
+            }
+            Purpose::Follow => {
+                let next = self.next_target.take();
+                let followed = next.map_or(Ok(()), |next| self.follow(next, model));
+                if let Some(why) = answer.as_ref().err().or(followed.as_ref().err()) {
+                    self.refuse(why, now);
+                }
             }
         }
     }

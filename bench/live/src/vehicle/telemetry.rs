@@ -8,6 +8,7 @@ use mavlink::dialects::common::*;
 use messages::blackboards::EndReason;
 use messages::content::ROTORS;
 
+use super::offboard::Mode;
 use crate::watch::dashboard_model::WatchedFlight;
 use messages::ned::{ORIGIN, geographic, turned, turned_angles, turned_quaternion};
 
@@ -34,9 +35,14 @@ pub const STREAMS: [(u32, Duration); 13] = {
 };
 
 /// A message of the flight by its number; none if there is no such message, or nothing to report yet.
-pub fn message(id: u32, flight: &WatchedFlight) -> Option<MavMessage> {
+pub fn message(id: u32, flight: &WatchedFlight, mode: Mode) -> Option<MavMessage> {
+    let custom_mode = if flight.follows_targets() {
+        mode.number()
+    } else {
+        0
+    };
     Some(match id {
-        HEARTBEAT_DATA::ID => MavMessage::HEARTBEAT(heartbeat(flight)),
+        HEARTBEAT_DATA::ID => MavMessage::HEARTBEAT(heartbeat(flight, custom_mode)),
         SYS_STATUS_DATA::ID => MavMessage::SYS_STATUS(sys_status(flight)),
         SYSTEM_TIME_DATA::ID => MavMessage::SYSTEM_TIME(system_time(flight)),
         EXTENDED_SYS_STATE_DATA::ID => MavMessage::EXTENDED_SYS_STATE(extended_sys_state(flight)),
@@ -54,8 +60,10 @@ pub fn message(id: u32, flight: &WatchedFlight) -> Option<MavMessage> {
         VFR_HUD_DATA::ID => MavMessage::VFR_HUD(vfr_hud(flight)?),
         SERVO_OUTPUT_RAW_DATA::ID => MavMessage::SERVO_OUTPUT_RAW(servo_output(flight)?),
         AUTOPILOT_VERSION_DATA::ID => MavMessage::AUTOPILOT_VERSION(autopilot_version(flight)),
-        AVAILABLE_MODES_DATA::ID => MavMessage::AVAILABLE_MODES(available_modes(flight)),
-        CURRENT_MODE_DATA::ID => MavMessage::CURRENT_MODE(CURRENT_MODE_DATA::default()),
+        CURRENT_MODE_DATA::ID => MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
+            custom_mode,
+            ..CURRENT_MODE_DATA::default()
+        }),
         _ => return None,
     })
 }
@@ -65,19 +73,23 @@ fn time_ms(flight: &WatchedFlight) -> u32 {
     (flight.run.flight_time_s(flight.tick()) * 1e3) as u32
 }
 
-fn heartbeat(flight: &WatchedFlight) -> HEARTBEAT_DATA {
+fn heartbeat(flight: &WatchedFlight, custom_mode: u32) -> HEARTBEAT_DATA {
     let flies = flight.ending.is_none();
     let mut base_mode = MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED
         | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED
         | MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED;
     base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, flies);
+    base_mode.set(
+        MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+        custom_mode != 0,
+    );
     let system_status = match flight.ending {
         None => MavState::MAV_STATE_ACTIVE,
         Some(EndReason::Completed | EndReason::Interrupted) => MavState::MAV_STATE_STANDBY,
         Some(_) => MavState::MAV_STATE_CRITICAL,
     };
     HEARTBEAT_DATA {
-        custom_mode: 0,
+        custom_mode,
         mavtype: MavType::MAV_TYPE_QUADROTOR,
         autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
         base_mode,
@@ -314,24 +326,47 @@ fn autopilot_version(flight: &WatchedFlight) -> AUTOPILOT_VERSION_DATA {
         part(env!("CARGO_PKG_VERSION_MINOR")),
         part(env!("CARGO_PKG_VERSION_PATCH")),
     ];
+    let mut capabilities = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
+        | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST;
+    let steers = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED;
+    capabilities.set(steers, flight.follows_targets());
     AUTOPILOT_VERSION_DATA {
-        capabilities: MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
-            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+        capabilities,
         uid: flight.run.run_id,
         flight_sw_version: version[0] << 24 | version[1] << 16 | version[2] << 8,
         ..AUTOPILOT_VERSION_DATA::default()
     }
 }
 
-/// The only mode: the trajectory of the flight.
-fn available_modes(flight: &WatchedFlight) -> AVAILABLE_MODES_DATA {
-    AVAILABLE_MODES_DATA {
-        custom_mode: 0,
-        properties: MavModeProperty::MAV_MODE_PROPERTY_NOT_USER_SELECTABLE,
-        number_modes: 1,
-        mode_index: 1,
-        standard_mode: MavStandardMode::MAV_STANDARD_MODE_NON_STANDARD,
-        mode_name: flight.setting("flight.trajectory").into(),
-    }
+/// A mode by its number from 1 on; 0 is all of them. A flight that no ground station flies has one: its trajectory.
+pub fn available_modes(flight: &WatchedFlight, index: u32) -> Vec<MavMessage> {
+    let selectable = MavModeProperty::empty();
+    let modes = match flight.follows_targets() {
+        true => Mode::ALL
+            .map(|it| (it.number(), it.name(), selectable))
+            .to_vec(),
+        false => {
+            let name = flight.setting("flight.trajectory");
+            vec![(
+                0,
+                name,
+                MavModeProperty::MAV_MODE_PROPERTY_NOT_USER_SELECTABLE,
+            )]
+        }
+    };
+    let number_modes = modes.len() as u8;
+    let message = |(mode_index, (custom_mode, name, properties)): (u8, (u32, &str, _))| {
+        MavMessage::AVAILABLE_MODES(AVAILABLE_MODES_DATA {
+            custom_mode,
+            properties,
+            number_modes,
+            mode_index,
+            standard_mode: MavStandardMode::MAV_STANDARD_MODE_NON_STANDARD,
+            mode_name: name.into(),
+        })
+    };
+    let numbered = (1..).zip(modes);
+    let wanted = numbered.filter(|(number, _)| [0, u32::from(*number)].contains(&index));
+    wanted.map(message).collect()
 }

@@ -17,15 +17,18 @@ use mavlink::{
     MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, Message as _, MessageData as _,
 };
 use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Subject};
-use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State, TakenCommand};
+use messages::content::{
+    FlightTarget, Measured, Reference, RotorSpeeds, Setpoint, State, TakenCommand, TargetKind,
+};
 use messages::header::{Header, Message, Stamps};
 use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::Channel;
 
 use super::failures::FAILURES;
 use super::link::{Address, Frame, Link, frames};
+use super::offboard::Mode;
 use super::parameters::{FAILURES_ENABLED, NAMES};
-use super::protocol::{Request, Vehicle};
+use super::protocol::{Purpose, Request, Vehicle, What};
 use super::telemetry::STREAMS;
 use crate::inject::parse_line;
 use crate::watch::dashboard_model::{Model, WatchedFlight};
@@ -52,6 +55,10 @@ fn entry<C>(tick: u64, content: C) -> Message<C> {
 
 /// A flight at tick 1500 that is 3 m ahead, 1 m left and 2 m up, turned to the left.
 fn model() -> Model {
+    model_of("lissajous")
+}
+
+fn model_of(trajectory: &str) -> Model {
     let mut model = Model::new("left", false, false);
     let run = Run {
         phase: RunPhase::Flying as u64,
@@ -64,11 +71,12 @@ fn model() -> Model {
         ..Run::default()
     };
     let settings = [
-        ("flight.trajectory", "lissajous"),
+        ("flight.trajectory", trajectory),
         ("flight.faults", r#"["inner.late=1ms@1.6s"]"#),
         ("flight.tracking_error_max_m", "0.1"),
         ("flight.tracking_yaw_error_max_rad", "0.1"),
         ("flight.ground_z_m", "-0.25"),
+        ("ground.leg_m", "0.05"),
         ("mixer.law", "roll_pitch_first"),
         ("rotor.min_rad_s", "30"),
         ("rotor.max_rad_s", "350"),
@@ -197,11 +205,31 @@ impl Joined {
 
     /// Lets the plant answer the only request; gives what was requested, and what the vehicle sends then.
     fn answered(&mut self, answer: Result<&str, &str>) -> (String, Vec<MavMessage>) {
+        match self.answered_request(answer) {
+            (What::Line(line), messages) => (line, messages),
+            (other, _) => panic!("{other:?}"),
+        }
+    }
+
+    fn answered_request(&mut self, answer: Result<&str, &str>) -> (What, Vec<MavMessage>) {
         let request = self.vehicle.requests.pop().unwrap();
         assert!(self.vehicle.requests.is_empty());
+        assert_eq!(request.run_id, 7);
         let answer = answer.map(str::to_owned).map_err(str::to_owned);
         self.vehicle.answered(&request, &answer, &self.model, NOW);
         (request.what, std::mem::take(&mut self.vehicle.messages))
+    }
+
+    /// The target that the plant is asked for, which accepts it; and what the vehicle sends then.
+    fn followed(&mut self) -> (FlightTarget, [u64; 2], Vec<MavMessage>) {
+        match self.answered_request(Ok("")) {
+            (What::Target(it), messages) => (it.target, [it.has_yaw, it.stays], messages),
+            (other, _) => panic!("{other:?}"),
+        }
+    }
+
+    fn send_heartbeat(&mut self) -> Vec<MavMessage> {
+        self.send(&command(MAV_CMD_REQUEST_MESSAGE, [0.0; 3]))
     }
 
     /// The texts that the vehicle sends so much later.
@@ -661,12 +689,318 @@ fn what_is_for_others_or_for_all_changes_nothing() {
     let list = PARAM_REQUEST_LIST_DATA::default();
     assert_eq!(joined.send(&MavMessage::PARAM_REQUEST_LIST(list)).len(), 33);
     let target = to_the_vehicle(SET_POSITION_TARGET_LOCAL_NED_DATA::ID);
-    let fixed = "the trajectory of this flight is fixed: setpoints have no effect\n";
+    let fixed = "the trajectory of this flight is fixed: setpoints have no effect; fly --trajectory mavlink\n";
     assert_eq!(texts(&joined.send(&target)), fixed);
     // A stream of them is refused once a second, and so is one of made-up names after the first few.
     assert_eq!(joined.send(&target), []);
     let refused = (0..100).flat_map(|it| joined.set(&format!("X{it}"), 0.0));
     assert_eq!(texts(&refused.collect::<Vec<_>>()).lines().count(), 19);
+}
+
+/// A setpoint north, west and above the start.
+fn setpoint(type_mask: u16) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
+    SET_POSITION_TARGET_LOCAL_NED_DATA {
+        x: 5.1,
+        y: -1.0,
+        z: -2.0,
+        vx: 0.5,
+        vy: 0.25,
+        vz: -0.125,
+        yaw: 0.5,
+        type_mask: PositionTargetTypemask::from_bits_retain(type_mask),
+        target_system: 1,
+        target_component: 1,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
+    }
+}
+
+/// What MAVSDK ignores of a position, of a velocity, and of both.
+const POSITION: u16 = 0b1001_1111_1000;
+const VELOCITY: u16 = 0b1001_1100_0111;
+const BOTH: u16 = 0b1001_1100_0000;
+/// Modes of MAV_CMD_DO_SET_MODE as MAVSDK sends them.
+const OFFBOARD: [f32; 3] = [1.0, 6.0, 0.0];
+const HOLD: [f32; 3] = [1.0, 4.0, 3.0];
+
+fn custom_mode(messages: &[MavMessage]) -> u32 {
+    let mut modes = messages.iter().filter_map(|it| match it {
+        MavMessage::HEARTBEAT(it) => Some(it.custom_mode),
+        _ => None,
+    });
+    modes.next_back().unwrap_or_default()
+}
+
+#[test]
+fn in_the_mode_offboard_setpoints_are_targets_until_they_stop() {
+    let mut joined = Joined::to(model_of("mavlink"), true);
+    assert_eq!(custom_mode(&joined.first), Mode::Hold.number());
+    let send = |it| MavMessage::SET_POSITION_TARGET_LOCAL_NED(it);
+    let early = "setpoints have no effect before MAV_CMD_DO_SET_MODE offboard\n";
+    assert_eq!(texts(&joined.send(&send(setpoint(POSITION)))), early);
+    let started = joined.send(&command(MAV_CMD_DO_SET_MODE, OFFBOARD));
+    assert_eq!(result(&started), Some(ACCEPTED));
+    assert_eq!(custom_mode(&started), 6 << 16);
+    for (mask, kind, position_w_m, velocity_w_m_s, has_yaw) in [
+        (POSITION, TargetKind::Position, [5.1, 1.0, 2.0], [0.0; 3], 1),
+        (
+            VELOCITY | 1 << 10,
+            TargetKind::Velocity,
+            [0.0; 3],
+            [0.5, -0.25, 0.125],
+            0,
+        ),
+        (
+            BOTH,
+            TargetKind::Position,
+            [5.1, 1.0, 2.0],
+            [0.5, -0.25, 0.125],
+            1,
+        ),
+    ] {
+        assert_eq!(joined.send(&send(setpoint(mask))), []);
+        let yaw_rad = if has_yaw == 1 { -0.5 } else { 0.0 };
+        let target = FlightTarget {
+            from_tick: 0,
+            kind: kind as u64,
+            position_w_m,
+            velocity_w_m_s,
+            yaw_rad,
+        };
+        assert_eq!(joined.followed(), (target, [has_yaw, 0], Vec::new()));
+    }
+    // While the plant has not answered, the newest one waits.
+    for x in [1.0, 2.0, 3.0] {
+        joined.send(&send(SET_POSITION_TARGET_LOCAL_NED_DATA {
+            x,
+            ..setpoint(POSITION)
+        }));
+    }
+    assert_eq!(joined.followed().0.position_w_m[0], 1.0);
+    assert_eq!(joined.followed().0.position_w_m[0], 3.0);
+    // The plant holds the position; shortly after the start it has not yet heard of a target.
+    let at = |joined: &mut Joined, tick| {
+        let seen = flight(&mut joined.model);
+        seen.take(&LogEntry::State(entry(tick, State::default())));
+        seen.run.tick = tick;
+    };
+    at(&mut joined, 2500);
+    assert_eq!(joined.later(1500), "1.600 s: fault inner.late=1ms\n");
+    at(&mut joined, 2501);
+    assert_eq!(
+        joined.later(2000),
+        "no setpoint for 0.5 s: the vehicle holds its position\n"
+    );
+    joined.vehicle.messages.clear();
+    joined.vehicle.receive(
+        &STATION,
+        &send(setpoint(POSITION)),
+        &joined.model,
+        NOW + Duration::from_secs(5),
+    );
+    assert_eq!(texts(&joined.vehicle.messages), early);
+}
+
+#[test]
+fn what_is_no_target_is_refused_with_the_reason() {
+    let nothing = SET_POSITION_TARGET_LOCAL_NED_DATA {
+        ..setpoint(POSITION)
+    };
+    let masks = |mask| setpoint(mask);
+    for (it, words) in [
+        (
+            masks(0xfff),
+            "setpoint with type_mask 0x0fff: allowed are position, velocity and yaw; ignore all else",
+        ),
+        (masks(BOTH & !(1 << 7)), "setpoint with type_mask 0x0940"),
+        (
+            masks(POSITION & !(1 << 11)),
+            "setpoint with type_mask 0x01f8",
+        ),
+        (
+            masks(POSITION | 1),
+            "setpoint with a part of a vector: give or ignore all three axes",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA {
+                coordinate_frame: MavFrame::MAV_FRAME_BODY_FRD,
+                ..nothing
+            },
+            "setpoint in MAV_FRAME_BODY_FRD: allowed is MAV_FRAME_LOCAL_NED",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA {
+                x: f32::NAN,
+                ..nothing
+            },
+            "position of the target: NaN m is out of range: allowed are -1000 to 1000 m",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA { y: 1e6, ..nothing },
+            "position of the target: -1000000 m is out of range",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA { z: 0.21, ..nothing },
+            "height of the target: -0.21 m above the start: allowed are -0.2 m and more",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA {
+                yaw: f32::INFINITY,
+                ..nothing
+            },
+            "yaw of the setpoint: inf is no angle",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA {
+                vx: 3.0,
+                ..setpoint(VELOCITY)
+            },
+            "speed of the target: 3.0",
+        ),
+        (
+            SET_POSITION_TARGET_LOCAL_NED_DATA {
+                vy: f32::NAN,
+                ..setpoint(BOTH)
+            },
+            "speed of the target: NaN m/s is out of range: allowed are up to 3 m/s",
+        ),
+    ] {
+        let mut joined = Joined::to(model_of("mavlink"), true);
+        joined.send(&command(MAV_CMD_DO_SET_MODE, OFFBOARD));
+        let answer = joined.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(it));
+        assert!(texts(&answer).starts_with(words), "{words}: {answer:?}");
+        assert!(joined.vehicle.requests.is_empty(), "{words}");
+    }
+}
+
+#[test]
+fn commands_climb_descend_move_and_hold() {
+    let mut joined = Joined::to(model_of("mavlink"), true);
+    let reference = Reference {
+        position_w_m: [3.0, 1.5, 2.0],
+        ..Reference::default()
+    };
+    let state = State {
+        reference,
+        ..State::default()
+    };
+    flight(&mut joined.model).take(&LogEntry::State(entry(1501, state)));
+    let nothing = f32::NAN;
+    let long = |command, param1, param7| {
+        MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command,
+            param1,
+            param4: nothing,
+            param5: nothing,
+            param6: nothing,
+            param7,
+            target_system: 1,
+            ..COMMAND_LONG_DATA::default()
+        })
+    };
+    let int = |frame, x, y, z| {
+        MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+            command: MAV_CMD_DO_REPOSITION,
+            param1: -1.0,
+            param4: 0.5,
+            x,
+            y,
+            z,
+            frame,
+            target_system: 1,
+            ..COMMAND_INT_DATA::default()
+        })
+    };
+    let relative = MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT;
+    let position = TargetKind::Position as u64;
+    for (message, kind, place, yaw) in [
+        (
+            long(MAV_CMD_NAV_TAKEOFF, nothing, nothing),
+            position,
+            [3.0, 1.5, 2.5],
+            None,
+        ),
+        (
+            long(MAV_CMD_NAV_TAKEOFF, nothing, 7.0),
+            position,
+            [3.0, 1.5, 7.0],
+            None,
+        ),
+        (
+            long(MAV_CMD_NAV_LAND, nothing, nothing),
+            position,
+            [3.0, 1.5, -0.2],
+            None,
+        ),
+        (
+            long(MAV_CMD_DO_PAUSE_CONTINUE, 0.0, nothing),
+            0,
+            [0.0; 3],
+            None,
+        ),
+        (command(MAV_CMD_DO_SET_MODE, HOLD), 0, [0.0; 3], None),
+        (
+            int(relative, i32::MAX, i32::MAX, 4.0),
+            position,
+            [3.0, 1.5, 4.0],
+            Some(-0.5),
+        ),
+        (
+            int(MavFrame::MAV_FRAME_GLOBAL, 473_986_403, 85_469_211, nothing),
+            position,
+            [100.0, -100.0, 2.0],
+            Some(-0.5),
+        ),
+    ] {
+        joined.send(&command(MAV_CMD_DO_SET_MODE, OFFBOARD));
+        assert_eq!(joined.send(&message), []);
+        let (target, flags, answer) = joined.followed();
+        let away = target
+            .position_w_m
+            .iter()
+            .zip(place)
+            .map(|(one, other)| (one - other).abs());
+        assert!(
+            target.kind == kind && away.fold(0.0, f64::max) < 0.01,
+            "{message:?}: {target:?}"
+        );
+        assert_eq!(
+            (target.yaw_rad, flags),
+            (yaw.unwrap_or(0.0), [u64::from(yaw.is_some()), 1])
+        );
+        assert_eq!(result(&answer), Some(ACCEPTED), "{message:?}");
+        assert_eq!(custom_mode(&joined.send_heartbeat()), Mode::Hold.number());
+    }
+    for (message, words) in [
+        (
+            long(MAV_CMD_NAV_TAKEOFF, nothing, -1.0),
+            "height of the target: -1 m above the start",
+        ),
+        (
+            long(MAV_CMD_DO_REPOSITION, 5.0, nothing),
+            "speed 5 m/s of the reposition: allowed is -1",
+        ),
+        (
+            long(MAV_CMD_DO_PAUSE_CONTINUE, 1.0, nothing),
+            "MAV_CMD_DO_PAUSE_CONTINUE is not flown here",
+        ),
+        (
+            command(MAV_CMD_DO_SET_MODE, [1.0, 3.0, 0.0]),
+            "modes of this vehicle: Hold and Offboard",
+        ),
+        (
+            int(MavFrame::MAV_FRAME_LOCAL_NED, 1, 1, 1.0),
+            "a place in a frame that is not global",
+        ),
+    ] {
+        let answer = joined.send(&message);
+        assert_eq!(result(&answer), Some(DENIED), "{words}");
+        assert!(texts(&answer).starts_with(words), "{answer:?}");
+    }
+    let mut observer = Joined::to(model_of("mavlink"), false);
+    let answer = observer.send(&command(MAV_CMD_DO_SET_MODE, OFFBOARD));
+    assert_eq!(result(&answer), Some(DENIED));
+    assert!(observer.vehicle.requests.is_empty());
 }
 
 #[test]
@@ -837,12 +1171,13 @@ fn over_tcp_one_station_at_a_time_is_served() {
     assert_eq!(there, [0xfd]);
 }
 
-/// Whether a frame of MAVLink 2 may have the vehicle request a change, read by hand from the protocol's description. 23 is PARAM_SET, 75 COMMAND_INT, 76 COMMAND_LONG.
-fn may_change(frame: &[u8]) -> bool {
+/// Whether a frame of MAVLink 2 may have the vehicle request a change, read by hand from the protocol's description. 23 is PARAM_SET, 75 COMMAND_INT, 76 COMMAND_LONG; of a vehicle that is steered, 84 is SET_POSITION_TARGET_LOCAL_NED.
+fn may_change(frame: &[u8], is_steered: bool) -> bool {
     let crc_extra = |id: u32| match id {
         23 => Some((168, 4)),
         75 => Some((158, 30)),
         76 => Some((152, 30)),
+        84 if is_steered => Some((143, 50)),
         _ => None,
     };
     let Some(&[0xfd, length, 0, _, _, system, component, a, b, c]) = frame.first_chunk() else {
@@ -866,7 +1201,13 @@ fn may_change(frame: &[u8]) -> bool {
     let addressed = byte(target) == 1 && byte(target + 1) <= 1 && [system, component] != [1, 1];
     addressed
         && crc.to_le_bytes() == sum
-        && (a == 23 || u16::from_le_bytes([byte(28), byte(29)]) == 420)
+        && match a {
+            23 | 84 => true,
+            _ => {
+                let command = u16::from_le_bytes([byte(28), byte(29)]);
+                command == 420 || is_steered && [21, 22, 176, 192, 193].contains(&command)
+            }
+        }
 }
 
 /// A million frames, random and mutated, of which many have a right checksum: nothing panics, nothing is asked of the plant
@@ -874,6 +1215,7 @@ fn may_change(frame: &[u8]) -> bool {
 #[test]
 fn a_million_frames_change_nothing_that_they_may_not() {
     let (mut joined, mut observer) = (Joined::new(true), Joined::new(false));
+    let mut steered = Joined::to(model_of("mavlink"), true);
     let mut random = fastrand::Rng::with_seed(1);
     let int = MavMessage::COMMAND_INT(COMMAND_INT_DATA {
         command: MAV_CMD_INJECT_FAILURE,
@@ -889,9 +1231,11 @@ fn a_million_frames_change_nothing_that_they_may_not() {
         command(MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0, 0.0]),
         command(MAV_CMD_SET_MESSAGE_INTERVAL, [30.0, 5e4, 0.0]),
         MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA::default()),
+        MavMessage::SET_POSITION_TARGET_LOCAL_NED(setpoint(BOTH)),
+        command(MAV_CMD_NAV_LAND, [0.0; 3]),
     ];
     let seeds = seeds.map(|it| (frame(&it), MavMessage::extra_crc(it.message_id())));
-    let (mut accepted, mut asked, mut parsed) = (0, 0, 0);
+    let (mut accepted, mut asked, mut parsed, mut aimed) = (0, 0, 0, 0);
     for round in 0..1_000_000_u32 {
         let (seed, extra) = random.choice(&seeds).unwrap();
         let mut bytes = seed.clone();
@@ -915,12 +1259,12 @@ fn a_million_frames_change_nothing_that_they_may_not() {
         frames(&bytes, &mut |frame| {
             parsed += 1;
             if let Frame::Message(header, message) = frame {
-                for it in [&mut joined, &mut observer] {
+                for it in [&mut joined, &mut observer, &mut steered] {
                     it.vehicle.receive(&header, &message, &it.model, NOW);
                 }
             }
         });
-        let may = may_change(&bytes);
+        let may = may_change(&bytes, false);
         accepted += u32::from(may);
         for request in std::mem::take(&mut joined.vehicle.requests) {
             asked += 1;
@@ -931,19 +1275,35 @@ fn a_million_frames_change_nothing_that_they_may_not() {
                 .vehicle
                 .answered(&request, &answer, &joined.model, NOW);
         }
+        for request in std::mem::take(&mut steered.vehicle.requests) {
+            aimed += u32::from(request.purpose == Purpose::Follow);
+            assert!(may_change(&bytes, true), "{request:?} by {bytes:?}");
+            check(&request);
+            steered
+                .vehicle
+                .answered(&request, &Ok(String::new()), &steered.model, NOW);
+        }
+        if round % 64 == 0 {
+            steered.send(&command(MAV_CMD_DO_SET_MODE, OFFBOARD));
+        }
         assert!(observer.vehicle.requests.is_empty());
+        steered.vehicle.messages.clear();
         joined.vehicle.messages.clear();
         observer.vehicle.messages.clear();
     }
     // The oracle and the vehicle both see many of them.
     assert!(
-        parsed > 250_000 && accepted > 50_000 && asked > 50_000,
-        "{parsed} {accepted} {asked}"
+        parsed > 250_000 && accepted > 50_000 && asked > 50_000 && aimed > 10_000,
+        "{parsed} {accepted} {asked} {aimed}"
     );
 }
 
-/// A request is one that `ironbird inject` can read, or a number that is none.
+/// A request is one that `ironbird inject` can read, or a number that is none, or a target within its limits.
 fn check(Request { what, .. }: &Request) {
+    let what = match what {
+        What::Line(line) => line,
+        What::Target(order) => return assert_eq!(plant::guidance::check(&order.target), Ok(())),
+    };
     let name = what.split('=').next().unwrap();
     let is_parameter = Parameter::from_name(name).is_ok();
     let is_none = is_parameter && (what.contains("NaN") || what.contains("inf"));

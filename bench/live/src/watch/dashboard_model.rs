@@ -400,6 +400,11 @@ impl WatchedFlight {
         (!self.recorder_lives).then(|| self.tick())
     }
 
+    /// Whether a ground station flies the vehicle.
+    pub fn follows_targets(&self) -> bool {
+        self.tracking.course().follows_targets()
+    }
+
     pub fn setting(&self, key: &str) -> &str {
         self.settings.get(key).map_or("", String::as_str)
     }
@@ -476,14 +481,15 @@ impl WatchedFlight {
 
     fn pose(&self, tick: u64, position_error_m: f64) -> Pose {
         let state = self.state.unwrap_or_default();
+        let reference = self.tracking.reference(tick, &state);
         let estimates = self.wrench.filter(|_| self.laws.without_theorem.is_none());
         Pose {
             time_s: self.run.flight_time_s(tick),
             position_w_m: state.truth.position_w_m,
             attitude: state.measured.attitude_quaternion,
             yaw_rad: state.measured.attitude_rad[2],
-            reference_w_m: self.tracking.position_w_m(tick),
-            reference_yaw_rad: self.tracking.yaw_rad(tick),
+            reference_w_m: reference.position_w_m,
+            reference_yaw_rad: reference.yaw_rad,
             rotor_command_rad_s: state.measured.rotor_speed_command_rad_s,
             position_error_m,
             estimates: estimates.map(|wrench| adaptive::estimate(&wrench.telemetry)),
@@ -497,11 +503,16 @@ impl WatchedFlight {
         Some(self.pose(tick, self.tracking.error_m(tick, state)))
     }
 
-    /// The reference over at most a minute from the start of the flight, one point each [`POINT_S`] [m].
+    /// The reference over at most a minute from the start of the flight, one point each [`POINT_S`] [m]; no point of a
+    /// vehicle that a ground station flies.
     pub fn reference_line(&self) -> Vec<[f64; 3]> {
         let ticks = (POINT_S / self.tracking.period_s()).round().max(1.0) as usize;
         let line = (0..=self.run.last_tick).step_by(ticks).take(POINTS);
-        line.map(|tick| self.tracking.position_w_m(tick)).collect()
+        let time_s = |tick| tick as f64 * self.tracking.period_s();
+        let course = self.tracking.course();
+        line.filter(|_| !course.follows_targets())
+            .map(|tick| course.reference(time_s(tick)).position_w_m)
+            .collect()
     }
 
     /// Notes whose command the plant took.
@@ -564,8 +575,10 @@ impl WatchedFlight {
         let swaps = self.statistics.swaps.iter();
         let swaps = swaps.map(|it| event(it.tick, "parameter", render::sentences::swap(it)));
         let all = supervised.chain(handovers).chain(begun).chain(ended);
+        let targets = self.statistics.targets.followed.iter();
+        let targets = targets.map(|it| event(it.tick, "target", render::sentences::target(it)));
         let is_past = |event: &Event| event.tick <= self.run.tick;
-        let mut events: Vec<_> = all.chain(swaps).filter(is_past).collect();
+        let mut events: Vec<_> = all.chain(swaps).chain(targets).filter(is_past).collect();
         events.sort_by_key(|event| std::cmp::Reverse(event.tick));
         events
     }
@@ -655,7 +668,7 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
 pub const POINT_S: f64 = 0.1;
 pub const POINTS: usize = 600;
 
-/// Something that happened in a flight, and the kind of it: process, fault, end (of a fault), handover, parameter.
+/// Something that happened in a flight, and the kind of it: process, fault, end (of a fault), handover, parameter, target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Event {
     pub tick: u64,

@@ -1,0 +1,233 @@
+//! Setpoints and commands of a ground station as targets of the plant, and the modes of a vehicle that it flies.
+
+use std::f64::consts::TAU;
+
+use ipc::TargetOrder;
+use mavlink::dialects::common::*;
+use messages::content::{FlightTarget, TargetKind};
+use plant::guidance;
+
+use super::failures::Refused;
+use super::frames::{ORIGIN, local, turned, turned_angles};
+use super::parameters::meant;
+use crate::watch::dashboard_model::WatchedFlight;
+
+/// Height of a take-off that names none, above the start [m].
+const TAKEOFF_M: f64 = 2.5;
+
+/// A mode that a ground station can choose. The numbers are PX4's, which MAVSDK uses for all but ArduPilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    Hold,
+    Offboard,
+}
+
+impl Mode {
+    pub const ALL: [Self; 2] = [Self::Hold, Self::Offboard];
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hold => "Hold",
+            Self::Offboard => "Offboard",
+        }
+    }
+
+    /// Main mode and sub-mode.
+    const fn parts(self) -> [u32; 2] {
+        match self {
+            Self::Hold => [4, 3],
+            Self::Offboard => [6, 0],
+        }
+    }
+
+    pub const fn number(self) -> u32 {
+        let [main, sub] = self.parts();
+        main << 16 | sub << 24
+    }
+
+    /// The mode of MAV_CMD_DO_SET_MODE.
+    pub fn of_command([_, main, sub, ..]: [f32; 4]) -> Option<Self> {
+        let parts = [main, sub].map(|it| it as u32);
+        Self::ALL.into_iter().find(|mode| mode.parts() == parts)
+    }
+}
+
+/// The lowest target, where the vehicle stands on the ground [m].
+fn lowest_m(flight: &WatchedFlight) -> f64 {
+    let setting = |key: &str| flight.setting(key).parse().unwrap_or(0.0);
+    setting("flight.ground_z_m") + setting("ground.leg_m")
+}
+
+/// Checks a target; a yaw that is no number keeps the one before.
+fn order(
+    target: FlightTarget,
+    yaw_rad: f64,
+    stays: bool,
+    flight: &WatchedFlight,
+) -> Result<TargetOrder, String> {
+    let has_yaw = !yaw_rad.is_nan();
+    let yaw_rad = if has_yaw { yaw_rad } else { 0.0 };
+    // Turned zeros are negative.
+    let target = FlightTarget {
+        yaw_rad: yaw_rad + 0.0,
+        position_w_m: target.position_w_m.map(|it| it + 0.0),
+        velocity_w_m_s: target.velocity_w_m_s.map(|it| it + 0.0),
+        ..target
+    };
+    guidance::check(&target).map_err(|e| e.to_string())?;
+    let (height_m, lowest_m) = (target.position_w_m[2], lowest_m(flight));
+    if target.kind == TargetKind::Position as u64 && height_m < lowest_m {
+        return Err(format!(
+            "height of the target: {height_m} m above the start: allowed are {lowest_m} m and more; the start is {} m above \
+             sea level",
+            ORIGIN[2]
+        ));
+    }
+    Ok(TargetOrder {
+        target,
+        has_yaw: u64::from(has_yaw),
+        stays: u64::from(stays),
+    })
+}
+
+/// The target of a setpoint: a position, a velocity, or both, in the local frame, and a yaw if there is one.
+pub fn of_setpoint(
+    it: &SET_POSITION_TARGET_LOCAL_NED_DATA,
+    flight: &WatchedFlight,
+) -> Result<TargetOrder, String> {
+    const POSITION: u16 = 0b111;
+    const VELOCITY: u16 = POSITION << 3;
+    const ACCELERATION: u16 = POSITION << 6;
+    const YAW: u16 = 1 << 10;
+    const YAW_RATE: u16 = 1 << 11;
+    let ignored = it.type_mask.bits();
+    if it.coordinate_frame != MavFrame::MAV_FRAME_LOCAL_NED {
+        let frame = it.coordinate_frame;
+        return Err(format!(
+            "setpoint in {frame:?}: allowed is MAV_FRAME_LOCAL_NED"
+        ));
+    }
+    let has = |all: u16| match ignored & all {
+        0 => Some(true),
+        some if some == all => Some(false),
+        _ => None,
+    };
+    let (Some(has_position), Some(has_velocity)) = (has(POSITION), has(VELOCITY)) else {
+        return Err("setpoint with a part of a vector: give or ignore all three axes".into());
+    };
+    let is_supported = has(ACCELERATION | YAW_RATE) == Some(false);
+    if !is_supported || !(has_position || has_velocity) {
+        return Err(format!(
+            "setpoint with type_mask {ignored:#06x}: allowed are position, velocity and yaw; ignore all else"
+        ));
+    }
+    let vector = |has: bool, vector: [f32; 3]| match has {
+        true => turned(vector.map(meant)),
+        false => [0.0; 3],
+    };
+    let kind = match has_position {
+        true => TargetKind::Position,
+        false => TargetKind::Velocity,
+    };
+    let target = FlightTarget {
+        kind: kind as u64,
+        position_w_m: vector(has_position, [it.x, it.y, it.z]),
+        velocity_w_m_s: vector(has_velocity, [it.vx, it.vy, it.vz]),
+        ..FlightTarget::default()
+    };
+    let has_yaw = has(YAW) == Some(true);
+    if has_yaw && !it.yaw.is_finite() {
+        return Err(format!("yaw of the setpoint: {} is no angle", it.yaw));
+    }
+    let yaw_rad = if has_yaw { yaw_of(it.yaw) } else { f64::NAN };
+    order(target, yaw_rad, false, flight)
+}
+
+/// The yaw of a heading [rad]; NaN of none.
+fn yaw_of(heading_rad: f32) -> f64 {
+    turned_angles([0.0, 0.0, meant(heading_rad).rem_euclid(TAU)])[2]
+}
+
+/// Where a command is about; what it leaves out is none.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Place {
+    pub latitude_longitude_deg: Option<[f64; 2]>,
+    /// Above the start [m].
+    height_m: Option<f64>,
+}
+
+impl Place {
+    pub fn long(it: &COMMAND_LONG_DATA) -> Self {
+        // The altitude of a take-off is above the start: clients send it so to all autopilots but PX4.
+        let begin_m = match it.command {
+            MavCmd::MAV_CMD_NAV_TAKEOFF => 0.0,
+            _ => ORIGIN[2],
+        };
+        Self::new([it.param5, it.param6].map(meant), it.param7, begin_m)
+    }
+
+    /// None of a frame that is not global.
+    #[expect(deprecated, reason = "sent by older clients")]
+    pub fn int(it: &COMMAND_INT_DATA) -> Option<Self> {
+        let begin_m = match it.frame {
+            MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => ORIGIN[2],
+            MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT
+            | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => 0.0,
+            _ => return None,
+        };
+        let degrees = |it: i32| match it {
+            i32::MAX => f64::NAN,
+            it => f64::from(it) * 1e-7,
+        };
+        Some(Self::new([it.x, it.y].map(degrees), it.z, begin_m))
+    }
+
+    fn new(degrees: [f64; 2], altitude_m: f32, begin_m: f64) -> Self {
+        let is_given = degrees.iter().all(|it| !it.is_nan()) && degrees != [0.0; 2];
+        Self {
+            latitude_longitude_deg: is_given.then_some(degrees),
+            height_m: (!altitude_m.is_nan()).then(|| meant(altitude_m) - begin_m),
+        }
+    }
+}
+
+/// The target of a command; none of a command that has none.
+pub fn of_command(
+    command: MavCmd,
+    [first, .., heading_rad]: [f32; 4],
+    place: Option<Place>,
+    flight: &WatchedFlight,
+) -> Result<Option<TargetOrder>, Refused> {
+    let denied = |why: String| (MavResult::MAV_RESULT_DENIED, why);
+    let reference = flight.state.unwrap_or_default().reference;
+    let height_m = match command {
+        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 0.0 => {
+            let hold = order(FlightTarget::default(), f64::NAN, true, flight);
+            return hold.map(Some).map_err(denied);
+        }
+        MavCmd::MAV_CMD_NAV_TAKEOFF => Some(TAKEOFF_M),
+        MavCmd::MAV_CMD_NAV_LAND => Some(lowest_m(flight)),
+        MavCmd::MAV_CMD_DO_REPOSITION if first > 0.0 => {
+            return Err(denied(format!(
+                "speed {first} m/s of the reposition: allowed is -1"
+            )));
+        }
+        MavCmd::MAV_CMD_DO_REPOSITION => None,
+        _ => return Ok(None),
+    };
+    let place = place.ok_or_else(|| denied("a place in a frame that is not global".into()))?;
+    let lands = command == MavCmd::MAV_CMD_NAV_LAND;
+    let mut position_w_m = reference.position_w_m;
+    if let Some(degrees) = place.latitude_longitude_deg {
+        [position_w_m[0], position_w_m[1], _] = turned(local(degrees));
+    }
+    let height_m = place.height_m.filter(|_| !lands).or(height_m);
+    position_w_m[2] = height_m.unwrap_or(position_w_m[2]);
+    let target = FlightTarget {
+        kind: TargetKind::Position as u64,
+        position_w_m,
+        ..FlightTarget::default()
+    };
+    let order = order(target, yaw_of(heading_rad), true, flight);
+    order.map(Some).map_err(denied)
+}
