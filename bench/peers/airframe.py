@@ -61,7 +61,7 @@ def sides():
 COLUMNS = [
     ("derivatives per tick", lambda results, _: f"{results[-1]['derivatives']:g}"),
     ("us per simulated s", figure("us_per_simulated_s", ".0f")),
-    ("times ironbird's", times("us_per_simulated_s", ".3g")),
+    ("times ironbird's", times("us_per_simulated_s", ".1f")),
     ("end-state error", lambda results, _: f"{results[-1]['position_error_m']:.1e} m, {results[-1]['attitude_error_rad']:.1e} rad"),
     STEAL,
 ]
