@@ -55,6 +55,9 @@ impl SavedStates {
     }
 }
 
+/// State and setpoint that a wrench was computed from, where they are known.
+type Monitored<'a> = (Option<&'a Stamped<State>>, Option<&'a Stamped<Setpoint>>);
+
 pub struct LoopsReplay {
     settings: Settings,
     channel: Channel,
@@ -216,10 +219,7 @@ impl LoopsReplay {
 
     /// The true state that a wrench goes back to, with the measurement that the inner loop had of it, and the setpoint that
     /// the loop had.
-    pub fn monitored(
-        &mut self,
-        wrench: &Message<Wrench>,
-    ) -> Result<(Option<&Stamped<State>>, Option<&Stamped<Setpoint>>), Failure> {
+    pub fn monitored(&mut self, wrench: &Message<Wrench>) -> Result<Monitored<'_>, Failure> {
         let Header {
             tick,
             input_tick: [of_state, of_setpoint, _],
