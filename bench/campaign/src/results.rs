@@ -3,7 +3,7 @@
 use crate::bins::Bin;
 use crate::metric_distribution::Distribution;
 use analysis::schema::Gate;
-use analysis::statistics::{Discordant, Interval, MeanInterval};
+use analysis::statistics::{Discordant, Interval, Mean, MeanInterval};
 use serde::Serialize;
 
 pub const SCHEMA: &str = "ironbird-campaign-report/1";
@@ -77,7 +77,7 @@ pub struct Pair {
     pub p_value: f64,
     pub difference: MeanInterval,
     /// Mean difference of each metric, first less second, over the flights that neither lost.
-    pub metrics: Vec<Of<MeanInterval>>,
+    pub metrics: Vec<Of<Mean>>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]

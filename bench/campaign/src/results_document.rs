@@ -4,7 +4,7 @@ use crate::bins::{Bin, short};
 use crate::gates::{METRICS, Metric};
 use crate::results::{CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst};
 use analysis::phrase::count;
-use analysis::statistics::{Discordant, Interval, MeanInterval};
+use analysis::statistics::{DIFFERING_LEAST, Discordant, Interval, Mean, MeanInterval};
 use render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use render::plot::{Axis, Chart, LAWS, Layer};
 use render::scale::{Kind, Scale};
@@ -121,24 +121,29 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     });
     let means = results.pairs.iter().flat_map(|pair| {
         // What is the same in every flight is left out.
-        let differs = |it: &MeanInterval| it.interval.low != 0.0 || it.interval.high != 0.0;
+        let differs = |it: &Mean| it.differing > 0 || it.mean != 0.0;
         let metrics = pair.metrics.iter();
         let metrics = metrics.filter(move |metric| differs(&metric.is));
         metrics.map(move |metric| {
             let it = &metric.is;
             let name = format!("{} - {}", pair.first, pair.second);
-            let interval = format!("{} to {}", short(it.interval.low), short(it.interval.high));
+            let interval = match it.interval {
+                Some(Interval { low, high }) => format!("{} to {}", short(low), short(high)),
+                None => format!("none: {} of {} differ", it.differing, it.count),
+            };
             row([&name, &metric.name, &short(it.mean), &interval, &it.count])
         })
     });
     let columns = ["mean difference", "metric", "mean", "interval", "flights"];
-    let note = "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both \
-                alike. Its interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with \
-                bootstrap-t intervals at 95 %.";
+    let note = format!(
+        "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both alike. Its \
+         interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with bootstrap-t \
+         intervals at 95 %; there is none if fewer than {DIFFERING_LEAST} flights differ from the most frequent value."
+    );
     let blocks = vec![
         Block::Items(items.collect()),
         table(columns, means),
-        Block::Note(note.into()),
+        Block::Note(note),
     ];
     let title = "Arms on the same draws: first less second";
     Some(Section::new("pairs", title, blocks))
