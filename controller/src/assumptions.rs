@@ -195,12 +195,6 @@ impl Assumptions {
         }
     }
 
-    /// The cause of a rotor torque that is not the one of the wrench whose command is in force.
-    pub fn cause_of_torque(&self, tick: u64) -> Cause {
-        let causes = [Cause::MotorLag, Cause::Saturation, Cause::StaleInput];
-        self.first(causes, tick)
-    }
-
     fn first<const N: usize>(&self, causes: [Cause; N], tick: u64) -> Cause {
         causes
             .into_iter()

@@ -2,7 +2,7 @@
 
 use crate::TheoremMonitor;
 use crate::innovation::Innovation;
-use messages::content::{NO_TICK, Setpoint, Stamped, State, Wrench};
+use messages::content::{Mode, NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
 
@@ -77,6 +77,13 @@ impl FlightMonitor {
         (envelope.epoch, envelope.seq) = (self.number, self.next_result);
         self.next_result += 1;
         Some(Message { envelope, content })
+    }
+
+    /// Takes the rotor command of a tick, before the wrench of the next tick.
+    pub fn command(&mut self, tick: u64, command: &RotorSpeeds) {
+        if let (Some(monitor), Some(mode)) = (&mut self.monitor, Mode::from_wire(command.mode)) {
+            monitor.command(tick, mode);
+        }
     }
 
     /// Begins with a new monitor: the law has its initial state.

@@ -18,7 +18,7 @@
 use std::f64::consts::SQRT_2;
 
 use control_api::law::Rig;
-use messages::content::{Setpoint, Stamped, State, Wrench};
+use messages::content::{Mode, Setpoint, Stamped, State, Wrench};
 use messages::math::exp;
 use messages::monitor::{Cause, Monitor};
 use messages::topic::Topic as _;
@@ -111,6 +111,11 @@ impl TheoremMonitor {
         }
     }
 
+    /// Takes the mode in which the mixer made the rotor command of a tick, before the wrench of the next tick.
+    pub fn command(&mut self, tick: u64, mode: Mode) {
+        self.torque.command(tick, mode);
+    }
+
     /// Looks at the wrench of a tick, and at the state and setpoint that the law made it from, whatever tick they are of.
     ///
     /// Call it for every wrench of a law from its first one on, with rising ticks; ticks without a wrench are left out.
@@ -124,7 +129,6 @@ impl TheoremMonitor {
         let moved = self.assumptions.look(tick, state, wrench);
         let mut now = self.shown;
         (now.causes, now.is_violation) = (self.assumptions.bits(tick), 0);
-        now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         let newest = self.evidence.samples().newest_tick();
         if state.tick == tick {
             self.evidence.take(tick, &state.content.measured);
@@ -132,7 +136,10 @@ impl TheoremMonitor {
         }
         let (inputs, evidence) = ((state, setpoint), &mut self.evidence);
         let seen = self.torque.take(tick, inputs, wrench, newest, evidence);
-        self.count(tick, &seen, &mut now);
+        count(&seen, &mut now);
+        let gave_stale = seen.rotors == Some(RotorTorque::Other(Cause::StaleInput));
+        let is_stale = gave_stale || self.assumptions.seen_at(Cause::StaleInput, tick);
+        now.ticks_stale += u64::from(is_stale);
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
         if now.finite() {
             self.shown = now;
@@ -197,21 +204,6 @@ impl TheoremMonitor {
         }
         now.sigma = self.rate_weight.sigma();
         now.v = now.sigma / 2.0 * e.norm_squared() + now.v_th;
-    }
-
-    fn count(&self, tick: u64, seen: &TorqueSeen, now: &mut Monitor) {
-        let torque = &mut now.torque;
-        torque.wrenches += u64::from(seen.law.is_some());
-        torque.rotors += u64::from(seen.rotors.is_some());
-        torque.wrenches_wrong += u64::from(seen.law == Some(false));
-        let rotors_wrong = seen.rotors.and_then(|rotors| match rotors {
-            RotorTorque::OfCommand => None,
-            RotorTorque::OfOlderWrench => Some(Cause::StaleInput),
-            RotorTorque::Other => Some(self.assumptions.cause_of_torque(tick)),
-        });
-        if let Some(cause) = rotors_wrong {
-            torque.rotors_wrong[cause as usize] += 1;
-        }
     }
 
     fn look(&self, now: &mut Monitor) {
@@ -333,5 +325,15 @@ impl TheoremMonitor {
         if now.v_change > now.v_change_bound * (1.0 - STEP_ROUNDING) + floor {
             now.v_above_bound[self.assumptions.cause_of_v(tick) as usize] += 1;
         }
+    }
+}
+
+fn count(seen: &TorqueSeen, now: &mut Monitor) {
+    let torque = &mut now.torque;
+    torque.wrenches += u64::from(seen.law.is_some());
+    torque.rotors += u64::from(seen.rotors.is_some());
+    torque.wrenches_wrong += u64::from(seen.law == Some(false));
+    if let Some(RotorTorque::Other(cause)) = seen.rotors {
+        torque.rotors_wrong[cause as usize] += 1;
     }
 }

@@ -6,7 +6,8 @@
 
 use control_api::guard::hover_thrust_n;
 use control_api::law::Rig;
-use messages::content::{Setpoint, Stamped, State, Wrench};
+use messages::content::{Mode, Setpoint, Stamped, State, Wrench};
+use messages::monitor::Cause;
 use messages::parameters::Parameter;
 use nalgebra::Vector3;
 
@@ -18,7 +19,7 @@ use crate::torque_law::TorqueLaw;
 /// Share of a torque and of a rate error that rounding may take, and what it may take of those that are 0.
 const ROUNDING: f64 = 1e-9;
 const ROUNDING_OF_ZERO: f64 = 1e-12;
-/// Wrenches kept: the longest delay of a command, 10 ms, is 80 ticks at 8 kHz.
+/// Ticks kept: the longest delay of a command, 10 ms, is 80 ticks at 8 kHz.
 const KEPT: usize = 128;
 
 #[derive(Clone, Debug)]
@@ -26,12 +27,30 @@ pub struct TorqueCheck {
     law: TorqueLaw,
     /// Scale of a rotor's torque [N m]: weight times arm length.
     size_nm: f64,
+    period_s: f64,
     /// False once the failsafe has replaced a setpoint: the state of the law's command filter is then unknown.
     is_followed: bool,
     /// The torque of each of the newest wrenches [N m], at its tick's place.
     wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
-    /// Of the command in force at the state before: tick of that state, torque of its wrench.
-    in_force: Option<(u64, Vector3<f64>)>,
+    /// An older wrench that the rotors gave instead of their command's [N m]: a frozen one stays for long.
+    held: Option<Vector3<f64>>,
+    /// The mode of each of the newest rotor commands, at its tick's place.
+    modes: [Option<(u64, Mode)>; KEPT],
+    /// The command in force at each of the newest states, at its tick's place.
+    in_force: [Option<InForce>; KEPT],
+}
+
+/// A command in force from a state on.
+#[derive(Clone, Copy, Debug)]
+struct InForce {
+    tick: u64,
+    /// Torque of its wrench [N m].
+    wanted: Option<Vector3<f64>>,
+    /// Why rotors that follow it may give another torque; none if that is not known.
+    cause: Option<Cause>,
+    /// Ticks that commands take to the motors from this state on.
+    delay_ticks: u64,
+    motors_lag: bool,
 }
 
 /// Results of a tick; none where the torque could not be compared.
@@ -47,9 +66,7 @@ pub struct TorqueSeen {
 pub enum RotorTorque {
     /// The torque of the wrench of the command in force.
     OfCommand,
-    /// The torque of an older wrench: the mixer had no newer one.
-    OfOlderWrench,
-    Other,
+    Other(Cause),
 }
 
 impl TorqueCheck {
@@ -57,10 +74,18 @@ impl TorqueCheck {
         Self {
             law: TorqueLaw::new(rig, gains),
             size_nm: hover_thrust_n(rig) * rig.airframe.get(Parameter::ArmLength),
+            period_s: rig.period_s,
             is_followed: true,
             wrenches: [None; KEPT],
-            in_force: None,
+            held: None,
+            modes: [None; KEPT],
+            in_force: [None; KEPT],
         }
+    }
+
+    /// Takes the mode in which the mixer made the command of a tick.
+    pub fn command(&mut self, tick: u64, mode: Mode) {
+        self.modes[tick as usize % KEPT] = Some((tick, mode));
     }
 
     /// Takes the wrench of a tick with its inputs. `newest` is the tick of the measurement before, and `evidence` has
@@ -90,28 +115,60 @@ impl TorqueCheck {
         self.law.attitude.end(tick);
         let rotors = self.rotors(tick, evidence);
         if measured.is_some() {
-            let command_tick = state.content.command_tick;
-            let of_command = self.wrenches[command_tick as usize % KEPT];
-            let of_command = of_command.filter(|(of_tick, _)| *of_tick == command_tick);
-            self.in_force = of_command.map(|(_, torque)| (tick, torque));
+            self.in_force[tick as usize % KEPT] = Some(self.in_force_at(tick, &state.content));
         }
         self.wrenches[tick as usize % KEPT] = Some((tick, wrench_nm));
         TorqueSeen { law, rotors }
     }
 
-    fn rotors(&self, tick: u64, evidence: &Evidence) -> Option<RotorTorque> {
-        let last = &evidence.at(tick)?.last;
-        let (_, wanted) = self.in_force.filter(|(at, _)| at + 1 == tick)?;
-        let is_given = |torque: &Vector3<f64>| is_near(torque, &last.tau_m, self.size_nm);
-        let mut wrenches = self.wrenches.iter().flatten();
-        Some(if is_given(&wanted) {
+    fn in_force_at(&self, tick: u64, state: &State) -> InForce {
+        let mode = of_tick(&self.modes, state.command_tick);
+        let is_saturated = state.command_saturated == 1;
+        let delay_s = state.truth.get(Parameter::CommandDelay);
+        InForce {
+            tick,
+            wanted: of_tick(&self.wrenches, state.command_tick),
+            cause: mode.map(|mode| match mode {
+                // No fault of the rig makes a mixer's output one that is no number.
+                Mode::NotFinite => Cause::Unexplained,
+                _ if is_saturated => Cause::Saturation,
+                // The rotors idle if no command comes for long.
+                Mode::Fresh if state.deadline_miss_run == 0 => Cause::Unexplained,
+                _ => Cause::StaleInput,
+            }),
+            delay_ticks: (delay_s / self.period_s).round() as u64,
+            motors_lag: state.truth.get(Parameter::MotorTimeConstant) > 0.0,
+        }
+    }
+
+    fn rotors(&mut self, tick: u64, evidence: &Evidence) -> Option<RotorTorque> {
+        let given = evidence.at(tick)?.last.tau_m;
+        let in_force = |tick: u64| {
+            let command = self.in_force[tick as usize % KEPT];
+            command.filter(|command| command.tick == tick)
+        };
+        let newest = in_force(tick.checked_sub(1)?)?;
+        let acting = in_force((tick - 1).checked_sub(newest.delay_ticks)?)?;
+        let is_given = |torque: &Vector3<f64>| is_near(torque, &given, self.size_nm);
+        let older = self.wrenches.iter().flatten().map(|(_, torque)| torque);
+        Some(if newest.wanted.as_ref().is_some_and(is_given) {
             RotorTorque::OfCommand
-        } else if wrenches.any(|(_, torque)| is_given(torque)) {
-            RotorTorque::OfOlderWrench
+        } else if newest.motors_lag {
+            RotorTorque::Other(Cause::MotorLag)
+        } else if is_given(&acting.wanted?) {
+            RotorTorque::Other(Cause::Delay)
+        } else if older.chain(&self.held).any(is_given) {
+            self.held = Some(given);
+            RotorTorque::Other(Cause::StaleInput)
         } else {
-            RotorTorque::Other
+            RotorTorque::Other(acting.cause?)
         })
     }
+}
+
+fn of_tick<T: Copy>(kept: &[Option<(u64, T)>; KEPT], tick: u64) -> Option<T> {
+    let of_tick = kept[tick as usize % KEPT].filter(|(of_tick, _)| *of_tick == tick);
+    of_tick.map(|(_, value)| value)
 }
 
 fn is_near(a: &Vector3<f64>, b: &Vector3<f64>, size: f64) -> bool {

@@ -16,9 +16,7 @@ use std::f64::consts::PI;
 use faults::filter::{FaultFilter, Passed};
 use faults::{MessageFaults, Port};
 use messages::attitude::Attitude;
-use messages::content::{
-    Decision, FlightTarget, Measured, NO_TICK, ROTORS, RotorSpeeds, Stamped, State,
-};
+use messages::content::{Decision, FlightTarget, NO_TICK, ROTORS, RotorSpeeds, Stamped, State};
 use messages::inspection::Rejections;
 use messages::parameters::Airframe;
 use messages::role::Channel;

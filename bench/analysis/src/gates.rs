@@ -337,8 +337,10 @@ impl Gate {
             }
             TheoremGate::Strict => {
                 let is_judged = theorem.ticks_judged == theorem.ticks_checked;
-                let held = word == StabilityVerdict::Holds && is_judged && theorem.rises() == 0;
-                let limit = "V_th judged in each checked step, 0 rises, estimates live";
+                let acted = theorem.torque.acted() == theorem.torque.rotors;
+                let is_proven = is_judged && theorem.rises() == 0 && acted;
+                let held = word == StabilityVerdict::Holds && is_proven;
+                let limit = "V_th judged in each checked step, 0 rises, estimates live, (19) acted in each tick compared";
                 ("theorem=strict", limit, held)
             }
         };
@@ -347,7 +349,8 @@ impl Gate {
             _ if theorem.ticks > 0 && theorem.ticks_judged == 0 => nothing(theorem.counts()),
             StabilityVerdict::NotJudged => format!("{}, {why}", theorem.summary()),
             _ if gate == TheoremGate::Strict => {
-                format!("{}, {}", theorem.summary(), theorem.counts())
+                let (summary, counts) = (theorem.summary(), theorem.counts());
+                format!("{summary}, {counts}; {}", theorem.torque())
             }
             _ if unwatched > 0 => format!(
                 "{}, {} not watched",

@@ -266,6 +266,22 @@ const BEYOND_MEAN: usize = 12;
 /// other allow.
 const BLOCKS: usize = 2000;
 
+/// Values that must differ from the most frequent one for an interval of their mean: with fewer, it holds in less than
+/// 91 % (test `coverage_of_the_intervals_of_means_of_which_many_are_alike`).
+pub const DIFFERING_LEAST: u64 = 8;
+
+/// The mean of some values, with its bootstrap-t interval at 95 %.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Mean {
+    pub count: u64,
+    pub mean: f64,
+    /// Values that differ from the most frequent one.
+    pub differing: u64,
+    /// None if fewer than [`DIFFERING_LEAST`] differ: they do not tell how far their mean is off.
+    #[serde(flatten)]
+    pub interval: Option<Interval>,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MeanInterval {
     pub count: u64,
@@ -274,12 +290,32 @@ pub struct MeanInterval {
     pub interval: Interval,
 }
 
-/// The mean of some values, of which NaN is none, with its bootstrap-t interval; none of fewer than ten values.
-pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> {
+/// The mean of some values, of which NaN is none; none of fewer than ten values.
+pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<Mean> {
     let values: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
     if values.len() < 10 {
         return None;
     }
+    let count = values.len() as u64;
+    let differing = count - most_frequent(&values);
+    Some(Mean {
+        count,
+        mean: mean_and_error(&values).0,
+        differing,
+        interval: (differing >= DIFFERING_LEAST).then(|| bootstrap_t(&values)),
+    })
+}
+
+/// How often the most frequent value occurs.
+fn most_frequent(values: &[f64]) -> u64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let alike = sorted.chunk_by(|a, b| a == b).map(<[f64]>::len);
+    alike.max().unwrap_or(0) as u64
+}
+
+/// The interval of the mean of values that are not all alike.
+fn bootstrap_t(values: &[f64]) -> Interval {
     let blocks = values.len().min(BLOCKS);
     let cut = |block: usize| block * values.len() / blocks;
     let block = |block: usize| mean_and_error(&values[cut(block)..cut(block + 1)]).0;
@@ -296,24 +332,15 @@ pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> 
             }
         }
     };
-    let interval = if error > 0.0 {
-        let mut random = Rng::with_seed(1);
-        let distances = (0..MEAN_RESAMPLINGS).map(|_| distance(&mut random));
-        let mut distances: Vec<f64> = distances.collect();
-        distances.sort_unstable_by(f64::total_cmp);
-        let (low, high) = (BEYOND_MEAN, MEAN_RESAMPLINGS - 1 - BEYOND_MEAN);
-        Interval::new(
-            mean - distances[high] * error,
-            mean - distances[low] * error,
-        )
-    } else {
-        Interval::new(mean, mean)
-    };
-    Some(MeanInterval {
-        count: values.len() as u64,
-        mean: values.iter().sum::<f64>() / values.len() as f64,
-        interval,
-    })
+    let mut random = Rng::with_seed(1);
+    let distances = (0..MEAN_RESAMPLINGS).map(|_| distance(&mut random));
+    let mut distances: Vec<f64> = distances.collect();
+    distances.sort_unstable_by(f64::total_cmp);
+    let (low, high) = (BEYOND_MEAN, MEAN_RESAMPLINGS - 1 - BEYOND_MEAN);
+    Interval::new(
+        mean - distances[high] * error,
+        mean - distances[low] * error,
+    )
 }
 
 /// The mean of some values and its standard error.
@@ -488,7 +515,7 @@ mod tests {
                 let held = share(RUNS, || {
                     let values: Vec<f64> = (0..count).map(|_| draw(&mut random)).collect();
                     let found = mean_interval(values.into_iter()).unwrap();
-                    contains(found.interval, mean)
+                    contains(found.interval.unwrap(), mean)
                 });
                 println!("{name}, {count} values: {:.1} %", 100.0 * held);
                 assert!(
@@ -509,19 +536,69 @@ mod tests {
         let mut random = Rng::with_seed(7);
         // Of many values, 2.24 / sqrt(12 n) to either side.
         let found = mean_interval((0..200_000).map(|_| random.f64())).unwrap();
-        let width = found.interval.width() / (2.0 * 2.24 / (12.0 * 200_000_f64).sqrt());
+        let width = found.interval.unwrap().width() / (2.0 * 2.24 / (12.0 * 200_000_f64).sqrt());
         assert!((0.9..1.1).contains(&width) && (found.mean - 0.5).abs() < 3e-3);
         assert_eq!(mean_interval([1.0; 9].into_iter()), None);
-        let alike = mean_interval([1.0; 10].into_iter()).unwrap();
-        assert_eq!(alike.interval, Interval::new(1.0, 1.0));
-        let one = |i: u8| f64::from(i / 9);
-        assert!(
-            mean_interval((0..10).map(one))
-                .unwrap()
-                .interval
-                .high
-                .is_finite()
-        );
+        for (ones, differing) in [(10, 0), (0, 0), (5, 5), (9, 1)] {
+            let values = (0..10).map(|i| f64::from(u8::from(i < ones)));
+            let found = mean_interval(values).unwrap();
+            assert_eq!((found.differing, found.count), (differing, 10));
+            assert_eq!(found.interval.is_some(), differing >= DIFFERING_LEAST);
+            let width = found.interval.map(Interval::width);
+            assert!(width.is_none_or(|width| width > 0.0 && width.is_finite()));
+        }
+    }
+
+    /// Prints how often the interval holds if at least so many values must differ, and how often there is one, if it is
+    /// built for release.
+    #[test]
+    fn coverage_of_the_intervals_of_means_of_which_many_are_alike() {
+        const RUNS: usize = if cfg!(debug_assertions) { 200 } else { 4000 };
+        // Where one campaign in so many has an interval; of 50 runs, 4 standard deviations are 15 %.
+        const SHOWN: usize = if cfg!(debug_assertions) { 4 } else { 10 };
+        const LEAST: f64 = if cfg!(debug_assertions) { 0.77 } else { 0.91 };
+        type Draw = fn(&mut Rng) -> f64;
+        let kinds: [(&str, Draw, f64); 4] = [
+            ("one", |_| 1.0, 1.0),
+            ("exponential", |random| -(1.0 - random.f64()).ln(), 1.0),
+            ("lognormal", |random| normal(random).exp(), 0.5_f64.exp()),
+            ("normal", normal, 0.0),
+        ];
+        let mut random = Rng::with_seed(7);
+        for (name, draw, mean) in kinds {
+            for not_zero in [0.05, 0.2, 0.5] {
+                for count in [10, 20, 50] {
+                    let mut value = || match random.f64() < not_zero {
+                        true => draw(&mut random),
+                        false => 0.0,
+                    };
+                    let runs = (0..RUNS).map(|_| {
+                        let values: Vec<f64> = (0..count).map(|_| value()).collect();
+                        let differing = count as u64 - most_frequent(&values);
+                        let holds = || contains(bootstrap_t(&values), not_zero * mean);
+                        (differing, differing > 1 && holds())
+                    });
+                    let runs: Vec<(u64, bool)> = runs.collect();
+                    let covered = |least: u64| {
+                        let shown = runs.iter().filter(|(differing, _)| *differing >= least);
+                        let held = shown.clone().filter(|(_, holds)| *holds).count();
+                        (held as f64 / shown.clone().count() as f64, shown.count())
+                    };
+                    let shares = [0, 2, 4, 6, 8].map(|least| {
+                        let (held, shown) = covered(least);
+                        let shown = 100.0 * shown as f64 / RUNS as f64;
+                        format!("{least}: {:.1} % in {shown:.0} %", 100.0 * held)
+                    });
+                    let said = format!(
+                        "{name}, {not_zero} not 0, {count} values: {}",
+                        shares.join(", ")
+                    );
+                    println!("{said}");
+                    let (held, shown) = covered(DIFFERING_LEAST);
+                    assert!(shown < RUNS / SHOWN || held >= LEAST, "{said}");
+                }
+            }
+        }
     }
 
     #[test]

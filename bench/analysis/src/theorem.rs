@@ -60,12 +60,15 @@ pub struct Theorem {
     /// Steps at which V, with the rate error, changed by more than its bound, by cause; not judged.
     pub v_above_bound: BTreeMap<String, u64>,
     pub rate_error_max_rad_s: f64,
-    /// Its root mean square over the last second or so [rad/s].
+    /// Rate error of the inner law at the end [rad/s], as in the section `flight`.
     pub rate_error_final_rad_s: f64,
+    /// Root mean square of the rate error over the last second or so [rad/s].
+    pub rate_error_rms_rad_s: f64,
     pub torque: Torque,
     /// Ticks whose command in force could not be met.
     pub ticks_saturated: u64,
     pub ticks_stale: u64,
+    /// Changes of the true value of an estimated parameter; a ramp is one.
     pub live_swaps: u64,
     pub estimates: Vec<Watched>,
     /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
@@ -149,6 +152,16 @@ impl Theorem {
         )
     }
 
+    /// With the rate error at the end [rad/s], which no message of the monitor has.
+    #[must_use]
+    pub fn with_rate_error(self, rate_error_final_rad_s: Option<f64>) -> Self {
+        let rate_error_final_rad_s = rate_error_final_rad_s.unwrap_or_default();
+        Self {
+            rate_error_final_rad_s,
+            ..self
+        }
+    }
+
     /// Writes the section; of a law without a theorem, why there is none.
     pub fn serialize_applicable<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let (Some(law), Some(why)) = (&self.law_without, self.inapplicable()) else {
@@ -213,7 +226,7 @@ impl Torque {
     }
 
     /// Ticks whose rotors gave the torque of (19).
-    fn acted(&self) -> u64 {
+    pub fn acted(&self) -> u64 {
         let wrong = self.rotors_wrong.values();
         wrong.fold(self.rotors, |acted: u64, wrong| {
             acted.saturating_sub(*wrong)
@@ -508,7 +521,7 @@ impl Theorem {
             steps_adapted: monitor.steps_adapted,
             v_above_bound: by_cause(&monitor.v_above_bound),
             rate_error_max_rad_s: monitor.rate_error_max_rad_s,
-            rate_error_final_rad_s: monitor.rate_error_rms_rad_s,
+            rate_error_rms_rad_s: monitor.rate_error_rms_rad_s,
             torque,
             ticks_saturated: monitor.ticks_saturated,
             ticks_stale: monitor.ticks_stale,

@@ -156,8 +156,8 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
         (NotJudged, format!("{counts}; {}", theorem.torque()))
     } else if theorem.holds {
         // (22) is proven without delay alone: how small e becomes is no part of the verdict.
-        let (torque, e) = (theorem.torque(), theorem.rate_error_final_rad_s);
-        let why = format!("{counts}; {torque}; e {e:.1e} rad/s at the end");
+        let (torque, e) = (theorem.torque(), theorem.rate_error_rms_rad_s);
+        let why = format!("{counts}; {torque}; e {e:.1e} rad/s rms in the last second");
         (Holds, why)
     } else if theorem.torque.unexplained() > 0 {
         (Broken, format!("{}; {counts}", theorem.torque()))

@@ -41,8 +41,8 @@ pub fn distribution(values: impl Iterator<Item = f64>) -> Distribution {
             .get(((share * n as f64).ceil() as usize).clamp(1, n) - 1)
             .copied(),
     };
-    let is_known =
-        |share: &f64| (n as f64 * share.min(1.0 - share)).round() >= 10.0 || *share == 0.5;
+    // Rounding must not cost one of exactly ten values: 1000 * (1 - 0.99) is 10.000000000000009, or less.
+    let is_known = |share: &f64| n as f64 * share.min(1.0 - share) >= 10.0 - 1e-6 || *share == 0.5;
     // As dense in the tail as before it: each nine takes as many points.
     let nines = (0..).flat_map(|nine| {
         (0..20).map(move |i| 1.0 - 10_f64.powi(-nine) * (1.0 - 0.045 * f64::from(i)))
@@ -108,6 +108,14 @@ mod tests {
         let none = distribution([f64::NAN; 3].into_iter());
         assert_eq!((none.count, none.missing, none.mean), (0, 3, None));
         assert_eq!(known.curve.last(), Some(&at(0.999, 1000.0)));
+        let shares = |count: u32| {
+            let quantiles = distribution((0..count).map(f64::from)).quantiles;
+            quantiles.iter().map(|it| it.share).collect::<Vec<_>>()
+        };
+        assert_eq!(shares(999), [0.1, 0.5, 0.9]);
+        assert_eq!(shares(99), [0.5]);
+        assert_eq!(shares(100), [0.1, 0.5, 0.9]);
+        assert_eq!(shares(10_000).last(), Some(&0.999));
         assert_eq!(distribution(std::iter::empty()), Distribution::default());
         assert_eq!(distribution([3.0].into_iter()).curve, [at(0.0, 3.0)]);
     }

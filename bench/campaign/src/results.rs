@@ -3,7 +3,7 @@
 use crate::bins::Bin;
 use crate::metric_distribution::Distribution;
 use analysis::schema::Gate;
-use analysis::statistics::{Discordant, Interval, MeanInterval};
+use analysis::statistics::{Discordant, Interval, Mean, MeanInterval};
 use serde::Serialize;
 
 pub const SCHEMA: &str = "ironbird-campaign-report/2";
@@ -84,7 +84,7 @@ pub struct Pair {
 pub struct MeanDifference {
     /// Over the flights in which both have a value.
     #[serde(flatten)]
-    pub of: MeanInterval,
+    pub of: Mean,
     /// Flights that neither lost and that are left out, because the first or the second did not recover.
     pub missing: [u64; 2],
 }

@@ -6,7 +6,7 @@ use crate::results::{
     CampaignResults, FactorResults, Map, MeanDifference, Pair, Side, VariantResults, Worst,
 };
 use analysis::phrase::count;
-use analysis::statistics::{Discordant, Interval, MeanInterval};
+use analysis::statistics::{DIFFERING_LEAST, Discordant, Interval, MeanInterval};
 use render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use render::plot::{Axis, Chart, LAWS, Layer};
 use render::scale::{Kind, Scale};
@@ -125,15 +125,17 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     });
     let means = results.pairs.iter().flat_map(|pair| {
         // What is the same in every flight is left out.
-        let differs = |it: &MeanDifference| {
-            it.of.interval.low != 0.0 || it.of.interval.high != 0.0 || it.missing != [0, 0]
-        };
+        let differs =
+            |it: &MeanDifference| it.of.differing > 0 || it.of.mean != 0.0 || it.missing != [0, 0];
         let metrics = pair.metrics.iter();
         let metrics = metrics.filter(move |metric| differs(&metric.is));
         metrics.map(move |metric| {
             let MeanDifference { of: it, missing } = &metric.is;
             let name = format!("{} - {}", pair.first, pair.second);
-            let interval = format!("{} to {}", short(it.interval.low), short(it.interval.high));
+            let interval = match it.interval {
+                Some(Interval { low, high }) => format!("{} to {}", short(low), short(high)),
+                None => format!("none: {} of {} differ", it.differing, it.count),
+            };
             let left_out = match missing {
                 [0, 0] => String::new(),
                 [first, second] => format!(" ({NOT_RECOVERED}: {first} and {second})"),
@@ -143,14 +145,16 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
         })
     });
     let columns = ["mean difference", "metric", "mean", "interval", "flights"];
-    let note = "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both \
-                alike. Its interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with \
-                bootstrap-t intervals at 95 %; that of a recovery leaves out flights in which the first or the second \
-                did not recover.";
+    let note = format!(
+        "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both alike. Its \
+         interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with bootstrap-t \
+         intervals at 95 %; there is none if fewer than {DIFFERING_LEAST} flights differ from the most frequent value. \
+         That of a recovery leaves out flights in which the first or the second did not recover."
+    );
     let blocks = vec![
         Block::Items(items.collect()),
         table(columns, means),
-        Block::Note(note.into()),
+        Block::Note(note),
     ];
     let title = "Arms on the same draws: first less second";
     Some(Section::new("pairs", title, blocks))

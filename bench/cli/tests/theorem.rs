@@ -4,7 +4,7 @@ use crate::reference_laws::Flight;
 use analysis::theorem::{Theorem, TheoremStatistics};
 use controller::adaptation::{Adaptation, Learnt, Samples};
 use controller::{TheoremMonitor, Trajectory};
-use messages::content::{Stamped, State, Wrench};
+use messages::content::{Mode, Stamped, State, Wrench};
 use messages::parameters::Parameter::{
     ArmLength, DisturbanceGain, DragFactor, Gravity, GyroDrift, GyroNoise, InertiaX, InertiaY,
     InertiaZ, Mass, MotorTimeConstant, RotationalDrag, RotorEfficiency3, RotorInertia,
@@ -24,8 +24,8 @@ fn watched(
     flight.fly(deliver, |it| {
         statistics.truth(it.sampled.truth.theta());
         let wrench = publish(it.tick, &it.state, it.wrench);
-        let monitor = monitor.watch(it.tick, &it.state, &it.setpoint, &wrench);
-        statistics.take(0, monitor);
+        statistics.take(0, monitor.watch(it.tick, &it.state, &it.setpoint, &wrench));
+        monitor.command(it.tick, Mode::Fresh);
     });
     statistics.section()
 }
@@ -93,7 +93,7 @@ fn without_a_fault_no_flight_violates_it_and_estimates_converge_where_it_excites
         }
         if trajectory == Trajectory::Hover {
             // e goes to zero while the estimates of I_R and k_r stay.
-            let share = theorem.rate_error_final_rad_s / theorem.rate_error_max_rad_s;
+            let share = theorem.rate_error_rms_rad_s / theorem.rate_error_max_rad_s;
             assert!(share < 0.01, "{said}");
             for (estimate, is_found) in theorem.estimates.iter().zip([false, false, true]) {
                 assert_eq!(estimate.found, is_found, "{said}");

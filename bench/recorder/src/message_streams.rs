@@ -205,6 +205,10 @@ impl FlightStream {
                 self.setpoints.push(self.inner_inputs.setpoint(message));
             }
             LogEntry::Wrench(message) => self.monitor_wrench(message, relays, files),
+            LogEntry::RotorSpeeds(message) => {
+                self.monitor
+                    .command(message.envelope.tick, &message.content);
+            }
             _ => {}
         }
     }

@@ -69,12 +69,13 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             theorem.torque()
         ),
         format!(
-            "e {:.2e} rad/s at most, {:.2e} at the end; {}, {} with a stale input, {}",
+            "e {:.2e} rad/s at most, {:.2e} at the end, {:.2e} rms in the last second; {}, {} with a stale input, {} of estimated parameters",
             theorem.rate_error_max_rad_s,
             theorem.rate_error_final_rad_s,
+            theorem.rate_error_rms_rad_s,
             count(theorem.ticks_saturated, "saturated tick"),
             theorem.ticks_stale,
-            count(theorem.live_swaps, "parameter change")
+            count(theorem.live_swaps, "change")
         ),
         format!(
             "excitation of the worst direction: {:.3e} e-folds of the error in the last 10 s, {:.3e} in the least of \

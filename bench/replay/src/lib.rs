@@ -541,6 +541,7 @@ impl FlightReplay {
             }
             // After the last tick the mixer stops the rotors; that command answers no state.
             LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
+                self.monitor.command(tick, &message.content);
                 summary.outputs.take(tick, &message.content);
                 if is_counted {
                     summary.rotor_speeds(&message.content);

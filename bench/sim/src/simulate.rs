@@ -75,8 +75,9 @@ pub fn report(
     if let Some(states) = &mut states {
         states.flush()?;
     }
-    let theorem = observations.theorem.section();
     let performance = observations.performance();
+    let theorem = observations.theorem.section();
+    let theorem = theorem.with_rate_error(performance.rate_error_final_rad_s);
     let result = AcceptanceResult::of(Gate::of_simulation(
         &settings.requested_gates(),
         flown.departure.as_deref(),

@@ -212,6 +212,7 @@ impl Simulator {
         plant.offer(rotor_speeds, tick + 1);
         self.theorem
             .watch_next(tick, state, setpoint, &wrench.content);
+        self.theorem.command(tick, &rotor_speeds.content);
         self.tick += 1;
     }
 
@@ -442,6 +443,7 @@ impl Faulted {
             rig.mixer
                 .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
             rig.rotor_speeds.tick = tick;
+            rig.theorem.command(tick, &rig.rotor_speeds.content);
             let late = self.lateness(Role::Mixer, tick);
             if self.commands.len() == self.port_depth {
                 self.commands.pop_front();

@@ -288,6 +288,7 @@ impl Flight<'_> {
         if !mixer_is_silent {
             let (wrench, mut history) = newest(&self.published.wrenches);
             let speeds = self.mixer.tick(tick, &wrench);
+            self.theorem.command(tick, &speeds);
             let of_wrench = history;
             history.input_tick[2] = wrench.tick;
             history.law_state = self.law_state(2, tick, &[&of_wrench]);

@@ -8,9 +8,9 @@ use messages::content::{FlightTarget, TargetKind};
 use plant::guidance;
 
 use super::failures::Refused;
-use super::frames::{ORIGIN, local, turned, turned_angles};
 use super::parameters::meant;
 use crate::watch::dashboard_model::WatchedFlight;
+use messages::ned::{ORIGIN, local, turned, turned_angles};
 
 /// Height of a take-off that names none, above the start [m].
 const TAKEOFF_M: f64 = 2.5;

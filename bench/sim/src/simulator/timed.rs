@@ -105,6 +105,7 @@ impl Timed {
                     rig.mixer
                         .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
                     rig.rotor_speeds.tick = tick;
+                    rig.theorem.command(tick, &rig.rotor_speeds.content);
                     self.commands.push_back((rig.rotor_speeds, acts_from));
                     outputs.take(tick, &rig.rotor_speeds.content);
                 }
