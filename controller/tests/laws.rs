@@ -172,6 +172,6 @@ fn every_ramped_trajectory_starts_at_rest_and_each_has_its_name() {
         assert_eq!(moves, trajectory == Trajectory::Step);
     }
     let error = "loop".parse::<Trajectory>().unwrap_err().to_string();
-    let names = "unknown trajectory `loop`; known are hover, step, helix, lissajous, fast";
+    let names = "unknown trajectory `loop`; known are hover, step, helix, lissajous, fast, mavlink";
     assert_eq!(error, names);
 }

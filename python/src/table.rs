@@ -6,8 +6,10 @@ use std::collections::{BTreeMap, BTreeSet, TryReserveError};
 use flight_log::codec::Logged;
 use flight_log::rows::{axes, is_parameters};
 use flight_log::units::describe;
+use messages::content::State;
 use messages::layout::{Field, Kind, Visit, Visitor};
 use messages::parameters::{SPECS, Spec};
+use messages::topic::Topic as _;
 use pyo3::prelude::*;
 
 #[derive(Debug)]
@@ -153,8 +155,13 @@ impl Plan<'_> {
                     let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
                     self.apart(group, SPECS.iter().map(spec).collect(), place);
                 }
-                // The plant's record for the replay, which a simulation does not have.
-                ("decision", Kind::Struct { fields, .. }) => self.leave_out(fields, place),
+                // The plant's records for the replay, which a simulation does not have. The setpoint has the reference, too.
+                ("decision" | "target", Kind::Struct { fields, .. }) => {
+                    self.leave_out(fields, place);
+                }
+                ("reference", Kind::Struct { fields, .. }) if group == State::NAME => {
+                    self.leave_out(fields, place);
+                }
                 (name, Kind::Struct { fields, .. }) => {
                     let telemetry = self.telemetry.clone();
                     let group = match name {
