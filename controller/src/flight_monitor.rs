@@ -50,6 +50,11 @@ impl FlightMonitor {
         monitor.map_or(Innovation::default(), |monitor| *monitor.innovation())
     }
 
+    /// Rate error of the newest wrench [rad/s]; none if it was not watched.
+    pub fn rate_error_rad_s(&self) -> Option<f64> {
+        self.monitor.as_ref().map(TheoremMonitor::rate_error_rad_s)
+    }
+
     /// The monitor message for a wrench and the state and setpoint it was computed from; none if the law's state was not
     /// watched.
     ///

@@ -160,6 +160,11 @@ impl TheoremMonitor {
         &self.innovation
     }
 
+    /// Rate error of the newest wrench whose state was of its tick [rad/s].
+    pub fn rate_error_rad_s(&self) -> f64 {
+        self.before.e.norm()
+    }
+
     fn compare(
         &mut self,
         tick: u64,

@@ -50,7 +50,7 @@ pub struct RequestedGates {
 pub enum TheoremGate {
     /// A broken assumption excuses a rise of V_th.
     Lenient,
-    /// Every step must be judged, and V_th may rise in none.
+    /// Every step must be judged, V_th may rise in none, and the torque of (19) must act in each tick that is compared.
     Strict,
 }
 
@@ -481,6 +481,22 @@ mod tests {
             report.verdict.status = before;
             take_log(&mut report, "all", &fate);
             assert_eq!(report.verdict.status, after);
+        }
+    }
+
+    #[test]
+    fn only_the_strict_gate_fails_if_another_torque_has_a_cause() {
+        let mut theorem = good().theorem;
+        let (wrenches, rotors) = (theorem.ticks, theorem.ticks);
+        (theorem.torque.wrenches, theorem.torque.rotors) = (wrenches, rotors);
+        let held = |theorem: &Theorem| {
+            let gates = [TheoremGate::Lenient, TheoremGate::Strict];
+            gates.map(|gate| Gate::theorem(theorem, gate).held)
+        };
+        assert_eq!(held(&theorem), [true, true]);
+        for cause in ["stale_input", "delay", "saturation", "motor_lag"] {
+            theorem.torque.rotors_wrong = [(cause.to_owned(), 1)].into();
+            assert_eq!(held(&theorem), [true, false], "{cause}");
         }
     }
 

@@ -3,6 +3,7 @@
 //! docs/theorem.md explains how to read it.
 
 use crate::phrase::count;
+use controller::FlightMonitor;
 use controller::assumptions::EXCUSES;
 use controller::excitation::EXCITING;
 use controller::innovation::Innovation;
@@ -60,7 +61,7 @@ pub struct Theorem {
     /// Steps at which V, with the rate error, changed by more than its bound, by cause; not judged.
     pub v_above_bound: BTreeMap<String, u64>,
     pub rate_error_max_rad_s: f64,
-    /// Rate error of the inner law at the end [rad/s], as in the section `flight`.
+    /// Rate error at the end [rad/s].
     pub rate_error_final_rad_s: f64,
     /// Root mean square of the rate error over the last second or so [rad/s].
     pub rate_error_rms_rad_s: f64,
@@ -150,16 +151,6 @@ impl Theorem {
             "{} unexplained, estimates {live}{torque}",
             self.unexplained()
         )
-    }
-
-    /// With the rate error at the end [rad/s], which no message of the monitor has.
-    #[must_use]
-    pub fn with_rate_error(self, rate_error_final_rad_s: Option<f64>) -> Self {
-        let rate_error_final_rad_s = rate_error_final_rad_s.unwrap_or_default();
-        Self {
-            rate_error_final_rad_s,
-            ..self
-        }
     }
 
     /// Writes the section; of a law without a theorem, why there is none.
@@ -357,6 +348,7 @@ pub struct TheoremStatistics {
     judged: u64,
     unwatched: u64,
     innovation: Innovation,
+    rate_error_rad_s: f64,
     /// The inner law, where it has no theorem.
     law_without: Option<&'static str>,
 }
@@ -397,8 +389,10 @@ impl TheoremStatistics {
         self.unwatched += 1;
     }
 
-    pub const fn innovation(&mut self, innovation: &Innovation) {
-        self.innovation = *innovation;
+    /// Takes from the monitor what its messages do not have.
+    pub fn monitored(&mut self, monitor: &FlightMonitor) {
+        self.innovation = monitor.innovation();
+        self.rate_error_rad_s = monitor.rate_error_rad_s().unwrap_or(self.rate_error_rad_s);
     }
 
     /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
@@ -438,6 +432,7 @@ impl TheoremStatistics {
             ticks_judged: self.judged,
             ticks_unwatched: self.unwatched,
             innovation: InnovationSection::of(&self.innovation),
+            rate_error_final_rad_s: self.rate_error_rad_s,
             ..section.unwrap_or_default()
         }
     }

@@ -238,8 +238,7 @@ impl FlightStream {
         match &result {
             Some(message) => {
                 self.publish(&LogEntry::Theorem(*message), relays, files);
-                let innovation = self.monitor.innovation();
-                self.statistics.theorem.innovation(&innovation);
+                self.statistics.theorem.monitored(&self.monitor);
             }
             None if self.monitor.applies() => self.statistics.theorem.count_unwatched(),
             None => {}

@@ -116,11 +116,8 @@ impl<'a> ReportBuilder<'a> {
             firmware: statistics.firmware.section(),
             deaths: statistics.deaths.deaths.clone(),
             deaths_left_out: statistics.deaths.left_out,
-            theorem: statistics
-                .theorem
-                .section()
-                .with_rate_error(performance.rate_error_final_rad_s),
             flight: performance,
+            theorem: statistics.theorem.section(),
             swaps: statistics.swaps.clone(),
             swaps_left_out: statistics.swaps_seen - statistics.swaps.len() as u64,
             targets: statistics.targets.followed.clone(),

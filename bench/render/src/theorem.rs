@@ -47,6 +47,11 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         (true, _) => "the estimates move as predicted",
         (false, _) => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
     };
+    let rms = match theorem.rate_error_rms_rad_s {
+        // Earlier reports do not have it.
+        0.0 => String::new(),
+        rms => format!(", {rms:.2e} rms in the last second"),
+    };
     let mut items = vec![
         format!(
             "V_th {:.3e} rad^2/s^2 at the start, {:.3e} at the end",
@@ -69,10 +74,9 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             theorem.torque()
         ),
         format!(
-            "e {:.2e} rad/s at most, {:.2e} at the end, {:.2e} rms in the last second; {}, {} with a stale input, {} of estimated parameters",
+            "e {:.2e} rad/s at most, {:.2e} at the end{rms}; {}, {} with a stale input, {} of estimated parameters",
             theorem.rate_error_max_rad_s,
             theorem.rate_error_final_rad_s,
-            theorem.rate_error_rms_rad_s,
             count(theorem.ticks_saturated, "saturated tick"),
             theorem.ticks_stale,
             count(theorem.live_swaps, "change")
@@ -180,9 +184,13 @@ fn explanation(cause: &str) -> &'static str {
         "broken_model" => "a parameter that is not estimated is not the model's",
         "gyro_noise" => "the measured rates are noisy",
         "motor_lag" => "the motors lag",
-        "saturation" => "the rotors could not deliver the demand; excuses V alone",
-        "stale_input" => "a state, a setpoint or a command was not of its tick; excuses V alone",
-        "delay" => "the chain's delay and the low-pass, in every flight; excuses V alone",
+        "saturation" => "the rotors could not deliver the demand; excuses V and the torque",
+        "stale_input" => {
+            "a state, a setpoint or a command was not of its tick; excuses V and the torque"
+        }
+        "delay" => {
+            "the chain's delay and the low-pass excuse V alone, `command_delay_s` also the torque"
+        }
         _ => "no cause is known",
     }
 }

@@ -75,9 +75,8 @@ pub fn report(
     if let Some(states) = &mut states {
         states.flush()?;
     }
-    let performance = observations.performance();
     let theorem = observations.theorem.section();
-    let theorem = theorem.with_rate_error(performance.rate_error_final_rad_s);
+    let performance = observations.performance();
     let result = AcceptanceResult::of(Gate::of_simulation(
         &settings.requested_gates(),
         flown.departure.as_deref(),
@@ -203,7 +202,7 @@ impl Observations {
         match rig.monitor() {
             Some(monitor) => {
                 self.theorem.take(rig.theorem().number(), monitor);
-                self.theorem.innovation(&rig.theorem().innovation());
+                self.theorem.monitored(rig.theorem());
             }
             None if self.has_estimates => self.theorem.count_unwatched(),
             None => {}

@@ -20,9 +20,9 @@ wire_enum! {
         MotorLag = 5 => "motor_lag",
         /// The rotors could not deliver the demand.
         Saturation = 6 => "saturation",
-        /// A state, a setpoint or a rotor command was not of its tick.
+        /// A state, a setpoint or a rotor command was not of its tick, or the mixer had no wrench of its tick.
         StaleInput = 7 => "stale_input",
-        /// The chain's delay, and the low-pass where it is on: part of every flight.
+        /// The chain's delay, and the low-pass where it is on: part of every flight. Of a torque: `command_delay_s`.
         Delay = 8 => "delay",
     }
 }
@@ -118,6 +118,7 @@ layout! {
         /// Ticks whose command in force could not be met.
         pub ticks_saturated: u64,
         pub ticks_stale: u64,
+        /// Changes of the true value of an estimated parameter; a ramp is one.
         pub live_swaps: u64,
         pub torque: TorqueCounts,
     }
