@@ -209,14 +209,14 @@ const showNews = (it) => {
   tile("timing", timing);
   tile("theorem", theorem);
   const isOver = it.phase.word !== "flying";
-  const { broken } = it, why = broken.length ? broken : ["all processes run, no fault acts"];
+  const { broken } = it, why = broken.length ? [...broken] : ["all processes run, no fault acts"];
   if (it.changed.length) why.push(`changed: ${it.changed.join(", ")}`);
   tile("broken", isOver ? { word: "-", why: "no flight", tone: "open" } : {
     word: broken.length ? `${broken.length} thing${broken.length > 1 ? "s" : ""}` : "nothing", why: why.join("\n"), tone: broken.length ? "bad" : "good",
   });
   if (isOver) {
     const status = it.status ? `${it.status}. ` : "";
-    banner(`The flight has ${it.phase.word === "lost" ? "been lost" : "ended"}: ${it.phase.why}. ${status}${it.report ? `Report: ${it.report}` : "The report is in the flight's directory."}`, true);
+    banner(`The flight ${it.phase.word === "lost" ? "was lost" : "has ended"}: ${it.phase.why}. ${status}${it.report ? `Report: ${it.report}` : "The report is in the flight's directory."}`, true);
   } else banner("");
   charts.filter((shown) => shown.after).forEach((shown) => { shown.update(); shown.after(); });
   const loop = seriesOf("loop")[0];

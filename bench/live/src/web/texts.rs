@@ -196,13 +196,13 @@ fn broken(flight: &WatchedFlight) -> Vec<String> {
         let does = match mode {
             Mode::Fresh => continue,
             Mode::Held => "works with its last input",
-            Mode::Fallback => "has had no new input for too long and sends a safe output",
-            Mode::Idle => "is idle",
-            Mode::NotFinite => "sends a safe output in place of its law's",
+            Mode::Fallback => "sends its fallback, its input is too old",
+            Mode::Idle => "commands idle rotors",
+            Mode::NotFinite => "replaces its law's output, which is not finite",
         };
         let since_s = flight.run.flight_time_s(since);
         let stage = name_in(flight, stage.into());
-        broken.push(format!("{stage} {does}, since {since_s:.3} s"));
+        broken.push(format!("{stage}, since {since_s:.3} s: {does}"));
     }
     broken
 }
