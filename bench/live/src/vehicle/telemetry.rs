@@ -7,6 +7,7 @@ use mavlink::MessageData as _;
 use mavlink::dialects::common::*;
 use messages::blackboards::EndReason;
 use messages::content::ROTORS;
+use messages::parameters::Parameter;
 
 use super::offboard::Mode;
 use crate::watch::dashboard_model::WatchedFlight;
@@ -70,7 +71,11 @@ pub fn message(id: u32, flight: &WatchedFlight, mode: Mode) -> Option<MavMessage
 
 /// Flight time [ms].
 fn time_ms(flight: &WatchedFlight) -> u32 {
-    (flight.run.flight_time_s(flight.tick()) * 1e3) as u32
+    nearest_ms(flight.run.flight_time_s(flight.tick()))
+}
+
+const fn nearest_ms(time_s: f64) -> u32 {
+    (time_s * 1e3).round() as u32
 }
 
 fn heartbeat(flight: &WatchedFlight, custom_mode: u32) -> HEARTBEAT_DATA {
@@ -282,13 +287,16 @@ fn global_origin() -> GPS_GLOBAL_ORIGIN_DATA {
 }
 
 fn vfr_hud(flight: &WatchedFlight) -> Option<VFR_HUD_DATA> {
-    let measured = flight.state.as_ref()?.measured;
+    let state = flight.state.as_ref()?;
+    let measured = state.measured;
     let [vx, vy, vz] = measured.velocity_w_m_s;
+    let wind = [Parameter::WindX, Parameter::WindY, Parameter::WindZ];
+    let [wx, wy, wz] = wind.map(|it| state.truth.parameter[it as usize]);
     let most = rotor_limits(flight)?[1];
     let squares = measured.rotor_speed_squared_mean_rad2_s2;
     let share = squares.iter().sum::<f64>() / (ROTORS as f64 * most * most);
     Some(VFR_HUD_DATA {
-        airspeed: (vx * vx + vy * vy + vz * vz).sqrt() as f32,
+        airspeed: (vx - wx).hypot(vy - wy).hypot(vz - wz) as f32,
         groundspeed: vx.hypot(vy) as f32,
         alt: (ORIGIN[2] + measured.position_w_m[2]) as f32,
         climb: vz as f32,
@@ -369,4 +377,16 @@ pub fn available_modes(flight: &WatchedFlight, index: u32) -> Vec<MavMessage> {
     let numbered = (1..).zip(modes);
     let wanted = numbered.filter(|(number, _)| [0, u32::from(*number)].contains(&index));
     wanted.map(message).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tick_of_a_millisecond_has_its_own_time() {
+        for tick in 0..100_000 {
+            assert_eq!(nearest_ms(f64::from(tick) * 1e-3), tick);
+        }
+    }
 }
