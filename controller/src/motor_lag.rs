@@ -45,10 +45,10 @@ fn outer_loops(inner: Chosen<'_>, outer: Chosen<'_>, lag_s: f64) -> Option<Strin
     let rate_1_s = gain(inner, ALPHA_1_S.name).or_else(|| gain(inner, "rate_1_s"));
     let (attitude, k_1_s) = match gain(inner, "attitude_1_s") {
         Some(k_1_s) => ("attitude_1_s", k_1_s),
-        None => (
-            "attitude_rad_s",
-            gain(inner, "attitude_rad_s")?.powi(2) / rate_1_s?,
-        ),
+        None => {
+            let w = gain(inner, "attitude_rad_s")?;
+            ("attitude_rad_s", w * w / rate_1_s?)
+        }
     };
     let k_omega = rate_1_s.unwrap_or(UNKNOWN_RATE_1_S);
     let k_r = k_1_s * k_omega;

@@ -19,6 +19,7 @@ use analysis::comparison::{
     TRUE_ERROR,
 };
 use analysis::diff::{ComparedRun, compare};
+use analysis::margin::Margins;
 use analysis::schema::{AngleErrors, Report};
 use analysis::traces::{Group, Trace};
 use hashed::hashed;
@@ -124,7 +125,7 @@ fn the_comparison_of_two_flights_is_its_snapshot() {
 #[test]
 fn the_margins_of_two_laws_are_their_snapshot() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reports/margins.json");
-    let margins = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
+    let mut margins: Margins = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
     let document = margin::document(&margins);
     insta::assert_snapshot!("margins.txt", document.text());
     let page = in_lines(&document.html());
@@ -132,6 +133,16 @@ fn the_margins_of_two_laws_are_their_snapshot() {
         "margins.html",
         hashed("margins.html", &page, &outline(&page))
     );
+    // An axis without a margin is the worst one, for the delay and for the gain.
+    margins.laws[1].predicted.unsettled = vec!["yaw".into()];
+    let document = margin::document(&margins);
+    for text in [document.text(), document.html()] {
+        assert_eq!(
+            text.matches("none: yaw does not settle").count(),
+            2,
+            "{text}"
+        );
+    }
 }
 
 /// A flight with errors of this size and a fault at 1 s, until it is lost.
