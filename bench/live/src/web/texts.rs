@@ -424,6 +424,10 @@ pub(super) fn answer(id: u64, answered: &Result<String, String>) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use flight_log::entry::LogEntry;
+    use messages::blackboards::Run;
+    use messages::content::Wrench;
+    use messages::header::{Header, Message};
 
     #[test]
     fn every_button_injects_what_can_be_injected_and_says_what_it_means() {
@@ -443,5 +447,87 @@ mod tests {
                 }
             }
         }
+    }
+    #[test]
+    fn what_is_broken_is_of_this_moment_and_a_changed_parameter_is_none() {
+        let mut flight = joined();
+        assert_eq!(broken(&flight), [""; 0]);
+        let modes = [Mode::Fresh, Mode::Held, Mode::Held, Mode::Fresh, Mode::Held];
+        let words = [
+            None,
+            Some("inner, since 0.011 s: works with its last input"),
+            Some("inner, since 0.011 s: works with its last input"),
+            None,
+            Some("inner, since 0.014 s: works with its last input"),
+        ];
+        for ((tick, mode), words) in (10..).zip(modes).zip(words) {
+            let envelope = Header {
+                tick,
+                ..Header::new()
+            };
+            let content = Wrench {
+                mode: mode as u64,
+                ..Wrench::default()
+            };
+            flight.take(&LogEntry::Wrench(Message { envelope, content }));
+            assert_eq!(broken(&flight), Vec::from_iter(words));
+        }
+        assert_eq!(changed(&flight), [""; 0]);
+        flight.active.value[Parameter::RotationalDrag as usize] = 0.315;
+        let words = "rotational_drag_nm_s 0.315 (nominal 0.105)";
+        assert_eq!(changed(&flight), [words]);
+        assert_eq!(broken(&flight).len(), 1);
+    }
+
+    #[test]
+    fn a_flight_that_ends_by_its_duration_has_ended_and_a_lost_one_says_why() {
+        let mut flight = joined();
+        for (ending, track, word, why) in [
+            (
+                EndReason::Completed,
+                FlightVerdict::Tracked,
+                "ended",
+                "its duration is over",
+            ),
+            (
+                EndReason::Completed,
+                FlightVerdict::Lost,
+                "lost",
+                "below ground",
+            ),
+            (
+                EndReason::Interrupted,
+                FlightVerdict::CutShort,
+                "ended",
+                "interrupted",
+            ),
+        ] {
+            flight.ending = Some(ending);
+            let track = Explained {
+                word: track,
+                why: "below ground".into(),
+            };
+            let phase = phase(&flight, &FiledReport::default(), &track);
+            assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
+        }
+    }
+
+    fn joined() -> Box<WatchedFlight> {
+        let run = Run {
+            period_ns: 1_000_000,
+            sample_time_ns: 1_000_000,
+            last_tick: 30_000,
+            ..Run::default()
+        };
+        let settings = [
+            ("flight.trajectory", "step"),
+            ("mixer.law", "roll_pitch_first"),
+        ];
+        let settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let mut model = Model::new("test", false, true);
+        model.join(&run, settings.into()).unwrap();
+        let mut flight = model.flight.unwrap();
+        flight.active.value = *flight.airframe.values();
+        flight
     }
 }
