@@ -20,6 +20,7 @@ mod _rig {
     #[pymodule_export]
     use python_law::{Desired, Given, Measured, Reference, Rig};
 
+    #[allow(non_upper_case_globals, reason = "Python's name for it")]
     #[pymodule_export]
     const __version__: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]

@@ -5,7 +5,6 @@
 use std::fs;
 use std::path::Path;
 
-use config::law_settings::Moved;
 use replay::fly_again;
 
 #[test]
@@ -20,7 +19,7 @@ fn replays_are_identical_and_their_summaries_are_their_snapshot() {
         ("message-faults", 0),
     ] {
         let log = golden.join(flight).join("flight.mcap");
-        let replayed = fly_again(&log, from, false, &Moved::default()).unwrap();
+        let replayed = fly_again(&log, from, false, &[]).unwrap();
         assert!(replayed.is_identical(), "{:?}", replayed.comparison);
         let (summary, survey) = (replayed.summary, replayed.survey);
         let has_hash =

@@ -43,7 +43,7 @@ pub fn geographic([north_m, east_m, down_m]: [f64; 3]) -> [i32; 3] {
 /// The inverse of [`geographic`]: the NED position at the height of [`ORIGIN`] of a latitude and a longitude [deg].
 pub fn local([latitude_deg, longitude_deg]: [f64; 2]) -> [f64; 3] {
     let [latitude, longitude, _] = ORIGIN;
-    let parallel_m = EARTH_RADIUS_M * latitude.to_radians().cos();
+    let parallel_m = EARTH_RADIUS_M * cos(latitude.to_radians());
     let north_m = EARTH_RADIUS_M * (latitude_deg - latitude).to_radians();
     [
         north_m,
