@@ -221,7 +221,9 @@ fn estimates_converge_only_where_the_flight_excites_them() {
             let off = [i_r / model.i_r(), k_r / model.k_r(), delta / 0.2];
             let off = off.map(|share| (share - 1.0).abs());
             let is_right = match (preset, trajectory) {
-                (_, Trajectory::Hover) => off[0] > 0.9 && off[1] > 0.9 && off[2] < 1e-3,
+                (_, Trajectory::Hover | Trajectory::Mavlink) => {
+                    off[0] > 0.9 && off[1] > 0.9 && off[2] < 1e-3
+                }
                 (_, Trajectory::Step) => off[0] > 0.9,
                 ("flight", _) => off.iter().all(|off| *off < 1e-3),
                 _ => off[1] < 1e-3 && off[2] < 0.1,

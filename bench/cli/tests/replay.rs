@@ -486,7 +486,9 @@ fn cut_and_finish(from: &Path, to: &Path, text: &str, keep: usize, landing: bool
     // The same bytes up to the landing record, and behind it what a whole log ends with.
     let bytes = std::fs::read(&cut).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-    let mut writer = mcap::Writer::new(std::fs::File::create(to).unwrap()).unwrap();
+    // In one chunk, as they are: within a chunk, messages are in the order of their topics.
+    let options = mcap::WriteOptions::new().chunk_size(Some(1 << 24));
+    let mut writer = options.create(std::fs::File::create(to).unwrap()).unwrap();
     for index in &summary.metadata_indexes {
         let mut metadata = mcap::read::metadata(&bytes, index).unwrap();
         let is_landing = metadata.name == "landing";

@@ -67,7 +67,10 @@ fn without_a_fault_no_flight_violates_it_and_estimates_converge_where_it_excites
         // V's inequality is not proven with the chain's delay, and does not hold: it must not be judged.
         assert_eq!(causes(&theorem.v_above_bound), ["delay"], "{said}");
         let has = |words: &str| theorem.convergence.contains(words);
-        if matches!(trajectory, Trajectory::Hover | Trajectory::Step) {
+        if matches!(
+            trajectory,
+            Trajectory::Hover | Trajectory::Step | Trajectory::Mavlink
+        ) {
             assert!(
                 !theorem.converged && theorem.excitation_least < 1e-6,
                 "{said}"

@@ -30,6 +30,9 @@ const SERIES: [&str; 6] = [
     "hop.inner_mixer",
 ];
 
+/// How many of them are of the whole.
+const WHOLE: usize = 3;
+
 /// Where the rest of a flight is, as far as it is there.
 #[derive(Clone, Debug, Default)]
 pub struct Left {
@@ -40,8 +43,11 @@ pub struct Left {
 /// Renders the short report of a flight, with where the rest is.
 pub fn render(report: &Report, left: &Left) -> String {
     let in_lines = |all: Vec<String>| all.iter().flat_map(|it| lines(it)).collect::<Vec<_>>();
-    let tail = [latencies(report), foot(left)].concat();
+    let tail = |series| [latencies(report, series), foot(left)].concat();
     let (mut verdicts, mut details) = (in_lines(verdicts(report)), in_lines(details(report)));
+    // Steps of the loop matter less than what would have no room beside them.
+    let has_room = details.len() + tail(&SERIES).len() + verdicts.len() <= HEIGHT;
+    let tail = tail(if has_room { &SERIES } else { &SERIES[..WHOLE] });
     cut(&mut verdicts, HEIGHT - tail.len());
     cut(&mut details, HEIGHT - tail.len() - verdicts.len());
     [details, tail, verdicts].concat().join("\n") + "\n"
@@ -145,8 +151,8 @@ fn lines(sentence: &str) -> Vec<String> {
     lines
 }
 
-fn latencies(report: &Report) -> Vec<String> {
-    let series = SERIES.iter().filter_map(|name| report.series(name));
+fn latencies(report: &Report, series: &[&str]) -> Vec<String> {
+    let series = series.iter().filter_map(|name| report.series(name));
     let rows = series.map(|it| {
         let [p50, p99, max] = [it.p50_us, it.p99_us, it.max_us].map(us);
         let p999 = known(it.p999_us.map(us));

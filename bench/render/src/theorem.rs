@@ -47,11 +47,10 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         (true, _) => "the estimates move as predicted",
         (false, _) => "THE ESTIMATES DO NOT MOVE AS PREDICTED",
     };
-    let rms = match theorem.rate_error_rms_rad_s {
-        // Earlier reports do not have it.
-        0.0 => String::new(),
-        rms => format!(", {rms:.2e} rms in the last second"),
-    };
+    let rms = format!(
+        ", {:.2e} rms in the last second",
+        theorem.rate_error_rms_rad_s
+    );
     let mut items = vec![
         format!(
             "V_th {:.3e} rad^2/s^2 at the start, {:.3e} at the end",
