@@ -2,8 +2,9 @@
 
 use std::env;
 use std::fmt::Display;
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::io;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use std::time::{Duration, Instant};
 use control_api::description::Refused;
 use ironbird_law::Measured;
 use process::rt::prepare_child;
+use rustix::process::geteuid;
 use tempfile::TempDir;
 
 use crate::Port;
@@ -82,12 +84,14 @@ fn remove_leftovers() {
     {
         let name = entry.file_name();
         let of = name.to_str().and_then(|it| it.strip_prefix(FOLDER));
+        let is_own = |it: Metadata| it.is_dir() && it.uid() == geteuid().as_raw();
         if let Some((process, _)) = of.and_then(|it| it.split_once('-'))
+            && process.parse::<u32>().is_ok()
+            && entry.metadata().is_ok_and(is_own)
             // One that has ended and is not waited for has no program either.
             && fs::read_link(format!("/proc/{process}/exe"))
                 .is_err_and(|e| e.kind() == io::ErrorKind::NotFound)
         {
-            // Another user's cannot be removed.
             let _ = fs::remove_dir_all(entry.path());
         }
     }

@@ -378,6 +378,11 @@ impl TargetClient {
         Ok(opened.insert(client))
     }
 
+    /// Whether its flight still flies.
+    pub fn is_of_flight(&self, instance: &Instance) -> bool {
+        still_flying(instance, self.run_id).is_ok()
+    }
+
     fn open(instance: &Instance, run_id: u64) -> Result<Self, Failure> {
         let wire = still_flying(instance, run_id)?;
         let run = wire.blackboard_reader::<Run>(RUN)?;

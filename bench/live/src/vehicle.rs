@@ -18,8 +18,8 @@ mod tests;
 
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread::{self, sleep};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::{self, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
 use ipc::instance::Instance;
@@ -92,17 +92,32 @@ fn open(address: Address) -> Result<Link, Failure> {
     })
 }
 
+/// How often a client without requests is checked.
+const IDLE: Duration = Duration::from_millis(500);
+
 /// A request with the plant's answer.
 type Answered = (Request, Result<String, String>);
+/// Where requests go, and where their answers come from.
+type Plant = (Sender<Request>, Receiver<Answered>);
 
-/// Asks the plant, one request after the other: it may take a while, and the vehicle reports meanwhile.
-fn ask(instance: &Instance) -> Result<(Sender<Request>, Receiver<Answered>), Failure> {
+/// Asks the plant, one request after the other: it may take a while, and the vehicle reports meanwhile. The thread ends with
+/// the sender.
+fn ask(instance: &Instance) -> Result<(Plant, JoinHandle<()>), Failure> {
     let (asked, requests) = channel::<Request>();
     let (answers, answered) = channel();
     let instance = instance.clone();
     let ask = move || {
         let mut client = None;
-        for request in requests {
+        loop {
+            let request = match requests.recv_timeout(IDLE) {
+                Ok(request) => request,
+                // What a client has open outlasts the flight's own files.
+                Err(RecvTimeoutError::Timeout) => {
+                    client = client.filter(|it: &TargetClient| it.is_of_flight(&instance));
+                    continue;
+                }
+                Err(RecvTimeoutError::Disconnected) => return,
+            };
             let answer = match &request.what {
                 What::Line(line) => inject(&instance, request.run_id, line),
                 What::Target(order) => TargetClient::of(&mut client, &instance, request.run_id)
@@ -115,8 +130,9 @@ fn ask(instance: &Instance) -> Result<(Sender<Request>, Receiver<Answered>), Fai
         }
     };
     let started = thread::Builder::new().spawn(ask);
-    started.map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
-    Ok((asked, answered))
+    let started = started
+        .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
+    Ok(((asked, answered), started))
 }
 
 /// Injects into the flight that the request was meant for.
@@ -134,7 +150,19 @@ fn follow(
     link: &mut Link,
     stop: &AtomicBool,
 ) -> Result<u8, Failure> {
-    let (asked, answered) = ask(&instance)?;
+    let (plant, asking) = ask(&instance)?;
+    let ended = report(options, instance, link, stop, plant);
+    let _ = asking.join();
+    ended
+}
+
+fn report(
+    options: &VehicleOptions,
+    instance: Instance,
+    link: &mut Link,
+    stop: &AtomicBool,
+    (asked, answered): Plant,
+) -> Result<u8, Failure> {
     let mut model = Model::new(instance.name(), options.launched, false);
     let mut feed = Feed::new(instance);
     let mut vehicle = Vehicle::new(options.allow_control);
