@@ -337,7 +337,9 @@ fn named_in<C: Logged>() -> Vec<Option<Column>> {
     let named = |column: Column| {
         let path = column.name.split_once('.').map_or("", |(path, _)| path);
         let name = match path {
-            "decision" => return None,
+            "decision" | "target" => return None,
+            // The setpoint has it, too.
+            "reference" if C::NAME == State::NAME => return None,
             "truth" | "reference" => column.name,
             _ => format!(
                 "{}.{}",

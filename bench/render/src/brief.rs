@@ -30,9 +30,6 @@ const SERIES: [&str; 6] = [
     "hop.inner_mixer",
 ];
 
-/// How many of them are of the whole.
-const WHOLE: usize = 3;
-
 /// Where the rest of a flight is, as far as it is there.
 #[derive(Clone, Debug, Default)]
 pub struct Left {
@@ -43,11 +40,8 @@ pub struct Left {
 /// Renders the short report of a flight, with where the rest is.
 pub fn render(report: &Report, left: &Left) -> String {
     let in_lines = |all: Vec<String>| all.iter().flat_map(|it| lines(it)).collect::<Vec<_>>();
-    let tail = |series| [latencies(report, series), foot(left)].concat();
+    let tail = [latencies(report), foot(left)].concat();
     let (mut verdicts, mut details) = (in_lines(verdicts(report)), in_lines(details(report)));
-    // Steps of the loop matter less than what would have no room beside them.
-    let has_room = details.len() + tail(&SERIES).len() + verdicts.len() <= HEIGHT;
-    let tail = tail(if has_room { &SERIES } else { &SERIES[..WHOLE] });
     cut(&mut verdicts, HEIGHT - tail.len());
     cut(&mut details, HEIGHT - tail.len() - verdicts.len());
     [details, tail, verdicts].concat().join("\n") + "\n"
@@ -110,6 +104,8 @@ fn details(report: &Report) -> Vec<String> {
             number => format!("Deaths    {number}, the last one: {last}"),
         }
     }));
+    all.extend(floors(report));
+    all.extend(outages(report));
     let attitude = match report.flight.errors() {
         [_, Some(yaw), Some(tilt)] => format!(
             "; {} up to {:.4} rad, tilt {:.4} rad",
@@ -119,9 +115,7 @@ fn details(report: &Report) -> Vec<String> {
     };
     let position = shared::errors(&report.flight).into_iter().next();
     all.extend(position.map(|it| format!("Tracking  {it}{attitude}")));
-    all.extend(outages(report));
     all.extend(refusals(report));
-    all.extend(floors(report));
     // How to measure can wait: what is refused matters more, and there is room for little.
     let margin = report.margin.as_ref();
     let is_known = margin.is_some_and(|it| it.unknown.is_none());
@@ -151,8 +145,8 @@ fn lines(sentence: &str) -> Vec<String> {
     lines
 }
 
-fn latencies(report: &Report, series: &[&str]) -> Vec<String> {
-    let series = series.iter().filter_map(|name| report.series(name));
+fn latencies(report: &Report) -> Vec<String> {
+    let series = SERIES.iter().filter_map(|name| report.series(name));
     let rows = series.map(|it| {
         let [p50, p99, max] = [it.p50_us, it.p99_us, it.max_us].map(us);
         let p999 = known(it.p999_us.map(us));
