@@ -23,7 +23,7 @@ pub const POSITION: Limits = Limits {
     speed: 3.0,
     acceleration: 2.0,
 };
-/// Those of yaw [rad/s], [rad/s^2].
+/// Limits of yaw [rad/s], [rad/s^2].
 pub const YAW: Limits = Limits {
     speed: 1.0,
     acceleration: 2.0,

@@ -209,7 +209,7 @@ mod tests {
         turned(errors_m, 0.0)
     }
 
-    /// The same with a yaw error.
+    /// A flight as of [`flown`] whose heading is off by an angle [rad] at every tick.
     fn turned(errors_m: &[f64], yaw_rad: f64) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
         let mut compared = ComparedFlight::new(tracking, &airframe, -10.0);

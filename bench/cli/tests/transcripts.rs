@@ -193,7 +193,7 @@ impl Scenario<'_> {
             () if self.needs("foxglove") || self.needs("instrumented") => {
                 Rig::with_features("page")
             }
-            // What is mounted over /dev/shm must not hide the rig.
+            // A mount over /dev/shm must not hide the rig.
             () if self.needs("mounts") => Rig::below("/tmp", "page"),
             () => Rig::new("page"),
         };

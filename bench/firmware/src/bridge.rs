@@ -69,7 +69,7 @@ pub const SIGNALS: &[Signal] = &[
     signal("stick_throttle", ""),
 ];
 
-/// Those of a firmware without sticks.
+/// Signals of a firmware without sticks.
 pub const LOCKSTEP_SIGNALS: &[Signal] = SIGNALS.split_at(ANSWERS.len() + ROTORS).0;
 
 pub struct Bridge {

@@ -93,8 +93,8 @@ pub struct Port {
     /// The executable in its folder of the cache, and the files beside it of which each flight gets a copy in its working
     /// directory; none of a firmware that the user starts, if the variable is not set.
     pub cached: Option<(&'static str, &'static [&'static str])>,
-    /// Whether it takes its time from the stamps of the states and flies a mode of its own; else it has the clock of the
-    /// processor, and the sticks are its command.
+    /// A firmware in lockstep takes its time from the stamps of the states and flies a mode of its own; another one has the
+    /// clock of the processor, and the sticks are its command.
     pub is_lockstep: bool,
     /// Whether each state has exactly one answer, so that the next one waits for it.
     pub answers_each: bool,

@@ -5,11 +5,9 @@ this text. Vectors are FRD and NED; motors are front right, rear left, front lef
 """
 import json
 import math
-import os
 import socket
 import struct
 import sys
-import time
 
 G, MASS, INERTIA, ARM, THRUST, DRAG, FULL_N = 9.8, 0.52, (0.0069, 0.0069, 0.0129), 0.205, 3.13e-5, 7.5e-7, 3.83425
 
@@ -131,19 +129,11 @@ while True:
         firmware.send(motors, firmware.number)
         continue
     mode = MODE if force[2] > -5 else "rest"
-    motors = [0.0] * 4 if MODE == "never" else hover(rate, *rest)
-    if mode == "signs":
-        motors = [0.5 + 0.1 * number for number in (*rate, force[0] / 10)]
-    if mode == "late":
-        time.sleep(0.05)
-    if mode == "dies":
-        os._exit(7)
-    if mode == "silent":
+    motors = hover(rate, *rest)
+    sent = answer(motors, mode, rate, force[0])
+    if sent is None:
         continue
-    if mode == "disarms":
-        motors = [0.0] * 4
-    if mode == "nan":
-        motors[0] = float("nan")
+    motors = sent
     firmware.send(motors, 1 if mode == "old" else firmware.number, *([30] if mode == "short" else []))
     if mode == "twice":
         firmware.send(motors, firmware.number)

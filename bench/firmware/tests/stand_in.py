@@ -2,11 +2,9 @@
 
 `MODE` says what it does once the throttle is up; `NUMBER` is the first of its ports. The test writes them above this text.
 """
-import os
 import socket
 import struct
 import sys
-import time
 
 ON, IDLE = 1700, 0.055
 MOTORS, STATE, REMOTE = range(NUMBER, NUMBER + 3)
@@ -39,26 +37,11 @@ while True:
     except BlockingIOError:
         pass
     mode = MODE if throttle > 1050 else "rest"
-    # Front right, rear left, front left, rear right; a right roll rate, nose-down rate and so on raise one motor each,
-    # so that a test sees which number came where.
+    # Front right, rear left, front left, rear right.
     motors = [IDLE if throttle <= 1050 else 0.5] * 4 if armed else [0] * 4
-    if MODE == "never":
-        motors = [0] * 4
-    if mode == "signs":
-        motors = [0.5 + 0.1 * number for number in (*numbers[1:4], numbers[4] / 10)]
-    if mode == "late":
-        time.sleep(0.05)
-    if mode == "dies":
-        os._exit(7)
-    if mode == "silent":
+    motors = answer(motors, mode, numbers[1:4], numbers[4])
+    if motors is None:
         continue
-    if mode == "short":
-        send(*motors[:3])
-    elif mode == "nan":
-        send(float("nan"), *motors[:3])
-    elif mode == "disarms":
-        send(0, 0, 0, 0)
-    else:
-        send(*motors)
+    send(*motors[: 3 if mode == "short" else 4])
     if mode == "twice":
         send(*motors)

@@ -378,7 +378,7 @@ impl TargetClient {
         Ok(opened.insert(client))
     }
 
-    /// Whether its flight still flies.
+    /// True while the flight of this client flies.
     pub fn is_of_flight(&self, instance: &Instance) -> bool {
         still_flying(instance, self.run_id).is_ok()
     }

@@ -111,7 +111,7 @@ fn ask(instance: &Instance) -> Result<(Plant, JoinHandle<()>), Failure> {
         loop {
             let request = match requests.recv_timeout(IDLE) {
                 Ok(request) => request,
-                // What a client has open outlasts the flight's own files.
+                // A client keeps files of the flight in shared memory until it is dropped.
                 Err(RecvTimeoutError::Timeout) => {
                     client = client.filter(|it: &TargetClient| it.is_of_flight(&instance));
                     continue;

@@ -119,7 +119,7 @@ pub fn swap(swap: &AppliedSwap) -> String {
     changes.join(", ")
 }
 
-/// What the vehicle was to fly to: `position (1, 2, 3) m`, `velocity (1, 0, 0) m/s`, `hold`.
+/// A target in words: `position (1, 2, 3) m`, `velocity (1, 0, 0) m/s`, `hold`.
 pub fn target(target: &FollowedTarget) -> String {
     let vector = |[x, y, z]: [f64; 3], unit: &str| format!(" ({x:.3}, {y:.3}, {z:.3}) {unit}");
     let place = match &*target.kind {
@@ -130,7 +130,7 @@ pub fn target(target: &FollowedTarget) -> String {
     format!("{}{place}, yaw {:.3} rad", target.kind, target.yaw_rad)
 }
 
-/// The same, with those that followed in its stream.
+/// A target in words, with the number of targets that followed in its stream.
 pub fn targets(stream: &FollowedTarget) -> String {
     let target = target(stream);
     match stream.later {

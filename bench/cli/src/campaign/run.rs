@@ -185,7 +185,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
     let mut next = 0;
     while next < tried && begun.elapsed() <= TRIED {
-        // As many as fly in a batch.
+        // A batch at a time, as the campaign flies.
         let some = (next..tried).take(LANES);
         let flights = some.flat_map(|i| (0..arms).map(move |arm| (flight(i), arm)));
         let flights: Vec<Flight> = flights.collect();

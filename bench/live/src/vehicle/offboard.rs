@@ -12,6 +12,19 @@ use super::parameters::meant;
 use crate::watch::dashboard_model::WatchedFlight;
 use messages::ned::{ORIGIN, local, turned, turned_angles};
 
+/// Comes to rest, and stays there.
+pub const HOLD: TargetOrder = TargetOrder {
+    target: FlightTarget {
+        from_tick: 0,
+        kind: TargetKind::Hold as u64,
+        position_w_m: [0.0; 3],
+        velocity_w_m_s: [0.0; 3],
+        yaw_rad: 0.0,
+    },
+    has_yaw: 0,
+    stays: 1,
+};
+
 /// Height of a take-off that names none, above the start [m].
 const TAKEOFF_M: f64 = 2.5;
 
@@ -201,10 +214,7 @@ pub fn of_command(
     let denied = |why: String| (MavResult::MAV_RESULT_DENIED, why);
     let reference = flight.state.unwrap_or_default().reference;
     let height_m = match command {
-        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 0.0 => {
-            let hold = order(FlightTarget::default(), f64::NAN, true, flight);
-            return hold.map(Some).map_err(denied);
-        }
+        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 0.0 => return Ok(Some(HOLD)),
         MavCmd::MAV_CMD_NAV_TAKEOFF => Some(TAKEOFF_M),
         MavCmd::MAV_CMD_NAV_LAND => Some(lowest_m(flight)),
         MavCmd::MAV_CMD_DO_REPOSITION if first > 0.0 => {

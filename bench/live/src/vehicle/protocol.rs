@@ -19,7 +19,7 @@ use messages::parameters::{Parameter, SPECS};
 use plant::guidance::PATIENCE_S;
 
 use super::failures::{Failure, Refused};
-use super::offboard::{Mode, Place, of_command, of_setpoint};
+use super::offboard::{HOLD, Mode, Place, of_command, of_setpoint};
 use super::parameters::{FAILURES_ENABLED, NAMES, meant, parameter_of};
 use super::telemetry::{STREAMS, available_modes, message};
 use crate::watch::dashboard_model::{Model, WatchedFlight};
@@ -222,7 +222,7 @@ impl Vehicle {
         model: &Model,
         flight: &WatchedFlight,
     ) -> Result<bool, Refused> {
-        let command = match command {
+        let order = match command {
             MavCmd::MAV_CMD_DO_SET_MODE => match Mode::of_command(parameters) {
                 Some(Mode::Offboard) => {
                     self.check_may_change(model)?;
@@ -231,7 +231,7 @@ impl Vehicle {
                         .extend(message(HEARTBEAT_DATA::ID, flight, self.mode()));
                     return Ok(true);
                 }
-                Some(Mode::Hold) => (command, MavCmd::MAV_CMD_DO_PAUSE_CONTINUE),
+                Some(Mode::Hold) => Some(HOLD),
                 None => {
                     let modes = Mode::ALL.map(Mode::name).join(" and ");
                     return Err((
@@ -240,15 +240,9 @@ impl Vehicle {
                     ));
                 }
             },
-            command => (command, command),
+            _ => of_command(command, parameters, place, flight)?,
         };
-        let (command, does) = command;
-        let parameters = if command == does {
-            parameters
-        } else {
-            [0.0; 4]
-        };
-        let Some(order) = of_command(does, parameters, place, flight)? else {
+        let Some(order) = order else {
             return Err((
                 MavResult::MAV_RESULT_DENIED,
                 format!("{command:?} is not flown here"),

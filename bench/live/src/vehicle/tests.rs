@@ -715,7 +715,7 @@ fn setpoint(type_mask: u16) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
     }
 }
 
-/// What MAVSDK ignores of a position, of a velocity, and of both.
+/// Type masks of MAVSDK: of a position, of a velocity, and of both.
 const POSITION: u16 = 0b1001_1111_1000;
 const VELOCITY: u16 = 0b1001_1100_0111;
 const BOTH: u16 = 0b1001_1100_0000;

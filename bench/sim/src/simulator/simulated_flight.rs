@@ -60,7 +60,7 @@ pub fn fly_with(
     Ok(judge.end())
 }
 
-/// The same for a batch of flights, tick by tick. `look` also gets the place of the flight.
+/// Runs a batch of flights tick by tick, each as [`fly_with`] does. `look` also gets the place of the flight.
 pub fn fly_batch(
     rigs: &mut [Simulator],
     settings: &[Settings],
