@@ -392,10 +392,13 @@ mod tests {
             folder
         };
         let [left, own] = [ended.id(), std::process::id()].map(folder);
+        // A folder of this name that no flight has made.
+        let other = env::temp_dir().join(format!("{FOLDER}abc-{}", std::process::id()));
+        fs::create_dir_all(&other).unwrap();
         remove_leftovers();
         assert!(!left.exists());
-        assert!(own.exists());
+        assert!(own.exists() && other.exists());
         ended.wait().unwrap();
-        fs::remove_dir_all(own).unwrap();
+        [own, other].map(|it| fs::remove_dir_all(it).unwrap());
     }
 }
