@@ -399,6 +399,8 @@ mod tests {
         assert!(!left.exists());
         assert!(own.exists() && other.exists());
         ended.wait().unwrap();
-        [own, other].map(|it| fs::remove_dir_all(it).unwrap());
+        for it in [own, other] {
+            fs::remove_dir_all(it).unwrap();
+        }
     }
 }
