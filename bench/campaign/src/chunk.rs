@@ -66,7 +66,7 @@ pub fn write(
     let path = path_of(directory, chunk);
     let table = Table::new(campaign, rows);
     let bytes = encoded(identity, Some((chunk, campaign.flights_of(chunk))), &table)?;
-    let written = write_whole(&path, |file| file.write_all(&bytes), || true);
+    let written = write_whole(&path, |file| file.write_all(&bytes));
     written.in_file("write", &path)
 }
 
@@ -285,7 +285,7 @@ impl Rows {
             }
             writer.close().map(drop).map_err(refused)
         };
-        write_whole(to, write, || true).in_file("write", to)?;
+        write_whole(to, write).in_file("write", to)?;
         Ok(rows)
     }
 }

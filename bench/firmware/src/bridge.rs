@@ -84,8 +84,8 @@ pub struct Bridge {
     pace: Pace,
     comes_by_the_clock: bool,
     firmware: Option<Armed>,
-    /// First tick, what time its packet has, and where the vehicle was [m]; the firmware knows no other start.
-    began: Option<(u64, Duration, [f64; 3])>,
+    /// First tick, when it was, what time its packet has, and where the vehicle was [m]; the firmware knows no other start.
+    began: Option<(u64, Instant, Duration, [f64; 3])>,
     motors: [f64; ROTORS],
 }
 
@@ -217,9 +217,14 @@ impl Bridge {
             };
         };
         let period = self.launch.period;
-        let (first, began, start_m) = *self.began.get_or_insert_with(|| {
+        let (first, at, began, start_m) = *self.began.get_or_insert_with(|| {
             let time = firmware.take_off(period) + period;
-            (input.tick, time, input.measured.position_w_m)
+            (
+                input.tick,
+                Instant::now(),
+                time,
+                input.measured.position_w_m,
+            )
         });
         let after = period.mul_f64((input.tick - first) as f64);
         let is_paced = !self.comes_by_the_clock && !self.launch.port.is_lockstep;
@@ -244,9 +249,16 @@ impl Bridge {
                 next.saturating_duration_since(now)
             }
         };
+        // A firmware with a clock of its own takes a stamp that differs from the time of sending for another rate of time.
+        let is_stamped_by_the_clock = self.comes_by_the_clock && !self.launch.port.is_lockstep;
+        let since = if is_stamped_by_the_clock {
+            at.elapsed()
+        } else {
+            after
+        };
         let exchange = &mut firmware.exchange;
         let sample = (&measured, sticks);
-        let mut answer = exchange.ask(began + after, sample, self.spacing, limit);
+        let mut answer = exchange.ask(began + since, sample, self.spacing, limit);
         self.motors = answer.motors.map_or(self.motors, |it| it.commands);
         if answer.outcome != Outcome::Answered && firmware.has_ended() {
             answer.outcome = Outcome::Ended;

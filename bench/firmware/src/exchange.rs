@@ -88,7 +88,8 @@ impl Exchange {
         spacing.saturating_sub(since)
     }
 
-    /// Sends the packets of a time and waits for the answer, at most for `limit`. Allocates nothing.
+    /// Sends the packets of a time, later by as long as it has to wait before, and waits for the answer, at most for
+    /// `limit`. Allocates nothing.
     ///
     /// With a `spacing` nothing is sent while the firmware still works on a state, nor for that time after its answer:
     /// states that reach Betaflight close together speed its clock up (docs/firmware.md).
@@ -118,7 +119,7 @@ impl Exchange {
         if spacing.is_none() || !(is_busy || rest > limit) {
             thread::sleep(rest);
             let sent = Instant::now();
-            self.send(time, measured, sticks);
+            self.send(time + rest, measured, sticks);
             self.wait_for_answer(sent, limit.saturating_sub(rest), &mut answer);
         }
         answer.repeated += take(&mut self.old);

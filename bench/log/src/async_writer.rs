@@ -20,6 +20,8 @@ use std::{io, thread};
 
 /// What may wait for the disk [bytes]: tens of seconds of a flight.
 const MOST_WAITING_BYTES: u64 = 16 << 20;
+/// What one call writes. A kernel without preemption keeps the processor until a call returns, whatever thread waits for it.
+const PART_BYTES: usize = 64 << 10;
 /// What a log leaves free on its disk, for the report [bytes].
 pub const LEFT_FREE_BYTES: u64 = 4 << 20;
 /// How often what was written is synced: what a machine that hangs can lose, and a little more.
@@ -44,7 +46,9 @@ pub trait Disk: Send + 'static {
     }
 
     fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
-        self.file()?.write_all_at(bytes, place)
+        let file = self.file()?;
+        let mut parts = bytes.chunks(PART_BYTES).zip((place..).step_by(PART_BYTES));
+        parts.try_for_each(|(part, place)| file.write_all_at(part, place))
     }
 
     fn cut(&self, length: u64) -> io::Result<()> {

@@ -3,16 +3,15 @@
 //! A reader finds the old text or the new one, never a part. While the disk is busy, one text waits for it; others are left
 //! out.
 
-use std::fs::File;
-use std::io::Write as _;
-use std::path::PathBuf;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use errors::{Failure, InFile as _, write_whole};
+use errors::{AsideFile, Failure, InFile as _};
 
 /// How long `close` waits for a slow disk.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(3);
@@ -32,11 +31,8 @@ impl AtomicFileWriter {
         let (target, closed) = (path.clone(), Arc::clone(&is_closed));
         let serve = move || {
             for text in handed_over {
-                let write = |file: &mut File| file.write_all(text.as_bytes());
-                // The caller may have closed the writer while the disk blocked: its file must stay.
-                let is_wanted = || !closed.load(Ordering::Relaxed);
-                let written = write_whole(&target, write, is_wanted).in_file("write", &target);
-                let _ = written.map_err(|failure| failed.send(failure));
+                let replaced = replace(&target, &text, &closed).in_file("write", &target);
+                let _ = replaced.map_err(|failure| failed.send(failure));
             }
         };
         let thread = thread::Builder::new().name("report".into());
@@ -63,6 +59,18 @@ impl AtomicFileWriter {
         // Nothing can fail when the thread has ended.
         while self.failures.recv_timeout(CLOSE_TIMEOUT).is_ok() {}
     }
+}
+
+/// Not synced: the log has all that the text says, and a kernel without preemption keeps its processor for as long as it
+/// syncs, whatever thread waits for it.
+fn replace(target: &Path, text: &str, is_closed: &AtomicBool) -> io::Result<()> {
+    let mut aside = AsideFile::create(target)?;
+    aside.write_all(text.as_bytes())?;
+    // The caller may have closed the writer while the disk blocked: its file must stay.
+    if !is_closed.load(Ordering::Relaxed) {
+        aside.keep()?;
+    }
+    Ok(())
 }
 
 impl Drop for AtomicFileWriter {

@@ -41,7 +41,7 @@ pub fn write_all(report: &mut Report, directory: &Path) {
 fn write(report: &mut Report, directory: &Path, name: &str, text: serde_json::Result<String>) {
     let written = text.map_err(|e| e.to_string()).and_then(|text| {
         let write = |file: &mut File| file.write_all(text.as_bytes());
-        write_whole(&directory.join(name), write, || true)
+        write_whole(&directory.join(name), write)
     });
     if let Err(why) = written {
         report.recorder.unwritten.entry(name.into()).or_insert(why);

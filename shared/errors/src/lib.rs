@@ -313,19 +313,16 @@ impl Drop for AsideFile {
     }
 }
 
-/// Writes an [`AsideFile`], has it synced, and keeps it if it is still wanted. If only syncing fails, the file is
-/// replaced, and the reason returned.
+/// Writes an [`AsideFile`], has it synced, and keeps it. If only syncing fails, the file is replaced, and the reason
+/// returned.
 pub fn write_whole<E: fmt::Display>(
     path: &Path,
     write: impl FnOnce(&mut File) -> Result<(), E>,
-    is_wanted: impl FnOnce() -> bool,
 ) -> Result<(), String> {
     let mut aside = AsideFile::create(path).map_err(|e| e.to_string())?;
     write(&mut aside.file).map_err(|e| e.to_string())?;
     let synced = aside.file.sync_all();
-    if is_wanted() {
-        aside.keep().map_err(|e| e.to_string())?;
-    }
+    aside.keep().map_err(|e| e.to_string())?;
     let of_directory = || match File::open(path.with_file_name("."))?.sync_all() {
         // Not every file system can.
         Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),

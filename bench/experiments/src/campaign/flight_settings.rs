@@ -286,7 +286,7 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         if fs::read_to_string(path).is_ok_and(|there| there == *text) {
             continue;
         }
-        let written = write_whole(path, |file| file.write_all(text.as_bytes()), || true);
+        let written = write_whole(path, |file| file.write_all(text.as_bytes()));
         written.in_file("write", path)?;
     }
     Ok(())

@@ -82,7 +82,7 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
             ..margins.clone()
         };
         let text = json::to_string(&table).in_file("write", &path)?;
-        let written = write_whole(&path, |file| writeln!(file, "{text}"), || true);
+        let written = write_whole(&path, |file| writeln!(file, "{text}"));
         written.in_file("write", &path)?;
         lines.push(format!("written, for reports of flights: {place}\n"));
     }
