@@ -10,6 +10,7 @@
 mod failures;
 mod link;
 mod offboard;
+mod outbox;
 mod parameters;
 mod protocol;
 mod telemetry;
@@ -186,7 +187,7 @@ fn report(
                 .send(request)
                 .map_err(|e| Failure::failed(format!("cannot ask the plant: {e}")))?;
         }
-        for message in vehicle.messages.drain(..) {
+        for message in vehicle.outbox.messages.drain(..) {
             link.send(&message);
         }
         if is_stopped {

@@ -155,7 +155,7 @@ impl Joined {
     fn to(model: Model, allows_control: bool) -> Self {
         let mut vehicle = Vehicle::new(allows_control);
         vehicle.update(&model, NOW);
-        let first = std::mem::take(&mut vehicle.messages);
+        let first = std::mem::take(&mut vehicle.outbox.messages);
         Self {
             vehicle,
             model,
@@ -166,7 +166,7 @@ impl Joined {
     /// The vehicle's answer to a message.
     fn send(&mut self, message: &MavMessage) -> Vec<MavMessage> {
         self.vehicle.receive(&STATION, message, &self.model, NOW);
-        std::mem::take(&mut self.vehicle.messages)
+        std::mem::take(&mut self.vehicle.outbox.messages)
     }
 
     /// The result of a command, the texts beside it, and the message that was requested.
@@ -217,7 +217,10 @@ impl Joined {
         assert_eq!(request.run_id, 7);
         let answer = answer.map(str::to_owned).map_err(str::to_owned);
         self.vehicle.answered(&request, &answer, &self.model, NOW);
-        (request.what, std::mem::take(&mut self.vehicle.messages))
+        (
+            request.what,
+            std::mem::take(&mut self.vehicle.outbox.messages),
+        )
     }
 
     /// The target that the plant is asked for, which accepts it; and what the vehicle sends then.
@@ -236,7 +239,7 @@ impl Joined {
     fn later(&mut self, ms: u64) -> String {
         let now = NOW + Duration::from_millis(ms);
         self.vehicle.update(&self.model, now);
-        texts(&std::mem::take(&mut self.vehicle.messages))
+        texts(&std::mem::take(&mut self.vehicle.outbox.messages))
     }
 }
 
@@ -441,7 +444,7 @@ fn telemetry_is_in_the_frames_of_mavlink_and_as_often_as_requested() {
     for ms in 0..1000 {
         let now = NOW + Duration::from_millis(ms);
         joined.vehicle.update(&joined.model, now);
-        for message in joined.vehicle.messages.drain(..) {
+        for message in joined.vehicle.outbox.messages.drain(..) {
             count[0] += u32::from(message.message_id() == attitude);
             count[1] += u32::from(message.message_id() == hud);
         }
@@ -652,7 +655,7 @@ fn requests_without_end_are_not_answered_without_end() {
     for _ in 0..10_000 {
         joined.vehicle.receive(&STATION, &list, &joined.model, NOW);
     }
-    assert!(joined.vehicle.messages.len() < 1100);
+    assert!(joined.vehicle.outbox.messages.len() < 1100);
 }
 
 #[test]
@@ -681,7 +684,7 @@ fn what_is_for_others_or_for_all_changes_nothing() {
         }
         let vehicle = &joined.vehicle;
         assert!(
-            vehicle.messages.is_empty() && vehicle.requests.is_empty(),
+            vehicle.outbox.messages.is_empty() && vehicle.requests.is_empty(),
             "{system} {component}"
         );
     }
@@ -791,14 +794,14 @@ fn in_the_mode_offboard_setpoints_are_targets_until_they_stop() {
         joined.later(2000),
         "no setpoint for 0.5 s: the vehicle holds its position\n"
     );
-    joined.vehicle.messages.clear();
+    joined.vehicle.outbox.messages.clear();
     joined.vehicle.receive(
         &STATION,
         &send(setpoint(POSITION)),
         &joined.model,
         NOW + Duration::from_secs(5),
     );
-    assert_eq!(texts(&joined.vehicle.messages), early);
+    assert_eq!(texts(&joined.vehicle.outbox.messages), early);
 }
 
 #[test]
@@ -1287,9 +1290,9 @@ fn a_million_frames_change_nothing_that_they_may_not() {
             steered.send(&command(MAV_CMD_DO_SET_MODE, OFFBOARD));
         }
         assert!(observer.vehicle.requests.is_empty());
-        steered.vehicle.messages.clear();
-        joined.vehicle.messages.clear();
-        observer.vehicle.messages.clear();
+        steered.vehicle.outbox.messages.clear();
+        joined.vehicle.outbox.messages.clear();
+        observer.vehicle.outbox.messages.clear();
     }
     // The oracle and the vehicle both see many of them.
     assert!(
