@@ -143,7 +143,7 @@ impl Request {
         }
         sleep(after);
         let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
-        injected(instance, &changes, When::In(Duration::ZERO), lasts).map_err(|e| e.to_string())
+        injected(instance, &changes, When::NOW, lasts).map_err(|e| e.to_string())
     }
 }
 

@@ -12,6 +12,7 @@ use analysis::faults::InjectedFault;
 use flight_log::entry::LogEntry;
 use insta::assert_snapshot;
 use mavlink::dialects::common::*;
+use mavlink::types::CharArray;
 use mavlink::{
     MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, Message as _, MessageData as _,
 };
@@ -216,54 +217,33 @@ impl Conversation {
 
 /// A message in a line, without its zeros and its target.
 fn described(message: &MavMessage) -> String {
-    let name = message.message_name();
-    match message {
-        MavMessage::STATUSTEXT(it) => format!("{:?}: {}", it.severity, it.text.to_str().unwrap()),
-        MavMessage::PARAM_REQUEST_READ(it) => {
-            format!(
-                "{name} {} {}",
-                it.param_index,
-                it.param_id.to_str().unwrap()
-            )
+    let text = format!("{message:?}");
+    let text = match message {
+        MavMessage::STATUSTEXT(it) => {
+            return format!("{:?}: {}", it.severity, it.text.to_str().unwrap());
         }
-        MavMessage::PARAM_SET(it) => {
-            format!(
-                "{name} {} {}",
-                it.param_id.to_str().unwrap(),
-                it.param_value
-            )
+        MavMessage::SETUP_SIGNING(_) | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_) => {
+            return message.message_name().into();
         }
-        MavMessage::PARAM_VALUE(it) => {
-            let (id, place) = (it.param_id.to_str().unwrap(), it.param_index);
-            format!(
-                "{name} {id} {} ({place} of {})",
-                it.param_value, it.param_count
-            )
-        }
-        MavMessage::PARAM_ERROR(it) => {
-            let (id, place) = (it.param_id.to_str().unwrap(), it.param_index);
-            format!("{name} {place} {id} {:?}", it.error)
-        }
-        MavMessage::AVAILABLE_MODES(it) => {
-            let (mode, place) = (it.mode_name.to_str().unwrap(), it.mode_index);
-            let (number, of) = (it.custom_mode, it.number_modes);
-            format!(
-                "{name} {mode} {number} ({place} of {of}) {:?}",
-                it.properties
-            )
-        }
-        MavMessage::SETUP_SIGNING(_) | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_) => name.into(),
-        _ => {
-            let text = format!("{message:?}");
-            let fields = text[text.find('{').unwrap()..].trim_matches(['{', '}', ')', ' ']);
-            let is_shown = |field: &&str| {
-                let is_zero = field.ends_with(": 0") || field.ends_with(": 0.0");
-                !is_zero && !field.starts_with("target_")
-            };
-            let fields = fields.split(", ").filter(is_shown);
-            format!("{name} {}", fields.collect::<Vec<_>>().join(", "))
-        }
-    }
+        MavMessage::PARAM_REQUEST_READ(it) => with_text(&text, &it.param_id),
+        MavMessage::PARAM_SET(it) => with_text(&text, &it.param_id),
+        MavMessage::PARAM_VALUE(it) => with_text(&text, &it.param_id),
+        MavMessage::PARAM_ERROR(it) => with_text(&text, &it.param_id),
+        MavMessage::AVAILABLE_MODES(it) => with_text(&text, &it.mode_name),
+        _ => text,
+    };
+    let fields = text[text.find('{').unwrap()..].trim_matches(['{', '}', ')', ' ']);
+    let is_shown = |field: &&str| {
+        let is_zero = field.ends_with(": 0") || field.ends_with(": 0.0");
+        !is_zero && !field.starts_with("target_")
+    };
+    let fields = fields.split(", ").filter(is_shown).collect::<Vec<_>>();
+    format!("{} {}", message.message_name(), fields.join(", "))
+}
+
+/// Replaces a name's bytes.
+fn with_text<const N: usize>(text: &str, name: &CharArray<N>) -> String {
+    text.replace(&format!("{name:?}"), name.to_str().unwrap())
 }
 
 fn command(command: MavCmd, [param1, param2, param3]: [f32; 3]) -> MavMessage {

@@ -105,10 +105,13 @@ impl Region<'_, '_> {
 }
 
 /// A line with as many of the parts, in order, as fit.
-pub(super) fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16) -> Line<'a> {
+pub(super) fn fitting<'a, L: Into<Line<'a>>>(
+    parts: impl IntoIterator<Item = L>,
+    width: u16,
+) -> Line<'a> {
     let mut room = usize::from(width);
     let mut line = Line::default();
-    for part in parts {
+    for part in parts.into_iter().map(Into::into) {
         let Some(rest) = room.checked_sub(part.width()) else {
             break;
         };
