@@ -1,8 +1,11 @@
 //! Flights of tests, which are fed with made-up messages.
 
+use flight_log::entry::LogEntry;
 use messages::blackboards::{ActiveParameters, Run, RunPhase};
+use messages::content::{State, TakenCommand};
 use messages::header::{Header, Message, Stamps};
 use messages::parameters::Airframe;
+use messages::role::Channel;
 
 use crate::watch::dashboard_model::{Model, WatchedFlight};
 
@@ -56,6 +59,20 @@ pub fn joined(run: &Run, settings: &[(&str, &str)]) -> Model {
         ..ActiveParameters::default()
     };
     model
+}
+
+/// Lets the plant take the command of a tick from a channel.
+pub fn take_command(flight: &mut WatchedFlight, of_tick: u64, channel: Channel) {
+    let mut state = State::default();
+    state.decision.count = 1;
+    state.decision.command = TakenCommand {
+        of_tick,
+        channel: channel as u64,
+        acts_from: of_tick + 1,
+        is_offered: 1,
+        ..TakenCommand::default()
+    };
+    flight.take(&LogEntry::State(message(of_tick + 1, state)));
 }
 
 pub const LIMITS: [(&str, &str); 3] = [

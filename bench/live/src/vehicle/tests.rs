@@ -17,7 +17,7 @@ use mavlink::{
     MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, Message as _, MessageData as _,
 };
 use messages::blackboards::{EndReason, Run, Subject};
-use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State, TakenCommand};
+use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
 use messages::parameters::{Parameter, SPECS};
 use messages::role::Channel;
 
@@ -27,7 +27,7 @@ use super::parameters::{FAILURES_ENABLED, NAMES};
 use super::protocol::{Purpose, Request, Vehicle, What};
 use super::telemetry::STREAMS;
 use crate::inject::parse_line;
-use crate::made_up::{LIMITS, flight, joined, message, run};
+use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
 use crate::watch::dashboard_model::{Model, WatchedFlight};
 
 const STATION: MavHeader = MavHeader {
@@ -707,15 +707,7 @@ fn events_misses_and_the_end_are_reported_once() {
     let killed = "inner was killed by the fault, and is started again";
     it.flight().supervision.add(1650, Subject::Process, killed);
     for (tick, channel) in [(1660, Channel::A), (1661, Channel::B)] {
-        let mut state = State::default();
-        state.decision.count = 1;
-        state.decision.command = TakenCommand {
-            of_tick: tick,
-            channel: channel as u64,
-            is_offered: 1,
-            ..TakenCommand::default()
-        };
-        it.flight().take(&LogEntry::State(message(tick, state)));
+        take_command(it.flight(), tick, channel);
     }
     it.later(4000);
     it.flight().ending = Some(EndReason::Attitude);

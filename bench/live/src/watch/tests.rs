@@ -5,8 +5,8 @@ use std::time::Duration;
 use errors::Failure;
 use flight_log::entry::LogEntry;
 use messages::blackboards::{EndReason, Run, Status, Subject};
-use messages::content::{Decision, Loss, SwapRecord, TakenCommand, Truth, Wrench};
-use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
+use messages::content::{Loss, Measured, Reference, RotorSpeeds, Setpoint, State, SwapRecord};
+use messages::content::{Truth, Wrench};
 use messages::header::Message;
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{Airframe, Parameter};
@@ -21,7 +21,7 @@ use ratatui::style::Color;
 use super::dashboard_model::{Action, Model, Tab, WatchedFlight};
 use super::line;
 use super::screen::{SMALLEST, draw};
-use crate::made_up::{LIMITS, flight, joined, message, run};
+use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
 
 const NORMAL: (u16, u16) = (80, 24);
 
@@ -127,23 +127,7 @@ fn handed_over() -> Model {
     let all = Replica::all(2).map(|replica| (replica, statuses[&replica.role.into()]));
     seen.statuses = all.collect();
     for (tick, channel) in [(1048, Channel::A), (1049, Channel::A), (1050, Channel::B)] {
-        let command = TakenCommand {
-            of_tick: tick,
-            channel: channel as u64,
-            acts_from: tick + 1,
-            is_offered: 1,
-            ..TakenCommand::default()
-        };
-        let decision = Decision {
-            count: 1,
-            command,
-            ..Decision::default()
-        };
-        let content = State {
-            decision,
-            ..State::default()
-        };
-        seen.take(&LogEntry::State(message(tick + 1, content)));
+        take_command(seen, tick, channel);
     }
     (seen.supervision.failed, seen.supervision.restarted) = (1, 1);
     let killed = "the inner process of channel a was killed by the fault a.inner.kill of tick 1050; it is started again";
