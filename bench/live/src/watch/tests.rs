@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use analysis::schema::{Explained, FlightVerdict, StabilityVerdict, TimingVerdict, Verdicts};
 use errors::Failure;
 use flight_log::entry::LogEntry;
 use messages::blackboards::{EndReason, Run, Status, Subject};
@@ -18,7 +19,7 @@ use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::style::Color;
 
-use super::dashboard_model::{Action, Model, Tab, WatchedFlight};
+use super::dashboard_model::{Action, Judged, Model, Tab, WatchedFlight};
 use super::line;
 use super::screen::{SMALLEST, draw};
 use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
@@ -396,6 +397,33 @@ fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
     let recorder = flight(&mut model).statuses.get_mut(&Role::Record.into());
     recorder.unwrap().wrenches_unwatched = 7;
     shows(&model, "theorem partly watched");
+}
+
+#[test]
+fn a_verdict_is_good_or_bad_or_neither() {
+    fn of<W>(word: W) -> Explained<W> {
+        let why = String::new();
+        Explained { word, why }
+    }
+    use FlightVerdict::{CutShort, Lost, NotSeen, OffTrack, Tracked};
+    use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};
+    use TimingVerdict::{InTime, Late, NotMeasured};
+    for (flight, timing, theorem, is_good) in [
+        (Tracked, InTime, Holds, Some(true)),
+        (OffTrack, Late, Broken, Some(false)),
+        (Lost, Late, Broken, Some(false)),
+        (NotSeen, NotMeasured, NotApplicable, None),
+        (CutShort, TimingVerdict::CutShort, NotJudged, None),
+        (CutShort, TimingVerdict::CutShort, PartlyWatched, None),
+    ] {
+        let verdicts = Verdicts {
+            flight: of(flight),
+            timing: of(timing),
+            theorem: of(theorem),
+        };
+        let judged = Judged::all(&verdicts).map(|it| it.is_good);
+        assert_eq!(judged, [is_good; 3], "{verdicts:?}");
+    }
 }
 
 #[test]
