@@ -137,33 +137,28 @@ impl Flight {
         AnswerOutcome::from_wire(self.signal("answer_outcome") as u64).unwrap()
     }
 
-    /// Flies until a tick has this outcome. A busy machine may need some.
+    /// Flies until a tick has this outcome.
     fn until(&mut self, outcome: AnswerOutcome) -> WrenchSetpoint {
-        for _ in 0..500 {
-            let wrench = self.next(Measured::default(), 0);
-            if self.outcome() == outcome {
-                return wrench;
-            }
-        }
-        panic!(
-            "no tick was {outcome:?}, but the last one {:?}",
-            self.outcome()
-        );
-    }
-
-    /// Flies with a measurement until a tick is as wanted.
-    fn until_it(&mut self, measured: Measured, is_wanted: impl Fn(&Self) -> bool) {
-        for _ in 0..500 {
-            self.next(measured, 0);
-            if is_wanted(self) {
-                return;
-            }
-        }
-        panic!("no tick was as wanted: {:?}", self.telemetry.value);
+        self.until_it(Measured::default(), |it| it.outcome() == outcome)
     }
 
     fn until_above_0(&mut self, name: &str) {
         self.until_it(Measured::default(), |it| it.signal(name) > 0.0);
+    }
+
+    /// Flies with a measurement until a tick is as wanted. A busy machine may need some.
+    fn until_it(
+        &mut self,
+        measured: Measured,
+        is_wanted: impl Fn(&Self) -> bool,
+    ) -> WrenchSetpoint {
+        for _ in 0..500 {
+            let wrench = self.next(measured, 0);
+            if is_wanted(self) {
+                return wrench;
+            }
+        }
+        panic!("no tick was as wanted: {:?}", self.telemetry.value);
     }
 }
 
@@ -407,33 +402,26 @@ fn betaflight_arms_and_turns_its_motors() {
     let mut telemetry = Telemetry::unknown(15);
     let mut measured = Measured::default();
     measured.specific_force_b_m_s2[2] = 9.8;
-    let thrusts: Vec<f64> = (0..300)
-        .map(|tick| bridge.tick(&input(tick, measured), &mut telemetry).thrust_n)
-        .collect();
-    assert!(thrusts[299] > 2.0, "{:?}", &thrusts[290..]);
-    // Nose down is a positive pitch: the front rotors, 3 and 4, pull up.
-    measured.attitude_quaternion = [0.995, 0.0, 0.0998, 0.0];
-    let mut torque = [0.0; 3];
-    for tick in 300..350 {
-        torque = bridge
-            .tick(&input(tick, measured), &mut telemetry)
-            .torque_b_nm;
+    let mut tick = 0;
+    let mut fly = |measured, ticks: usize| {
+        let fly = |_| {
+            tick += 1;
+            bridge.tick(&input(tick, measured), &mut telemetry)
+        };
+        (0..ticks).map(fly).last().unwrap()
+    };
+    let hovering = fly(measured, 300);
+    assert!(hovering.thrust_n > 2.0, "{hovering:?}");
+    for (quaternion, yaw_rate_rad_s, ticks, axis, least_nm) in [
+        // Nose down is a positive pitch: the front rotors, 3 and 4, pull up.
+        ([0.995, 0.0, 0.0998, 0.0], 0.0, 50, 1, 1e-3),
+        // Right side down is a positive roll: the right rotors, 2 and 3, pull up.
+        ([0.995, 0.0998, 0.0, 0.0], 0.0, 150, 0, 1e-3),
+        ([1.0, 0.0, 0.0, 0.0], 1.0, 200, 2, 1e-4),
+    ] {
+        measured.attitude_quaternion = quaternion;
+        measured.rate_b_rad_s[2] = yaw_rate_rad_s;
+        let torque = fly(measured, ticks).torque_b_nm;
+        assert!(torque[axis] < -least_nm, "{axis}: {torque:?}");
     }
-    assert!(torque[1] < -1e-3, "pitch: {torque:?}");
-    // Right side down is a positive roll: the right rotors, 2 and 3, pull up.
-    measured.attitude_quaternion = [0.995, 0.0998, 0.0, 0.0];
-    for tick in 350..500 {
-        torque = bridge
-            .tick(&input(tick, measured), &mut telemetry)
-            .torque_b_nm;
-    }
-    assert!(torque[0] < -1e-3, "roll: {torque:?}");
-    measured.attitude_quaternion = [1.0, 0.0, 0.0, 0.0];
-    measured.rate_b_rad_s[2] = 1.0;
-    for tick in 500..700 {
-        torque = bridge
-            .tick(&input(tick, measured), &mut telemetry)
-            .torque_b_nm;
-    }
-    assert!(torque[2] < -1e-4, "yaw: {torque:?}");
 }

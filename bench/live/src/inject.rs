@@ -52,6 +52,12 @@ pub fn injected(
     Ok(ask(instance, &desired, when)?.to_string())
 }
 
+/// Changes parameters or injects faults now, as a line says; returns what the plant answered.
+pub fn inject_line(instance: &Instance, line: &str) -> Result<String, Failure> {
+    let (changes, lasts) = parse_line(line).map_err(Failure::usage)?;
+    injected(instance, &changes, When::NOW, lasts)
+}
+
 /// The faults in a line: `state.drop=0.1,inner.late=1ms for 1s`.
 pub fn parse_line(text: &str) -> Result<(Vec<Change>, Option<Duration>), String> {
     let (what, time) = match text.split_once(" for ") {
@@ -80,6 +86,8 @@ struct Instant {
 }
 
 impl When {
+    pub const NOW: Self = Self::In(Duration::ZERO);
+
     fn of(self, run: &Run) -> Result<Instant, Failure> {
         let present = if run.tick == NO_TICK { 0 } else { run.tick };
         let (at_tick, in_ticks, tick) = match self {

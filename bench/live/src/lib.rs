@@ -6,6 +6,8 @@
 #[cfg(feature = "foxglove")]
 pub mod bridge;
 pub mod inject;
+#[cfg(test)]
+mod made_up;
 pub mod observation;
 pub mod parameter_text;
 #[cfg(any(feature = "foxglove", feature = "web"))]

@@ -10,6 +10,7 @@
 mod failures;
 mod link;
 mod offboard;
+mod outbox;
 mod parameters;
 mod protocol;
 mod telemetry;
@@ -19,13 +20,13 @@ mod tests;
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::thread::{self, JoinHandle, sleep};
+use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
 use ipc::instance::Instance;
 use process::signals::stop_flag;
 
-use crate::inject::{TargetClient, When, injected, parse_line, still_flying};
+use crate::inject::{TargetClient, inject_line, still_flying};
 use crate::observation::DRAIN_EVERY;
 use crate::watch::dashboard_model::Model;
 use crate::watch::feed::Feed;
@@ -73,7 +74,7 @@ pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
         "MAVLink vehicle {} {place} ({access})\n",
         protocol::SYSTEM
     ))?;
-    follow(options, instance, &mut link, &stop)
+    follow(options, &instance, &mut link, &stop)
 }
 
 fn open(address: Address) -> Result<Link, Failure> {
@@ -97,74 +98,66 @@ const IDLE: Duration = Duration::from_millis(500);
 
 /// A request with the plant's answer.
 type Answered = (Request, Result<String, String>);
-/// Where requests go, and where their answers come from.
-type Plant = (Sender<Request>, Receiver<Answered>);
 
-/// Asks the plant, one request after the other: it may take a while, and the vehicle reports meanwhile. The thread ends with
-/// the sender.
-fn ask(instance: &Instance) -> Result<(Plant, JoinHandle<()>), Failure> {
-    let (asked, requests) = channel::<Request>();
-    let (answers, answered) = channel();
-    let instance = instance.clone();
-    let ask = move || {
-        let mut client = None;
-        loop {
-            let request = match requests.recv_timeout(IDLE) {
-                Ok(request) => request,
-                // A client keeps files of the flight in shared memory until it is dropped.
-                Err(RecvTimeoutError::Timeout) => {
-                    client = client.filter(|it: &TargetClient| it.is_of_flight(&instance));
-                    continue;
-                }
-                Err(RecvTimeoutError::Disconnected) => return,
-            };
-            let answer = match &request.what {
-                What::Line(line) => inject(&instance, request.run_id, line),
-                What::Target(order) => TargetClient::of(&mut client, &instance, request.run_id)
-                    .and_then(|client| client.aim(*order))
-                    .map_err(|e| e.to_string()),
-            };
-            if answers.send((request, answer)).is_err() {
-                return;
+/// Asks the plant, one request after the other, until the sender of requests is gone.
+fn ask(instance: &Instance, requests: &Receiver<Request>, answers: &Sender<Answered>) {
+    let mut client = None;
+    loop {
+        let request = match requests.recv_timeout(IDLE) {
+            Ok(request) => request,
+            // A client keeps files of the flight in shared memory until it is dropped.
+            Err(RecvTimeoutError::Timeout) => {
+                client = client.filter(|it: &TargetClient| it.is_of_flight(instance));
+                continue;
             }
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        let answer = match &request.what {
+            What::Line(line) => inject(instance, request.run_id, line),
+            What::Target(order) => TargetClient::of(&mut client, instance, request.run_id)
+                .and_then(|client| client.aim(*order))
+                .map_err(|e| e.to_string()),
+        };
+        if answers.send((request, answer)).is_err() {
+            return;
         }
-    };
-    let started = thread::Builder::new().spawn(ask);
-    let started = started
-        .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
-    Ok(((asked, answered), started))
+    }
 }
 
 /// Injects into the flight that the request was meant for.
 fn inject(instance: &Instance, run_id: u64, line: &str) -> Result<String, String> {
-    let (changes, lasts) = parse_line(line)?;
-    let when = When::In(Duration::ZERO);
     still_flying(instance, run_id)
-        .and_then(|_| injected(instance, &changes, when, lasts))
+        .and_then(|_| inject_line(instance, line))
         .map_err(|e| e.to_string())
 }
 
 fn follow(
     options: &VehicleOptions,
-    instance: Instance,
+    instance: &Instance,
     link: &mut Link,
     stop: &AtomicBool,
 ) -> Result<u8, Failure> {
-    let (plant, asking) = ask(&instance)?;
-    let ended = report(options, instance, link, stop, plant);
-    let _ = asking.join();
-    ended
+    let (asked, requests) = channel();
+    let (answers, answered) = channel();
+    thread::scope(|scope| {
+        // The plant may take a while, and the vehicle reports meanwhile.
+        thread::Builder::new()
+            .spawn_scoped(scope, move || ask(instance, &requests, &answers))
+            .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
+        report(options, instance, link, stop, (asked, answered))
+    })
 }
 
+/// Reports flights. The requests end with it.
 fn report(
     options: &VehicleOptions,
-    instance: Instance,
+    instance: &Instance,
     link: &mut Link,
     stop: &AtomicBool,
-    (asked, answered): Plant,
+    (asked, answered): (Sender<Request>, Receiver<Answered>),
 ) -> Result<u8, Failure> {
     let mut model = Model::new(instance.name(), options.launched, false);
-    let mut feed = Feed::new(instance);
+    let mut feed = Feed::new(instance.clone());
     let mut vehicle = Vehicle::new(options.allow_control);
     let start = Instant::now();
     loop {
@@ -186,7 +179,7 @@ fn report(
                 .send(request)
                 .map_err(|e| Failure::failed(format!("cannot ask the plant: {e}")))?;
         }
-        for message in vehicle.messages.drain(..) {
+        for message in vehicle.outbox.messages.drain(..) {
             link.send(&message);
         }
         if is_stopped {

@@ -7,8 +7,10 @@
 
 pub mod dashboard_model;
 pub(crate) mod feed;
-pub mod screen;
+mod screen;
 mod terminal;
+#[cfg(test)]
+mod tests;
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -68,7 +70,7 @@ fn print_lines(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<
 }
 
 /// The state of the flight in one line.
-pub fn line(flight: &WatchedFlight) -> String {
+fn line(flight: &WatchedFlight) -> String {
     let (tick, statistics) = (flight.tick(), &flight.statistics);
     let time_s = flight.run.flight_time_s(tick);
     let error_m = statistics.flight().position_error_final_m;

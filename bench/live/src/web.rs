@@ -13,7 +13,7 @@ mod texts;
 
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, TcpListener};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
@@ -143,45 +143,35 @@ impl Request {
         }
         sleep(after);
         let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
-        injected(instance, &changes, When::In(Duration::ZERO), lasts).map_err(|e| e.to_string())
+        injected(instance, &changes, When::NOW, lasts).map_err(|e| e.to_string())
     }
 }
 
 /// Answers requests, each in a thread: the plant may take a while.
 fn answer_to(instance: &Instance, allows_control: bool) -> Box<Answer> {
-    let (instance, pending) = (instance.clone(), Arc::new(AtomicUsize::new(0)));
-    let turn = Arc::new(Mutex::new(()));
+    // Held once here, and once by each request whose answer is pending.
+    let (instance, turn) = (instance.clone(), Arc::new(Mutex::new(())));
     Box::new(move |hub: &Arc<Hub>, page: u64, text: &str| {
+        let answer = move |hub: &Hub, id: u64, answered: &Result<String, String>| {
+            hub.send(page, texts::answer(id, answered).to_string().into());
+        };
         let request = match serde_json::from_str::<Request>(text) {
             Ok(request) => request,
-            Err(e) => {
-                let refused = Err(format!("this is no request of the page: {e}"));
-                return hub.send(page, texts::answer(0, &refused).to_string().into());
-            }
+            Err(e) => return answer(hub, 0, &Err(format!("this is no request of the page: {e}"))),
         };
         let id = request.id;
-        let refuse = |why: &str| {
-            let refused = Err(why.to_owned());
-            hub.send(page, texts::answer(id, &refused).to_string().into());
-        };
+        let refuse = |why: &str| answer(hub, id, &Err(why.to_owned()));
         if !allows_control {
             return refuse(
                 "this page is read-only: start it with --allow-control, or use `ironbird inject`",
             );
         }
-        if pending.fetch_add(1, Ordering::Relaxed) >= PENDING {
-            pending.fetch_sub(1, Ordering::Relaxed);
+        let (instance, asked, turn) = (instance.clone(), Arc::clone(hub), Arc::clone(&turn));
+        if Arc::strong_count(&turn) > PENDING + 1 {
             return refuse("too many requests wait for their answers: try again later");
         }
-        let (instance, hub, counted) = (instance.clone(), Arc::clone(hub), Arc::clone(&pending));
-        let turn = Arc::clone(&turn);
-        let inject = move || {
-            let answered = request.injected(&instance, &turn);
-            counted.fetch_sub(1, Ordering::Relaxed);
-            hub.send(page, texts::answer(id, &answered).to_string().into());
-        };
+        let inject = move || answer(&asked, id, &request.injected(&instance, &turn));
         if let Err(e) = thread::Builder::new().spawn(inject) {
-            pending.fetch_sub(1, Ordering::Relaxed);
             refuse(&format!("cannot start a thread to ask the plant: {e}"));
         }
     })

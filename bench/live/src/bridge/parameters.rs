@@ -2,7 +2,6 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
-use std::time::Duration;
 
 use foxglove::websocket::{
     AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterValue,
@@ -12,7 +11,7 @@ use ipc::instance::Instance;
 use messages::blackboards::ActiveParameters;
 use messages::parameters::{self, SPECS};
 
-use crate::inject::{When, ask, injected, parse_line};
+use crate::inject::{When, ask, inject_line};
 use errors::Failure;
 use faults::grammar::{Desired, RequestedValue};
 
@@ -29,7 +28,6 @@ pub(super) struct ParameterMirror {
 const INJECT: &str = "inject";
 const READ_ONLY: &str =
     "this bridge is read-only: start it with --allow-swaps, or use `ironbird inject`";
-const NOW: When = When::In(Duration::ZERO);
 
 impl ParameterMirror {
     /// Takes the active parameters; returns all values if any has changed.
@@ -59,8 +57,7 @@ fn inject_text(instance: &Instance, requested: &Parameter) -> Result<String, Fai
         let what = format!("{INJECT} takes a text, as state.drop=0.1 for 1s");
         return Err(Failure::usage(what));
     };
-    let (changes, lasts) = parse_line(text).map_err(Failure::usage)?;
-    injected(instance, &changes, NOW, lasts)
+    inject_line(instance, text)
 }
 
 /// A change that a client requests.
@@ -136,7 +133,7 @@ impl ParameterHandler for ParameterMirror {
                 false => Err(Failure::usage(READ_ONLY)),
             };
             // As one request, so that they take effect in the same tick.
-            match changes.and_then(|changes| ask(&instance, &changes, NOW)) {
+            match changes.and_then(|changes| ask(&instance, &changes, When::NOW)) {
                 Ok(applied) => {
                     for change in applied.changes {
                         if let Some(active) = &mut active {

@@ -5,6 +5,14 @@ use mavlink::dialects::common::{FailureType, FailureUnit, MavResult};
 /// Why a failure cannot be injected.
 pub type Refused = (MavResult, String);
 
+pub fn denied(why: impl Into<String>) -> Refused {
+    (MavResult::MAV_RESULT_DENIED, why.into())
+}
+
+fn unsupported(why: String) -> Refused {
+    (MavResult::MAV_RESULT_UNSUPPORTED, why)
+}
+
 /// Failures by unit and type, as `ironbird inject` takes them; `{n}` is the instance. A sensor stands for the messages of the stage that uses
 /// it, the receiver for what the inner loop is commanded, the servos for what the mixer commands.
 pub const FAILURES: &[(FailureUnit, FailureType, &str)] = {
@@ -52,7 +60,7 @@ pub const FAILURES: &[(FailureUnit, FailureType, &str)] = {
     ]
 };
 
-const ROTORS: std::ops::RangeInclusive<u64> = 1..=4;
+const ROTORS: u64 = 4;
 
 /// A failure to inject, or the end of those that were.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,82 +77,70 @@ impl Failure {
         [unit, kind, instance]: [f32; 3],
         begun: &[(FailureUnit, String)],
     ) -> Result<Self, Refused> {
-        let denied = |what: String| (MavResult::MAV_RESULT_DENIED, what);
-        let whole = |name: &str, value: f32| match value {
-            _ if value.fract() == 0.0 && (0.0..=255.0).contains(&value) => Ok(value as u64),
-            _ => Err(denied(format!(
-                "{name} of the failure = {value}: write a whole number"
-            ))),
+        let unit = whole("unit", unit)?;
+        let of_unit = FAILURES.iter().filter(|(of, ..)| *of as u64 == unit);
+        let Some(&(unit, ..)) = of_unit.clone().next() else {
+            return Err(unsupported(format!("unit {unit} cannot fail here")));
         };
-        let number = whole("unit", unit)?;
-        let no_unit = || {
-            (
-                MavResult::MAV_RESULT_UNSUPPORTED,
-                format!("unit {number} cannot fail here"),
-            )
-        };
-        let known = FAILURES.iter().find(|(unit, ..)| *unit as u64 == number);
-        let &(unit, ..) = known.ok_or_else(no_unit)?;
-        let number = whole("type", kind)?;
-        let instance = whole("instance", instance)?;
+        let (number, instance) = (whole("type", kind)?, whole("instance", instance)?);
         let is_motor = unit == FailureUnit::FAILURE_UNIT_SYSTEM_MOTOR;
-        let last = if is_motor { *ROTORS.end() } else { 1 };
+        let last = if is_motor { ROTORS } else { 1 };
         if instance > last {
-            return Err(denied(format!(
-                "instance {instance}: allowed are 0 (all) to {last}"
-            )));
+            let why = format!("instance {instance}: allowed are 0 (all) to {last}");
+            return Err(denied(why));
         }
         // 0 stands for all.
-        let rotors = if instance == 0 {
-            ROTORS
-        } else {
-            instance..=instance
+        let rotors = (1..=ROTORS).filter(|rotor| [0, *rotor].contains(&instance));
+        let each = |what: &str| match is_motor {
+            true => joined(rotors.map(|n| what.replace("{n}", &n.to_string()))),
+            false => what.to_owned(),
         };
-        let each = |what: &str| {
-            let texts = rotors.clone().map(|n| what.replace("{n}", &n.to_string()));
-            texts.collect::<Vec<_>>().join(",")
-        };
-        if number == FailureType::FAILURE_TYPE_OK as u64 {
+        let (kind, what) = if number == FailureType::FAILURE_TYPE_OK as u64 {
             let ends = |what: &str| format!("{}=off", what.split('=').next().unwrap_or_default());
-            let mut ends: Vec<String> = begun
-                .iter()
-                .filter(|(of, _)| *of == unit)
-                .map(|(_, what)| ends(what))
-                .collect();
-            ends.dedup();
+            let begun = begun.iter().filter(|(of, _)| *of == unit);
             let what = match is_motor {
-                true => Some(each("rotor_efficiency_{n}=nominal")),
-                false => Some(ends.join(",")).filter(|what| !what.is_empty()),
+                true => each("rotor_efficiency_{n}=nominal"),
+                false => joined(begun.map(|(_, what)| ends(what))),
             };
-            return Ok(Self {
-                unit,
-                kind: FailureType::FAILURE_TYPE_OK,
-                what,
-            });
-        }
-        let row = FAILURES
-            .iter()
-            .find(|(of, kind, _)| *of == unit && *kind as u64 == number);
-        let no_kind = || {
-            let name = format!("{unit:?}");
-            let name = name.trim_start_matches("FAILURE_UNIT_").to_owned();
-            (
-                MavResult::MAV_RESULT_UNSUPPORTED,
-                format!("failure type {number} of {name} does not exist here"),
-            )
-        };
-        let &(_, kind, what) = row.ok_or_else(no_kind)?;
-        let what = if is_motor {
-            each(what)
+            (FailureType::FAILURE_TYPE_OK, what)
         } else {
-            what.to_owned()
+            let mut of_kind = of_unit.filter(|(_, kind, _)| *kind as u64 == number);
+            let Some(&(_, kind, what)) = of_kind.next() else {
+                let name = format!("{unit:?}");
+                let name = name.trim_start_matches("FAILURE_UNIT_");
+                let why = format!("failure type {number} of {name} does not exist here");
+                return Err(unsupported(why));
+            };
+            (kind, each(what))
         };
         Ok(Self {
             unit,
             kind,
-            what: Some(what),
+            what: Some(what).filter(|what| !what.is_empty()),
         })
     }
+
+    /// Whether it ends what was injected.
+    pub fn is_end(&self) -> bool {
+        self.kind == FailureType::FAILURE_TYPE_OK
+    }
+}
+
+/// A whole number that a command has as a float.
+fn whole(name: &str, value: f32) -> Result<u64, Refused> {
+    match value {
+        _ if value.fract() == 0.0 && (0.0..=255.0).contains(&value) => Ok(value as u64),
+        _ => Err(denied(format!(
+            "{name} of the failure = {value}: write a whole number"
+        ))),
+    }
+}
+
+/// Changes in a line, each once in a row.
+fn joined(changes: impl Iterator<Item = String>) -> String {
+    let mut changes: Vec<String> = changes.collect();
+    changes.dedup();
+    changes.join(",")
 }
 
 #[cfg(test)]
@@ -152,17 +148,12 @@ mod tests {
     use super::*;
     use crate::inject::parse_line;
 
-    fn failure(unit: FailureUnit, kind: FailureType, instance: f32) -> Result<Failure, Refused> {
-        Failure::of([unit as u32 as f32, kind as u32 as f32, instance], &[])
-    }
-
     #[test]
     fn every_row_is_what_can_be_injected_and_nothing_is_there_twice() {
         for (place, (unit, kind, what)) in FAILURES.iter().enumerate() {
-            let what = failure(*unit, *kind, 1.0)
-                .unwrap()
-                .what
-                .unwrap_or_else(|| panic!("{what}"));
+            let parameters = [*unit as u32 as f32, *kind as u32 as f32, 1.0];
+            let failure = Failure::of(parameters, &[]).unwrap();
+            let what = failure.what.unwrap_or_else(|| panic!("{what}"));
             parse_line(&what).unwrap_or_else(|why| panic!("{what}: {why}"));
             let again = FAILURES[..place]
                 .iter()
@@ -172,91 +163,6 @@ mod tests {
             if *unit != FailureUnit::FAILURE_UNIT_SYSTEM_MOTOR {
                 parse_line(&off).unwrap_or_else(|why| panic!("{off}: {why}"));
             }
-        }
-    }
-
-    #[test]
-    fn instances_are_rotors_and_the_end_takes_back_what_was_injected() {
-        use FailureType::*;
-        use FailureUnit::*;
-        let what = |failure: Result<Failure, Refused>| failure.unwrap().what;
-        let motor = FAILURE_UNIT_SYSTEM_MOTOR;
-        assert_eq!(
-            what(failure(motor, FAILURE_TYPE_OFF, 3.0)).unwrap(),
-            "rotor_efficiency_3=0"
-        );
-        assert_eq!(
-            what(failure(motor, FAILURE_TYPE_OK, 0.0))
-                .unwrap()
-                .matches("=nominal")
-                .count(),
-            4
-        );
-        assert_eq!(
-            what(failure(FAILURE_UNIT_SENSOR_GPS, FAILURE_TYPE_OK, 0.0)),
-            None
-        );
-        let begun = [
-            (FAILURE_UNIT_SENSOR_GPS, "outer.state.drop=0.2".to_owned()),
-            (FAILURE_UNIT_SENSOR_GYRO, "inner.state.freeze".to_owned()),
-            (FAILURE_UNIT_SENSOR_GPS, "outer.state.lag=20".to_owned()),
-        ];
-        let end = Failure::of([4.0, 0.0, 0.0], &begun).unwrap();
-        assert_eq!(
-            end.what.unwrap(),
-            "outer.state.drop=off,outer.state.lag=off"
-        );
-    }
-
-    #[test]
-    fn what_is_no_failure_is_refused_with_the_reason() {
-        use MavResult::*;
-        for (parameters, result, words) in [
-            (
-                [7.0, 1.0, 0.0],
-                MAV_RESULT_UNSUPPORTED,
-                "unit 7 cannot fail here",
-            ),
-            (
-                [4.0, 8.0, 0.0],
-                MAV_RESULT_UNSUPPORTED,
-                "failure type 8 of SENSOR_GPS does not exist here",
-            ),
-            (
-                [101.0, 2.0, 1.0],
-                MAV_RESULT_UNSUPPORTED,
-                "failure type 2 of SYSTEM_MOTOR does not exist here",
-            ),
-            (
-                [101.0, 1.0, 5.0],
-                MAV_RESULT_DENIED,
-                "instance 5: allowed are 0 (all) to 4",
-            ),
-            (
-                [102.0, 1.0, 2.0],
-                MAV_RESULT_DENIED,
-                "instance 2: allowed are 0 (all) to 1",
-            ),
-            (
-                [0.5, 1.0, 0.0],
-                MAV_RESULT_DENIED,
-                "unit of the failure = 0.5: write a whole number",
-            ),
-            (
-                [4.0, f32::NAN, 0.0],
-                MAV_RESULT_DENIED,
-                "type of the failure = NaN: write a whole number",
-            ),
-            (
-                [4.0, 1.0, -1.0],
-                MAV_RESULT_DENIED,
-                "instance of the failure = -1: write a whole number",
-            ),
-        ] {
-            assert_eq!(
-                Failure::of(parameters, &[]),
-                Err((result, words.to_owned()))
-            );
         }
     }
 }

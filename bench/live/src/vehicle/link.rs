@@ -42,7 +42,6 @@ pub enum Frame {
     Signed,
 }
 
-#[derive(Debug)]
 pub struct Link {
     transport: Transport,
     sequence: u8,
@@ -54,15 +53,6 @@ enum Transport {
         listener: TcpListener,
         station: Option<MavlinkReader<Budget>>,
     },
-}
-
-impl std::fmt::Debug for Transport {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Udp(_) => "Udp",
-            Self::Tcp { .. } => "Tcp",
-        })
-    }
 }
 
 /// A stream of which only so much is read in a row: who sends without end does not keep the vehicle from sending.

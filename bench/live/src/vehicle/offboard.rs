@@ -7,7 +7,7 @@ use mavlink::dialects::common::*;
 use messages::content::{FlightTarget, TargetKind};
 use plant::guidance;
 
-use super::failures::Refused;
+use super::failures::{Refused, denied};
 use super::parameters::meant;
 use crate::watch::dashboard_model::WatchedFlight;
 use messages::ned::{ORIGIN, local, turned, turned_angles};
@@ -56,12 +56,6 @@ impl Mode {
     pub const fn number(self) -> u32 {
         let [main, sub] = self.parts();
         main << 16 | sub << 24
-    }
-
-    /// The mode of MAV_CMD_DO_SET_MODE.
-    pub fn of_command([_, main, sub, ..]: [f32; 4]) -> Option<Self> {
-        let parts = [main, sub].map(|it| it as u32);
-        Self::ALL.into_iter().find(|mode| mode.parts() == parts)
     }
 }
 
@@ -161,40 +155,71 @@ fn yaw_of(heading_rad: f32) -> f64 {
     turned_angles([0.0, 0.0, meant(heading_rad).rem_euclid(TAU)])[2]
 }
 
-/// Where a command is about; what it leaves out is none.
+/// A command, in whichever of the two messages it came.
+#[derive(Clone, Copy, Debug)]
+pub struct Command {
+    pub name: MavCmd,
+    /// The first four.
+    pub parameters: [f32; 4],
+    /// None in a frame that is not global.
+    place: Option<Place>,
+}
+
+/// The place that a command is about; what it leaves out is none.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Place {
-    pub latitude_longitude_deg: Option<[f64; 2]>,
+struct Place {
+    latitude_longitude_deg: Option<[f64; 2]>,
     /// Above the start [m].
     height_m: Option<f64>,
 }
 
-impl Place {
+impl Command {
     pub fn long(it: &COMMAND_LONG_DATA) -> Self {
         // The altitude of a take-off is above the start: clients send it so to all autopilots but PX4.
         let begin_m = match it.command {
             MavCmd::MAV_CMD_NAV_TAKEOFF => 0.0,
             _ => ORIGIN[2],
         };
-        Self::new([it.param5, it.param6].map(meant), it.param7, begin_m)
+        Self {
+            name: it.command,
+            parameters: [it.param1, it.param2, it.param3, it.param4],
+            place: Some(Place::new(
+                [it.param5, it.param6].map(meant),
+                it.param7,
+                begin_m,
+            )),
+        }
     }
 
-    /// None of a frame that is not global.
     #[expect(deprecated, reason = "sent by older clients")]
-    pub fn int(it: &COMMAND_INT_DATA) -> Option<Self> {
+    pub fn int(it: &COMMAND_INT_DATA) -> Self {
         let begin_m = match it.frame {
-            MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => ORIGIN[2],
+            MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => Some(ORIGIN[2]),
             MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT
-            | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => 0.0,
-            _ => return None,
+            | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => Some(0.0),
+            _ => None,
         };
-        let degrees = |it: i32| match it {
+        let degrees = [it.x, it.y].map(|it| match it {
             i32::MAX => f64::NAN,
             it => f64::from(it) * 1e-7,
-        };
-        Some(Self::new([it.x, it.y].map(degrees), it.z, begin_m))
+        });
+        Self {
+            name: it.command,
+            parameters: [it.param1, it.param2, it.param3, it.param4],
+            place: begin_m.map(|begin_m| Place::new(degrees, it.z, begin_m)),
+        }
     }
 
+    /// The mode that MAV_CMD_DO_SET_MODE selects.
+    pub fn mode(&self) -> Option<Mode> {
+        let [_, main, sub, _] = self.parameters.map(|it| it as u32);
+        let mut modes = Mode::ALL.into_iter();
+        let is_mode = self.name == MavCmd::MAV_CMD_DO_SET_MODE;
+        modes.find(|mode| is_mode && mode.parts() == [main, sub])
+    }
+}
+
+impl Place {
     fn new(degrees: [f64; 2], altitude_m: f32, begin_m: f64) -> Self {
         let is_given = degrees.iter().all(|it| !it.is_nan()) && degrees != [0.0; 2];
         Self {
@@ -204,30 +229,29 @@ impl Place {
     }
 }
 
-/// The target of a command; none of a command that has none.
-pub fn of_command(
-    command: MavCmd,
-    [first, .., heading_rad]: [f32; 4],
-    place: Option<Place>,
-    flight: &WatchedFlight,
-) -> Result<Option<TargetOrder>, Refused> {
-    let denied = |why: String| (MavResult::MAV_RESULT_DENIED, why);
-    let reference = flight.state.unwrap_or_default().reference;
-    let height_m = match command {
-        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 0.0 => return Ok(Some(HOLD)),
+/// The target of a command.
+pub fn of_command(command: &Command, flight: &WatchedFlight) -> Result<TargetOrder, Refused> {
+    let (name, [first, .., heading_rad]) = (command.name, command.parameters);
+    let height_m = match name {
+        MavCmd::MAV_CMD_DO_SET_MODE if command.mode() == Some(Mode::Hold) => return Ok(HOLD),
+        MavCmd::MAV_CMD_DO_SET_MODE => {
+            let modes = Mode::ALL.map(Mode::name).join(" and ");
+            return Err(denied(format!("modes of this vehicle: {modes}")));
+        }
+        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 0.0 => return Ok(HOLD),
         MavCmd::MAV_CMD_NAV_TAKEOFF => Some(TAKEOFF_M),
         MavCmd::MAV_CMD_NAV_LAND => Some(lowest_m(flight)),
         MavCmd::MAV_CMD_DO_REPOSITION if first > 0.0 => {
-            return Err(denied(format!(
-                "speed {first} m/s of the reposition: allowed is -1"
-            )));
+            let why = format!("speed {first} m/s of the reposition: allowed is -1");
+            return Err(denied(why));
         }
         MavCmd::MAV_CMD_DO_REPOSITION => None,
-        _ => return Ok(None),
+        _ => return Err(denied(format!("{name:?} is not flown here"))),
     };
-    let place = place.ok_or_else(|| denied("a place in a frame that is not global".into()))?;
-    let lands = command == MavCmd::MAV_CMD_NAV_LAND;
-    let mut position_w_m = reference.position_w_m;
+    let no_place = || denied("a place in a frame that is not global");
+    let place = command.place.ok_or_else(no_place)?;
+    let lands = name == MavCmd::MAV_CMD_NAV_LAND;
+    let mut position_w_m = flight.state.unwrap_or_default().reference.position_w_m;
     if let Some(degrees) = place.latitude_longitude_deg {
         [position_w_m[0], position_w_m[1], _] = turned(local(degrees));
     }
@@ -238,6 +262,5 @@ pub fn of_command(
         position_w_m,
         ..FlightTarget::default()
     };
-    let order = order(target, yaw_of(heading_rad), true, flight);
-    order.map(Some).map_err(denied)
+    order(target, yaw_of(heading_rad), true, flight).map_err(denied)
 }

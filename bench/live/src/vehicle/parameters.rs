@@ -1,5 +1,6 @@
 //! The airframe's parameters under names that MAVLink has room for, and their values in single precision.
 
+use mavlink::dialects::common::{MavParamType, PARAM_VALUE_DATA};
 use messages::parameters::{PARAMETERS, Parameter, SPECS};
 
 /// The names, at most 16 characters each, in the order of [`SPECS`].
@@ -44,6 +45,27 @@ pub const FAILURES_ENABLED: &str = "SYS_FAILURE_EN";
 pub fn parameter_of(name: &str) -> Option<Parameter> {
     let place = NAMES.iter().position(|it| *it == name)?;
     Some(SPECS[place].parameter)
+}
+
+/// Place of a parameter among those that are sent; [`FAILURES_ENABLED`] is the last one.
+pub fn index_of(name: &str) -> Option<usize> {
+    let names = NAMES.iter().chain([&FAILURES_ENABLED]);
+    names.into_iter().position(|it| *it == name)
+}
+
+/// A value of the parameter at a place.
+pub fn value_of(index: usize, param_value: f32) -> PARAM_VALUE_DATA {
+    let (name, param_type) = match NAMES.get(index) {
+        Some(name) => (*name, MavParamType::MAV_PARAM_TYPE_REAL32),
+        None => (FAILURES_ENABLED, MavParamType::MAV_PARAM_TYPE_INT32),
+    };
+    PARAM_VALUE_DATA {
+        param_value,
+        param_count: NAMES.len() as u16 + 1,
+        param_index: index as u16,
+        param_id: name.into(),
+        param_type,
+    }
 }
 
 /// The number that a single-precision value stands for: its shortest decimal form, which is what a user typed.

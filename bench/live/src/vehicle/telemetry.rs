@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use analysis::schema::{FlightVerdict, TimingVerdict};
 use mavlink::MessageData as _;
 use mavlink::dialects::common::*;
 use messages::blackboards::EndReason;
@@ -10,7 +9,7 @@ use messages::content::ROTORS;
 use messages::parameters::Parameter;
 
 use super::offboard::Mode;
-use crate::watch::dashboard_model::WatchedFlight;
+use crate::watch::dashboard_model::{Judged, WatchedFlight};
 use messages::ned::{ORIGIN, geographic, turned, turned_angles, turned_quaternion};
 
 /// Messages that are sent by themselves, and how often unless the ground station asks for something else.
@@ -119,13 +118,9 @@ fn sys_status(flight: &WatchedFlight) -> SYS_STATUS_DATA {
     let mut health = present;
     let controls = Part::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
         | Part::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL;
-    let is_off = matches!(
-        verdicts.flight.word,
-        FlightVerdict::OffTrack | FlightVerdict::Lost
-    );
-    health.set(controls, !is_off);
-    let is_late = verdicts.timing.word == TimingVerdict::Late;
-    health.set(Part::MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS, !is_late);
+    let is_bad = Judged::all(&verdicts).map(|it| it.is_good == Some(false));
+    health.set(controls, !is_bad[0]);
+    health.set(Part::MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS, !is_bad[1]);
     health.set(Part::MAV_SYS_STATUS_LOGGING, flight.recorder_lives);
     let count = |ticks: u64| ticks.min(u16::MAX.into()) as u16;
     SYS_STATUS_DATA {
@@ -168,10 +163,15 @@ fn extended_sys_state(flight: &WatchedFlight) -> EXTENDED_SYS_STATE_DATA {
     }
 }
 
+/// A vector in MAVLink's frames.
+fn ned(vector: [f64; 3]) -> [f32; 3] {
+    turned(vector).map(|it| it as f32)
+}
+
 fn attitude(flight: &WatchedFlight) -> Option<ATTITUDE_DATA> {
     let measured = flight.state.as_ref()?.measured;
     let [roll, pitch, yaw] = turned_angles(measured.attitude_rad).map(|it| it as f32);
-    let [rollspeed, pitchspeed, yawspeed] = turned(measured.rate_b_rad_s).map(|it| it as f32);
+    let [rollspeed, pitchspeed, yawspeed] = ned(measured.rate_b_rad_s);
     Some(ATTITUDE_DATA {
         time_boot_ms: time_ms(flight),
         roll,
@@ -186,7 +186,7 @@ fn attitude(flight: &WatchedFlight) -> Option<ATTITUDE_DATA> {
 fn attitude_quaternion(flight: &WatchedFlight) -> Option<ATTITUDE_QUATERNION_DATA> {
     let measured = flight.state.as_ref()?.measured;
     let [q1, q2, q3, q4] = turned_quaternion(measured.attitude_quaternion).map(|it| it as f32);
-    let [rollspeed, pitchspeed, yawspeed] = turned(measured.rate_b_rad_s).map(|it| it as f32);
+    let [rollspeed, pitchspeed, yawspeed] = ned(measured.rate_b_rad_s);
     Some(ATTITUDE_QUATERNION_DATA {
         time_boot_ms: time_ms(flight),
         q1,
@@ -202,8 +202,8 @@ fn attitude_quaternion(flight: &WatchedFlight) -> Option<ATTITUDE_QUATERNION_DAT
 
 fn local_position(flight: &WatchedFlight) -> Option<LOCAL_POSITION_NED_DATA> {
     let measured = flight.state.as_ref()?.measured;
-    let [x, y, z] = turned(measured.position_w_m).map(|it| it as f32);
-    let [vx, vy, vz] = turned(measured.velocity_w_m_s).map(|it| it as f32);
+    let [x, y, z] = ned(measured.position_w_m);
+    let [vx, vy, vz] = ned(measured.velocity_w_m_s);
     Some(LOCAL_POSITION_NED_DATA {
         time_boot_ms: time_ms(flight),
         x,
@@ -217,9 +217,9 @@ fn local_position(flight: &WatchedFlight) -> Option<LOCAL_POSITION_NED_DATA> {
 
 fn position_target(flight: &WatchedFlight) -> Option<POSITION_TARGET_LOCAL_NED_DATA> {
     let reference = flight.setpoint.as_ref()?.reference;
-    let [x, y, z] = turned(reference.position_w_m).map(|it| it as f32);
-    let [vx, vy, vz] = turned(reference.velocity_w_m_s).map(|it| it as f32);
-    let [afx, afy, afz] = turned(reference.acceleration_w_m_s2).map(|it| it as f32);
+    let [x, y, z] = ned(reference.position_w_m);
+    let [vx, vy, vz] = ned(reference.velocity_w_m_s);
+    let [afx, afy, afz] = ned(reference.acceleration_w_m_s2);
     Some(POSITION_TARGET_LOCAL_NED_DATA {
         time_boot_ms: time_ms(flight),
         x,

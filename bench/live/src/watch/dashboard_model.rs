@@ -15,13 +15,17 @@ use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Channel, Replica, Role, STAGES};
 use messages::topic::Topic;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use serde::Serialize;
 
 use crate::inject::parse_line;
 use analysis::faults::{AppliedSwap, InjectedFault};
 use analysis::flight_statistics::FlightStatistics;
 use analysis::host::Steal;
 use analysis::laws::FlownLaws;
-use analysis::schema::{Explained, NotFresh, Speed, Ticks, Verdicts};
+use analysis::phrase::name_of;
+use analysis::schema::{
+    Explained, FlightVerdict, NotFresh, Speed, StabilityVerdict, Ticks, TimingVerdict, Verdicts,
+};
 use analysis::series::Series;
 use analysis::states::is_final_command;
 use analysis::theorem::Theorem;
@@ -473,9 +477,7 @@ impl WatchedFlight {
         let (pose, last) = (self.pose(tick, error_m), self.poses.back());
         let is_due = |last: &Pose| pose.time_s >= last.time_s + POINT_S;
         if last.is_none_or(is_due) {
-            self.poses.push_back(pose);
-            let surplus = self.poses.len().saturating_sub(POSES);
-            self.poses.drain(..surplus);
+            keep(&mut self.poses, pose, POSES);
         }
     }
 
@@ -524,9 +526,7 @@ impl WatchedFlight {
             Some((before, _)) if before == channel => {}
             Some((before, _)) => {
                 self.channel = Some((channel, Some(tick)));
-                self.handovers.push_back((tick, [before, channel]));
-                let surplus = self.handovers.len().saturating_sub(HANDOVERS);
-                self.handovers.drain(..surplus);
+                keep(&mut self.handovers, (tick, [before, channel]), HANDOVERS);
             }
             None => self.channel = Some((channel, (tick == 0).then_some(0))),
         }
@@ -553,32 +553,31 @@ impl WatchedFlight {
 
     /// The events with their ticks, the newest first; of handovers, which may be many, the newest `handovers`.
     pub fn events(&self, handovers: usize) -> Vec<Event> {
-        let event = |tick: u64, kind: &'static str, text: String| Event { tick, kind, text };
-        let supervised = self.supervision.events();
-        let supervised = supervised
-            .map(|(tick, subject, message)| event(tick, subject.name(), message.to_owned()));
-        let newest = self.handovers.iter().rev().take(handovers);
-        let handovers = newest.map(|(tick, [before, after])| {
+        let mut events = Vec::new();
+        let mut add = |tick: u64, kind: &'static str, text: String| {
+            if tick <= self.run.tick {
+                events.push(Event { tick, kind, text });
+            }
+        };
+        for (tick, subject, message) in self.supervision.events() {
+            add(tick, subject.name(), message.to_owned());
+        }
+        for (tick, [before, after]) in self.handovers.iter().rev().take(handovers) {
             let text = format!("channel {after} flies in place of channel {before}");
-            event(*tick, "handover", text)
-        });
-        let begun = self
-            .faults()
-            .map(|it| event(it.tick, "fault", format!("fault {}", it.what)));
-        let ended = self.faults().filter_map(|it| {
-            Some(event(
-                it.to_tick?,
-                "end",
-                format!("end of the fault {}", it.what),
-            ))
-        });
-        let swaps = self.statistics.swaps.iter();
-        let swaps = swaps.map(|it| event(it.tick, "parameter", render::sentences::swap(it)));
-        let all = supervised.chain(handovers).chain(begun).chain(ended);
-        let targets = self.statistics.targets.followed.iter();
-        let targets = targets.map(|it| event(it.tick, "target", render::sentences::target(it)));
-        let is_past = |event: &Event| event.tick <= self.run.tick;
-        let mut events: Vec<_> = all.chain(swaps).chain(targets).filter(is_past).collect();
+            add(*tick, "handover", text);
+        }
+        for it in self.faults() {
+            add(it.tick, "fault", format!("fault {}", it.what));
+        }
+        for (it, end) in self.faults().filter_map(|it| Some((it, it.to_tick?))) {
+            add(end, "end", format!("end of the fault {}", it.what));
+        }
+        for it in &self.statistics.swaps {
+            add(it.tick, "parameter", render::sentences::swap(it));
+        }
+        for it in &self.statistics.targets.followed {
+            add(it.tick, "target", render::sentences::target(it));
+        }
         events.sort_by_key(|event| std::cmp::Reverse(event.tick));
         events
     }
@@ -636,6 +635,41 @@ impl WatchedFlight {
     }
 }
 
+/// A verdict as all views show it.
+#[derive(Clone, Debug)]
+pub struct Judged<'a> {
+    pub word: String,
+    pub why: &'a str,
+    /// None if it is neither good nor bad.
+    pub is_good: Option<bool>,
+}
+
+impl<'a> Judged<'a> {
+    fn new<W: Serialize + PartialEq>(verdict: &'a Explained<W>, good: W, bad: &[W]) -> Self {
+        let is_good = verdict.word == good;
+        Self {
+            word: name_of(&verdict.word),
+            why: &verdict.why,
+            is_good: (is_good || bad.contains(&verdict.word)).then_some(is_good),
+        }
+    }
+
+    /// Those on flight, timing and theorem.
+    pub fn all(verdicts: &'a Verdicts) -> [Self; 3] {
+        use FlightVerdict::{Lost, OffTrack, Tracked};
+        let (timing, theorem) = (&verdicts.timing, &verdicts.theorem);
+        [
+            Self::new(&verdicts.flight, Tracked, &[OffTrack, Lost]),
+            Self::new(timing, TimingVerdict::InTime, &[TimingVerdict::Late]),
+            Self::new(
+                theorem,
+                StabilityVerdict::Holds,
+                &[StabilityVerdict::Broken],
+            ),
+        ]
+    }
+}
+
 fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
     let setting = |key: &str| settings.get(key).map_or("", String::as_str);
     let name = setting("flight.trajectory");
@@ -662,6 +696,14 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
     let number = |key: &str| setting(key).parse().unwrap_or(1.0);
     let course = course.stretched(number("trajectory.size"), number("trajectory.period"));
     Ok(Tracking::along(course, run.flight_time_s(1)))
+}
+
+/// Adds the newest of at most `most`.
+fn keep<T>(all: &mut VecDeque<T>, newest: T, most: usize) {
+    if all.len() >= most {
+        all.pop_front();
+    }
+    all.push_back(newest);
 }
 
 /// Flight time of a point [s].
@@ -712,10 +754,9 @@ impl Trace {
         match &mut self.present {
             Some((present, largest)) if *present == number => *largest = largest.max(value),
             present => {
-                let last = present.replace((number, value));
-                self.points.extend(last.map(|(_, largest)| largest));
-                let surplus = self.points.len().saturating_sub(POINTS);
-                self.points.drain(..surplus);
+                if let Some((_, largest)) = present.replace((number, value)) {
+                    keep(&mut self.points, largest, POINTS);
+                }
             }
         }
     }

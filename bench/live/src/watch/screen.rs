@@ -21,9 +21,8 @@ use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 
-use crate::watch::dashboard_model::{Model, Tab};
-use analysis::phrase::name_of;
-use analysis::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
+use crate::watch::dashboard_model::{Judged, Model, Tab};
+use analysis::schema::TimingVerdict;
 use region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, SELECTED, fitting, good_or_bad};
 
 /// The smallest terminal that has room for a page.
@@ -109,35 +108,17 @@ fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     };
     let (verdicts, not_fresh) = flight.verdicts();
     let lost_at = flight.lost_at();
-    let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
-    let theorem = verdicts.theorem.word;
-    let verdict = |subject, word: String, [is_good, is_bad]: [bool; 2]| {
-        let style = match (lost_at, is_good, is_bad) {
-            (None, true, _) => GOOD,
-            (None, _, true) => BAD,
-            _ => FAINT,
-        };
-        Line::from_iter([Span::styled(subject, FAINT), Span::styled(word, style)])
-    };
-    let on_track = [
-        tracked == FlightVerdict::Tracked,
-        matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
-    ];
-    let in_time = [
-        timing == TimingVerdict::InTime,
-        timing == TimingVerdict::Late,
-    ];
-    let timing = match timing {
-        TimingVerdict::Late => format!("late, {:.2} % on time", not_fresh.on_time_percent()),
-        word => name_of(&word),
-    };
-    let holds = [StabilityVerdict::Holds, StabilityVerdict::Broken].map(|it| theorem == it);
+    let mut all = Judged::all(&verdicts);
+    if verdicts.timing.word == TimingVerdict::Late {
+        all[1].word = format!("late, {:.2} % on time", not_fresh.on_time_percent());
+    }
+    let subjects = [" ", "   timing ", "   theorem "];
+    let parts = subjects.into_iter().zip(all).map(|(subject, it)| {
+        let is_good = it.is_good.filter(|_| lost_at.is_none());
+        let word = Span::styled(it.word, is_good.map_or(FAINT, good_or_bad));
+        Line::from_iter([Span::styled(subject, FAINT), word])
+    });
     let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), BAD));
-    let parts = [
-        verdict(" ", name_of(&tracked), on_track),
-        verdict("   timing ", timing, in_time),
-        verdict("   theorem ", name_of(&theorem), holds),
-    ];
     fitting(until.into_iter().chain(parts), width)
 }
 

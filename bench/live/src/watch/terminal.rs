@@ -123,9 +123,9 @@ fn show(
                 let (instance, sender) = (feed.instance.clone(), sender.clone());
                 // The plant may answer late; the dashboard continues meanwhile.
                 let inject = move || {
-                    let now = When::In(Duration::ZERO);
+                    let answer = injected(&instance, &changes, When::NOW, lasts);
                     // The receiver is gone if the user has left the dashboard.
-                    let _ = sender.send(injected(&instance, &changes, now, lasts));
+                    let _ = sender.send(answer);
                 };
                 if let Err(e) = thread::Builder::new().spawn(inject) {
                     let what = format!("cannot start a thread to ask the plant: {e}");

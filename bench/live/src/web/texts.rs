@@ -9,8 +9,7 @@
 
 use std::collections::BTreeMap;
 
-use analysis::phrase::name_of;
-use analysis::schema::{Explained, FlightVerdict, StabilityVerdict, TimingVerdict};
+use analysis::schema::{Explained, FlightVerdict};
 use analysis::series::{Latencies, Series, Statistics};
 use analysis::theorem::no_theorem;
 use faults::PORTS;
@@ -23,7 +22,7 @@ use messages::role::{Channel, Replica, Role, STAGES};
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
-use crate::watch::dashboard_model::{Event, Model, Pose, WatchedFlight};
+use crate::watch::dashboard_model::{Event, Judged, Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
 const BINS: f64 = 12.0;
@@ -60,7 +59,7 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
         let conditions = conditions.map(|key| flight.setting(key));
         text["flight"] = json!({
             "run": run.run_id.to_string(),
-            "channels": run.channels.max(1),
+            "channels": channels(flight),
             "duration_s": run.flight_time_s(run.last_tick),
             "conditions": conditions,
             "no_estimates": flight.laws.without_theorem.map(no_theorem),
@@ -69,10 +68,14 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
             "reference": flight.reference_line(),
             "poses": flight.poses.iter().map(pose_numbers).collect::<Vec<_>>(),
             "parameters": parameters.collect::<Vec<_>>(),
-            "faults": fault_rows(run.channels.max(1) as usize, run.flight_time_s(1)),
+            "faults": fault_rows(channels(flight), run.flight_time_s(1)),
         });
     }
     text
+}
+
+fn channels(flight: &WatchedFlight) -> usize {
+    flight.run.channels.max(1) as usize
 }
 
 /// Speed of each rotor in hover by the nominal parameters.
@@ -106,34 +109,18 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         Some(report) if !report.run.in_flight => (report.words.clone(), flight.verdicts().1),
         _ => flight.verdicts(),
     };
-    let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
-    let theorem = verdicts.theorem.word;
-    let tone = |is_good: bool, is_bad: bool| match (is_good, is_bad) {
-        (true, _) => "good",
-        (_, true) => "bad",
-        _ => "open",
-    };
-    let is_off = matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost);
-    let is_late = timing == TimingVerdict::Late;
-    // Without a recorder, they are of the past.
-    let verdict = |word: String, why: &str, tone: &str| match flight.lost_at() {
+    let verdict = |it: Judged<'_>| match flight.lost_at() {
+        // Without a recorder, it is of the past.
         Some(tick) => {
-            json!({"word": word, "why": format!("up to tick {tick}: {why}"), "tone": "open"})
+            let why = format!("up to tick {tick}: {}", it.why);
+            json!({"word": it.word, "why": why, "tone": tone(None)})
         }
-        None => json!({"word": word, "why": why, "tone": tone}),
+        None => json!({"word": it.word, "why": it.why, "tone": tone(it.is_good)}),
     };
     text["flight"] = json!({
         "phase": phase(flight, filed, &verdicts.flight),
         "tick": flight.tick(),
-        "verdicts": [
-            verdict(name_of(&tracked), &verdicts.flight.why, tone(tracked == FlightVerdict::Tracked, is_off)),
-            verdict(name_of(&timing), &verdicts.timing.why, tone(timing == TimingVerdict::InTime, is_late)),
-            verdict(
-                name_of(&theorem),
-                &verdicts.theorem.why,
-                tone(theorem == StabilityVerdict::Holds, theorem == StabilityVerdict::Broken),
-            ),
-        ],
+        "verdicts": Judged::all(&verdicts).map(verdict),
         "broken": broken(flight),
         "changed": changed(flight),
         "missed": flight.run.deadlines_missed,
@@ -155,6 +142,14 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
     text
 }
 
+const fn tone(is_good: Option<bool>) -> &'static str {
+    match is_good {
+        Some(true) => "good",
+        Some(false) => "bad",
+        None => "open",
+    }
+}
+
 fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVerdict>) -> Value {
     let Some(ending) = flight.ending else {
         let active = flight
@@ -162,19 +157,18 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVe
             .and_then(|it| Channel::from_wire(it.active));
         let active = active.filter(|_| flight.run.channels > 1);
         let why = active.map_or_else(String::new, |it| format!("channel {it} flies"));
-        return json!({"word": "flying", "why": why, "tone": "good"});
+        return json!({"word": "flying", "why": why, "tone": tone(Some(true))});
     };
     let report = filed.excerpt.as_ref().filter(|it| !it.run.in_flight);
-    let (word, why, tone) = match ending {
-        _ if track.word == FlightVerdict::Lost => ("lost", track.why.as_str(), "bad"),
-        EndReason::Completed => ("ended", "its duration is over", "open"),
-        _ => (
-            "ended",
-            report.map_or(ending.name(), |it| it.run.ending.as_str()),
-            "bad",
-        ),
+    let (word, why, is_good) = match ending {
+        _ if track.word == FlightVerdict::Lost => ("lost", track.why.as_str(), Some(false)),
+        EndReason::Completed => ("ended", "its duration is over", None),
+        _ => {
+            let why = report.map_or(ending.name(), |it| it.run.ending.as_str());
+            ("ended", why, Some(false))
+        }
     };
-    json!({"word": word, "why": why, "tone": tone})
+    json!({"word": word, "why": why, "tone": tone(is_good)})
 }
 
 /// Missing processes, active faults and stages that use old data, at this moment.
@@ -184,7 +178,10 @@ fn broken(flight: &WatchedFlight) -> Vec<String> {
     }
     let mut broken = Vec::new();
     for replica in &flight.missing {
-        broken.push(format!("no {} process", name_in(flight, *replica)));
+        broken.push(format!(
+            "no {} process",
+            name_in(channels(flight), *replica)
+        ));
     }
     for (what, rest_s) in flight.active_faults() {
         broken.push(match rest_s {
@@ -201,7 +198,7 @@ fn broken(flight: &WatchedFlight) -> Vec<String> {
             Mode::NotFinite => "replaces its law's output, which is not finite",
         };
         let since_s = flight.run.flight_time_s(since);
-        let stage = name_in(flight, stage.into());
+        let stage = name_in(channels(flight), stage.into());
         broken.push(format!("{stage}, since {since_s:.3} s: {does}"));
     }
     broken
@@ -224,10 +221,13 @@ fn changed(flight: &WatchedFlight) -> Vec<String> {
     words.collect()
 }
 
+const fn is_of_channel(replica: Replica) -> bool {
+    !matches!(replica.role, Role::Plant | Role::Record)
+}
+
 /// Name of a process, with its channel if there are several.
-fn name_in(flight: &WatchedFlight, replica: Replica) -> String {
-    let is_of_channel = !matches!(replica.role, Role::Plant | Role::Record);
-    match flight.run.channels > 1 && is_of_channel {
+fn name_in(channels: usize, replica: Replica) -> String {
+    match channels > 1 && is_of_channel(replica) {
         true => format!("{}.{}", replica.channel, replica.role),
         false => replica.to_string(),
     }
@@ -316,7 +316,7 @@ fn channel(flight: &WatchedFlight) -> Value {
 fn processes(flight: &WatchedFlight) -> Vec<Value> {
     let all = flight.statuses.iter().map(|(replica, status)| {
         json!({
-            "name": name_in(flight, *replica), "pid": status.pid, "missing": flight.missing.contains(replica),
+            "name": name_in(channels(flight), *replica), "pid": status.pid, "missing": flight.missing.contains(replica),
             "phase": format!("{:?}", status.phase()).to_lowercase(), "ticks": status.ticks_run,
             "skipped": status.ticks_skipped, "stale": status.ticks_stale,
         })
@@ -330,86 +330,73 @@ fn events(flight: &WatchedFlight) -> Vec<Value> {
     events.map(event).collect()
 }
 
-/// A button: its words, and what it injects, some of it later.
-type Button = (String, Vec<(String, Option<&'static str>)>);
-
 /// Buttons by what they act on.
 fn fault_rows(channels: usize, period_s: f64) -> Vec<Value> {
-    let now = |label: &str, what: String| (label.to_owned(), vec![(what, None)]);
     let delay_ticks = (3e-3 / period_s).round().max(1.0);
-    let mut rows: Vec<(String, Vec<Button>)> = Vec::new();
-    let mut topics = PORTS.map(|port| port.topic()).to_vec();
-    topics.dedup();
-    for topic in topics {
-        let buttons = vec![
-            now("drop 20 %", format!("{topic}.drop=0.2")),
-            now(
-                &format!("delay {:.0} ms", 1e3 * delay_ticks * period_s),
-                format!("{topic}.delay={delay_ticks}"),
-            ),
-            now("freeze", format!("{topic}.freeze")),
-        ];
-        rows.push((format!("messages {topic}"), buttons));
-    }
-    let of_loops =
-        Replica::all(channels).filter(|it| !matches!(it.role, Role::Plant | Role::Record));
-    for Replica { channel, role } in of_loops {
-        let stage = match channels {
-            1 => role.to_string(),
-            _ => format!("{channel}.{role}"),
-        };
-        let buttons = ["kill", "late=3ms", "stop=20ms"];
-        let words = ["kill", "3 ms late", "stop 20 ms"];
-        let buttons = words.into_iter().zip(buttons);
-        let buttons = buttons.map(|(label, what)| now(label, format!("{stage}.{what}")));
-        rows.push((format!("process {stage}"), buttons.collect()));
-    }
-    if channels > 1 {
-        let letters = Channel::first(channels);
-        let switch = letters.map(|it| now(&format!("fly {it}"), format!("{it}.switch")));
-        rows.push(("channel".into(), switch.collect()));
-    }
-    let for_2s = |label: &str, name: &str, value: &str| {
-        let change = |value: &str| format!("{name}={value}~200ms");
-        let back = (change("nominal"), Some("2s"));
-        (label.to_owned(), vec![(change(value), None), back])
-    };
-    let gusts = [
+    let delay = format!("delay {:.0} ms", 1e3 * delay_ticks * period_s);
+    let delay_fault = format!("delay={delay_ticks}");
+    let of_messages = [
+        ("drop 20 %", "drop=0.2"),
+        (&delay, &delay_fault),
+        ("freeze", "freeze"),
+    ];
+    let of_process = [
+        ("kill", "kill"),
+        ("3 ms late", "late=3ms"),
+        ("stop 20 ms", "stop=20ms"),
+    ];
+    let of_vehicle = [
         ("gust along x", "wind_x_m_s", "2"),
         ("gust along y", "wind_y_m_s", "2"),
+        ("weak rotor 1", "rotor_efficiency_1", "0.7"),
+        ("weak rotor 2", "rotor_efficiency_2", "0.7"),
+        ("weak rotor 3", "rotor_efficiency_3", "0.7"),
+        ("weak rotor 4", "rotor_efficiency_4", "0.7"),
     ];
-    let weak = [1, 2, 3, 4].map(|rotor| {
-        (
-            format!("weak rotor {rotor}"),
-            format!("rotor_efficiency_{rotor}"),
-        )
-    });
-    let gusts = gusts.map(|(label, name, value)| for_2s(label, name, value));
-    let weak = weak.iter().map(|(label, name)| for_2s(label, name, "0.7"));
-    rows.push((
-        "vehicle, for 2 s".into(),
-        gusts.into_iter().chain(weak).collect(),
-    ));
-    let row = |(name, buttons): &(String, Vec<Button>)| {
-        let buttons = buttons.iter().map(|(label, inject)| {
-            json!({"label": label, "inject": inject, "meaning": meaning(&inject[0].0), "lasts": lasts(&inject[0].0)})
-        });
-        json!({"name": name, "buttons": buttons.collect::<Vec<_>>()})
+    let row = |name: String, buttons: Vec<Value>| json!({"name": name, "buttons": buttons});
+    let faults = |kind: &str, of: &str, faults: [(&str, &str); 3]| {
+        let button = |(label, fault)| button(label, &format!("{of}.{fault}"), None);
+        row(format!("{kind} {of}"), faults.map(button).into())
     };
-    rows.iter().map(row).collect()
-}
-
-/// The declared meaning of a change.
-fn meaning(change: &str) -> &'static str {
-    match change.parse::<Change>() {
-        Ok(Change::Parameter(desired)) => desired.parameter.spec().meaning,
-        Ok(Change::Loop(change)) => change.kind.spec().meaning,
-        Err(_) => "",
+    let mut topics = PORTS.map(|port| port.topic()).to_vec();
+    topics.dedup();
+    let topics = topics.into_iter().map(|topic| topic.to_string());
+    let processes = Replica::all(channels).filter(|it| is_of_channel(*it));
+    let processes = processes.map(|it| name_in(channels, it));
+    let mut rows: Vec<Value> = topics
+        .map(|topic| faults("messages", &topic, of_messages))
+        .chain(processes.map(|it| faults("process", &it, of_process)))
+        .collect();
+    if channels > 1 {
+        let fly = |it| button(&format!("fly {it}"), &format!("{it}.switch"), None);
+        let switch = Channel::first(channels).map(fly);
+        rows.push(row("channel".into(), switch.collect()));
     }
+    let for_2s = of_vehicle.map(|(label, name, value)| {
+        let back = format!("{name}=nominal~200ms");
+        button(label, &format!("{name}={value}~200ms"), Some((&back, "2s")))
+    });
+    rows.push(row("vehicle, for 2 s".into(), for_2s.into()));
+    rows
 }
 
-fn lasts(change: &str) -> bool {
-    change.parse::<Change>().is_ok_and(|change| change.lasts())
+/// A button that injects a change, and may inject another one later.
+fn button(label: &str, change: &str, later: Option<(&str, &str)>) -> Value {
+    let inject: Vec<_> = [(change, None)]
+        .into_iter()
+        .chain(later.map(|(change, after)| (change, Some(after))))
+        .collect();
+    let (meaning, lasts) = match change.parse::<Change>() {
+        Ok(change) => {
+            let meaning = match &change {
+                Change::Parameter(desired) => desired.parameter.spec().meaning,
+                Change::Loop(change) => change.kind.spec().meaning,
+            };
+            (meaning, change.lasts())
+        }
+        Err(_) => ("", false),
+    };
+    json!({"label": label, "inject": inject, "meaning": meaning, "lasts": lasts})
 }
 
 pub(super) fn answer(id: u64, answered: &Result<String, String>) -> Value {
@@ -424,10 +411,9 @@ pub(super) fn answer(id: u64, answered: &Result<String, String>) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::made_up;
     use flight_log::entry::LogEntry;
-    use messages::blackboards::Run;
     use messages::content::Wrench;
-    use messages::header::{Header, Message};
 
     #[test]
     fn every_button_injects_what_can_be_injected_and_says_what_it_means() {
@@ -450,8 +436,9 @@ mod tests {
     }
     #[test]
     fn what_is_broken_is_of_this_moment_and_a_changed_parameter_is_none() {
-        let mut flight = joined();
-        assert_eq!(broken(&flight), [""; 0]);
+        let mut model = made_up::joined(&made_up::run(), &[]);
+        let flight = made_up::flight(&mut model);
+        assert_eq!(broken(flight), [""; 0]);
         let modes = [Mode::Fresh, Mode::Held, Mode::Held, Mode::Fresh, Mode::Held];
         let words = [
             None,
@@ -461,27 +448,24 @@ mod tests {
             Some("inner, since 0.014 s: works with its last input"),
         ];
         for ((tick, mode), words) in (10..).zip(modes).zip(words) {
-            let envelope = Header {
-                tick,
-                ..Header::new()
-            };
             let content = Wrench {
                 mode: mode as u64,
                 ..Wrench::default()
             };
-            flight.take(&LogEntry::Wrench(Message { envelope, content }));
-            assert_eq!(broken(&flight), Vec::from_iter(words));
+            flight.take(&LogEntry::Wrench(made_up::message(tick, content)));
+            assert_eq!(broken(flight), Vec::from_iter(words));
         }
-        assert_eq!(changed(&flight), [""; 0]);
+        assert_eq!(changed(flight), [""; 0]);
         flight.active.value[Parameter::RotationalDrag as usize] = 0.315;
         let words = "rotational_drag_nm_s 0.315 (nominal 0.105)";
-        assert_eq!(changed(&flight), [words]);
-        assert_eq!(broken(&flight).len(), 1);
+        assert_eq!(changed(flight), [words]);
+        assert_eq!(broken(flight).len(), 1);
     }
 
     #[test]
     fn a_flight_that_ends_by_its_duration_has_ended_and_a_lost_one_says_why() {
-        let mut flight = joined();
+        let mut model = made_up::joined(&made_up::run(), &[]);
+        let flight = made_up::flight(&mut model);
         for (ending, track, word, why) in [
             (
                 EndReason::Completed,
@@ -507,27 +491,8 @@ mod tests {
                 word: track,
                 why: "below ground".into(),
             };
-            let phase = phase(&flight, &FiledReport::default(), &track);
+            let phase = phase(flight, &FiledReport::default(), &track);
             assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
         }
-    }
-
-    fn joined() -> Box<WatchedFlight> {
-        let run = Run {
-            period_ns: 1_000_000,
-            sample_time_ns: 1_000_000,
-            last_tick: 30_000,
-            ..Run::default()
-        };
-        let settings = [
-            ("flight.trajectory", "step"),
-            ("mixer.law", "roll_pitch_first"),
-        ];
-        let settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned()));
-        let mut model = Model::new("test", false, true);
-        model.join(&run, settings.into()).unwrap();
-        let mut flight = model.flight.unwrap();
-        flight.active.value = *flight.airframe.values();
-        flight
     }
 }

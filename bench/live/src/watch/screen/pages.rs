@@ -107,7 +107,7 @@ fn flight_numbers<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
         row(("rate [deg/s]", &degrees(measured.rate_b_rad_s), 2)),
         row(("rotors [rad/s]", &measured.rotor_speed_command_rad_s, 0)),
         modes(flight, thrust_n),
-        fitting(error.map(Line::from), width),
+        fitting(error, width),
     ]
 }
 
@@ -234,9 +234,8 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
     };
     let width = region.area.width;
     let row = |name: &str, cells: [String; 6]| {
-        let cells = cells.iter().map(|cell| Line::from(format!("{cell:>10}")));
-        let name = Line::from(format!("{name:<18}"));
-        fitting([name].into_iter().chain(cells), width)
+        let cells = cells.iter().map(|cell| format!("{cell:>10}"));
+        fitting([format!("{name:<18}")].into_iter().chain(cells), width)
     };
     let heading = ["p50", "p90", "p99", "p99.9", "max", "count"].map(str::to_owned);
     let series_row = |series: &Series| {
@@ -424,7 +423,7 @@ fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, width: u16) -> [Line
     .map(|(name, now, unit, history)| {
         let now = now.map_or_else(|| "-".into(), |now| format!("{now:.3e}"));
         let now = format!("{name:<5}{now:>10} {unit:<9}");
-        fitting([now].into_iter().chain(history).map(Line::from), width)
+        fitting([now].into_iter().chain(history), width)
     })
 }
 
@@ -482,7 +481,7 @@ fn plant_page(flight: &WatchedFlight, page: &ParameterPage, region: &mut Region<
         // A long unit uses the room of the nominal value, which is 0 in that row.
         let rest = 17_usize.saturating_sub(unit.len().max(8));
         let nominal = format!("  {unit:<8}{nominal:>rest$}");
-        [nominal, format!("{min:>9}"), format!("{max:>9}")].map(Line::from)
+        [nominal, format!("{min:>9}"), format!("{max:>9}")]
     };
     let row = |(spec, value): (&Spec, f64)| {
         let nominal = flight.airframe.get(spec.parameter);
@@ -496,11 +495,11 @@ fn plant_page(flight: &WatchedFlight, page: &ParameterPage, region: &mut Region<
             spec.unit,
             [number(nominal), bound(range.min), bound(range.max)],
         );
-        fitting([name.into()].into_iter().chain(cells), width).style(style)
+        fitting([name].into_iter().chain(cells), width).style(style)
     };
     let heading = format!("{:<24}{:>11}", "parameter", "in force");
     let columns = cells("unit", ["nominal", "min", "max"].map(str::to_owned));
-    let heading = fitting([heading.into()].into_iter().chain(columns), width);
+    let heading = fitting([heading].into_iter().chain(columns), width);
     let rows = SPECS.iter().zip(flight.active.value).map(row).collect();
     region.put_table(heading, rows, page.selected, room);
     region.split(u16::from(usize::from(region.area.height) > foot));
@@ -625,7 +624,7 @@ fn laws_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region
             format!("{max:>13}"),
             format!(" {unit}"),
         ];
-        fitting(cells.map(Line::from), width)
+        fitting(cells, width)
     };
     let signal_row = |signal: &SignalSection| {
         let cell =

@@ -7,6 +7,7 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::Line;
 use ratatui::widgets::{Paragraph, Sparkline, Wrap};
+use textwrap::{Options, WordSplitter};
 
 pub(super) const PLAIN: Style = Style::new();
 pub(super) const GOOD: Style = Style::new().fg(Color::Green);
@@ -104,10 +105,13 @@ impl Region<'_, '_> {
 }
 
 /// A line with as many of the parts, in order, as fit.
-pub(super) fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16) -> Line<'a> {
+pub(super) fn fitting<'a, L: Into<Line<'a>>>(
+    parts: impl IntoIterator<Item = L>,
+    width: u16,
+) -> Line<'a> {
     let mut room = usize::from(width);
     let mut line = Line::default();
-    for part in parts {
+    for part in parts.into_iter().map(Into::into) {
         let Some(rest) = room.checked_sub(part.width()) else {
             break;
         };
@@ -119,15 +123,11 @@ pub(super) fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16)
 
 /// Text in lines of a width, broken at blanks; lines after the first are indented.
 pub(super) fn wrapped(text: &str, width: u16, indent: usize) -> Vec<String> {
-    let mut lines = vec![String::new()];
-    for word in text.split_inclusive(' ') {
-        let last = lines.last().map_or(0, |line| line.chars().count());
-        if last > indent && last + word.trim_end().chars().count() > usize::from(width) {
-            lines.push(" ".repeat(indent));
-        }
-        if let Some(line) = lines.last_mut() {
-            *line += word;
-        }
-    }
-    lines
+    let indent = " ".repeat(indent);
+    let options = Options::new(width.into())
+        .subsequent_indent(&indent)
+        .word_splitter(WordSplitter::NoHyphenation)
+        .break_words(false);
+    let lines = textwrap::wrap(text, options).into_iter();
+    lines.map(Into::into).collect()
 }

@@ -1,17 +1,14 @@
 //! The dashboard's screens and keys, from made-up messages.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::time::Duration;
 
+use analysis::schema::{Explained, FlightVerdict, StabilityVerdict, TimingVerdict, Verdicts};
 use errors::Failure;
 use flight_log::entry::LogEntry;
-use live::watch::dashboard_model::{Action, Model, Tab, WatchedFlight};
-use live::watch::line;
-use live::watch::screen::{SMALLEST, draw};
-use messages::blackboards::{ActiveParameters, EndReason, Run, RunPhase, Status, Subject};
-use messages::content::{Decision, Loss, SwapRecord, TakenCommand, Truth, Wrench};
-use messages::content::{Measured, Reference, RotorSpeeds, Setpoint, State};
-use messages::header::{Header, Message, Stamps};
+use messages::blackboards::{EndReason, Run, Status, Subject};
+use messages::content::{Loss, Measured, Reference, RotorSpeeds, Setpoint, State, SwapRecord};
+use messages::content::{Truth, Wrench};
+use messages::header::Message;
 use messages::monitor::{Cause, Monitor};
 use messages::parameters::{Airframe, Parameter};
 use messages::role::{Channel, ROLES, Replica, Role};
@@ -22,41 +19,12 @@ use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::style::Color;
 
-const PERIOD_NS: u64 = 1_000_000;
+use super::dashboard_model::{Action, Judged, Model, Tab, WatchedFlight};
+use super::line;
+use super::screen::{SMALLEST, draw};
+use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
+
 const NORMAL: (u16, u16) = (80, 24);
-
-fn run() -> Run {
-    Run {
-        phase: RunPhase::Flying as u64,
-        run_id: 7,
-        t0_ns: 5_000_000_000,
-        period_ns: PERIOD_NS,
-        sample_time_ns: PERIOD_NS,
-        last_tick: 30_000,
-        ..Run::default()
-    }
-}
-
-/// A message of a tick whose chain took 30 us.
-fn message<C>(tick: u64, content: C) -> Message<C> {
-    let sample_ns = run().t0_ns + tick * PERIOD_NS + 5_000;
-    let stage = |number: u64| Stamps {
-        receive_ns: sample_ns + number * 8_000,
-        send_ns: sample_ns + number * 8_000 + 6_000,
-    };
-    let envelope = Header {
-        run_id: 7,
-        epoch: 1,
-        seq: tick,
-        tick,
-        sample_ns,
-        input_tick: [tick; 3],
-        previous_busy_ns: 9_000,
-        stamps: [0, 1, 2, 3].map(stage),
-        ..Header::new()
-    };
-    Message { envelope, content }
-}
 
 fn take_state(flight: &mut WatchedFlight, tick: u64, position_w_m: [f64; 3]) {
     let state = State {
@@ -118,31 +86,15 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
 }
 
 /// A dashboard that has seen ticks of a flight. Its reference is (1, -1, 1) m from tick 0 on.
-fn joined(settings: &[(&str, &str)], ticks: std::ops::Range<u64>) -> Model {
-    let mut model = Model::new("left", false, true);
-    let all = [
-        ("flight.trajectory", "step"),
-        ("mixer.law", "roll_pitch_first"),
-    ];
-    let all = all.iter().chain(settings);
-    let all = all.map(|(key, value)| ((*key).to_owned(), (*value).to_owned()));
-    model.join(&run(), all.collect()).unwrap();
+fn seen(settings: &[(&str, &str)], ticks: std::ops::Range<u64>) -> Model {
+    let mut model = joined(&run(), settings);
     ticks.for_each(|tick| take_tick(flight(&mut model), tick));
     model
 }
 
-fn flight(model: &mut Model) -> &mut WatchedFlight {
-    model.flight.as_mut().unwrap()
-}
-
 /// A dashboard that has seen a second of a flight, from its 100th tick on.
 fn model() -> Model {
-    let limits = [
-        ("flight.tracking_error_max_m", "0.1"),
-        ("flight.tracking_yaw_error_max_rad", "0.1"),
-        ("flight.ground_z_m", "-0.25"),
-    ];
-    let mut model = joined(&limits, 100..1100);
+    let mut model = seen(&LIMITS, 100..1100);
     let flight = flight(&mut model);
     flight.run = Run {
         tick: 1099,
@@ -150,10 +102,6 @@ fn model() -> Model {
         ticks_skipped: 3,
         deadlines_missed: 4,
         ..run()
-    };
-    flight.active = ActiveParameters {
-        value: *Airframe::nominal().values(),
-        ..ActiveParameters::default()
     };
     let status = Status {
         pid: 4242,
@@ -170,35 +118,17 @@ fn model() -> Model {
 fn handed_over() -> Model {
     let faults = r#"["a.inner.kill@tick1050", "state.drop=0.1@tick1060..tick3100", "outer.late=1ms@tick1090..2s"]"#;
     let mut model = model();
-    let settings = [("flight.faults", faults), ("flight.trajectory", "step")];
-    let settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned()));
     let channels = Run {
         channels: 2,
         ..flight(&mut model).run
     };
     let statuses = flight(&mut model).statuses.clone();
-    model.join(&channels, settings.into()).unwrap();
+    model = joined(&channels, &[("flight.faults", faults)]);
     let seen = flight(&mut model);
     let all = Replica::all(2).map(|replica| (replica, statuses[&replica.role.into()]));
     seen.statuses = all.collect();
     for (tick, channel) in [(1048, Channel::A), (1049, Channel::A), (1050, Channel::B)] {
-        let command = TakenCommand {
-            of_tick: tick,
-            channel: channel as u64,
-            acts_from: tick + 1,
-            is_offered: 1,
-            ..TakenCommand::default()
-        };
-        let decision = Decision {
-            count: 1,
-            command,
-            ..Decision::default()
-        };
-        let content = State {
-            decision,
-            ..State::default()
-        };
-        seen.take(&LogEntry::State(message(tick + 1, content)));
+        take_command(seen, tick, channel);
     }
     (seen.supervision.failed, seen.supervision.restarted) = (1, 1);
     let killed = "the inner process of channel a was killed by the fault a.inner.kill of tick 1050; it is started again";
@@ -208,7 +138,7 @@ fn handed_over() -> Model {
 
 /// A dashboard that has seen a tick of a flight with these laws.
 fn flown_by(outer: &str, inner: &str) -> Model {
-    joined(&[("outer.law", outer), ("inner.law", inner)], 100..101)
+    seen(&[("outer.law", outer), ("inner.law", inner)], 100..101)
 }
 
 /// Types keys, some of them by name, as in `4<Enter>50<Enter>`; returns the last one's action.
@@ -467,6 +397,33 @@ fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
     let recorder = flight(&mut model).statuses.get_mut(&Role::Record.into());
     recorder.unwrap().wrenches_unwatched = 7;
     shows(&model, "theorem partly watched");
+}
+
+#[test]
+fn a_verdict_is_good_or_bad_or_neither() {
+    fn of<W>(word: W) -> Explained<W> {
+        let why = String::new();
+        Explained { word, why }
+    }
+    use FlightVerdict::{CutShort, Lost, NotSeen, OffTrack, Tracked};
+    use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};
+    use TimingVerdict::{InTime, Late, NotMeasured};
+    for (flight, timing, theorem, is_good) in [
+        (Tracked, InTime, Holds, Some(true)),
+        (OffTrack, Late, Broken, Some(false)),
+        (Lost, Late, Broken, Some(false)),
+        (NotSeen, NotMeasured, NotApplicable, None),
+        (CutShort, TimingVerdict::CutShort, NotJudged, None),
+        (CutShort, TimingVerdict::CutShort, PartlyWatched, None),
+    ] {
+        let verdicts = Verdicts {
+            flight: of(flight),
+            timing: of(timing),
+            theorem: of(theorem),
+        };
+        let judged = Judged::all(&verdicts).map(|it| it.is_good);
+        assert_eq!(judged, [is_good; 3], "{verdicts:?}");
+    }
 }
 
 #[test]
