@@ -319,7 +319,7 @@ impl Vehicle {
                 return self.reply(MavMessage::FILE_TRANSFER_PROTOCOL(refused));
             }
             #[expect(deprecated, reason = "sent by clients that have no other way")]
-            MavMessage::SET_MODE(_) => "the only mode is the trajectory of the flight",
+            MavMessage::SET_MODE(_) => "SET_MODE is not supported: send MAV_CMD_DO_SET_MODE",
             MavMessage::SETUP_SIGNING(_) => "signing is not supported: no key is taken",
             MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
             | MavMessage::SET_ATTITUDE_TARGET(_)
