@@ -14,6 +14,19 @@ pub const fn signal(name: &'static str, unit: &'static str) -> Signal {
     Signal { name, unit }
 }
 
+/// The signals of a vector: `xyz!("bias", "rad_s2", "rad/s^2")` are `bias_x_rad_s2`, `bias_y_rad_s2` and `bias_z_rad_s2`.
+#[macro_export]
+macro_rules! xyz {
+    ($name:literal, $ending:literal, $unit:literal) => {
+        [
+            $crate::description::signal(concat!($name, "_x_", $ending), $unit),
+            $crate::description::signal(concat!($name, "_y_", $ending), $unit),
+            $crate::description::signal(concat!($name, "_z_", $ending), $unit),
+        ]
+    };
+}
+pub use xyz;
+
 /// The kind of a setting that is one number from `min` to `max`.
 pub const fn number(default: f64, min: f64, max: f64) -> SettingKind {
     SettingKind::Number { default, min, max }
