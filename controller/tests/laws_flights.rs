@@ -8,19 +8,17 @@ use control_api::description::{Settings, Value};
 use control_api::law::{InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use controller::Trajectory;
 use controller::laws::{
-    Adaptive, AdaptiveResidual, Estimating, Fixed, Geometric, Indi, L1, Mrac, Pid, Sliding,
+    Adaptive, AdaptiveResidual, Estimating, Fixed, Geometric, Indi, L1, Mrac, Pd, Pid, Sliding,
 };
-use messages::allocation::Allocation;
 use messages::attitude::Attitude;
-use messages::content::{RotorSpeeds, Stamped};
+use messages::content::Measured;
 use messages::parameters::Parameter::{
     DisturbanceGain, GyroNoise, InertiaX, InertiaY, Mass, MotorTimeConstant, RotationalDrag,
     RotorEfficiency1, TranslationalDrag, WindX,
 };
 use messages::telemetry::Telemetry;
-use mixer::mix::{roll_pitch_first, speeds};
 use nalgebra::Vector3;
-use plant::{Initial, Plant, PlantSettings};
+use plant::Initial;
 
 fn geometric() -> Inner {
     inner::<Geometric>(vec![])
@@ -215,7 +213,7 @@ fn in_steady_wind_a_hover_leans_until_thrust_balances_the_drag() {
     let mut course = course(Trajectory::Hover).with(2.0, WindX, wind_m_s);
     course.seconds = 40.0;
     let track = flown(&course, inner::<AdaptiveResidual>(vec![]));
-    let [roll, pitch, _] = track.attitude_rad;
+    let [roll, pitch, _] = track.measured[39_999].attitude_rad;
     let airframe = Rig::default().airframe;
     let balance = (airframe.k_t() * wind_m_s / (airframe.m() * airframe.g())).atan();
     assert!((pitch + balance).abs() < 1e-3, "{pitch}, not -{balance}");
@@ -262,67 +260,9 @@ fn without_a_measurement_of_the_tick_no_law_asks_for_a_torque() {
     coasts::<Pid>(false);
 }
 
-#[derive(Debug)]
-struct Recovery {
-    /// Instant from which on the tilt is below 10 degrees [s].
-    upright_s: f64,
-    lowest_m: f64,
-    /// Distance from the start after ten seconds [m].
-    left_m: f64,
-}
-
-/// Ten seconds of Lee's law from an attitude and rates, with the origin as its reference.
-fn recovery(attitude_degrees: [f64; 3], rate_b_rad_s: [f64; 3]) -> Recovery {
-    let mut rig = Rig::default();
-    rig.airframe.set(DisturbanceGain, 0.0).unwrap();
-    let (allocation, k) = (Allocation::new(&rig.airframe), rig.airframe.k());
-    let initial = Initial {
-        attitude_rad: attitude_degrees.map(f64::to_radians),
-        rate_b_rad_s,
-        ..Initial::default()
-    };
-    let mut plant = Plant::new(&PlantSettings {
-        airframe: rig.airframe,
-        initial,
-        ..PlantSettings::default()
-    });
-    let mut law = Geometric::new(&rig, &Settings::default()).unwrap();
-    let mut recovery = Recovery {
-        upright_s: 0.0,
-        lowest_m: 0.0,
-        left_m: 0.0,
-    };
-    for tick in 0..10_000 {
-        let measured = plant.begin(tick).measured;
-        let input = InnerInput {
-            tick,
-            measured,
-            ..InnerInput::default()
-        };
-        let demand = law.tick(&input, &mut Telemetry::default());
-        let tau = demand.torque_b_nm.into();
-        let (f_min, f_max) = (rig.rotor.f_min(k), rig.rotor.f_max(k));
-        let mixed = roll_pitch_first(&allocation, demand.thrust_n, &tau, f_min, f_max);
-        let command = RotorSpeeds {
-            speed_rad_s: speeds(&mixed.f, k).into(),
-            ..RotorSpeeds::default()
-        };
-        plant.offer(&Stamped::new(tick, command), tick + 1);
-        plant.finish();
-        let position = Vector3::from(measured.position_w_m);
-        let z_b = Attitude::of_wxyz(measured.attitude_quaternion).to_world(&Vector3::z());
-        if z_b.z < 10_f64.to_radians().cos() {
-            recovery.upright_s = tick as f64 * rig.period_s;
-        }
-        recovery.lowest_m = recovery.lowest_m.min(position.z);
-        recovery.left_m = position.norm();
-    }
-    recovery
-}
-
 #[test]
 fn geometric_recovers_from_any_side_and_tumbling() {
-    for (attitude_degrees, rates) in [
+    for (attitude_degrees, rate_b_rad_s) in [
         ([170.0, 0.0, 0.0], [0.0; 3]),
         ([0.0, 89.0, 0.0], [0.0; 3]),
         ([0.0, 170.0, 120.0], [0.0; 3]),
@@ -330,9 +270,27 @@ fn geometric_recovers_from_any_side_and_tumbling() {
         ([95.0, -80.0, 170.0], [3.0, -4.0, 2.0]),
         ([-170.0, 20.0, 60.0], [-8.0, 8.0, 3.0]),
     ] {
-        let recovery = recovery(attitude_degrees, rates);
-        assert!(recovery.left_m < 1e-3, "{attitude_degrees:?}: {recovery:?}");
-        let is_quick = recovery.upright_s < 2.0 && recovery.lowest_m > -3.0;
-        assert!(is_quick || attitude_degrees[0] != 170.0, "{recovery:?}");
+        let mut course = course(Trajectory::Mavlink).with(0.0, DisturbanceGain, 0.0);
+        course.seconds = 10.0;
+        course.initial = Initial {
+            attitude_rad: attitude_degrees.map(f64::to_radians),
+            rate_b_rad_s,
+            ..Initial::default()
+        };
+        let track = fly(&course, outer::<Pd>(vec![]), geometric());
+        let left_m = track.worst(9.999);
+        assert!(left_m < 1e-3, "{attitude_degrees:?}: {left_m} m");
+        let is_tilted = |measured: &Measured| {
+            let attitude = Attitude::of_wxyz(measured.attitude_quaternion);
+            attitude.to_world(&Vector3::z()).z < 10_f64.to_radians().cos()
+        };
+        let last_tilted = track.measured.iter().rposition(is_tilted);
+        let heights_m = track.measured.iter().map(|it| it.position_w_m[2]);
+        let lowest_m = heights_m.fold(0.0, f64::min);
+        let is_quick = last_tilted < Some(2000) && lowest_m > -3.0;
+        assert!(
+            is_quick || attitude_degrees[0] != 170.0,
+            "{last_tilted:?}, {lowest_m} m"
+        );
     }
 }

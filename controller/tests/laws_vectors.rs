@@ -198,21 +198,3 @@ fn adaptive_with_a_residual_and_laws_with_an_observer() {
     inner::<Mrac>();
     inner::<Sliding>();
 }
-
-#[test]
-fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
-    let (rig, gain, angle) = (Rig::default(), 6.0, 0.8_f64);
-    let settings = Settings::new(vec![("attitude_rad_s", Value::Three([14.0, 14.0, gain]))]);
-    let mut law = Geometric::new(&rig, &settings).expect("the settings go together");
-    // Turned about z, at rest where it should be: (1/2) (R_d^T R - R^T R_d)^vee is the sine of the angle, and no more.
-    let mut input = InnerInput::default();
-    input.measured.attitude_rad = [0.0, 0.0, angle];
-    input.measured.attitude_quaternion = [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()];
-    let demand = law.tick(&input, &mut Telemetry::default());
-    let expected = -rig.airframe.i_m()[2] * gain * gain * angle.sin();
-    let torque = demand.torque_b_nm[2];
-    assert!(
-        (torque - expected).abs() < TOLERANCE,
-        "{torque} for {expected}"
-    );
-}

@@ -1,12 +1,13 @@
 //! Settings of the laws: what is refused and why. Ranges are in the descriptions, and the rig checks them.
 
 use control_api::Rig;
-use control_api::description::{Preset, Settings, Value};
+use control_api::description::{Preset, Settings, Signal, TICK, Value};
 use control_api::law::Law as _;
 use controller::Gains;
 use controller::gains::PRESET_NAMES;
 use controller::laws::{INNER, OUTER, Pd, pd};
 use controller::rate_loop::{check, loop_gain_limit};
+use messages::telemetry::TELEMETRY;
 use proptest::prelude::*;
 
 #[test]
@@ -35,6 +36,20 @@ fn every_law_flies_with_its_defaults_and_with_each_of_its_presets() {
     );
 }
 
+/// The names of signals are columns, fields and plots of whatever shows a flight: in snake_case, with the unit.
+fn assert_named(Signal { name, unit }: &Signal) {
+    let is_lower = |word: &str| {
+        let mut characters = word.chars();
+        !word.is_empty() && characters.all(|c| c.is_ascii_lowercase() || c.is_ascii_digit())
+    };
+    let is_named = name.starts_with(|c: char| c.is_ascii_lowercase());
+    let is_snake = is_named && name.split('_').all(is_lower);
+    assert!(is_snake && *name != TICK, "{name}");
+    let letters = unit.replace("N m", "nm").replace('N', "n").replace('^', "");
+    let ending = letters.replace([' ', '/'], "_");
+    assert!(name.ends_with(&ending), "{name} [{unit}]");
+}
+
 #[test]
 fn descriptions_hold_what_they_promise() {
     let laws = OUTER
@@ -43,7 +58,12 @@ fn descriptions_hold_what_they_promise() {
         .chain(INNER.iter().map(|entry| entry.description))
         .chain(mixer::LAWS.iter().map(|entry| entry.description));
     for law in laws {
-        assert_eq!(law.flaws(), Vec::<String>::new());
+        assert!(law.telemetry.len() <= TELEMETRY, "{}", law.name);
+        for (i, signal) in law.telemetry.iter().enumerate() {
+            assert_named(signal);
+            let is_it = |earlier: &Signal| earlier.name == signal.name;
+            assert!(!law.telemetry[..i].iter().any(is_it), "{signal:?}");
+        }
         for setting in law.settings {
             let name = setting.name;
             assert!(setting.allows(&setting.default()), "{}.{name}", law.name);

@@ -20,6 +20,12 @@ pub struct RunFacts {
     pub host: Host,
 }
 
+impl RunFacts {
+    pub fn read(path: &Path) -> Result<Self, Failure> {
+        serde_json::from_str(&read_text("read", path)?).in_file("read", path)
+    }
+}
+
 impl Report {
     pub fn read(path: &Path) -> Result<Self, Failure> {
         Self::of(&read_text("read the report", path)?, path)

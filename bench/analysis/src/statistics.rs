@@ -177,16 +177,9 @@ fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
 }
 
 fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
-    let side = |wanted: bool| -> (f64, f64, f64) {
-        let values = || {
-            let side = pool.iter().zip(of_a);
-            side.filter(move |(_, is_in_a)| **is_in_a == wanted)
-                .map(|(value, _)| *value)
-        };
-        let count = values().count() as f64;
-        let mean = values().sum::<f64>() / count;
-        let squares = values().map(|value| (value - mean).powi(2)).sum();
-        (count, mean, squares)
+    let side = |wanted: bool| {
+        let side = pool.iter().zip(of_a);
+        moments(side.filter_map(move |(value, is_in_a)| (*is_in_a == wanted).then_some(value)))
     };
     let ((n_a, mean_a, squares_a), (n_b, mean_b, squares_b)) = (side(true), side(false));
     let difference = (mean_a - mean_b).abs();
@@ -345,10 +338,16 @@ fn bootstrap_t(values: &[f64]) -> Interval {
 
 /// The mean of some values and its standard error.
 fn mean_and_error(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    let (count, mean, squares) = moments(values.iter());
     (mean, (squares / (count - 1.0) / count).sqrt())
+}
+
+/// How many values there are, their mean, and the sum of the squares of their differences from it.
+fn moments<'a>(values: impl Iterator<Item = &'a f64> + Clone) -> (f64, f64, f64) {
+    let count = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    let squares = values.map(|value| (value - mean).powi(2)).sum();
+    (count, mean, squares)
 }
 
 #[cfg(test)]

@@ -190,112 +190,99 @@ mod tests {
         ]
     }
 
-    #[test]
-    fn a_good_flight_is_tracked_in_time_and_holds_and_each_change_has_its_word() {
-        const GOOD: [&str; 3] = ["tracked", "in time", "holds"];
-        fn periods(report: &mut Report, period_us: f64, wall_period_us: f64) {
-            (report.run.period_us, report.run.wall_period_us) = (period_us, wall_period_us);
-        }
-        type Change = fn(&mut Report);
-        let check = |verdict: usize, word: &'static str, changes: &[Change]| {
-            for (i, change) in changes.iter().enumerate() {
-                let mut report = good();
-                change(&mut report);
-                let verdicts = Verdicts::of(&report, Some(EndReason::Completed), &LIMITS);
-                let mut expected = GOOD;
-                expected[verdict] = word;
-                assert_eq!(words(&verdicts), expected, "{word} {i}");
-            }
-        };
-        fn yaw(report: &mut Report, recent_max_rad: f64) {
-            report.flight.yaw_error.as_mut().unwrap().recent_max_rad = recent_max_rad;
-        }
-        let tracked: [Change; 4] = [
-            |it| yaw(it, 0.2),
-            |it| it.flight.recent_error_max_m = 0.1,
-            |it| it.flight.position_error_max_m = 3.0,
-            |it| it.flight.lowest_z_m = -0.25,
-        ];
-        check(0, "tracked", &tracked);
-        let off_track: [Change; 3] = [
-            |it| it.flight.recent_error_max_m = 0.1001,
-            |it| yaw(it, 0.2001),
-            |it| (it.flight.recent_error_max_m, it.flight.yaw_error) = (0.2, None),
-        ];
-        check(0, "off track", &off_track);
-        // Only what is too large is named.
-        for (error_m, yaw_rad, expected) in [
-            (
-                0.1,
-                0.3,
-                "yaw error up to 0.3000 rad (limit 0.2 rad) in the last 5.0 s",
-            ),
-            (
-                0.3,
-                0.1,
-                "position error up to 0.3000 m (limit 0.1 m) in the last 5.0 s",
-            ),
-        ] {
-            let mut report = good();
-            report.flight.recent_error_max_m = error_m;
-            yaw(&mut report, yaw_rad);
-            assert_eq!(Verdicts::of(&report, None, &LIMITS).flight.why, expected);
-        }
-        // An excursion before the last seconds is named, though the flight is tracked in these.
-        let mut report = good();
-        report.flight.position_error_max_m = 1.34;
-        let why = Verdicts::of(&report, None, &LIMITS).flight.why;
-        let end = "in the last 5.0 s; before that position error up to 1.3400 m";
-        assert!(why.ends_with(end), "{why}");
-        check(0, "lost", &[|it| it.flight.lowest_z_m = -0.26]);
-        check(0, "not seen", &[|it| it.flight.states = 0]);
-        let late: [Change; 3] = [
-            |it| not_fresh(it, 1, 0, 0),
-            |it| not_fresh(it, 0, 1, 0),
-            |it| not_fresh(it, 0, 0, 1),
-        ];
-        check(1, "late", &late);
-        let not_measured: [Change; 4] = [
-            |it| periods(it, 1000.0, 0.0),
-            |it| periods(it, 1000.0, 5000.0),
-            |it| it.steal.percent = 1.01,
-            |it| it.ticks.run = 0,
-        ];
-        check(1, "not measured", &not_measured);
+    fn periods(report: &mut Report, period_us: f64, wall_period_us: f64) {
+        (report.run.period_us, report.run.wall_period_us) = (period_us, wall_period_us);
+    }
+
+    fn yaw(report: &mut Report, recent_max_rad: f64) {
+        report.flight.yaw_error.as_mut().unwrap().recent_max_rad = recent_max_rad;
+    }
+
+    type Change = (usize, &'static str, fn(&mut Report));
+
+    /// Place of a verdict, its word, and a change of a good flight that has no consequence for the other two.
+    const CHANGES: [Change; 28] = [
+        (0, "tracked", |it| yaw(it, 0.2)),
+        (0, "tracked", |it| it.flight.recent_error_max_m = 0.1),
+        (0, "tracked", |it| it.flight.position_error_max_m = 3.0),
+        (0, "tracked", |it| it.flight.lowest_z_m = -0.25),
+        (0, "off track", |it| it.flight.recent_error_max_m = 0.1001),
+        (0, "off track", |it| yaw(it, 0.2001)),
+        (0, "off track", |it| {
+            (it.flight.recent_error_max_m, it.flight.yaw_error) = (0.2, None)
+        }),
+        (0, "lost", |it| it.flight.lowest_z_m = -0.26),
+        (0, "not seen", |it| it.flight.states = 0),
+        (1, "late", |it| not_fresh(it, 1, 0, 0)),
+        (1, "late", |it| not_fresh(it, 0, 1, 0)),
+        (1, "late", |it| not_fresh(it, 0, 0, 1)),
+        (1, "not measured", |it| periods(it, 1000.0, 0.0)),
+        (1, "not measured", |it| periods(it, 1000.0, 5000.0)),
+        (1, "not measured", |it| it.steal.percent = 1.01),
+        (1, "not measured", |it| it.ticks.run = 0),
         // A sample time need not be a whole number of nanoseconds.
-        let in_time: [Change; 3] = [
-            |it| periods(it, 1666.6667, 1666.667),
-            |it| periods(it, 333.3333, 333.333),
-            |it| it.steal.percent = 1.0,
-        ];
-        check(1, "in time", &in_time);
-        let not_applicable: [Change; 3] = [
-            |it| it.theorem.ticks_checked = 0,
-            |it| it.theorem.steps_adapted = 0,
-            |it| it.theorem.law_without = Some("pid".into()),
-        ];
-        check(2, "not applicable", &not_applicable);
-        let broken: [Change; 3] = [
-            |it| it.theorem.holds = false,
-            |it| (it.theorem.ticks_unwatched, it.theorem.holds) = (1, false),
-            |it| (it.theorem.steps_adapted, it.theorem.holds) = (0, false),
-        ];
-        check(2, "broken", &broken);
-        check(2, "partly watched", &[|it| it.theorem.ticks_unwatched = 1]);
-        let not_judged: [Change; 2] = [
-            |it| it.theorem.ticks_judged = 9_999,
-            |it| (it.theorem.ticks_checked, it.theorem.ticks_unwatched) = (0, 1),
-        ];
-        check(2, "not judged", &not_judged);
+        (1, "in time", |it| periods(it, 1666.6667, 1666.667)),
+        (1, "in time", |it| periods(it, 333.3333, 333.333)),
+        (1, "in time", |it| it.steal.percent = 1.0),
+        (2, "not applicable", |it| it.theorem.ticks_checked = 0),
+        (2, "not applicable", |it| it.theorem.steps_adapted = 0),
+        (2, "not applicable", |it| {
+            it.theorem.law_without = Some("pid".into())
+        }),
+        (2, "broken", |it| it.theorem.holds = false),
+        (2, "broken", |it| {
+            (it.theorem.ticks_unwatched, it.theorem.holds) = (1, false)
+        }),
+        (2, "broken", |it| {
+            (it.theorem.steps_adapted, it.theorem.holds) = (0, false)
+        }),
+        (2, "partly watched", |it| it.theorem.ticks_unwatched = 1),
+        (2, "not judged", |it| it.theorem.ticks_judged = 9_999),
+        (2, "not judged", |it| {
+            (it.theorem.ticks_checked, it.theorem.ticks_unwatched) = (0, 1)
+        }),
+    ];
+
+    #[test]
+    fn each_change_of_a_good_flight_has_its_word() {
+        for (i, (verdict, word, change)) in CHANGES.into_iter().enumerate() {
+            let mut report = good();
+            change(&mut report);
+            let verdicts = Verdicts::of(&report, Some(EndReason::Completed), &LIMITS);
+            let mut expected = ["tracked", "in time", "holds"];
+            expected[verdict] = word;
+            assert_eq!(words(&verdicts), expected, "{word} {i}");
+        }
         let lost = Verdicts::of(&good(), Some(EndReason::Position), &LIMITS);
         assert_eq!(words(&lost)[0], "lost");
-        // A share is never rounded up to all.
-        for (missed, share) in [(1, "99.99"), (16, "99.92"), (10_000, "50.00")] {
+    }
+
+    #[test]
+    fn a_verdict_names_what_is_too_large_and_never_rounds_a_share_up_to_all() {
+        let why = |change: &dyn Fn(&mut Report)| {
             let mut report = good();
-            not_fresh(&mut report, missed, 0, 0);
-            let why = Verdicts::of(&report, None, &LIMITS).timing.why;
+            change(&mut report);
+            let Verdicts { flight, timing, .. } = Verdicts::of(&report, None, &LIMITS);
+            [flight.why, timing.why]
+        };
+        for (error_m, yaw_rad, expected) in [
+            (0.1, 0.3, "yaw error up to 0.3000 rad (limit 0.2 rad)"),
+            (0.3, 0.1, "position error up to 0.3000 m (limit 0.1 m)"),
+        ] {
+            let [flight, _] = why(&|it| {
+                it.flight.recent_error_max_m = error_m;
+                yaw(it, yaw_rad);
+            });
+            assert_eq!(flight, format!("{expected} in the last 5.0 s"));
+        }
+        // An excursion before the last seconds is named, though the flight is tracked in these.
+        let [flight, _] = why(&|it| it.flight.position_error_max_m = 1.34);
+        let end = "in the last 5.0 s; before that position error up to 1.3400 m";
+        assert!(flight.ends_with(end), "{flight}");
+        for (missed, share) in [(1, "99.99"), (16, "99.92"), (10_000, "50.00")] {
+            let [_, timing] = why(&|it| not_fresh(it, missed, 0, 0));
             let begin = format!("{share} % on time: {missed} of 20000 ticks without");
-            assert!(why.starts_with(&begin), "{why}");
+            assert!(timing.starts_with(&begin), "{timing}");
         }
     }
 

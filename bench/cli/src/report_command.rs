@@ -9,13 +9,14 @@ use crate::cli::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use analysis::diff::{ComparedRun, compare};
 use analysis::gates::break_off;
 use analysis::json::print_json;
+use analysis::report_file::RunFacts;
 use analysis::schema::{AcceptanceResult, FlightStatus, Gate, Report};
 use errors::output::{print, say};
-use errors::{Failure, InFile as _, OK, check_outputs, read_text, write_text};
+use errors::{Failure, OK, check_outputs, write_text};
 use experiments::margin::table::look_again;
 use flight_log::wall_time::utc;
 use recorder::hlog;
-use recorder::run_directory::{find, log_files};
+use recorder::run_directory::{FACTS, find, log_files};
 use render::document::Document;
 use render::{brief, diff, flight, junit, page, sentences};
 use serde::Serialize;
@@ -175,12 +176,9 @@ fn ended_flight(directory: &Path) -> Result<ComparedRun, Failure> {
         ))
         .help("wait for the end of the flight; a flight whose recorder died has none"));
     }
-    let path = directory.join("run.json");
-    let text = read_text("read", &path)?;
-    let facts = serde_json::from_str(&text).in_file("read", &path)?;
     Ok(ComparedRun {
         run: directory.display().to_string(),
         report,
-        facts,
+        facts: RunFacts::read(&directory.join(FACTS))?,
     })
 }

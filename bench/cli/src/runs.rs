@@ -18,7 +18,7 @@ use analysis::json::print_json;
 use config::airframe::PAPER;
 use config::last_name;
 use errors::output::print;
-use errors::{Failure, OK, read_text};
+use errors::{Failure, OK};
 use flight_log::wall_time::utc;
 use messages::role::Channel;
 use recorder::hlog;
@@ -86,8 +86,7 @@ impl RecordedRun {
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
-        let text = read_text("read", &facts).ok()?;
-        let RunFacts { settings, .. } = serde_json::from_str(&text).ok()?;
+        let RunFacts { settings, .. } = RunFacts::read(&facts).ok()?;
         let airframe = settings["flight"]["airframe"].as_str().unwrap_or(PAPER);
         let report_file = directory.join("report.json");
         let is_in_the_air = directory.join(LATENCIES).exists() && hlog::lives(directory);

@@ -96,9 +96,8 @@ impl Layers<'_> {
 
     /// The file, as the end of an error.
     fn place(&self) -> String {
-        self.file
-            .map(|path| format!(" (settings file {})", path.display()))
-            .unwrap_or_default()
+        let origin = |_| format!(" ({})", origin(self.file));
+        self.file.map(origin).unwrap_or_default()
     }
 
     fn merge(mut self) -> Result<Table, Failure> {
@@ -118,10 +117,7 @@ impl Layers<'_> {
         };
         insert_laws(&mut table, &Rig::default());
         self.check_preset_name(&preset, &laws)?;
-        let place = self.file.map_or_else(
-            || "settings".into(),
-            |path| format!("settings file {}", path.display()),
-        );
+        let place = origin(self.file);
         let of_channels = self.take_channel_laws(&place)?;
         for (section, law) in &laws {
             if self.flag(section, LAW).is_some() {
@@ -145,6 +141,19 @@ impl Layers<'_> {
             ..Rig::default()
         };
         insert_laws(&mut table, &rig);
+        self.overlay(&mut table);
+        for (section, law) in laws {
+            law_settings::identify(&mut table, section, law);
+        }
+        let channels = channel_sections(of_channels, &preset, &rig)?;
+        if !channels.is_empty() {
+            table.insert(CHANNEL.into(), Value::Table(channels));
+        }
+        Ok(table)
+    }
+
+    /// Lays the keys of the file over the table, and those of the flags over them.
+    fn overlay(self, table: &mut Table) {
         for (section, keys) in self.given {
             if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys)
             {
@@ -159,29 +168,6 @@ impl Layers<'_> {
                 into.insert(key.into(), value);
             }
         }
-        for (section, law) in laws {
-            law_settings::identify(&mut table, section, law);
-        }
-        let mut channels = Table::new();
-        for (channel, role, mut given) in of_channels {
-            let law = law_settings::named(role, given.get(LAW), &Moved::new())
-                .map_err(|failure| failure.append(&format!(" (channel {channel})")))?;
-            let mut section = law_settings::section(law, &preset, &rig);
-            let place = format!("channel {channel}");
-            check_section(role.name(), &mut given, &section, &place)?;
-            section.extend(given);
-            let own = channels
-                .entry(channel.name())
-                .or_insert(Value::Table(Table::new()));
-            if let Value::Table(own) = own {
-                own.insert(role.name().into(), Value::Table(section));
-                law_settings::identify(own, role.name(), law);
-            }
-        }
-        if !channels.is_empty() {
-            table.insert(CHANNEL.into(), Value::Table(channels));
-        }
-        Ok(table)
     }
 
     /// The laws of single channels: those of the file's sections, as [channel.b.inner], and those of flags, as `b:inner=pid`.
@@ -462,6 +448,31 @@ impl Layers<'_> {
     }
 }
 
+/// The sections of the laws of single channels.
+fn channel_sections(
+    of_channels: Vec<(Channel, Role, Table)>,
+    preset: &str,
+    rig: &Rig,
+) -> Result<Table, Failure> {
+    let mut channels = Table::new();
+    for (channel, role, mut given) in of_channels {
+        let law = law_settings::named(role, given.get(LAW), &Moved::new())
+            .map_err(|failure| failure.append(&format!(" (channel {channel})")))?;
+        let mut section = law_settings::section(law, preset, rig);
+        let place = format!("channel {channel}");
+        check_section(role.name(), &mut given, &section, &place)?;
+        section.extend(given);
+        let own = channels
+            .entry(channel.name())
+            .or_insert(Value::Table(Table::new()));
+        if let Value::Table(own) = own {
+            own.insert(role.name().into(), Value::Table(section));
+            law_settings::identify(own, role.name(), law);
+        }
+    }
+    Ok(channels)
+}
+
 /// Every key that is given at a place must be known, and of the type that the default has.
 fn check_keys(given: &mut Table, place: &str, default: &Table) -> Result<(), Failure> {
     let here = |what: String| here(place, what);
@@ -521,6 +532,14 @@ fn check_sum(wanted: &str, name: &str, sha256: &str) -> Result<(), Failure> {
     .help("bring the old file back, or take flight.airframe_sha256 out of the settings"))
 }
 
+/// Where settings come from.
+fn origin(file: Option<&Path>) -> String {
+    match file {
+        Some(path) => format!("settings file {}", path.display()),
+        None => "settings".into(),
+    }
+}
+
 /// What is wrong with the settings that are given, and where.
 fn here(place: &str, what: impl Display) -> Failure {
     Failure::usage(format!("{place}: {what}")).help("see `ironbird fly --print-config`")
@@ -538,7 +557,7 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
             "name a file that you can read; `ironbird fly --print-config` writes one to begin with",
         )
         })?;
-    let place = format!("settings file {}", path.display());
+    let place = origin(Some(path));
     text.parse().map_err(|e: toml::de::Error| {
         match e.span().filter(|_| e.message().contains("integer `")) {
             Some(span) => {
@@ -594,18 +613,19 @@ fn mixed(
         1 => (format!("its section {all} is"), "it"),
         _ => (format!("its whole sections {all} are"), "them"),
     };
-    let said = |place: &str, said: &str| {
+    let place = origin(file);
+    let said = |said: &str| {
         Failure::usage(format!(
             "{place}: {what} of the {kind} `{named}`, and would go before those of {said}"
         ))
     };
-    let Some(path) = file else {
-        return said("settings", &format!("{key}=\"{other}\"")).help(format!(
-            "take {them} out of the settings, or fly without {key}=\"{other}\""
-        ));
-    };
+    if file.is_none() {
+        let given = format!("{key}=\"{other}\"");
+        let help = format!("take {them} out of the settings, or fly without {given}");
+        return said(&given).help(help);
+    }
     let flag = format!("--{key} {other}");
-    said(&format!("settings file {}", path.display()), &flag).help(format!(
+    said(&flag).help(format!(
         "take {them} out of the file, or begin with those of this {kind}: ironbird fly {flag} --print-config"
     ))
 }

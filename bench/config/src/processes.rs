@@ -11,6 +11,7 @@ use messages::blackboards::LOCKSTEP;
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
+use messages::telemetry::LAW_ROLES;
 use plant::command_hold::waiting_ticks;
 use redundancy::{Arrangement, SimplexLimits};
 use toml::{Table, Value};
@@ -83,11 +84,15 @@ impl Settings {
     }
 
     pub fn law_sections(&self) -> [(Role, &Table); 3] {
-        [
-            (Role::Outer, &self.outer),
-            (Role::Inner, &self.inner),
-            (Role::Mixer, &self.mixer),
-        ]
+        LAW_ROLES.map(|role| (role, self.section(role)))
+    }
+
+    fn section(&self, role: Role) -> &Table {
+        match role {
+            Role::Outer => &self.outer,
+            Role::Mixer => &self.mixer,
+            _ => &self.inner,
+        }
     }
 
     /// The laws of single channels: of which channel and role, and their sections.
@@ -149,12 +154,7 @@ impl Settings {
     }
 
     pub(super) fn chosen(&self, role: Role) -> Result<(Chosen, description::Settings), Failure> {
-        let section = match role {
-            Role::Outer => &self.outer,
-            Role::Mixer => &self.mixer,
-            _ => &self.inner,
-        };
-        law_settings::chosen(role, section, &self.moved)
+        law_settings::chosen(role, self.section(role), &self.moved)
     }
 
     /// The chosen laws: outer, inner, mixer.

@@ -31,47 +31,9 @@ pub fn document(comparison: &Comparison) -> Document {
     lead.push(Block::Items(lacks.collect()));
     let mut sections = vec![over_time(comparison)];
     sections.extend(motion(comparison));
-    match (flight.faults.first(), flight.settled_tick()) {
-        (Some(first), Some(settled)) => {
-            let before = format!("before {:.3} s ", first.time_s);
-            let after = format!("from {:.3} s on ", flight.time_s(settled));
-            let of_before = |it: &Figures| it.error_before;
-            sections.push(errors(comparison, "error-before", &before, of_before));
-            let from = format!("from {:.3} s on ", first.time_s);
-            let of_all = |it: &Figures| it.error_from_fault;
-            sections.push(errors(comparison, "error-from-fault", &from, of_all));
-            let of_after = |it: &Figures| it.error_after;
-            sections.push(errors(comparison, "error-after", &after, of_after));
-        }
-        _ => sections.push(errors(comparison, "error", "", |it| Some(it.error))),
-    }
-    let columns = ["yaw rms", "yaw largest", "tilt rms", "tilt largest"];
-    let attitude = table(comparison, columns, |outcome| {
-        let of = |error: &Option<AngleErrors>| {
-            let numbers = |it: &AngleErrors| [it.rms_rad, it.max_rad].map(thousandths);
-            error.as_ref().map_or(["-".into(), "-".into()], numbers)
-        };
-        let figures = &outcome.figures;
-        [of(&figures.yaw_error), of(&figures.tilt_error)].concat()
-    });
-    sections.push(Section::new(
-        "attitude",
-        "True attitude error [mrad]",
-        vec![attitude],
-    ));
-    if !flight.faults.is_empty() {
-        let faults = flight.faults.iter();
-        let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
-        let title = format!(
-            "Recovery from the fault at: when the true errors stay below {} m and {} rad of yaw: for at least \
-             {STAYING_S} s and {:.0} % of the time after the fault, and longer than they were below before",
-            flight.bound_m,
-            flight.bound_yaw_rad,
-            100.0 * STAYING_SHARE
-        );
-        let table = table(comparison, columns, |it| recoveries_of(it).collect());
-        sections.push(Section::new("recovery", title, vec![table]));
-    }
+    sections.extend(position_errors(comparison));
+    sections.push(attitude_errors(comparison));
+    sections.extend(recovery(comparison));
     let columns = ["power [hover]", AGITATION, "saturated [%]", "outputs"];
     let effort = table(comparison, columns, |outcome| {
         let effort = &outcome.figures.effort;
@@ -125,19 +87,62 @@ fn table(
     Block::Table(Table::named("laws", lost.into_iter().chain(columns), rows))
 }
 
-/// The true position errors of a part of the flight, `when`.
-fn errors(
-    comparison: &Comparison,
-    id: &'static str,
-    when: &str,
-    of: fn(&Figures) -> Option<ErrorFigures>,
-) -> Section {
-    let cells = |outcome: &Outcome| match of(&outcome.figures) {
-        Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(thousandths).into(),
-        None => vec!["-".to_owned(); 3],
+/// The true position errors, of a flight with faults before and after them.
+fn position_errors(comparison: &Comparison) -> Vec<Section> {
+    type Errors = fn(&Figures) -> Option<ErrorFigures>;
+    let flight = &comparison.flight;
+    let parts: Vec<(&'static str, String, Errors)> =
+        match (flight.faults.first(), flight.settled_tick()) {
+            (Some(Fault { time_s, .. }), Some(settled)) => {
+                let before = format!("before {time_s:.3} s ");
+                let from = format!("from {time_s:.3} s on ");
+                let after = format!("from {:.3} s on ", flight.time_s(settled));
+                vec![
+                    ("error-before", before, |it| it.error_before),
+                    ("error-from-fault", from, |it| it.error_from_fault),
+                    ("error-after", after, |it| it.error_after),
+                ]
+            }
+            _ => vec![("error", String::new(), |it| Some(it.error))],
+        };
+    let section = |(id, when, of): (&'static str, String, Errors)| {
+        let cells = |outcome: &Outcome| match of(&outcome.figures) {
+            Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(thousandths).into(),
+            None => vec!["-".to_owned(); 3],
+        };
+        let table = table(comparison, ["rms", "p99", "worst"], cells);
+        Section::new(id, format!("True position error {when}[mm]"), vec![table])
     };
-    let table = table(comparison, ["rms", "p99", "worst"], cells);
-    Section::new(id, format!("True position error {when}[mm]"), vec![table])
+    parts.into_iter().map(section).collect()
+}
+
+fn attitude_errors(comparison: &Comparison) -> Section {
+    let columns = ["yaw rms", "yaw largest", "tilt rms", "tilt largest"];
+    let table = table(comparison, columns, |outcome| {
+        let of = |error: &Option<AngleErrors>| {
+            let numbers = |it: &AngleErrors| [it.rms_rad, it.max_rad].map(thousandths);
+            error.as_ref().map_or(["-".into(), "-".into()], numbers)
+        };
+        let figures = &outcome.figures;
+        [of(&figures.yaw_error), of(&figures.tilt_error)].concat()
+    });
+    Section::new("attitude", "True attitude error [mrad]", vec![table])
+}
+
+/// When the flights had recovered from each fault.
+fn recovery(comparison: &Comparison) -> Option<Section> {
+    let flight = &comparison.flight;
+    let faults = flight.faults.iter();
+    let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
+    let title = format!(
+        "Recovery from the fault at: when the true errors stay below {} m and {} rad of yaw: for at least \
+         {STAYING_S} s and {:.0} % of the time after the fault, and longer than they were below before",
+        flight.bound_m,
+        flight.bound_yaw_rad,
+        100.0 * STAYING_SHARE
+    );
+    let table = table(comparison, columns, |it| recoveries_of(it).collect());
+    (!flight.faults.is_empty()).then(|| Section::new("recovery", title, vec![table]))
 }
 
 /// Why flights were lost, and what laws answered that could not be used.

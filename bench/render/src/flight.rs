@@ -524,29 +524,11 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
         }),
     ];
     let stages: Vec<Process<'a>> = stages_of(report).collect();
-    let mut blocks = vec![Block::Table(Table::of(&columns, &stages))];
-    let recorder = &report.recorder;
-    let stages_rejected = stages.iter().map(|(name, role)| (*name, &role.rejected));
-    let mut items = Vec::new();
-    for (name, reasons) in stages_rejected.chain([("record", &recorder.rejected)]) {
-        for (reason, number) in reasons.iter().filter(|(_, number)| **number > 0) {
-            items.push(format!(
-                "{name} rejected {}: {reason}",
-                count(*number, "message")
-            ));
-        }
-    }
-    items.push(format!(
-        "recorder: lost {}, {} incomplete, {:.1} % of a processor",
-        count(report.lost(), "message"),
-        count(recorder.incomplete_ticks, "tick"),
-        recorder.cpu_percent
-    ));
-    items.push(log(&recorder.log));
-    let unwritten = recorder.unwritten.iter();
-    items.extend(unwritten.map(|(file, reason)| format!("{file}: {reason}")));
-    blocks.push(Block::Items(items));
-    blocks.push(Block::Heading("Real time: requested and granted".into()));
+    let mut blocks = vec![
+        Block::Table(Table::of(&columns, &stages)),
+        Block::Items(messages_and_log(report, &stages)),
+        Block::Heading("Real time: requested and granted".into()),
+    ];
     let granted = stages
         .iter()
         .map(|(name, role)| format!("{name:<9} {}", grants(role)));
@@ -577,6 +559,29 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
         blocks.push(table([name.as_str(), "count", "per tick"], rows));
     }
     blocks
+}
+
+/// Which messages were rejected or lost, and what the recorder wrote.
+fn messages_and_log(report: &Report, stages: &[Process<'_>]) -> Vec<String> {
+    let recorder = &report.recorder;
+    let stages_rejected = stages.iter().map(|(name, role)| (*name, &role.rejected));
+    let mut items = Vec::new();
+    for (name, reasons) in stages_rejected.chain([("record", &recorder.rejected)]) {
+        for (reason, number) in reasons.iter().filter(|(_, number)| **number > 0) {
+            let messages = count(*number, "message");
+            items.push(format!("{name} rejected {messages}: {reason}"));
+        }
+    }
+    items.push(format!(
+        "recorder: lost {}, {} incomplete, {:.1} % of a processor",
+        count(report.lost(), "message"),
+        count(recorder.incomplete_ticks, "tick"),
+        recorder.cpu_percent
+    ));
+    items.push(log(&recorder.log));
+    let unwritten = recorder.unwritten.iter();
+    items.extend(unwritten.map(|(file, reason)| format!("{file}: {reason}")));
+    items
 }
 
 fn usage_count((_, role): &Process<'_>, count: fn(&LoopUsage) -> u64) -> String {

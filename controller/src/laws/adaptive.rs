@@ -38,6 +38,12 @@ pub const RATE_ERROR: [Signal; 3] = [
     signal(telemetry::RATE_ERROR[2], "rad/s"),
 ];
 
+pub const ESTIMATE: [Signal; 3] = [
+    signal("rotor_inertia_kg_m2", "kg m^2"),
+    signal("rotational_drag_nm_s", "N m s"),
+    signal("disturbance_gain_rad_s2", "rad/s^2"),
+];
+
 const SOURCE: &str = "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
                       Vehicle, (17)-(22), sampled; docs/paper.md lists the differences";
 
@@ -53,6 +59,8 @@ const SETTINGS: [Setting; 10] = [
     gains::ESTIMATE_MIN,
     gains::ESTIMATE_MAX,
 ];
+
+const SIGNALS: [[Signal; 3]; 2] = [RATE_ERROR, ESTIMATE];
 
 /// The paper's inner loop: filter, estimates, and the last sample.
 #[derive(Clone, Debug)]
@@ -129,14 +137,7 @@ impl Law for Adaptive {
         settings: &SETTINGS,
         presets: gains::PRESETS,
         suited: Some(gains::suited),
-        telemetry: &[
-            RATE_ERROR[0],
-            RATE_ERROR[1],
-            RATE_ERROR[2],
-            signal("rotor_inertia_kg_m2", "kg m^2"),
-            signal("rotational_drag_nm_s", "N m s"),
-            signal("disturbance_gain_rad_s2", "rad/s^2"),
-        ],
+        telemetry: SIGNALS.as_flattened(),
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {

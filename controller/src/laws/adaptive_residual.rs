@@ -15,14 +15,14 @@
 //! tick e gains T (Phi ~theta + l) instead of T Phi ~theta, and l follows Phi ~theta wherever the estimates are slower than w_c.
 
 use control_api::description::{
-    Description, Refused, Setting, Settings, Value, number, settings, signal, three,
+    Description, Refused, Setting, Settings, Signal, Value, number, settings, three, xyz,
 };
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
 
 use crate::gains::{self, Gains, preset};
-use crate::laws::adaptive::{Adaptive, RATE_ERROR};
+use crate::laws::adaptive::{Adaptive, ESTIMATE, RATE_ERROR};
 use crate::laws::observed::ALPHA_1_S;
 use crate::laws::residual::Residual;
 use crate::rate_loop;
@@ -63,6 +63,8 @@ pub fn residual(telemetry: &Telemetry) -> [f64; 3] {
     [x, y, z]
 }
 
+const SIGNALS: [[Signal; 3]; 3] = [RATE_ERROR, ESTIMATE, xyz!("residual", "rad_s2", "rad/s^2")];
+
 /// `adaptive` with a residual.
 #[derive(Clone, Debug)]
 pub struct AdaptiveResidual(Adaptive);
@@ -99,17 +101,7 @@ impl Law for AdaptiveResidual {
             ),
         ],
         suited: Some(suited),
-        telemetry: &[
-            RATE_ERROR[0],
-            RATE_ERROR[1],
-            RATE_ERROR[2],
-            signal("rotor_inertia_kg_m2", "kg m^2"),
-            signal("rotational_drag_nm_s", "N m s"),
-            signal("disturbance_gain_rad_s2", "rad/s^2"),
-            signal("residual_x_rad_s2", "rad/s^2"),
-            signal("residual_y_rad_s2", "rad/s^2"),
-            signal("residual_z_rad_s2", "rad/s^2"),
-        ],
+        telemetry: SIGNALS.as_flattened(),
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {

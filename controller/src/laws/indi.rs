@@ -23,7 +23,7 @@
 //! * Rates and accelerations along the reference (nu2_d, dnu2_d) are fed forward; the paper has none.
 
 use control_api::description::{
-    Description, Preset, Refused, Settings, Value, number, settings, signal, three,
+    Description, Preset, Refused, Settings, Signal, Value, number, settings, three, xyz,
 };
 use control_api::law::{Fields, InnerInput, InnerLaw, Law, Rig, WrenchSetpoint};
 use messages::allocation::Allocation;
@@ -42,6 +42,12 @@ settings! {
     FILTER = "filter_rad_s", "rad/s", number(50.0, 1.0, 5000.0), "w_n of the filter of acceleration and torque";
     DAMPING = "filter_damping", "", number(0.55, 0.3, 2.0), "zeta of that filter";
 }
+
+const SIGNALS: [[Signal; 3]; 3] = [
+    xyz!("acceleration", "rad_s2", "rad/s^2"),
+    xyz!("torque", "nm", "N m"),
+    xyz!("disturbance", "rad_s2", "rad/s^2"),
+];
 
 #[derive(Clone, Debug)]
 pub struct Indi {
@@ -77,17 +83,7 @@ impl Law for Indi {
             ],
         }],
         suited: None,
-        telemetry: &[
-            signal("acceleration_x_rad_s2", "rad/s^2"),
-            signal("acceleration_y_rad_s2", "rad/s^2"),
-            signal("acceleration_z_rad_s2", "rad/s^2"),
-            signal("torque_x_nm", "N m"),
-            signal("torque_y_nm", "N m"),
-            signal("torque_z_nm", "N m"),
-            signal("disturbance_x_rad_s2", "rad/s^2"),
-            signal("disturbance_y_rad_s2", "rad/s^2"),
-            signal("disturbance_z_rad_s2", "rad/s^2"),
-        ],
+        telemetry: SIGNALS.as_flattened(),
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {

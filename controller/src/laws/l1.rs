@@ -18,7 +18,7 @@
 //! * The predictor is exact for what is held over a tick; the paper's is an Euler step.
 //! * The controller around it is the attitude loop of [`crate::attitude_loop`], not a geometric one.
 
-use control_api::description::{Description, Settings, Value, number, settings, signal};
+use control_api::description::{Description, Settings, Signal, Value, number, settings, xyz};
 use control_api::law::Fields;
 use messages::math::{exp, exp_m1};
 use messages::role::Role;
@@ -34,6 +34,12 @@ settings! {
 }
 
 pub type L1 = Observed<Observer>;
+
+const SIGNALS: [[Signal; 3]; 3] = [
+    RATE_ERROR,
+    xyz!("uncertainty", "rad_s2", "rad/s^2"),
+    xyz!("filtered", "rad_s2", "rad/s^2"),
+];
 
 #[derive(Clone, Debug)]
 pub struct Observer {
@@ -75,17 +81,7 @@ impl observed::Observer for Observer {
             ),
         ],
         suited: Some(|settings, rig| observed::suited(settings, rig, &[(&FILTER, 1)])),
-        telemetry: &[
-            RATE_ERROR[0],
-            RATE_ERROR[1],
-            RATE_ERROR[2],
-            signal("uncertainty_x_rad_s2", "rad/s^2"),
-            signal("uncertainty_y_rad_s2", "rad/s^2"),
-            signal("uncertainty_z_rad_s2", "rad/s^2"),
-            signal("filtered_x_rad_s2", "rad/s^2"),
-            signal("filtered_y_rad_s2", "rad/s^2"),
-            signal("filtered_z_rad_s2", "rad/s^2"),
-        ],
+        telemetry: SIGNALS.as_flattened(),
     };
 
     fn new(settings: &Settings, period_s: f64) -> Self {

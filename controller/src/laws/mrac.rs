@@ -21,7 +21,7 @@
 //! * The gradient is normalised, as the sampled law would diverge at large rates without it.
 //! * The predictor is exact for its own pole over a tick; g comes from the measured speeds of the rotors.
 
-use control_api::description::{Description, Settings, Value, number, settings, signal};
+use control_api::description::{Description, Settings, Signal, Value, number, settings, xyz};
 use control_api::law::Fields;
 use messages::math::exp;
 use messages::role::Role;
@@ -44,6 +44,13 @@ settings! {
 }
 
 pub type Mrac = Observed<Observer>;
+
+const SIGNALS: [[Signal; 3]; 4] = [
+    RATE_ERROR,
+    xyz!("model_error", "rad_s", "rad/s"),
+    xyz!("damping", "1_s", "1/s"),
+    xyz!("bias", "rad_s2", "rad/s^2"),
+];
 
 #[derive(Clone, Debug)]
 pub struct Observer {
@@ -96,20 +103,7 @@ impl observed::Observer for Observer {
                 &[(&MODEL, 1), (&GAIN_RATE, 2), (&GAIN_BIAS, 2)],
             )
         }),
-        telemetry: &[
-            RATE_ERROR[0],
-            RATE_ERROR[1],
-            RATE_ERROR[2],
-            signal("model_error_x_rad_s", "rad/s"),
-            signal("model_error_y_rad_s", "rad/s"),
-            signal("model_error_z_rad_s", "rad/s"),
-            signal("damping_x_1_s", "1/s"),
-            signal("damping_y_1_s", "1/s"),
-            signal("damping_z_1_s", "1/s"),
-            signal("bias_x_rad_s2", "rad/s^2"),
-            signal("bias_y_rad_s2", "rad/s^2"),
-            signal("bias_z_rad_s2", "rad/s^2"),
-        ],
+        telemetry: SIGNALS.as_flattened(),
     };
 
     fn new(settings: &Settings, period_s: f64) -> Self {

@@ -7,7 +7,7 @@
 //! * Acceleration and thrust are limited; the paper's are not.
 //! * The derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
-use control_api::description::{Description, Refused, Settings, number, settings, signal};
+use control_api::description::{Description, Refused, Settings, number, settings, xyz};
 use control_api::law::{Desired, Fields, Law, OuterInput, OuterLaw, Rig};
 use messages::frames::RollPitch;
 use messages::limits::RotorLimits;
@@ -60,11 +60,7 @@ impl Law for Pd {
         suited: Some(|settings, rig| {
             limits::suited(settings, &ACCELERATION_Z_MIN_G, &ACCELERATION_Z_MAX_G, rig)
         }),
-        telemetry: &[
-            signal("acceleration_wanted_x_m_s2", "m/s^2"),
-            signal("acceleration_wanted_y_m_s2", "m/s^2"),
-            signal("acceleration_wanted_z_m_s2", "m/s^2"),
-        ],
+        telemetry: &xyz!("acceleration_wanted", "m_s2", "m/s^2"),
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {

@@ -21,7 +21,7 @@
 //! disturbance phi leaves e = 2 T phi, whatever L is: a proportional loop of 1/(2T) without integral action. Without that
 //! prediction z^2 - z + 1 = 0, a limit cycle; with phi = -w in the prediction, the same.
 
-use control_api::description::{Description, Settings, Value, settings, signal, three};
+use control_api::description::{Description, Settings, Signal, Value, settings, three, xyz};
 use control_api::law::Fields;
 use messages::role::Role;
 use nalgebra::Vector3;
@@ -35,6 +35,8 @@ settings! {
 }
 
 pub type Sliding = Observed<Observer>;
+
+const SIGNALS: [[Signal; 3]; 2] = [RATE_ERROR, xyz!("uncertainty", "rad_s2", "rad/s^2")];
 
 #[derive(Clone, Debug)]
 pub struct Observer {
@@ -74,14 +76,7 @@ impl observed::Observer for Observer {
             ),
         ],
         suited: Some(|settings, rig| observed::suited(settings, rig, &[(&DISTURBANCE_RATE, 1)])),
-        telemetry: &[
-            RATE_ERROR[0],
-            RATE_ERROR[1],
-            RATE_ERROR[2],
-            signal("uncertainty_x_rad_s2", "rad/s^2"),
-            signal("uncertainty_y_rad_s2", "rad/s^2"),
-            signal("uncertainty_z_rad_s2", "rad/s^2"),
-        ],
+        telemetry: SIGNALS.as_flattened(),
     };
 
     fn new(settings: &Settings, period_s: f64) -> Self {

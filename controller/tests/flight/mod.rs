@@ -4,12 +4,12 @@ use control_api::GuardedMixer;
 use control_api::description::{Settings, Value};
 use control_api::law::{InnerInput, InnerLaw, Law, OuterInput, OuterLaw, Rig, WrenchSetpoint};
 use controller::Trajectory;
-use messages::content::{Stamped, Wrench};
+use messages::content::{Measured, Stamped, Wrench};
 use messages::parameters::Parameter;
 use messages::telemetry::Telemetry;
 use mixer::RollPitchFirst;
-use nalgebra::Vector3;
-use plant::{Plant, PlantSettings, Swap};
+use nalgebra::{Vector3, Vector4};
+use plant::{Initial, Plant, PlantSettings, Swap};
 
 pub type Inner = Box<dyn InnerLaw>;
 pub type Outer = Box<dyn OuterLaw>;
@@ -18,6 +18,7 @@ pub type Outer = Box<dyn OuterLaw>;
 #[derive(Clone, Debug)]
 pub struct ScaledTrajectory {
     pub trajectory: Trajectory,
+    pub initial: Initial,
     /// Parameters that differ from what the laws believe, each from a tick on.
     pub faults: Vec<(u64, Parameter, f64)>,
     pub delay_ticks: u64,
@@ -29,17 +30,15 @@ pub struct ScaledTrajectory {
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     pub error_m: Vec<f64>,
-    /// Largest change of a rotor command from the tick before [rad/s].
-    pub agitation_rad_s: Vec<f64>,
+    pub measured: Vec<Measured>,
     /// What the outer law shows of itself.
     pub telemetry: Vec<Telemetry>,
-    /// Attitude at the end [rad].
-    pub attitude_rad: [f64; 3],
 }
 
 pub fn course(trajectory: Trajectory) -> ScaledTrajectory {
     ScaledTrajectory {
         trajectory,
+        initial: Initial::default(),
         faults: vec![],
         delay_ticks: 1,
         skip_every: None,
@@ -73,10 +72,14 @@ impl Track {
             .fold(0.0, f64::max)
     }
 
-    /// Root mean square of the rotor commands' changes in the second half [rad/s].
+    /// Root mean square of the largest change of a rotor command per tick in the second half [rad/s].
     pub fn agitation(&self) -> f64 {
-        let half = &self.agitation_rad_s[self.agitation_rad_s.len() / 2..];
-        (half.iter().map(|change| change * change).sum::<f64>() / half.len() as f64).sqrt()
+        let half = &self.measured[self.measured.len() / 2..];
+        let changes = half.windows(2).map(|pair| {
+            let [before, now] = [0, 1].map(|i| Vector4::from(pair[i].rotor_speed_command_rad_s));
+            (now - before).amax().powi(2)
+        });
+        (changes.sum::<f64>() / half.len() as f64).sqrt()
     }
 }
 
@@ -104,6 +107,7 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         airframe,
         rotor,
         seed: 1,
+        initial: course.initial,
         ..PlantSettings::default()
     });
     for &(tick, parameter, value) in &course.faults {
@@ -112,7 +116,6 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
     }
     let mut mixer = GuardedMixer::new(law::<RollPitchFirst>(vec![]).into(), &Rig::default());
     let mut track = Track::default();
-    let mut before = plant.state().measured.rotor_speed_command_rad_s;
     let ticks = (course.seconds / period_s).round() as u64;
     for tick in 0..ticks {
         let measured = plant.begin(tick).measured;
@@ -153,14 +156,8 @@ pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Tra
         track
             .error_m
             .push(if lost { f64::INFINITY } else { error.norm() });
-        let change = before
-            .iter()
-            .zip(measured.rotor_speed_command_rad_s)
-            .map(|(a, b)| (a - b).abs());
-        track.agitation_rad_s.push(change.fold(0.0, f64::max));
-        before = measured.rotor_speed_command_rad_s;
+        track.measured.push(measured);
         track.telemetry.push(telemetry);
-        track.attitude_rad = measured.attitude_rad;
         if lost {
             track.error_m = vec![f64::INFINITY; ticks as usize];
             return track;

@@ -207,35 +207,7 @@ pub fn trial_of<E>(
             Ok(Some(answers))
         })?;
     }
-    let [mut first, mut second] = [make()?, make()?];
-    let hover = hover(rig);
-    let time = |candidate: &mut Candidate, first_tick: usize, times_ns: &mut [u64]| {
-        for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
-            let input = black_box(InnerInput { tick, ..hover });
-            let begun = Instant::now();
-            black_box(candidate.tick(&input, false));
-            *time_ns = begun.elapsed().as_nanos() as u64;
-            alive();
-        }
-    };
-    let (mut hot, mut cold) = (vec![0; HOT], vec![0; cold_ticks]);
-    // A page fault in the memory of an instance recurs in the second instance, which gets the same inputs.
-    let [one, other] = [&mut first, &mut second].map(|candidate| {
-        time(candidate, 0, &mut hot);
-        let meter = UsageMeter::start();
-        time(candidate, HOT, &mut hot);
-        meter.read()
-    });
-    let usage = min_by_key(one, other, |it| it.minor_faults + it.major_faults);
-    hot.sort_unstable();
-    let mut elsewhere = vec![0_u8; CACHES];
-    for (i, time_ns) in cold.chunks_mut(1).enumerate() {
-        let lines = elsewhere.iter_mut().step_by(64);
-        lines.for_each(|byte| *byte = byte.wrapping_add(1));
-        black_box(&mut elsewhere);
-        time(&mut second, 2 * HOT + i, time_ns);
-    }
-    cold.sort_unstable();
+    let (hot_ns, cold_ns, usage) = timed([make()?, make()?], &hover(rig), cold_ticks, &alive);
     // Last: the instances made here can cause a page fault in ticks that are timed after them.
     if difference.is_none() {
         [restored, _] = compare(rig, rehearsed_inputs, &make, &alive, |law, input| {
@@ -265,10 +237,48 @@ pub fn trial_of<E>(
         is_saved,
         is_loaded,
         restored,
-        hot_ns: [hot[HOT / 2], hot[HOT * 99 / 100]],
-        cold_ns: cold[cold_ticks / 2],
+        hot_ns,
+        cold_ns,
         usage,
     })
+}
+
+/// Median and 99th percentile of a tick with warm caches, and median of one with cold caches [ns]; and what the ticks use.
+fn timed(
+    [mut first, mut second]: [Candidate; 2],
+    hover: &InnerInput,
+    cold_ticks: usize,
+    alive: &impl Fn(),
+) -> ([u64; 2], u64, Usage) {
+    let time = |candidate: &mut Candidate, first_tick: usize, times_ns: &mut [u64]| {
+        for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
+            let input = black_box(InnerInput { tick, ..*hover });
+            let begun = Instant::now();
+            black_box(candidate.tick(&input, false));
+            *time_ns = begun.elapsed().as_nanos() as u64;
+            alive();
+        }
+    };
+    let (mut hot, mut cold) = (vec![0; HOT], vec![0; cold_ticks]);
+    // A page fault in the memory of an instance recurs in the second instance, which gets the same inputs.
+    let [one, other] = [&mut first, &mut second].map(|candidate| {
+        time(candidate, 0, &mut hot);
+        let meter = UsageMeter::start();
+        time(candidate, HOT, &mut hot);
+        meter.read()
+    });
+    let usage = min_by_key(one, other, |it| it.minor_faults + it.major_faults);
+    hot.sort_unstable();
+    let mut elsewhere = vec![0_u8; CACHES];
+    for (i, time_ns) in cold.chunks_mut(1).enumerate() {
+        let lines = elsewhere.iter_mut().step_by(64);
+        lines.for_each(|byte| *byte = byte.wrapping_add(1));
+        black_box(&mut elsewhere);
+        time(&mut second, 2 * HOT + i, time_ns);
+    }
+    cold.sort_unstable();
+    let hot = [hot[HOT / 2], hot[HOT * 99 / 100]];
+    (hot, cold[cold_ticks / 2], usage)
 }
 
 /// Gives two instances of a law the same random inputs. `second` returns the answers of the second one, of a warm-up and

@@ -1,7 +1,6 @@
 //! Runs a flight as one side of a comparison: started as a user would, results read from its report.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Stdio;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -11,6 +10,7 @@ use analysis::series::Statistics;
 use config::Settings;
 use errors::{Failure, GATE, InFile as _, OK};
 use host::own_executable;
+use recorder::run_directory::FACTS;
 
 #[derive(Debug)]
 pub struct FlightRunner {
@@ -65,16 +65,12 @@ impl FlightRunner {
         }
         let report =
             Report::read(&run.join("report.json")).map_err(|e| e.append(&format!("; {ended}")))?;
-        let settings = settings(&run.join("run.json"))?;
+        let path = run.join(FACTS);
+        let settings = RunFacts::read(&path)?.settings;
+        let settings: Settings = serde_json::from_value(settings).in_file("read", &path)?;
         complete(&report, settings.last_tick() + 1)?;
         Ok(Flown { report, settings })
     }
-}
-
-fn settings(path: &Path) -> Result<Settings, Failure> {
-    let text = fs::read_to_string(path).in_file("read", path)?;
-    let facts: RunFacts = serde_json::from_str(&text).in_file("read", path)?;
-    serde_json::from_value(facts.settings).in_file("read", path)
 }
 
 fn complete(report: &Report, requested_ticks: u64) -> Result<(), Failure> {
@@ -95,6 +91,7 @@ pub fn series<'a>(report: &'a Report, name: &str) -> Result<&'a Statistics, Fail
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
     use std::os::unix::fs::PermissionsExt as _;
 
     use super::*;
