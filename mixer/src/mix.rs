@@ -43,15 +43,14 @@ pub fn roll_pitch_first(
 ) -> Mix {
     let room = f_max - f_min;
     let [(roll_pitch, roll_pitch_possible), (yaw, yaw_possible)] = torques(allocation, tau);
-    let span = roll_pitch.max() - roll_pitch.min();
+    let (low, high) = range(&roll_pitch);
+    let span = high - low;
     let roll_pitch_fits = if span > room { room / span } else { 1.0 };
     let roll_pitch = roll_pitch * roll_pitch_fits;
     let reserve = reserved_share(&roll_pitch, &yaw, room);
-    let reserved = roll_pitch + yaw * reserve;
+    let (low, high) = range(&(roll_pitch + yaw * reserve));
     // Not `clamp`, which hands a NaN on.
-    let common = (u / 4.0)
-        .max(f_min - reserved.min())
-        .min(f_max - reserved.max());
+    let common = (u / 4.0).max(f_min - low).min(f_max - high);
     let f = Vector4::repeat(common) + roll_pitch;
     let yaw_fits = largest_share(&f, &yaw, f_min, f_max).max(reserve);
     Mix::new(
@@ -111,6 +110,15 @@ fn torques(allocation: &Allocation, tau: &Vector3<f64>) -> [(Vector4<f64>, f64);
     .map(|tau| match allocation.thrusts(0.0, &tau) {
         f if f.iter().all(|f_i| f_i.is_finite()) => (f, 1.0),
         _ => (Vector4::zeros(), 0.0),
+    })
+}
+
+/// The smallest and the largest of four finite thrusts [N]; `min` and `max` take NaN into account, which takes longer.
+fn range(f: &Vector4<f64>) -> (f64, f64) {
+    f.iter().fold((f.x, f.x), |(low, high), f_i| {
+        let low = if *f_i < low { *f_i } else { low };
+        let high = if *f_i > high { *f_i } else { high };
+        (low, high)
     })
 }
 

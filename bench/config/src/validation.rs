@@ -221,7 +221,11 @@ impl Settings {
     fn check_start(&self) -> Result<(), Failure> {
         // What rounding leaves of a start on the ground.
         const ROUNDING_M: f64 = 1e-9;
-        match Plant::new(&self.plant()?).clearance_m() {
+        let plant = self.plant()?;
+        if plant.ground.is_none() {
+            return Ok(());
+        }
+        match Plant::new(&plant).clearance_m() {
             Some(clearance_m) if clearance_m < -ROUNDING_M => Err(Failure::usage(format!(
                 "initial.position_w_m[2] = {} is {:.3} m too low: the airframe would begin in the ground at {} m",
                 self.initial.position_w_m[2], -clearance_m, self.flight.ground_z_m

@@ -9,7 +9,6 @@ use nalgebra::Vector3;
 use super::Plant;
 use crate::integrator::{SUBSTEPS, runge_kutta_4};
 use crate::rigid_body::{Dynamics, Forcing, RigidBody};
-use crate::rotors::Spin;
 
 /// Instants of a tick at which the forcing is known: the ends and middles of all steps.
 const INSTANTS: usize = 2 * SUBSTEPS as usize + 1;
@@ -41,34 +40,29 @@ fn finish_group(group: &mut [&mut Plant]) {
     let (half_s, substeps) = (first.steps.half_s, first.steps.substeps as usize);
     let mut h = first.steps.disturbances(first.tick);
     let h: [Vector3<f64>; INSTANTS] = std::array::from_fn(|_| h.next_h());
-    let spins: heapless::Vec<Spin, LANES> = group.iter().map(|plant| plant.spin()).collect();
     // Without a lag the rotors do the same all through the tick.
-    let instants = if spins.iter().any(Spin::lags) {
+    let instants = if group.iter().any(|plant| plant.spin().lags()) {
         2 * substeps + 1
     } else {
         1
     };
     let (mut body, mut dynamics) = (Columns::ZERO, Columns::ZERO);
-    let mut forcing = [Columns::ZERO; INSTANTS];
-    for (lane, (plant, spin)) in group.iter_mut().zip(&spins).enumerate() {
+    let mut forcing: heapless::Vec<Columns<5>, INSTANTS> = heapless::Vec::new();
+    let _ = forcing.resize(instants, Columns::ZERO);
+    for (lane, plant) in group.iter_mut().enumerate() {
+        let spin = plant.spin();
         body.put(lane, &mut plant.body);
         dynamics.put(lane, &mut plant.dynamics);
-        for (instant, forcing) in forcing[..instants].iter_mut().enumerate() {
+        for (instant, forcing) in forcing.iter_mut().enumerate() {
             let effort = spin.effort(instant as f64 * half_s);
             forcing.put(lane, &mut plant.dynamics.forcing(&effort));
         }
     }
-    integrate(
-        &mut body,
-        &dynamics,
-        &forcing[..instants],
-        &h[..=2 * substeps],
-        half_s,
-    );
-    for (lane, (plant, spin)) in group.iter_mut().zip(&spins).enumerate() {
+    integrate(&mut body, &dynamics, &forcing, &h[..=2 * substeps], half_s);
+    for (lane, plant) in group.iter_mut().enumerate() {
         let body: RigidBody = body.of(lane);
         let eta2 = body.attitude.euler_near(&plant.eta2);
-        plant.arrive(spin, body, eta2);
+        plant.arrive(body, eta2);
     }
 }
 

@@ -91,11 +91,15 @@ pub enum Bound {
 }
 
 impl Bound {
+    /// Looks at all numbers, whatever the first is: without a branch, several are compared at once.
     #[inline]
     fn holds(self, numbers: &[f64]) -> bool {
+        let numbers = numbers.iter();
         match self {
-            Self::Size(bound) => numbers.iter().all(|number| number.abs() <= bound),
-            Self::Positive(bound) => numbers.iter().all(|number| (0.0..=bound).contains(number)),
+            Self::Size(bound) => numbers.fold(true, |holds, it| holds & (it.abs() <= bound)),
+            Self::Positive(bound) => {
+                numbers.fold(true, |holds, it| holds & (*it >= 0.0) & (*it <= bound))
+            }
             Self::Any => true,
         }
     }
