@@ -206,6 +206,9 @@ fn call<T>(instance: &Instance, tick: u64, law: impl FnOnce(Python<'_>) -> PyRes
 
 /// Where in the law's file an exception was raised, in brackets; nothing of one that another file has raised.
 fn raised_at(py: Python<'_>, raised: &PyErr, path: &str) -> String {
+    fn next<'py>(step: &Bound<'py, PyAny>) -> Option<Bound<'py, PyAny>> {
+        step.getattr("tb_next").ok().filter(|it| !it.is_none())
+    }
     let line = |step: &Bound<'_, PyAny>| -> PyResult<Option<u64>> {
         let code = step.getattr("tb_frame")?.getattr("f_code")?;
         let is_own = code.getattr("co_filename")?.extract::<String>()? == path;
@@ -213,7 +216,6 @@ fn raised_at(py: Python<'_>, raised: &PyErr, path: &str) -> String {
         if is_own { line.map(Some) } else { Ok(None) }
     };
     let first = raised.traceback(py).map(Bound::into_any);
-    let next = |step: &Bound<'_, PyAny>| step.getattr("tb_next").ok().filter(|it| !it.is_none());
     let lines = successors(first, next).filter_map(|step| line(&step).ok()?);
     let line = lines.last();
     line.map_or_else(String::new, |line| format!(" ({path}:{line})"))
