@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use crate::adaptation::Adaptation;
 
 /// Share of a sample in the low-pass below which it counts as forgotten.
-const FORGOTTEN: f64 = 1e-9;
+pub const FORGOTTEN: f64 = 1e-9;
 /// Share of the error of the measured rates that changes in a tick if it is noise.
 const NOISY: f64 = 0.1;
 /// Ticks for which a saturated or stale command shows in the rate error: it acts for one, a tick later.
@@ -88,6 +88,11 @@ impl Assumptions {
             newest: None,
             rate_error: Vector3::zeros(),
         }
+    }
+
+    /// Ticks after which a sample counts as forgotten.
+    pub const fn faded_ticks(&self) -> u64 {
+        self.faded_ticks
     }
 
     /// Looks at a tick; says whether the true value of an estimated parameter has changed since the last state.

@@ -10,7 +10,7 @@ use messages::monitor::Monitor;
 ///
 /// Every wrench names the state that it continued from. A law that began with its initial state has a new monitor. Where
 /// a wrench continues from a state that was not watched, because a message was lost or because another channel's state
-/// differed, there is no result until a law begins anew.
+/// differed, another monitor follows the law, and has no result until the law has forgotten what was not watched.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
     /// A fresh monitor; none if the law has no theorem.
@@ -20,9 +20,15 @@ pub struct FlightMonitor {
     next_result: u64,
     /// Tick and history of the law's state after the newest wrench.
     watched: Option<(u64, u64)>,
-    /// None after a state that was not watched.
     monitor: Option<TheoremMonitor>,
+    /// After a state that was not watched: the tick from which on there are results again.
+    resumes_at: Option<u64>,
+    /// The newest V_th at a start that there is a result of [rad^2/s^2].
+    v_th_start: f64,
 }
+
+/// What a wrench leaves of which the inputs are not known: no wrench continues from it.
+const NOT_WATCHED: Option<(u64, u64)> = Some((NO_TICK, 0));
 
 impl FlightMonitor {
     pub fn new(begin: Option<TheoremMonitor>) -> Self {
@@ -32,6 +38,8 @@ impl FlightMonitor {
             number: 0,
             next_result: 0,
             watched: None,
+            resumes_at: None,
+            v_th_start: 0.0,
         }
     }
 
@@ -66,19 +74,23 @@ impl FlightMonitor {
         setpoint: Option<&Stamped<Setpoint>>,
     ) -> Option<Message<Monitor>> {
         let mut envelope = wrench.envelope;
-        let law_state = &envelope.law_state;
+        let (tick, law_state) = (envelope.tick, &envelope.law_state);
         if law_state.from_tick == NO_TICK {
             self.begin();
         } else if self.watched != Some((law_state.from_tick, law_state.before)) {
-            self.monitor = None;
+            self.lose(tick);
         }
-        self.watched = Some((envelope.tick, law_state.after));
-        let inputs = state.zip(setpoint);
-        if inputs.is_none() {
-            self.monitor = None;
+        self.watched = NOT_WATCHED;
+        let (state, setpoint) = state.zip(setpoint)?;
+        self.watched = Some((tick, law_state.after));
+        if self.resumes_at.is_some_and(|resumes_at| resumes_at <= tick) {
+            self.resume();
         }
-        let (state, setpoint) = inputs?;
-        let content = *self.watch_next(envelope.tick, state, setpoint, &wrench.content)?;
+        let content = *self.watch_next(tick, state, setpoint, &wrench.content)?;
+        if self.resumes_at.is_some() {
+            return None;
+        }
+        self.v_th_start = content.v_th_start;
         (envelope.epoch, envelope.seq) = (self.number, self.next_result);
         self.next_result += 1;
         Some(Message { envelope, content })
@@ -97,11 +109,30 @@ impl FlightMonitor {
             (self.number, self.next_result) = (self.number + 1, 0);
         }
         self.monitor.clone_from(&self.begin);
+        self.resumes_at = None;
+    }
+
+    /// Follows a law whose state is not known before the wrench of a tick.
+    fn lose(&mut self, tick: u64) {
+        self.monitor.clone_from(&self.begin);
+        if let Some(monitor) = &mut self.monitor {
+            self.resumes_at = Some(tick.saturating_add(monitor.join(tick)));
+        }
+    }
+
+    /// Begins with results again: the law has forgotten what was not watched.
+    fn resume(&mut self) {
+        (self.number, self.next_result) = (self.number + 1, 0);
+        self.resumes_at = None;
+        if let Some(monitor) = &mut self.monitor {
+            monitor.resume(self.v_th_start);
+        }
     }
 
     /// The result for the newest wrench; none before the first one, or where the law's state was not watched.
     pub fn newest(&self) -> Option<&Monitor> {
-        let watched = self.monitor.as_ref().filter(|_| self.watched.is_some());
+        let is_watched = self.watched.is_some() && self.resumes_at.is_none();
+        let watched = self.monitor.as_ref().filter(|_| is_watched);
         watched.map(TheoremMonitor::shown)
     }
 
@@ -174,7 +205,8 @@ mod tests {
     }
 
     #[test]
-    fn a_step_from_a_state_that_was_not_watched_has_no_result_until_a_law_begins_anew() {
+    fn a_step_from_a_state_that_was_not_watched_has_no_result_until_the_law_has_forgotten_it_or_begins_anew()
+     {
         for unknown in [
             // A state, or a wrench, was lost.
             (1, from(0, 0, 0), false),
@@ -182,18 +214,20 @@ mod tests {
             // Another channel's state, which differed.
             (1, from(0, 5, 6), true),
         ] {
-            let next = (unknown.0 + 1, from(unknown.0, unknown.1.after, 0), true);
+            let (lost, after) = (unknown.0, unknown.1.after);
             let wrenches = [
                 (0, LawState::INITIAL, true),
                 unknown,
-                next,
-                (20, LawState::INITIAL, true),
+                (lost + 1, from(lost, after, 0), true),
+                // Within twice the time in which causes are forgotten.
+                (lost + 800, from(lost + 1, 0, 0), true),
+                (lost + 832, from(lost + 800, 0, 0), true),
+                (lost + 833, from(lost + 832, 0, 0), true),
+                (20_000, LawState::INITIAL, true),
             ];
-            assert_eq!(
-                results(wrenches),
-                [Some((0, 1)), None, None, Some((1, 1))],
-                "{unknown:?}"
-            );
+            let resumed = [Some((1, 1)), Some((1, 2)), Some((2, 1))];
+            let expected = [&[Some((0, 1)), None, None, None], &resumed[..]].concat();
+            assert_eq!(results(wrenches), expected[..], "{unknown:?}");
         }
         assert_eq!(results([(7, from(6, 0, 0), true)]), [None]);
     }

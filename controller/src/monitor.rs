@@ -31,7 +31,7 @@ use crate::gains::Gains;
 use crate::innovation::Innovation;
 use crate::laws::adaptive;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
-use crate::torque_check::{RotorTorque, TorqueCheck, TorqueSeen};
+use crate::torque_check::{KEPT, RotorTorque, TorqueCheck, TorqueSeen};
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
 pub const ROUNDING: f64 = 1e-12;
@@ -109,6 +109,27 @@ impl TheoremMonitor {
                 ..Monitor::default()
             },
         }
+    }
+
+    /// Joins a law in flight, of which a wrench of `tick` is the first that is watched. Returns for how many ticks it still has
+    /// samples that were not watched.
+    pub fn join(&mut self, tick: u64) -> u64 {
+        self.torque.lose(tick);
+        // Of the samples before, the steps are compared more closely than causes are.
+        let faded_ticks = self.assumptions.faded_ticks();
+        faded_ticks.saturating_mul(2).max(KEPT as u64)
+    }
+
+    /// Counts from now on; `v_th_start` is V_th at the start of the law, or after a parameter change [rad^2/s^2].
+    pub fn resume(&mut self, v_th_start: f64) {
+        self.shown = Monitor {
+            v_th_start,
+            is_live: 1,
+            ..Monitor::default()
+        };
+        self.excitation = Excitation::new(self.adaptation.period_s);
+        self.innovation = Innovation::default();
+        (self.trapezoid_sum, self.has_begun) = (0.0, false);
     }
 
     /// Takes the mode in which the mixer made the rotor command of a tick, before the wrench of the next tick.

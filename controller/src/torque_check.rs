@@ -19,8 +19,10 @@ use crate::torque_law::TorqueLaw;
 /// Share of a torque and of a rate error that rounding may take, and what it may take of those that are 0.
 const ROUNDING: f64 = 1e-9;
 const ROUNDING_OF_ZERO: f64 = 1e-12;
+/// Times the bandwidth of a command filter after which it has forgotten its state: of that, 1e-18 is left.
+const FORGETS: f64 = 46.0;
 /// Ticks kept: the longest delay of a command, 10 ms, is 80 ticks at 8 kHz.
-const KEPT: usize = 128;
+pub const KEPT: usize = 128;
 
 #[derive(Clone, Debug)]
 pub struct TorqueCheck {
@@ -28,8 +30,11 @@ pub struct TorqueCheck {
     /// Scale of a rotor's torque [N m]: weight times arm length.
     size_nm: f64,
     period_s: f64,
-    /// False once the failsafe has replaced a setpoint: the state of the law's command filter is then unknown.
-    is_followed: bool,
+    /// First tick from which on the law's command filter is known. If the failsafe has replaced a setpoint, or a tick was not
+    /// watched, that is when the filter has forgotten it.
+    followed_from: u64,
+    /// Ticks after which the slowest command filter has forgotten its state.
+    forgets_ticks: u64,
     /// The torque of each of the newest wrenches [N m], at its tick's place.
     wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
     /// An older wrench that the rotors gave instead of their command's [N m]: a frozen one stays for long.
@@ -71,16 +76,24 @@ pub enum RotorTorque {
 
 impl TorqueCheck {
     pub fn new(rig: &Rig, gains: &Gains) -> Self {
+        let slowest_rad_s = gains.command_filter_rad_s.into_iter().reduce(f64::min);
+        let forgets_s = slowest_rad_s.map_or(0.0, |w_f| FORGETS / w_f);
         Self {
             law: TorqueLaw::new(rig, gains),
             size_nm: hover_thrust_n(rig) * rig.airframe.get(Parameter::ArmLength),
             period_s: rig.period_s,
-            is_followed: true,
+            followed_from: 0,
+            forgets_ticks: (forgets_s / rig.period_s).ceil() as u64,
             wrenches: [None; KEPT],
             held: None,
             modes: [None; KEPT],
             in_force: [None; KEPT],
         }
+    }
+
+    /// Takes that the law's command filter is not known at a tick.
+    pub const fn lose(&mut self, tick: u64) {
+        self.followed_from = tick.saturating_add(self.forgets_ticks);
     }
 
     /// Takes the mode in which the mixer made the command of a tick.
@@ -100,12 +113,14 @@ impl TorqueCheck {
     ) -> TorqueSeen {
         let (state, setpoint) = inputs;
         let measured = (state.tick == tick).then_some(&state.content.measured);
-        let attitude = &mut self.law.attitude;
-        self.is_followed &= setpoint.age(tick) <= attitude.hold_ticks();
+        if setpoint.age(tick) > self.law.attitude.hold_ticks() {
+            self.lose(tick);
+        }
         let wanted = setpoint.content.desired();
-        attitude.begin(tick, &wanted, newest, measured);
+        self.law.attitude.begin(tick, &wanted, newest, measured);
         let wrench_nm = Vector3::from(wrench.torque_b_nm);
-        let law = measured.filter(|_| self.is_followed).map(|measured| {
+        let is_followed = self.followed_from <= tick;
+        let law = measured.filter(|_| is_followed).map(|measured| {
             let theta = Vector3::from(adaptive::estimate(&wrench.telemetry));
             let residual = adaptive_residual::residual(&wrench.telemetry).into();
             let (tau, e) = self.law.torque(tick, measured, &theta, &residual, evidence);

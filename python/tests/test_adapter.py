@@ -201,10 +201,10 @@ def test_a_broken_file_is_refused_in_few_words(ironbird_command, law, text, said
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        ("{}['gain']", "KeyError: 'gain'"),
+        ("{}['gain']", "KeyError: 'gain' ({file}:6)"),
         ("None", "TypeError: {file}:3: `law` at tick 300 gave nothing; it gives (thrust_n, torque_b_nm)"),
         ("(5.0, [0, float('nan'), 0])", "ValueError: {file}:3: `law` at tick 300 gave torque_b_nm = [0, nan, 0]; expected"),
-        ("sys.exit('enough')", "SystemExit: enough"),
+        ("sys.exit('enough')", "SystemExit: enough ({file}:6)"),
     ],
 )
 def test_an_exception_in_flight_ends_the_role_with_its_traceback(ironbird_command, law, tmp_path, answer, said):
@@ -222,6 +222,8 @@ def test_an_exception_in_flight_ends_the_role_with_its_traceback(ironbird_comman
     for name in ("report.txt", "report.json", "report.html"):
         report = (run / name).read_text().replace("&#39;", "'").replace("&quot;", '"')
         assert "failed in tick 300" in report and "the inner process, which flew the law `law`" in report, name
+    verdict = json.loads((run / "report.json").read_text())["words"]["flight"]["why"]
+    assert verdict.startswith(f"aborted after 301 ticks (0.301 s): {named.removeprefix('error: ')}"), verdict
     if answer != "None" and "nan" not in answer:
         words = json.loads((run / "report.json").read_text())["run"]["last_words"]
         assert f'  File "{file}", line 6, in tick' in words, words

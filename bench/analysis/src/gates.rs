@@ -391,8 +391,9 @@ impl AcceptanceResult {
     }
 }
 
-/// Closes the report of a flight whose recorder ended before its final report.
-pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) {
+/// Closes the report of a flight whose recorder ended before its final report, or did not know how the flight ended.
+/// `reason` is why it was cut short, where that is known.
+pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String, reason: &str) {
     if report.run.in_flight {
         let elapsed_s = report.ticks.elapsed_s;
         ending += &format!("; the numbers end {elapsed_s:.1} s into the flight");
@@ -413,11 +414,9 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) 
         FlightStatus::Interrupted => "interrupted",
         _ => "aborted",
     };
-    // A recorder that knew so has said so.
-    let known = report.verdict.status;
-    if !matches!(known, FlightStatus::Interrupted | FlightStatus::Aborted) {
-        report.words.cut_short(how, &report.run, &report.ticks);
-    }
+    report
+        .words
+        .cut_short(how, reason, &report.run, &report.ticks);
     (report.verdict.status, report.verdict.exit_code) = (status, status.exit_code());
     (report.run.ending, report.run.in_flight) = (ending, false);
 }

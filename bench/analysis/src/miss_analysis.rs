@@ -52,6 +52,8 @@ pub struct MissAnalysis {
     losses: Losses,
     /// Ticks whose commands missed their deadlines, as long as their stamps are kept.
     missed: BTreeSet<u64>,
+    /// Stages from which a message fault withheld an input of a tick.
+    withheld: BTreeSet<(u64, Role)>,
     /// The next tick to look at: from it on, misses are in no outage yet. None before the first state.
     next: Option<u64>,
     /// Whether every stage has worked a tick: what is not there before has not begun yet.
@@ -107,6 +109,11 @@ impl MissAnalysis {
             Some(outage) => outage.missed += 1,
             None => self.count_unplaced(1),
         }
+    }
+
+    /// Takes that a message fault withheld a message of a tick from a stage.
+    pub fn withheld(&mut self, tick: u64, stage: Role) {
+        self.withheld.insert((tick, stage));
     }
 
     /// Takes missed deadlines whose ticks are not known, because states or decisions were lost.
@@ -216,6 +223,7 @@ impl MissAnalysis {
         let seen = Observations {
             grid: self.grid,
             timings: &traces,
+            withheld: &self.withheld,
             samples: self.samples.make_contiguous(),
             slices: self.slices.make_contiguous(),
             outage,
@@ -295,6 +303,7 @@ impl MissAnalysis {
             .saturating_sub(AROUND_TICKS);
         self.traces = self.traces.split_off(&oldest);
         self.missed = self.missed.split_off(&oldest);
+        self.withheld = self.withheld.split_off(&(oldest, Role::Plant));
         let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
         while self
             .samples

@@ -13,6 +13,7 @@ pub enum MissCause {
     HostStall,
     Throttled,
     ComputedLong,
+    MessageFault,
     NotUsed,
     PageFault,
     Preempted,
@@ -27,6 +28,7 @@ impl MissCause {
             Self::HostStall => "host stall",
             Self::Throttled => "processor quota used up",
             Self::ComputedLong => "stage computed long",
+            Self::MessageFault => "message fault",
             Self::NotUsed => "message in time, not used",
             Self::PageFault => "page fault",
             Self::Preempted => "preempted",
@@ -123,6 +125,15 @@ impl Attribution {
             return Self::unknown("the recorder lost messages around it");
         }
         let delays = seen.delays();
+        // With a fault in each tick, another cause takes a stage that had its inputs and was late by more than a tick.
+        let is_late =
+            |it: &Delay| !seen.is_withheld_from(it.stage) && it.excess_ns > seen.grid.period_ns;
+        if seen.is_withheld_throughout() && !delays.iter().any(is_late) {
+            return Self {
+                class: MissCause::MessageFault,
+                ..Self::unknown(&seen.withheld_words())
+            };
+        }
         // Of those alike, the one of the first stage of the chain.
         let Some(delay) = delays.iter().rev().max_by_key(|it| it.excess_ns) else {
             return Self::unknown("no stage was later than usual");

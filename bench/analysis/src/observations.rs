@@ -3,10 +3,11 @@
 //! The stamps are exact. Kernel counters are sampled each time the recorder runs, every 10 ms: their growth is known only
 //! between two samples, and a stop that begins and ends between two samples is not seen.
 
+use crate::phrase::count;
 use crate::processor_trace::{Runner, Slice, runners};
 use messages::grid::Grid;
 use messages::role::{Role, STAGES};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StageTiming {
@@ -99,6 +100,8 @@ pub struct Observations<'a> {
     /// The recorder lost messages of its ticks.
     pub messages_lost: bool,
     pub timings: &'a BTreeMap<u64, TickTimings>,
+    /// Stages from which a message fault withheld an input of a tick.
+    pub withheld: &'a BTreeSet<(u64, Role)>,
     pub samples: &'a [CounterSample],
     /// Who ran on the loops' processor; empty without a trace.
     pub slices: &'a [Slice],
@@ -108,6 +111,32 @@ pub struct Observations<'a> {
 }
 
 impl Observations<'_> {
+    fn withheld(&self) -> impl Iterator<Item = (u64, Role)> {
+        let Outage { first, last, .. } = self.outage;
+        let of_outage = (first, Role::Plant)..(last + 1, Role::Plant);
+        self.withheld.range(of_outage).copied()
+    }
+
+    /// Whether a message fault withheld an input in each tick of the outage.
+    pub fn is_withheld_throughout(&self) -> bool {
+        let ticks: BTreeSet<u64> = self.withheld().map(|(tick, _)| tick).collect();
+        (self.outage.first..=self.outage.last).all(|tick| ticks.contains(&tick))
+    }
+
+    pub fn is_withheld_from(&self, stage: Role) -> bool {
+        self.withheld().any(|(_, of)| of == stage)
+    }
+
+    /// The stages from which message faults withheld inputs in the outage, and in how many ticks.
+    pub fn withheld_words(&self) -> String {
+        let ticks = |role: Role| self.withheld().filter(|(_, of)| *of == role).count() as u64;
+        let stages = STAGES.into_iter().map(|role| (role, ticks(role)));
+        let stages = stages.filter(|(_, ticks)| *ticks > 0);
+        let stages = stages.map(|(role, ticks)| format!("{role} in {}", count(ticks, "tick")));
+        let stages: Vec<String> = stages.collect();
+        format!("message faults withheld an input of {}", stages.join(", "))
+    }
+
     /// Delays of the outage. A stage that waits for one that is late is not late itself.
     pub fn delays(&self) -> Vec<Delay> {
         let usual_ns: [[u64; 2]; STAGES.len()] = std::array::from_fn(|stage| self.usual_ns(stage));

@@ -34,15 +34,17 @@ impl Verdicts {
             theorem: stability_verdict(theorem),
         };
         match ending {
-            Some(EndReason::Interrupted) => verdicts.cut_short("interrupted", run, ticks),
-            Some(EndReason::Failed) => verdicts.cut_short("aborted", run, ticks),
+            Some(EndReason::Interrupted) => verdicts.cut_short("interrupted", "", run, ticks),
+            Some(EndReason::Failed) => verdicts.cut_short("aborted", "", run, ticks),
             _ => {}
         }
         verdicts
     }
 
-    /// The flight was aborted or interrupted: it is judged on what it flew, and nothing good is said of the rest.
-    pub fn cut_short(&mut self, how: &str, run: &RunSection, ticks: &Ticks) {
+    /// The flight was aborted or interrupted: it is judged on what it flew, and nothing good is said of the rest. This
+    /// replaces what a recorder has said of the end: it does not know why the plant was requested to end the flight.
+    pub fn cut_short(&mut self, how: &str, reason: &str, run: &RunSection, ticks: &Ticks) {
+        const UNTIL_THEN: &str = "; until then ";
         let all = ticks.run.saturating_add(ticks.skipped);
         let (flown, flown_s) = (count(all, "tick"), all as f64 * run.period_us / 1e6);
         let flown = format!("{how} after {flown} ({flown_s:.3} s)");
@@ -52,9 +54,17 @@ impl Verdicts {
         if self.timing.word == TimingVerdict::InTime {
             self.timing.word = TimingVerdict::CutShort;
         }
-        let (flight, timing) = (&mut self.flight.why, &mut self.timing.why);
-        for why in [flight, timing, &mut self.theorem.why] {
-            *why = format!("{flown}; until then {why}");
+        let because = match reason {
+            "" => flown.clone(),
+            _ => format!("{flown}: {reason}"),
+        };
+        for (why, flown) in [
+            (&mut self.flight.why, &because),
+            (&mut self.timing.why, &flown),
+            (&mut self.theorem.why, &flown),
+        ] {
+            let before = why.split_once(UNTIL_THEN).map_or(why.as_str(), |it| it.1);
+            *why = format!("{flown}{UNTIL_THEN}{before}");
         }
     }
 }

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use MissCause::{
-    CannotTell, ComputedLong, HostStall, NotUsed, PageFault, Preempted, ReadyNotRun, StoppedOrDead,
-    Throttled,
+    CannotTell, ComputedLong, HostStall, MessageFault, NotUsed, PageFault, Preempted, ReadyNotRun,
+    StoppedOrDead, Throttled,
 };
 use Role::{Inner, Mixer, Outer, Plant};
 use analysis::miss_analysis::{AROUND_TICKS, MissAnalysis};
@@ -42,6 +42,8 @@ struct Evidence {
     samples: Vec<CounterSample>,
     slices: Vec<Slice>,
     loss: Option<Loss>,
+    /// A stage from which a message fault withholds an input, in these ticks.
+    withheld: Option<(Role, Range<u64>)>,
     share_processor: bool,
 }
 
@@ -80,6 +82,7 @@ fn good() -> Evidence {
         samples: (0..=7).map(sample).collect(),
         slices: Vec::new(),
         loss: None,
+        withheld: None,
         share_processor: true,
     }
 }
@@ -188,6 +191,12 @@ impl Evidence {
         self.counted(5, role, |it| *it = successor)
     }
 
+    /// A message fault withholds an input of a stage, in these ticks.
+    fn withheld(mut self, role: Role, ticks: Range<u64>) -> Self {
+        self.withheld = Some((role, MISSED + ticks.start..MISSED + ticks.end));
+        self
+    }
+
     /// A thread or an interrupt has the processor from an instant after the begin of the missed tick on [us].
     fn ran(mut self, from_us: i64, us: u64, runner: Runner) -> Self {
         let from_ns = GRID.begin_of(MISSED).strict_add_signed(from_us * 1_000);
@@ -232,6 +241,11 @@ impl Evidence {
         for (tick, stages) in &self.timings {
             while let Some(sample) = samples.next_if(|it| it.at_ns <= GRID.begin_of(*tick)) {
                 analysis.sample(*sample);
+            }
+            if let Some((stage, ticks)) = &self.withheld
+                && ticks.contains(tick)
+            {
+                analysis.withheld(*tick, *stage);
             }
             let header = |role: Role| {
                 let timing = stages[role as usize]?;
@@ -367,6 +381,29 @@ fn a_cause_needs_an_observation_that_explains_half_of_the_delay() {
     let alike = STAGES.into_iter();
     let alike = alike.fold(good(), |it, role| it.late(0, role, 240));
     alike.is(CannotTell, Some(Plant), "the longest of 4 delays");
+}
+
+#[test]
+fn what_a_message_fault_withheld_is_no_mystery() {
+    let of_plant = "message faults withheld an input of plant in 1 tick";
+    let of_mixer = "message faults withheld an input of mixer in 1 tick";
+    // The plant drops the command: no stage is late.
+    let dropped = good().withheld(Plant, 0..1);
+    dropped.is(MessageFault, None, of_plant);
+    // Nor is one that is late by less than a tick a reason.
+    let late = dropped.late(0, Inner, 300);
+    late.is(MessageFault, None, of_plant);
+    let mixer = good().mixer_at(990, 1010).withheld(Mixer, 0..1);
+    mixer.is(MessageFault, None, of_mixer);
+    // A stage does nothing without a state.
+    let silent = good().silent(Outer, 0..5).withheld(Outer, 0..5);
+    silent.is(MessageFault, None, "an input of outer in 5 ticks");
+    // A fault in another tick explains nothing, and neither does one beside a stop.
+    let other = good().withheld(Plant, 1..2);
+    other.is(CannotTell, None, "no stage was later than usual");
+    let stopped = good().silent(Mixer, 0..20).stopped(Mixer);
+    let beside = stopped.withheld(Plant, 0..20);
+    beside.is(StoppedOrDead, Some(Mixer), "its process was stopped");
 }
 
 #[test]

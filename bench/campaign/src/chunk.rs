@@ -15,6 +15,9 @@ use crate::parquet_file::{
 use crate::table::{Cell, Row, Table, TextRow};
 
 pub const SCHEMA: &str = "ironbird-campaign/1";
+/// What to do about a file of rows that cannot be written.
+const UNWRITTEN: &str =
+    "make room, or fly into another directory that you can write (--out DIR); whole files are kept";
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
@@ -67,7 +70,8 @@ pub fn write(
     let table = Table::new(campaign, rows);
     let bytes = encoded(identity, Some((chunk, campaign.flights_of(chunk))), &table)?;
     let written = write_whole(&path, |file| file.write_all(&bytes));
-    written.in_file("write", &path)
+    let written = written.in_file("write", &path);
+    written.map_err(|failure| failure.help(UNWRITTEN))
 }
 
 /// Bytes that a file of these rows takes.

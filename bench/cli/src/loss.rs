@@ -41,10 +41,11 @@ pub fn examine(directory: &Path) -> Result<LossSection, Failure> {
         stderr.read_to_string(&mut complaint).map_err(failed)?;
     }
     serde_json::from_str(&section).map_err(|_| {
-        Failure::failed(format!(
-            "its simulation ended with {status}: {}",
-            complaint.trim()
-        ))
+        let complaint = complaint.trim();
+        Failure::failed(match complaint.strip_prefix("error: ") {
+            Some(why) => why.to_owned(),
+            None => format!("its simulation ended with {status}: {complaint}"),
+        })
     })
 }
 

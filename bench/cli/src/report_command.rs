@@ -100,7 +100,7 @@ pub fn abandon(report: &mut Report, directory: &Path) {
     let written = fs::metadata(directory.join("report.json")).and_then(|file| file.modified());
     let at = written.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
     let ending = format!("no final report: the recorder died, or the disk was full{at}");
-    break_off(report, FlightStatus::Aborted, ending);
+    break_off(report, FlightStatus::Aborted, ending, "");
 }
 
 pub fn read(directory: &Path) -> Result<Report, Failure> {

@@ -3,14 +3,18 @@
 use crate::reference_laws::Flight;
 use analysis::theorem::{Theorem, TheoremStatistics};
 use controller::adaptation::{Adaptation, Learnt, Samples};
-use controller::{TheoremMonitor, Trajectory};
-use messages::content::{Mode, Stamped, State, Wrench};
+use controller::gains::PRESET_NAMES;
+use controller::{FlightMonitor, TheoremMonitor, Trajectory};
+use messages::content::{Mode, RotorSpeeds, Stamped, State, Wrench};
+use messages::header::Message;
+use messages::history::{LawState, UNDISTURBED};
 use messages::parameters::Parameter::{
     ArmLength, DisturbanceGain, DragFactor, Gravity, GyroDrift, GyroNoise, InertiaX, InertiaY,
     InertiaZ, Mass, MotorTimeConstant, RotationalDrag, RotorEfficiency3, RotorInertia,
     ThrustCoefficient, TranslationalDrag,
 };
 use messages::rate_dynamics::Inertia;
+use messages::role::Channel;
 use std::collections::BTreeMap;
 
 /// Watches a flight. `publish` may change the wrench that the monitor sees.
@@ -228,6 +232,93 @@ fn saturation_and_stale_inputs_take_v_beyond_its_bound_and_leave_v_th_alone() {
         );
         assert_eq!(causes(&theorem.violations), [""; 0]);
     }
+}
+
+/// Ticks whose wrenches are lost.
+const GAPS: fn(u64) -> bool = |tick| tick == 1500 || tick == 3001;
+
+/// Watches a flight of which some wrenches do not reach the monitor.
+fn watched_with_gaps(
+    flight: &Flight,
+    is_lost: fn(u64) -> bool,
+    mut publish: impl FnMut(u64, Wrench) -> Wrench,
+) -> Theorem {
+    let begin = TheoremMonitor::new(&flight.rig, &flight.gains);
+    let mut monitor = FlightMonitor::new(Some(begin));
+    let mut statistics = TheoremStatistics::default();
+    let mut law_state = LawState::INITIAL;
+    let fresh = RotorSpeeds {
+        mode: Mode::Fresh as u64,
+        ..RotorSpeeds::default()
+    };
+    flight.fly(
+        |_, state| Some(state),
+        |it| {
+            statistics.truth(it.sampled.truth.theta());
+            let mut wrench = Message::of_tick(it.tick, publish(it.tick, it.wrench));
+            wrench.envelope.law_state = law_state;
+            law_state = LawState::after(it.tick, Channel::A, UNDISTURBED);
+            if is_lost(it.tick) {
+                return;
+            }
+            match monitor.watch(&wrench, Some(&it.state), Some(&it.setpoint)) {
+                Some(result) => {
+                    statistics.take(result.envelope.epoch, &result.content);
+                    statistics.monitored(&monitor);
+                }
+                None => statistics.count_unwatched(),
+            }
+            monitor.command(it.tick, &fresh);
+        },
+    );
+    statistics.section()
+}
+
+#[test]
+fn a_flight_is_judged_on_both_sides_of_what_was_not_watched() {
+    for trajectory in [Trajectory::Hover, Trajectory::Lissajous, Trajectory::Fast] {
+        for preset in PRESET_NAMES {
+            let flight = Flight::new(trajectory, preset, 30);
+            let theorem = watched_with_gaps(&flight, GAPS, |_, wrench| wrench);
+            let said = format!("{trajectory}, {preset}: {theorem:?}");
+            assert!(theorem.holds, "{said}");
+            assert_eq!(causes(&theorem.violations), [""; 0], "{said}");
+            let watched = theorem.ticks - theorem.ticks_unwatched;
+            assert!((1..2000).contains(&theorem.ticks_unwatched), "{said}");
+            // The first step has nothing before it.
+            assert_eq!(theorem.ticks_judged, watched - 1, "{said}");
+            // The slowest command filter forgets in 46 / 3 s.
+            let compared = 1500 + 30_001 - 3002 - 15_334;
+            assert_eq!(theorem.torque.wrenches, compared, "{said}");
+            // Of the rest of a flight V_th at the start is not known.
+            let joined = watched_with_gaps(&flight, |tick| tick < 8000, |_, wrench| wrench);
+            let said = format!("{trajectory}, {preset}: {joined:?}");
+            assert!(joined.holds && joined.ticks_judged > 20_000, "{said}");
+            assert_eq!(causes(&joined.violations), [""; 0], "{said}");
+        }
+    }
+}
+
+#[test]
+fn a_wrong_law_is_caught_after_what_was_not_watched() {
+    let flight = Flight::new(Trajectory::Lissajous, "flight", 30);
+    let theorem = watched_with_gaps(&flight, GAPS, |tick, mut wrench| {
+        wrench.torque_b_nm[1] *= if tick > 25_000 { 1.01 } else { 1.0 };
+        wrench
+    });
+    assert!(!theorem.holds, "{theorem:?}");
+    assert_eq!(theorem.torque.wrenches_wrong, 5000, "{theorem:?}");
+    let mut before = [0.0; 3];
+    let theorem = watched_with_gaps(&flight, GAPS, |tick, mut wrench| {
+        let estimates = &mut wrench.telemetry.value[3..6];
+        match tick {
+            ..8000 => before.copy_from_slice(estimates),
+            // Estimates that stay.
+            _ => estimates.copy_from_slice(&before),
+        }
+        wrench
+    });
+    assert!(theorem.unexplained() > 1000, "{theorem:?}");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::env;
 use std::fmt::Display;
 use std::fs::{self, File, Metadata};
 use std::io;
+use std::ops::Range;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -19,6 +20,7 @@ use rustix::process::geteuid;
 use tempfile::TempDir;
 
 use crate::Port;
+use crate::bridge::UDP_PORT;
 use crate::exchange::Exchange;
 use crate::sticks::Sticks;
 
@@ -267,10 +269,7 @@ impl Launch {
     pub fn start(&self, comes_by_the_clock: bool) -> Result<Armed, Refused> {
         let port = self.port;
         let link = (port.open)(self.number).map_err(|e| match e.kind() {
-            io::ErrorKind::AddrInUse => self.refused(format!(
-                "port {} or one that follows is in use by another flight or another firmware: end it, or use --jobs 1",
-                self.number
-            )),
+            io::ErrorKind::AddrInUse => self.in_use(),
             _ => self.refused(format!("no socket: {e}")),
         })?;
         let mut exchange = Exchange::new(port, link);
@@ -291,6 +290,21 @@ impl Launch {
             .map_err(|e| self.refused(format!("no thread: {e}")))?;
         self.await_armed(&mut firmware)?;
         Ok(firmware)
+    }
+
+    fn in_use(&self) -> Refused {
+        let (number, settings) = (self.number, self.port.description.settings);
+        let (ports, other) = match settings.iter().any(|it| it.name == UDP_PORT.name) {
+            true => (1, "use another port (--set inner.port=NUMBER)"),
+            false => (3, "wait until it has ended"),
+        };
+        let ports = number..number.saturating_add(ports);
+        let holder = holder(&ports).unwrap_or_else(|| "another flight or another firmware".into());
+        let ports: Vec<String> = ports.map(|port| port.to_string()).collect();
+        self.refused(format!(
+            "port {} is in use by {holder}: end it, or {other}; `margin` and `campaign` need --jobs 1",
+            ports.join(" or ")
+        ))
     }
 
     fn refused(&self, why: impl Display) -> Refused {
@@ -372,6 +386,30 @@ impl Launch {
             thread::sleep(POLL);
         }
     }
+}
+
+/// Name and number of the process that has one of these ports, where the kernel shows it.
+fn holder(ports: &Range<u16>) -> Option<String> {
+    let of_port = |line: &str| {
+        let mut fields = line.split_whitespace();
+        let port = fields.nth(1)?.rsplit_once(':')?.1;
+        let port = u16::from_str_radix(port, 16).ok()?;
+        let inode = fields.nth(7).filter(|_| ports.contains(&port))?;
+        Some(PathBuf::from(format!("socket:[{inode}]")))
+    };
+    let tables = ["/proc/net/udp", "/proc/net/tcp"].map(fs::read_to_string);
+    let tables = tables.into_iter().flatten().collect::<String>();
+    let sockets: Vec<PathBuf> = tables.lines().filter_map(of_port).collect();
+    let has_one = |process: &Path| {
+        let files = fs::read_dir(process.join("fd")).into_iter().flatten();
+        let mut links = files.flatten().map(|file| fs::read_link(file.path()));
+        links.any(|link| link.is_ok_and(|link| sockets.contains(&link)))
+    };
+    let entries = fs::read_dir("/proc").ok()?.flatten();
+    let mut processes = entries.filter_map(|it| it.file_name().to_str()?.parse::<u32>().ok());
+    let id = processes.find(|id| has_one(&Path::new("/proc").join(id.to_string())))?;
+    let name = fs::read_to_string(format!("/proc/{id}/comm")).ok()?;
+    Some(format!("{} (process {id})", name.trim()))
 }
 
 #[cfg(test)]

@@ -69,6 +69,8 @@ const STEPS: [f64; 4] = [0.02, 0.004, 0.001, 0.01];
 enum Hil {
     Waiting(TcpListener),
     Connected {
+        /// Keeps the port, so that no other flight waits at it for a firmware of its own.
+        listener: TcpListener,
         reader: MavlinkReader<TcpStream>,
         sequence: u8,
         gps_at: Duration,
@@ -82,10 +84,11 @@ impl Hil {
         Ok(Self::Waiting(listener))
     }
 
-    fn connected(stream: TcpStream) -> io::Result<Self> {
+    fn connected(listener: TcpListener, stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
         Ok(Self::Connected {
+            listener,
             reader: MavlinkReader::new(stream),
             sequence: 0,
             gps_at: Duration::ZERO,
@@ -99,6 +102,7 @@ impl Link for Hil {
             reader,
             sequence,
             gps_at,
+            ..
         } = self
         else {
             return Err(ErrorKind::NotConnected.into());
@@ -124,7 +128,8 @@ impl Link for Hil {
     fn receive(&mut self) -> io::Result<Message> {
         let reader = match self {
             Self::Waiting(listener) => {
-                *self = Self::connected(listener.accept()?.0)?;
+                let stream = listener.accept()?.0;
+                *self = Self::connected(listener.try_clone()?, stream)?;
                 return Ok(Message::Other);
             }
             Self::Connected { reader, .. } => reader,
@@ -147,7 +152,9 @@ impl Link for Hil {
     fn try_clone(&self) -> io::Result<Box<dyn Link>> {
         Ok(Box::new(match self {
             Self::Waiting(listener) => Self::Waiting(listener.try_clone()?),
-            Self::Connected { reader, .. } => Self::connected(reader.get_ref().try_clone()?)?,
+            Self::Connected {
+                listener, reader, ..
+            } => Self::connected(listener.try_clone()?, reader.get_ref().try_clone()?)?,
         }))
     }
 }

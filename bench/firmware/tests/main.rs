@@ -378,15 +378,23 @@ fn a_firmware_that_cannot_fly_is_refused_with_the_reason() {
 
 #[test]
 fn one_flight_at_a_time_has_a_firmware() {
-    let number = number();
-    let (_folder, path) = stand_in(BETAFLIGHT, "well", number);
-    let make = || bridge(BETAFLIGHT, Some(path.clone()), number, 30.0);
-    let mut first = make();
-    first.start(true).unwrap();
-    let said = make().start(true).unwrap_err().to_string();
-    assert!(said.contains("is in use by another flight"), "{said}");
-    drop(first);
-    make().start(true).unwrap();
+    for port in ports() {
+        let number = number();
+        let (_folder, path) = stand_in(port, "well", number);
+        let make = || bridge(port, Some(path.clone()), number, 30.0);
+        let mut first = make();
+        first.start(true).unwrap();
+        let said = make().start(true).unwrap_err().to_string();
+        let own = format!("(process {})", std::process::id());
+        assert!(
+            said.contains("is in use by ") && said.contains(&own),
+            "{said}"
+        );
+        let has_port = said.contains("--set inner.port=NUMBER");
+        assert_eq!(has_port, port.is_lockstep, "{said}");
+        drop(first);
+        make().start(true).unwrap();
+    }
 }
 
 #[test]

@@ -11,10 +11,10 @@
 //! the files, [`host_monitor`] samples the kernel's counters, [`report_builder`] makes the report.
 
 pub mod atomic_file;
+mod faulty_inputs;
 pub mod hlog;
 pub mod host_monitor;
 pub mod injected_faults;
-mod inner_inputs;
 pub mod kernel_trace;
 pub mod log_metadata;
 pub mod message_streams;

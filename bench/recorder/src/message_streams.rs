@@ -17,7 +17,7 @@ use messages::message_window::MessageWindow;
 use messages::role::Channel;
 use process::session::JoinedRun;
 
-use super::inner_inputs::InnerInputs;
+use super::faulty_inputs::FaultyInputs;
 use super::ports::{ChannelPorts, Ports, Relays, horizon};
 use super::run_files::RunFiles;
 use controller::flight_monitor::FlightMonitor;
@@ -80,7 +80,7 @@ pub struct FlightStream {
     /// The newest states: a stage that was stopped between reading and working may use one this old.
     states: MessageWindow<State>,
     setpoints: MessageWindow<Setpoint>,
-    inner_inputs: InnerInputs,
+    inputs: FaultyInputs,
     monitor: FlightMonitor,
     joiner: Joiner,
     parameter_epoch: u64,
@@ -92,7 +92,7 @@ impl MessageStreams {
         merge: Option<ChannelMerge>,
         redundancy: Option<BlackboardReader<Redundancy>>,
         statistics: FlightStatistics,
-        inner_inputs: InnerInputs,
+        inputs: FaultyInputs,
         monitor: FlightMonitor,
     ) -> Self {
         Self {
@@ -104,7 +104,7 @@ impl MessageStreams {
                 statistics,
                 states: MessageWindow::keeping(DEEP),
                 setpoints: MessageWindow::keeping(DEEP),
-                inner_inputs,
+                inputs,
                 monitor,
                 joiner: Joiner::default(),
                 parameter_epoch: 0,
@@ -196,16 +196,26 @@ impl FlightStream {
         if let Some(part) = LoopMessage::of(entry) {
             self.joiner.take(entry.envelope().tick, part);
         }
+        let (inputs, autopsy) = (&mut self.inputs, &mut self.statistics.autopsy);
+        let withheld = |stage| {
+            if let Some(autopsy) = autopsy {
+                autopsy.withheld(entry.envelope().tick, stage);
+            }
+        };
         match entry {
             LogEntry::State(message) => {
                 self.parameter_epoch = message.content.parameter_epoch;
-                self.states.push(self.inner_inputs.state(message));
+                self.states.push(inputs.state(message, withheld));
             }
             LogEntry::Setpoint(message) => {
-                self.setpoints.push(self.inner_inputs.setpoint(message));
+                self.setpoints.push(inputs.setpoint(message, withheld));
             }
-            LogEntry::Wrench(message) => self.monitor_wrench(message, relays, files),
+            LogEntry::Wrench(message) => {
+                inputs.wrench(message, withheld);
+                self.monitor_wrench(message, relays, files);
+            }
             LogEntry::RotorSpeeds(message) => {
+                inputs.rotor_speeds(message, withheld);
                 self.monitor
                     .command(message.envelope.tick, &message.content);
             }

@@ -20,10 +20,10 @@ use messages::role::{Channel, Replica, Role};
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
+use super::faulty_inputs::FaultyInputs;
 use super::hlog::{self, Hlog};
 use super::host_monitor::HostMonitor;
 use super::injected_faults::{InjectedFaults, injected_record};
-use super::inner_inputs::InnerInputs;
 use super::log_metadata::metadata;
 use super::message_streams::{MessageStreams, StreamPorts};
 use super::ports::{DRAIN_EVERY, rest};
@@ -104,7 +104,7 @@ pub fn run(
         merge,
         redundancy,
         statistics,
-        InnerInputs::new(settings.planned()?.loops, injected),
+        FaultyInputs::new(settings.planned()?.loops, injected),
         monitor,
     );
     let recorder = Recorder {

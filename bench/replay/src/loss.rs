@@ -37,7 +37,7 @@ pub fn examine(log: &Path) -> Result<LossSection, Failure> {
     let inner = settings.laws()?[1].name;
     if firmware::is_program(inner) {
         return Err(Failure::failed(format!(
-            "its inner law `{inner}` is another program, whose answers are not the same again"
+            "its inner law `{inner}` is another program, whose answers differ from flight to flight"
         )));
     }
     let is_lockstep = reader.pace()? == Pace::Lockstep;

@@ -89,10 +89,16 @@ impl Outcome {
     /// Adds to the report what the recorder could not know: that a process failed, or that its own final message is
     /// missing. Returns whether there was anything to add.
     pub fn correct(&self, report: &mut Report, directory: &Path) -> bool {
-        let (status, ending) = if let Some(failed) = &self.failed {
+        let mut reason = String::new();
+        // A recorder that ends badly after its final report takes nothing away from it.
+        let failed = self.failed.as_ref();
+        let failed = failed.filter(|it| it.replica.role != Role::Record || report.run.in_flight);
+        let (status, ending) = if let Some(failed) = failed {
             report.run.last_words = failed.last_lines(directory);
             let law = flown_law(report, failed.replica);
-            (FlightStatus::Aborted, failed.describe(&law))
+            let ending = failed.describe(&law);
+            reason = failed.error(directory).unwrap_or_else(|| ending.clone());
+            (FlightStatus::Aborted, ending)
         } else if !report.run.in_flight {
             let role = self
                 .role_without_landing(report)
@@ -116,7 +122,7 @@ impl Outcome {
                 "; the {process}{law} did not end within {seconds} s of SIGTERM and was killed"
             );
         }
-        break_off(report, status, ending);
+        break_off(report, status, ending, &reason);
         self.note_failures(report);
         true
     }
@@ -207,6 +213,16 @@ impl ProcessExit {
             .iter()
             .map(|line| harmless(&line.chars().take(MAX_CHARACTERS).collect::<String>()))
             .collect()
+    }
+
+    /// The error that it, or its law, wrote as its last one before it ended of its own accord.
+    fn error(&self, directory: &Path) -> Option<String> {
+        const SIGKILL: i32 = signal_hook::consts::SIGKILL;
+        let of_its_own = self.killed.is_none() && self.status.signal() != Some(SIGKILL);
+        let log = read_log(directory, self.replica);
+        let mut errors = log.lines().rev();
+        let error = errors.find_map(|line| line.strip_prefix("error: "));
+        error.filter(|_| of_its_own).map(harmless)
     }
 
     /// How it ended, in a few words.
@@ -448,17 +464,24 @@ mod tests {
             killed: vec![Role::Mixer.into()],
             ..Outcome::default()
         };
+        let recorder_killed = || Outcome {
+            failed: Some(exit(Role::Record, 9)),
+            ..Outcome::default()
+        };
         let not_corrected = [
             corrected(Outcome::default(), false, true),
+            // After its final report.
+            corrected(recorder_killed(), false, true),
             corrected(outlasted(), false, false),
             corrected(interrupted(), false, false),
         ];
-        assert_eq!(not_corrected, [None, None, None]);
+        assert_eq!(not_corrected, [const { None }; 4]);
         let all = [
             corrected(Outcome::default(), false, false),
             corrected(interrupted(), true, true),
             corrected(Outcome::default(), true, true),
             corrected(failed(), false, true),
+            corrected(recorder_killed(), true, true),
         ];
         let expected = [
             "Aborted: the plant process ended before it had landed",
@@ -466,7 +489,45 @@ mod tests {
             "Aborted: the recorder ended too early; the numbers end 0.0 s into the flight",
             "Aborted: the outer process died: signal: 9 (SIGKILL); the mixer process did not end within 5 s of SIGTERM \
              and was killed",
+            "Aborted: the recorder died: signal: 9 (SIGKILL); the numbers end 0.0 s into the flight",
         ];
         assert_eq!(all.map(Option::unwrap), expected);
+    }
+
+    #[test]
+    fn the_verdict_names_the_error_that_ended_the_flight_and_not_the_end_that_it_led_to() {
+        let reports = concat!(env!("CARGO_MANIFEST_DIR"), "/../render/tests/reports");
+        let mut report = Report::read(&Path::new(reports).join("lockstep/report.json")).unwrap();
+        report
+            .words
+            .cut_short("interrupted", "", &report.run, &report.ticks);
+        let before = report.words.flight.why.clone();
+        let directory = tempfile::tempdir().unwrap();
+        let log =
+            "Traceback\nerror: the inner law `l` (l.py:3) failed in tick 5: KeyError: 'gain'\n";
+        fs::write(log_path(directory.path(), Role::Inner.into()), log).unwrap();
+        for (raw, reason) in [
+            (
+                code(1),
+                "the inner law `l` (l.py:3) failed in tick 5: KeyError: 'gain'",
+            ),
+            (9, "the inner process died: signal: 9 (SIGKILL)"),
+        ] {
+            let mut report = report.clone();
+            let outcome = Outcome {
+                failed: Some(exit(Role::Inner, raw)),
+                ..Outcome::default()
+            };
+            outcome.correct(&mut report, directory.path());
+            let (flown, until_then) = before.split_once("; until then ").unwrap();
+            let flown = flown.replace("interrupted", "aborted");
+            let expected = format!("{flown}: {reason}; until then {until_then}");
+            assert_eq!(report.words.flight.why, expected);
+            let timing = report.words.timing.why;
+            assert!(
+                timing.starts_with(&format!("{flown}; until then ")),
+                "{timing}"
+            );
+        }
     }
 }

@@ -28,6 +28,7 @@ use messages::blackboards::{
 };
 use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::NO_TICK;
+use messages::grid::Pace;
 use messages::realtime::{RealtimeMode, RealtimeSettings};
 use messages::role::{CHANNEL_ROLES, Channel, MOST_CHANNELS, Replica, Role};
 use process::rt::{OffLoops, Raised};
@@ -449,7 +450,8 @@ impl FlightSupervisor {
         }
     }
 
-    /// Whether the flight goes on without a process that has ended: another channel has all of its own.
+    /// Whether the flight goes on without a process that has ended: another channel has all of its own, and its laws are
+    /// those that fly, or may take over.
     fn is_covered(&self, exit: &ProcessExit, run: Option<&Run>) -> bool {
         let plays = |replica| self.children.iter().any(|it| it.replica == replica);
         let is_whole = |channel| {
@@ -459,13 +461,17 @@ impl FlightSupervisor {
                 .all(plays)
         };
         let replica = exit.replica;
-        self.in_flight(run).is_some()
+        let redundancy = self.wire.blackboard_reader::<Redundancy>(REDUNDANCY);
+        let active = redundancy.ok().flatten().map(|it| it.get().active);
+        let active = active.and_then(Channel::from_wire).unwrap_or(Channel::A);
+        // In lockstep the plant waits for every channel.
+        self.in_flight(run)
+            .is_some_and(|run| run.pace() != Pace::Lockstep)
             && !exit.was_interrupted()
             && CHANNEL_ROLES.contains(&replica.role)
             && Channel::first(self.channels)
                 .filter(|it| {
-                    self.is_guarded
-                        || self.groups[*it as usize] == self.groups[replica.channel as usize]
+                    self.is_guarded || self.groups[*it as usize] == self.groups[active as usize]
                 })
                 .any(|it| it != replica.channel && is_whole(it))
     }

@@ -46,7 +46,7 @@ impl Recordings {
                 let ending = format!(
                     "the recorder died; the flight went on, and another recorder wrote {next}"
                 );
-                break_off(&mut earlier, FlightStatus::Aborted, ending);
+                break_off(&mut earlier, FlightStatus::Aborted, ending, "");
                 write_all(&mut earlier, &directory.path);
             } else if directory.path != self.first.path {
                 directory.discard();

@@ -6,6 +6,7 @@
 
 use std::ffi::{c_char, c_void};
 use std::io::{Write as _, stderr};
+use std::iter::successors;
 use std::ptr;
 
 use ironbird_law::abi::*;
@@ -109,7 +110,8 @@ unsafe extern "C" fn create(
                 role, name, file, ..
             } = looked;
             let label = format!("the {role} law `{name}` ({file})");
-            Box::into_raw(Box::new(Instance { law, label })).cast()
+            let path = file.rsplit_once(':').map_or(&**file, |it| it.0).into();
+            Box::into_raw(Box::new(Instance { law, label, path })).cast()
         }
         Err(why) => {
             // SAFETY: the rig hands over a buffer of this size.
@@ -146,6 +148,7 @@ struct Instance {
     pub law: PythonLaw,
     /// Role, name and file, as errors name it.
     pub label: String,
+    pub path: String,
 }
 
 unsafe extern "C" fn save(law: *const c_void, bytes: *mut c_void, size: u64) -> u64 {
@@ -201,6 +204,23 @@ fn call<T>(instance: &Instance, tick: u64, law: impl FnOnce(Python<'_>) -> PyRes
     Python::attach(|py| law(py).unwrap_or_else(|raised| end(py, instance, tick, &raised)))
 }
 
+/// Where in the law's file an exception was raised, in brackets; nothing of one that another file has raised.
+fn raised_at(py: Python<'_>, raised: &PyErr, path: &str) -> String {
+    fn next<'py>(step: &Bound<'py, PyAny>) -> Option<Bound<'py, PyAny>> {
+        step.getattr("tb_next").ok().filter(|it| !it.is_none())
+    }
+    let line = |step: &Bound<'_, PyAny>| -> PyResult<Option<u64>> {
+        let code = step.getattr("tb_frame")?.getattr("f_code")?;
+        let is_own = code.getattr("co_filename")?.extract::<String>()? == path;
+        let line = step.getattr("tb_lineno")?.extract();
+        if is_own { line.map(Some) } else { Ok(None) }
+    };
+    let first = raised.traceback(py).map(Bound::into_any);
+    let lines = successors(first, next).filter_map(|step| line(&step).ok()?);
+    let line = lines.last();
+    line.map_or_else(String::new, |line| format!(" ({path}:{line})"))
+}
+
 /// Ends the process as other failures of a role do: its last output says what happened, with the traceback.
 fn end(py: Python<'_>, instance: &Instance, tick: u64, raised: &PyErr) -> ! {
     let other = libc::sched_param { sched_priority: 0 };
@@ -210,9 +230,10 @@ fn end(py: Python<'_>, instance: &Instance, tick: u64, raised: &PyErr) -> ! {
     // Whether anybody reads it changes nothing about what follows.
     let _ = writeln!(
         stderr(),
-        "error: {} failed in tick {tick}: {}",
+        "error: {} failed in tick {tick}: {}{}",
         instance.label,
-        describe(py, raised)
+        describe(py, raised),
+        raised_at(py, raised, &instance.path)
     );
     loop {
         // SAFETY: ends the process. Exit handlers are left out: they would report an exit, and wait for the interpreter;

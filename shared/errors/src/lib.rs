@@ -80,13 +80,30 @@ impl Failure {
         self
     }
 
+    /// What to do, unless the failure already says so.
+    pub fn or_help(self, help: impl Into<String>) -> Self {
+        match self.help {
+            Some(_) => self,
+            None => self.help(help),
+        }
+    }
+
     pub fn remedy(&self) -> Option<&str> {
         self.help.as_deref()
     }
 
     /// The failure as a command prints it: what happened, and below it what to do.
     pub fn text(&self) -> String {
-        let mut text = format!("error: {}\n", shortened(&harmless(&self.message)));
+        self.labelled("error")
+    }
+
+    /// The same of a step without which the command goes on.
+    pub fn warning(&self) -> String {
+        self.labelled("warning")
+    }
+
+    fn labelled(&self, label: &str) -> String {
+        let mut text = format!("{label}: {}\n", shortened(&harmless(&self.message)));
         if let Some(help) = &self.help {
             text += &format!(" help: {}\n", harmless(help));
         }

@@ -123,6 +123,11 @@ fn fly(
         if let State::Refused(why) = &state {
             progress.clear();
             let path = chunk::path_of(out, chunk);
+            if path.is_dir() {
+                let what = format!("{}: a directory is in the place of rows", path.display());
+                return Err(Failure::failed(what)
+                    .help("remove it, or fly into another directory (--out DIR)"));
+            }
             say(&format!("{}: {why}; flying it again\n", path.display()));
         }
         if state == State::Whole {

@@ -15,6 +15,9 @@ use experiments::campaign::flight_settings::{Plan, plan_of};
 use render::document::Block;
 
 const MERGED: &str = "merged.parquet";
+/// What to do about a file that cannot be read or written.
+const FILES: &str = "`ironbird campaign status DIR` says which files of rows are whole; what is written needs room, and a directory \
+                     that you can write";
 
 /// The chunks that are whole, and the state of each other one.
 pub(super) fn chunks(plan: &Plan, directory: &Path) -> (Vec<u64>, Vec<(u64, State)>) {
@@ -92,7 +95,9 @@ pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
         )));
     }
     let to = args.directory.join(MERGED);
-    let rows = Rows::new(&args.directory, whole).merge(&plan.campaign, &plan.identity, &to)?;
+    let rows = Rows::new(&args.directory, whole);
+    let rows = rows.merge(&plan.campaign, &plan.identity, &to);
+    let rows = rows.map_err(|failure| failure.or_help(FILES))?;
     print(&format!("{}: {}\n", to.display(), count(rows, "row")))?;
     Ok(OK)
 }
@@ -110,7 +115,8 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
         say(&format!("warning: {part}; the others are left out\n"));
     }
     let rows = Rows::new(&args.directory, whole);
-    let results = aggregate::of(&plan.campaign, &plan.identity, &rows)?;
+    let results = aggregate::of(&plan.campaign, &plan.identity, &rows);
+    let results = results.map_err(|failure| failure.or_help(FILES))?;
     let mut document = document(&results, &place.to_string());
     let lines = plan.text.lines().map(str::trim_end);
     let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));

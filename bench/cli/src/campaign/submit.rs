@@ -19,7 +19,7 @@ use super::run;
 use super::status::{chunks, ranges, report};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
 use errors::output::{print, say};
-use experiments::campaign::flight_settings::{Plan, open_directory};
+use experiments::campaign::flight_settings::{IN_THE_WAY, Plan, open_directory};
 use experiments::progress::Progress;
 use process::signals::stop_flag;
 use supervisor::child_process::{end, wait_at_most};
@@ -81,7 +81,9 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         array: &array,
         stop: &*stop_flag()?,
     };
-    fs::write(array.script_file(), array.script()).in_file("write", &array.script_file())?;
+    let script = array.script_file();
+    let written = fs::write(&script, array.script()).in_file("write", &script);
+    written.map_err(|failure| failure.or_help(IN_THE_WAY))?;
     for round in 1.. {
         let missing = submitted.missing();
         let shards = array.shards_of(&plan.campaign, &missing);
@@ -136,7 +138,9 @@ impl Submitted<'_> {
         let mut progress = Progress::new(total, "flight");
         let mut flown = 0;
         let command = self.array.command(shards);
-        let mut engine = started(&command, File::create(&output).in_file("write", &output)?)?;
+        let file = File::create(&output).in_file("write", &output);
+        let file = file.map_err(|failure| failure.or_help(IN_THE_WAY))?;
+        let mut engine = started(&command, file)?;
         let mut complete: Option<Instant> = None;
         let ended = loop {
             if let Some(ended) = engine.try_wait().in_file("wait for", command[0].as_ref())? {

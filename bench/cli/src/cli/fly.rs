@@ -188,7 +188,8 @@ fn complete(
         match loss::examine(&directory.path) {
             Ok(section) => report.loss = Some(section),
             Err(failure) => say(&format!(
-                "warning: why the flight was lost was not examined: {failure}\n"
+                "warning: the lost flight was not simulated without its delays, so whether the machine or the law lost it is \
+                 not known: {failure}\n"
             )),
         }
     }
@@ -210,11 +211,13 @@ fn complete(
         say(&format!("{warning}\n"));
     }
     print(&report_command::ended(&report, &directory.path))?;
-    let mut rest = written.and(measured);
-    if args.open && rest.is_ok() {
-        rest = open_page(&directory.path);
+    if args.open
+        && let Err(failure) = open_page(&directory.path)
+    {
+        say(&failure.warning());
     }
     // The verdict of the flight takes precedence over the failure of another step.
+    let rest = written.and(measured);
     rest.map(|()| exit_code)
         .map_err(|failure| failure.or_code(exit_code))
 }

@@ -66,7 +66,7 @@ impl WatchArgs {
             if self.open
                 && let Err(failure) = open_address(address)
             {
-                say(&failure.text());
+                say(&failure.warning());
             }
         })
     }

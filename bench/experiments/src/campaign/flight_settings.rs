@@ -216,6 +216,12 @@ fn relative_to(file: &Path, name: &str) -> PathBuf {
 
 const FILE: &str = "campaign.toml";
 const FACTS: &str = "campaign.json";
+/// What to do about a broken [`FILE`] or [`FACTS`].
+const REPAIR: &str = "remove this file, and fly the campaign into this directory again (`ironbird campaign run FILE --out DIR`): \
+                      rows that are whole are kept";
+/// What to do about a file or directory that cannot be written.
+pub const IN_THE_WAY: &str =
+    "remove what is in its place, or fly into another directory that you can write (--out DIR)";
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -237,7 +243,8 @@ impl Facts {
             let failure = failure.or_code(USAGE);
             failure.help("name a directory of `ironbird campaign run FILE --out DIR`")
         })?;
-        serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
+        serde_json::from_str(&text)
+            .map_err(|e| Failure::usage(format!("{}: {e}", path.display())).help(REPAIR))
     }
 
     /// Whether a recorded flight has changed since; `what` the directory has of it.
@@ -260,7 +267,13 @@ impl Facts {
     }
 }
 
+/// Prepares a directory for the rows of a campaign. It may have some of them already, but no more flights than the campaign:
+/// the last file of rows would lose some.
 pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
+    open(plan, directory).map_err(|failure| failure.or_help(IN_THE_WAY))
+}
+
+fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));
     if facts.exists() {
@@ -271,6 +284,17 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
                 "{place} holds another campaign: the file has changed in more than its number of flights"
             ))
             .help("fly it into another directory (--out DIR), or remove this one"));
+        }
+        // A directory without the copy gets it again.
+        let flown = file.exists().then(|| read_copy(&file)).transpose()?;
+        let (flights, now) = (flown.map_or(0, |it| it.1.flights), plan.campaign.flights);
+        if flights > now {
+            return Err(Failure::usage(format!(
+                "{place} holds this campaign with {flights} flights, and its file now has {now}"
+            ))
+            .help(format!(
+                "set flights = {flights} or more to keep its rows, fly into another directory (--out DIR), or remove this one"
+            )));
         }
     }
     let now = Facts {
@@ -292,10 +316,20 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The copy of a campaign's file in its directory.
+fn read_copy(copy: &Path) -> Result<(String, Campaign), Failure> {
+    let text = read_text("read the campaign", copy);
+    let text = text.map_err(|failure| failure.or_code(USAGE).help(REPAIR))?;
+    let campaign = file::read(&text);
+    let place = format!(" ({})", copy.display());
+    let campaign = campaign.map_err(|failure| failure.append(&place).help(REPAIR))?;
+    Ok((text, campaign))
+}
+
 pub fn plan_of(directory: &Path) -> Result<Plan, Failure> {
     let facts = Facts::read(directory)?;
-    let text = read_text("read the campaign", &directory.join(FILE));
-    let plan = Plan::of(text.map_err(|failure| failure.or_code(USAGE))?, &facts.file)?;
+    let (text, _) = read_copy(&directory.join(FILE))?;
+    let plan = Plan::of(text, &facts.file)?;
     let (place, build) = (directory.display(), &facts.build);
     facts.check_recordings(&plan, &format!("{place} was flown with"))?;
     if plan.identity.campaign != facts.campaign {

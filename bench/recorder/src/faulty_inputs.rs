@@ -1,0 +1,115 @@
+//! What the faults of messages, planned or injected, do at the inputs of the stages: the recorder's filters are those of the
+//! stages, and get the same messages.
+
+use faults::Port;
+use faults::filter::{FaultFilter, Passed};
+use faults::live::{LiveBlackboard, LoopFaults, MessageFaults};
+use ipc::BlackboardReader;
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::fields::Faulty;
+use messages::header::Message;
+use messages::role::Role;
+
+pub struct FaultyInputs {
+    planned: LoopFaults,
+    injected: Option<BlackboardReader<LiveBlackboard>>,
+    outer_states: FaultyPort<State>,
+    inner_states: FaultyPort<State>,
+    setpoints: FaultyPort<Setpoint>,
+    wrenches: FaultyPort<Wrench>,
+    rotor_speeds: FaultyPort<RotorSpeeds>,
+}
+
+struct FaultyPort<C> {
+    port: Port,
+    filter: FaultFilter<C>,
+    newest: Option<C>,
+}
+
+impl<C: Faulty> FaultyPort<C> {
+    fn new(planned: &LoopFaults, port: Port) -> Self {
+        Self {
+            port,
+            filter: FaultFilter::changing(&planned.messages, port),
+            newest: None,
+        }
+    }
+
+    fn change(&mut self, faults: &MessageFaults) {
+        self.filter.change(faults, self.port, self.newest);
+    }
+
+    /// The content that the stage had; none without a fault, or where the fault dropped the message. `withheld` gets the stage
+    /// if it did not have the message in the message's tick.
+    fn pass(&mut self, message: &Message<C>, withheld: &mut impl FnMut(Role)) -> Option<C> {
+        self.newest = Some(message.content);
+        if !self.filter.has_faults() {
+            return None;
+        }
+        let passed = self.filter.pass(message.envelope.tick, &message.content);
+        if passed.is_none_or(|Passed { delay, .. }| delay > 0) {
+            withheld(self.port.role());
+        }
+        passed.map(|passed| passed.content)
+    }
+}
+
+impl FaultyInputs {
+    pub fn new(planned: LoopFaults, injected: Option<BlackboardReader<LiveBlackboard>>) -> Self {
+        Self {
+            outer_states: FaultyPort::new(&planned, Port::OuterState),
+            inner_states: FaultyPort::new(&planned, Port::InnerState),
+            setpoints: FaultyPort::new(&planned, Port::InnerSetpoint),
+            wrenches: FaultyPort::new(&planned, Port::MixerWrench),
+            rotor_speeds: FaultyPort::new(&planned, Port::PlantRotorSpeeds),
+            planned,
+            injected,
+        }
+    }
+
+    /// The state as the inner loop had it: faults change the measurement, not the truth.
+    ///
+    /// The plant publishes an injected fault before the first state that it acts on.
+    pub fn state(
+        &mut self,
+        message: &Message<State>,
+        mut withheld: impl FnMut(Role),
+    ) -> Message<State> {
+        let news = self.injected.as_mut().and_then(BlackboardReader::news);
+        if let Some(injected) = news {
+            let messages = self.planned.with(&injected).messages;
+            self.outer_states.change(&messages);
+            self.inner_states.change(&messages);
+            self.setpoints.change(&messages);
+            self.wrenches.change(&messages);
+            self.rotor_speeds.change(&messages);
+        }
+        self.outer_states.pass(message, &mut withheld);
+        let mut faulty = *message;
+        if let Some(passed) = self.inner_states.pass(message, &mut withheld) {
+            faulty.content.measured = passed.measured;
+        }
+        faulty
+    }
+
+    /// The setpoint as the inner loop had it.
+    pub fn setpoint(
+        &mut self,
+        message: &Message<Setpoint>,
+        mut withheld: impl FnMut(Role),
+    ) -> Message<Setpoint> {
+        let passed = self.setpoints.pass(message, &mut withheld);
+        Message {
+            content: passed.unwrap_or(message.content),
+            ..*message
+        }
+    }
+
+    pub fn wrench(&mut self, message: &Message<Wrench>, mut withheld: impl FnMut(Role)) {
+        self.wrenches.pass(message, &mut withheld);
+    }
+
+    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>, mut withheld: impl FnMut(Role)) {
+        self.rotor_speeds.pass(message, &mut withheld);
+    }
+}
