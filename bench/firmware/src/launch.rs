@@ -351,7 +351,7 @@ impl Launch {
                 "it was started {starts} times and sent no motor commands within {limit_s} s; it wrote last: {words}"
             ),
             None => format!(
-                "no firmware has come to port {} within {limit_s} s: start it beside the flight (docs/firmware.md), or wait \
+                "no firmware has connected to port {} within {limit_s} s: start it beside the flight (docs/firmware.md), or wait \
                  longer with --set inner.arming_limit_s=SECONDS",
                 self.number
             ),

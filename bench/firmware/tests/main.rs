@@ -371,7 +371,7 @@ fn a_firmware_that_cannot_fly_is_refused_with_the_reason() {
             .start(true)
             .unwrap_err()
             .to_string();
-        let none = format!("no firmware has come to port {number}");
+        let none = format!("no firmware has connected to port {number}");
         assert!(said.contains(&none), "{said}");
     }
 }

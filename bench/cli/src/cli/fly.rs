@@ -188,7 +188,7 @@ fn complete(
         match loss::examine(&directory.path) {
             Ok(section) => report.loss = Some(section),
             Err(failure) => say(&format!(
-                "warning: the lost flight was not simulated without its delays, so whether the machine or the law lost it is \
+                "warning: the lost flight could not be simulated without its delays, so whether the machine or the law is the cause is \
                  not known: {failure}\n"
             )),
         }

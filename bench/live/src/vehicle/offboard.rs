@@ -248,7 +248,11 @@ pub fn of_command(command: &Command, flight: &WatchedFlight) -> Result<TargetOrd
         MavCmd::MAV_CMD_DO_REPOSITION => None,
         _ => return Err(denied(format!("{name:?} is not flown here"))),
     };
-    let no_place = || denied("a place in a frame that is not global");
+    let no_place = || {
+        denied(
+            "the frame of the command is not global: use MAV_FRAME_GLOBAL or MAV_FRAME_GLOBAL_RELATIVE_ALT",
+        )
+    };
     let place = command.place.ok_or_else(no_place)?;
     let lands = name == MavCmd::MAV_CMD_NAV_LAND;
     let mut position_w_m = flight.state.unwrap_or_default().reference.position_w_m;

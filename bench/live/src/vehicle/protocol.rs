@@ -326,7 +326,7 @@ impl Vehicle {
             | MavMessage::MANUAL_CONTROL(_)
             | MavMessage::RC_CHANNELS_OVERRIDE(_) => match flight.follows_targets() {
                 true => {
-                    "of setpoints and sticks, SET_POSITION_TARGET_LOCAL_NED alone has an effect"
+                    "no effect: the only setpoint that is followed is SET_POSITION_TARGET_LOCAL_NED"
                 }
                 false => FIXED,
             },
