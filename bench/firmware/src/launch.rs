@@ -4,7 +4,6 @@ use std::env;
 use std::fmt::Display;
 use std::fs::{self, File, Metadata};
 use std::io;
-use std::ops::Range;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -299,7 +298,11 @@ impl Launch {
             false => (3, "wait until it has ended"),
         };
         let ports = number..number.saturating_add(ports);
-        let holder = holder(&ports).unwrap_or_else(|| "another flight or another firmware".into());
+        // The first one is the flight's, the others are the firmware's.
+        let holder = ports
+            .clone()
+            .find_map(holder)
+            .unwrap_or_else(|| "another flight or another firmware".into());
         let ports: Vec<String> = ports.map(|port| port.to_string()).collect();
         self.refused(format!(
             "port {} is in use by {holder}: end it, or {other}; `margin` and `campaign` need --jobs 1",
@@ -388,13 +391,13 @@ impl Launch {
     }
 }
 
-/// Name and number of the process that has one of these ports, where the kernel shows it.
-fn holder(ports: &Range<u16>) -> Option<String> {
+/// Name and number of the process that has a port, where the kernel shows it.
+fn holder(port: u16) -> Option<String> {
     let of_port = |line: &str| {
         let mut fields = line.split_whitespace();
-        let port = fields.nth(1)?.rsplit_once(':')?.1;
-        let port = u16::from_str_radix(port, 16).ok()?;
-        let inode = fields.nth(7).filter(|_| ports.contains(&port))?;
+        let other = fields.nth(1)?.rsplit_once(':')?.1;
+        let is_it = u16::from_str_radix(other, 16) == Ok(port);
+        let inode = fields.nth(7).filter(|_| is_it)?;
         Some(PathBuf::from(format!("socket:[{inode}]")))
     };
     let tables = ["/proc/net/udp", "/proc/net/tcp"].map(fs::read_to_string);
