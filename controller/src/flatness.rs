@@ -6,7 +6,7 @@
 //! paper, which feeds none forward; they follow from (13) and (14) along the reference.
 
 use messages::content::{Desired, Reference};
-use messages::math::{atan2_of_each, sin_cos};
+use messages::math::{atan2, sin_cos};
 use nalgebra::Vector3;
 
 /// Yaw along the reference: psi_d [rad], dpsi_d [rad/s], ddpsi_d [rad/s^2].
@@ -68,7 +68,7 @@ pub struct TiltRates {
 /// `a` is the acceleration that the thrust gives, gravity and drag included; its z must be above 0.
 pub fn tilt(a: &Vector3<f64>, yaw: &Yaw) -> (f64, f64) {
     let (s, c) = (yaw.across(a), yaw.along(a));
-    atan2_of_each([(s, (c * c + a.z * a.z).sqrt()), (c, a.z)]).into()
+    (atan2(s, (c * c + a.z * a.z).sqrt()), atan2(c, a.z))
 }
 
 /// First and second derivatives of [`tilt`] where `a` [m/s^2] changes by `da` [m/s^3] and `dda` [m/s^4].

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::frames::quaternion_wb;
-use crate::math::atan2_of_each;
+use crate::math::atan2;
 use crate::vectors::numbers;
 
 /// A rotation from the body into the world frame; q and -q are the same one.
@@ -169,7 +169,7 @@ impl Attitude {
     /// degrees, which is in the nature of these angles; exactly there, roll and yaw are 0 on the nearest turn.
     #[inline]
     pub fn euler_near(&self, last: &Vector3<f64>) -> Vector3<f64> {
-        let [roll, pitch, yaw] = atan2_of_each(self.arcs());
+        let [roll, pitch, yaw] = self.arcs().map(|(y, x)| atan2(y, x));
         Vector3::new(followed(roll, last.x), pitch, followed(yaw, last.z))
     }
 

@@ -5,10 +5,8 @@
 //! laws, from one implementation that uses nothing but what IEEE 754 rounds exactly, in an order that no compiler may
 //! change. Square roots are exact everywhere, and stay the standard library's.
 
-mod arc;
 mod trig;
 
-pub use arc::atan2_of_each;
 pub use trig::{sin_cos, sin_cos_of_each};
 
 /// Sine of an angle [rad].
