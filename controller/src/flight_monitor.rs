@@ -27,7 +27,7 @@ pub struct FlightMonitor {
     v_th_start: f64,
 }
 
-/// What a wrench leaves of which the inputs are not known: no wrench continues from it.
+/// Value of `watched` after a wrench whose inputs are not known: no wrench continues from it.
 const NOT_WATCHED: Option<(u64, u64)> = Some((NO_TICK, 0));
 
 impl FlightMonitor {

@@ -255,7 +255,7 @@ impl Plant {
         let spin = self.spin();
         let body = self.flown(&spin);
         let eta2 = body.attitude.euler_near(&self.eta2);
-        self.arrive(body, eta2);
+        self.arrive(&spin, body, eta2);
     }
 
     /// How the rotors turn in this tick.
@@ -264,9 +264,8 @@ impl Plant {
             .spin(self.rotor_speed, Vector4::from(self.delay.acting()))
     }
 
-    /// Stands at the next tick, to which the body has come.
-    fn arrive(&mut self, body: RigidBody, eta2: Vector3<f64>) {
-        let spin = self.spin();
+    /// Stands at the next tick, to which the body has come with these rotors.
+    fn arrive(&mut self, spin: &Spin, body: RigidBody, eta2: Vector3<f64>) {
         (self.body, self.eta2) = (body, eta2);
         self.sensors.advance(&self.airframe, &self.body);
         if let Some(guidance) = &mut self.guidance {

@@ -135,7 +135,7 @@ impl Laws {
         all.any(|laws| first.is_some_and(|first| first.mixer != laws.mixer))
     }
 
-    /// `pd + adaptive`, and the mixer where it is asked for.
+    /// `pd + adaptive`, and the mixer where it is requested.
     pub fn name(&self, with_mixer: bool) -> String {
         let name = format!("{} + {}", self.outer, self.inner);
         match with_mixer {

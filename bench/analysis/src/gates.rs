@@ -384,7 +384,7 @@ impl AcceptanceResult {
         }
     }
 
-    /// How many of the gates that were asked for held, and how many were asked for.
+    /// How many of the requested gates held, and how many were requested.
     pub fn requested(&self) -> (usize, usize) {
         let asked = || self.gates.iter().filter(|gate| gate.asked);
         (asked().filter(|gate| gate.held).count(), asked().count())

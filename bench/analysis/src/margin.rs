@@ -147,7 +147,7 @@ pub enum Cause {
 /// Stability margins of the loop through the rotors, at hover.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Prediction {
-    /// The axes that settle after an impulse; none if the prediction was not asked for.
+    /// The axes that settle after an impulse; none if no prediction was requested.
     pub axes: Vec<LoopMargin>,
     /// The axes whose response to an impulse does not decay. With one of them the loop has no margin.
     pub unsettled: Vec<String>,

@@ -187,7 +187,7 @@ pub struct Rise {
     pub relative: f64,
 }
 
-/// Whether the torque of (19) was asked for, and acted.
+/// Tells whether the torque of (19) was computed, and acted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Torque {

@@ -15,7 +15,7 @@ use crate::parquet_file::{
 use crate::table::{Cell, Row, Table, TextRow};
 
 pub const SCHEMA: &str = "ironbird-campaign/1";
-/// What to do about a file of rows that cannot be written.
+/// The remedy for a file of rows that cannot be written.
 const UNWRITTEN: &str =
     "make room, or fly into another directory that you can write (--out DIR); whole files are kept";
 

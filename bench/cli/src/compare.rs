@@ -105,7 +105,7 @@ fn judge<'a>(
     Ok(exit_code(gate))
 }
 
-/// Flies all cases of a table, prints Markdown, and writes what else was asked for.
+/// Flies all cases of a table, prints Markdown, and writes the other requested files.
 fn fly_table(
     args: &CompareArgs,
     table: CaseTable,

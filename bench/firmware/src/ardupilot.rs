@@ -40,6 +40,7 @@ pub const PORT: Port = Port {
     cached: None,
     is_lockstep: true,
     answers_each: true,
+    ports: 1,
     open: |udp| Ok(Box::new(Json(Inbox::open(udp)?))),
     why_not_armed: || None,
 };

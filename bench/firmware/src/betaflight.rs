@@ -45,6 +45,7 @@ pub const PORT: Port = Port {
     cached: Some(("betaflight_SITL", &["eeprom.bin"])),
     is_lockstep: false,
     answers_each: true,
+    ports: 3,
     open: |udp| Ok(Box::new(Sockets::open(udp)?)),
     why_not_armed,
 };

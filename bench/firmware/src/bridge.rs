@@ -84,9 +84,19 @@ pub struct Bridge {
     pace: Pace,
     comes_by_the_clock: bool,
     firmware: Option<Armed>,
-    /// First tick, when it was, what time its packet has, and where the vehicle was [m]; the firmware knows no other start.
-    began: Option<(u64, Instant, Duration, [f64; 3])>,
+    began: Option<Beginning>,
     motors: [f64; ROTORS],
+}
+
+/// The first tick.
+#[derive(Clone, Copy, Debug)]
+struct Beginning {
+    tick: u64,
+    at: Instant,
+    /// Stamp of its packet.
+    stamp: Duration,
+    /// Position of the vehicle [m], which is the origin of the positions that the firmware gets.
+    position_w_m: [f64; 3],
 }
 
 /// The clock of ticks that come as soon as the last one is done.
@@ -217,16 +227,13 @@ impl Bridge {
             };
         };
         let period = self.launch.period;
-        let (first, at, began, start_m) = *self.began.get_or_insert_with(|| {
-            let time = firmware.take_off(period) + period;
-            (
-                input.tick,
-                Instant::now(),
-                time,
-                input.measured.position_w_m,
-            )
+        let began = *self.began.get_or_insert_with(|| Beginning {
+            tick: input.tick,
+            at: Instant::now(),
+            stamp: firmware.take_off(period) + period,
+            position_w_m: input.measured.position_w_m,
         });
-        let after = period.mul_f64((input.tick - first) as f64);
+        let after = period.mul_f64((input.tick - began.tick) as f64);
         let is_paced = !self.comes_by_the_clock && !self.launch.port.is_lockstep;
         if is_paced {
             self.pace.wait(after);
@@ -234,7 +241,11 @@ impl Bridge {
         if input.measured_age > 0 {
             return Answer::default();
         }
-        let mut position = input.measured.position_w_m.into_iter().zip(start_m);
+        let mut position = input
+            .measured
+            .position_w_m
+            .into_iter()
+            .zip(began.position_w_m);
         let measured = Measured {
             position_w_m: [(); 3].map(|()| position.next().map_or(0.0, |(it, start)| it - start)),
             ..input.measured
@@ -249,16 +260,14 @@ impl Bridge {
                 next.saturating_duration_since(now)
             }
         };
-        // A firmware with a clock of its own takes a stamp that differs from the time of sending for another rate of time.
-        let is_stamped_by_the_clock = self.comes_by_the_clock && !self.launch.port.is_lockstep;
-        let since = if is_stamped_by_the_clock {
-            at.elapsed()
-        } else {
-            after
+        // If stamps differed from the times of sending, the rate of a firmware's own clock would change.
+        let since = match self.comes_by_the_clock && !self.launch.port.is_lockstep {
+            true => began.at.elapsed(),
+            false => after,
         };
         let exchange = &mut firmware.exchange;
         let sample = (&measured, sticks);
-        let mut answer = exchange.ask(began + since, sample, self.spacing, limit);
+        let mut answer = exchange.ask(began.stamp + since, sample, self.spacing, limit);
         self.motors = answer.motors.map_or(self.motors, |it| it.commands);
         if answer.outcome != Outcome::Answered && firmware.has_ended() {
             answer.outcome = Outcome::Ended;

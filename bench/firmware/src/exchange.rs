@@ -201,3 +201,63 @@ impl Exchange {
         poll(&mut sockets, Some(&left)) != Ok(0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::os::fd::{AsFd as _, BorrowedFd};
+    use std::sync::mpsc::{Sender, channel};
+
+    use super::*;
+    use crate::betaflight;
+
+    /// A firmware that answers each state at once.
+    struct Prompt {
+        stamps: Sender<Duration>,
+        has_answer: bool,
+        descriptor: File,
+    }
+
+    impl Link for Prompt {
+        fn send(&mut self, sample: &Sample) -> io::Result<()> {
+            self.has_answer = true;
+            self.stamps.send(sample.stamp).map_err(io::Error::other)
+        }
+
+        fn receive(&mut self) -> io::Result<Message> {
+            match take(&mut self.has_answer) {
+                true => Ok(Message::motors([0.5; 4], true, None)),
+                false => Err(ErrorKind::WouldBlock.into()),
+            }
+        }
+
+        fn descriptor(&self) -> BorrowedFd<'_> {
+            self.descriptor.as_fd()
+        }
+
+        fn try_clone(&self) -> io::Result<Box<dyn Link>> {
+            Err(ErrorKind::Unsupported.into())
+        }
+    }
+
+    #[test]
+    fn a_state_that_waits_for_the_spacing_has_a_stamp_that_is_later_by_the_wait() {
+        let (stamps, sent) = channel();
+        let link = Prompt {
+            stamps,
+            has_answer: false,
+            descriptor: File::open("/dev/null").unwrap(),
+        };
+        let mut exchange = Exchange::new(&betaflight::PORT, Box::new(link));
+        let sample = (&Measured::default(), &Sticks::default());
+        // Longer than any wait on a busy machine, but the stamp rises by 15 ms at most.
+        let (spacing, limit) = (Duration::from_millis(500), Duration::from_secs(1));
+        for ms in [1, 2] {
+            let time = Duration::from_millis(ms);
+            let answer = exchange.ask(time, sample, Some(spacing), limit);
+            assert_eq!(answer.outcome, Outcome::Answered);
+        }
+        let stamps: Vec<Duration> = sent.try_iter().collect();
+        assert_eq!(stamps, [1, 1 + 15].map(Duration::from_millis));
+    }
+}

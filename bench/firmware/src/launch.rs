@@ -292,13 +292,12 @@ impl Launch {
     }
 
     fn in_use(&self) -> Refused {
-        let (number, settings) = (self.number, self.port.description.settings);
-        let (ports, other) = match settings.iter().any(|it| it.name == UDP_PORT.name) {
-            true => (1, "use another port (--set inner.port=NUMBER)"),
-            false => (3, "wait until it has ended"),
+        let mut settings = self.port.description.settings.iter();
+        let other = match settings.any(|it| it.name == UDP_PORT.name) {
+            true => "use another port (--set inner.port=NUMBER)",
+            false => "wait until it has ended",
         };
-        let ports = number..number.saturating_add(ports);
-        // The first one is the flight's, the others are the firmware's.
+        let ports = self.number..self.number.saturating_add(self.port.ports);
         let holder = ports
             .clone()
             .find_map(holder)
@@ -391,7 +390,7 @@ impl Launch {
     }
 }
 
-/// Name and number of the process that has a port, where the kernel shows it.
+/// Name and number of the process that uses a port, where the kernel shows it.
 fn holder(port: u16) -> Option<String> {
     let of_port = |line: &str| {
         let mut fields = line.split_whitespace();

@@ -98,7 +98,9 @@ pub struct Port {
     pub is_lockstep: bool,
     /// Whether each state has exactly one answer, so that the next one waits for it.
     pub answers_each: bool,
-    /// Opens the sockets at a port number, which the others follow. Fails where another program has one of them.
+    /// How many port numbers a flight takes, one after the other. The first is the flight's, the others are the firmware's.
+    pub ports: u16,
+    /// Opens the sockets at the first port number. Fails where another program has one of them.
     pub open: fn(u16) -> io::Result<Box<dyn Link>>,
     /// Why the firmware does not arm, in its own words, if it says so.
     pub why_not_armed: fn() -> Option<String>,

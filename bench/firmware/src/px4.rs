@@ -54,6 +54,7 @@ pub const PORT: Port = Port {
     cached: None,
     is_lockstep: true,
     answers_each: false,
+    ports: 1,
     open: |tcp| Ok(Box::new(Hil::open(tcp)?)),
     why_not_armed: || None,
 };
@@ -66,29 +67,34 @@ const PRESSURE_HPA_PER_M: f64 = 0.12;
 /// By how much readings alternate: specific force [m/s^2], rate [rad/s], field [G], pressure [hPa].
 const STEPS: [f64; 4] = [0.02, 0.004, 0.001, 0.01];
 
-enum Hil {
-    Waiting(TcpListener),
-    Connected {
-        /// Keeps the port, so that no other flight waits at it for a firmware of its own.
-        listener: TcpListener,
-        reader: MavlinkReader<TcpStream>,
-        sequence: u8,
-        gps_at: Duration,
-    },
+struct Hil {
+    /// Stays open after a firmware has connected, so that no other flight can wait at its port.
+    listener: TcpListener,
+    connection: Option<Connection>,
+}
+
+struct Connection {
+    reader: MavlinkReader<TcpStream>,
+    sequence: u8,
+    gps_at: Duration,
 }
 
 impl Hil {
     fn open(tcp: u16) -> io::Result<Self> {
         let listener = TcpListener::bind(local(tcp))?;
         listener.set_nonblocking(true)?;
-        Ok(Self::Waiting(listener))
+        Ok(Self {
+            listener,
+            connection: None,
+        })
     }
+}
 
-    fn connected(listener: TcpListener, stream: TcpStream) -> io::Result<Self> {
+impl Connection {
+    fn new(stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
-        Ok(Self::Connected {
-            listener,
+        Ok(Self {
             reader: MavlinkReader::new(stream),
             sequence: 0,
             gps_at: Duration::ZERO,
@@ -98,15 +104,12 @@ impl Hil {
 
 impl Link for Hil {
     fn send(&mut self, sample: &Sample) -> io::Result<()> {
-        let Self::Connected {
+        let connection = self.connection.as_mut().ok_or(ErrorKind::NotConnected)?;
+        let Connection {
             reader,
             sequence,
             gps_at,
-            ..
-        } = self
-        else {
-            return Err(ErrorKind::NotConnected.into());
-        };
+        } = connection;
         let up = *sequence % 2 == 0;
         let mut send = |message: MavMessage| {
             let header = MavHeader {
@@ -126,15 +129,11 @@ impl Link for Hil {
     }
 
     fn receive(&mut self) -> io::Result<Message> {
-        let reader = match self {
-            Self::Waiting(listener) => {
-                let stream = listener.accept()?.0;
-                *self = Self::connected(listener.try_clone()?, stream)?;
-                return Ok(Message::Other);
-            }
-            Self::Connected { reader, .. } => reader,
+        let Some(connection) = &mut self.connection else {
+            self.connection = Some(Connection::new(self.listener.accept()?.0)?);
+            return Ok(Message::Other);
         };
-        match reader.read_any_message::<MavMessage>() {
+        match connection.reader.read_any_message::<MavMessage>() {
             Ok((_, MavMessage::HIL_ACTUATOR_CONTROLS(controls))) => Ok(motors(&controls)),
             // Messages of another dialect, too.
             Ok(_) | Err(MessageReadError::Parse(_)) => Ok(Message::Other),
@@ -143,18 +142,17 @@ impl Link for Hil {
     }
 
     fn descriptor(&self) -> BorrowedFd<'_> {
-        match self {
-            Self::Waiting(listener) => listener.as_fd(),
-            Self::Connected { reader, .. } => reader.get_ref().as_fd(),
+        match &self.connection {
+            None => self.listener.as_fd(),
+            Some(connection) => connection.reader.get_ref().as_fd(),
         }
     }
 
     fn try_clone(&self) -> io::Result<Box<dyn Link>> {
-        Ok(Box::new(match self {
-            Self::Waiting(listener) => Self::Waiting(listener.try_clone()?),
-            Self::Connected {
-                listener, reader, ..
-            } => Self::connected(listener.try_clone()?, reader.get_ref().try_clone()?)?,
+        let of = |it: &Connection| Connection::new(it.reader.get_ref().try_clone()?);
+        Ok(Box::new(Self {
+            listener: self.listener.try_clone()?,
+            connection: self.connection.as_ref().map(of).transpose()?,
         }))
     }
 }

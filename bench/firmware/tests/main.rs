@@ -377,6 +377,17 @@ fn a_firmware_that_cannot_fly_is_refused_with_the_reason() {
 }
 
 #[test]
+fn betaflight_s_states_have_the_times_of_sending_as_stamps() {
+    let mut flight = Flight::start(BETAFLIGHT, "steps");
+    // The first step is that from the vehicle at rest.
+    flight.until(AnswerOutcome::Answered);
+    flight.until(AnswerOutcome::Answered);
+    // Ticks of 1 ms are flown every 10 ms or later; a motor command is 20 times the step in seconds.
+    let step_s = flight.signal("motor_1") / 20.0;
+    assert!((0.01..=0.0151).contains(&step_s), "{step_s}");
+}
+
+#[test]
 fn one_flight_at_a_time_has_a_firmware() {
     for port in ports() {
         let number = number();

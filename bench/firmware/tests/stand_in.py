@@ -27,7 +27,7 @@ if MODE == "mute":
     time.sleep(60)
 # A firmware sends once of its own accord when it has started up.
 send(0, 0, 0, 0)
-armed = throttle = 0
+armed = throttle = stamp = 0
 while True:
     numbers = struct.unpack("<18d", state.recv(256))
     try:
@@ -42,6 +42,9 @@ while True:
     motors = answer(motors, mode, numbers[1:4], numbers[4])
     if motors is None:
         continue
+    if mode == "steps":
+        motors = [20 * (numbers[0] - stamp)] * 4
+    stamp = numbers[0]
     send(*motors[: 3 if mode == "short" else 4])
     if mode == "twice":
         send(*motors)

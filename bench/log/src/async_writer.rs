@@ -20,7 +20,7 @@ use std::{io, thread};
 
 /// What may wait for the disk [bytes]: tens of seconds of a flight.
 const MOST_WAITING_BYTES: u64 = 16 << 20;
-/// What one call writes. A kernel without preemption keeps the processor until a call returns, whatever thread waits for it.
+/// Most bytes that one call writes. A kernel without preemption keeps the processor until a call returns, whatever thread waits for it.
 const PART_BYTES: usize = 64 << 10;
 /// What a log leaves free on its disk, for the report [bytes].
 pub const LEFT_FREE_BYTES: u64 = 4 << 20;
@@ -529,6 +529,17 @@ mod tests {
             output.settle();
             assert!(output.is_overfull());
         }
+    }
+
+    #[test]
+    fn a_piece_that_is_written_in_parts_is_whole() {
+        let mut file = tempfile::tempfile().unwrap();
+        let mut output = AsyncWriter::new(file.try_clone().unwrap(), 0).unwrap();
+        let lines: String = (0..40_000).map(|i| format!("{i}\n")).collect();
+        assert!(lines.len() > 3 * PART_BYTES);
+        output.write_all(lines.as_bytes()).unwrap();
+        assert_eq!(output.rest(), lines.len() as u64);
+        assert_eq!(text(&mut file), lines);
     }
 
     #[test]

@@ -109,6 +109,18 @@ mod tests {
     }
 
     #[test]
+    fn a_text_of_a_writer_that_is_closed_leaves_the_file_of_the_caller() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("report.json");
+        for (is_closed, expected) in [(true, "final"), (false, "late")] {
+            fs::write(&path, "final").unwrap();
+            replace(&path, "late", &AtomicBool::new(is_closed)).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        }
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    }
+
+    #[test]
     fn a_file_that_cannot_be_written_is_said_with_the_next_text() {
         let file = AtomicFileWriter::new("/nowhere/report.json".into()).unwrap();
         file.put("lost".into()).unwrap();

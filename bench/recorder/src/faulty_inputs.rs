@@ -1,5 +1,5 @@
-//! What the faults of messages, planned or injected, do at the inputs of the stages: the recorder's filters are those of the
-//! stages, and get the same messages.
+//! The messages of a flight as its stages get them: the recorder filters them as the inputs of the stages do, by the same
+//! faults, planned or injected.
 
 use faults::Port;
 use faults::filter::{FaultFilter, Passed};

@@ -62,7 +62,8 @@ fn finish_group(group: &mut [&mut Plant]) {
     for (lane, plant) in group.iter_mut().enumerate() {
         let body: RigidBody = body.of(lane);
         let eta2 = body.attitude.euler_near(&plant.eta2);
-        plant.arrive(body, eta2);
+        let spin = plant.spin();
+        plant.arrive(&spin, body, eta2);
     }
 }
 

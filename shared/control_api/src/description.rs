@@ -69,7 +69,7 @@ pub struct Description {
     pub presets: &'static [Preset],
     /// How defaults and presets follow the airframe; none where they fit every airframe as they are.
     pub suited: Option<Suited>,
-    /// What it shows of itself, in the order of [`messages::telemetry::Telemetry::value`].
+    /// The signals of its telemetry, in the order of [`messages::telemetry::Telemetry::value`].
     pub telemetry: &'static [Signal],
 }
 

@@ -80,7 +80,7 @@ impl Failure {
         self
     }
 
-    /// What to do, unless the failure already says so.
+    /// Adds a remedy, unless the failure has one.
     pub fn or_help(self, help: impl Into<String>) -> Self {
         match self.help {
             Some(_) => self,
@@ -97,7 +97,7 @@ impl Failure {
         self.labelled("error")
     }
 
-    /// The same of a step without which the command goes on.
+    /// The failure of a step without which the command goes on, as it is printed.
     pub fn warning(&self) -> String {
         self.labelled("warning")
     }

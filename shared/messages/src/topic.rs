@@ -91,7 +91,7 @@ pub enum Bound {
 }
 
 impl Bound {
-    /// Looks at all numbers, whatever the first is: without a branch, several are compared at once.
+    /// Compares all numbers, even if the first is out of bounds: without branches, several are compared at once.
     #[inline]
     fn holds(self, numbers: &[f64]) -> bool {
         let numbers = numbers.iter();

@@ -14,7 +14,7 @@ use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::runs::size;
 use errors::output::{print, say};
-use experiments::campaign::flight_settings::{Plan, open_directory};
+use experiments::campaign::flight_settings::{IN_THE_WAY, Plan, open_directory};
 use experiments::campaign::rows::{Flight, LANES, fly_all};
 use experiments::parallel::processors;
 use experiments::progress::Progress;
@@ -125,8 +125,7 @@ fn fly(
             let path = chunk::path_of(out, chunk);
             if path.is_dir() {
                 let what = format!("{}: a directory is in the place of rows", path.display());
-                return Err(Failure::failed(what)
-                    .help("remove it, or fly into another directory (--out DIR)"));
+                return Err(Failure::failed(what).help(IN_THE_WAY));
             }
             say(&format!("{}: {why}; flying it again\n", path.display()));
         }

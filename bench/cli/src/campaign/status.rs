@@ -15,7 +15,7 @@ use experiments::campaign::flight_settings::{Plan, plan_of};
 use render::document::Block;
 
 const MERGED: &str = "merged.parquet";
-/// What to do about a file that cannot be read or written.
+/// The remedy for a file that cannot be read or written.
 const FILES: &str = "`ironbird campaign status DIR` says which files of rows are whole; what is written needs room, and a directory \
                      that you can write";
 

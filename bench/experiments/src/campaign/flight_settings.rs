@@ -216,10 +216,10 @@ fn relative_to(file: &Path, name: &str) -> PathBuf {
 
 const FILE: &str = "campaign.toml";
 const FACTS: &str = "campaign.json";
-/// What to do about a broken [`FILE`] or [`FACTS`].
+/// The remedy for a broken [`FILE`] or [`FACTS`].
 const REPAIR: &str = "remove this file, and fly the campaign into this directory again (`ironbird campaign run FILE --out DIR`): \
                       rows that are whole are kept";
-/// What to do about a file or directory that cannot be written.
+/// The remedy for a file or directory that cannot be written.
 pub const IN_THE_WAY: &str =
     "remove what is in its place, or fly into another directory that you can write (--out DIR)";
 

@@ -120,7 +120,7 @@ impl Failure {
         })
     }
 
-    /// Whether it ends what was injected.
+    /// True if it ends the injected failures of its unit.
     pub fn is_end(&self) -> bool {
         self.kind == FailureType::FAILURE_TYPE_OK
     }

@@ -53,7 +53,7 @@ const SIGNED: &str = "signed frames are ignored: no key can be checked here; swi
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
     pub run_id: u64,
-    /// System and component of whom its answer is for.
+    /// System and component that get its answer.
     from: [u8; 2],
     pub what: What,
     pub purpose: Purpose,

@@ -100,7 +100,7 @@ fn the_page_of_ground_stations_has_every_parameter_and_failure() {
     }
 }
 
-/// What a ground station, a vehicle that has joined a flight, and the plant say to each other.
+/// A conversation of a ground station and the plant with a vehicle that has joined a flight.
 struct Conversation {
     vehicle: Vehicle,
     model: Model,

@@ -654,7 +654,7 @@ impl<'a> Judged<'a> {
         }
     }
 
-    /// Those on flight, timing and theorem.
+    /// The verdicts on flight, timing and theorem.
     pub fn all(verdicts: &'a Verdicts) -> [Self; 3] {
         use FlightVerdict::{Lost, OffTrack, Tracked};
         let (timing, theorem) = (&verdicts.timing, &verdicts.theorem);
