@@ -205,10 +205,10 @@ impl FlightStream {
         match entry {
             LogEntry::State(message) => {
                 self.parameter_epoch = message.content.parameter_epoch;
-                self.states.push(inputs.state(message, withheld));
+                self.states.push(&inputs.state(message, withheld));
             }
             LogEntry::Setpoint(message) => {
-                self.setpoints.push(inputs.setpoint(message, withheld));
+                self.setpoints.push(&inputs.setpoint(message, withheld));
             }
             LogEntry::Wrench(message) => {
                 inputs.wrench(message, withheld);
@@ -242,9 +242,7 @@ impl FlightStream {
             self.states.input(of_state),
             self.setpoints.input(of_setpoint),
         );
-        let result = self
-            .monitor
-            .watch(wrench, state.as_ref(), setpoint.as_ref());
+        let result = self.monitor.watch(wrench, state, setpoint);
         match &result {
             Some(message) => {
                 self.publish(&LogEntry::Theorem(*message), relays, files);

@@ -8,7 +8,7 @@ use messages::content::{
     Change, Decision, Decisions, NO_TICK, RotorSpeeds, Stamped, State, SwapRecord, TakenCommand,
 };
 use messages::grid::Pace;
-use messages::header::Message;
+use messages::header::{Header, Message};
 use messages::role::{Channel, Role};
 use plant::{Plant, Swap, Target};
 use redundancy::Arrangement;
@@ -66,7 +66,7 @@ impl AirframeReplay {
     pub fn step<'a>(
         &mut self,
         message: &Message<State>,
-        command: impl Fn(Channel, u64) -> Option<&'a Message<RotorSpeeds>>,
+        command: impl Fn(Channel, u64) -> Option<&'a (Header, Stamped<RotorSpeeds>)>,
         comparison: &mut ReplayComparison,
     ) -> Result<&State, Failure> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
@@ -108,7 +108,7 @@ impl AirframeReplay {
     pub fn end<'a>(
         &mut self,
         last_tick: u64,
-        command: impl Fn(Channel, u64) -> Option<&'a Message<RotorSpeeds>>,
+        command: impl Fn(Channel, u64) -> Option<&'a (Header, Stamped<RotorSpeeds>)>,
         comparison: &mut ReplayComparison,
     ) -> Result<u64, Failure> {
         self.take_commands(last_tick + 1, command, comparison)?;
@@ -118,14 +118,14 @@ impl AirframeReplay {
     fn take_commands<'a>(
         &mut self,
         tick: u64,
-        command: impl Fn(Channel, u64) -> Option<&'a Message<RotorSpeeds>>,
+        command: impl Fn(Channel, u64) -> Option<&'a (Header, Stamped<RotorSpeeds>)>,
         comparison: &mut ReplayComparison,
     ) -> Result<(), Failure> {
         for taken in self.decided.drain(..) {
             let channel = Channel::from_wire(taken.channel);
             let message = channel.and_then(|it| Some((it, command(it, taken.of_tick)?)));
-            let message = message.filter(|(_, it)| it.envelope.seq == taken.seq);
-            let Some((of, Message { envelope, content })) = message else {
+            let message = message.filter(|(_, (header, _))| header.seq == taken.seq);
+            let Some((of, (header, command))) = message else {
                 return Err(gap(&format!(
                     "before tick {tick} the plant took message {} of topic `rotor_speeds` of channel {} (tick {}), which \
                      is not in it",
@@ -138,13 +138,11 @@ impl AirframeReplay {
                 self.plant.refuse();
                 continue;
             }
-            let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-            let acts_from = self.pace.effective_tick(envelope.tick, sent_ns);
-            let acts_from = self.plant.offer_of(
-                self.arrangement.group(of),
-                &Stamped::new(envelope.tick, *content),
-                acts_from,
-            );
+            let sent_ns = header.stamps_of(Role::Mixer).send_ns;
+            let acts_from = self.pace.effective_tick(header.tick, sent_ns);
+            let acts_from = self
+                .plant
+                .offer_of(self.arrangement.group(of), command, acts_from);
             if acts_from != taken.acts_from {
                 let of_tick = |tick: u64| match tick {
                     NO_TICK => "never".to_owned(),

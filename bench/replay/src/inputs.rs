@@ -7,7 +7,7 @@
 use faults::filter::{FaultFilter, Passed};
 use faults::plan::Planned;
 use faults::{MessageFaults, Port};
-use messages::content::{NO_TICK, Stamped};
+use messages::content::Stamped;
 use messages::fields::Faulty;
 use messages::grid::Pace;
 use messages::header::Message;
@@ -40,8 +40,6 @@ fn lacks<C: Topic>(of_tick: u64, tick: u64) -> Failure {
 pub struct RecordedInput<C: Topic> {
     /// With faults, the messages that passed; without, all messages did.
     faulty: Option<(FaultFilter<C>, MessageWindow<C>)>,
-    /// The input that was looked up last.
-    input: Stamped<C>,
 }
 
 impl<C: Faulty> RecordedInput<C> {
@@ -49,7 +47,6 @@ impl<C: Faulty> RecordedInput<C> {
         let filter = FaultFilter::new(faults, port);
         Self {
             faulty: filter.map(|filter| (filter, MessageWindow::keeping(kept))),
-            input: Stamped::never(),
         }
     }
 
@@ -63,7 +60,7 @@ impl<C: Faulty> RecordedInput<C> {
                 filter.pass(message.envelope.tick, &message.content)
         {
             let envelope = message.envelope;
-            passed.push(Message { envelope, content });
+            passed.push(&Message { envelope, content });
         }
     }
 
@@ -73,27 +70,20 @@ impl<C: Faulty> RecordedInput<C> {
 
     /// The newest input that the stage had at `tick`, identified by the tick that its message names; `all` are the messages
     /// of the topic.
-    pub fn input(
-        &mut self,
-        all: &MessageWindow<C>,
+    pub fn input<'a>(
+        &'a self,
+        all: &'a MessageWindow<C>,
         input_tick: u64,
         tick: u64,
-    ) -> Result<&mut Stamped<C>, Failure> {
-        if input_tick == NO_TICK {
-            self.input = Stamped::never();
-        } else {
-            let passed = self.faulty.as_ref().map_or(all, |(_, passed)| passed);
-            let message = passed.of(input_tick);
-            let message = message.ok_or_else(|| lacks::<C>(input_tick, tick))?;
-            (self.input.tick, self.input.content) = (input_tick, message.content);
-        }
-        Ok(&mut self.input)
+    ) -> Result<&'a Stamped<C>, Failure> {
+        let input = self.passed(all).input(input_tick);
+        input.ok_or_else(|| lacks::<C>(input_tick, tick))
     }
 
     /// Tick of an input, and the history of the state that its sender had after it.
     pub fn history(&self, all: &MessageWindow<C>, input_tick: u64) -> (u64, u64) {
         let message = self.passed(all).of(input_tick);
-        let after = message.map_or(UNDISTURBED, |it| it.envelope.law_state.after);
+        let after = message.map_or(UNDISTURBED, |(header, _)| header.law_state.after);
         (input_tick, after)
     }
 }
@@ -102,7 +92,7 @@ impl<C: Faulty> RecordedInput<C> {
 mod tests {
     use faults::filter::FaultyInput;
     use faults::grammar::Fault;
-    use messages::content::Wrench;
+    use messages::content::{NO_TICK, Wrench};
     use messages::parameters::Airframe;
 
     use super::*;
@@ -158,7 +148,8 @@ mod tests {
                 restarted.arrive(&wrench(tick));
                 restarted.settle(tick);
                 let had = restarted.stamped();
-                let found = replayed.input(&MessageWindow::keeping(DEEP), had.tick, tick);
+                let all = MessageWindow::keeping(DEEP);
+                let found = replayed.input(&all, had.tick, tick);
                 assert_eq!(found.ok().copied(), Some(had), "tick {tick}");
             }
         }

@@ -487,7 +487,7 @@ impl FlightReplay {
                 loops.wrench(message, is_counted, saved, comparison)
             }
             LogEntry::RotorSpeeds(message) => {
-                own.rotor_speeds.push(*message);
+                own.rotor_speeds.push(message);
                 loops.rotor_speeds(message, saved, comparison)
             }
             _ => Ok(()),
@@ -515,7 +515,7 @@ impl FlightReplay {
             LogEntry::Setpoint(message) => {
                 summary.outputs.take(tick, &message.content);
                 if self.merge.is_some() {
-                    self.setpoints.push(*message);
+                    self.setpoints.push(message);
                     self.inner_setpoint.take(message);
                 }
             }
@@ -530,9 +530,8 @@ impl FlightReplay {
                     loops.map_or(Ok((None, None)), |it| it.monitored(message))?;
                 if self.merge.is_some() {
                     let of_setpoint = message.envelope.input_tick[1];
-                    let input = &mut self.inner_setpoint;
-                    let flown = input.input(&self.setpoints, of_setpoint, tick);
-                    setpoint = flown.ok().map(|it| &*it);
+                    let input = &self.inner_setpoint;
+                    setpoint = input.input(&self.setpoints, of_setpoint, tick).ok();
                 }
                 let result = self.monitor.watch(message, state, setpoint);
                 if let Some(result) = result {

@@ -71,6 +71,8 @@ pub struct LoopsReplay {
     inner_state: RecordedInput<State>,
     inner_setpoint: RecordedInput<Setpoint>,
     mixer_wrench: RecordedInput<Wrench>,
+    /// The true state with a faulty measurement, for the monitor.
+    faulty_state: Stamped<State>,
     /// Of the inner loop.
     pub restarts: u64,
     /// Messages that continue from the state of another process.
@@ -103,6 +105,7 @@ impl LoopsReplay {
             inner_state: RecordedInput::new(&faults, Port::InnerState, kept),
             inner_setpoint: RecordedInput::new(&faults, Port::InnerSetpoint, kept),
             mixer_wrench: RecordedInput::new(&faults, Port::MixerWrench, kept),
+            faulty_state: Stamped::never(),
             restarts: 0,
             takeovers: 0,
             inner_is_program,
@@ -110,7 +113,7 @@ impl LoopsReplay {
     }
 
     pub fn take_state(&mut self, message: &Message<State>) {
-        self.states.push(*message);
+        self.states.push(message);
         self.outer_state.take(message);
         self.inner_state.take(message);
     }
@@ -123,7 +126,7 @@ impl LoopsReplay {
     ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
         let (tick, input_tick) = (envelope.tick, envelope.input_tick);
-        self.setpoints.push(*message);
+        self.setpoints.push(message);
         self.inner_setpoint.take(message);
         let state = self.outer_state.input(&self.states, input_tick[0], tick)?;
         let (mut setpoint, mut is_published) = (Setpoint::default(), false);
@@ -155,7 +158,7 @@ impl LoopsReplay {
     ) -> Result<(), Failure> {
         let Message { envelope, content } = message;
         let (tick, input_tick) = (envelope.tick, envelope.input_tick);
-        self.wrenches.push(*message);
+        self.wrenches.push(message);
         self.mixer_wrench.take(message);
         if self.inner_is_program {
             comparison.foreign += 1;
@@ -225,20 +228,18 @@ impl LoopsReplay {
             input_tick: [of_state, of_setpoint, _],
             ..
         } = wrench.envelope;
-        let has_faults = self.inner_state.has_faults();
-        let state = self.inner_state.input(&self.states, of_state, tick)?;
-        let mut is_known = true;
-        if has_faults {
-            let measured = state.content.measured;
-            let truth = self.states.input(of_state);
-            is_known = truth.is_some();
-            *state = truth.unwrap_or_else(Stamped::never);
-            state.content.measured = measured;
+        let mut state = Some(self.inner_state.input(&self.states, of_state, tick)?);
+        if let Some(had) = state.filter(|_| self.inner_state.has_faults()) {
+            state = self.states.input(of_state).map(|truth| {
+                self.faulty_state = *truth;
+                self.faulty_state.content.measured = had.content.measured;
+                &self.faulty_state
+            });
         }
         let setpoint = self
             .inner_setpoint
             .input(&self.setpoints, of_setpoint, tick);
-        Ok((is_known.then_some(&*state), setpoint.ok().map(|it| &*it)))
+        Ok((state, setpoint.ok()))
     }
 }
 

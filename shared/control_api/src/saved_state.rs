@@ -58,6 +58,7 @@ macro_rules! saved_fields {
 pub use saved_fields;
 
 impl Field for u64 {
+    #[inline]
     fn transfer(&mut self, fields: &mut Fields) {
         match fields {
             Fields::Write(state) => {
@@ -75,6 +76,7 @@ impl Field for u64 {
 }
 
 impl Field for f64 {
+    #[inline]
     fn transfer(&mut self, fields: &mut Fields) {
         let mut bits = self.to_bits();
         bits.transfer(fields);

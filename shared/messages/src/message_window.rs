@@ -3,46 +3,50 @@
 use std::collections::VecDeque;
 
 use crate::content::{NO_TICK, Stamped};
-use crate::header::Message;
+use crate::header::{Header, Message};
 use crate::topic::Topic;
 
 /// Messages of a topic in ascending order of ticks.
 #[derive(Clone, Debug)]
 pub struct MessageWindow<C: Topic> {
     kept: usize,
-    messages: VecDeque<Message<C>>,
+    never: Stamped<C>,
+    messages: VecDeque<(Header, Stamped<C>)>,
 }
 
 impl<C: Topic> MessageWindow<C> {
     /// An empty window that keeps `kept` messages before the newest one.
-    pub const fn keeping(kept: usize) -> Self {
+    pub fn keeping(kept: usize) -> Self {
         Self {
             kept,
+            never: Stamped::never(),
             messages: VecDeque::new(),
         }
     }
 
     #[inline]
-    pub fn push(&mut self, message: Message<C>) {
+    pub fn push(&mut self, message: &Message<C>) {
         if self.messages.len() > self.kept {
             // `pop_front` would copy it.
             self.messages.drain(..1);
         }
-        self.messages.push_back(message);
+        let Message { envelope, content } = *message;
+        self.messages
+            .push_back((envelope, Stamped::new(envelope.tick, content)));
     }
 
     /// The input of a stage, by the tick that the stage reports; none if that message is not in the window.
     #[inline]
-    pub fn input(&self, input_tick: u64) -> Option<Stamped<C>> {
+    pub fn input(&self, input_tick: u64) -> Option<&Stamped<C>> {
         if input_tick == NO_TICK {
-            return Some(Stamped::never());
+            return Some(&self.never);
         }
-        Some(Stamped::new(input_tick, self.of(input_tick)?.content))
+        Some(&self.of(input_tick)?.1)
     }
 
     #[inline]
-    pub fn of(&self, tick: u64) -> Option<&Message<C>> {
-        let tick_of = |message: &Message<C>| message.envelope.tick;
+    pub fn of(&self, tick: u64) -> Option<&(Header, Stamped<C>)> {
+        let tick_of = |(_, message): &(Header, Stamped<C>)| message.tick;
         // Without gaps, the distance from the newest tick is that of the places. The oldest message is in no cache.
         let ahead = self.messages.back().map_or(0, tick_of).wrapping_sub(tick);
         let likely = (self.messages.len() as u64).wrapping_sub(ahead.wrapping_add(1));

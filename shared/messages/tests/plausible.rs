@@ -53,7 +53,7 @@ fn a_window_finds_messages_by_tick_with_and_without_gaps() {
     let mut window = MessageWindow::<Wrench>::keeping(8);
     (0..12)
         .chain(20..30)
-        .for_each(|tick| window.push(Message::of_tick(tick, Wrench::default())));
+        .for_each(|tick| window.push(&Message::of_tick(tick, Wrench::default())));
     for (tick, is_there) in [
         (19, false),
         (20, false),
@@ -64,7 +64,7 @@ fn a_window_finds_messages_by_tick_with_and_without_gaps() {
         let found = window.input(tick).map(|it| it.tick);
         assert_eq!(found, is_there.then_some(tick));
     }
-    window.push(Message::of_tick(40, Wrench::default()));
+    window.push(&Message::of_tick(40, Wrench::default()));
     let found = [28, 40, NO_TICK].map(|tick| window.input(tick).map(|it| it.tick));
     assert_eq!(found, [Some(28), Some(40), Some(NO_TICK)]);
 }

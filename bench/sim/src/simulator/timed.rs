@@ -57,7 +57,7 @@ impl Timed {
                 (rig.state.tick, rig.tick) = (tick, tick + 1);
                 rig.envelope = rig.plant.envelope();
                 if !matches!(rig.envelope, Err(EnvelopeViolation::NotFinite { .. })) {
-                    self.states.push(Message::of_tick(tick, rig.state.content));
+                    self.states.push(&Message::of_tick(tick, rig.state.content));
                 }
                 rig.plant.finish();
             }
@@ -68,11 +68,11 @@ impl Timed {
                 }
                 let state = self.states.input(state);
                 if state.is_some_and(|state| {
-                    rig.outer.tick_into(tick, &state, &mut rig.setpoint.content)
+                    rig.outer.tick_into(tick, state, &mut rig.setpoint.content)
                 }) {
                     rig.setpoint.tick = tick;
                     self.setpoints
-                        .push(Message::of_tick(tick, rig.setpoint.content));
+                        .push(&Message::of_tick(tick, rig.setpoint.content));
                     outputs.take(tick, &rig.setpoint.content);
                 }
             }
@@ -88,12 +88,12 @@ impl Timed {
                     (self.states.input(state), self.setpoints.input(setpoint))
                 {
                     rig.inner
-                        .tick_into(tick, &state, &setpoint, &mut rig.wrench.content);
+                        .tick_into(tick, state, setpoint, &mut rig.wrench.content);
                     rig.wrench.tick = tick;
                     self.wrenches
-                        .push(Message::of_tick(tick, rig.wrench.content));
+                        .push(&Message::of_tick(tick, rig.wrench.content));
                     outputs.take(tick, &rig.wrench.content);
-                    rig.watch(&state, &setpoint);
+                    rig.watch(state, setpoint);
                 }
             }
             Source::RotorSpeeds { wrench, acts_from } => {
@@ -103,7 +103,7 @@ impl Timed {
                 }
                 if let Some(wrench) = self.wrenches.input(wrench) {
                     rig.mixer
-                        .tick_into(tick, &wrench, &mut rig.rotor_speeds.content);
+                        .tick_into(tick, wrench, &mut rig.rotor_speeds.content);
                     rig.rotor_speeds.tick = tick;
                     rig.theorem.command(tick, &rig.rotor_speeds.content);
                     self.commands.push_back((rig.rotor_speeds, acts_from));
