@@ -201,10 +201,10 @@ def test_a_broken_file_is_refused_in_few_words(ironbird_command, law, text, said
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        ("{}['gain']", "KeyError: 'gain' ({file}:6)"),
+        ("{}['gain']", "{file}:6: KeyError: 'gain'"),
         ("None", "TypeError: {file}:3: `law` at tick 300 gave nothing; it gives (thrust_n, torque_b_nm)"),
         ("(5.0, [0, float('nan'), 0])", "ValueError: {file}:3: `law` at tick 300 gave torque_b_nm = [0, nan, 0]; expected"),
-        ("sys.exit('enough')", "SystemExit: enough ({file}:6)"),
+        ("sys.exit('enough')", "{file}:6: SystemExit: enough"),
     ],
 )
 def test_an_exception_in_flight_ends_the_role_with_its_traceback(ironbird_command, law, tmp_path, answer, said):

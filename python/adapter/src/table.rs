@@ -6,7 +6,6 @@
 
 use std::ffi::{c_char, c_void};
 use std::io::{Write as _, stderr};
-use std::iter::successors;
 use std::ptr;
 
 use ironbird_law::abi::*;
@@ -14,8 +13,6 @@ use ironbird_law::{kept, text};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::{Looked, PythonLaw, Rig, SaidSetting};
-
-use crate::interpreter::describe;
 
 /// The table of a law. It is leaked, as the rig never unloads a law.
 pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
@@ -93,9 +90,9 @@ unsafe extern "C" fn create(
     refused: *mut c_char,
     refused_size: u64,
 ) -> *mut c_void {
-    // SAFETY: the context is that of the table; the rig hands over a rig, a value per setting, and a buffer.
+    // SAFETY: the context is that of the table, and leaked with it; the rig hands over a rig, a value per setting, and a buffer.
     let (looked, rig, values) = unsafe {
-        let looked = &*context.cast::<Looked>();
+        let looked: &'static Looked = &*context.cast();
         let values = std::slice::from_raw_parts(values, looked.settings.len());
         (looked, Rig(*rig), values)
     };
@@ -110,8 +107,7 @@ unsafe extern "C" fn create(
                 role, name, file, ..
             } = looked;
             let label = format!("the {role} law `{name}` ({file})");
-            let path = file.rsplit_once(':').map_or(&**file, |it| it.0).into();
-            Box::into_raw(Box::new(Instance { law, label, path })).cast()
+            Box::into_raw(Box::new(Instance { law, label, looked })).cast()
         }
         Err(why) => {
             // SAFETY: the rig hands over a buffer of this size.
@@ -148,7 +144,7 @@ struct Instance {
     pub law: PythonLaw,
     /// Role, name and file, as errors name it.
     pub label: String,
-    pub path: String,
+    pub looked: &'static Looked,
 }
 
 unsafe extern "C" fn save(law: *const c_void, bytes: *mut c_void, size: u64) -> u64 {
@@ -204,23 +200,6 @@ fn call<T>(instance: &Instance, tick: u64, law: impl FnOnce(Python<'_>) -> PyRes
     Python::attach(|py| law(py).unwrap_or_else(|raised| end(py, instance, tick, &raised)))
 }
 
-/// Where in the law's file an exception was raised, in brackets; nothing of one that another file has raised.
-fn raised_at(py: Python<'_>, raised: &PyErr, path: &str) -> String {
-    fn next<'py>(step: &Bound<'py, PyAny>) -> Option<Bound<'py, PyAny>> {
-        step.getattr("tb_next").ok().filter(|it| !it.is_none())
-    }
-    let line = |step: &Bound<'_, PyAny>| -> PyResult<Option<u64>> {
-        let code = step.getattr("tb_frame")?.getattr("f_code")?;
-        let is_own = code.getattr("co_filename")?.extract::<String>()? == path;
-        let line = step.getattr("tb_lineno")?.extract();
-        if is_own { line.map(Some) } else { Ok(None) }
-    };
-    let first = raised.traceback(py).map(Bound::into_any);
-    let lines = successors(first, next).filter_map(|step| line(&step).ok()?);
-    let line = lines.last();
-    line.map_or_else(String::new, |line| format!(" ({path}:{line})"))
-}
-
 /// Ends the process as other failures of a role do: its last output says what happened, with the traceback.
 fn end(py: Python<'_>, instance: &Instance, tick: u64, raised: &PyErr) -> ! {
     let other = libc::sched_param { sched_priority: 0 };
@@ -230,10 +209,9 @@ fn end(py: Python<'_>, instance: &Instance, tick: u64, raised: &PyErr) -> ! {
     // Whether anybody reads it changes nothing about what follows.
     let _ = writeln!(
         stderr(),
-        "error: {} failed in tick {tick}: {}{}",
+        "error: {} failed in tick {tick}: {}",
         instance.label,
-        describe(py, raised),
-        raised_at(py, raised, &instance.path)
+        instance.looked.describe(py, raised)
     );
     loop {
         // SAFETY: ends the process. Exit handlers are left out: they would report an exit, and wait for the interpreter;

@@ -38,6 +38,7 @@ def look(law, role):
     return {
         "law": law,
         "file": place_of(tick),
+        "path": path_of(tick),
         "role": role,
         "name": name,
         "version": "1",
@@ -66,6 +67,7 @@ def look_at_class(law, role=None):
     return {
         "law": law,
         "file": place,
+        "path": path_of(tick),
         "role": own,
         "name": name,
         "version": text_of(law, "version", "1"),
@@ -145,10 +147,10 @@ def load(path):
 
 
 def describe(error, path, trace=None):
-    """An exception in a line, with its place in the law's file."""
+    """An exception in a line, with its place in the law's file if it was raised there."""
     lines = [frame.lineno for frame in traceback.extract_tb(trace or error.__traceback__) if frame.filename == path]
-    place = f"{path}:{lines[-1]}" if lines else path
-    return f"{place}: {type(error).__name__}: {error}"
+    place = f"{path}:{lines[-1]}: " if lines else ""
+    return f"{place}{type(error).__name__}: {error}"
 
 
 def settled(law, role, given):
@@ -182,12 +184,21 @@ def value_of(setting, given, role):
     return float(value[0]) if len(numbers) == 1 else value
 
 
+def code_of(function):
+    """The code of a function; none of one that is not written in Python."""
+    return getattr(inspect.unwrap(function), "__code__", None)
+
+
+def path_of(function):
+    """File of a function; its name where it has none."""
+    code = code_of(function)
+    return code.co_filename if code else getattr(function, "__name__", type(function).__name__)
+
+
 def place_of(function):
     """File and line of a function; its name where it has none."""
-    code = getattr(inspect.unwrap(function), "__code__", None)
-    if code is None:
-        return getattr(function, "__name__", type(function).__name__)
-    return f"{code.co_filename}:{code.co_firstlineno}"
+    code, path = code_of(function), path_of(function)
+    return f"{path}:{code.co_firstlineno}" if code else path
 
 
 def place_in(law, attribute):

@@ -26,6 +26,8 @@ pub struct Looked {
     pub settings: Vec<SaidSetting>,
     /// The file that it stands in, and the line of its `tick`.
     pub file: String,
+    /// The file alone.
+    path: String,
     /// Its class, or the object that flies as it is.
     law: Py<PyAny>,
     /// Its `tick` in words, with file and line.
@@ -56,10 +58,9 @@ impl Looked {
         Self::of(&module(py)?.call_method1("look_at_class", (class,))?)
     }
 
-    /// An exception in a line, with its place in the law's file.
+    /// An exception in a line, with its place in the law's file if it was raised there.
     pub fn describe(&self, py: Python<'_>, raised: &PyErr) -> String {
-        let path = self.file.rsplit_once(':').map_or(&*self.file, |it| it.0);
-        let error = (raised.value(py), path, raised.traceback(py));
+        let error = (raised.value(py), &self.path, raised.traceback(py));
         let text = module(py).and_then(|module| module.call_method1("describe", error)?.extract());
         text.unwrap_or_else(|_| raised.to_string())
     }
@@ -75,6 +76,7 @@ impl Looked {
             telemetry: said.get_item("telemetry")?.extract()?,
             settings: said.get_item("settings")?.extract()?,
             file: text("file")?,
+            path: text("path")?,
             law: said.get_item("law")?.unbind(),
             place: text("place")?,
         })
