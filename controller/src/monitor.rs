@@ -298,11 +298,7 @@ impl TheoremMonitor {
             self.rate_kept,
         );
         let rounding = ROUNDING * now.v_th_start + self.rise_of(ROUNDING_RAD_S2);
-        let trapezoid = self.trapezoid(last, theta);
-        self.trapezoid_rad_s2 += (1.0 - self.adaptation.p) * (trapezoid - self.trapezoid_rad_s2);
-        let trapezoid = self.rise_of(TRAPEZOID * self.trapezoid_rad_s2);
-        self.trapezoid_sum += trapezoid;
-        let floor = rounding + trapezoid;
+        let floor = rounding + self.rise_of_trapezoid(last, theta);
 
         now.ticks_checked += 1;
         now.steps_adapted += u64::from(before != after);
@@ -336,10 +332,7 @@ impl TheoremMonitor {
             now.step_excess_max = now.step_excess_max.max(excess / rounding);
         }
         if cause == Cause::Unexplained {
-            now.descent -= change;
-            now.descent_predicted -= now.v_th_change_predicted;
-            let owed = now.descent_predicted > LIVE_FROM * now.v_th_start + self.trapezoid_sum;
-            now.is_live = u64::from(!owed || LIVE.contains(&(now.descent / now.descent_predicted)));
+            self.descend(change, now);
         }
         self.excitation.take(&step.contraction());
 
@@ -351,6 +344,23 @@ impl TheoremMonitor {
         if now.v_change > now.v_change_bound * (1.0 - STEP_ROUNDING) + floor {
             now.v_above_bound[self.assumptions.cause_of_v(tick) as usize] += 1;
         }
+    }
+
+    /// What the trapezoidal rule may add to V_th in this step [rad^2/s^2]: its error passes through the low-pass first.
+    fn rise_of_trapezoid(&mut self, last: &LastTick, theta: &Vector3<f64>) -> f64 {
+        let error = self.trapezoid(last, theta);
+        self.trapezoid_rad_s2 += (1.0 - self.adaptation.p) * (error - self.trapezoid_rad_s2);
+        let rise = self.rise_of(TRAPEZOID * self.trapezoid_rad_s2);
+        self.trapezoid_sum += rise;
+        rise
+    }
+
+    /// Compares the descent of V_th so far with the predicted one.
+    fn descend(&self, change: f64, now: &mut Monitor) {
+        now.descent -= change;
+        now.descent_predicted -= now.v_th_change_predicted;
+        let owed = now.descent_predicted > LIVE_FROM * now.v_th_start + self.trapezoid_sum;
+        now.is_live = u64::from(!owed || LIVE.contains(&(now.descent / now.descent_predicted)));
     }
 }
 

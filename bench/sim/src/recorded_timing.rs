@@ -84,55 +84,22 @@ impl Timing {
             ))
             .help("name a flight in real time: `ironbird fly --log all --pace realtime`"));
         }
-        let mut take = |position: u64, entry: &LogEntry| {
-            let envelope = entry.envelope();
-            let mut event = |source: Source| {
-                let (tick, epoch) = (envelope.tick, envelope.epoch);
+        let mut next = Some(first);
+        while let Some(entry) = next {
+            expected.check(&entry)?;
+            let (position, header) = (reader.position(), entry.envelope());
+            let (tick, epoch) = (header.tick, header.epoch);
+            each_source(&entry, pace, |source| {
+                if source == Source::State {
+                    last_tick = tick;
+                }
                 let event = Event {
                     tick,
                     epoch,
                     source,
                 };
                 events.push((position, event));
-            };
-            let mut taken = |command: &TakenCommand| {
-                if command.is_offered == 1 {
-                    event(Source::Taken {
-                        command: command.of_tick,
-                    });
-                }
-            };
-            match entry {
-                LogEntry::Decisions(message) => message.content.commands().iter().for_each(taken),
-                LogEntry::State(message) => {
-                    last_tick = envelope.tick;
-                    if message.content.decision.count == 1 {
-                        taken(&message.content.decision.command);
-                    }
-                    event(Source::State);
-                }
-                LogEntry::Setpoint(_) => {
-                    let state = envelope.input_tick[0];
-                    event(Source::Setpoint { state });
-                }
-                LogEntry::Wrench(_) => {
-                    let [state, setpoint, _] = envelope.input_tick;
-                    event(Source::Wrench { state, setpoint });
-                }
-                LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
-                    let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-                    event(Source::RotorSpeeds {
-                        wrench: envelope.input_tick[2],
-                        acts_from: pace.effective_tick(envelope.tick, sent_ns),
-                    });
-                }
-                _ => {}
-            }
-        };
-        let mut next = Some(first);
-        while let Some(entry) = next {
-            expected.check(&entry)?;
-            take(reader.position(), &entry);
+            });
             next = reader.next_entry()?.copied();
         }
         if reader.end() != End::Complete {
@@ -204,6 +171,43 @@ impl Timing {
             .help("remove these faults (--set 'flight.faults=[]' removes all, --fault names those that may stay: parameter changes) or the recorded timing"));
         }
         Ok(())
+    }
+}
+
+/// Calls `event` with what stages did according to a message, in its order.
+fn each_source(entry: &LogEntry, pace: Pace, mut event: impl FnMut(Source)) {
+    let header = entry.envelope();
+    let mut taken = |command: &TakenCommand| {
+        if command.is_offered == 1 {
+            event(Source::Taken {
+                command: command.of_tick,
+            });
+        }
+    };
+    match entry {
+        LogEntry::Decisions(message) => message.content.commands().iter().for_each(taken),
+        LogEntry::State(message) => {
+            if message.content.decision.count == 1 {
+                taken(&message.content.decision.command);
+            }
+            event(Source::State);
+        }
+        LogEntry::Setpoint(_) => {
+            let state = header.input_tick[0];
+            event(Source::Setpoint { state });
+        }
+        LogEntry::Wrench(_) => {
+            let [state, setpoint, _] = header.input_tick;
+            event(Source::Wrench { state, setpoint });
+        }
+        LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
+            let sent_ns = header.stamps_of(Role::Mixer).send_ns;
+            event(Source::RotorSpeeds {
+                wrench: header.input_tick[2],
+                acts_from: pace.effective_tick(header.tick, sent_ns),
+            });
+        }
+        _ => {}
     }
 }
 

@@ -48,8 +48,44 @@ impl RedundancyAccount {
         group: Channel,
         selection: Option<Selection>,
     ) {
+        let flown_before = self.redundancy.active;
+        self.enter_outages(tick, candidates, group, selection);
+        let account = &mut self.redundancy;
+        let Some(selection) = selection else {
+            account.not_fresh += 1;
+            return;
+        };
+        let chosen = &selection.chosen;
+        let active = chosen.channel as u64;
+        account.handovers += u64::from(active != flown_before);
+        account.active = active;
+        account.flown[chosen.channel as usize] += 1;
+        account.not_fresh += u64::from(!chosen.is_usable());
+        account.masked += u64::from(chosen.is_usable() && chosen.channel != group);
+        account.votes += u64::from(selection.is_compared);
+        if selection.differs {
+            if account.mismatches == 0 {
+                account.first_mismatch = tick;
+            }
+            account.mismatches += 1;
+        }
+        if let Some(outvoted) = selection.outvoted {
+            account.outvoted[outvoted as usize] += 1;
+        }
+        if chosen.is_usable() {
+            self.enter_differences(candidates, chosen);
+        }
+    }
+
+    /// Enters the channels without a usable command, and whether another one could have flown.
+    fn enter_outages(
+        &mut self,
+        tick: u64,
+        candidates: &[Candidate],
+        group: Channel,
+        selection: Option<Selection>,
+    ) {
         let (account, arrangement) = (&mut self.redundancy, self.arrangement);
-        let flown_before = account.active;
         let mut usable = 0;
         let outvoted = selection.and_then(|it| it.outvoted);
         for channel in Channel::first(account.channels as usize) {
@@ -80,7 +116,7 @@ impl RedundancyAccount {
                         ticks: 0,
                         reason: reason as u64,
                         is_handover: u64::from(
-                            flown_before == place as u64
+                            account.active == place as u64
                                 && selection.is_some_and(|it| it.chosen.channel != channel),
                         ),
                     };
@@ -95,15 +131,12 @@ impl RedundancyAccount {
         };
         account.unprotected += u64::from(usable < 2);
         account.longest_unprotected = account.longest_unprotected.max(self.unprotected_run);
-        let Some(selection) = selection else {
-            account.not_fresh += 1;
-            return;
-        };
-        let chosen = &selection.chosen;
-        for other in candidates
-            .iter()
-            .filter(|it| it.is_usable() && chosen.is_usable())
-        {
+    }
+
+    /// Enters by how much usable commands of other laws differ from the one that was chosen.
+    fn enter_differences(&mut self, candidates: &[Candidate], chosen: &Candidate) {
+        let (account, arrangement) = (&mut self.redundancy, self.arrangement);
+        for other in candidates.iter().filter(|it| it.is_usable()) {
             if !arrangement.are_alike(other.channel, chosen.channel) {
                 let place = other.channel as usize;
                 let difference =
@@ -113,22 +146,6 @@ impl RedundancyAccount {
                     account.difference_max_rad_s[place].max(difference);
                 account.difference_square_sum_rad2_s2[place] += difference * difference;
             }
-        }
-        let active = chosen.channel as u64;
-        account.handovers += u64::from(active != flown_before);
-        account.active = active;
-        account.flown[chosen.channel as usize] += 1;
-        account.not_fresh += u64::from(!chosen.is_usable());
-        account.masked += u64::from(chosen.is_usable() && chosen.channel != group);
-        account.votes += u64::from(selection.is_compared);
-        if selection.differs {
-            if account.mismatches == 0 {
-                account.first_mismatch = tick;
-            }
-            account.mismatches += 1;
-        }
-        if let Some(outvoted) = selection.outvoted {
-            account.outvoted[outvoted as usize] += 1;
         }
     }
 }
