@@ -64,8 +64,9 @@ pub struct Plant {
     filter: Option<Box<FaultFilter<RotorSpeeds>>>,
     commands_taken: u64,
     command_taken_tick: u64,
-    swaps: SwapQueue,
-    applied: heapless::Vec<AppliedSwap, PENDING_SWAPS>,
+    /// On the heap, as they are the most of it: 100 kB.
+    swaps: Box<SwapQueue>,
+    applied: Box<heapless::Vec<AppliedSwap, PENDING_SWAPS>>,
     ramps: Ramps,
     /// Tick of the newest change of a parameter since the last [`Plant::begin`] or [`Plant::end`] began.
     changed_tick: Option<u64>,
@@ -113,8 +114,8 @@ impl Plant {
             filter: None,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
-            swaps: SwapQueue::default(),
-            applied: heapless::Vec::new(),
+            swaps: Box::default(),
+            applied: Box::default(),
             ramps: Ramps::default(),
             changed_tick: None,
             tick: 0,
