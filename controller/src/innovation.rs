@@ -11,9 +11,9 @@ use crate::adaptation::{Adaptation, Regression};
 pub struct Innovation {
     /// Steps in which a bound held back the estimate of I_R, k_r, delta.
     pub steps_at_bound: [u64; 3],
-    /// Means over the last second or so: |Y - X th_hat|^2, |Y|^2, |w|^2, and w.w of the step before, where w is the
-    /// innovation without the low-pass [rad^2/s^4].
-    means: [f64; 4],
+    /// Means over the last second or so: |Y - X th_hat|^2, |Y|^2, |w|^2, that of the step before, and the product of both,
+    /// where w is the innovation without the low-pass [rad^2/s^4].
+    means: [f64; 5],
     before: Option<[Vector3<f64>; 2]>,
 }
 
@@ -40,6 +40,7 @@ impl Innovation {
             r.norm_squared(),
             y.norm_squared(),
             w.norm_squared(),
+            w_before.norm_squared(),
             w.dot(&w_before),
         ];
         if now.iter().all(|now| now.is_finite()) {
@@ -61,7 +62,11 @@ impl Innovation {
 
     /// Correlation of the innovation with that of the step before: about 0 or less for noise, 1 for a cause that lasts.
     pub fn correlation(&self) -> f64 {
-        let [_, _, size, with_before] = self.means;
-        if size > 0.0 { with_before / size } else { 0.0 }
+        let [_, _, size, before, product] = self.means;
+        if size * before > 0.0 {
+            (product / (size * before).sqrt()).clamp(-1.0, 1.0)
+        } else {
+            0.0
+        }
     }
 }

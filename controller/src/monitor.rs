@@ -64,6 +64,8 @@ pub struct TheoremMonitor {
     trapezoid_rad_s2: f64,
     /// What that may have added to V_th since the start [rad^2/s^2].
     trapezoid_sum: f64,
+    /// What bounds have added to the descent of V_th since the start [rad^2/s^2]: they only bring an estimate closer.
+    bounds_sum: f64,
     rate_kept: f64,
     has_begun: bool,
     before: Before,
@@ -98,6 +100,7 @@ impl TheoremMonitor {
             rate_weight: RateWeight::new(&adaptation),
             trapezoid_rad_s2: 0.0,
             trapezoid_sum: 0.0,
+            bounds_sum: 0.0,
             rate_kept: exp(-period_s / RATE_MEMORY_S),
             has_begun: false,
             before: Before::default(),
@@ -129,7 +132,7 @@ impl TheoremMonitor {
         };
         self.excitation = Excitation::new(self.adaptation.period_s);
         self.innovation = Innovation::default();
-        (self.trapezoid_sum, self.has_begun) = (0.0, false);
+        (self.trapezoid_sum, self.bounds_sum, self.has_begun) = (0.0, 0.0, false);
     }
 
     /// Takes the mode in which the mixer made the rotor command of a tick, before the wrench of the next tick.
@@ -332,6 +335,9 @@ impl TheoremMonitor {
             now.step_excess_max = now.step_excess_max.max(excess / rounding);
         }
         if cause == Cause::Unexplained {
+            if !is_free {
+                self.bounds_sum += (now.v_th_change_predicted - change).max(0.0);
+            }
             self.descend(change, now);
         }
         self.excitation.take(&step.contraction());
@@ -360,7 +366,8 @@ impl TheoremMonitor {
         now.descent -= change;
         now.descent_predicted -= now.v_th_change_predicted;
         let owed = now.descent_predicted > LIVE_FROM * now.v_th_start + self.trapezoid_sum;
-        now.is_live = u64::from(!owed || LIVE.contains(&(now.descent / now.descent_predicted)));
+        let alone = now.descent - self.bounds_sum;
+        now.is_live = u64::from(!owed || LIVE.contains(&(alone / now.descent_predicted)));
     }
 }
 

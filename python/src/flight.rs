@@ -4,9 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use analysis::faults::AppliedSwap;
+use analysis::tracking::Tracking;
 use config::Settings;
 use config::law_settings::known;
 use control_api::description::Description;
+use errors::Failure;
 use flight_log::codec::Logged;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
@@ -69,30 +71,52 @@ impl FlownLaw {
 /// Copies of the number of a tick that a flight keeps beside its columns: rows, `tick` and `t`.
 const BESIDE: u64 = 3;
 
-/// One table per topic, by its sender: state, setpoint, wrench, rotor speeds, and the recorder's theorem.
+/// The messages of a flight, and its reference.
 #[derive(Debug)]
-pub(crate) struct Tables([Table; ROLES.len()]);
+pub(crate) struct Tables {
+    /// By the sender: state, setpoint, wrench, rotor speeds, and the recorder's theorem.
+    topics: [Table; ROLES.len()],
+    /// The reference of each state: also where the outer law has published nothing.
+    reference: Table,
+    tracking: Tracking,
+}
 
 impl Tables {
     /// Empty, for what these laws show: outer, inner, mixer.
-    pub(crate) fn of([outer, inner, mixer]: &[FlownLaw; 3]) -> Self {
+    pub(crate) fn of(
+        settings: &Settings,
+        [outer, inner, mixer]: &[FlownLaw; 3],
+    ) -> Result<Self, Failure> {
         let none = Some(Signals::new());
-        Self([
-            Table::of::<State>(&none),
-            Table::of::<Setpoint>(&outer.signals),
-            Table::of::<Wrench>(&inner.signals),
-            Table::of::<RotorSpeeds>(&mixer.signals),
-            Table::of::<Monitor>(&none),
-        ])
+        Ok(Self {
+            topics: [
+                Table::of::<State>(&none),
+                Table::of::<Setpoint>(&outer.signals),
+                Table::of::<Wrench>(&inner.signals),
+                Table::of::<RotorSpeeds>(&mixer.signals),
+                Table::of::<Monitor>(&none),
+            ],
+            reference: Table::of_reference(),
+            tracking: Tracking::along(settings.course()?, settings.flight.period_s),
+        })
     }
 
     pub(crate) fn push<C: Logged>(&mut self, tick: u64, content: &C) {
-        self.0[C::SENDER as usize].push(tick, content);
+        self.topics[C::SENDER as usize].push(tick, content);
+    }
+
+    pub(crate) fn push_reference(&mut self, tick: u64, state: &State) {
+        let reference = self.tracking.reference(tick, state);
+        self.reference.push(tick, &reference);
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Table> {
+        self.topics.iter().chain([&self.reference])
     }
 
     /// Takes the memory of so many ticks before the flight begins: the interpreter would end where none is left.
     pub(crate) fn reserve(&mut self, ticks: u64) -> PyResult<()> {
-        let numbers = self.0.iter().map(Table::numbers).sum::<u64>() + BESIDE;
+        let numbers = self.all().map(Table::numbers).sum::<u64>() + BESIDE;
         let needed = numbers.saturating_mul(8).saturating_mul(ticks);
         let refused = |available: &str| {
             PyMemoryError::new_err(format!(
@@ -104,13 +128,15 @@ impl Tables {
             return Err(refused(&format!("{available} are available")));
         }
         let rows = usize::try_from(ticks).unwrap_or(usize::MAX);
-        let mut tables = self.0.iter_mut();
+        let mut tables = self.topics.iter_mut().chain([&mut self.reference]);
         let reserved = tables.try_for_each(|table| table.reserve(rows));
         reserved.map_err(|_| refused("this process may not have as many"))
     }
 
-    pub(crate) fn take(&mut self, tick: u64, rig: &Simulator) {
+    pub(crate) fn take(&mut self, rig: &Simulator) {
+        let tick = rig.flown_tick();
         self.push(tick, rig.state());
+        self.push_reference(tick, rig.state());
         rig.setpoint()
             .into_iter()
             .for_each(|it| self.push(tick, it));
@@ -130,10 +156,11 @@ impl Tables {
         mut beside: Vec<Table>,
         facts: Bound<'py, PyDict>,
     ) -> PyResult<Shown<'py>> {
-        let mut tables = Vec::from(self.0);
+        let mut tables = Vec::from(self.topics);
         if tables.last().is_some_and(Table::is_empty) {
             tables.pop();
         }
+        tables.push(self.reference);
         let rows = rows(&tables);
         tables.append(&mut beside);
         let ticks: Vec<f64> = rows.iter().map(|tick| *tick as f64).collect();

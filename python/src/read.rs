@@ -52,7 +52,7 @@ impl Read {
         let settings = settings_of(&reader)?;
         let laws = FlownLaw::recorded(&settings);
         let mut read = Self {
-            tables: Tables::of(&laws),
+            tables: Tables::of(&settings, &laws)?,
             timing: Timing::of(reader.pace()?),
             swaps: Vec::new(),
             outputs: OutputHash::default(),
@@ -74,7 +74,11 @@ impl Read {
 
     fn take(&mut self, entry: &LogEntry) {
         match entry {
-            LogEntry::State(message) => self.stage(message),
+            LogEntry::State(message) => {
+                let Message { envelope, content } = message;
+                self.tables.push_reference(envelope.tick, content);
+                self.stage(message);
+            }
             LogEntry::Setpoint(message) => self.stage(message),
             LogEntry::Wrench(message) => self.stage(message),
             // The last message is the answer to no state.

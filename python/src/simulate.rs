@@ -44,14 +44,12 @@ pub(crate) fn simulate<'py>(
     let raised = Raised::default();
     let mut flight =
         flight(&settings, made(&outer)?, made(&inner)?, &raised).map_err(settings_error)?;
-    let mut tables = Tables::of(&laws);
+    let mut tables = Tables::of(&settings, &laws).map_err(settings_error)?;
     tables.reserve(settings.last_tick() + 1)?;
-    let mut tick = 0;
     let flown = py.detach(|| {
         fly(&mut flight, &settings, |rig| {
-            tables.take(tick, rig);
-            tick += 1;
-            if tick.is_multiple_of(LOOK_TICKS) {
+            tables.take(rig);
+            if rig.flown_tick().is_multiple_of(LOOK_TICKS) {
                 Python::attach(|py| py.check_signals())
                     .unwrap_or_else(|signal| raised.keep(signal));
             }

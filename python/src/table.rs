@@ -6,10 +6,9 @@ use std::collections::{BTreeMap, BTreeSet, TryReserveError};
 use flight_log::codec::Logged;
 use flight_log::rows::{axes, is_parameters};
 use flight_log::units::describe;
-use messages::content::State;
-use messages::layout::{Field, Kind, Visit, Visitor};
+use messages::content::{Reference, Setpoint};
+use messages::layout::{Field, Kind, Layout as _, Visit, Visitor};
 use messages::parameters::{SPECS, Spec};
-use messages::topic::Topic as _;
 use pyo3::prelude::*;
 
 #[derive(Debug)]
@@ -52,6 +51,18 @@ impl Table {
             signals,
         };
         plan.fields(C::FIELDS, C::NAME, "");
+        table
+    }
+
+    pub(crate) fn of_reference() -> Self {
+        let mut table = Self::default();
+        let mut plan = Plan {
+            table: &mut table,
+            facts: describe::<Setpoint>(),
+            telemetry: String::new(),
+            signals: &None,
+        };
+        plan.fields(Reference::FIELDS, "reference", "reference.");
         table
     }
 
@@ -155,17 +166,14 @@ impl Plan<'_> {
                     let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
                     self.apart(group, SPECS.iter().map(spec).collect(), place);
                 }
-                // The plant's records for the replay, which a simulation does not have. The setpoint has the reference, too.
-                ("decision" | "target", Kind::Struct { fields, .. }) => {
-                    self.leave_out(fields, place);
-                }
-                ("reference", Kind::Struct { fields, .. }) if group == State::NAME => {
+                // The plant's records for the replay, which a simulation does not have, and what has a table of its own.
+                ("decision" | "target" | "reference", Kind::Struct { fields, .. }) => {
                     self.leave_out(fields, place);
                 }
                 (name, Kind::Struct { fields, .. }) => {
                     let telemetry = self.telemetry.clone();
                     let group = match name {
-                        "truth" | "reference" => name,
+                        "truth" => name,
                         "telemetry" => &telemetry,
                         _ => group,
                     };

@@ -58,8 +58,27 @@ def test_arrays_have_a_row_per_tick_and_a_unit():
     assert flight.laws == {"outer": "pd", "inner": "adaptive", "mixer": "roll_pitch_first"}
     assert (flight.end, flight.trajectory, flight.period_s) == ("completed", "lissajous", 1e-3)
     assert len(flight.timing) == 0 and flight.theorem.v_th.shape == (501,)
-    expected = np.linalg.norm(flight.state.position_w_m - flight.reference.position_w_m, axis=1)
-    assert np.array_equal(flight.position_error_m, expected)
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "plant.position_noise_m=0.05",
+        # The outer law publishes nothing from then on.
+        "outer.state.drop=1@500ms",
+        "plant.stop=100ms@500ms",
+    ],
+)
+def test_the_error_is_that_of_the_true_position_in_every_state(ironbird_command, fault):
+    name, value = fault.split("=")
+    is_setting = "@" not in fault
+    keywords = {"settings": {"plant": {name.split(".")[1]: float(value)}}} if is_setting else {"faults": fault}
+    flight = ironbird.simulate("fast", 1, **keywords)
+    simulated = ironbird_command(*f"simulate --trajectory fast --duration 1s {'--set' if is_setting else '--fault'} {fault}".split())
+    errors = {name: float(re.search(rf"{name}=(\S+)", simulated.stdout)[1]) for name in ("position_error_m", "yaw_error_rad")}
+    assert flight.tick[-1] == 1000 and flight.t[-1] == 1.0
+    assert abs(flight.position_error_m.max() - errors["position_error_m"]) <= 5e-5
+    assert abs(flight.yaw_error_rad.max() - errors["yaw_error_rad"]) <= 5e-5
+    assert f"position error up to {errors['position_error_m']:.4f} m" in flight.verdicts["flight"]
 
 
 def test_yaw_and_tilt_errors_are_against_the_reference():

@@ -89,7 +89,7 @@ impl Tracer {
             if self.path.len() == PATH_SAMPLES {
                 self.path.pop_front();
             }
-            let position = joined.state.measured.position_w_m;
+            let position = joined.state.truth.position_w_m;
             self.path.push_back((tick, position, reference));
         }
         let counts = joined.monitor.map_or(self.counted, |it| it.violations);

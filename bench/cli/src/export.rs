@@ -18,6 +18,7 @@ use crate::table_file::{TableFile, TableFormat};
 use analysis::phrase::count;
 use analysis::schema::Report;
 use analysis::states::{Joined, Joiner, LoopMessage};
+use analysis::tracking::Tracking;
 use errors::output::{print, say};
 use errors::{AsideFile, Failure, InFile as _, OK};
 use flight_log::codec::Logged;
@@ -29,6 +30,7 @@ use flight_log::rows::{Cell, Column};
 use flight_log::telemetry::TelemetryTopic;
 use flight_log::{perfetto, rows, topics};
 use recorder::run_directory::{find_log, log_files};
+use replay::log_check::settings_of;
 
 pub const DIRECTORY: &str = "export";
 
@@ -282,6 +284,8 @@ struct JoinedShape {
     /// Which numbers of the messages have a column: all but the plant's record for the replay.
     is_kept: Vec<bool>,
     signals: [Option<TelemetryTopic>; LAW_ROLES.len()],
+    /// The reference of ticks without a setpoint; none where the log does not say what was flown.
+    tracking: Option<Tracking>,
 }
 
 impl JoinedShape {
@@ -303,17 +307,40 @@ impl JoinedShape {
                 ..column
             }));
         }
+        let flown = settings_of(reader).and_then(|settings| {
+            let course = settings.course()?;
+            Ok(Tracking::along(course, settings.flight.period_s))
+        });
         Self {
             columns,
             is_kept,
             signals,
+            tracking: flown.ok(),
         }
+    }
+
+    /// The numbers of a setpoint; where there is none, those of its reference.
+    fn setpoint(&self, joined: &Joined) -> Vec<Cell> {
+        let (Some(tracking), None) = (&self.tracking, &joined.setpoint) else {
+            return cells_of(joined.setpoint.as_ref());
+        };
+        let reference = tracking.reference(joined.tick, &joined.state);
+        let cells = rows::content_cells(&Setpoint {
+            reference,
+            ..Setpoint::default()
+        });
+        let columns = rows::content_columns::<Setpoint>().into_iter();
+        let cells = columns.zip(cells).map(|(column, cell)| {
+            let is_of_reference = column.name.starts_with("reference.");
+            if is_of_reference { cell } else { Cell::Missing }
+        });
+        cells.collect()
     }
 
     fn cells(&self, joined: &Joined) -> impl Iterator<Item = Cell> {
         let content = [
             rows::content_cells(&joined.state),
-            cells_of(joined.setpoint.as_ref()),
+            self.setpoint(joined),
             cells_of(joined.wrench.as_ref()),
             cells_of(joined.rotor_speeds.as_ref()),
         ]

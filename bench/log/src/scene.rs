@@ -54,7 +54,7 @@ impl Placed {
             pose: 0,
             frame: BODY,
             at_ns,
-            position_w_m: state.measured.position_w_m,
+            position_w_m: state.truth.position_w_m,
             attitude_rad: state.measured.attitude_rad,
         }
     }

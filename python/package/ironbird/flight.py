@@ -227,8 +227,8 @@ class Flight:
 
     @property
     def position_error_m(self) -> Array:
-        """Distance between the vehicle and its reference [m]."""
-        error: Array = np.linalg.norm(self.state.position_w_m - self.reference.position_w_m, axis=1)
+        """Distance between the vehicle, where it truly is, and its reference [m]."""
+        error: Array = np.linalg.norm(self.truth.position_w_m - self.reference.position_w_m, axis=1)
         return error
 
     @property
