@@ -38,7 +38,7 @@ use messages::role::{Channel, Role};
 use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
 use crate::comparison::ReplayComparison;
-use crate::expected::Expected;
+use crate::expected::{Expected, Origin};
 use crate::inputs::{RecordedInput, kept};
 use crate::log_check::{LogCheck, LogValidator};
 use crate::loops::{LoopsReplay, SavedStates};
@@ -419,7 +419,7 @@ impl FlightReplay {
         match (channel, entry) {
             (Some(channel), LogEntry::State(message)) => {
                 if let Some(own) = self.channels.get_mut(channel as usize) {
-                    own.states.recorded(message, &mut own.comparison);
+                    own.states.take(Origin::Log, message, &mut own.comparison);
                 }
                 Ok(())
             }
@@ -441,11 +441,11 @@ impl FlightReplay {
                 self.merge(Channel::A, entry)
             }
             (_, LogEntry::Theorem(message)) => {
-                self.theorem.recorded(message, comparison);
+                self.theorem.take(Origin::Log, message, comparison);
                 Ok(())
             }
             (None, _) if self.merge.is_some() => {
-                self.flown.recorded(entry, comparison);
+                self.flown.take(Origin::Log, entry, comparison);
                 Ok(())
             }
             (channel, _) => {
@@ -468,7 +468,8 @@ impl FlightReplay {
         for channel in &mut self.channels {
             channel.loops.take_state(message);
             if self.merge.is_some() {
-                channel.states.follows(message, &mut channel.comparison);
+                let comparison = &mut channel.comparison;
+                channel.states.take(Origin::Others, message, comparison);
             }
         }
         Ok(())
@@ -507,7 +508,7 @@ impl FlightReplay {
     /// Takes a message of the flight.
     fn flown(&mut self, entry: &LogEntry) -> Result<(), Failure> {
         if self.merge.is_some() {
-            self.flown.follows(entry, &mut self.comparison);
+            self.flown.take(Origin::Others, entry, &mut self.comparison);
         }
         let tick = entry.envelope().tick;
         let (summary, is_counted) = (&mut self.summary, tick >= self.from_tick);
@@ -534,9 +535,9 @@ impl FlightReplay {
                     let flown = input.input(&self.setpoints, of_setpoint, tick);
                     setpoint = flown.ok().map(|it| &*it);
                 }
-                let result = self.monitor.watch(message, state, setpoint);
-                if let Some(result) = result {
-                    self.theorem.follows(&result, &mut self.comparison);
+                if let Some(result) = self.monitor.watch(message, state, setpoint) {
+                    let comparison = &mut self.comparison;
+                    self.theorem.take(Origin::Others, &result, comparison);
                 }
             }
             // After the last tick the mixer stops the rotors; that command answers no state.
