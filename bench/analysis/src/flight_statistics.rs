@@ -624,6 +624,9 @@ mod tests {
     #[test]
     fn the_rest_of_the_lead_after_the_timer_is_the_cost_of_waiting() {
         let mut statistics = statistics();
+        // Before the first tick there is none.
+        let none = statistics.lead(&Lead::default(), 0);
+        assert_eq!(none, LeadSection::default());
         for (tick, lead_us, late_us) in [(0, 100, 20), (1, 110, 60), (2, 90, 300), (3, 100, 30)] {
             let late_ns = if late_us > lead_us { 210_000 } else { 0 };
             let mut message = state_of(tick, tick, GRID.begin_of(tick) + late_ns);
