@@ -206,14 +206,18 @@ impl FlightStream {
                 self.states.push(inputs.state(message, withheld));
             }
             LogEntry::Setpoint(message) => {
-                self.setpoints.push(inputs.setpoint(message, withheld));
+                let passed = inputs.setpoints.pass(message, withheld);
+                self.setpoints.push(Message {
+                    content: passed.unwrap_or(message.content),
+                    ..*message
+                });
             }
             LogEntry::Wrench(message) => {
-                inputs.wrench(message, withheld);
+                inputs.wrenches.pass(message, withheld);
                 self.monitor_wrench(message, relays, files);
             }
             LogEntry::RotorSpeeds(message) => {
-                inputs.rotor_speeds(message, withheld);
+                inputs.rotor_speeds.pass(message, withheld);
                 self.monitor
                     .command(message.envelope.tick, &message.content);
             }
