@@ -52,7 +52,7 @@ pub enum Block {
     /// Subject, verdict, reason, and whether it is good, bad or open.
     Verdicts([(&'static str, String, String, &'static str); 3]),
     /// Title, value and unit of the most important numbers; on a page only, as the next ones.
-    KeyFigures(Vec<(String, String, String)>),
+    KeyFigures(Vec<(&'static str, String, String)>),
     /// Commands, each with what it shows.
     NextSteps(Vec<(String, &'static str)>),
     /// A flight in three dimensions, as JSON for replay.js, beside charts.

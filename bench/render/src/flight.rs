@@ -136,7 +136,7 @@ pub(crate) fn verdicts(report: &Report) -> Block {
 }
 
 /// Of the timing, with their units.
-pub(crate) fn key_figures(report: &Report) -> Vec<(String, String, String)> {
+pub(crate) fn key_figures(report: &Report) -> Vec<(&'static str, String, String)> {
     let (ticks, deadlines) = (&report.ticks, &report.deadlines);
     let [whole, wake] = ["loop", "wake.plant"].map(|name| report.series(name));
     let latency = |name, value: Option<f64>| Some((name, us(value?), "us".to_owned()));
@@ -144,18 +144,17 @@ pub(crate) fn key_figures(report: &Report) -> Vec<(String, String, String)> {
         let ppm = format!("{:.1} ppm", sum.per_million);
         (NOT_FRESH, sum.ticks.to_string(), ppm)
     });
-    let figures = [
+    [
         latency("loop p50", whole.map(|it| it.p50_us)),
         latency("loop p99", whole.map(|it| it.p99_us)),
         latency("loop p99.9", whole.and_then(|it| it.p999_us)),
         latency("wake p99", wake.map(|it| it.p99_us)),
         late,
         Some(("ticks skipped", ticks.skipped.to_string(), String::new())),
-    ];
-    let figures = figures.into_iter().flatten();
-    figures
-        .map(|(title, value, unit)| (title.to_owned(), value, unit))
-        .collect()
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 fn head(report: &Report) -> Vec<Block> {
@@ -174,7 +173,7 @@ pub(crate) fn machine(report: &Report) -> Vec<Block> {
     let (run, host, steal) = (&report.run, &report.host, &report.steal);
     let mut blocks = Vec::new();
     let mut say = |line: String| blocks.push(Block::Paragraph(line));
-    let (build, ending) = (run.build.of_version(&run.version), ending(report));
+    let (build, ending) = (&run.build, ending(report));
     let (started, instance) = (&run.started, &run.instance);
     say(format!(
         "ironbird {build}  {started}  instance {instance}  {ending}"

@@ -299,6 +299,13 @@ struct ChannelReplay {
     states: Expected<State>,
 }
 
+/// The rotor command of a tick of a channel.
+fn commands_of<'a>(
+    channels: &'a [ChannelReplay],
+) -> impl Fn(Channel, u64) -> Option<&'a Message<RotorSpeeds>> {
+    |channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick)
+}
+
 struct FlightReplay {
     from_tick: u64,
     /// Messages of a topic, and states of a stage, that are kept.
@@ -458,9 +465,7 @@ impl FlightReplay {
 
     fn state(&mut self, message: &Message<State>) -> Result<(), Failure> {
         let tick = message.envelope.tick;
-        let channels = &self.channels;
-        let command =
-            |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
+        let command = commands_of(&self.channels);
         let state = self.airframe.step(message, command, &mut self.comparison)?;
         self.summary.state(tick, state);
         self.summary.outputs.take(tick, state);
@@ -562,9 +567,7 @@ impl FlightReplay {
             flown.iter().try_for_each(|it| self.flown(it))?;
         }
         if self.is_ended {
-            let channels = &self.channels;
-            let command =
-                |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
+            let command = commands_of(&self.channels);
             let comparison = &mut self.comparison;
             let missed = self.airframe.end(self.last_tick, command, comparison)?;
             self.summary.end(missed);
