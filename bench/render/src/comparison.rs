@@ -231,20 +231,12 @@ fn motion(comparison: &Comparison) -> Option<Section> {
     ];
     let position = (0..3).map(|i| {
         let reference = Some(traces::POSITION_REFERENCE[i]);
-        (
-            format!("{} [m]", AXES[i]),
-            traces::POSITION[i],
-            reference,
-            0.01,
-        )
+        let label = format!("{} [m]", AXES[i]);
+        (label, traces::POSITION[i], reference, 0.01)
     });
     let attitude = (0..3).map(|i| {
-        (
-            format!("{} [rad]", ANGLES[i]),
-            traces::ATTITUDE[i],
-            None,
-            0.01,
-        )
+        let label = format!("{} [rad]", ANGLES[i]);
+        (label, traces::ATTITUDE[i], None, 0.01)
     });
     let rotors = (0..4).map(|i| {
         let label = format!("command of rotor {} [rad/s]", i + 1);
