@@ -26,7 +26,6 @@ use messages::blackboards;
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
 use messages::header::Message;
-use messages::monitor::Monitor;
 use messages::realtime::Lead;
 use messages::role::{Role, STAGES};
 use messages::telemetry::{LAW_ROLES, Telemetry};
@@ -169,7 +168,9 @@ impl FlightStatistics {
             LogEntry::Wrench(message) => self.wrench(message),
             LogEntry::RotorSpeeds(message) => self.rotor_speeds(message),
             LogEntry::Swap(message) => self.swap(message),
-            LogEntry::Theorem(message) => self.theorem(message),
+            LogEntry::Theorem(message) => {
+                self.theorem.take(message.envelope.epoch, &message.content);
+            }
             LogEntry::Decisions(message) => {
                 let commands = message.content.commands().iter();
                 commands.for_each(|command| self.verdicts.take(command));
@@ -349,10 +350,6 @@ impl FlightStatistics {
             let swap = AppliedSwap::new(tick, period_s, &message.content);
             self.swaps.push(swap);
         }
-    }
-
-    pub fn theorem(&mut self, message: &Message<Monitor>) {
-        self.theorem.take(message.envelope.epoch, &message.content);
     }
 
     /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
