@@ -1,6 +1,6 @@
 //! A comparison of control laws on one flight.
 
-use crate::document::{Block, Document, Figure, Section, Table};
+use crate::document::{self, Block, Cell, Document, Figure, Section};
 use crate::figures::{self, ANGLES, AXES, SYMBOLS, UNITS};
 use crate::plot::{Axis, Chart, LAWS, Layer, braided, through};
 use crate::scale::Scale;
@@ -79,12 +79,13 @@ fn table(
     };
     let rows = comparison.outcomes.iter().map(|it| {
         let lost = is_any_lost.then(|| lost(it));
-        let cells = lost.into_iter().chain(cells(it)).collect();
-        (comparison.name_of(&it.laws), cells)
+        let first = [comparison.name_of(&it.laws)].into_iter().chain(lost);
+        first.chain(cells(it)).map(Cell::from).collect()
     });
     let columns = columns.into_iter().map(|column| column.to_string());
     let lost = is_any_lost.then(|| "lost at".to_owned());
-    Block::Table(Table::named("laws", lost.into_iter().chain(columns), rows))
+    let first = ["laws".to_owned()].into_iter().chain(lost);
+    document::table(first.chain(columns), rows)
 }
 
 /// The true position errors, of a flight with faults before and after them.

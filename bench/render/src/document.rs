@@ -352,23 +352,6 @@ impl Table {
         Self::new(titles, items.into_iter().map(row))
     }
 
-    /// A table whose rows have names; `first` is above these.
-    pub fn named(
-        first: &str,
-        columns: impl IntoIterator<Item = impl ToString>,
-        rows: impl IntoIterator<Item = (String, Vec<String>)>,
-    ) -> Self {
-        let columns = columns.into_iter().map(|column| column.to_string());
-        let row = |(name, cells): (String, Vec<String>)| {
-            std::iter::once(name).chain(cells).map(Cell::from).collect()
-        };
-        let rows = rows.into_iter();
-        Self {
-            columns: std::iter::once(first.to_owned()).chain(columns).collect(),
-            rows: rows.map(row).collect(),
-        }
-    }
-
     /// With the names of the rows indented below that of their column, and columns of numbers to the right.
     pub fn text(&self) -> String {
         self.aligned("  ")

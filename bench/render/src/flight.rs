@@ -464,8 +464,8 @@ fn floors(report: &Report) -> Vec<Block> {
         beside.seconds, beside.scheduling, beside.steal.percent
     );
     let line = |name: &str, values: [Option<f64>; 3], digits: usize| {
-        let cells = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
-        (name.to_owned(), cells.into())
+        let [p50, p99, p999] = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
+        row([&name, &p50, &p99, &p999])
     };
     let rows = baseline_ratios(beside, report).flat_map(|it| {
         let (ours, floor) = (
@@ -474,13 +474,12 @@ fn floors(report: &Report) -> Vec<Block> {
         );
         [ours, floor, line("times its floor", it.times, 2)]
     });
-    let baselines = Table::named("us", ["p50", "p99", "p99.9"], rows);
     let refused = beside.refused.iter().map(|it| format!("refused: {it}"));
     let note = "The timer does nothing but wake; the ring's four processes hand on a token and compute as long as the \
                 laws did in the median.";
     vec![
         Block::Paragraph(title),
-        Block::Table(baselines),
+        table(["us", "p50", "p99", "p99.9"], rows),
         Block::Items(refused.collect()),
         Block::Note(note.into()),
     ]
