@@ -311,7 +311,7 @@ struct FlightReplay {
     /// Messages of a topic, and states of a stage, that are kept.
     kept: usize,
     airframe: AirframeReplay,
-    /// Setpoints of the flight, of several channels.
+    /// Setpoints of the flight.
     setpoints: MessageWindow<Setpoint>,
     /// Faults at the input of the monitored inner loop.
     inner_setpoint: RecordedInput<Setpoint>,
@@ -520,10 +520,8 @@ impl FlightReplay {
         match entry {
             LogEntry::Setpoint(message) => {
                 summary.outputs.take(tick, &message.content);
-                if self.merge.is_some() {
-                    self.setpoints.push(*message);
-                    self.inner_setpoint.take(message);
-                }
+                self.setpoints.push(*message);
+                self.inner_setpoint.take(message);
             }
             LogEntry::Wrench(message) => {
                 summary.outputs.take(tick, &message.content);
@@ -532,14 +530,11 @@ impl FlightReplay {
                 }
                 // The inner loops of all channels have the same faults at their inputs.
                 let loops = self.channels.first_mut().map(|it| &mut it.loops);
-                let (state, mut setpoint) =
-                    loops.map_or(Ok((None, None)), |it| it.monitored(message))?;
-                if self.merge.is_some() {
-                    let of_setpoint = message.envelope.input_tick[1];
-                    let input = &mut self.inner_setpoint;
-                    let flown = input.input(&self.setpoints, of_setpoint, tick);
-                    setpoint = flown.ok().map(|it| &*it);
-                }
+                let state = loops.map_or(Ok(None), |it| it.monitored(message))?;
+                let of_setpoint = message.envelope.input_tick[1];
+                let input = &mut self.inner_setpoint;
+                let setpoint = input.input(&self.setpoints, of_setpoint, tick).ok();
+                let setpoint = setpoint.map(|it| &*it);
                 if let Some(result) = self.monitor.watch(message, state, setpoint) {
                     let comparison = &mut self.comparison;
                     self.theorem.take(Origin::Others, &result, comparison);

@@ -55,9 +55,6 @@ impl SavedStates {
     }
 }
 
-/// State and setpoint that a wrench was computed from, where they are known.
-type Monitored<'a> = (Option<&'a Stamped<State>>, Option<&'a Stamped<Setpoint>>);
-
 pub struct LoopsReplay {
     settings: Settings,
     channel: Channel,
@@ -217,28 +214,25 @@ impl LoopsReplay {
         Ok(())
     }
 
-    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it, and the setpoint that
-    /// the loop had.
-    pub fn monitored(&mut self, wrench: &Message<Wrench>) -> Result<Monitored<'_>, Failure> {
-        let Header {
-            tick,
-            input_tick: [of_state, of_setpoint, _],
-            ..
-        } = wrench.envelope;
+    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it; none where it is not
+    /// known.
+    pub fn monitored(
+        &mut self,
+        wrench: &Message<Wrench>,
+    ) -> Result<Option<&Stamped<State>>, Failure> {
+        let Header { tick, .. } = wrench.envelope;
+        let of_state = wrench.envelope.input_tick[0];
         let has_faults = self.inner_state.has_faults();
         let state = self.inner_state.input(&self.states, of_state, tick)?;
-        let mut is_known = true;
         if has_faults {
+            let Some(truth) = self.states.input(of_state) else {
+                return Ok(None);
+            };
             let measured = state.content.measured;
-            let truth = self.states.input(of_state);
-            is_known = truth.is_some();
-            *state = truth.unwrap_or_else(Stamped::never);
+            *state = truth;
             state.content.measured = measured;
         }
-        let setpoint = self
-            .inner_setpoint
-            .input(&self.setpoints, of_setpoint, tick);
-        Ok((is_known.then_some(&*state), setpoint.ok().map(|it| &*it)))
+        Ok(Some(state))
     }
 }
 
