@@ -723,13 +723,13 @@ pub(crate) fn marks(report: &Report) -> Block {
     Block::Legend(legend.map(|(class, word)| (class, word.into())).into())
 }
 
-/// What each law showed of itself, as a table and charts.
 fn firmware(report: &Report) -> Vec<Block> {
     let section = report.firmware.iter();
     let fact = |it| Block::Fact("Firmware", sentences::firmware(it));
     section.map(fact).collect()
 }
 
+/// Signals of the laws, as a table and charts.
 fn telemetry(report: &Report) -> Vec<Block> {
     let laws = &report.run.laws;
     let number = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));
