@@ -118,7 +118,7 @@ impl ComparedRun {
         let report = &self.report;
         Side {
             run: self.run.clone(),
-            build: self.facts.build.of_version(&self.facts.version),
+            build: self.facts.build.clone(),
             started: report.run.started.clone(),
             status: report.verdict.status,
             ticks: report.ticks.run,

@@ -26,7 +26,6 @@ use messages::blackboards;
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
 use messages::header::Message;
-use messages::monitor::Monitor;
 use messages::realtime::Lead;
 use messages::role::{Role, STAGES};
 use messages::telemetry::{LAW_ROLES, Telemetry};
@@ -169,7 +168,9 @@ impl FlightStatistics {
             LogEntry::Wrench(message) => self.wrench(message),
             LogEntry::RotorSpeeds(message) => self.rotor_speeds(message),
             LogEntry::Swap(message) => self.swap(message),
-            LogEntry::Theorem(message) => self.theorem(message),
+            LogEntry::Theorem(message) => {
+                self.theorem.take(message.envelope.epoch, &message.content);
+            }
             LogEntry::Decisions(message) => {
                 let commands = message.content.commands().iter();
                 commands.for_each(|command| self.verdicts.take(command));
@@ -349,10 +350,6 @@ impl FlightStatistics {
             let swap = AppliedSwap::new(tick, period_s, &message.content);
             self.swaps.push(swap);
         }
-    }
-
-    pub fn theorem(&mut self, message: &Message<Monitor>) {
-        self.theorem.take(message.envelope.epoch, &message.content);
     }
 
     /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
@@ -624,6 +621,9 @@ mod tests {
     #[test]
     fn the_rest_of_the_lead_after_the_timer_is_the_cost_of_waiting() {
         let mut statistics = statistics();
+        // Before the first tick there is none.
+        let none = statistics.lead(&Lead::default(), 0);
+        assert_eq!(none, LeadSection::default());
         for (tick, lead_us, late_us) in [(0, 100, 20), (1, 110, 60), (2, 90, 300), (3, 100, 30)] {
             let late_ns = if late_us > lead_us { 210_000 } else { 0 };
             let mut message = state_of(tick, tick, GRID.begin_of(tick) + late_ns);

@@ -9,7 +9,7 @@
 //! | ran, its command was on time, but a stage had worked with an older input | stale |
 //! | anything else | fresh |
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use messages::content::{Mode, State};
 use messages::header::Header;
@@ -21,10 +21,8 @@ pub struct FreshnessStatistics {
     pub missed: u64,
     /// Ticks whose command was on time, but came of an older input.
     pub stale: u64,
-    /// Whether the command of a tick is fresh.
-    commands: BTreeMap<u64, bool>,
-    /// Ticks in which the outer or the inner stage held an older input.
-    held: BTreeSet<u64>,
+    /// Ticks in which a stage worked with an older input.
+    old: BTreeSet<u64>,
 }
 
 const fn held(mode: Mode) -> bool {
@@ -37,17 +35,18 @@ impl FreshnessStatistics {
         self.missed = state.deadlines_missed.saturating_sub(state.ticks_skipped);
     }
 
-    /// Takes what the outer or the inner stage did in a tick.
+    /// Takes how a stage worked in a tick.
     pub fn stage(&mut self, tick: u64, mode: u64) {
         if Mode::from_wire(mode).is_none_or(held) {
-            self.held.insert(tick);
+            self.old.insert(tick);
         }
     }
 
     pub fn command(&mut self, envelope: &Header, mode: u64) {
-        let tick = envelope.tick;
-        let is_fresh = envelope.input_tick == [tick; 3] && !Mode::from_wire(mode).is_none_or(held);
-        self.commands.insert(tick, is_fresh);
+        self.stage(envelope.tick, mode);
+        if envelope.input_tick != [envelope.tick; 3] {
+            self.old.insert(envelope.tick);
+        }
     }
 
     /// Takes the verdict on the command of a tick that ran. What the stages did in it has been taken.
@@ -55,11 +54,9 @@ impl FreshnessStatistics {
         if has_missed {
             self.missed += 1;
         } else {
-            let is_stale = self.commands.get(&tick) == Some(&false) || self.held.contains(&tick);
-            self.stale += u64::from(is_stale);
+            self.stale += u64::from(self.old.contains(&tick));
         }
-        self.commands = self.commands.split_off(&tick);
-        self.held = self.held.split_off(&tick);
+        self.old = self.old.split_off(&tick);
     }
 }
 

@@ -24,10 +24,8 @@ pub fn rejections(rejections: &Rejections) -> BTreeMap<String, u64> {
 /// The plant's account of the channels, in flight time.
 pub fn redundancy(account: &Redundancy, period_s: f64) -> schema::RedundancySection {
     let channel = |place: u64| {
-        let channel = usize::try_from(place)
-            .ok()
-            .and_then(|it| Channel::ALL.get(it));
-        channel.map_or_else(String::new, ToString::to_string)
+        let name = Channel::from_wire(place).map_or("", Channel::name);
+        name.to_owned()
     };
     let counted = account.channels.min(MOST_CHANNELS as u64);
     let by_channel = |counts: &[u64]| {

@@ -203,38 +203,12 @@ pub struct Joiner {
     pub incomplete: u64,
 }
 
+/// Topics that are joined: those of the loop, which come first among the topics of a log.
 const TOPICS: usize = 4;
-
-#[derive(Clone, Copy, Debug)]
-#[allow(
-    clippy::large_enum_variant,
-    reason = "it is handed on at once, and never kept"
-)]
-pub enum LoopMessage {
-    State(State),
-    Setpoint(Setpoint),
-    /// Topic `wrench`, with what topic `theorem` says of it.
-    Wrench(Wrench, Option<Monitor>),
-    RotorSpeeds(RotorSpeeds),
-}
 
 /// Whether a rotor command is the mixer's final one of a run: it idles the rotors, and is made from no state.
 pub fn is_final_command(message: &Message<RotorSpeeds>) -> bool {
     message.envelope.stamps_of(Role::Mixer).receive_ns == 0
-}
-
-impl LoopMessage {
-    /// A message of a log; none of a wrench, which is joined with its monitor, and of what is not joined.
-    pub fn of(entry: &LogEntry) -> Option<Self> {
-        match entry {
-            LogEntry::State(message) => Some(Self::State(message.content)),
-            LogEntry::Setpoint(message) => Some(Self::Setpoint(message.content)),
-            LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
-                Some(Self::RotorSpeeds(message.content))
-            }
-            _ => None,
-        }
-    }
 }
 
 /// Ticks for which a message may come later than the state of a newer tick: longer than a stage may stand still with it
@@ -244,27 +218,35 @@ const STAGE_PATIENCE_TICKS: u64 = 1_000;
 const PATIENCE_TICKS: u64 = 5_000;
 
 impl Joiner {
-    pub fn take(&mut self, tick: u64, part: LoopMessage) {
-        let topic = match part {
-            LoopMessage::State(_) => 0,
-            LoopMessage::Setpoint(_) => 1,
-            LoopMessage::Wrench(..) => 2,
-            LoopMessage::RotorSpeeds(_) => 3,
+    /// Takes a message of the flight; what the monitor says of a wrench comes right after it.
+    pub fn take(&mut self, entry: &LogEntry) {
+        let tick = entry.envelope().tick;
+        match entry {
+            LogEntry::Theorem(message) => {
+                if let Some(parts) = self.waiting.get_mut(&tick) {
+                    parts.1.monitor = Some(message.content);
+                }
+                return;
+            }
+            LogEntry::RotorSpeeds(message) if is_final_command(message) => return,
+            _ => {}
+        }
+        let Some(newest) = self.newest.get_mut(entry.topic()) else {
+            return;
         };
-        self.newest[topic] = self.newest[topic].max(Some(tick));
+        *newest = (*newest).max(Some(tick));
         if Some(tick) <= self.settled {
             return;
         }
         let (has_state, joined) = &mut **self.waiting.entry(tick).or_default();
-        match part {
-            LoopMessage::State(state) => {
-                (*has_state, joined.tick, joined.state) = (true, tick, state)
+        match entry {
+            LogEntry::State(message) => {
+                (*has_state, joined.tick, joined.state) = (true, tick, message.content);
             }
-            LoopMessage::Setpoint(setpoint) => joined.setpoint = Some(setpoint),
-            LoopMessage::Wrench(wrench, monitor) => {
-                (joined.wrench, joined.monitor) = (Some(wrench), monitor)
-            }
-            LoopMessage::RotorSpeeds(speeds) => joined.rotor_speeds = Some(speeds),
+            LogEntry::Setpoint(message) => joined.setpoint = Some(message.content),
+            LogEntry::Wrench(message) => joined.wrench = Some(message.content),
+            LogEntry::RotorSpeeds(message) => joined.rotor_speeds = Some(message.content),
+            _ => {}
         }
     }
 
@@ -321,15 +303,21 @@ const fn there((has_state, joined): &(bool, Joined)) -> [bool; TOPICS] {
 mod tests {
     use super::*;
 
+    fn command(tick: u64) -> Message<RotorSpeeds> {
+        let mut message = Message::of_tick(tick, RotorSpeeds::default());
+        message.envelope.stamps[Role::Mixer as usize].receive_ns = 1;
+        message
+    }
+
     fn take(joiner: &mut Joiner, tick: u64, topics: &str) {
         for topic in topics.chars() {
-            let part = match topic {
-                's' => LoopMessage::State(State::default()),
-                'p' => LoopMessage::Setpoint(Setpoint::default()),
-                'w' => LoopMessage::Wrench(Wrench::default(), None),
-                _ => LoopMessage::RotorSpeeds(RotorSpeeds::default()),
+            let entry = match topic {
+                's' => LogEntry::State(Message::of_tick(tick, State::default())),
+                'p' => LogEntry::Setpoint(Message::of_tick(tick, Setpoint::default())),
+                'w' => LogEntry::Wrench(Message::of_tick(tick, Wrench::default())),
+                _ => LogEntry::RotorSpeeds(command(tick)),
             };
-            joiner.take(tick, part);
+            joiner.take(&entry);
         }
     }
 

@@ -65,26 +65,3 @@ impl LeadStatistics {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_lead_that_is_set_is_no_longer_and_no_shorter_in_flight() {
-        let mut statistics = LeadStatistics::new().unwrap();
-        // Before the first tick there was none.
-        assert_eq!(
-            statistics.section(&Lead::default(), 0, 0),
-            LeadSection::default()
-        );
-        (0..9).for_each(|_| statistics.take(123_457, 0));
-        let at_take_off = Lead {
-            lead_ns: 123_457,
-            ..Lead::default()
-        };
-        let lead = statistics.section(&at_take_off, 0, 1);
-        let leads = [lead.lead_us, lead.least_us, lead.median_us, lead.most_us];
-        assert_eq!(leads, [123.457; 4]);
-    }
-}

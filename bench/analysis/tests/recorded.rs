@@ -11,7 +11,7 @@ use analysis::distribution::buckets;
 use analysis::flight_statistics::FlightStatistics;
 use analysis::miss_analysis::MissAnalysis;
 use analysis::series::Series;
-use analysis::states::{Joiner, LoopMessage};
+use analysis::states::{Joiner, is_final_command};
 use analysis::tracking::Tracking;
 use controller::Trajectory;
 use flight_log::entry::LogEntry;
@@ -62,15 +62,14 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         statistics.begin_autopsy(true);
         let (mut joiner, mut joined_messages) = (Joiner::default(), 0);
         for entry in &entries {
-            let tick = entry.envelope().tick;
             statistics.take(entry);
-            let part = match entry {
-                LogEntry::Wrench(message) => Some(LoopMessage::Wrench(message.content, None)),
-                other => LoopMessage::of(other),
+            let is_joined = match entry {
+                LogEntry::RotorSpeeds(message) => !is_final_command(message),
+                other => other.topic() < 4,
             };
-            if let Some(part) = part {
+            if is_joined {
                 joined_messages += 1;
-                joiner.take(tick, part);
+                joiner.take(entry);
             }
         }
         while let Some(joined) = joiner.next_complete().or_else(|| joiner.rest()) {

@@ -17,7 +17,7 @@ use crate::cli::ExportArgs;
 use crate::table_file::{TableFile, TableFormat};
 use analysis::phrase::count;
 use analysis::schema::Report;
-use analysis::states::{Joined, Joiner, LoopMessage};
+use analysis::states::{Joined, Joiner};
 use analysis::tracking::Tracking;
 use errors::output::{print, say};
 use errors::{AsideFile, Failure, InFile as _, OK};
@@ -258,12 +258,7 @@ fn export_joined(
                 write(joined)?;
             }
         }
-        let part = match &entry {
-            LogEntry::Wrench(message) => Some(LoopMessage::Wrench(message.content, None)),
-            entry => LoopMessage::of(entry),
-        };
-        part.into_iter()
-            .for_each(|it| joiner.take(entry.envelope().tick, it));
+        joiner.take(&entry);
         next = reader.next_entry().map(Option::<&LogEntry>::copied);
     };
     while let Some(joined) = joiner.rest() {

@@ -35,15 +35,6 @@ pub fn executable() -> Build {
 }
 
 impl Build {
-    /// The same of a version that is known from elsewhere, where this one knows nothing.
-    pub fn of_version(&self, version: &str) -> Self {
-        let mut build = self.clone();
-        if build == Self::default() {
-            build.version = version.to_owned();
-        }
-        build
-    }
-
     pub fn token(&self) -> String {
         let dirty = if self.dirty { "-dirty" } else { "" };
         format!("{}{dirty}-{}", self.commit, self.profile)
@@ -120,9 +111,7 @@ mod tests {
             assert_eq!((build.to_string(), &*build.token()), (text, token));
         }
         let unknown = Build::default();
-        let known = unknown.of_version("0.1.0").to_string();
-        assert_eq!(known, "0.1.0 (build unknown)");
-        assert_eq!(build.of_version("7.0.0"), build);
+        assert_eq!(unknown.to_string(), "unknown (build unknown)");
         let changed = "the same commit, with changes that may differ";
         for (a, b, words) in [
             (&clean, &clean, "the same"),

@@ -3,32 +3,24 @@
 //! The plant records whose command it took for a tick ([`Decision`]). The messages come in the order in which they were
 //! sent ([`crate::causal_order`]), so those of a command come before the decision.
 
-use std::collections::VecDeque;
+use std::collections::BTreeMap;
 
-use messages::content::{Decision, RotorSpeeds, Setpoint, TakenCommand, Wrench};
-use messages::header::Message;
+use messages::content::{Decision, TakenCommand};
 use messages::role::{Channel, MOST_CHANNELS};
 use messages::telemetry::Telemetry;
-use messages::topic::Topic;
 use redundancy::Arrangement;
 
 use crate::entry::LogEntry;
 
-type OfChannels<C> = [Option<Message<C>>; MOST_CHANNELS];
-
-struct TickMessages {
-    tick: u64,
-    setpoints: OfChannels<Setpoint>,
-    wrenches: OfChannels<Wrench>,
-    rotor_speeds: OfChannels<RotorSpeeds>,
-}
+/// Messages of a stage in a tick, by channel.
+type OfChannels = [Option<LogEntry>; MOST_CHANNELS];
 
 pub struct ChannelMerge {
     arrangement: Arrangement,
     /// Ticks after which a command can no longer be taken.
     waits_ticks: u64,
-    /// In the order of the ticks.
-    open: VecDeque<TickMessages>,
+    /// Messages that are not decided on, by tick and topic.
+    open: BTreeMap<(u64, usize), Box<OfChannels>>,
     next: u64,
     /// The channel whose command was taken last.
     flown: Channel,
@@ -40,7 +32,7 @@ impl ChannelMerge {
         Self {
             arrangement,
             waits_ticks,
-            open: VecDeque::new(),
+            open: BTreeMap::new(),
             next: 0,
             flown: Channel::A,
         }
@@ -48,16 +40,14 @@ impl ChannelMerge {
 
     /// Takes a message, and gives to `each` those of the flight that are decided on now, in their order.
     pub fn take(&mut self, channel: Channel, entry: &LogEntry, mut each: impl FnMut(&LogEntry)) {
-        let place = channel as usize;
         match entry {
-            LogEntry::Setpoint(message) => {
-                return self.slot(message, |tick| tick.setpoints[place] = Some(*message));
-            }
-            LogEntry::Wrench(message) => {
-                return self.slot(message, |tick| tick.wrenches[place] = Some(*message));
-            }
-            LogEntry::RotorSpeeds(message) => {
-                return self.slot(message, |tick| tick.rotor_speeds[place] = Some(*message));
+            LogEntry::Setpoint(_) | LogEntry::Wrench(_) | LogEntry::RotorSpeeds(_) => {
+                let tick = entry.envelope().tick;
+                if tick >= self.next {
+                    let messages = self.open.entry((tick, entry.topic())).or_default();
+                    messages[channel as usize] = Some(*entry);
+                }
+                return;
             }
             LogEntry::State(message) => {
                 let Decision { count, command, .. } = message.content.decision;
@@ -94,78 +84,47 @@ impl ChannelMerge {
         self.close(|_| true, &mut each);
     }
 
-    fn slot<C: Topic>(&mut self, message: &Message<C>, put: impl FnOnce(&mut TickMessages)) {
-        let tick = message.envelope.tick;
-        if tick < self.next {
-            return;
-        }
-        let place = self.open.partition_point(|open| open.tick < tick);
-        if self.open.get(place).is_none_or(|open| open.tick != tick) {
-            let empty = TickMessages {
-                tick,
-                setpoints: [None; MOST_CHANNELS],
-                wrenches: [None; MOST_CHANNELS],
-                rotor_speeds: [None; MOST_CHANNELS],
-            };
-            self.open.insert(place, empty);
-        }
-        put(&mut self.open[place]);
-    }
-
     fn close(&mut self, is_over: impl Fn(u64) -> bool, each: &mut impl FnMut(&LogEntry)) {
-        while let Some(closed) = self.open.pop_front_if(|it| is_over(it.tick)) {
-            self.next = closed.tick + 1;
-            self.emit(&closed, each);
-        }
-    }
-
-    fn emit(&self, closed: &TickMessages, each: &mut impl FnMut(&LogEntry)) {
-        let is_own = |it: &Channel| self.arrangement.are_alike(*it, self.flown);
-        let own: Vec<Channel> = Channel::first(self.arrangement.channels)
-            .filter(is_own)
-            .collect();
-        let entries = [
-            first(&closed.setpoints, &own, self.flown, 1).map(LogEntry::Setpoint),
-            first(&closed.wrenches, &own, self.flown, 2).map(LogEntry::Wrench),
-            first(&closed.rotor_speeds, &own, self.flown, 3).map(LogEntry::RotorSpeeds),
-        ];
-        for mut entry in entries.into_iter().flatten() {
-            // The report, the log and observers know the signals of channel a.
-            if !is_own(&Channel::A)
-                && let Some(telemetry) = entry.telemetry_mut()
-            {
-                *telemetry = Telemetry::default();
+        while let Some(open) = self.open.first_entry()
+            && is_over(open.key().0)
+        {
+            let ((tick, topic), messages) = open.remove_entry();
+            self.next = tick + 1;
+            if let Some(entry) = self.chosen(topic, &messages) {
+                each(&entry);
             }
-            each(&entry);
         }
     }
-}
 
-/// Whether the first so many inputs, of state, setpoint and wrench, are of the message's tick.
-fn is_fresh<C>(message: &Message<C>, inputs: usize) -> bool {
-    let envelope = &message.envelope;
-    envelope.input_tick[..inputs]
-        .iter()
-        .all(|tick| *tick == envelope.tick)
-}
-
-/// The message of the channel that is flown; if it has none, one of its group that is fresh, or the first.
-fn first<C: Copy>(
-    messages: &OfChannels<C>,
-    own: &[Channel],
-    flown: Channel,
-    inputs: usize,
-) -> Option<Message<C>> {
-    let of = |channel: Channel| messages[channel as usize];
-    let mut others = own.iter().filter_map(|channel| of(*channel));
-    let fresh = others.clone().find(|message| is_fresh(message, inputs));
-    of(flown).or(fresh).or_else(|| others.next())
+    /// The message of the channel that is flown; if it has none, one of its group that is fresh, or the first.
+    fn chosen(&self, topic: usize, messages: &OfChannels) -> Option<LogEntry> {
+        let is_own = |it: &Channel| self.arrangement.are_alike(*it, self.flown);
+        let of = |channel: Channel| messages[channel as usize];
+        let own = Channel::first(self.arrangement.channels).filter(is_own);
+        let mut others = own.filter_map(of);
+        // The inputs before a topic: state, setpoint and wrench.
+        let is_fresh = |entry: &LogEntry| {
+            let envelope = entry.envelope();
+            let mut inputs = envelope.input_tick[..topic].iter();
+            inputs.all(|tick| *tick == envelope.tick)
+        };
+        let fresh = others.clone().find(is_fresh);
+        let mut entry = of(self.flown).or(fresh).or_else(|| others.next())?;
+        // The report, the log and observers know the signals of channel a.
+        if !is_own(&Channel::A)
+            && let Some(telemetry) = entry.telemetry_mut()
+        {
+            *telemetry = Telemetry::default();
+        }
+        Some(entry)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use messages::content::{Decisions, State};
+    use messages::header::Message;
 
     /// A message of a tick, which says in its sequence number which channel sent it.
     fn message<C: Default>(tick: u64, channel: Channel) -> Message<C> {

@@ -343,24 +343,16 @@ impl LogReader {
             .ok_or_else(|| self.damaged(&format!("its record `{record}` has no `{name}`")))
     }
 
-    /// A number of a record; none where the log does not say.
-    fn known(&self, record: &str, name: &str) -> Result<Option<u64>, Failure> {
-        let Ok(text) = self.fact(record, name) else {
-            return Ok(None);
-        };
-        let what = || format!("its record `{record}` has {name} = `{text}`, which is no number");
-        let number = text.parse().map_err(|_| self.damaged(&what()));
-        number.map(Some)
-    }
-
     /// A number of the record that ends the log; none where it does not say.
     pub fn landed(&self, name: &str) -> Result<Option<u64>, Failure> {
-        if !self.facts.contains_key(facts::LANDING) {
+        let Some(landing) = self.facts.get(facts::LANDING) else {
             return Err(self.damaged(
                 "its record `landing` is missing: it has an end, but not the one that its recorder wrote",
             ));
-        }
-        self.known(facts::LANDING, name)
+        };
+        let is_there = landing.contains_key(name);
+        let number = is_there.then(|| self.number_of(facts::LANDING, name));
+        number.transpose()
     }
 
     pub fn number(&self, name: &str) -> Result<u64, Failure> {
@@ -368,8 +360,9 @@ impl LogReader {
     }
 
     fn number_of(&self, record: &str, name: &str) -> Result<u64, Failure> {
-        self.fact(record, name)?;
-        Ok(self.known(record, name)?.unwrap_or_default())
+        let text = self.fact(record, name)?;
+        let what = || format!("its record `{record}` has {name} = `{text}`, which is no number");
+        text.parse().map_err(|_| self.damaged(&what()))
     }
 
     pub fn pace(&self) -> Result<Pace, Failure> {

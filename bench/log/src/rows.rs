@@ -199,33 +199,3 @@ impl Visitor for Row {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::entry::FORMATS;
-
-    #[test]
-    fn no_column_is_an_index_where_a_name_is_declared() {
-        let columns: Vec<Column> = FORMATS.iter().flat_map(|it| (it.columns)()).collect();
-        for name in [
-            "measured.attitude_rad.yaw",
-            "measured.rotor_speed_mean_rad_s.4",
-            "truth.velocity_w_m_s.z",
-            "truth.mass_kg",
-            "reference.snap_w_m_s4.x",
-            "torque_b_nm.y",
-            "violations.live_swap",
-            "estimate_error.rotational_drag_nm_s",
-            "envelope.input_tick.setpoint",
-            "envelope.stamps.mixer.send_ns",
-        ] {
-            assert!(columns.iter().any(|it| it.name == name), "{name}");
-        }
-        let unit = |name: &str| &columns.iter().find(|it| it.name == name).unwrap().unit;
-        assert_eq!(
-            [unit("truth.mass_kg"), unit("truth.position_w_m.x")],
-            ["kg", "m"]
-        );
-    }
-}

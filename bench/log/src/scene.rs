@@ -7,13 +7,11 @@ use messages::frames::quaternion_wb;
 use messages::grid::NS_PER_S;
 use prost::Message as _;
 use prost_types::field_descriptor_proto::Type;
-use prost_types::{
-    DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp,
-};
+use prost_types::{FieldDescriptorProto, FileDescriptorSet, Timestamp};
 
 use crate::protobuf::Value::{Message, Text};
 use crate::protobuf::{doubles, message};
-use crate::schema::plain;
+use crate::schema::{self, plain};
 
 pub const WORLD: &str = "world";
 const BODY: &str = "body";
@@ -118,26 +116,16 @@ const SCENE: [MessageSchema; 5] = [
 /// Schema of `POSE_SCHEMA` and `TRANSFORM_SCHEMA`, as its bytes stand in the log.
 pub fn descriptor_set() -> Vec<u8> {
     const TIME_FILE: &str = "google/protobuf/timestamp.proto";
-    let time = file(TIME_FILE, "google.protobuf", &TIME);
-    let mut scene = file("foxglove/scene.proto", "foxglove", &SCENE);
+    let message = |(name, fields): &MessageSchema| {
+        let fields = (1..).zip(fields.split(' ')).map(field);
+        schema::message(name, fields.collect())
+    };
+    let [time, scene] = [&TIME[..], &SCENE].map(|all| all.iter().map(message).collect());
+    let time = schema::file(TIME_FILE, "google.protobuf", time);
+    let mut scene = schema::file("foxglove/scene.proto", "foxglove", scene);
     scene.dependency = vec![TIME_FILE.into()];
     let file = vec![time, scene];
     FileDescriptorSet { file }.encode_to_vec()
-}
-
-fn file(name: &str, package: &str, messages: &[MessageSchema]) -> FileDescriptorProto {
-    let message = |(name, fields): &MessageSchema| DescriptorProto {
-        name: Some((*name).into()),
-        field: (1..).zip(fields.split(' ')).map(field).collect(),
-        ..DescriptorProto::default()
-    };
-    FileDescriptorProto {
-        name: Some(name.into()),
-        package: Some(package.into()),
-        message_type: messages.iter().map(message).collect(),
-        syntax: Some("proto3".into()),
-        ..FileDescriptorProto::default()
-    }
 }
 
 fn field((number, field): (u32, &str)) -> FieldDescriptorProto {

@@ -26,27 +26,30 @@ pub fn descriptor_set<C: Logged>() -> Vec<u8> {
     collect(Header::STRUCT, Header::FIELDS, &mut messages);
     collect(C::STRUCT, C::FIELDS, &mut messages);
     let envelope = reference("envelope", ENVELOPE_NUMBER, None, Header::STRUCT);
-    let main = DescriptorProto {
-        name: Some(C::STRUCT.into()),
-        field: std::iter::once(envelope)
-            .chain(fields(C::FIELDS, CONTENT_NUMBER))
-            .collect(),
-        ..DescriptorProto::default()
-    };
+    let fields = fields(C::FIELDS, CONTENT_NUMBER).into_iter();
+    let main = message(C::STRUCT, [envelope].into_iter().chain(fields).collect());
     messages.insert(C::STRUCT, main);
-    file(<C as Topic>::NAME, messages.into_values().collect())
+    file_of_topic(<C as Topic>::NAME, messages.into_values().collect())
 }
 
 /// The messages of a topic as a file of their own, as its bytes stand in the log.
-pub(crate) fn file(topic: &str, message_type: Vec<DescriptorProto>) -> Vec<u8> {
-    let file = FileDescriptorProto {
-        name: Some(format!("{PACKAGE}/{topic}.proto")),
-        package: Some(PACKAGE.into()),
+pub(crate) fn file_of_topic(topic: &str, messages: Vec<DescriptorProto>) -> Vec<u8> {
+    let file = vec![file(format!("{PACKAGE}/{topic}.proto"), PACKAGE, messages)];
+    FileDescriptorSet { file }.encode_to_vec()
+}
+
+pub(crate) fn file(
+    name: impl Into<String>,
+    package: &str,
+    message_type: Vec<DescriptorProto>,
+) -> FileDescriptorProto {
+    FileDescriptorProto {
+        name: Some(name.into()),
+        package: Some(package.into()),
         message_type,
         syntax: Some("proto3".into()),
         ..FileDescriptorProto::default()
-    };
-    FileDescriptorSet { file: vec![file] }.encode_to_vec()
+    }
 }
 
 /// A struct, and those that it is made of.
@@ -60,15 +63,15 @@ fn collect(
             collect(name, fields, messages);
         }
     }
-    let field = fields(layout, ENVELOPE_NUMBER);
-    messages.insert(
-        name,
-        DescriptorProto {
-            name: Some(name.into()),
-            field,
-            ..DescriptorProto::default()
-        },
-    );
+    messages.insert(name, message(name, fields(layout, ENVELOPE_NUMBER)));
+}
+
+pub(crate) fn message(name: &str, field: Vec<FieldDescriptorProto>) -> DescriptorProto {
+    DescriptorProto {
+        name: Some(name.into()),
+        field,
+        ..DescriptorProto::default()
+    }
 }
 
 fn logged(layout: &[Field]) -> impl Iterator<Item = &Field> {

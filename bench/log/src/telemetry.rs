@@ -10,12 +10,12 @@ use std::collections::BTreeMap;
 use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, Signal, TELEMETRY, Telemetry};
 use prost::Message as _;
+use prost_types::FileDescriptorSet;
 use prost_types::field_descriptor_proto::Type;
-use prost_types::{DescriptorProto, FileDescriptorSet};
 
 use crate::codec::{put_word, take_word};
 use crate::rows::{Cell, Column};
-use crate::schema::{PACKAGE, file, plain};
+use crate::schema::{PACKAGE, file_of_topic, message, plain};
 
 /// The topics, by role in the order of [`LAW_ROLES`].
 pub const TELEMETRY_TOPICS: [&str; LAW_ROLES.len()] =
@@ -96,12 +96,7 @@ impl TelemetryTopic {
         for ((name, _), number) in self.signals.iter().zip(TICK_NUMBER + 1..) {
             field.push(plain(name, number, None, Type::Double));
         }
-        let message = DescriptorProto {
-            name: Some(self.message().into()),
-            field,
-            ..DescriptorProto::default()
-        };
-        file(self.topic(), vec![message])
+        file_of_topic(self.topic(), vec![message(self.message(), field)])
     }
 
     pub fn metadata(&self) -> BTreeMap<String, String> {

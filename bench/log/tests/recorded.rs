@@ -134,16 +134,16 @@ fn schemas_and_units_are_their_snapshots() {
         let lacks_some = units.values().any(|unit| unit.starts_with("docs"));
         assert!(!lacks_some || !["state", "wrench"].contains(&format.name));
         units.retain(|key, unit| !is_common(key, unit));
+        let columns = (format.columns)();
+        let columns = columns
+            .iter()
+            .map(|it| format!("{} [{}]", it.name, it.unit));
         text += &format!(
             "{} {}\n{}{}\n{}",
             format.name,
             (format.schema_name)(),
             by_unit(&units),
-            (format.columns)()
-                .iter()
-                .map(|it| &*it.name)
-                .collect::<Vec<_>>()
-                .join(","),
+            columns.collect::<Vec<_>>().join(","),
             sum(&(format.descriptor_set)()),
         );
     }

@@ -15,12 +15,12 @@ pub struct FaultyInputs {
     injected: Option<BlackboardReader<LiveBlackboard>>,
     outer_states: FaultyPort<State>,
     inner_states: FaultyPort<State>,
-    setpoints: FaultyPort<Setpoint>,
-    wrenches: FaultyPort<Wrench>,
-    rotor_speeds: FaultyPort<RotorSpeeds>,
+    pub setpoints: FaultyPort<Setpoint>,
+    pub wrenches: FaultyPort<Wrench>,
+    pub rotor_speeds: FaultyPort<RotorSpeeds>,
 }
 
-struct FaultyPort<C> {
+pub struct FaultyPort<C> {
     port: Port,
     filter: FaultFilter<C>,
     newest: Option<C>,
@@ -41,7 +41,7 @@ impl<C: Faulty> FaultyPort<C> {
 
     /// The content that the stage had; none without a fault, or where the fault dropped the message. `withheld` gets the stage
     /// if it did not have the message in the message's tick.
-    fn pass(&mut self, message: &Message<C>, withheld: &mut impl FnMut(Role)) -> Option<C> {
+    pub fn pass(&mut self, message: &Message<C>, mut withheld: impl FnMut(Role)) -> Option<C> {
         self.newest = Some(message.content);
         if !self.filter.has_faults() {
             return None;
@@ -90,26 +90,5 @@ impl FaultyInputs {
             faulty.content.measured = passed.measured;
         }
         faulty
-    }
-
-    /// The setpoint as the inner loop had it.
-    pub fn setpoint(
-        &mut self,
-        message: &Message<Setpoint>,
-        mut withheld: impl FnMut(Role),
-    ) -> Message<Setpoint> {
-        let passed = self.setpoints.pass(message, &mut withheld);
-        Message {
-            content: passed.unwrap_or(message.content),
-            ..*message
-        }
-    }
-
-    pub fn wrench(&mut self, message: &Message<Wrench>, mut withheld: impl FnMut(Role)) {
-        self.wrenches.pass(message, &mut withheld);
-    }
-
-    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>, mut withheld: impl FnMut(Role)) {
-        self.rotor_speeds.pass(message, &mut withheld);
     }
 }

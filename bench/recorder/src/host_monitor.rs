@@ -7,18 +7,20 @@ use errors::Failure;
 use host::cpu_times::{CpuTimes, host_of};
 use host::interrupts::Interrupts;
 use host::sampler::{Watch, fallen};
+use host::trace::Trace;
 use host::{Machine, doctor};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
 
-use super::kernel_trace::KernelTrace;
+use super::kernel_trace;
 use super::role_statuses::RoleStatuses;
 
 pub struct HostMonitor {
     pub host: Host,
     pub diagnosis: Diagnosis,
     pub counters: Watch,
-    trace: KernelTrace,
+    /// None where none is requested, and after it could no longer be read.
+    trace: Option<Trace>,
     cpu_times: CpuTimes,
     interrupts: Interrupts,
     /// With what the quota had taken before the flight.
@@ -47,7 +49,7 @@ impl HostMonitor {
         Ok(Self {
             host,
             diagnosis: Diagnosis::of(&doctor::findings(machine)),
-            trace: KernelTrace::start(is_traced, instance, counters.processor)?,
+            trace: kernel_trace::start(is_traced, instance, counters.processor)?,
             cpu_times: CpuTimes::read(counters.processor),
             interrupts: Interrupts::read(counters.processor),
             container,
@@ -90,7 +92,13 @@ impl HostMonitor {
     }
 
     fn read_trace(&mut self, statistics: &mut FlightStatistics) -> Result<(), Failure> {
-        let slices = self.trace.take()?;
+        let Some(trace) = &mut self.trace else {
+            return Ok(());
+        };
+        let slices = trace.take().map_err(|e| {
+            self.trace = None;
+            Failure::failed(format!("cannot read the kernel's trace: {e}"))
+        })?;
         if let Some(autopsy) = &mut statistics.autopsy {
             autopsy.slices(slices);
         }

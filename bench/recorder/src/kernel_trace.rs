@@ -2,35 +2,18 @@
 
 use std::io::ErrorKind;
 
-use analysis::processor_trace::Slice;
 use errors::Failure;
 use host::trace::{self, TRACEFS, Trace};
 use ipc::instance::Instance;
 
-#[derive(Debug, Default)]
-pub struct KernelTrace(Option<Trace>);
-
-impl KernelTrace {
-    /// Starts the trace if `is_requested`.
-    pub fn start(
-        is_requested: bool,
-        instance: &Instance,
-        processor: Option<u64>,
-    ) -> Result<Self, Failure> {
-        let begin = || Trace::begin(&ring_of(instance), processor).map_err(|e| refused(&e));
-        is_requested.then(begin).transpose().map(Self)
-    }
-
-    /// Returns what ran since the last call. Ends the trace if it can no longer be read.
-    pub fn take(&mut self) -> Result<Vec<Slice>, Failure> {
-        let Some(trace) = &mut self.0 else {
-            return Ok(Vec::new());
-        };
-        trace.take().map_err(|e| {
-            self.0 = None;
-            Failure::failed(format!("cannot read the kernel's trace: {e}"))
-        })
-    }
+/// Starts the trace if `is_requested`.
+pub fn start(
+    is_requested: bool,
+    instance: &Instance,
+    processor: Option<u64>,
+) -> Result<Option<Trace>, Failure> {
+    let begin = || Trace::begin(&ring_of(instance), processor).map_err(|e| refused(&e));
+    is_requested.then(begin).transpose()
 }
 
 /// Checks whether this machine permits a trace.

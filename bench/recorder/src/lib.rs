@@ -20,7 +20,7 @@ pub mod log_metadata;
 pub mod message_streams;
 pub mod ports;
 pub mod recording;
-pub mod report_builder;
+mod report_builder;
 pub mod role_statuses;
 pub mod run_directory;
 pub mod run_files;

@@ -1,6 +1,7 @@
 //! Metadata of the flight log: build, settings, laws, host and planned faults.
 
 use std::collections::BTreeMap;
+use std::iter;
 
 use analysis::host::Host;
 use analysis::laws::NotFinite;
@@ -17,6 +18,22 @@ use messages::role::Channel;
 use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::build;
+use serde_json::{Value, json};
+
+/// The facts of the log of a flight, and with several channels of each one's own.
+pub fn metadata_of_logs(
+    run: &blackboards::Run,
+    settings: &Settings,
+    instance: &str,
+    host: &Host,
+    roles: &BTreeMap<String, RoleSection>,
+) -> Result<Vec<(Option<Channel>, Facts)>, Failure> {
+    let channels = settings.rt.channels;
+    let own = Channel::first(channels).filter(|_| channels > 1).map(Some);
+    let logs = iter::once(None).chain(own);
+    let facts = |channel| metadata(run, settings, channel, instance, host, roles);
+    logs.map(|channel| Ok((channel, facts(channel)?))).collect()
+}
 
 /// The facts of the log of a flight, or of a channel's own.
 pub fn metadata(
@@ -29,16 +46,9 @@ pub fn metadata(
 ) -> Result<Facts, Failure> {
     let (pace, sample_time_ns) = (run.pace(), run.sample_time_ns);
     let wall_offset_ns = i128::from(run.t0_wall_ns) - i128::from(run.t0_ns);
-    let build = build::executable();
     let own = settings.of_channel(channel.unwrap_or(Channel::A));
     let mut run = record(&[
         ("format", FORMAT),
-        ("version", &build.version),
-        ("commit", &build.commit),
-        ("dirty", &build.dirty.to_string()),
-        ("profile", &build.profile),
-        ("rustc", &build.rustc),
-        ("target", &build.target),
         ("layout", &format!("{LAYOUT:016x}")),
         ("instance", instance),
         ("run_id", &run.run_id.to_string()),
@@ -53,6 +63,7 @@ pub fn metadata(
         ("sample_time_ns", &run.sample_time_ns.to_string()),
         ("last_tick", &run.last_tick.to_string()),
     ]);
+    run.extend(fields(&json!(build::executable())));
     if let Some(channel) = channel {
         run.insert(CHANNEL.to_owned(), channel.to_string());
     }
@@ -68,18 +79,6 @@ pub fn metadata(
         .into_iter()
         .flat_map(law_entries)
         .collect();
-    let hypervisor = host
-        .hypervisor
-        .map_or_else(|| "unknown".into(), |it| it.to_string());
-    let host = record(&[
-        ("kernel", &host.kernel),
-        ("preemption", &host.preemption),
-        ("cpu", &host.cpu),
-        ("cpus", &host.cpus.to_string()),
-        ("hypervisor", &hypervisor),
-        ("clock_source", &host.clock_source),
-        ("rt_runtime_us", &host.rt_runtime_us.to_string()),
-    ]);
     let realtime = roles
         .iter()
         .map(|(role, section)| (role.clone(), granted(section)))
@@ -93,7 +92,7 @@ pub fn metadata(
         (RUN, run),
         (SETTINGS, texts),
         (LAWS, laws),
-        (HOST, host),
+        (HOST, fields(&json!(host))),
         (REALTIME, realtime),
     ];
     if !faults.is_empty() {
@@ -107,6 +106,19 @@ pub fn metadata(
         no_theorem: laws_flown.without_theorem.map(no_theorem),
         records,
     })
+}
+
+/// The fields of a JSON object as texts.
+fn fields(object: &Value) -> Record {
+    let text = |value: &Value| match value {
+        Value::String(text) => text.clone(),
+        Value::Null => "unknown".into(),
+        other => other.to_string(),
+    };
+    let fields = object.as_object().into_iter().flatten();
+    fields
+        .map(|(key, value)| (key.clone(), text(value)))
+        .collect()
 }
 
 fn law_entries(law: Chosen) -> Vec<(String, String)> {

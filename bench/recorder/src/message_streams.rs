@@ -1,7 +1,7 @@
 //! Reads the topics and distributes each message: to observers, the log, the statistics and the Lyapunov monitor.
 
 use analysis::flight_statistics::FlightStatistics;
-use analysis::states::{Joined, Joiner, LoopMessage};
+use analysis::states::{Joined, Joiner};
 use errors::Failure;
 use flight_log::causal_order::CausalOrder;
 use flight_log::channel_merge::ChannelMerge;
@@ -193,9 +193,7 @@ impl FlightStream {
     /// Takes a message of the flight, for everything but the logs of the channels.
     fn take(&mut self, entry: &LogEntry, relays: &mut Relays, files: &mut RunFiles<'_>) {
         self.publish(entry, relays, files);
-        if let Some(part) = LoopMessage::of(entry) {
-            self.joiner.take(entry.envelope().tick, part);
-        }
+        self.joiner.take(entry);
         let (inputs, autopsy) = (&mut self.inputs, &mut self.statistics.autopsy);
         let withheld = |stage| {
             if let Some(autopsy) = autopsy {
@@ -208,14 +206,18 @@ impl FlightStream {
                 self.states.push(&inputs.state(message, withheld));
             }
             LogEntry::Setpoint(message) => {
-                self.setpoints.push(&inputs.setpoint(message, withheld));
+                let passed = inputs.setpoints.pass(message, withheld);
+                self.setpoints.push(&Message {
+                    content: passed.unwrap_or(message.content),
+                    ..*message
+                });
             }
             LogEntry::Wrench(message) => {
-                inputs.wrench(message, withheld);
+                inputs.wrenches.pass(message, withheld);
                 self.monitor_wrench(message, relays, files);
             }
             LogEntry::RotorSpeeds(message) => {
-                inputs.rotor_speeds(message, withheld);
+                inputs.rotor_speeds.pass(message, withheld);
                 self.monitor
                     .command(message.envelope.tick, &message.content);
             }
@@ -243,17 +245,16 @@ impl FlightStream {
             self.setpoints.input(of_setpoint),
         );
         let result = self.monitor.watch(wrench, state, setpoint);
-        match &result {
+        match result {
             Some(message) => {
-                self.publish(&LogEntry::Theorem(*message), relays, files);
+                let entry = LogEntry::Theorem(message);
+                self.publish(&entry, relays, files);
+                self.joiner.take(&entry);
                 self.statistics.theorem.monitored(&self.monitor);
             }
             None if self.monitor.applies() => self.statistics.theorem.count_unwatched(),
             None => {}
         }
-        let result = result.map(|message| message.content);
-        let content = LoopMessage::Wrench(wrench.content, result);
-        self.joiner.take(wrench.envelope.tick, content);
     }
 
     fn write_complete(&mut self, files: &mut RunFiles<'_>) {

@@ -16,7 +16,7 @@ use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
 use messages::channels::REDUNDANCY;
 use messages::grid::{NS_PER_S, Pace};
-use messages::role::{Channel, Replica, Role};
+use messages::role::{Replica, Role};
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
@@ -24,10 +24,10 @@ use super::faulty_inputs::FaultyInputs;
 use super::hlog::{self, Hlog};
 use super::host_monitor::HostMonitor;
 use super::injected_faults::{InjectedFaults, injected_record};
-use super::log_metadata::metadata;
+use super::log_metadata::metadata_of_logs;
 use super::message_streams::{MessageStreams, StreamPorts};
 use super::ports::{DRAIN_EVERY, rest};
-use super::report_builder::{RecordedParts, ReportBuilder};
+use super::report_builder::ReportBuilder;
 use super::role_statuses::RoleStatuses;
 use super::run_files::{Files, RunFiles};
 use config::Settings;
@@ -87,15 +87,8 @@ pub fn run(
     statistics.begin_autopsy(host.counters.processor.is_some());
     // The counters before the first tick.
     host.sample(&roles, &mut statistics, false)?;
-    let metadata = |channel| {
-        let (run, roles) = (armed.run.get(), roles.sections());
-        metadata(&run, settings, channel, instance.name(), &host.host, &roles)
-    };
-    let own = Channel::first(channels).filter(|_| channels > 1).map(Some);
-    let logs = std::iter::once(None)
-        .chain(own)
-        .map(|channel| Ok((channel, metadata(channel)?)));
-    let logs = logs.collect::<Result<Vec<_>, Failure>>()?;
+    let (run, sections) = (armed.run.get(), roles.sections());
+    let logs = metadata_of_logs(&run, settings, instance.name(), &host.host, &sections)?;
     let monitor = FlightMonitor::new(settings.theorem()?);
     let merge = || ChannelMerge::new(settings.arrangement(), settings.waiting_ticks());
     let merge = (channels > 1).then(merge);
@@ -124,14 +117,14 @@ pub fn run(
     outcome
 }
 
-struct Recorder<'a> {
-    settings: &'a Settings,
-    armed: &'a Armed,
-    streams: MessageStreams,
-    files: RunFiles<'a>,
-    host: HostMonitor,
-    roles: RoleStatuses,
-    faults: InjectedFaults,
+pub struct Recorder<'a> {
+    pub settings: &'a Settings,
+    pub armed: &'a Armed,
+    pub streams: MessageStreams,
+    pub files: RunFiles<'a>,
+    pub host: HostMonitor,
+    pub roles: RoleStatuses,
+    pub faults: InjectedFaults,
     report: ReportBuilder<'a>,
     /// Completed seconds of the flight.
     seconds: u64,
@@ -191,7 +184,7 @@ impl Recorder<'_> {
             self.files
                 .write_latencies(&mut self.streams.statistics_mut().series);
         }
-        let report = self.build_report(None)?;
+        let report = self.report.build(self, None)?;
         self.files.write_partial_report(&report);
         self.files.flush_states();
         Ok(())
@@ -260,7 +253,7 @@ impl Recorder<'_> {
             .miss_runs
             .update(run.deadlines_missed, run.deadline_miss_run);
         self.files.prepare_final_report();
-        let mut report = self.build_report(Some(ending))?;
+        let mut report = self.report.build(&self, Some(ending))?;
         let last_record = record(&[
             ("ending", ending.name()),
             ("ticks_run", &run.ticks_run.to_string()),
@@ -269,19 +262,6 @@ impl Recorder<'_> {
         ]);
         self.files.finish(&mut report, last_record);
         Ok(report)
-    }
-
-    /// The report so far; the final one if there is an ending.
-    fn build_report(&self, ending: Option<EndReason>) -> Result<Report, Failure> {
-        let parts = RecordedParts {
-            streams: &self.streams,
-            files: &self.files,
-            host: &self.host,
-            roles: &self.roles,
-            redundancy: self.streams.redundancy(),
-            faults: &self.faults.faults,
-        };
-        self.report.build(&self.armed.run.get(), &parts, ending)
     }
 }
 

@@ -13,35 +13,20 @@ use analysis::schema::{self, LawSection, MarginSection, Report, Verdicts};
 use analysis::sections::{self, rejections};
 use analysis::series::Series;
 use errors::Failure;
-use faults::live::LiveFault;
 use flight_log::TOPICS;
 use host::cpu_times::hostname;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
-use messages::channels::Redundancy;
 use process::rt::UsageMeter;
 
-use super::host_monitor::HostMonitor;
-use super::message_streams::MessageStreams;
-use super::role_statuses::RoleStatuses;
-use super::run_files::RunFiles;
+use super::recording::Recorder;
 use crate::injected_faults::injected;
 use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::wall_time::utc;
 
-pub struct RecordedParts<'a> {
-    pub streams: &'a MessageStreams,
-    pub files: &'a RunFiles<'a>,
-    pub host: &'a HostMonitor,
-    pub roles: &'a RoleStatuses,
-    /// Of a flight with several channels.
-    pub redundancy: Option<Redundancy>,
-    pub faults: &'a [LiveFault],
-}
-
+/// What the report has beside what was recorded.
 pub struct ReportBuilder<'a> {
-    settings: &'a Settings,
     /// The laws as loaded at the start: a law file that disappears during the flight does not matter.
     laws: [Chosen; 3],
     channel_laws: BTreeMap<String, String>,
@@ -52,13 +37,12 @@ pub struct ReportBuilder<'a> {
 
 impl<'a> ReportBuilder<'a> {
     pub fn new(
-        settings: &'a Settings,
+        settings: &Settings,
         instance: &str,
         meter: &'a UsageMeter,
         margin: Option<MarginSection>,
     ) -> Result<Self, Failure> {
         Ok(Self {
-            settings,
             laws: settings.chosen_laws()?,
             channel_laws: settings.named_channel_laws()?,
             margin,
@@ -70,26 +54,20 @@ impl<'a> ReportBuilder<'a> {
     /// The figures so far; the final ones if there is an ending.
     pub fn build(
         &self,
-        run: &Run,
-        parts: &RecordedParts<'_>,
+        recorder: &Recorder<'_>,
         ending: Option<EndReason>,
     ) -> Result<Report, Failure> {
-        let (statistics, host) = (parts.streams.statistics(), parts.host);
-        let period_s = self.settings.flight.period_s;
+        let (settings, host) = (recorder.settings, &recorder.host);
+        let (statistics, run) = (recorder.streams.statistics(), &recorder.armed.run.get());
+        let period_s = settings.flight.period_s;
         let ticks = statistics.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(statistics.states);
-        let lost = TOPICS.iter().zip(statistics.lost());
-        let lost = lost
-            .map(|(topic, lost)| ((*topic).to_owned(), lost))
-            .collect();
-        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let performance = schema::ControlPerformance {
             ticks_without_state,
             ..statistics.flight()
         };
-        let injected = injected(parts.faults, period_s);
-        let faults = [self.settings.injected()?, injected].concat();
-        let redundancy = parts.redundancy.as_ref();
+        let injected = injected(&recorder.faults.faults, period_s);
+        let faults = [settings.injected()?, injected].concat();
         let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy =
             autopsy
@@ -99,11 +77,12 @@ impl<'a> ReportBuilder<'a> {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);
         }
-        let [.., mixer] = parts.roles.loops();
+        let [.., mixer] = recorder.roles.loops();
+        let redundancy = recorder.streams.redundancy();
         let mut report = Report {
             schema: schema::SCHEMA.into(),
             words: Verdicts::default(),
-            run: self.run_section(run, statistics, ending),
+            run: self.run_section(settings, run, statistics, ending),
             verdict: schema::AcceptanceResult::default(),
             deadlines: deadlines(statistics, &ticks),
             ticks,
@@ -111,7 +90,7 @@ impl<'a> ReportBuilder<'a> {
             autopsy,
             redundancy: redundancy.map(|it| schema::RedundancySection {
                 laws: self.channel_laws.clone(),
-                ..sections::redundancy(it, period_s)
+                ..sections::redundancy(&it, period_s)
             }),
             firmware: statistics.firmware.section(),
             deaths: statistics.deaths.deaths.clone(),
@@ -124,16 +103,9 @@ impl<'a> ReportBuilder<'a> {
             targets_left_out: Some(statistics.targets.left_out).filter(|it| *it > 0),
             faults,
             series: statistics.series.statistics(),
-            roles: parts.roles.sections(),
+            roles: recorder.roles.sections(),
             lead: statistics.lead(&run.lead, mixer.rehearsals),
-            recorder: schema::RecorderSection {
-                lost,
-                rejected: rejections(&parts.streams.rejections()),
-                incomplete_ticks: parts.streams.incomplete_ticks(),
-                cpu_percent: 100.0 * self.meter.read().cpu_ns as f64 / elapsed_ns as f64,
-                log: parts.files.log_section(),
-                unwritten: parts.files.incomplete.clone(),
-            },
+            recorder: self.recorder_section(recorder, run),
             host: host.host.clone(),
             doctor: host.diagnosis.clone(),
             steal: host.steal(),
@@ -150,18 +122,28 @@ impl<'a> ReportBuilder<'a> {
             loss: None,
             traces: ending.map(|_| statistics.tracer.traces()),
         };
-        let limits = self.settings.tracking_limits();
-        judge(
-            &mut report,
-            ending,
-            &self.settings.requested_gates(),
-            &limits,
-        );
+        let (gates, limits) = (settings.requested_gates(), settings.tracking_limits());
+        judge(&mut report, ending, &gates, &limits);
         Ok(report)
+    }
+
+    fn recorder_section(&self, recorder: &Recorder<'_>, run: &Run) -> schema::RecorderSection {
+        let Recorder { streams, files, .. } = recorder;
+        let lost = TOPICS.into_iter().zip(streams.statistics().lost());
+        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
+        schema::RecorderSection {
+            lost: lost.map(|(topic, lost)| (topic.into(), lost)).collect(),
+            rejected: rejections(&streams.rejections()),
+            incomplete_ticks: streams.incomplete_ticks(),
+            cpu_percent: 100.0 * self.meter.read().cpu_ns as f64 / elapsed_ns as f64,
+            log: files.log_section(),
+            unwritten: files.incomplete.clone(),
+        }
     }
 
     fn run_section(
         &self,
+        settings: &Settings,
         run: &Run,
         statistics: &FlightStatistics,
         ending: Option<EndReason>,
@@ -174,11 +156,11 @@ impl<'a> ReportBuilder<'a> {
             instance: self.instance.clone(),
             version: env!("CARGO_PKG_VERSION").into(),
             build: flight_log::build::executable(),
-            trajectory: self.settings.trajectory_name().into(),
-            airframe: self.settings.airframe_name().into(),
-            airframe_sha256: self.settings.flight.airframe_sha256.clone(),
-            preset: self.settings.flight.preset.clone(),
-            period_us: self.settings.flight.period_s * 1e6,
+            trajectory: settings.trajectory_name().into(),
+            airframe: settings.airframe_name().into(),
+            airframe_sha256: settings.flight.airframe_sha256.clone(),
+            preset: settings.flight.preset.clone(),
+            period_us: settings.flight.period_s * 1e6,
             wall_period_us: run.period_ns as f64 / 1e3,
             settings_fingerprint: format!("{:016x}", run.settings),
             laws: self.laws(statistics),

@@ -191,17 +191,10 @@ fn outages(report: &Report) -> Option<String> {
     // A file may hold any numbers.
     let sum = |of: fn(&CauseCount) -> u64| classes.iter().map(of).fold(0, u64::saturating_add);
     let (outages, missed) = (sum(|it| it.outages), sum(|it| it.missed));
+    let cause = outage_section::cause(first);
     let due = match missed {
-        0 => format!(
-            "{} of them: {}",
-            first.outages,
-            outage_section::cause(first)
-        ),
-        _ => format!(
-            "{} of these: {}",
-            first.missed,
-            outage_section::cause(first)
-        ),
+        0 => format!("{} of them: {cause}", first.outages),
+        _ => format!("{} of these: {cause}", first.missed),
     };
     let longest = report.autopsy.worst.first();
     let longest = longest.map(|case| format!("; the longest: {}", outage_section::line(case)));

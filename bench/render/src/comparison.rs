@@ -1,6 +1,6 @@
 //! A comparison of control laws on one flight.
 
-use crate::document::{Block, Document, Figure, Section, Table};
+use crate::document::{self, Block, Cell, Document, Figure, Section};
 use crate::figures::{self, ANGLES, AXES, SYMBOLS, UNITS};
 use crate::plot::{Axis, Chart, LAWS, Layer, braided, through};
 use crate::scale::Scale;
@@ -79,12 +79,13 @@ fn table(
     };
     let rows = comparison.outcomes.iter().map(|it| {
         let lost = is_any_lost.then(|| lost(it));
-        let cells = lost.into_iter().chain(cells(it)).collect();
-        (comparison.name_of(&it.laws), cells)
+        let first = [comparison.name_of(&it.laws)].into_iter().chain(lost);
+        first.chain(cells(it)).map(Cell::from).collect()
     });
     let columns = columns.into_iter().map(|column| column.to_string());
     let lost = is_any_lost.then(|| "lost at".to_owned());
-    Block::Table(Table::named("laws", lost.into_iter().chain(columns), rows))
+    let first = ["laws".to_owned()].into_iter().chain(lost);
+    document::table(first.chain(columns), rows)
 }
 
 /// The true position errors, of a flight with faults before and after them.
@@ -231,20 +232,12 @@ fn motion(comparison: &Comparison) -> Option<Section> {
     ];
     let position = (0..3).map(|i| {
         let reference = Some(traces::POSITION_REFERENCE[i]);
-        (
-            format!("{} [m]", AXES[i]),
-            traces::POSITION[i],
-            reference,
-            0.01,
-        )
+        let label = format!("{} [m]", AXES[i]);
+        (label, traces::POSITION[i], reference, 0.01)
     });
     let attitude = (0..3).map(|i| {
-        (
-            format!("{} [rad]", ANGLES[i]),
-            traces::ATTITUDE[i],
-            None,
-            0.01,
-        )
+        let label = format!("{} [rad]", ANGLES[i]);
+        (label, traces::ATTITUDE[i], None, 0.01)
     });
     let rotors = (0..4).map(|i| {
         let label = format!("command of rotor {} [rad/s]", i + 1);

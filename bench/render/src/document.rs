@@ -52,7 +52,7 @@ pub enum Block {
     /// Subject, verdict, reason, and whether it is good, bad or open.
     Verdicts([(&'static str, String, String, &'static str); 3]),
     /// Title, value and unit of the most important numbers; on a page only, as the next ones.
-    KeyFigures(Vec<(String, String, String)>),
+    KeyFigures(Vec<(&'static str, String, String)>),
     /// Commands, each with what it shows.
     NextSteps(Vec<(String, &'static str)>),
     /// A flight in three dimensions, as JSON for replay.js, beside charts.
@@ -350,23 +350,6 @@ impl Table {
         let row = |item: &T| columns.iter().map(|(_, cell)| cell(item).into()).collect();
         let titles = columns.iter().map(|(title, _)| *title);
         Self::new(titles, items.into_iter().map(row))
-    }
-
-    /// A table whose rows have names; `first` is above these.
-    pub fn named(
-        first: &str,
-        columns: impl IntoIterator<Item = impl ToString>,
-        rows: impl IntoIterator<Item = (String, Vec<String>)>,
-    ) -> Self {
-        let columns = columns.into_iter().map(|column| column.to_string());
-        let row = |(name, cells): (String, Vec<String>)| {
-            std::iter::once(name).chain(cells).map(Cell::from).collect()
-        };
-        let rows = rows.into_iter();
-        Self {
-            columns: std::iter::once(first.to_owned()).chain(columns).collect(),
-            rows: rows.map(row).collect(),
-        }
     }
 
     /// With the names of the rows indented below that of their column, and columns of numbers to the right.

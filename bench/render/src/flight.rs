@@ -136,7 +136,7 @@ pub(crate) fn verdicts(report: &Report) -> Block {
 }
 
 /// Of the timing, with their units.
-pub(crate) fn key_figures(report: &Report) -> Vec<(String, String, String)> {
+pub(crate) fn key_figures(report: &Report) -> Vec<(&'static str, String, String)> {
     let (ticks, deadlines) = (&report.ticks, &report.deadlines);
     let [whole, wake] = ["loop", "wake.plant"].map(|name| report.series(name));
     let latency = |name, value: Option<f64>| Some((name, us(value?), "us".to_owned()));
@@ -144,18 +144,17 @@ pub(crate) fn key_figures(report: &Report) -> Vec<(String, String, String)> {
         let ppm = format!("{:.1} ppm", sum.per_million);
         (NOT_FRESH, sum.ticks.to_string(), ppm)
     });
-    let figures = [
+    [
         latency("loop p50", whole.map(|it| it.p50_us)),
         latency("loop p99", whole.map(|it| it.p99_us)),
         latency("loop p99.9", whole.and_then(|it| it.p999_us)),
         latency("wake p99", wake.map(|it| it.p99_us)),
         late,
         Some(("ticks skipped", ticks.skipped.to_string(), String::new())),
-    ];
-    let figures = figures.into_iter().flatten();
-    figures
-        .map(|(title, value, unit)| (title.to_owned(), value, unit))
-        .collect()
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 fn head(report: &Report) -> Vec<Block> {
@@ -174,7 +173,7 @@ pub(crate) fn machine(report: &Report) -> Vec<Block> {
     let (run, host, steal) = (&report.run, &report.host, &report.steal);
     let mut blocks = Vec::new();
     let mut say = |line: String| blocks.push(Block::Paragraph(line));
-    let (build, ending) = (run.build.of_version(&run.version), ending(report));
+    let (build, ending) = (&run.build, ending(report));
     let (started, instance) = (&run.started, &run.instance);
     say(format!(
         "ironbird {build}  {started}  instance {instance}  {ending}"
@@ -465,8 +464,8 @@ fn floors(report: &Report) -> Vec<Block> {
         beside.seconds, beside.scheduling, beside.steal.percent
     );
     let line = |name: &str, values: [Option<f64>; 3], digits: usize| {
-        let cells = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
-        (name.to_owned(), cells.into())
+        let [p50, p99, p999] = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
+        row([&name, &p50, &p99, &p999])
     };
     let rows = baseline_ratios(beside, report).flat_map(|it| {
         let (ours, floor) = (
@@ -475,13 +474,12 @@ fn floors(report: &Report) -> Vec<Block> {
         );
         [ours, floor, line("times its floor", it.times, 2)]
     });
-    let baselines = Table::named("us", ["p50", "p99", "p99.9"], rows);
     let refused = beside.refused.iter().map(|it| format!("refused: {it}"));
     let note = "The timer does nothing but wake; the ring's four processes hand on a token and compute as long as the \
                 laws did in the median.";
     vec![
         Block::Paragraph(title),
-        Block::Table(baselines),
+        table(["us", "p50", "p99", "p99.9"], rows),
         Block::Items(refused.collect()),
         Block::Note(note.into()),
     ]
@@ -725,13 +723,13 @@ pub(crate) fn marks(report: &Report) -> Block {
     Block::Legend(legend.map(|(class, word)| (class, word.into())).into())
 }
 
-/// What each law showed of itself, as a table and charts.
 fn firmware(report: &Report) -> Vec<Block> {
     let section = report.firmware.iter();
     let fact = |it| Block::Fact("Firmware", sentences::firmware(it));
     section.map(fact).collect()
 }
 
+/// Signals of the laws, as a table and charts.
 fn telemetry(report: &Report) -> Vec<Block> {
     let laws = &report.run.laws;
     let number = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));

@@ -1,7 +1,7 @@
 //! Robustness margins: the limits of each combination of laws as tables, then what its flights did as curves.
 
 use crate::comparison::thousandths;
-use crate::document::{Block, Document, Figure, Section, Table, known};
+use crate::document::{self, Block, Cell, Document, Figure, Section, known};
 use crate::plot::{Axis, Chart, LAWS, Layer};
 use crate::scale::Scale;
 use analysis::margin::{
@@ -88,10 +88,12 @@ fn table(
     columns: &[impl ToString],
     cells: impl Fn(&LawMargins) -> Vec<String>,
 ) -> Block {
-    let rows = margins.laws.iter();
-    let rows = rows.map(|law| (margins.name_of(&law.laws), cells(law)));
+    let rows = margins.laws.iter().map(|law| {
+        let name = [margins.name_of(&law.laws)].into_iter();
+        name.chain(cells(law)).map(Cell::from).collect()
+    });
     let columns = columns.iter().map(ToString::to_string);
-    Block::Table(Table::named("laws", columns, rows))
+    document::table(["laws".to_owned()].into_iter().chain(columns), rows)
 }
 
 fn searches(margins: &Margins, kind: Kind) -> Vec<&String> {

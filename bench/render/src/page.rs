@@ -52,7 +52,7 @@ pub fn render(report: &Report) -> String {
         title: format!("{}, {}", heading(report), run.started),
         heading: heading(report),
         verdict: Some((sentences::acceptance(verdict), failed)),
-        build: run.build.of_version(&run.version).to_string(),
+        build: run.build.to_string(),
         lead,
         sections: sections(report),
         footer: format!(
@@ -89,26 +89,14 @@ fn heading(report: &Report) -> String {
 /// Faults, parameter changes, ends of processes, handovers, the longest outages and the end, in the order of time.
 fn events(report: &Report) -> Block {
     let mut events: Vec<(f64, &str, String)> = Vec::new();
-    events.extend(
-        report
-            .faults
-            .iter()
-            .map(|it| (it.time_s, "fault", sentences::short_fault(it))),
-    );
-    events.extend(
-        report
-            .swaps
-            .iter()
-            .map(|it| (it.time_s, "parameter", sentences::swap(it))),
-    );
+    let faults = report.faults.iter();
+    events.extend(faults.map(|it| (it.time_s, "fault", sentences::short_fault(it))));
+    let swaps = report.swaps.iter();
+    events.extend(swaps.map(|it| (it.time_s, "parameter", sentences::swap(it))));
     let targets = report.targets.iter();
     events.extend(targets.map(|it| (it.time_s, "target", sentences::targets(it))));
-    events.extend(
-        report
-            .deaths
-            .iter()
-            .map(|it| (it.time_s, "process", failure_line(it))),
-    );
+    let deaths = report.deaths.iter();
+    events.extend(deaths.map(|it| (it.time_s, "process", failure_line(it))));
     if let Some(redundancy) = &report.redundancy {
         let mut handovers: Vec<_> = redundancy.outages.iter().collect();
         handovers.retain(|it| it.handover);

@@ -207,13 +207,11 @@ impl Chart {
     fn layer(&self, frame: Frame, layer: &Layer) -> Markup {
         let at = |(x, y): (f64, f64)| (self.at_x(frame, x), self.at_y(frame, y));
         match layer {
-            Layer::Line(class, points) => {
+            Layer::Line(class, points) | Layer::Again(class, points) => {
+                let is_again = matches!(layer, Layer::Again(..));
+                let kind = if is_again { "again" } else { "line" };
                 let d = path(points.iter().map(|point| at(*point)));
-                html! { path.line.(class) d=(d) {} }
-            }
-            Layer::Again(class, points) => {
-                let d = path(points.iter().map(|point| at(*point)));
-                html! { path.again.(class) d=(d) {} }
+                html! { path.(kind).(class) d=(d) {} }
             }
             Layer::Steps(class, bins) => {
                 let bin =

@@ -42,6 +42,21 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
     }
     let Explained { word, why } = stability_verdict(theorem);
     let mut blocks = fact(format!("{}: {why}", name_of(&word)));
+    let items = [watched(theorem), innovation(theorem)];
+    blocks.push(Block::Items(items.concat()));
+    blocks.push(Block::Table(causes(theorem)));
+    blocks.push(estimates(theorem));
+    if let Some(figures) = figures {
+        let note =
+            "The axis of the changes is logarithmic to both sides of 0, and linear in its middle.";
+        blocks.push(Block::Figures(figures.theorem()));
+        blocks.push(Block::Note(note.into()));
+    }
+    blocks
+}
+
+/// What the monitor saw of V_th, of the torque and of the rate error.
+fn watched(theorem: &Theorem) -> Vec<String> {
     let moved = match (theorem.is_live, theorem.descent_predicted) {
         (true, 0.0) => "nothing to compare",
         (true, _) => "the estimates move as predicted",
@@ -51,7 +66,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         ", {:.2e} rms in the last second",
         theorem.rate_error_rms_rad_s
     );
-    let mut items = vec![
+    vec![
         format!(
             "V_th {:.3e} rad^2/s^2 at the start, {:.3e} at the end",
             theorem.v_th_start, theorem.v_th_end
@@ -91,10 +106,10 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
              delay alone",
             count(theorem.v_above_bound.values().sum(), "step")
         ),
-    ];
-    items.extend(innovation(theorem));
-    blocks.push(Block::Items(items));
-    blocks.push(Block::Table(causes(theorem)));
+    ]
+}
+
+fn estimates(theorem: &Theorem) -> Block {
     let columns = [
         "estimate",
         "error",
@@ -110,14 +125,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         let (name, bound) = (&it.name, bound(theorem, it));
         row([name, &error, &first, &bound, &excitation, &found])
     });
-    blocks.push(table(columns, rows));
-    if let Some(figures) = figures {
-        let note =
-            "The axis of the changes is logarithmic to both sides of 0, and linear in its middle.";
-        blocks.push(Block::Figures(figures.theorem()));
-        blocks.push(Block::Note(note.into()));
-    }
-    blocks
+    table(columns, rows)
 }
 
 /// What the estimates leave unexplained, and which of them a bound held back: both are known without ground truth.

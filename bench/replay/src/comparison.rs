@@ -112,11 +112,6 @@ impl ReplayComparison {
         self.differs::<C>(tick, field, ["published", "nothing"].map(str::to_owned));
     }
 
-    /// A message follows from the others, and was not recorded.
-    pub fn has_more<C: Logged>(&mut self, tick: u64) {
-        self.differs::<C>(tick, "message", ["missing", "published"].map(str::to_owned));
-    }
-
     /// A field of a message differs.
     pub fn differs<C: Logged>(
         &mut self,

@@ -12,22 +12,29 @@ use crate::comparison::ReplayComparison;
 /// Messages that may wait for their counterparts. In a sound log, both come at one position.
 const MOST_WAITING: usize = 4096;
 
+/// Where a message comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum Origin {
+    /// The log has it.
+    Log,
+    /// It follows from others.
+    Others,
+}
+
 #[derive(Clone, Debug, Default)]
 pub struct Expected<C> {
-    recorded: VecDeque<Message<C>>,
-    following: VecDeque<Message<C>>,
+    /// Messages without their counterparts, by [`Origin`].
+    waiting: [VecDeque<Message<C>>; 2],
 }
 
 impl<C: Logged> Expected<C> {
-    /// Takes a message of the log.
-    pub fn recorded(&mut self, message: &Message<C>, comparison: &mut ReplayComparison) {
-        self.recorded.push_back(*message);
-        self.compare(MOST_WAITING, comparison);
-    }
-
-    /// Takes a message that follows from others.
-    pub fn follows(&mut self, message: &Message<C>, comparison: &mut ReplayComparison) {
-        self.following.push_back(*message);
+    pub fn take(
+        &mut self,
+        origin: Origin,
+        message: &Message<C>,
+        comparison: &mut ReplayComparison,
+    ) {
+        self.waiting[origin as usize].push_back(*message);
         self.compare(MOST_WAITING, comparison);
     }
 
@@ -37,9 +44,7 @@ impl<C: Logged> Expected<C> {
     }
 
     fn compare(&mut self, most_waiting: usize, comparison: &mut ReplayComparison) {
-        while let (Some(recorded), Some(following)) =
-            (self.recorded.front(), self.following.front())
-        {
+        while let [Some(recorded), Some(following)] = self.waiting.each_ref().map(VecDeque::front) {
             let tick = recorded.envelope.tick;
             comparison.compare(tick, &recorded.content, &following.content);
             if recorded.envelope != following.envelope {
@@ -50,16 +55,16 @@ impl<C: Logged> Expected<C> {
                 comparison.differs::<C>(tick, "envelope", headers);
             }
             // `pop_front` would copy them.
-            self.recorded.drain(..1);
-            self.following.drain(..1);
+            self.waiting.iter_mut().for_each(|it| drop(it.drain(..1)));
         }
-        if self.recorded.len() > most_waiting {
-            let extra = self.recorded.drain(..);
-            extra.for_each(|it| comparison.lacks::<C>(it.envelope.tick, "message"));
-        }
-        if self.following.len() > most_waiting {
-            let missing = self.following.drain(..);
-            missing.for_each(|it| comparison.has_more::<C>(it.envelope.tick));
+        let words = [["published", "nothing"], ["missing", "published"]];
+        for (waiting, words) in self.waiting.iter_mut().zip(words) {
+            if waiting.len() > most_waiting {
+                let ticks = waiting.drain(..).map(|it| it.envelope.tick);
+                ticks.for_each(|tick| {
+                    comparison.differs::<C>(tick, "message", words.map(str::to_owned));
+                });
+            }
         }
     }
 }
@@ -73,20 +78,11 @@ pub struct Flown {
 }
 
 impl Flown {
-    pub fn recorded(&mut self, entry: &LogEntry, comparison: &mut ReplayComparison) {
+    pub fn take(&mut self, origin: Origin, entry: &LogEntry, comparison: &mut ReplayComparison) {
         match entry {
-            LogEntry::Setpoint(message) => self.setpoints.recorded(message, comparison),
-            LogEntry::Wrench(message) => self.wrenches.recorded(message, comparison),
-            LogEntry::RotorSpeeds(message) => self.rotor_speeds.recorded(message, comparison),
-            _ => {}
-        }
-    }
-
-    pub fn follows(&mut self, entry: &LogEntry, comparison: &mut ReplayComparison) {
-        match entry {
-            LogEntry::Setpoint(message) => self.setpoints.follows(message, comparison),
-            LogEntry::Wrench(message) => self.wrenches.follows(message, comparison),
-            LogEntry::RotorSpeeds(message) => self.rotor_speeds.follows(message, comparison),
+            LogEntry::Setpoint(message) => self.setpoints.take(origin, message, comparison),
+            LogEntry::Wrench(message) => self.wrenches.take(origin, message, comparison),
+            LogEntry::RotorSpeeds(message) => self.rotor_speeds.take(origin, message, comparison),
             _ => {}
         }
     }
@@ -111,11 +107,10 @@ mod tests {
         let first = |recorded: &[u64], following: &[u64]| {
             let mut comparison = ReplayComparison::from(0, Channel::A, Signals::default());
             let mut expected = Expected::default();
-            for tick in recorded {
-                expected.recorded(&wrench(*tick), &mut comparison);
-            }
-            for tick in following {
-                expected.follows(&wrench(*tick), &mut comparison);
+            for (origin, ticks) in [(Origin::Log, recorded), (Origin::Others, following)] {
+                for tick in ticks {
+                    expected.take(origin, &wrench(*tick), &mut comparison);
+                }
             }
             expected.finish(&mut comparison);
             comparison.first.map(|it| (it.tick, it.recorded))

@@ -29,8 +29,8 @@ use std::path::{Path, PathBuf};
 use std::thread::{self, Builder};
 use std::time::Instant;
 
-use messages::content::{RotorSpeeds, Setpoint, State};
-use messages::header::Message;
+use messages::content::{RotorSpeeds, Setpoint, Stamped, State};
+use messages::header::{Header, Message};
 use messages::message_window::MessageWindow;
 use messages::monitor::Monitor;
 use messages::role::{Channel, Role};
@@ -38,7 +38,7 @@ use messages::role::{Channel, Role};
 use crate::airframe::AirframeReplay;
 use crate::batches::{FromLog, batches};
 use crate::comparison::ReplayComparison;
-use crate::expected::Expected;
+use crate::expected::{Expected, Origin};
 use crate::inputs::{RecordedInput, kept};
 use crate::log_check::{LogCheck, LogValidator};
 use crate::loops::{LoopsReplay, SavedStates};
@@ -299,12 +299,19 @@ struct ChannelReplay {
     states: Expected<State>,
 }
 
+/// The rotor command of a tick of a channel.
+fn commands_of<'a>(
+    channels: &'a [ChannelReplay],
+) -> impl Fn(Channel, u64) -> Option<&'a (Header, Stamped<RotorSpeeds>)> {
+    |channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick)
+}
+
 struct FlightReplay {
     from_tick: u64,
     /// Messages of a topic, and states of a stage, that are kept.
     kept: usize,
     airframe: AirframeReplay,
-    /// Setpoints of the flight, of several channels.
+    /// Setpoints of the flight.
     setpoints: MessageWindow<Setpoint>,
     /// Faults at the input of the monitored inner loop.
     inner_setpoint: RecordedInput<Setpoint>,
@@ -419,7 +426,7 @@ impl FlightReplay {
         match (channel, entry) {
             (Some(channel), LogEntry::State(message)) => {
                 if let Some(own) = self.channels.get_mut(channel as usize) {
-                    own.states.recorded(message, &mut own.comparison);
+                    own.states.take(Origin::Log, message, &mut own.comparison);
                 }
                 Ok(())
             }
@@ -441,11 +448,11 @@ impl FlightReplay {
                 self.merge(Channel::A, entry)
             }
             (_, LogEntry::Theorem(message)) => {
-                self.theorem.recorded(message, comparison);
+                self.theorem.take(Origin::Log, message, comparison);
                 Ok(())
             }
             (None, _) if self.merge.is_some() => {
-                self.flown.recorded(entry, comparison);
+                self.flown.take(Origin::Log, entry, comparison);
                 Ok(())
             }
             (channel, _) => {
@@ -458,9 +465,7 @@ impl FlightReplay {
 
     fn state(&mut self, message: &Message<State>) -> Result<(), Failure> {
         let tick = message.envelope.tick;
-        let channels = &self.channels;
-        let command =
-            |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
+        let command = commands_of(&self.channels);
         let state = self.airframe.step(message, command, &mut self.comparison)?;
         self.summary.state(tick, state);
         self.summary.outputs.take(tick, state);
@@ -468,7 +473,8 @@ impl FlightReplay {
         for channel in &mut self.channels {
             channel.loops.take_state(message);
             if self.merge.is_some() {
-                channel.states.follows(message, &mut channel.comparison);
+                let comparison = &mut channel.comparison;
+                channel.states.take(Origin::Others, message, comparison);
             }
         }
         Ok(())
@@ -507,17 +513,15 @@ impl FlightReplay {
     /// Takes a message of the flight.
     fn flown(&mut self, entry: &LogEntry) -> Result<(), Failure> {
         if self.merge.is_some() {
-            self.flown.follows(entry, &mut self.comparison);
+            self.flown.take(Origin::Others, entry, &mut self.comparison);
         }
         let tick = entry.envelope().tick;
         let (summary, is_counted) = (&mut self.summary, tick >= self.from_tick);
         match entry {
             LogEntry::Setpoint(message) => {
                 summary.outputs.take(tick, &message.content);
-                if self.merge.is_some() {
-                    self.setpoints.push(message);
-                    self.inner_setpoint.take(message);
-                }
+                self.setpoints.push(message);
+                self.inner_setpoint.take(message);
             }
             LogEntry::Wrench(message) => {
                 summary.outputs.take(tick, &message.content);
@@ -526,16 +530,13 @@ impl FlightReplay {
                 }
                 // The inner loops of all channels have the same faults at their inputs.
                 let loops = self.channels.first_mut().map(|it| &mut it.loops);
-                let (state, mut setpoint) =
-                    loops.map_or(Ok((None, None)), |it| it.monitored(message))?;
-                if self.merge.is_some() {
-                    let of_setpoint = message.envelope.input_tick[1];
-                    let input = &self.inner_setpoint;
-                    setpoint = input.input(&self.setpoints, of_setpoint, tick).ok();
-                }
-                let result = self.monitor.watch(message, state, setpoint);
-                if let Some(result) = result {
-                    self.theorem.follows(&result, &mut self.comparison);
+                let state = loops.map_or(Ok(None), |it| it.monitored(message))?;
+                let of_setpoint = message.envelope.input_tick[1];
+                let input = &self.inner_setpoint;
+                let setpoint = input.input(&self.setpoints, of_setpoint, tick).ok();
+                if let Some(result) = self.monitor.watch(message, state, setpoint) {
+                    let comparison = &mut self.comparison;
+                    self.theorem.take(Origin::Others, &result, comparison);
                 }
             }
             // After the last tick the mixer stops the rotors; that command answers no state.
@@ -560,9 +561,7 @@ impl FlightReplay {
             flown.iter().try_for_each(|it| self.flown(it))?;
         }
         if self.is_ended {
-            let channels = &self.channels;
-            let command =
-                |channel: Channel, tick| channels.get(channel as usize)?.rotor_speeds.of(tick);
+            let command = commands_of(&self.channels);
             let comparison = &mut self.comparison;
             let missed = self.airframe.end(self.last_tick, command, comparison)?;
             self.summary.end(missed);

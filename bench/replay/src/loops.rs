@@ -55,9 +55,6 @@ impl SavedStates {
     }
 }
 
-/// State and setpoint that a wrench was computed from, where they are known.
-type Monitored<'a> = (Option<&'a Stamped<State>>, Option<&'a Stamped<Setpoint>>);
-
 pub struct LoopsReplay {
     settings: Settings,
     channel: Channel,
@@ -220,26 +217,23 @@ impl LoopsReplay {
         Ok(())
     }
 
-    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it, and the setpoint that
-    /// the loop had.
-    pub fn monitored(&mut self, wrench: &Message<Wrench>) -> Result<Monitored<'_>, Failure> {
-        let Header {
-            tick,
-            input_tick: [of_state, of_setpoint, _],
-            ..
-        } = wrench.envelope;
-        let mut state = Some(self.inner_state.input(&self.states, of_state, tick)?);
-        if let Some(had) = state.filter(|_| self.inner_state.has_faults()) {
-            state = self.states.input(of_state).map(|truth| {
-                self.faulty_state = *truth;
-                self.faulty_state.content.measured = had.content.measured;
-                &self.faulty_state
-            });
+    /// The true state that a wrench goes back to, with the measurement that the inner loop had of it; none where it is not
+    /// known.
+    pub fn monitored(
+        &mut self,
+        wrench: &Message<Wrench>,
+    ) -> Result<Option<&Stamped<State>>, Failure> {
+        let Header { tick, .. } = wrench.envelope;
+        let of_state = wrench.envelope.input_tick[0];
+        let had = self.inner_state.input(&self.states, of_state, tick)?;
+        if !self.inner_state.has_faults() {
+            return Ok(Some(had));
         }
-        let setpoint = self
-            .inner_setpoint
-            .input(&self.setpoints, of_setpoint, tick);
-        Ok((state, setpoint.ok()))
+        Ok(self.states.input(of_state).map(|truth| {
+            self.faulty_state = *truth;
+            self.faulty_state.content.measured = had.content.measured;
+            &self.faulty_state
+        }))
     }
 }
 
