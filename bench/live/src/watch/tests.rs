@@ -402,8 +402,7 @@ fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
 #[test]
 fn a_verdict_is_good_or_bad_or_neither() {
     fn of<W>(word: W) -> Explained<W> {
-        let why = String::new();
-        Explained { word, why }
+        Explained::new(word, String::new())
     }
     use FlightVerdict::{CutShort, Lost, NotSeen, OffTrack, Tracked};
     use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};

@@ -487,10 +487,7 @@ mod tests {
             ),
         ] {
             flight.ending = Some(ending);
-            let track = Explained {
-                word: track,
-                why: "below ground".into(),
-            };
+            let track = Explained::new(track, "below ground".into());
             let phase = phase(flight, &FiledReport::default(), &track);
             assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
         }
