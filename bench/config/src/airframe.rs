@@ -296,31 +296,6 @@ pub fn built(values: &BTreeMap<String, f64>) -> Result<Airframe, ParameterError>
     Airframe::built_with(array)
 }
 
-/// The keys and values of a settings text, which is TOML of lines `section.key = value`; strings without their quotes.
-pub fn pairs(text: &str) -> BTreeMap<String, String> {
-    let table: Table = text.parse().unwrap_or_default();
-    let mut pairs = BTreeMap::new();
-    for (section, keys) in &table {
-        for (key, value) in keys.as_table().into_iter().flatten() {
-            let text = value
-                .as_str()
-                .map_or_else(|| value.to_string(), str::to_owned);
-            pairs.insert(format!("{section}.{key}"), text);
-        }
-    }
-    pairs
-}
-
-/// The airframe, as it was built, of settings that all roles share.
-pub fn airframe_of(settings: &BTreeMap<String, String>) -> Result<Airframe, Failure> {
-    let named = |(key, value): (&String, &String)| {
-        let name = key.strip_prefix("airframe.")?.to_owned();
-        Some((name, value.parse().unwrap_or(f64::NAN)))
-    };
-    built(&settings.iter().filter_map(named).collect())
-        .map_err(|e| Failure::failed(format!("the flight's settings describe no airframe: {e}")))
-}
-
 /// The airframe of a name or file, as it was built.
 pub fn named(name: &str) -> Result<Airframe, Failure> {
     Ok(design(name)?.airframe)

@@ -10,15 +10,14 @@ use control_api::description::{self, Description, Setting, SettingKind, Value as
 use control_api::law::Rig;
 use control_api::registry::Entry;
 use messages::role::Role;
-use messages::telemetry::{LAW_ROLES, Signals};
+use messages::telemetry::LAW_ROLES;
 use plugin::Library;
 use toml::{Table, Value};
 
 pub use super::toml_access::nearest_first;
 use super::toml_access::{coerce, kind, utf8};
-use analysis::laws::{FlownLaws, NotFinite};
+use analysis::laws::NotFinite;
 use analysis::schema::{LawSection, SignalSection};
-use analysis::theorem::SEVERAL_LAWS;
 use errors::Failure;
 
 /// The key that names the law; the others are the law's.
@@ -255,67 +254,6 @@ pub fn check_same(role: Role, file: &Path, there: &str, section: &Table) -> Resu
         "it is another file: bring the old one back (`replay --{role} FILE` says where it is), or take {role}.{SHA256} \
          out of the settings"
     )))
-}
-
-/// The name of an inner law where it, with its settings, has no theorem, and so no estimates.
-pub(super) fn without_theorem(
-    law: &Description,
-    settings: &description::Settings,
-) -> Option<&'static str> {
-    controller::laws::theorem(law.name, settings)
-        .is_none()
-        .then_some(law.name)
-}
-
-/// What the report knows of the laws in settings that all roles share. Fails if another version flies, with a law or a
-/// setting that is not known here.
-pub fn shared(shared: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
-    let chosen = |role| chosen(role, &shared_section(role, shared)?, &Moved::new());
-    let [outer, (inner, settings), mixer] = [
-        chosen(Role::Outer)?,
-        chosen(Role::Inner)?,
-        chosen(Role::Mixer)?,
-    ];
-    let mut flown = flown(outer.0, inner, mixer.0, &settings);
-    if shared.keys().any(|key| key.starts_with("channel.")) {
-        flown.without_theorem = Some(SEVERAL_LAWS);
-    }
-    Ok(flown)
-}
-
-/// What the report knows of chosen laws, by the settings of the inner one.
-pub(super) fn flown(
-    outer: Chosen,
-    inner: Chosen,
-    mixer: Chosen,
-    settings: &description::Settings,
-) -> FlownLaws {
-    FlownLaws {
-        signals: Signals {
-            outer: outer.description().telemetry,
-            inner: inner.description().telemetry,
-            mixer: mixer.description().telemetry,
-        },
-        without_theorem: without_theorem(inner.description(), settings),
-    }
-}
-
-/// The section of a role in them.
-fn shared_section(role: Role, settings: &BTreeMap<String, String>) -> Result<Table, Failure> {
-    let own = |(key, text): (&String, &String)| {
-        let key = key.strip_prefix(role.name())?.strip_prefix('.')?;
-        Some((key.to_owned(), Value::from(text.as_str())))
-    };
-    let mut section: Table = settings.iter().filter_map(own).collect();
-    let law = named(role, section.get(LAW), &Moved::new())?.description();
-    // A word has lost its quotes, and may look like a number.
-    let is_number = |setting: &&Setting| !matches!(setting.kind, SettingKind::Word(_));
-    for setting in law.settings.iter().filter(is_number) {
-        let text = section.get(setting.name).and_then(Value::as_str);
-        let number: Option<Value> = text.and_then(|text| text.parse().ok());
-        section.extend(number.map(|number| (setting.name.to_owned(), number)));
-    }
-    Ok(section)
 }
 
 /// A value of a file as a law's; a word that does not exist is one that is not allowed.

@@ -24,7 +24,7 @@ use errors::Failure;
 
 /// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
 /// each of its flights.
-fn with_paper() -> Result<&'static (Table, Design), Failure> {
+pub(super) fn with_paper() -> Result<&'static (Table, Design), Failure> {
     static LAID: LazyLock<Result<(Table, Design), String>> = LazyLock::new(|| {
         let mut table = DEFAULT_TABLE.clone();
         let design = airframe::design(PAPER).map_err(|e| e.to_string())?;

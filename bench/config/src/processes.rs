@@ -11,14 +11,14 @@ use messages::blackboards::LOCKSTEP;
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
-use messages::telemetry::LAW_ROLES;
+use messages::telemetry::{LAW_ROLES, Signals};
 use plant::command_hold::waiting_ticks;
 use redundancy::{Arrangement, SimplexLimits};
 use toml::{Table, Value};
 
 use super::airframe::{OWN, PAPER, built};
 use super::airframe_checks::{implausible, impossible_body};
-use super::law_settings::{self, Chosen};
+use super::law_settings::{self, Chosen, LAW};
 use super::settings::{PaceName, Settings};
 use super::trajectory::PointsFile;
 use super::validation::refused;
@@ -78,9 +78,19 @@ impl Settings {
         for (name, value) in values {
             Parameter::from_name(name)
                 .and_then(|parameter| airframe.set(parameter, *value))
-                .map_err(|e| refused(section, e))?;
+                .map_err(|e| self.refused_parameter(section, e))?;
         }
         Ok(airframe)
+    fn refused_parameter(&self, section: &str, e: ParameterError) -> Failure {
+        let help = format!("see `ironbird params{}`", self.airframe_flag());
+        Failure::usage(format!("{section}.{e}")).help(help)
+    }
+
+    /// The airframe as it was built.
+    pub fn as_built(&self) -> Result<Airframe, Failure> {
+        built(&self.airframe).map_err(|e| self.refused_parameter("airframe", e))
+    }
+
     }
 
     pub fn law_sections(&self) -> [(Role, &Table); 3] {
@@ -93,6 +103,12 @@ impl Settings {
             Role::Mixer => &self.mixer,
             _ => &self.inner,
         }
+    /// The name of a role's law, or its file.
+    pub fn law_name(&self, role: Role) -> &str {
+        let name = self.section(role).get(LAW).and_then(Value::as_str);
+        name.unwrap_or_default()
+    }
+
     }
 
     /// The laws of single channels: of which channel and role, and their sections.
@@ -275,11 +291,20 @@ impl Settings {
     pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
         let (inner, settings) = self.chosen(Role::Inner)?;
         let (outer, mixer) = (self.chosen(Role::Outer)?.0, self.chosen(Role::Mixer)?.0);
-        let mut flown = law_settings::flown(outer, inner, mixer, &settings);
-        if self.has_several_laws() {
-            flown.without_theorem = Some(SEVERAL_LAWS);
-        }
-        Ok(flown)
+        let [outer, inner, mixer] = [outer, inner, mixer].map(Chosen::description);
+        let theorem = controller::laws::theorem(inner.name, &settings);
+        let without_theorem = match self.has_several_laws() {
+            true => Some(SEVERAL_LAWS),
+            false => theorem.is_none().then_some(inner.name),
+        };
+        Ok(FlownLaws {
+            signals: Signals {
+                outer: outer.telemetry,
+                inner: inner.telemetry,
+                mixer: mixer.telemetry,
+            },
+            without_theorem,
+        })
     }
 
     /// What to request from the system.
