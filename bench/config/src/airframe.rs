@@ -310,16 +310,14 @@ pub(super) fn paper() -> BTreeMap<String, f64> {
 }
 
 /// The section `[airframe]` as text, for the commented settings.
-pub(super) fn commented(values: &BTreeMap<String, f64>) -> toml_edit::Table {
-    let mut table = toml_edit::Table::new();
-    table.decor_mut().set_prefix(
-        "\n# What the airframe was built with: its ranges follow from it (docs/airframes.md).\n",
-    );
+pub(super) fn commented(values: &BTreeMap<String, f64>) -> String {
+    let about = "What the airframe was built with: its ranges follow from it (docs/airframes.md).";
+    let mut text = format!("\n# {about}\n[airframe]\n");
     for spec in &SPECS {
         let value = values.get(spec.name).copied().unwrap_or(spec.nominal);
-        table.insert(spec.name, toml_edit::value(value));
+        text += &format!("{} = {}\n", spec.name, Value::from(value));
     }
-    table
+    text
 }
 
 #[cfg(test)]
