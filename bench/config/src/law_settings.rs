@@ -45,12 +45,15 @@ pub fn known(role: Role) -> Vec<&'static Description> {
 }
 
 pub fn preset_names() -> Vec<&'static str> {
+    presets_of(LAW_ROLES.into_iter().flat_map(known))
+}
+
+/// The presets that some laws have: the defaults, then the others.
+pub(super) fn presets_of<'a>(laws: impl IntoIterator<Item = &'a Description>) -> Vec<&'a str> {
     let mut names = vec![DEFAULT_PRESET];
-    for role in LAW_ROLES {
-        for preset in known(role).iter().flat_map(|law| law.presets) {
-            if !names.contains(&preset.name) {
-                names.push(preset.name);
-            }
+    for preset in laws.into_iter().flat_map(|law| law.presets) {
+        if !names.contains(&preset.name) {
+            names.push(preset.name);
         }
     }
     names
@@ -276,14 +279,13 @@ fn taken(setting: &Setting, value: &Value) -> Option<LawValue> {
 }
 
 /// The entry of a law that is known.
-pub(super) fn entry<L: ?Sized + 'static>(
-    entries: &'static [Entry<L>],
+pub(super) fn entry<L: ?Sized>(
+    entries: &[&'static [Entry<L>]],
     law: &Description,
 ) -> &'static Entry<L> {
-    entries
-        .iter()
-        .find(|entry| entry.description.name == law.name)
-        .unwrap_or(&entries[0])
+    let mut all = entries.iter().copied().flatten();
+    all.find(|entry| entry.description.name == law.name)
+        .unwrap_or(&entries[0][0])
 }
 
 /// A law's section as text, each key with what it is.
