@@ -19,7 +19,8 @@ use crate::airframe::{self, Design, OWN, PAPER};
 use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256, presets_of};
 use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
-    DEFAULT_TABLE, coerce, example, kind, nearest, place_path, place_paths, table, text, text_of,
+    DEFAULT_TABLE, TOO_LARGE, coerce, example, is_too_large, kind, nearest, place_path,
+    place_paths, table, text, text_of,
 };
 use errors::Failure;
 
@@ -530,16 +531,15 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
         )
         })?;
     let place = origin(Some(path));
-    text.parse().map_err(|e: toml::de::Error| {
-        match e.span().filter(|_| e.message().contains("integer `")) {
+    text.parse().map_err(
+        |e: toml::de::Error| match e.span().filter(|_| is_too_large(&e)) {
             Some(span) => {
                 let line = airframe::line_of(&text, &span);
-                let beyond = "a whole number beyond 9223372036854775807 cannot be read";
-                here(&place, format!("line {line}: {beyond}"))
+                here(&place, format!("line {line}: {TOO_LARGE}"))
             }
             None => here(&place, e),
-        }
-    })
+        },
+    )
 }
 
 /// What is set beside the settings: of the type that the default has.
