@@ -269,18 +269,8 @@ impl Stage {
 
     /// Steps that start or end a command; false for others.
     fn runs(&mut self, verb: &str, rest: &str) -> bool {
-        if ![
-            "$",
-            "&",
-            "unprivileged",
-            "sh",
-            "python",
-            "bg",
-            "end",
-            "close",
-        ]
-        .contains(&verb)
-        {
+        let mut verbs = "$ & unprivileged sh python bg end close".split(' ');
+        if !verbs.any(|it| it == verb) {
             return false;
         }
         self.close();
