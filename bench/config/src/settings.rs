@@ -8,7 +8,7 @@ use analysis::verdicts::TrackingLimits;
 use controller::trajectory::UnknownTrajectory;
 use controller::{ScaledTrajectory, Trajectory};
 use errors::Failure;
-use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
+use flight_log::facts::LogPlan;
 use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
@@ -497,16 +497,6 @@ impl RecorderSettings {
         let lenient = self.gate_theorem.then_some(TheoremGate::Lenient);
         let strict = self.gate_theorem_strict.then_some(TheoremGate::Strict);
         strict.or(lenient)
-    }
-}
-
-impl LogName {
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::All => ALL,
-            Self::AroundMisses => AROUND_MISSES,
-            Self::Off => OFF,
-        }
     }
 }
 
