@@ -328,7 +328,7 @@ impl Gate {
     }
 
     pub fn theorem(theorem: &Theorem, gate: TheoremGate) -> Self {
-        let Explained { word, why } = stability_verdict(theorem);
+        let Explained { word, why, .. } = stability_verdict(theorem);
         let unwatched = theorem.ticks_unwatched;
         let (name, limit, held) = match gate {
             TheoremGate::Lenient => {
@@ -408,7 +408,7 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String, 
     if let Some(outage) = report.autopsy.worst.first().filter(|_| was_in_time) {
         let then = count(outage.ticks, "tick");
         timing.word = TimingVerdict::Late;
-        timing.why += &format!(", then nothing for {then}");
+        *timing.numbers() += &format!(", then nothing for {then}");
     }
     let how = match status {
         FlightStatus::Interrupted => "interrupted",

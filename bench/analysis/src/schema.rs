@@ -668,6 +668,31 @@ pub enum StabilityVerdict {
 pub struct Explained<W> {
     pub word: W,
     pub why: String,
+    /// The numbers alone, where `why` begins with the end of a flight that was cut short.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_then: Option<String>,
+}
+
+impl<W> Explained<W> {
+    pub const fn new(word: W, why: String) -> Self {
+        Self {
+            word,
+            why,
+            until_then: None,
+        }
+    }
+
+    /// The numbers that the word follows from.
+    pub fn numbers(&mut self) -> &mut String {
+        self.until_then.as_mut().unwrap_or(&mut self.why)
+    }
+
+    /// Puts the end of the flight, which was cut short, before the numbers.
+    pub fn begin_with(&mut self, end: &str) {
+        let numbers = std::mem::take(self.numbers());
+        self.why = format!("{end}; until then {numbers}");
+        self.until_then = Some(numbers);
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

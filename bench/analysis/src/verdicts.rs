@@ -44,7 +44,6 @@ impl Verdicts {
     /// The flight was aborted or interrupted: it is judged on what it flew, and nothing good is said of the rest. This
     /// replaces what a recorder has said of the end: it does not know why the plant was requested to end the flight.
     pub fn cut_short(&mut self, how: &str, reason: &str, run: &RunSection, ticks: &Ticks) {
-        const UNTIL_THEN: &str = "; until then ";
         let all = ticks.run.saturating_add(ticks.skipped);
         let (flown, flown_s) = (count(all, "tick"), all as f64 * run.period_us / 1e6);
         let flown = format!("{how} after {flown} ({flown_s:.3} s)");
@@ -58,14 +57,9 @@ impl Verdicts {
             "" => flown.clone(),
             _ => format!("{flown}: {reason}"),
         };
-        for (why, flown) in [
-            (&mut self.flight.why, &because),
-            (&mut self.timing.why, &flown),
-            (&mut self.theorem.why, &flown),
-        ] {
-            let before = why.split_once(UNTIL_THEN).map_or(why.as_str(), |it| it.1);
-            *why = format!("{flown}{UNTIL_THEN}{before}");
-        }
+        self.flight.begin_with(&because);
+        self.timing.begin_with(&flown);
+        self.theorem.begin_with(&flown);
     }
 }
 
@@ -119,7 +113,7 @@ pub fn flight_verdict(
         };
         (word, format!("{words} in the last {recent_s:.1} s{before}"))
     };
-    Explained { word, why }
+    Explained::new(word, why)
 }
 
 pub fn timing_verdict(
@@ -144,7 +138,7 @@ pub fn timing_verdict(
     } else {
         (TimingVerdict::InTime, counts)
     };
-    Explained { word, why }
+    Explained::new(word, why)
 }
 
 pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
@@ -177,7 +171,7 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     } else {
         (Broken, counts)
     };
-    Explained { word, why }
+    Explained::new(word, why)
 }
 
 #[cfg(test)]

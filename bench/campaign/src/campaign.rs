@@ -12,8 +12,7 @@ use crate::generator::Stream;
 use crate::lines::Lines;
 
 pub fn hex(hash: Sha256) -> String {
-    let digits = hash.finalize();
-    digits.iter().map(|byte| format!("{byte:02x}")).collect()
+    format!("{:x}", hash.finalize())
 }
 
 #[derive(Clone, Debug)]

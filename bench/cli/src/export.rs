@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{self, BufWriter, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
@@ -138,7 +138,13 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
             writer.others(ends_ns, &ran).in_file("write", &path)?;
         }
     }
-    let mut read = trace_log(reader, &mut writer, &path)?;
+    let trace = |writer: &mut PerfettoWriter<_>, log: &mut LogReader| {
+        for_each_entry(log, |log| {
+            writer.take(log.newest()).in_file("write", &path)?;
+            Ok(true)
+        })
+    };
+    let mut read = trace(&mut writer, reader)?;
     for channel in Channel::ALL {
         let own = reader
             .path()
@@ -146,7 +152,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         if let (Ok(()), Some(log)) = (&read, log_files(&own).first()) {
             writer.begin_channel(channel).in_file("write", &path)?;
             read = match LogReader::open(log) {
-                Ok(mut log) => trace_log(&mut log, &mut writer, &path)?,
+                Ok(mut log) => trace(&mut writer, &mut log)?,
                 Err(failure) => Err(failure),
             };
         }
@@ -167,17 +173,16 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// Adds the stages of a log to a trace. Everything before a damaged part is exported; the inner result is the damage.
-fn trace_log(
+/// Reads a log while `take` wants more of it. Everything before a damaged part is exported; the inner result is the damage.
+fn for_each_entry(
     reader: &mut LogReader,
-    writer: &mut PerfettoWriter<impl Write>,
-    path: &Path,
+    mut take: impl FnMut(&LogReader) -> Result<bool, Failure>,
 ) -> Result<Result<(), Failure>, Failure> {
     loop {
-        match reader.next_entry() {
-            Ok(Some(entry)) => writer.take(entry).in_file("write", path)?,
-            Ok(None) => return Ok(Ok(())),
-            Err(failure) => return Ok(Err(failure)),
+        match reader.next_entry().map(|entry| entry.is_some()) {
+            Ok(true) if take(reader)? => {}
+            Ok(_) => return Ok(Ok(())),
+            Err(damage) => return Ok(Err(damage)),
         }
     }
 }
@@ -245,22 +250,18 @@ fn export_joined(
         table.push(&row).in_file("write", &path)
     };
     let mut chunks = reader.chunks;
-    let mut next = Ok(first);
-    let read = loop {
-        let entry = match next {
-            Ok(Some(entry)) => entry,
-            Ok(None) => break Ok(()),
-            Err(failure) => break Err(failure),
-        };
+    let mut take = |entry: &LogEntry, chunk| {
         // Within a chunk messages are in the order of their topics, not of their ticks.
-        if std::mem::replace(&mut chunks, reader.chunks) != reader.chunks {
+        if std::mem::replace(&mut chunks, chunk) != chunk {
             while let Some(joined) = joiner.next_complete() {
                 write(joined)?;
             }
         }
-        joiner.take(&entry);
-        next = reader.next_entry().map(Option::<&LogEntry>::copied);
+        joiner.take(entry);
+        Ok::<_, Failure>(true)
     };
+    first.map_or(Ok(true), |entry| take(&entry, reader.chunks))?;
+    let read = for_each_entry(reader, |reader| take(reader.newest(), reader.chunks))?;
     while let Some(joined) = joiner.rest() {
         write(joined)?;
     }
@@ -441,15 +442,10 @@ impl Tables {
 
     /// Takes the messages of a log; the inner result is its damage.
     fn fill(&mut self, reader: &mut LogReader) -> Result<Result<(), Failure>, Failure> {
-        while self.is_read {
-            match reader.next_entry() {
-                Ok(Some(_)) => {}
-                Ok(None) => break,
-                Err(damage) => return Ok(Err(damage)),
-            }
+        for_each_entry(reader, |reader| {
             with_message!(reader.newest(), message => self.write(reader, message))?;
-        }
-        Ok(Ok(()))
+            Ok(self.is_read)
+        })
     }
 
     fn write<C: Logged>(

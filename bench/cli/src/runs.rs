@@ -256,66 +256,51 @@ fn reason_to_keep(run: &RecordedRun) -> Option<String> {
     if run.is_alive {
         return Some("its processes are running".into());
     }
-    let inside = directories_inside();
-    for (name, _) in &inside {
-        let directory = run.directory.join(name);
-        let listed = fs::read_dir(&directory);
-        if let Some(e) = listed.err().filter(|e| e.kind() != ErrorKind::NotFound) {
-            return Some(format!("cannot list {}: {e}", directory.display()));
+    let directories = directories(&run.directory);
+    for (directory, is_ours) in &directories {
+        let entries = match fs::read_dir(directory) {
+            Err(e) if e.kind() == ErrorKind::NotFound => continue,
+            Err(e) => return Some(format!("cannot list {}: {e}", directory.display())),
+            Ok(entries) => entries.flatten(),
+        };
+        let is_foreign = |entry: &fs::DirEntry| match entry.file_type().is_ok_and(|it| it.is_dir())
+        {
+            true => !directories.iter().any(|(known, _)| *known == entry.path()),
+            false => !entry.file_name().to_str().is_some_and(is_ours),
+        };
+        if let Some(foreign) = entries.filter(is_foreign).map(|it| it.path()).min() {
+            return Some(format!("{} was not created by ironbird", foreign.display()));
         }
     }
-    let of_flight = |name: &str, is_directory: bool| match is_directory {
-        true => inside.iter().any(|(directory, _)| directory == name),
-        false => is_ours(name),
-    };
-    let of_inside = |(directory, is_ours): &(String, IsOurs)| {
-        let of_it = |name: &str, is_directory: bool| !is_directory && is_ours(name);
-        foreign(&run.directory.join(directory), of_it)
-    };
-    let foreign = foreign(&run.directory, of_flight);
-    let foreign = foreign.or_else(|| inside.iter().find_map(of_inside))?;
-    Some(format!("{} was not created by ironbird", foreign.display()))
+    None
 }
 
 type IsOurs = fn(&str) -> bool;
 
-/// The directories in that of a flight, and which files in them are its own.
-fn directories_inside() -> Vec<(String, IsOurs)> {
+/// The directory of a flight and those in it, and which files in them are its own.
+fn directories(run: &Path) -> Vec<(PathBuf, IsOurs)> {
     let is_log: IsOurs = |name| flight_log::part_of(name).is_some();
-    let logs = Channel::ALL.map(|channel| (flight_log::log_directory(channel), is_log));
-    let exported: (String, IsOurs) = (export::DIRECTORY.into(), export::is_ours);
-    logs.into_iter().chain([exported]).collect()
-}
-
-/// The first entry of a directory, by name, that ironbird did not create.
-fn foreign(directory: &Path, is_ours: impl Fn(&str, bool) -> bool) -> Option<PathBuf> {
-    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
-    let is_foreign = |entry: &fs::DirEntry| {
-        let is_directory = entry.file_type().is_ok_and(|it| it.is_dir());
-        let name = entry.file_name().into_string();
-        !name.is_ok_and(|name| is_ours(&name, is_directory))
-    };
-    entries.filter(is_foreign).map(|entry| entry.path()).min()
+    let own: (PathBuf, IsOurs) = (run.to_owned(), is_ours);
+    let logs = Channel::ALL.map(|channel| (run.join(flight_log::log_directory(channel)), is_log));
+    let exported: (PathBuf, IsOurs) = (run.join(export::DIRECTORY), export::is_ours);
+    [own].into_iter().chain(logs).chain([exported]).collect()
 }
 
 /// Removes a flight's files and then its directory, unless a new file has appeared meanwhile.
-fn remove(directory: &Path, dry_run: bool) -> Result<(), Failure> {
+fn remove(run: &Path, dry_run: bool) -> Result<(), Failure> {
     if dry_run {
         return Ok(());
     }
-    for (name, is_ours) in directories_inside() {
-        let inside = directory.join(name);
-        for path in entries(&inside, is_ours) {
+    for (directory, is_ours) in directories(run).into_iter().rev() {
+        let mut files = entries(&directory, is_ours);
+        // Without it, the rest would be no flight.
+        files.sort_by_key(|path| path.ends_with(FACTS));
+        for path in files {
             ensure_removed(&path, fs::remove_file(&path))?;
         }
-        ensure_removed(&inside, fs::remove_dir(&inside))?;
+        ensure_removed(&directory, fs::remove_dir(&directory))?;
     }
-    for path in entries(directory, |name| is_ours(name) && name != FACTS) {
-        ensure_removed(&path, fs::remove_file(&path))?;
-    }
-    let last = directory.join(FACTS);
-    ensure_removed(&last, fs::remove_file(&last))?;
-    ensure_removed(directory, fs::remove_dir(directory))
+    Ok(())
 }
 
 /// Ignores that a file no longer exists.

@@ -1,13 +1,12 @@
 //! Pages of docs/ that tests read: the tutorial, the promises of security. `transcripts/studies.md` has the others.
 
 use crate::c_laws::root;
-use crate::refusals::files;
+use crate::refusals;
 use crate::rig::{Rig, ironbird, lacks_tool};
 use clap::Parser as _;
 use clap::error::ErrorKind;
 use ironbird::cli::Cli;
 use std::fs;
-use std::path::Path;
 use std::process::Command;
 
 /// Types the commands of a section of docs/your-law.md in an empty directory, and ends where one fails.
@@ -60,18 +59,8 @@ fn a_law_in_rust_flies_as_the_tutorial_says() {
 #[test]
 fn the_class_of_two_hours_shows_what_its_page_says() {
     let rig = Rig::new("class");
-    let page = read("docs/class.md");
-    fs::write(rig.path("class.md"), &page).unwrap();
-    fs::create_dir(rig.path("class.in")).unwrap();
-    for (name, text) in files(&page) {
-        fs::write(rig.path("class.in").join(name), format!("{text}\n")).unwrap();
-    }
-    let cases = trycmd::TestCases::new();
-    cases
-        .register_bin("ironbird", Path::new(ironbird()))
-        .env("IRONBIRD_ROOT", rig.root().to_str().unwrap())
-        .case(rig.path("class.md"));
-    cases.run();
+    refusals::lay(&rig, "class.md", &read("docs/class.md"));
+    refusals::run(&rig);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use crate::rig::{Rig, ironbird};
 
 /// The files that a page shows, each in a fence that names it: "```toml wrong.toml".
-pub fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
+fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
     page.split("\n```").filter_map(|fence| {
         let (head, text) = fence.split_once('\n')?;
         let (_, name) = head
@@ -17,6 +17,26 @@ pub fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
             .filter(|(kind, _)| ["toml", "csv"].contains(kind))?;
         Some((name, text))
     })
+}
+
+/// Puts a page and its files into a rig.
+pub fn lay(rig: &Rig, name: &str, page: &str) {
+    fs::write(rig.path(name), page).unwrap();
+    let directory = rig.path(name).with_extension("in");
+    fs::create_dir(&directory).unwrap();
+    for (name, text) in files(page) {
+        fs::write(directory.join(name), format!("{text}\n")).unwrap();
+    }
+}
+
+/// Runs the pages of a rig.
+pub fn run(rig: &Rig) {
+    let cases = trycmd::TestCases::new();
+    cases
+        .register_bin("ironbird", Path::new(ironbird()))
+        .env("IRONBIRD_ROOT", rig.root().to_str().unwrap())
+        .case(rig.path("*.md"));
+    cases.run();
 }
 
 #[test]
@@ -31,20 +51,11 @@ fn every_refusal_is_as_its_page_shows_it_and_starts_nothing() {
     let copy = |page: &Path| rig.path(page.file_name().unwrap().to_str().unwrap());
     let directory = |page: &Path| copy(page).with_extension("in");
     for page in &pages {
-        let text = fs::read_to_string(page).unwrap();
-        fs::write(copy(page), &text).unwrap();
-        fs::create_dir(directory(page)).unwrap();
-        for (name, text) in files(&text) {
-            fs::write(directory(page).join(name), format!("{text}\n")).unwrap();
-        }
+        let name = page.file_name().unwrap().to_str().unwrap();
+        lay(&rig, name, &fs::read_to_string(page).unwrap());
     }
-    let cases = trycmd::TestCases::new();
-    cases
-        .register_bin("ironbird", Path::new(ironbird()))
-        .env("IRONBIRD_ROOT", rig.root().to_str().unwrap())
-        .case(rig.path("*.md"));
     let overwrites = std::env::var("TRYCMD").is_ok_and(|it| it == "overwrite");
-    cases.run();
+    run(&rig);
     for page in &pages {
         if overwrites {
             fs::copy(copy(page), page).unwrap();

@@ -1,10 +1,12 @@
 //! Replay: logs with gaps, faults and restarts give every bit again; damaged ones never pass.
 
-use crate::recorded::{Published, TickFaults, fly, rewrite, settings, write};
+use crate::recorded::{Published, TickFaults, facts, fly, settings, write};
 use errors::Failure;
 use fastrand::Rng;
 use flight_log::entry::LogEntry;
+use flight_log::facts::record;
 use flight_log::reader::LogReader;
+use flight_log::writer::FlightLog;
 use messages::content::TakenCommand;
 use messages::header::Message;
 use messages::role::{Channel, Role, STAGES};
@@ -14,6 +16,26 @@ use replay::{ReplayResult, fly_again};
 use sim::recorded_timing::Timing;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
+
+/// Writes a log again with this landing record, without the messages that `keep` does not want, which it may also change.
+/// It may be that of a channel.
+fn rewrite(
+    channel: Option<Channel>,
+    from: &Path,
+    to: &Path,
+    text: &str,
+    landing: &[(&str, &str)],
+    mut keep: impl FnMut(&mut LogEntry) -> bool,
+) {
+    let mut reader = LogReader::open(from).unwrap();
+    let mut log = FlightLog::create(to, &facts(&settings(text), channel)).unwrap();
+    while let Some(mut entry) = reader.next_entry().unwrap().copied() {
+        if keep(&mut entry) {
+            log.take(&entry, reader.position());
+        }
+    }
+    log.finish(record(landing)).unwrap();
+}
 
 const SHORT: &str = "[flight]\nduration_s = 0.1\n";
 const NOISY: &str = "[flight]\nduration_s = 0.4\ntrajectory = \"fast\"\nfaults = [\"gyro_noise_rad_s=0.02@tick7\", \

@@ -17,25 +17,56 @@ use messages::rate_dynamics::Inertia;
 use messages::role::Channel;
 use std::collections::BTreeMap;
 
-/// Watches a flight. `publish` may change the wrench that the monitor sees.
+/// Ticks whose wrenches are lost: none, or these.
+const WHOLE: fn(u64) -> bool = |_| false;
+const GAPS: fn(u64) -> bool = |tick| tick == 1500 || tick == 3001;
+
+/// Watches a flight, of which some wrenches do not reach the monitor. `publish` may change the wrench that it sees.
 fn watched(
     flight: &Flight,
+    is_lost: fn(u64) -> bool,
     deliver: impl FnMut(u64, State) -> Option<State>,
     mut publish: impl FnMut(u64, &Stamped<State>, Wrench) -> Wrench,
 ) -> Theorem {
-    let mut monitor = TheoremMonitor::new(&flight.rig, &flight.gains);
+    let begin = TheoremMonitor::new(&flight.rig, &flight.gains);
+    let mut monitor = FlightMonitor::new(Some(begin));
     let mut statistics = TheoremStatistics::default();
+    let mut law_state = LawState::INITIAL;
+    let fresh = RotorSpeeds {
+        mode: Mode::Fresh as u64,
+        ..RotorSpeeds::default()
+    };
     flight.fly(deliver, |it| {
         statistics.truth(it.sampled.truth.theta());
-        let wrench = publish(it.tick, &it.state, it.wrench);
-        statistics.take(0, monitor.watch(it.tick, &it.state, &it.setpoint, &wrench));
-        monitor.command(it.tick, Mode::Fresh);
+        let mut wrench = Message::of_tick(it.tick, publish(it.tick, &it.state, it.wrench));
+        wrench.envelope.law_state = law_state;
+        law_state = LawState::after(it.tick, Channel::A, UNDISTURBED);
+        if is_lost(it.tick) {
+            return;
+        }
+        match monitor.watch(&wrench, Some(&it.state), Some(&it.setpoint)) {
+            Some(result) => {
+                statistics.take(result.envelope.epoch, &result.content);
+                statistics.monitored(&monitor);
+            }
+            None => statistics.count_unwatched(),
+        }
+        monitor.command(it.tick, &fresh);
     });
     statistics.section()
 }
 
+/// Watches a flight of which each state reaches the laws.
+fn published(
+    flight: &Flight,
+    is_lost: fn(u64) -> bool,
+    publish: impl FnMut(u64, &Stamped<State>, Wrench) -> Wrench,
+) -> Theorem {
+    watched(flight, is_lost, |_, state| Some(state), publish)
+}
+
 fn fly(flight: &Flight) -> Theorem {
-    watched(flight, |_, state| Some(state), |_, _, wrench| wrench)
+    published(flight, WHOLE, |_, _, wrench| wrench)
 }
 
 fn lissajous() -> Flight {
@@ -221,7 +252,7 @@ fn saturation_and_stale_inputs_take_v_beyond_its_bound_and_leave_v_th_alone() {
     let flight = Flight::new(Trajectory::Fast, "flight", 12);
     let is_lost = |tick: u64| tick % 50 == 49 || (tick > 6000 && tick % 1000 < 10);
     let deliver = |tick, state| (!is_lost(tick)).then_some(state);
-    let stale = watched(&flight, deliver, |_, _, wrench| wrench);
+    let stale = watched(&flight, WHOLE, deliver, |_, _, wrench| wrench);
     let lost = (0..=flight.last_tick).filter(|tick| is_lost(*tick)).count() as u64;
     assert!(stale.ticks_stale >= lost, "{stale:?}");
     assert!(stale.ticks_checked < flight.last_tick - lost, "{stale:?}");
@@ -234,52 +265,12 @@ fn saturation_and_stale_inputs_take_v_beyond_its_bound_and_leave_v_th_alone() {
     }
 }
 
-/// Ticks whose wrenches are lost.
-const GAPS: fn(u64) -> bool = |tick| tick == 1500 || tick == 3001;
-
-/// Watches a flight of which some wrenches do not reach the monitor.
-fn watched_with_gaps(
-    flight: &Flight,
-    is_lost: fn(u64) -> bool,
-    mut publish: impl FnMut(u64, Wrench) -> Wrench,
-) -> Theorem {
-    let begin = TheoremMonitor::new(&flight.rig, &flight.gains);
-    let mut monitor = FlightMonitor::new(Some(begin));
-    let mut statistics = TheoremStatistics::default();
-    let mut law_state = LawState::INITIAL;
-    let fresh = RotorSpeeds {
-        mode: Mode::Fresh as u64,
-        ..RotorSpeeds::default()
-    };
-    flight.fly(
-        |_, state| Some(state),
-        |it| {
-            statistics.truth(it.sampled.truth.theta());
-            let mut wrench = Message::of_tick(it.tick, publish(it.tick, it.wrench));
-            wrench.envelope.law_state = law_state;
-            law_state = LawState::after(it.tick, Channel::A, UNDISTURBED);
-            if is_lost(it.tick) {
-                return;
-            }
-            match monitor.watch(&wrench, Some(&it.state), Some(&it.setpoint)) {
-                Some(result) => {
-                    statistics.take(result.envelope.epoch, &result.content);
-                    statistics.monitored(&monitor);
-                }
-                None => statistics.count_unwatched(),
-            }
-            monitor.command(it.tick, &fresh);
-        },
-    );
-    statistics.section()
-}
-
 #[test]
 fn a_flight_is_judged_on_both_sides_of_what_was_not_watched() {
     for trajectory in [Trajectory::Hover, Trajectory::Lissajous, Trajectory::Fast] {
         for preset in PRESET_NAMES {
             let flight = Flight::new(trajectory, preset, 30);
-            let theorem = watched_with_gaps(&flight, GAPS, |_, wrench| wrench);
+            let theorem = published(&flight, GAPS, |_, _, wrench| wrench);
             let said = format!("{trajectory}, {preset}: {theorem:?}");
             assert!(theorem.holds, "{said}");
             assert_eq!(causes(&theorem.violations), [""; 0], "{said}");
@@ -291,7 +282,7 @@ fn a_flight_is_judged_on_both_sides_of_what_was_not_watched() {
             let compared = 1500 + 30_001 - 3002 - 15_334;
             assert_eq!(theorem.torque.wrenches, compared, "{said}");
             // Of the rest of a flight V_th at the start is not known.
-            let joined = watched_with_gaps(&flight, |tick| tick < 8000, |_, wrench| wrench);
+            let joined = published(&flight, |tick| tick < 8000, |_, _, wrench| wrench);
             let said = format!("{trajectory}, {preset}: {joined:?}");
             assert!(joined.holds && joined.ticks_judged > 20_000, "{said}");
             assert_eq!(causes(&joined.violations), [""; 0], "{said}");
@@ -302,14 +293,14 @@ fn a_flight_is_judged_on_both_sides_of_what_was_not_watched() {
 #[test]
 fn a_wrong_law_is_caught_after_what_was_not_watched() {
     let flight = Flight::new(Trajectory::Lissajous, "flight", 30);
-    let theorem = watched_with_gaps(&flight, GAPS, |tick, mut wrench| {
+    let theorem = published(&flight, GAPS, |tick, _, mut wrench| {
         wrench.torque_b_nm[1] *= if tick > 25_000 { 1.01 } else { 1.0 };
         wrench
     });
     assert!(!theorem.holds, "{theorem:?}");
     assert_eq!(theorem.torque.wrenches_wrong, 5000, "{theorem:?}");
     let mut before = [0.0; 3];
-    let theorem = watched_with_gaps(&flight, GAPS, |tick, mut wrench| {
+    let theorem = published(&flight, GAPS, |tick, _, mut wrench| {
         let estimates = &mut wrench.telemetry.value[3..6];
         match tick {
             ..8000 => before.copy_from_slice(estimates),
@@ -335,7 +326,7 @@ fn a_torque_that_is_not_19_is_caught_whatever_the_estimates_do() {
             change(&mut wrench);
             wrench
         };
-        let theorem = watched(&lissajous(), |_, state| Some(state), publish);
+        let theorem = published(&lissajous(), WHOLE, publish);
         let said = format!("{name}: {theorem:?}");
         assert_eq!(causes(&theorem.violations), [""; 0], "{said}");
         assert!(
@@ -354,31 +345,34 @@ fn telemetry_that_lies_is_unexplained() {
         state.measured.rotor_speed_squared_mean_rad2_s2[2] *= 1.02;
         Some(state)
     };
-    let theorem = watched(&lissajous(), lie, |_, _, wrench| wrench);
+    let theorem = watched(&lissajous(), WHOLE, lie, |_, _, wrench| wrench);
     assert!(!theorem.holds && theorem.unexplained() > 100, "{theorem:?}");
 }
 
-/// A wrong adaptation: its parameters, and its estimates from those before, a right step, and the adaptation.
-type Mutation = (
-    &'static str,
-    fn(&mut Adaptation),
-    fn(&Learnt, &Learnt, &Adaptation) -> Learnt,
-);
-
-/// A step that is longer than the right one.
-fn longer(factor: f64, before: &Learnt, after: &Learnt) -> Learnt {
-    Learnt {
-        theta: before.theta + factor * (after.theta - before.theta),
-        ..*after
-    }
+/// What is wrong with an adaptation.
+#[derive(Clone, Copy)]
+enum Wrong {
+    Parameters(fn(&mut Adaptation)),
+    /// Each step is this many times as long as the right one.
+    Steps(f64),
+    /// Nothing is learnt.
+    Frozen,
+    /// (20) by the explicit rule.
+    Explicit,
 }
 
-/// (20) by the explicit rule.
-fn explicit(before: &Learnt, after: &Learnt, it: &Adaptation) -> Learnt {
-    let left = after.y - after.x * before.theta;
-    Learnt {
-        theta: it.clip(&it.wanted(&before.theta, &after.x, &left)),
-        ..*after
+impl Wrong {
+    fn step(self, it: &Adaptation, before: &Learnt, after: &Learnt) -> Learnt {
+        let theta = match self {
+            Self::Parameters(_) => return *after,
+            Self::Frozen => return *before,
+            Self::Steps(factor) => before.theta + factor * (after.theta - before.theta),
+            Self::Explicit => {
+                let left = after.y - after.x * before.theta;
+                it.clip(&it.wanted(&before.theta, &after.x, &left))
+            }
+        };
+        Learnt { theta, ..*after }
     }
 }
 
@@ -388,70 +382,46 @@ fn heavier(inertia: &Inertia) -> Inertia {
     Inertia::new(i_m)
 }
 
-const MUTATIONS: [Mutation; 13] = [
-    ("none", |_| {}, |_, after, _| *after),
-    (
-        "sign flipped",
-        |_| {},
-        |before, after, _| longer(-1.0, before, after),
-    ),
-    ("dt = 0", |it| it.step_s2 = 0.0, |_, after, _| *after),
-    (
-        "estimates frozen",
-        |_| {},
-        |before, after, _| longer(0.0, before, after),
-    ),
-    ("everything frozen", |_| {}, |before, _, _| *before),
-    ("Gamma a tenth", |it| it.gamma /= 10.0, |_, after, _| *after),
-    (
-        "Gamma 10 % more",
-        |it| it.gamma *= 1.1,
-        |_, after, _| *after,
-    ),
+const MUTATIONS: [(&str, Wrong); 13] = [
+    ("none", Wrong::Parameters(|_| {})),
+    ("sign flipped", Wrong::Steps(-1.0)),
+    ("dt = 0", Wrong::Parameters(|it| it.step_s2 = 0.0)),
+    ("estimates frozen", Wrong::Steps(0.0)),
+    ("everything frozen", Wrong::Frozen),
+    ("Gamma a tenth", Wrong::Parameters(|it| it.gamma /= 10.0)),
+    ("Gamma 10 % more", Wrong::Parameters(|it| it.gamma *= 1.1)),
     (
         "Gamma a thousandfold",
-        |it| it.gamma *= 1e3,
-        |_, after, _| *after,
+        Wrong::Parameters(|it| it.gamma *= 1e3),
     ),
-    (
-        "steps 1 % longer",
-        |_| {},
-        |before, after, _| longer(1.01, before, after),
-    ),
-    (
-        "steps half as long again",
-        |_| {},
-        |before, after, _| longer(1.5, before, after),
-    ),
-    (
-        "steps fifty times as long",
-        |_| {},
-        |before, after, _| longer(50.0, before, after),
-    ),
-    ("explicit", |_| {}, explicit),
+    ("steps 1 % longer", Wrong::Steps(1.01)),
+    ("steps half as long again", Wrong::Steps(1.5)),
+    ("steps fifty times as long", Wrong::Steps(50.0)),
+    ("explicit", Wrong::Explicit),
     (
         "wrong inertia",
-        |it| it.inertia = heavier(&it.inertia),
-        |_, after, _| *after,
+        Wrong::Parameters(|it| it.inertia = heavier(&it.inertia)),
     ),
 ];
 
 /// Flies a wrong adaptation along with the right one; the monitor sees its estimates.
-fn mutated(flight: &Flight, (_, change, learn): Mutation) -> Theorem {
+fn mutated(flight: &Flight, wrong: Wrong) -> Theorem {
     let mut adaptation = Adaptation::new(&flight.rig, &flight.gains);
-    change(&mut adaptation);
+    if let Wrong::Parameters(change) = wrong {
+        change(&mut adaptation);
+    }
     let mut samples = Samples::new(&flight.rig);
     let mut learnt = adaptation.prior();
     let publish = |tick, state: &Stamped<State>, mut wrench: Wrench| {
         if state.tick == tick
             && let Some(last) = samples.take(tick, &state.content.measured)
         {
-            learnt = learn(&learnt, &adaptation.step(&learnt, &last), &adaptation);
+            learnt = wrong.step(&adaptation, &learnt, &adaptation.step(&learnt, &last));
         }
         wrench.telemetry.value[3..6].copy_from_slice(learnt.theta.as_slice());
         wrench
     };
-    watched(flight, |_, state| Some(state), publish)
+    published(flight, WHOLE, publish)
 }
 
 #[test]
@@ -464,13 +434,12 @@ fn wrong_laws_are_caught_in_calm_air_and_in_noise() {
     ] {
         let flight = Flight::new(trajectory, "flight", 10);
         let flight = flight.starts_with(GyroNoise, noise_rad_s);
-        for mutation in MUTATIONS {
-            let name = mutation.0;
+        for (name, wrong) in MUTATIONS {
             // Hover shows nothing of the inertia.
             if name == "wrong inertia" && trajectory == Trajectory::Hover {
                 continue;
             }
-            let theorem = mutated(&flight, mutation);
+            let theorem = mutated(&flight, wrong);
             let said = format!("{name}, {trajectory} in {noise_rad_s} rad/s: {theorem:?}");
             let is_right = name == "none";
             assert_eq!(

@@ -12,7 +12,7 @@ use crate::c_laws::{library, root};
 use crate::python::python_with;
 use crate::rig::unprivileged::unprivileged;
 use crate::rig::{
-    BUILT_WITH_TESTS, Ended, Rig, Running, can_mount, in_parallel, lacks_feature, lacks_tool,
+    BUILT_WITH_TESTS, Ended, Rig, Running, SKY, can_mount, in_parallel, lacks_feature, lacks_tool,
     not_tested, rounds, send, signal_of, squeezed, stop_for, wait_until,
 };
 use process::rt::fifo_refusal;
@@ -118,9 +118,6 @@ macro_rules! pages {
 
 pages! { airframes campaigns causes channels directories engines export fault_matrix flights gates ground_station harms laws law_files machines processes reports runs studies watch }
 
-/// Settings of a flight that nothing ends early, however busy the machine is.
-const SKY: &str = "[flight]\ntrajectory = \"hover\"\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
-
 struct Stage {
     rig: Rig,
     values: BTreeMap<String, String>,
@@ -197,7 +194,8 @@ impl Scenario<'_> {
             () if self.needs("mounts") => Rig::below("/tmp", "page"),
             () => Rig::new("page"),
         };
-        std::fs::write(rig.path("sky.toml"), SKY).unwrap();
+        let sky = format!("{SKY}trajectory = \"hover\"\n");
+        std::fs::write(rig.path("sky.toml"), sky).unwrap();
         for fence in self.text.split("\n```").skip(1).step_by(2) {
             let (head, text) = fence.split_once('\n').unwrap();
             let (_, name) = head.split_once(' ').unwrap();
@@ -271,18 +269,8 @@ impl Stage {
 
     /// Steps that start or end a command; false for others.
     fn runs(&mut self, verb: &str, rest: &str) -> bool {
-        if ![
-            "$",
-            "&",
-            "unprivileged",
-            "sh",
-            "python",
-            "bg",
-            "end",
-            "close",
-        ]
-        .contains(&verb)
-        {
+        let mut verbs = "$ & unprivileged sh python bg end close".split(' ');
+        if !verbs.any(|it| it == verb) {
             return false;
         }
         self.close();

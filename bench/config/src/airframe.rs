@@ -11,11 +11,11 @@ use std::path::Path;
 use errors::Failure;
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, ParameterError, SPECS, shown};
+use toml::de::DeTable;
 use toml::{Table, Value};
-use toml_edit::{Document, Item, TableLike};
 
 use crate::airframe_checks::impossible_body;
-use crate::toml_access::{DEFAULT_TABLE, nearest, table, text_of};
+use crate::toml_access::{DEFAULT_TABLE, TOO_LARGE, is_too_large, nearest, table, text_of};
 use crate::trajectory::{is_file, sha256_of};
 
 const BUILT_IN: [(&str, &str); 3] = [
@@ -82,25 +82,38 @@ const SECTIONS: [&str; 3] = ["airframe", "rotor", "model"];
 
 /// Reads the text of an airframe file, or returns every mistake in it.
 fn read(text: &str) -> Result<Design, Vec<String>> {
-    let document = Document::parse(text).map_err(|e| {
+    let unread = |e: toml::de::Error| {
         let line = e.span().map_or(1, |span| line_of(text, &span));
-        vec![format!("line {line}: {}", e.message().replace('\n', ", "))]
-    })?;
+        let what = if is_too_large(&e) {
+            TOO_LARGE
+        } else {
+            e.message()
+        };
+        vec![format!("line {line}: {}", what.replace('\n', ", "))]
+    };
+    let values: Table = text.parse().map_err(unread)?;
+    let spans = DeTable::parse(text).map_err(unread)?;
     let mut mistakes = Mistakes {
         text,
         found: Vec::new(),
     };
     let mut sections = SECTIONS.map(|_| Numbers::new());
-    for (name, item) in document.iter() {
-        let span = document.key(name).and_then(toml_edit::Key::span);
+    for (key, item) in spans.get_ref() {
+        let (name, line) = (&**key.get_ref(), line_of(text, &key.span()));
         let place = SECTIONS.iter().position(|known| *known == name);
-        match (place, item.as_table_like()) {
-            (Some(place), Some(table)) => sections[place] = mistakes.numbers(name, table),
-            (Some(_), None) => mistakes.add(span, format!("`{name}` must be a section: [{name}]")),
-            (None, _) => mistakes.add(
-                span,
-                format!("unknown `{name}`: the sections are [airframe], [rotor], [model]"),
-            ),
+        match (place, item.get_ref().as_table().zip(table(&values, name))) {
+            (Some(place), Some((spans, values))) => {
+                sections[place] = mistakes.numbers(name, spans, values);
+            }
+            (Some(_), None) => {
+                let mistake = format!("`{name}` must be a section: [{name}]");
+                mistakes.found.push((line, mistake));
+            }
+            (None, _) => {
+                let known = "the sections are [airframe], [rotor], [model]";
+                let mistake = format!("unknown `{name}`: {known}");
+                mistakes.found.push((line, mistake));
+            }
         }
     }
     let [airframe, rotor, model] = &sections;
@@ -119,11 +132,6 @@ fn read(text: &str) -> Result<Design, Vec<String>> {
 }
 
 impl Mistakes<'_> {
-    fn add(&mut self, span: Option<Range<usize>>, mistake: String) {
-        let line = span.map_or(1, |span| line_of(self.text, &span));
-        self.found.push((line, mistake));
-    }
-
     fn add_missing<'a>(
         &mut self,
         section: &str,
@@ -146,20 +154,19 @@ impl Mistakes<'_> {
         self.found.into_iter().map(describe).collect()
     }
 
-    fn numbers(&mut self, section: &str, table: &dyn TableLike) -> Numbers {
-        let number = |item: &Item| {
-            item.as_float()
-                .or_else(|| item.as_integer().map(|i| i as f64))
-        };
+    fn numbers(&mut self, section: &str, spans: &DeTable<'_>, values: &Table) -> Numbers {
         let mut numbers = Numbers::new();
-        for (key, item) in table.iter() {
-            let line = item.span().map_or(1, |span| line_of(self.text, &span));
-            if number(item).is_none() {
-                let found = item.to_string();
-                let mistake = format!("{section}.{key} = {}: expected a number", found.trim());
+        for (key, item) in spans {
+            let (key, line) = (&**key.get_ref(), line_of(self.text, &item.span()));
+            let value = values.get(key);
+            let whole = || value?.as_integer().map(|whole| whole as f64);
+            let number = value.and_then(Value::as_float).or_else(whole);
+            if number.is_none() {
+                let found = value.map(Value::to_string).unwrap_or_default();
+                let mistake = format!("{section}.{key} = {found}: expected a number");
                 self.found.push((line, mistake));
             }
-            numbers.insert(key.to_owned(), (number(item), line));
+            numbers.insert(key.to_owned(), (number, line));
         }
         numbers
     }
@@ -296,31 +303,6 @@ pub fn built(values: &BTreeMap<String, f64>) -> Result<Airframe, ParameterError>
     Airframe::built_with(array)
 }
 
-/// The keys and values of a settings text, which is TOML of lines `section.key = value`; strings without their quotes.
-pub fn pairs(text: &str) -> BTreeMap<String, String> {
-    let table: Table = text.parse().unwrap_or_default();
-    let mut pairs = BTreeMap::new();
-    for (section, keys) in &table {
-        for (key, value) in keys.as_table().into_iter().flatten() {
-            let text = value
-                .as_str()
-                .map_or_else(|| value.to_string(), str::to_owned);
-            pairs.insert(format!("{section}.{key}"), text);
-        }
-    }
-    pairs
-}
-
-/// The airframe, as it was built, of settings that all roles share.
-pub fn airframe_of(settings: &BTreeMap<String, String>) -> Result<Airframe, Failure> {
-    let named = |(key, value): (&String, &String)| {
-        let name = key.strip_prefix("airframe.")?.to_owned();
-        Some((name, value.parse().unwrap_or(f64::NAN)))
-    };
-    built(&settings.iter().filter_map(named).collect())
-        .map_err(|e| Failure::failed(format!("the flight's settings describe no airframe: {e}")))
-}
-
 /// The airframe of a name or file, as it was built.
 pub fn named(name: &str) -> Result<Airframe, Failure> {
     Ok(design(name)?.airframe)
@@ -335,16 +317,14 @@ pub(super) fn paper() -> BTreeMap<String, f64> {
 }
 
 /// The section `[airframe]` as text, for the commented settings.
-pub(super) fn commented(values: &BTreeMap<String, f64>) -> toml_edit::Table {
-    let mut table = toml_edit::Table::new();
-    table.decor_mut().set_prefix(
-        "\n# What the airframe was built with: its ranges follow from it (docs/airframes.md).\n",
-    );
+pub(super) fn commented(values: &BTreeMap<String, f64>) -> String {
+    let about = "What the airframe was built with: its ranges follow from it (docs/airframes.md).";
+    let mut text = format!("\n# {about}\n[airframe]\n");
     for spec in &SPECS {
         let value = values.get(spec.name).copied().unwrap_or(spec.nominal);
-        table.insert(spec.name, toml_edit::value(value));
+        text += &format!("{} = {}\n", spec.name, Value::from(value));
     }
-    table
+    text
 }
 
 #[cfg(test)]

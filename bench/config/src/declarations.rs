@@ -4,7 +4,9 @@
 use std::fmt::Write as _;
 use std::sync::LazyLock;
 
-use messages::parameters::{Parameter, SPECS, after_blank, shown};
+use messages::parameters::{Parameter, SPECS, Spec, after_blank, shown};
+
+use toml::{Table, Value};
 
 use crate::settings::{
     FlightSettings, GroundSection, PlantSection, RealtimeSection, RecorderSettings, SimplexSection,
@@ -132,11 +134,47 @@ impl Flag {
     }
 }
 
-/// Declares the settings of a section: help text, key, type, default as TOML, allowed values, flag. With a struct, it
-/// gets a field per setting, and the constant `SETTINGS`; without one, the settings become a constant of that name.
+/// A section of the settings: keys of its own, then parameters of the airframe.
+#[derive(Clone, Copy)]
+pub(crate) struct Section {
+    name: &'static str,
+    about: &'static str,
+    settings: &'static [Setting],
+    has_parameter: fn(Parameter) -> bool,
+}
+
+impl Section {
+    pub(crate) const fn new(
+        name: &'static str,
+        about: &'static str,
+        settings: &'static [Setting],
+    ) -> Self {
+        Self {
+            name,
+            about,
+            settings,
+            has_parameter: |_| false,
+        }
+    }
+
+    pub(crate) const fn with(self, has_parameter: fn(Parameter) -> bool) -> Self {
+        Self {
+            has_parameter,
+            ..self
+        }
+    }
+
+    fn parameters(&self) -> impl Iterator<Item = &'static Spec> {
+        let has = |spec: &&Spec| (self.has_parameter)(spec.parameter);
+        SPECS.iter().filter(has)
+    }
+}
+
+/// Declares a section: name and explanation, and of each setting help text, key, type, default as TOML, allowed values,
+/// flag. With a struct, it gets a field per setting, and the constant `SECTION`; with `rows`, it is a [`Section`].
 macro_rules! section {
     (
-        $section:literal
+        $section:literal $about:literal
         $(#[$attribute:meta])*
         pub struct $name:ident {
             $(
@@ -154,33 +192,33 @@ macro_rules! section {
         }
 
         impl $name {
-            pub(crate) const SETTINGS: &[$crate::declarations::Setting] = $crate::declarations::section! {
-                rows $section $($(#[doc = $help])+ $key = $default $(, in $allowed)? $(, flag $flag)?;)+
+            pub(crate) const SECTION: $crate::declarations::Section = $crate::declarations::section! {
+                rows $section $about $($(#[doc = $help])+ $key = $default $(, in $allowed)? $(, flag $flag)?;)+
             };
         }
     };
     (
-        rows $section:literal
+        rows $section:literal $about:literal
         $(
             $(#[doc = $help:literal])+
             $key:ident = $default:literal $(, in $allowed:expr)? $(, flag $flag:expr)?;
         )+
     ) => {
-        &[$($crate::declarations::Setting {
+        $crate::declarations::Section::new($section, $about, &[$($crate::declarations::Setting {
             path: concat!($section, ".", stringify!($key)),
             key: stringify!($key),
             default: $default,
             allowed: $crate::declarations::section!(@or $crate::declarations::Allowed::Any $(, $allowed)?),
             flag: $crate::declarations::section!(@or None $(, Some($flag))?),
             help: concat!($($help, "\n"),+),
-        }),+]
+        }),+])
     };
     (@or $else:expr, $given:expr) => { $given };
     (@or $else:expr) => { $else };
 }
 pub(crate) use section;
 
-const INITIAL: &[Setting] = section! { rows "initial"
+const INITIAL: Section = section! { rows "initial" "State at tick 0; the rotors turn at hover speed."
     /// Position [m].
     position_w_m = "[0.0, 0.0, 0.0]", in Allowed::Range(-1e4, 1e4);
     /// Velocity [m/s].
@@ -191,94 +229,55 @@ const INITIAL: &[Setting] = section! { rows "initial"
     rate_b_rad_s = "[0.0, 0.0, 0.0]", in Allowed::Range(-100.0, 100.0);
 };
 
-const ROTOR: &[Setting] = section! { rows "rotor"
+const ROTOR: Section = section! { rows "rotor" "Range of the rotor speeds."
     /// Idle speed [rad/s].
     min_rad_s = "30.0";
     /// Largest speed [rad/s].
     max_rad_s = "350.0";
 };
 
-/// Airframe parameters that the laws know. They estimate the others, or do without.
-const MODEL: [Parameter; 9] = [
-    Parameter::Mass,
-    Parameter::Gravity,
-    Parameter::TranslationalDrag,
-    Parameter::ArmLength,
-    Parameter::ThrustCoefficient,
-    Parameter::DragFactor,
-    Parameter::InertiaX,
-    Parameter::InertiaY,
-    Parameter::InertiaZ,
-];
-
-/// Content of a section: settings, then parameters of the airframe.
-struct Rows(&'static [Setting], Vec<Parameter>);
-
-/// The sections with their explanations, in the order of a settings file. Those of the laws follow them.
-static SECTIONS: LazyLock<[(&str, &str, Rows); 10]> = LazyLock::new(|| {
-    [
-        (
-            "flight",
-            "The flight.",
-            Rows(FlightSettings::SETTINGS, Vec::new()),
-        ),
-        (
-            "initial",
-            "State at tick 0; the rotors turn at hover speed.",
-            Rows(INITIAL, Vec::new()),
-        ),
-        (
-            "ground",
-            "The ground, a plane at flight.ground_z_m.",
-            Rows(GroundSection::SETTINGS, Vec::new()),
-        ),
-        (
-            "trajectory",
-            "How the trajectory is stretched, and how its file is read.",
-            Rows(TrajectorySection::SETTINGS, Vec::new()),
-        ),
-        (
-            "plant",
-            "The true airframe at tick 0. `ironbird inject` changes it in flight; noise, bias and delay of 0 mean none.",
-            Rows(
-                PlantSection::SETTINGS,
-                SPECS.iter().map(|spec| spec.parameter).collect(),
-            ),
-        ),
-        (
-            "model",
-            "The airframe as the laws know it. Changes in flight do not affect it. I_R, k_r and delta are not included: the \
-             inner law `adaptive` estimates them.",
-            Rows(&[], MODEL.to_vec()),
-        ),
-        (
-            "rotor",
-            "Range of the rotor speeds.",
-            Rows(ROTOR, Vec::new()),
-        ),
-        (
-            "rt",
-            "Real-time execution and redundant channels.",
-            Rows(RealtimeSection::SETTINGS, Vec::new()),
-        ),
-        (
-            "simplex",
-            "When a channel that flies other laws takes over.",
-            Rows(SimplexSection::SETTINGS, Vec::new()),
-        ),
-        (
-            "recorder",
-            "The recorder. Gates: exit code 3 if one fails or measured nothing; a negative value switches a gate off.",
-            Rows(RecorderSettings::SETTINGS, Vec::new()),
-        ),
-    ]
+/// The laws estimate the other parameters of the airframe, or do without.
+const MODEL: Section = Section::new(
+    "model",
+    "The airframe as the laws know it. Changes in flight do not affect it. I_R, k_r and delta are not included: the \
+     inner law `adaptive` estimates them.",
+    &[],
+)
+.with(|parameter| {
+    use Parameter::{
+        ArmLength, DragFactor, Gravity, InertiaX, InertiaY, InertiaZ, Mass, ThrustCoefficient,
+        TranslationalDrag,
+    };
+    matches!(
+        parameter,
+        Mass | Gravity
+            | TranslationalDrag
+            | ArmLength
+            | ThrustCoefficient
+            | DragFactor
+            | InertiaX
+            | InertiaY
+            | InertiaZ
+    )
 });
+
+/// The sections in the order of a settings file. Those of the laws follow them.
+const SECTIONS: [Section; 10] = [
+    FlightSettings::SECTION,
+    INITIAL,
+    GroundSection::SECTION,
+    TrajectorySection::SECTION,
+    PlantSection::SECTION,
+    MODEL,
+    ROTOR,
+    RealtimeSection::SECTION,
+    SimplexSection::SECTION,
+    RecorderSettings::SECTION,
+];
 
 /// All settings except airframe parameters and laws' own.
 pub fn settings() -> impl Iterator<Item = &'static Setting> {
-    SECTIONS
-        .iter()
-        .flat_map(|(_, _, Rows(settings, _))| *settings)
+    SECTIONS.into_iter().flat_map(|section| section.settings)
 }
 
 impl Setting {
@@ -314,26 +313,37 @@ impl Setting {
 }
 
 /// The commented default: what `--print-config` prints if nothing is set.
-pub static DEFAULT: LazyLock<String> = LazyLock::new(|| {
+pub static DEFAULT: LazyLock<String> = LazyLock::new(|| commented(&Table::new()));
+
+/// Settings with these values, as a file that explains each key; those of laws and the airframe are missing.
+pub(crate) fn commented(values: &Table) -> String {
     let mut text = "# Settings of ironbird. Every key is optional and has the default shown here. Relative paths start at \
                     the folder of their file.\n"
         .to_owned();
-    for (section, about, Rows(settings, parameters)) in SECTIONS.iter() {
+    for section in SECTIONS {
         text += "\n";
-        comment(&mut text, about);
-        let _ = writeln!(text, "[{section}]");
-        for setting in *settings {
+        comment(&mut text, section.about);
+        let _ = writeln!(text, "[{}]", section.name);
+        let own = values.get(section.name);
+        // An unchanged value keeps the way it is written: 2e-4, not 0.0002.
+        let value = |key: &str, default: &str| {
+            let is_changed = |value: &&Value| default.parse().ok().as_ref() != Some(*value);
+            let value = own.and_then(|own| own.get(key)).filter(is_changed);
+            value.map_or_else(|| default.to_owned(), Value::to_string)
+        };
+        for setting in section.settings {
             comment(&mut text, &with_allowed(setting));
-            let _ = writeln!(text, "{} = {}", setting.key, setting.default);
+            let value = value(setting.key, setting.default);
+            let _ = writeln!(text, "{} = {value}", setting.key);
         }
-        for spec in parameters.iter().map(|parameter| parameter.spec()) {
+        for spec in section.parameters() {
             let (unit, name) = (after_blank(spec.unit), spec.name);
-            let meaning = spec.meaning;
-            let _ = writeln!(text, "{name} = {:?} # {meaning}{unit}", spec.nominal);
+            let value = value(name, &format!("{:?}", spec.nominal));
+            let _ = writeln!(text, "{name} = {value} # {}{unit}", spec.meaning);
         }
     }
     text
-});
+}
 
 fn with_allowed(setting: &Setting) -> String {
     let (first, _) = setting.explanations();
@@ -363,12 +373,18 @@ pub fn page() -> String {
                     page.\n"
         .to_owned();
     let cell = |text: &str| text.replace('|', "\\|");
-    for (section, about, Rows(settings, parameters)) in SECTIONS.iter() {
-        let _ = write!(page, "\n## [{section}]\n\n{about}\n\n");
+    for section in SECTIONS {
+        let Section {
+            name,
+            about,
+            settings,
+            ..
+        } = section;
+        let _ = write!(page, "\n## [{name}]\n\n{about}\n\n");
         if !settings.is_empty() {
             page += "| key | default | allowed | flag | meaning |\n|---|---|---|---|---|\n";
         }
-        for setting in *settings {
+        for setting in settings {
             let flag = setting.flag.map_or(String::new(), |flag| {
                 format!("`{} {}`", flag.name, flag.value).replace(" `", "`")
             });
@@ -382,13 +398,14 @@ pub fn page() -> String {
             ];
             let _ = writeln!(page, "| {} |", cells.map(cell).join(" | "));
         }
-        if !settings.is_empty() && !parameters.is_empty() {
+        let has_parameters = section.parameters().next().is_some();
+        if !settings.is_empty() && has_parameters {
             page += "\n";
         }
-        if !parameters.is_empty() {
+        if has_parameters {
             page += "| key | default | unit | range | meaning |\n|---|---|---|---|---|\n";
         }
-        for spec in parameters.iter().map(|parameter| parameter.spec()) {
+        for spec in section.parameters() {
             let (name, nominal, unit, meaning) = (spec.name, spec.nominal, spec.unit, spec.meaning);
             let (min, max) = (shown(spec.min), shown(spec.max));
             let _ = writeln!(

@@ -10,15 +10,14 @@ use control_api::description::{self, Description, Setting, SettingKind, Value as
 use control_api::law::Rig;
 use control_api::registry::Entry;
 use messages::role::Role;
-use messages::telemetry::{LAW_ROLES, Signals};
+use messages::telemetry::LAW_ROLES;
 use plugin::Library;
 use toml::{Table, Value};
 
 pub use super::toml_access::nearest_first;
 use super::toml_access::{coerce, kind, utf8};
-use analysis::laws::{FlownLaws, NotFinite};
+use analysis::laws::NotFinite;
 use analysis::schema::{LawSection, SignalSection};
-use analysis::theorem::SEVERAL_LAWS;
 use errors::Failure;
 
 /// The key that names the law; the others are the law's.
@@ -46,12 +45,15 @@ pub fn known(role: Role) -> Vec<&'static Description> {
 }
 
 pub fn preset_names() -> Vec<&'static str> {
+    presets_of(LAW_ROLES.into_iter().flat_map(known))
+}
+
+/// The presets that some laws have: the defaults, then the others.
+pub(super) fn presets_of<'a>(laws: impl IntoIterator<Item = &'a Description>) -> Vec<&'a str> {
     let mut names = vec![DEFAULT_PRESET];
-    for role in LAW_ROLES {
-        for preset in known(role).iter().flat_map(|law| law.presets) {
-            if !names.contains(&preset.name) {
-                names.push(preset.name);
-            }
+    for preset in laws.into_iter().flat_map(|law| law.presets) {
+        if !names.contains(&preset.name) {
+            names.push(preset.name);
         }
     }
     names
@@ -257,67 +259,6 @@ pub fn check_same(role: Role, file: &Path, there: &str, section: &Table) -> Resu
     )))
 }
 
-/// The name of an inner law where it, with its settings, has no theorem, and so no estimates.
-pub(super) fn without_theorem(
-    law: &Description,
-    settings: &description::Settings,
-) -> Option<&'static str> {
-    controller::laws::theorem(law.name, settings)
-        .is_none()
-        .then_some(law.name)
-}
-
-/// What the report knows of the laws in settings that all roles share. Fails if another version flies, with a law or a
-/// setting that is not known here.
-pub fn shared(shared: &BTreeMap<String, String>) -> Result<FlownLaws, Failure> {
-    let chosen = |role| chosen(role, &shared_section(role, shared)?, &Moved::new());
-    let [outer, (inner, settings), mixer] = [
-        chosen(Role::Outer)?,
-        chosen(Role::Inner)?,
-        chosen(Role::Mixer)?,
-    ];
-    let mut flown = flown(outer.0, inner, mixer.0, &settings);
-    if shared.keys().any(|key| key.starts_with("channel.")) {
-        flown.without_theorem = Some(SEVERAL_LAWS);
-    }
-    Ok(flown)
-}
-
-/// What the report knows of chosen laws, by the settings of the inner one.
-pub(super) fn flown(
-    outer: Chosen,
-    inner: Chosen,
-    mixer: Chosen,
-    settings: &description::Settings,
-) -> FlownLaws {
-    FlownLaws {
-        signals: Signals {
-            outer: outer.description().telemetry,
-            inner: inner.description().telemetry,
-            mixer: mixer.description().telemetry,
-        },
-        without_theorem: without_theorem(inner.description(), settings),
-    }
-}
-
-/// The section of a role in them.
-fn shared_section(role: Role, settings: &BTreeMap<String, String>) -> Result<Table, Failure> {
-    let own = |(key, text): (&String, &String)| {
-        let key = key.strip_prefix(role.name())?.strip_prefix('.')?;
-        Some((key.to_owned(), Value::from(text.as_str())))
-    };
-    let mut section: Table = settings.iter().filter_map(own).collect();
-    let law = named(role, section.get(LAW), &Moved::new())?.description();
-    // A word has lost its quotes, and may look like a number.
-    let is_number = |setting: &&Setting| !matches!(setting.kind, SettingKind::Word(_));
-    for setting in law.settings.iter().filter(is_number) {
-        let text = section.get(setting.name).and_then(Value::as_str);
-        let number: Option<Value> = text.and_then(|text| text.parse().ok());
-        section.extend(number.map(|number| (setting.name.to_owned(), number)));
-    }
-    Ok(section)
-}
-
 /// A value of a file as a law's; a word that does not exist is one that is not allowed.
 fn taken(setting: &Setting, value: &Value) -> Option<LawValue> {
     match (setting.kind, value) {
@@ -338,14 +279,13 @@ fn taken(setting: &Setting, value: &Value) -> Option<LawValue> {
 }
 
 /// The entry of a law that is known.
-pub(super) fn entry<L: ?Sized + 'static>(
-    entries: &'static [Entry<L>],
+pub(super) fn entry<L: ?Sized>(
+    entries: &[&'static [Entry<L>]],
     law: &Description,
 ) -> &'static Entry<L> {
-    entries
-        .iter()
-        .find(|entry| entry.description.name == law.name)
-        .unwrap_or(&entries[0])
+    let mut all = entries.iter().copied().flatten();
+    all.find(|entry| entry.description.name == law.name)
+        .unwrap_or(&entries[0][0])
 }
 
 /// A law's section as text, each key with what it is.

@@ -3,6 +3,7 @@
 //! on purpose, but whole sections come from printed or recorded settings and would fly one airframe with the mass, rotors
 //! and gains of another (docs/airframes.md).
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 use std::sync::LazyLock;
@@ -15,16 +16,17 @@ use messages::telemetry::LAW_ROLES;
 use toml::{Table, Value};
 
 use crate::airframe::{self, Design, OWN, PAPER};
-use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256};
+use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256, presets_of};
 use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
-    DEFAULT_TABLE, coerce, example, kind, nearest, place_path, place_paths, table, text, text_of,
+    DEFAULT_TABLE, TOO_LARGE, coerce, example, is_too_large, kind, nearest, place_path,
+    place_paths, table, text, text_of,
 };
 use errors::Failure;
 
 /// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
 /// each of its flights.
-fn with_paper() -> Result<&'static (Table, Design), Failure> {
+pub(super) fn with_paper() -> Result<&'static (Table, Design), Failure> {
     static LAID: LazyLock<Result<(Table, Design), String>> = LazyLock::new(|| {
         let mut table = DEFAULT_TABLE.clone();
         let design = airframe::design(PAPER).map_err(|e| e.to_string())?;
@@ -66,6 +68,7 @@ struct Layers<'a> {
 
 /// The section with the laws of single channels.
 const CHANNEL: &str = "channel";
+type ChannelLaws = BTreeMap<(Channel, Role), Table>;
 /// Sections that say of themselves which airframe they were made for, if they are whole.
 const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
 /// Sections that override what the airframe flag names.
@@ -171,8 +174,8 @@ impl Layers<'_> {
     }
 
     /// The laws of single channels: those of the file's sections, as [channel.b.inner], and those of flags, as `b:inner=pid`.
-    fn take_channel_laws(&mut self, place: &str) -> Result<Vec<(Channel, Role, Table)>, Failure> {
-        let mut laws: Vec<(Channel, Role, Table)> = Vec::new();
+    fn take_channel_laws(&mut self, place: &str) -> Result<ChannelLaws, Failure> {
+        let mut laws = ChannelLaws::new();
         let named = |channel: &str, role: &str| {
             let channel = Channel::ALL.into_iter().find(|it| it.name() == channel);
             let channel = channel.filter(|it| *it != Channel::A);
@@ -186,42 +189,29 @@ impl Layers<'_> {
                 ),
             )
         };
-        if let Some(given) = self.given.remove(CHANNEL) {
-            let channels = given.as_table().into_iter().flatten();
-            for (channel, of_channel) in channels {
-                if !of_channel.is_table() {
-                    return Err(here(
-                        place,
-                        format!(
-                            "`{CHANNEL}.{channel}` must be a section: [{CHANNEL}.{channel}.inner]"
-                        ),
-                    ));
-                }
-                for (role, keys) in of_channel.as_table().into_iter().flatten() {
-                    let law = named(channel, role).zip(keys.as_table());
-                    let ((channel, role), keys) =
-                        law.ok_or_else(|| unknown(place, channel, role))?;
-                    laws.push((channel, role, keys.clone()));
-                }
+        let given = self.given.remove(CHANNEL);
+        let channels = given.as_ref().and_then(Value::as_table);
+        for (channel, roles) in channels.into_iter().flatten() {
+            let what =
+                format!("`{CHANNEL}.{channel}` must be a section: [{CHANNEL}.{channel}.inner]");
+            for (role, keys) in roles.as_table().ok_or_else(|| here(place, what))? {
+                let law = named(channel, role).zip(keys.as_table());
+                let (of, keys) = law.ok_or_else(|| unknown(place, channel, role))?;
+                laws.insert(of, keys.clone());
             }
         }
         let flags = self.flag(CHANNEL, "laws").and_then(Value::as_array);
         for text in flags.into_iter().flatten().filter_map(Value::as_str) {
-            let parts = text
-                .split_once('=')
-                .and_then(|(of, law)| Some((of.split_once(':')?, law)));
-            let law = parts.and_then(|((channel, role), law)| Some((named(channel, role)?, law)));
-            let law = law.filter(|(_, law)| !law.is_empty());
-            let ((channel, role), law) = law.ok_or_else(|| {
+            let law = || {
+                let (of, law) = text.split_once('=').filter(|(_, law)| !law.is_empty())?;
+                let (channel, role) = of.split_once(':')?;
+                Some((named(channel, role)?, law))
+            };
+            let (of, law) = law().ok_or_else(|| {
                 Failure::usage(format!("--channel {text}: write LETTER:ROLE=LAW, with b or c, and outer, inner or mixer"))
                     .help("for example --channel b:inner=pid")
             })?;
-            laws.retain(|(of, with, _)| (*of, *with) != (channel, role));
-            laws.push((
-                channel,
-                role,
-                Table::from_iter([(LAW.to_owned(), Value::from(law))]),
-            ));
+            laws.insert(of, Table::from_iter([(LAW.to_owned(), Value::from(law))]));
         }
         for (flag, value) in std::mem::take(&mut self.overrides) {
             let parts: Vec<&str> = overrides::parts(flag).1.splitn(4, '.').collect();
@@ -229,14 +219,8 @@ impl Layers<'_> {
                 self.overrides.push((flag, value));
                 continue;
             };
-            let (channel, role) =
-                named(channel, role).ok_or_else(|| unknown("--set", channel, role))?;
-            let is_it = |law: &(Channel, Role, Table)| (law.0, law.1) == (channel, role);
-            let place = laws.iter().position(is_it).unwrap_or_else(|| {
-                laws.push((channel, role, Table::new()));
-                laws.len() - 1
-            });
-            laws[place].2.insert(key.into(), value);
+            let of = named(channel, role).ok_or_else(|| unknown("--set", channel, role))?;
+            laws.entry(of).or_default().insert(key.into(), value);
         }
         Ok(laws)
     }
@@ -259,12 +243,7 @@ impl Layers<'_> {
     }
 
     fn check_preset_name(&self, preset: &str, laws: &[(&str, Chosen)]) -> Result<(), Failure> {
-        let mut known = vec![DEFAULT_PRESET];
-        for of_law in laws.iter().flat_map(|(_, law)| law.description().presets) {
-            if !known.contains(&of_law.name) {
-                known.push(of_law.name);
-            }
-        }
+        let known = presets_of(laws.iter().map(|(_, law)| law.description()));
         if known.contains(&preset) {
             return Ok(());
         }
@@ -286,9 +265,7 @@ impl Layers<'_> {
         let Some(own) = self.flag(section, PRESET) else {
             return Ok(of_flight.to_owned());
         };
-        let presets = law.presets.iter().map(|preset| preset.name);
-        let mut known: Vec<&str> = vec![DEFAULT_PRESET];
-        known.extend(presets.filter(|name| *name != DEFAULT_PRESET));
+        let known = presets_of([law]);
         match own.as_str().filter(|own| known.contains(own)) {
             Some(own) => Ok(own.to_owned()),
             None => Err(Failure::usage(format!(
@@ -449,13 +426,9 @@ impl Layers<'_> {
 }
 
 /// The sections of the laws of single channels.
-fn channel_sections(
-    of_channels: Vec<(Channel, Role, Table)>,
-    preset: &str,
-    rig: &Rig,
-) -> Result<Table, Failure> {
+fn channel_sections(of_channels: ChannelLaws, preset: &str, rig: &Rig) -> Result<Table, Failure> {
     let mut channels = Table::new();
-    for (channel, role, mut given) in of_channels {
+    for ((channel, role), mut given) in of_channels {
         let law = law_settings::named(role, given.get(LAW), &Moved::new())
             .map_err(|failure| failure.append(&format!(" (channel {channel})")))?;
         let mut section = law_settings::section(law, preset, rig);
@@ -558,16 +531,15 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
         )
         })?;
     let place = origin(Some(path));
-    text.parse().map_err(|e: toml::de::Error| {
-        match e.span().filter(|_| e.message().contains("integer `")) {
+    text.parse().map_err(
+        |e: toml::de::Error| match e.span().filter(|_| is_too_large(&e)) {
             Some(span) => {
                 let line = airframe::line_of(&text, &span);
-                let beyond = "a whole number beyond 9223372036854775807 cannot be read";
-                here(&place, format!("line {line}: {beyond}"))
+                here(&place, format!("line {line}: {TOO_LARGE}"))
             }
             None => here(&place, e),
-        }
-    })
+        },
+    )
 }
 
 /// What is set beside the settings: of the type that the default has.

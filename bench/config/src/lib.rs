@@ -21,10 +21,11 @@ mod validation;
 use std::path::Path;
 
 use errors::Failure;
-use toml::Table;
+use messages::telemetry::LAW_ROLES;
+use toml::{Table, Value};
 
 pub use layers::check_foreign_law;
-use layers::{layered, read, typed};
+use layers::{layered, read, typed, with_paper};
 pub use overrides::Overrides;
 pub use processes::check_cpu;
 pub use settings::*;
@@ -55,6 +56,23 @@ impl Settings {
     /// As [`Self::of`], for the sections of a file; relative paths start at its folder.
     pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
         Self::over(true, given, Some(file), &Overrides::new())
+    }
+
+    /// The settings in the text that all roles of a flight share. Keys that it does not have are the defaults.
+    pub fn of_shared(text: &str) -> Result<Self, Failure> {
+        let unread = |e: toml::de::Error| {
+            Failure::failed(format!("the settings of the flight cannot be read: {e}"))
+        };
+        let mut table = with_paper()?.0.clone();
+        let laws = LAW_ROLES.map(|role| (role.name().to_owned(), Value::Table(Table::new())));
+        table.extend(laws);
+        for (section, keys) in text.parse::<Table>().map_err(unread)? {
+            match (table.get_mut(&section), keys) {
+                (Some(Value::Table(into)), Value::Table(keys)) => into.extend(keys),
+                (_, keys) => drop(table.insert(section, keys)),
+            }
+        }
+        table.try_into().map_err(unread)
     }
 
     fn over(

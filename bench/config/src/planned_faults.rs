@@ -28,11 +28,6 @@ impl Settings {
         self.flight.faults.iter().map(|text| text.parse()).collect()
     }
 
-    /// The same, each with its ticks.
-    fn spans(&self) -> Result<Vec<(Fault, Span)>, Failure> {
-        spans(&self.flight.faults, self.flight.period_s)
-    }
-
     /// The faults of messages, stages and their processor, for the report.
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
         injected(&self.flight.faults, self.flight.period_s)
@@ -49,7 +44,7 @@ impl Settings {
             .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
         }
         let last_tick = self.last_tick();
-        for (fault, Span { from, to }) in self.spans()? {
+        for (fault, Span { from, to }) in spans(&self.flight.faults, self.flight.period_s)? {
             for (kind, _) in fault.of_the_loop().flat_map(Change::kinds) {
                 check_channel(&kind, &fault.to_string(), self.rt.channels)?;
                 if kind.switch().is_some() && !self.has_several_laws() {
@@ -77,7 +72,7 @@ impl Settings {
     /// Refuses faults that these processes cannot have: those of a supervisor, or those that were started by hand.
     pub fn check_faults_of_processes(&self, launched: bool) -> Result<(), Failure> {
         let in_lockstep = self.flight.pace == PaceName::Lockstep;
-        for (fault, _) in self.spans()? {
+        for (fault, _) in spans(&self.flight.faults, self.flight.period_s)? {
             for change in fault.of_the_loop() {
                 for (kind, _) in change.kinds() {
                     check_possible(&kind, &change.to_string(), in_lockstep, launched)?;

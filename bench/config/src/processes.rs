@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use control_api::description::{self, Description};
+use control_api::description::{self, Description, Refused};
+use control_api::registry::{Entry, Made};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::feasibility::{Start, excesses};
 use controller::{Limits, TheoremMonitor, motor_lag};
@@ -11,14 +12,15 @@ use messages::blackboards::LOCKSTEP;
 use messages::parameters::{Airframe, Parameter, ParameterError};
 use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
-use messages::telemetry::LAW_ROLES;
+use messages::telemetry::{LAW_ROLES, Signals};
 use plant::command_hold::waiting_ticks;
+use plugin::Library;
 use redundancy::{Arrangement, SimplexLimits};
 use toml::{Table, Value};
 
 use super::airframe::{OWN, PAPER, built};
 use super::airframe_checks::{implausible, impossible_body};
-use super::law_settings::{self, Chosen};
+use super::law_settings::{self, Chosen, LAW};
 use super::settings::{PaceName, Settings};
 use super::trajectory::PointsFile;
 use super::validation::refused;
@@ -70,17 +72,23 @@ impl Settings {
         section: &str,
         values: &BTreeMap<String, f64>,
     ) -> Result<Airframe, Failure> {
-        let refused = |section: &str, e: ParameterError| {
-            let help = format!("see `ironbird params{}`", self.airframe_flag());
-            Failure::usage(format!("{section}.{e}")).help(help)
-        };
-        let mut airframe = built(&self.airframe).map_err(|e| refused("airframe", e))?;
+        let mut airframe = self.as_built()?;
         for (name, value) in values {
             Parameter::from_name(name)
                 .and_then(|parameter| airframe.set(parameter, *value))
-                .map_err(|e| refused(section, e))?;
+                .map_err(|e| self.refused_parameter(section, e))?;
         }
         Ok(airframe)
+    }
+
+    fn refused_parameter(&self, section: &str, e: ParameterError) -> Failure {
+        let help = format!("see `ironbird params{}`", self.airframe_flag());
+        Failure::usage(format!("{section}.{e}")).help(help)
+    }
+
+    /// The airframe as it was built.
+    pub fn as_built(&self) -> Result<Airframe, Failure> {
+        built(&self.airframe).map_err(|e| self.refused_parameter("airframe", e))
     }
 
     pub fn law_sections(&self) -> [(Role, &Table); 3] {
@@ -93,6 +101,12 @@ impl Settings {
             Role::Mixer => &self.mixer,
             _ => &self.inner,
         }
+    }
+
+    /// The name of a role's law, or its file.
+    pub fn law_name(&self, role: Role) -> &str {
+        let name = self.section(role).get(LAW).and_then(Value::as_str);
+        name.unwrap_or_default()
     }
 
     /// The laws of single channels: of which channel and role, and their sections.
@@ -189,33 +203,36 @@ impl Settings {
         Ok(options.join(" "))
     }
 
-    pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
-        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Outer)?);
-        let law = match law {
-            Chosen::BuiltIn(law) => {
-                law_settings::entry(controller::laws::OUTER, law).make(&rig, &settings)
-            }
-            Chosen::Library(library) => library.outer(&rig, &settings),
+    /// The rig, and the law of a role for it: one of these, or that of a library.
+    fn law<L: ?Sized + 'static>(
+        &self,
+        role: Role,
+        built_in: &[&'static [Entry<L>]],
+        of_library: impl Fn(&'static Library, &Rig, &description::Settings) -> Result<Made<L>, Refused>,
+    ) -> Result<(Rig, Made<L>), Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(role)?);
+        let made = match law {
+            Chosen::BuiltIn(law) => law_settings::entry(built_in, law).make(&rig, &settings),
+            Chosen::Library(library) => of_library(library, &rig, &settings),
         };
+        Ok((rig, made.map_err(refused)?))
+    }
+
+    pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
+        let (rig, law) = self.law(Role::Outer, &[controller::laws::OUTER], Library::outer)?;
         let route = self.course()?.route(rig.period_s);
-        Ok(GuardedOuter::new(law.map_err(refused)?, route, &rig)
-            .in_group(self.group.unwrap_or(Channel::A)))
+        Ok(GuardedOuter::new(law, route, &rig).in_group(self.group.unwrap_or(Channel::A)))
     }
 
     pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
-        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
-        let law = match law {
-            Chosen::BuiltIn(law) => {
-                let laws = match firmware::is_program(law.name) {
-                    true => firmware::LAWS,
-                    false => controller::laws::INNER,
-                };
-                law_settings::entry(laws, law).make(&rig, &settings)
-            }
-            Chosen::Library(library) => library.inner(&rig, &settings),
-        };
-        Ok(GuardedInner::new(law.map_err(refused)?, &rig)
-            .in_group(self.group.unwrap_or(Channel::A)))
+        let built_in = [controller::laws::INNER, firmware::LAWS];
+        let (rig, law) = self.law(Role::Inner, &built_in, Library::inner)?;
+        Ok(GuardedInner::new(law, &rig).in_group(self.group.unwrap_or(Channel::A)))
+    }
+
+    pub fn mixer_stage(&self) -> Result<GuardedMixer, Failure> {
+        let (rig, law) = self.law(Role::Mixer, &[mixer::LAWS], Library::mixer)?;
+        Ok(GuardedMixer::new(law, &rig))
     }
 
     /// Where a channel with other laws takes over.
@@ -227,15 +244,6 @@ impl Settings {
             error_max_m: simplex.error_max_m,
             command_step_max_rad_s: simplex.command_step_max_rad_s,
         })
-    }
-
-    pub fn mixer_stage(&self) -> Result<GuardedMixer, Failure> {
-        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Mixer)?);
-        let law = match law {
-            Chosen::BuiltIn(law) => law_settings::entry(mixer::LAWS, law).make(&rig, &settings),
-            Chosen::Library(library) => library.mixer(&rig, &settings),
-        };
-        Ok(GuardedMixer::new(law.map_err(refused)?, &rig))
     }
 
     /// Checks whether the law of a role can be created. A law of a file is asked, if `asks`.
@@ -275,11 +283,20 @@ impl Settings {
     pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
         let (inner, settings) = self.chosen(Role::Inner)?;
         let (outer, mixer) = (self.chosen(Role::Outer)?.0, self.chosen(Role::Mixer)?.0);
-        let mut flown = law_settings::flown(outer, inner, mixer, &settings);
-        if self.has_several_laws() {
-            flown.without_theorem = Some(SEVERAL_LAWS);
-        }
-        Ok(flown)
+        let [outer, inner, mixer] = [outer, inner, mixer].map(Chosen::description);
+        let theorem = controller::laws::theorem(inner.name, &settings);
+        let without_theorem = match self.has_several_laws() {
+            true => Some(SEVERAL_LAWS),
+            false => theorem.is_none().then_some(inner.name),
+        };
+        Ok(FlownLaws {
+            signals: Signals {
+                outer: outer.telemetry,
+                inner: inner.telemetry,
+                mixer: mixer.telemetry,
+            },
+            without_theorem,
+        })
     }
 
     /// What to request from the system.

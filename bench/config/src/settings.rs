@@ -8,12 +8,11 @@ use analysis::verdicts::TrackingLimits;
 use controller::trajectory::UnknownTrajectory;
 use controller::{ScaledTrajectory, Trajectory};
 use errors::Failure;
-use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
+use flight_log::facts::LogPlan;
 use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
 use messages::role::{Channel, MOST_CHANNELS, Role};
-use messages::telemetry::LAW_ROLES;
 use plant::integrator::SUBSTEPS;
 use plant::{Ground, Initial};
 use render::flight;
@@ -21,9 +20,8 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::airframe;
-use crate::declarations::{Allowed, DEFAULT, Flag, Group, Notation, Setting, section};
+use crate::declarations::{Allowed, Flag, Group, Notation, Section, commented, section};
 use crate::law_settings::{self, Moved};
-use crate::toml_access::same;
 use crate::trajectory::{self, PointsFile, TrajectorySection};
 
 /// Sections that all roles of a run must share, in the order of their common text.
@@ -68,7 +66,7 @@ pub struct Settings {
     pub variants: [String; 3],
 }
 
-section! { "flight"
+section! { "flight" "The flight."
     pub struct FlightSettings {
         /// Reference trajectory: a name, or a CSV file with the columns t,x,y,z,yaw.
         trajectory: String = "\"lissajous\"",
@@ -130,7 +128,7 @@ pub enum PaceName {
     Lockstep,
 }
 
-section! { "ground"
+section! { "ground" "The ground, a plane at flight.ground_z_m."
     #[derive(Copy)]
     pub struct GroundSection {
         /// Whether the airframe touches the ground.
@@ -166,10 +164,12 @@ pub struct PlantSection {
 }
 
 impl PlantSection {
-    pub(crate) const SETTINGS: &[Setting] = section! { rows "plant"
+    pub(crate) const SECTION: Section = section! { rows "plant"
+        "The true airframe at tick 0. `ironbird inject` changes it in flight; noise, bias and delay of 0 mean none."
         /// Runge-Kutta steps per tick: fewer are faster and less accurate (docs/plant.md).
         substeps = "4", in Allowed::Counts(&[1, 2, 4]);
-    };
+    }
+    .with(|_| true);
 }
 
 const fn substeps() -> u32 {
@@ -185,7 +185,7 @@ const fn is_default_substeps(substeps: &u32) -> bool {
     *substeps == SUBSTEPS
 }
 
-section! { "rt"
+section! { "rt" "Real-time execution and redundant channels."
     pub struct RealtimeSection {
         /// Whether to insist on real-time privileges.
         mode: RealtimeMode = "\"prefer\"",
@@ -238,7 +238,7 @@ section! { "rt"
     }
 }
 
-section! { "simplex"
+section! { "simplex" "When a channel that flies other laws takes over."
     #[derive(Copy)]
     pub struct SimplexSection {
         /// Let a channel with other laws take over when the present one sends no fresh command on time or exceeds one of
@@ -258,7 +258,7 @@ section! { "simplex"
     }
 }
 
-section! { "recorder"
+section! { "recorder" "The recorder. Gates: exit code 3 if one fails or measured nothing; a negative value switches a gate off."
     pub struct RecorderSettings {
         /// Directory in which the flight gets its own directory.
         out: String = "\"runs\"", flag Flag::new("--out", "DIR", Group::Record);
@@ -334,36 +334,11 @@ pub enum LogName {
 impl Settings {
     /// The full commented settings, with these values.
     pub fn commented(&self) -> Result<String, Failure> {
-        let broken = |e: String| Failure::failed(format!("the commented default is broken: {e}"));
-        let mut document: toml_edit::DocumentMut =
-            DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
-        let mut table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
-        table.remove("airframe");
+        let table = Table::try_from(self).map_err(|e| Failure::failed(e.to_string()))?;
+        let mut text = commented(&table);
         if self.flight.airframe != airframe::PAPER || self.airframe != airframe::paper() {
-            let commented = airframe::commented(&self.airframe);
-            document.insert("airframe", toml_edit::Item::Table(commented));
+            text += &airframe::commented(&self.airframe);
         }
-        let laws = LAW_ROLES.map(Role::name);
-        for section in laws.into_iter().chain(["channel"]) {
-            table.remove(section);
-        }
-        for (section, keys) in &table {
-            for (key, value) in keys.as_table().into_iter().flatten() {
-                let value = value.to_string().parse::<toml_edit::Value>();
-                let value = value.map_err(|e| broken(format!("{section}.{key}: {e}")))?;
-                let item = document[section].get_mut(key);
-                let Some(item) = item.and_then(toml_edit::Item::as_value_mut) else {
-                    return Err(broken(format!("{section}.{key} is not in it")));
-                };
-                // An unchanged value keeps the way it is written (2e-4, not 0.0002).
-                if !same(item, &value) {
-                    let decor = item.decor().clone();
-                    *item = value;
-                    *item.decor_mut() = decor;
-                }
-            }
-        }
-        let mut text = document.to_string();
         for (role, section) in self.law_sections() {
             text += &law_settings::commented(role, role.name(), section, &self.moved)?;
         }
@@ -422,7 +397,7 @@ impl Settings {
         let TrajectorySection { size, period, .. } = self.trajectory;
         let course = match &self.points {
             Some(points) => points.course,
-            None => trajectory::built_in(&self.flight.trajectory).map_err(
+            None => self.flight.trajectory.parse().map(ScaledTrajectory::of).map_err(
                 |UnknownTrajectory(name)| {
                     let names = Trajectory::ALL.map(|it| format!("`{it}`"));
                     Failure::usage(format!(
@@ -522,16 +497,6 @@ impl RecorderSettings {
         let lenient = self.gate_theorem.then_some(TheoremGate::Lenient);
         let strict = self.gate_theorem_strict.then_some(TheoremGate::Strict);
         strict.or(lenient)
-    }
-}
-
-impl LogName {
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::All => ALL,
-            Self::AroundMisses => AROUND_MISSES,
-            Self::Off => OFF,
-        }
     }
 }
 

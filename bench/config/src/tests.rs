@@ -89,14 +89,13 @@ fn what_an_observer_knows_of_the_laws_is_what_the_flight_knows() {
         let settings = from_file(text).unwrap();
         let flown = settings.flown_laws().unwrap();
         assert_eq!(flown.without_theorem, without, "{text}");
-        assert_eq!(
-            law_settings::shared(&airframe::pairs(&settings.shared_text().unwrap())).unwrap(),
-            flown,
-            "{text}"
-        );
+        let shared = settings.shared_text().unwrap();
+        let observed = Settings::of_shared(&shared).unwrap();
+        assert_eq!(observed.flown_laws().unwrap(), flown, "{text}");
+        assert_eq!(observed.shared_text().unwrap(), shared);
     }
-    let other = [("inner.law".to_owned(), "mpc".to_owned())].into();
-    let refused = law_settings::shared(&other).unwrap_err().to_string();
+    let other = Settings::of_shared("inner.law = \"mpc\"\n").unwrap();
+    let refused = other.flown_laws().unwrap_err().to_string();
     assert!(
         refused.contains("there is no inner law of that name"),
         "{refused}"

@@ -23,17 +23,27 @@ pub(super) fn text<'a>(of: &'a Table, section: &str, key: &str) -> Option<&'a st
     table(of, section)?.get(key).and_then(Value::as_str)
 }
 
-/// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.
-pub(super) fn text_of(path: &Path) -> io::Result<String> {
-    const MOST_BYTES: u64 = 1 << 20;
-    let mut text = String::new();
-    open_file(path)?
-        .take(MOST_BYTES + 1)
-        .read_to_string(&mut text)?;
-    if text.len() as u64 > MOST_BYTES {
-        return Err(io::Error::other("it is longer than 1 MiB"));
+/// The content of a regular file of at most so many bytes: a device may have no end, and a pipe may have no writer.
+pub(super) fn bytes_of(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_file(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let what = format!("it is longer than {} MiB", most >> 20);
+        return Err(io::Error::other(what));
     }
-    Ok(text)
+    Ok(bytes)
+}
+
+/// The text of a file of at most 1 MiB.
+pub(super) fn text_of(path: &Path) -> io::Result<String> {
+    io::read_to_string(&*bytes_of(path, 1 << 20)?)
+}
+
+pub(super) const TOO_LARGE: &str = "a whole number beyond 9223372036854775807 cannot be read";
+
+/// Whether the error of a TOML file is [`TOO_LARGE`]: its own message names a type of Rust.
+pub(super) fn is_too_large(e: &toml::de::Error) -> bool {
+    e.message().contains("integer `")
 }
 
 /// The value as the type that is expected: whole numbers also stand for fractional ones.
@@ -83,20 +93,6 @@ pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -
 pub fn nearest_first(name: &str, mut known: Vec<&str>) -> String {
     known.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
     known.join(", ")
-}
-
-/// Whether two values mean the same, however they are written.
-pub(super) fn same(a: &toml_edit::Value, b: &toml_edit::Value) -> bool {
-    let number = |v: &toml_edit::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
-    match (a, b) {
-        (toml_edit::Value::Array(a), toml_edit::Value::Array(b)) => {
-            a.len() == b.len() && a.iter().zip(b.iter()).all(|(a, b)| same(a, b))
-        }
-        _ => match (number(a), number(b)) {
-            (Some(a), Some(b)) => a == b,
-            _ => a.as_str() == b.as_str() && a.as_bool() == b.as_bool(),
-        },
-    }
 }
 
 /// Makes relative paths start at a folder: that of the file that has them, or the working directory.

@@ -5,19 +5,19 @@
 
 use std::f64::consts::PI;
 use std::fmt;
-use std::io::Read as _;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use analysis::phrase::count;
-use controller::trajectory::{AXES, Deviation, Point, UnknownTrajectory};
-use controller::{ScaledTrajectory, Spline, Trajectory};
-use errors::{Failure, open_file};
+use controller::trajectory::{AXES, Deviation, Point};
+use controller::{ScaledTrajectory, Spline};
+use errors::Failure;
 use faults::grammar::begin_of;
 use messages::parameters::shown;
 use sha2::{Digest as _, Sha256};
 
 use crate::declarations::{Allowed, section};
+use crate::toml_access::bytes_of;
 
 /// First line of a file of points.
 pub const HEADER: &str = "t,x,y,z,yaw";
@@ -43,7 +43,7 @@ const DEGREES_RAD_S: f64 = PI;
 /// How often a curve is looked at for that.
 const LOOKS: u32 = 10_000;
 
-section! { "trajectory"
+section! { "trajectory" "How the trajectory is stretched, and how its file is read."
     pub struct TrajectorySection {
         /// Factor on x, y and z.
         size: f64 = "1.0", in Allowed::Range(0.01, 100.0);
@@ -92,26 +92,13 @@ pub fn is_file(trajectory: &str) -> bool {
     trajectory.contains('/') || Path::new(trajectory).extension().is_some()
 }
 
-pub fn built_in(name: &str) -> Result<ScaledTrajectory, UnknownTrajectory> {
-    name.parse::<Trajectory>().map(ScaledTrajectory::of)
-}
-
 impl PointsFile {
     pub fn read(path: &str, tolerance: f64) -> Result<Self, Failure> {
         let unread = |why: &dyn fmt::Display| {
             Failure::usage(format!("cannot read the trajectory file {path}: {why}"))
                 .help("name a CSV file that you can read; docs/airframes.md has the format")
         };
-        let mut bytes = Vec::new();
-        open_file(Path::new(path))
-            .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
-            .map_err(|e| unread(&e))?;
-        if bytes.len() as u64 > MOST_BYTES {
-            return Err(unread(&format!(
-                "it is longer than {} MiB",
-                MOST_BYTES >> 20
-            )));
-        }
+        let bytes = bytes_of(Path::new(path), MOST_BYTES).map_err(|e| unread(&e))?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()]
                 .iter()
@@ -214,10 +201,7 @@ fn decimals(field: &str) -> i64 {
 
 /// The SHA-256 of a text, as `sha256sum` writes it.
 pub fn sha256_of(text: &str) -> String {
-    Sha256::digest(text)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    format!("{:x}", Sha256::digest(text))
 }
 
 /// Reads points: a first line [`HEADER`], then a line per point.

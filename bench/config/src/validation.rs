@@ -22,8 +22,11 @@ use super::settings::Settings;
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or(value.as_integer().map(|it| it as f64))
+}
+
 fn check_allowed(table: &Table) -> Result<(), Failure> {
-    let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
     let values = |path: &str| {
         let (section, key) = path.split_once('.')?;
         table.get(section)?.get(key)
@@ -49,7 +52,6 @@ fn check_allowed(table: &Table) -> Result<(), Failure> {
 }
 
 fn check_range(setting: &Setting, value: &Value, min: f64, max: f64) -> Result<(), Failure> {
-    let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
     if let Some(value) = number(value) {
         within(setting.path, value, min, max)?;
     }

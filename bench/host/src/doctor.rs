@@ -7,7 +7,6 @@ pub mod measured;
 mod other_programs;
 mod reasons;
 
-use std::fmt::Write as _;
 use std::io;
 
 use analysis::finding::{Diagnosis, Finding, Level, RealtimeClass};
@@ -426,33 +425,22 @@ fn leftovers(machine: &Machine, found: MakeFinding) -> Finding {
 }
 
 pub fn render(examination: &Examination) -> String {
-    let mut out = String::new();
-    // Writing into a string cannot fail.
-    let _ = write(&mut out, examination);
-    out
-}
-
-fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
+    let mut text = String::new();
     for finding in &examination.findings {
         let (level, subject) = (name_of(&finding.level), &finding.subject);
-        writeln!(out, "{level:<8} {subject:<17} {}", finding.found)?;
+        text += &format!("{level:<8} {subject:<17} {}\n", finding.found);
         if finding.level != Level::Ok {
-            writeln!(out, "{:>13}  {}", "why", finding.why)?;
-            if let Some(fix) = &finding.fix {
-                writeln!(out, "{:>13}  {fix}", "fix")?;
-            }
+            text += &format!("{:>13}  {}\n", "why", finding.why);
+            let fix = finding.fix.iter();
+            text.extend(fix.map(|fix| format!("{:>13}  {fix}\n", "fix")));
         }
     }
-    if let Some(measured) = &examination.measured {
-        measured.write(out)?;
-    }
+    text.extend(examination.measured.iter().map(MeasuredMachine::text));
     let Diagnosis { verdict, reasons } = &examination.diagnosis;
-    writeln!(out, "\nVERDICT {}", name_of(verdict))?;
-    for reason in reasons {
-        writeln!(out, "  {reason}")?;
-    }
+    text += &format!("\nVERDICT {}\n", name_of(verdict));
+    text.extend(reasons.iter().map(|reason| format!("  {reason}\n")));
     if *verdict == RealtimeClass::NotRealTime {
-        writeln!(out, "  {WITHOUT_ROOT}")?;
+        text += &format!("  {WITHOUT_ROOT}\n");
     }
-    Ok(())
+    text
 }

@@ -10,7 +10,7 @@ use errors::Failure;
 use process::rt::loops_cpu;
 
 use crate::cpu_times::CpuTimes;
-use ring::{RingFloor, RingSettings, Work};
+use ring::{RingFloor, Work};
 use timer::{Schedule, TimerFloor};
 
 pub struct MachineFloor {
@@ -30,11 +30,7 @@ impl MachineFloor {
         let processor = Some(schedule.cpu.unwrap_or_else(loops_cpu) as u64);
         let before = CpuTimes::read(processor);
         let timer = timer::measure(schedule)?;
-        let settings = RingSettings {
-            schedule: schedule.clone(),
-            work,
-        };
-        let ring = ring::measure(&settings, executable)?;
+        let ring = ring::measure(schedule, work, executable)?;
         let mut refused = [&timer.standing, &ring.standing]
             .map(|it| it.refused.clone())
             .concat();

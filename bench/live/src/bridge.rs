@@ -26,7 +26,7 @@ use messages::blackboards::EndReason;
 use crate::observation::{DRAIN_EVERY, Observation};
 use analysis::theorem::no_theorem;
 use channels::Channels;
-use config::law_settings;
+use config::Settings;
 use errors::output::print;
 use errors::{Failure, INTERRUPTED, OCCUPIED};
 use origin_proxy::{LIMITS, OriginProxy, hidden_address};
@@ -94,7 +94,7 @@ fn serve(
         if let Some(channels) = before.take() {
             channels.close();
         }
-        let laws = law_settings::shared(&observation.settings)?;
+        let laws = Settings::of_shared(&observation.settings)?.flown_laws()?;
         let mut channels = Channels::new(context, &observation.run(), &laws)?;
         print("serving a flight\n")?;
         if let Some(why) = laws.without_theorem.map(no_theorem) {

@@ -19,7 +19,8 @@ use messages::parameters::{Airframe, Parameter, ParameterError, after_blank};
 use messages::role::Role;
 use plant::Target;
 
-use config::airframe::{PAPER, airframe_of, pairs};
+use config::Settings;
+use config::airframe::PAPER;
 use config::planned_faults::{check_channel, check_possible, check_priority};
 use errors::Failure;
 use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, targets_of};
@@ -450,5 +451,5 @@ pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
 pub fn airframe(wire: &Wire) -> Result<Airframe, Failure> {
     let text = wire.blackboard_reader::<SettingsText>(SETTINGS)?;
     let text = text.map(|blackboard| blackboard.get()).unwrap_or_default();
-    airframe_of(&pairs(text.text()))
+    Settings::of_shared(text.text())?.as_built()
 }

@@ -1,5 +1,7 @@
 //! Flights of tests, which are fed with made-up messages.
 
+use std::collections::BTreeMap;
+
 use flight_log::entry::LogEntry;
 use messages::blackboards::{ActiveParameters, Run, RunPhase};
 use messages::content::{State, TakenCommand};
@@ -48,12 +50,13 @@ pub fn message<C>(tick: u64, content: C) -> Message<C> {
 pub fn joined(run: &Run, settings: &[(&str, &str)]) -> Model {
     let mut model = Model::new("left", false, true);
     let all = [
-        ("flight.trajectory", "step"),
-        ("mixer.law", "roll_pitch_first"),
+        ("flight.trajectory", "\"step\""),
+        ("flight.preset", "\"\""),
+        ("mixer.law", "\"roll_pitch_first\""),
     ];
-    let all = all.iter().chain(settings);
-    let all = all.map(|(key, value)| ((*key).to_owned(), (*value).to_owned()));
-    model.join(run, all.collect()).unwrap();
+    let all: BTreeMap<&str, &str> = all.iter().chain(settings).copied().collect();
+    let lines = all.iter().map(|(key, value)| format!("{key} = {value}\n"));
+    model.join(run, &lines.collect::<String>()).unwrap();
     flight(&mut model).active = ActiveParameters {
         value: *Airframe::nominal().values(),
         ..ActiveParameters::default()
@@ -74,12 +77,6 @@ pub fn take_command(flight: &mut WatchedFlight, of_tick: u64, channel: Channel) 
     };
     flight.take(&LogEntry::State(message(of_tick + 1, state)));
 }
-
-pub const LIMITS: [(&str, &str); 3] = [
-    ("flight.tracking_error_max_m", "0.1"),
-    ("flight.tracking_yaw_error_max_rad", "0.1"),
-    ("flight.ground_z_m", "-0.25"),
-];
 
 pub fn flight(model: &mut Model) -> &mut WatchedFlight {
     model.flight.as_mut().unwrap()

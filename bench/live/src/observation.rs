@@ -20,7 +20,6 @@ use messages::inspection::Expected;
 use messages::monitor::Monitor;
 use messages::role::{Channel, Replica, Role};
 
-use config::airframe::pairs;
 use faults::live::LiveFault;
 use recorder::injected_faults::InjectedFaults;
 use recorder::ports::{Ports, horizon};
@@ -46,8 +45,8 @@ pub struct Observation {
     /// None with one channel.
     redundancy: Option<BlackboardReader<Redundancy>>,
     faults: InjectedFaults,
-    /// Settings shared by all roles of the run, by key.
-    pub settings: BTreeMap<String, String>,
+    /// Settings shared by all roles of the run, as text.
+    pub settings: String,
     /// When the end of the flight was noticed.
     ended: Option<Instant>,
     wire: Wire,
@@ -95,7 +94,7 @@ impl Observation {
         theorem.arm(expected)?;
         losses.arm(expected)?;
         let text = wire.blackboard_reader::<SettingsText>(SETTINGS)?;
-        let settings = text.map(|board| pairs(board.get().text()));
+        let settings = text.map(|board| board.get().text().to_owned());
         let statuses = RoleStatuses::open(&wire)?;
         Ok(Some(Self {
             ports,

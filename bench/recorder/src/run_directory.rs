@@ -17,9 +17,10 @@ use toml::Table;
 
 use analysis::report_file::RunFacts;
 use analysis::schema::Report;
-use config::{LogName, Settings};
+use config::Settings;
 use errors::{Failure, InFile as _, open_file, read_text};
 use flight_log::FILE;
+use flight_log::facts::OFF;
 use flight_log::reader::LogReader;
 use flight_log::wall_time::file_stamp;
 use host::cpu_times::host;
@@ -279,7 +280,7 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     let log = settings
         .get("recorder")
         .and_then(|recorder| recorder.get("log")?.as_str());
-    if log == Some(LogName::Off.name()) {
+    if log == Some(OFF) {
         return Err(Failure::usage(format!(
             "{place} holds no {FILE}: it was flown with recorder.log = \"off\""
         ))

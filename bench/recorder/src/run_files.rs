@@ -9,6 +9,7 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use analysis::laws::FlownLaws;
+use analysis::phrase::name_of;
 use analysis::schema::{LogSection, Report};
 use analysis::sections::log_section;
 use analysis::series::SeriesSet;
@@ -51,7 +52,7 @@ pub struct RunFiles<'a> {
     logs: VecDeque<(Option<Channel>, FlightLog)>,
     /// Number of the message that was released last.
     position: u64,
-    log_name: &'static str,
+    log_name: String,
     /// report.json while the flight lasts.
     partial_report: AtomicFileWriter,
     is_latest: bool,
@@ -92,7 +93,7 @@ impl<'a> RunFiles<'a> {
             states,
             logs,
             position: 0,
-            log_name: settings.recorder.log.name(),
+            log_name: name_of(&settings.recorder.log),
             partial_report: AtomicFileWriter::new(directory.join(REPORT))?,
             is_latest: false,
             incomplete: BTreeMap::new(),
@@ -201,7 +202,7 @@ impl<'a> RunFiles<'a> {
             match log.finish(ending.clone()) {
                 Ok(fate) => {
                     if channel.is_none() {
-                        analysis::gates::take_log(report, self.log_name, &fate);
+                        analysis::gates::take_log(report, &self.log_name, &fate);
                     }
                     // Messages that the log of a flight lacks are counted.
                     let is_counted = channel.is_none() && report.unlogged() > 0;
@@ -238,6 +239,6 @@ impl<'a> RunFiles<'a> {
     pub fn log_section(&self) -> LogSection {
         let flown = self.logs.iter().find(|(channel, _)| channel.is_none());
         let fate = flown.map(|(_, log)| log.fate()).unwrap_or_default();
-        log_section(self.log_name, &fate)
+        log_section(&self.log_name, &fate)
     }
 }

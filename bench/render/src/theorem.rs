@@ -40,7 +40,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
         }
         _ => {}
     }
-    let Explained { word, why } = stability_verdict(theorem);
+    let Explained { word, why, .. } = stability_verdict(theorem);
     let mut blocks = fact(format!("{}: {why}", name_of(&word)));
     let items = [watched(theorem), innovation(theorem)];
     blocks.push(Block::Items(items.concat()));

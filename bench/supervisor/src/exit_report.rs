@@ -501,7 +501,7 @@ mod tests {
         report
             .words
             .cut_short("interrupted", "", &report.run, &report.ticks);
-        let before = report.words.flight.why.clone();
+        let before = report.words.flight.clone();
         let directory = tempfile::tempdir().unwrap();
         let log =
             "Traceback\nerror: the inner law `l` (l.py:3) failed in tick 5: KeyError: 'gain'\n";
@@ -519,10 +519,13 @@ mod tests {
                 ..Outcome::default()
             };
             outcome.correct(&mut report, directory.path());
-            let (flown, until_then) = before.split_once("; until then ").unwrap();
-            let flown = flown.replace("interrupted", "aborted");
+            let until_then = before.until_then.as_deref().unwrap();
+            let flown = before.why.replace("interrupted", "aborted");
+            let flown = flown.strip_suffix(&format!("; until then {until_then}"));
+            let flown = flown.unwrap();
             let expected = format!("{flown}: {reason}; until then {until_then}");
             assert_eq!(report.words.flight.why, expected);
+            assert_eq!(report.words.flight.until_then, before.until_then);
             let timing = report.words.timing.why;
             assert!(
                 timing.starts_with(&format!("{flown}; until then ")),

@@ -72,18 +72,13 @@ pub(super) struct FlightSupervisor {
     children: Vec<RoleProcess>,
     child_watch: ChildWatch,
     channels: usize,
-    /// For each channel, the first one with the same laws.
-    groups: [Channel; MOST_CHANNELS],
-    /// Whether a channel with other laws takes over (simplex).
-    is_guarded: bool,
     restarts_roles: bool,
     restart_limits: BTreeMap<Replica, RestartLimit>,
     /// Failed processes whose roles are to be restarted, and when.
     due: Vec<(ProcessExit, Instant)>,
     /// Releaser processes of killed stages, which are to be reaped.
     left: Vec<u32>,
-    /// Whether the supervisor may raise its own priority while it restarts roles.
-    may_be_raised: bool,
+    /// While it restarts roles, unless the flight does without real time: its own higher priority.
     raised: Option<Raised>,
     realtime: RealtimeSettings,
     /// While it restarts roles: keeps that work off the loops' processors.
@@ -161,7 +156,7 @@ pub struct ServerProcess {
     pub what: &'static str,
     /// The command of `ironbird`, and its arguments except for the instance.
     pub command: &'static str,
-    pub arguments: Vec<String>,
+    pub arguments: String,
 }
 
 #[derive(Clone, Debug)]
@@ -221,15 +216,12 @@ impl FlightSupervisor {
             children: Vec::new(),
             child_watch: ChildWatch::default(),
             channels: settings.rt.channels,
-            groups: settings.groups(),
-            is_guarded: settings.simplex.enabled,
             restarts_roles: options.restarts_roles,
             restart_limits: Replica::all(settings.rt.channels)
                 .map(|replica| (replica, RestartLimit::new(now)))
                 .collect(),
             due: Vec::new(),
             left: Vec::new(),
-            may_be_raised: settings.realtime()?.mode != RealtimeMode::Off,
             raised: None,
             realtime: settings.realtime()?,
             off_loops: None,
@@ -461,6 +453,8 @@ impl FlightSupervisor {
                 .all(plays)
         };
         let replica = exit.replica;
+        let settings = &self.recordings.settings;
+        let groups = settings.groups();
         let redundancy = self.wire.blackboard_reader::<Redundancy>(REDUNDANCY);
         let active = redundancy.ok().flatten().map(|it| it.get().active);
         let active = active.and_then(Channel::from_wire).unwrap_or(Channel::A);
@@ -471,7 +465,7 @@ impl FlightSupervisor {
             && CHANNEL_ROLES.contains(&replica.role)
             && Channel::first(self.channels)
                 .filter(|it| {
-                    self.is_guarded || self.groups[*it as usize] == self.groups[active as usize]
+                    settings.simplex.enabled || groups[*it as usize] == groups[active as usize]
                 })
                 .any(|it| it != replica.channel && is_whole(it))
     }
@@ -578,7 +572,7 @@ impl FlightSupervisor {
 
     /// Restarts failed roles, and kills those that hang.
     fn maintain_roles(&mut self, run: &Run) -> Result<(), Failure> {
-        if self.may_be_raised {
+        if self.realtime.mode != RealtimeMode::Off {
             self.raised.get_or_insert_with(Raised::now);
             if self.off_loops.is_none() {
                 let off_loops = OffLoops::now(&self.realtime);

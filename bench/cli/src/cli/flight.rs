@@ -89,7 +89,15 @@ pub struct GateArgs {
     #[command(flatten)]
     pub timing: SettingFlags<TIMING_GATES>,
     #[command(flatten)]
-    pub flight: SettingFlags<FLIGHT_GATES>,
+    pub flight: FlightGateArgs,
+}
+
+/// Those that need no clock.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Gates: exit code 3 if one fails or measured nothing")]
+pub struct FlightGateArgs {
+    #[command(flatten)]
+    pub limits: SettingFlags<FLIGHT_GATES>,
     /// A condition that must hold; may be repeated.
     #[arg(long = "gate", value_enum, value_name = "GATE")]
     pub gates: Vec<GateName>,
@@ -108,22 +116,20 @@ pub enum GateName {
 
 impl GateArgs {
     pub fn overrides(&self) -> Overrides {
-        [
-            self.timing.overrides(),
-            self.flight.overrides(),
-            gate_overrides(&self.gates),
-        ]
-        .concat()
+        [self.timing.overrides(), self.flight.overrides()].concat()
     }
 }
 
-fn gate_overrides(gates: &[GateName]) -> Overrides {
-    let asked = |key, gate| set(key, gates.contains(&gate).then_some(true));
-    overrides([
-        asked("recorder.gate_theorem", GateName::Theorem),
-        asked("recorder.gate_theorem_strict", GateName::TheoremStrict),
-        asked("recorder.gate_channels", GateName::Channels),
-    ])
+impl FlightGateArgs {
+    fn overrides(&self) -> Overrides {
+        let asked = |key, gate| set(key, self.gates.contains(&gate).then_some(true));
+        let gates = overrides([
+            asked("recorder.gate_theorem", GateName::Theorem),
+            asked("recorder.gate_theorem_strict", GateName::TheoremStrict),
+            asked("recorder.gate_channels", GateName::Channels),
+        ]);
+        [self.limits.overrides(), gates].concat()
+    }
 }
 
 /// What the recorder writes, and the acceptance criteria.
@@ -200,13 +206,8 @@ pub struct FlyArgs {
 
 impl FlyArgs {
     pub fn overrides(&self) -> Overrides {
-        let laws: Vec<Value> = self
-            .channel
-            .iter()
-            .map(String::as_str)
-            .map(Value::from)
-            .collect();
-        let laws = overrides([set("channel.laws", (!laws.is_empty()).then_some(laws))]);
+        let laws = (!self.channel.is_empty()).then(|| self.channel.clone());
+        let laws = overrides([set("channel.laws", laws)]);
         [
             self.flight.overrides(),
             self.rt.settings.overrides(),
@@ -276,14 +277,8 @@ pub struct SimulateArgs {
     /// Write the acceptance results to FILE as JUnit XML.
     #[arg(long, value_name = "FILE.xml")]
     pub junit: Option<PathBuf>,
-    #[command(
-        flatten,
-        next_help_heading = "Gates: exit code 3 if one fails or measured nothing"
-    )]
-    pub flight_gates: SettingFlags<FLIGHT_GATES>,
-    /// A condition that must hold; may be repeated.
-    #[arg(long = "gate", value_enum, value_name = "GATE")]
-    pub gates: Vec<GateName>,
+    #[command(flatten)]
+    pub gates: FlightGateArgs,
 }
 
 impl SimulateArgs {
@@ -291,8 +286,7 @@ impl SimulateArgs {
         [
             self.flight.overrides(),
             self.every.overrides(),
-            self.flight_gates.overrides(),
-            gate_overrides(&self.gates),
+            self.gates.overrides(),
         ]
         .concat()
     }

@@ -121,27 +121,18 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
 
 /// The processes that serve the flight to a browser and to a ground station.
 fn servers(args: &FlyArgs) -> Vec<ServerProcess> {
-    let control = args.allow_control.then(|| "--allow-control".to_owned());
-    let page = args.web.then(|| {
-        let port = ["--web".into(), "--port".into(), args.page.port.to_string()];
-        let open = args.open.then(|| "--open".to_owned());
-        ServerProcess {
-            what: "the live page",
-            command: "watch",
-            arguments: port
-                .into_iter()
-                .chain(control.clone())
-                .chain(open)
-                .collect(),
-        }
+    let flag = |is_given, flag| if is_given { flag } else { "" };
+    let control = flag(args.allow_control, "--allow-control");
+    let (port, open) = (args.page.port, flag(args.open, "--open"));
+    let page = args.web.then(|| ServerProcess {
+        what: "the live page",
+        command: "watch",
+        arguments: format!("--web --port {port} {control} {open}"),
     });
     let vehicle = args.mavlink.then(|| ServerProcess {
         what: "the MAVLink vehicle",
         command: "bridge",
-        arguments: ["mavlink".to_owned()]
-            .into_iter()
-            .chain(control.clone())
-            .collect(),
+        arguments: format!("mavlink {control}"),
     });
     page.into_iter().chain(vehicle).collect()
 }

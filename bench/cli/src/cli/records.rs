@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
 use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
 use render::flight::section_names;
 
 use crate::cli::values;
@@ -158,18 +159,10 @@ pub struct ReplayArgs {
 impl ReplayArgs {
     /// The libraries of laws that are no longer where the log says.
     pub fn moved(&self) -> Vec<(Role, PathBuf)> {
-        let moved = [
-            (Role::Outer, &self.outer),
-            (Role::Inner, &self.inner),
-            (Role::Mixer, &self.mixer),
-        ];
-        let each = |(role, files): (Role, &Vec<PathBuf>)| {
-            files
-                .iter()
-                .map(move |it| (role, it.clone()))
-                .collect::<Vec<_>>()
-        };
-        moved.into_iter().flat_map(each).collect()
+        let files = [&self.outer, &self.inner, &self.mixer];
+        let all = LAW_ROLES.into_iter().zip(files);
+        let each = all.flat_map(|(role, files)| files.iter().map(move |it| (role, it.clone())));
+        each.collect()
     }
 }
 

@@ -6,13 +6,11 @@ use std::os::fd::AsFd as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
 use ipc::recorder_depth;
 use messages::flight_plan::FlightPlan;
 use messages::role::{Channel, Replica, Role};
-use plant::PlantSettings;
 use process::rt::{allow_cpus, loops_cpu, take_stand};
 use process::session::{RoleSession, StartConfig};
 use process::signals::is_on_its_own;
@@ -37,10 +35,15 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
     let settings = resolve(args, Overrides::new())?;
     settings.check_faults_of_processes(args.launcher.is_some())?;
-    let stage = Stage::new(role, &settings.of_channel(args.channel))?;
+    let stage = stage(role, args.channel, &settings)?;
     let session = RoleSession::take(role, start_config(role, args, &settings, begun_ns)?)?;
     let (instance, stop) = (session.wire().instance().clone(), session.stop_flag());
-    let flown = stage.run(session, &settings);
+    if settings.flight.pace == PaceName::Lockstep {
+        // One after the other on one processor: to wake another one takes longer than a stage computes. If that is
+        // refused, the flight is slower and the same.
+        let _ = take_stand(loops_cpu(), 0);
+    }
+    let flown = stage(session);
     leave(&instance, args);
     flown
         .map(|()| OK)
@@ -64,69 +67,53 @@ fn resolve(args: &RoleArgs, more: Overrides) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// What a role's process flies, before it has joined a run.
-#[allow(clippy::large_enum_variant, reason = "there is one of it in a process")]
-enum Stage {
-    Plant(Box<PlantSettings>),
-    Outer(GuardedOuter),
-    Inner(GuardedInner),
-    Mixer(GuardedMixer),
-}
+type Stage<'a> = Box<dyn FnOnce(RoleSession) -> Result<(), Failure> + 'a>;
 
-impl Stage {
-    fn new(role: Role, settings: &Settings) -> Result<Self, Failure> {
-        Ok(match role {
-            Role::Plant => Self::Plant(Box::new(settings.plant()?)),
-            Role::Outer => Self::Outer(settings.outer_stage()?),
-            Role::Inner => {
-                let mut inner = settings.inner_stage()?;
-                let by_the_clock = settings.flight.pace == PaceName::Realtime;
-                inner
-                    .start(by_the_clock)
-                    .map_err(|e| Failure::failed(e.to_string()))?;
-                Self::Inner(inner)
-            }
-            Role::Mixer => Self::Mixer(settings.mixer_stage()?),
-            Role::Record => {
-                let why = "the recorder has a command of its own: `ironbird record`";
-                return Err(Failure::usage(why));
-            }
-        })
-    }
-
-    fn run(self, session: RoleSession, settings: &Settings) -> Result<(), Failure> {
-        let lockstep = settings.flight.pace == PaceName::Lockstep;
-        if lockstep {
-            // One after the other on one processor: to wake another one takes longer than a stage computes. If that is
-            // refused, the flight is slower and the same.
-            let _ = take_stand(loops_cpu(), 0);
+/// Makes the stage of a role, which then only needs to join a run to fly.
+fn stage(role: Role, channel: Channel, settings: &Settings) -> Result<Stage<'_>, Failure> {
+    let (own, faults) = (settings.of_channel(channel), settings.planned()?);
+    let flight = Flight {
+        lockstep: settings.flight.pace == PaceName::Lockstep,
+        slowdown: settings.flight.slowdown,
+        faults: faults.loops,
+    };
+    Ok(match role {
+        Role::Plant => {
+            let plant = own.plant()?;
+            let plan = FlightPlan {
+                last_tick: settings.last_tick(),
+                sample_time_ns: settings.sample_time_ns(),
+                wall_period_ns: settings.wall_period_ns(),
+            };
+            let route = settings.course()?.route(settings.flight.period_s);
+            let simplex = settings.simplex_limits().map(|limits| (limits, route));
+            Box::new(move |session| {
+                let (swaps, loops) = (&faults.swaps, &flight.faults);
+                plant::process::run(session, &plant, plan, swaps, loops, simplex)?;
+                Ok(())
+            })
         }
-        let faults = settings.planned()?;
-        let flight = Flight {
-            lockstep,
-            slowdown: settings.flight.slowdown,
-            faults: faults.loops,
-        };
-        match self {
-            Self::Plant(plant) => {
-                let plan = FlightPlan {
-                    last_tick: settings.last_tick(),
-                    sample_time_ns: settings.sample_time_ns(),
-                    wall_period_ns: settings.wall_period_ns(),
-                };
-                let route = settings.course()?.route(settings.flight.period_s);
-                let simplex = settings.simplex_limits().map(|limits| (limits, route));
-                plant::process::run(session, &plant, plan, &faults.swaps, &faults.loops, simplex)?;
-            }
-            Self::Outer(outer) => {
-                let error_max_m = settings.flight.position_error_max_m;
-                stage::outer(session, outer, error_max_m, &flight)?;
-            }
-            Self::Inner(inner) => stage::inner(session, inner, &flight)?,
-            Self::Mixer(mixer) => stage::mixer(session, mixer, &flight)?,
+        Role::Outer => {
+            let outer = own.outer_stage()?;
+            let error_max_m = settings.flight.position_error_max_m;
+            Box::new(move |session| Ok(stage::outer(session, outer, error_max_m, &flight)?))
         }
-        Ok(())
-    }
+        Role::Inner => {
+            let mut inner = own.inner_stage()?;
+            inner
+                .start(!flight.lockstep)
+                .map_err(|e| Failure::failed(e.to_string()))?;
+            Box::new(move |session| Ok(stage::inner(session, inner, &flight)?))
+        }
+        Role::Mixer => {
+            let mixer = own.mixer_stage()?;
+            Box::new(move |session| Ok(stage::mixer(session, mixer, &flight)?))
+        }
+        Role::Record => {
+            let why = "the recorder has a command of its own: `ironbird record`";
+            return Err(Failure::usage(why));
+        }
+    })
 }
 
 /// The last process without a supervisor removes what the middleware leaves; a supervisor does so itself.

@@ -9,8 +9,6 @@
 mod change;
 #[path = "../recorded/mod.rs"]
 mod recorded;
-#[path = "../rig/mod.rs"]
-mod rig;
 mod trial;
 
 use std::fs;
@@ -36,7 +34,6 @@ use toml::Value;
 
 use fastrand::Rng;
 use recorded::{TickFaults, settings};
-use rig::Rig;
 use trial::Trial;
 
 /// Ticks that are flown with settings that were taken.
@@ -154,21 +151,10 @@ fn run_facts(path: &Path) -> Result<RunFacts, Failure> {
 
 #[test]
 fn reports() {
-    let rig = Rig::new("broken");
-    let latest = rig.out().join("latest");
-    let fly = |options: &str| {
-        rig.ok(&format!(
-            "fly --duration 1s --fault mass_kg=0.6@tick500 {options}"
-        ));
-        fs::read(latest.join("report.json")).unwrap()
-    };
-    let in_lockstep = fly("--pace lockstep");
-    let facts_file = fs::read(latest.join("run.json")).unwrap();
-    let facts = run_facts(&latest.join("run.json")).unwrap();
-    let good = [
-        in_lockstep,
-        fly(&format!("--rt off --config {}", rig.slow(2))),
-    ];
+    let recorded = |file: &str| good(&format!("bench/render/tests/reports/{file}"));
+    let facts_file = recorded("lockstep/run.json");
+    let facts: RunFacts = serde_json::from_slice(&facts_file).unwrap();
+    let good = ["lockstep/report.json", "outages/report.json"].map(recorded);
     let flown = |report: &Report, facts: &RunFacts| ComparedRun {
         run: "a".into(),
         report: report.clone(),

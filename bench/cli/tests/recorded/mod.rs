@@ -2,7 +2,6 @@
 //!
 //! A test says which stage is silent or late in a tick; plant, command hold and laws are the real ones, and receive and
 //! publish as their processes do.
-#![allow(dead_code, reason = "each test program uses its part")]
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, SavedState};
 use std::collections::{BTreeMap, VecDeque};
@@ -14,7 +13,6 @@ use controller::flight_monitor::FlightMonitor;
 use flight_log::causal_order::CausalOrder;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
-use flight_log::reader::LogReader;
 use flight_log::writer::{CHUNK_NS, FlightLog};
 use messages::blackboards::Run;
 use messages::content::{
@@ -355,24 +353,4 @@ pub fn write(path: &Path, settings: &Settings, published: &Published) {
         log.keep(position * CHUNK_NS / 50).unwrap();
     });
     log.finish(record(&[("ending", "completed")])).unwrap();
-}
-
-/// Writes a log again with this landing record, without the messages that `keep` does not want, which it may also change.
-/// It may be that of a channel.
-pub fn rewrite(
-    channel: Option<Channel>,
-    from: &Path,
-    to: &Path,
-    text: &str,
-    landing: &[(&str, &str)],
-    mut keep: impl FnMut(&mut LogEntry) -> bool,
-) {
-    let mut reader = LogReader::open(from).unwrap();
-    let mut log = FlightLog::create(to, &facts(&settings(text), channel)).unwrap();
-    while let Some(mut entry) = reader.next_entry().unwrap().copied() {
-        if keep(&mut entry) {
-            log.take(&entry, reader.position());
-        }
-    }
-    log.finish(record(landing)).unwrap();
 }

@@ -1,5 +1,4 @@
 //! A rig for one test: own root, own output, own instance, own processes.
-#![allow(dead_code, unused_imports, reason = "each test file uses its part")]
 
 mod role_process;
 mod system;
@@ -63,6 +62,10 @@ pub fn copy_executable(to: &Path) {
     let copied = Command::new("cp").arg(ironbird()).arg(to).status().unwrap();
     assert!(copied.success());
 }
+
+/// Settings of a flight that nothing ends early, however busy the machine is.
+pub const SKY: &str =
+    "[flight]\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n";
 
 pub struct Rig {
     executable: &'static str,
@@ -137,15 +140,10 @@ impl Rig {
         path
     }
 
-    /// Settings of a flight that nothing ends early, however busy the machine is: no ground, no error that is too large.
-    pub fn airborne(&self, more: &str) -> String {
-        self.settings(&format!("[flight]\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n{more}"))
-    }
-
     /// Settings of slow motion: a tick takes `slowdown` ms, so that a stall of the machine misses no deadline. Without a
     /// ground, on which an airframe may fall while a stage is missing.
     pub fn slow(&self, slowdown: u64) -> String {
-        self.airborne(&format!("slowdown = {slowdown}\n"))
+        self.settings(&format!("{SKY}slowdown = {slowdown}\n"))
     }
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
@@ -207,17 +205,8 @@ impl Rig {
 
     /// Runs a whole command line, which must succeed.
     pub fn ok(&self, line: &str) -> Ended {
-        self.line(line).expect(0)
-    }
-
-    /// Runs a whole command line, which must be refused as a mistake.
-    pub fn refused(&self, line: &str) -> Ended {
-        self.line(line).expect(2)
-    }
-
-    fn line(&self, line: &str) -> Ended {
         let (command, args) = line.split_once(' ').unwrap_or((line, ""));
-        self.run(command, args)
+        self.run(command, args).expect(0)
     }
 
     /// Waits until the parameters of the flight are in force.

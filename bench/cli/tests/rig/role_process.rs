@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 use serde_json::Value;
 
-use super::system::{LOOK_EVERY, PATIENCE, command_line, send, wait_until};
+use super::system::{LOOK_EVERY, PATIENCE, send, wait_until};
 
 /// A process that the test has started, and kills if it still runs at the end.
 pub struct Running {

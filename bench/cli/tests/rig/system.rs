@@ -1,7 +1,7 @@
 //! What a test sees of the system's processes, and does to them.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Once};
 use std::thread::sleep;

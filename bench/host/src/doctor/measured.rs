@@ -1,6 +1,5 @@
 //! The measured part of an examination: a bare timer, then a raw futex ring, a few seconds each.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use analysis::finding::Finding;
@@ -101,16 +100,13 @@ impl MeasuredMachine {
         ]
     }
 
-    pub(super) fn write(&self, out: &mut String) -> std::fmt::Result {
+    pub(super) fn text(&self) -> String {
         let (seconds, scheduling, cpu) = (self.seconds, &self.scheduling, self.cpu);
-        writeln!(
-            out,
-            "\nMeasured for {seconds} s each, {scheduling} on processor {cpu}"
-        )?;
-        for refused in &self.refused {
-            writeln!(out, "  refused: {refused}")?;
-        }
-        Ok(())
+        let head = format!("\nMeasured for {seconds} s each, {scheduling} on processor {cpu}\n");
+        let refused = self.refused.iter();
+        refused.fold(head, |text, refused| {
+            text + &format!("  refused: {refused}\n")
+        })
     }
 }
 

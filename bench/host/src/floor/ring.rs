@@ -28,24 +28,12 @@ use rustix::thread::futex;
 
 use super::timer::{PeriodicTimer, Schedule, on_a_thread, stay_awake};
 
-#[derive(Clone, Debug, Default)]
-pub struct RingSettings {
-    /// The priority is that of the first process; each later one has one more, as the loops have.
-    pub schedule: Schedule,
-    /// What each process computes before it wakes the next one: as many as there are processes, 2 to 64.
-    pub work: Vec<Work>,
-}
-
 #[derive(Clone, Debug)]
 pub struct RingFloor {
     /// From the first process' begin to the instant before the last one wakes it [ns].
     pub chain: Latencies,
     /// From the first process' begin to its having the token back [ns].
     pub lap: Latencies,
-    /// From the beginning of each tick to the first process' waking [ns]; ticks slept through with their whole
-    /// lateness.
-    pub lateness: Latencies,
-    pub ticks_run: u64,
     /// Ticks slept through, or over before the token was back.
     pub ticks_skipped: u64,
     /// What the first process was granted; the others have the same.
@@ -57,30 +45,36 @@ const WARM_UP: u32 = 100;
 /// How long a token may take before the ring counts as broken; the processes' start is in it.
 const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Measures with processes of an `ironbird` executable: usually the present one.
-pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, Failure> {
-    let (settings, executable) = (settings.clone(), executable.to_owned());
-    let processes = settings.work.len();
+/// Measures with processes of an `ironbird` executable: usually the present one. The priority is that of the first
+/// process; each later one has one more, as the loops have. `work` is what each process computes before it wakes the
+/// next one: as many as there are processes, 2 to 64.
+pub fn measure(
+    schedule: &Schedule,
+    work: Vec<Work>,
+    executable: &Path,
+) -> Result<RingFloor, Failure> {
+    let (schedule, executable) = (schedule.clone(), executable.to_owned());
+    let processes = work.len();
     if !(2..=EVENTS).contains(&processes) {
         let mistake = format!("a ring has 2 to {EVENTS} processes, not {processes}");
         return Err(Failure::usage(mistake));
     }
     // The processes end with the thread that starts them.
     on_a_thread("ring floor", move || {
-        let Schedule { cpu, priority, .. } = settings.schedule;
+        let Schedule { cpu, priority, .. } = schedule;
         let cpu = cpu.unwrap_or_else(loops_cpu);
         let highest = priority + processes as i32 - 1;
         let refusal = fifo_refusal(highest).filter(|_| priority > 0);
         let priority = if refusal.is_some() { 0 } else { priority };
         let page = page().map_err(failed("cannot make a ring"))?;
         // Before this thread takes its stand: a process inherits the scheduling of the thread that starts it.
-        let others = Others::start(&executable, &page, cpu, priority, &settings.work)?;
+        let others = Others::start(&executable, &page, cpu, priority, &work)?;
         let mut standing = take_stand(cpu, priority);
         let refusal = refusal.map(|reason| format!("SCHED_FIFO {highest}: {reason}"));
         standing.refused.extend(refusal);
         let _awake = stay_awake(&mut standing);
         let mut link = Link::new(&page, 0, processes)?;
-        let measured = go_around(&mut link, &settings, standing);
+        let measured = go_around(&mut link, &schedule, work[0], standing);
         drop(others);
         measured
     })
@@ -88,14 +82,14 @@ pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, 
 
 fn go_around(
     link: &mut Link,
-    settings: &RingSettings,
+    schedule: &Schedule,
+    work: Work,
     standing: Standing,
 ) -> Result<RingFloor, Failure> {
     for _ in 0..WARM_UP {
         pass_around(link, Work::default())?;
     }
     let (mut chain, mut lap) = (Latencies::new()?, Latencies::new()?);
-    let (work, schedule) = (settings.work[0], &settings.schedule);
     let mut timer = PeriodicTimer::new(schedule.period_ns, schedule.duration)?;
     while timer.next_wake().is_some() {
         // The periodic timer's own records are none of the ring's time.
@@ -108,9 +102,7 @@ fn go_around(
     Ok(RingFloor {
         chain,
         lap,
-        ticks_run: timer.ticks_run(),
         ticks_skipped: timer.skipped,
-        lateness: timer.lateness,
         standing,
     })
 }

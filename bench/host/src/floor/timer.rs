@@ -122,10 +122,6 @@ impl PeriodicTimer {
         self.next_tick = current + 1;
         Some(woken_ns)
     }
-
-    pub fn ticks_run(&self) -> u64 {
-        self.next_tick - self.skipped
-    }
 }
 
 #[cfg(test)]

@@ -61,8 +61,7 @@ impl Mode {
 
 /// The lowest target, where the vehicle stands on the ground [m].
 fn lowest_m(flight: &WatchedFlight) -> f64 {
-    let setting = |key: &str| flight.setting(key).parse().unwrap_or(0.0);
-    setting("flight.ground_z_m") + setting("ground.leg_m")
+    flight.settings.flight.ground_z_m + flight.settings.ground.leg_m
 }
 
 /// Checks a target; a yaw that is no number keeps the one before.

@@ -144,7 +144,7 @@ impl Vehicle {
             }
         }
         if is_new {
-            let text = format!("ironbird flies {}", flight.setting("flight.trajectory"));
+            let text = format!("ironbird flies {}", flight.settings.flight.trajectory);
             self.outbox.say(MavSeverity::MAV_SEVERITY_INFO, &text);
         }
         let ends = flight.ending.is_some() && !self.has_ended;

@@ -292,7 +292,7 @@ fn vfr_hud(flight: &WatchedFlight) -> Option<VFR_HUD_DATA> {
     let [vx, vy, vz] = measured.velocity_w_m_s;
     let wind = [Parameter::WindX, Parameter::WindY, Parameter::WindZ];
     let [wx, wy, wz] = wind.map(|it| state.truth.parameter[it as usize]);
-    let most = rotor_limits(flight)?[1];
+    let most = flight.settings.rotor.max_rad_s;
     let squares = measured.rotor_speed_squared_mean_rad2_s2;
     let share = squares.iter().sum::<f64>() / (ROTORS as f64 * most * most);
     Some(VFR_HUD_DATA {
@@ -305,16 +305,13 @@ fn vfr_hud(flight: &WatchedFlight) -> Option<VFR_HUD_DATA> {
     })
 }
 
-/// Slowest and fastest rotor [rad/s].
-fn rotor_limits(flight: &WatchedFlight) -> Option<[f64; 2]> {
-    let limit = |key: &str| flight.setting(key).parse().ok();
-    Some([limit("rotor.min_rad_s")?, limit("rotor.max_rad_s")?])
-}
-
 /// Rotor commands as for servos, from 1000 us (slowest) to 2000 us (fastest).
 fn servo_output(flight: &WatchedFlight) -> Option<SERVO_OUTPUT_RAW_DATA> {
     let speeds = flight.rotor_speeds.as_ref()?.speed_rad_s;
-    let [least, most] = rotor_limits(flight)?;
+    let (least, most) = (
+        flight.settings.rotor.min_rad_s,
+        flight.settings.rotor.max_rad_s,
+    );
     let width_us = |speed: f64| (1000.0 + 1000.0 * (speed - least) / (most - least)).round() as u16;
     let [servo1_raw, servo2_raw, servo3_raw, servo4_raw] = speeds.map(width_us);
     Some(SERVO_OUTPUT_RAW_DATA {
@@ -355,7 +352,7 @@ pub fn available_modes(flight: &WatchedFlight, index: u32) -> Vec<MavMessage> {
             .map(|it| (it.number(), it.name(), selectable))
             .to_vec(),
         false => {
-            let name = flight.setting("flight.trajectory");
+            let name = flight.settings.flight.trajectory.as_str();
             vec![(
                 0,
                 name,

@@ -27,7 +27,7 @@ use super::parameters::{FAILURES_ENABLED, NAMES};
 use super::protocol::{Purpose, Request, Vehicle, What};
 use super::telemetry::STREAMS;
 use crate::inject::parse_line;
-use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
+use crate::made_up::{flight, joined, message, run, take_command};
 use crate::watch::dashboard_model::{Model, WatchedFlight};
 
 const STATION: MavHeader = MavHeader {
@@ -39,19 +39,17 @@ const NOW: Duration = Duration::from_secs(10);
 
 /// A flight at tick 1500 that is 3 m ahead, 1 m left and 2 m up, turned to the left.
 fn model(trajectory: &str) -> Model {
+    let trajectory = format!("{trajectory:?}");
     let run = Run {
         tick: 1500,
         deadlines_missed: 4,
         ..run()
     };
     let settings = [
-        ("flight.trajectory", trajectory),
+        ("flight.trajectory", trajectory.as_str()),
         ("flight.faults", r#"["inner.late=1ms@1.6s"]"#),
-        ("ground.leg_m", "0.05"),
-        ("rotor.min_rad_s", "30"),
-        ("rotor.max_rad_s", "350"),
     ];
-    let mut model = joined(&run, &[&settings[..], &LIMITS].concat());
+    let mut model = joined(&run, &settings);
     let flight = flight(&mut model);
     let measured = Measured {
         position_w_m: [3.0, 1.0, 2.0],

@@ -30,11 +30,9 @@ use analysis::series::Series;
 use analysis::states::is_final_command;
 use analysis::theorem::Theorem;
 use analysis::tracking::Tracking;
-use analysis::verdicts::{TrackingLimits, flight_verdict, stability_verdict, timing_verdict};
-use config::airframe::airframe_of;
-use config::planned_faults::injected;
-use config::trajectory::{built_in, is_file};
-use config::{PointsFile, law_settings};
+use analysis::verdicts::{flight_verdict, stability_verdict, timing_verdict};
+use config::trajectory::is_file;
+use config::{PointsFile, Settings};
 use controller::laws::adaptive;
 use errors::Failure;
 use faults::grammar::{Change, Desired};
@@ -130,7 +128,8 @@ impl Model {
         matches!(&self.flight, Some(flight) if flight.ending.is_none())
     }
 
-    pub fn join(&mut self, run: &Run, settings: BTreeMap<String, String>) -> Result<(), Failure> {
+    pub fn join(&mut self, run: &Run, settings: &str) -> Result<(), Failure> {
+        let settings = Settings::of_shared(settings)?;
         self.flight = Some(Box::new(WatchedFlight::new(run, settings)?));
         self.parameters = ParameterPage {
             selected: self.parameters.selected,
@@ -272,8 +271,8 @@ impl Model {
 #[derive(Debug)]
 pub struct WatchedFlight {
     pub run: Run,
-    /// Settings shared by all roles, by key.
-    settings: BTreeMap<String, String>,
+    /// Those that all roles share.
+    pub settings: Settings,
     pub ending: Option<EndReason>,
     /// Whether the recorder runs, which passes messages on and runs the Lyapunov monitor; or ran at the end of the flight.
     pub recorder_lives: bool,
@@ -320,14 +319,10 @@ pub struct WatchedFlight {
 }
 
 impl WatchedFlight {
-    fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
-        let tracking = tracking(run, &settings)?;
-        let airframe = airframe_of(&settings)?;
-        let laws = law_settings::shared(&settings)?;
-        let faults = settings.get("flight.faults").map_or("[]", String::as_str);
-        let unreadable =
-            |e| Failure::failed(format!("flight.faults of the flight is {faults}: {e}"));
-        let faults: Vec<String> = serde_json::from_str(faults).map_err(unreadable)?;
+    fn new(run: &Run, mut settings: Settings) -> Result<Self, Failure> {
+        let tracking = tracking(run, &mut settings)?;
+        let (airframe, laws) = (settings.as_built()?, settings.flown_laws()?);
+        let planned = settings.injected()?;
         let mut statistics = Self::statistics(run, tracking, laws)?;
         statistics.theorem.set_airframe(&airframe);
         Ok(Self {
@@ -352,7 +347,7 @@ impl WatchedFlight {
             statuses: BTreeMap::new(),
             active: ActiveParameters::default(),
             supervision: Box::default(),
-            planned: injected(&faults, run.flight_time_s(1))?,
+            planned,
             injected: Vec::new(),
             channel: (run.channels <= 1).then_some((Channel::A, Some(0))),
             handovers: VecDeque::new(),
@@ -407,10 +402,6 @@ impl WatchedFlight {
     /// Whether a ground station flies the vehicle.
     pub fn follows_targets(&self) -> bool {
         self.tracking.course().follows_targets()
-    }
-
-    pub fn setting(&self, key: &str) -> &str {
-        self.settings.get(key).map_or("", String::as_str)
     }
 
     pub fn take(&mut self, entry: &LogEntry) {
@@ -612,22 +603,10 @@ impl WatchedFlight {
             ticks_unwatched: recorder.map_or(0, |it| it.wrenches_unwatched),
             ..statistics.theorem.section()
         };
-        let limit = |key: &str| self.setting(key).parse::<f64>().ok();
-        let limits = || {
-            Some(TrackingLimits {
-                error_max_m: limit("flight.tracking_error_max_m")?,
-                yaw_error_max_rad: limit("flight.tracking_yaw_error_max_rad")?,
-                ground_z_m: limit("flight.ground_z_m")?,
-            })
-        };
-        let unknown = || Explained {
-            why: "the limits of the flight are unknown".into(),
-            ..Explained::default()
-        };
-        let tracked = |limits| flight_verdict(&statistics.flight(), self.ending, &limits);
+        let limits = self.settings.tracking_limits();
         let speed = Speed::of(run.period_ns, run.sample_time_ns);
         let verdicts = Verdicts {
-            flight: limits().map_or_else(unknown, tracked),
+            flight: flight_verdict(&statistics.flight(), self.ending, &limits),
             timing: timing_verdict(&ticks, &not_fresh, speed, &self.steal),
             theorem: stability_verdict(&theorem),
         };
@@ -670,32 +649,25 @@ impl<'a> Judged<'a> {
     }
 }
 
-fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
-    let setting = |key: &str| settings.get(key).map_or("", String::as_str);
-    let name = setting("flight.trajectory");
-    let course = if is_file(name) {
-        let sha256 = setting("trajectory.sha256");
-        let tolerance = setting("trajectory.tolerance").parse().unwrap_or(-1.0);
+fn tracking(run: &Run, settings: &mut Settings) -> Result<Tracking, Failure> {
+    let name = &settings.flight.trajectory;
+    if is_file(name) {
+        let sha256 = &settings.trajectory.sha256;
         let gone = |what: String| {
             Failure::failed(what).help(format!(
                 "restore the file with SHA-256 {sha256}, and start watch again; the flight itself continues, and flight.mcap \
                  contains its points"
             ))
         };
-        let points = PointsFile::read(name, tolerance)
+        let points = PointsFile::read(name, settings.trajectory.tolerance)
             .map_err(|e| gone(format!("the trajectory of the flight cannot be shown: {e}")))?;
-        if points.sha256 != sha256 {
+        if points.sha256 != *sha256 {
             let what = format!("the trajectory file {name} has changed since the flight began");
             return Err(gone(what));
         }
-        points.course
-    } else {
-        let unknown = |e| format!("flight.trajectory of the flight is `{name}`: {e}");
-        built_in(name).map_err(|e| Failure::failed(unknown(e)))?
-    };
-    let number = |key: &str| setting(key).parse().unwrap_or(1.0);
-    let course = course.stretched(number("trajectory.size"), number("trajectory.period"));
-    Ok(Tracking::along(course, run.flight_time_s(1)))
+        settings.points = Some(points);
+    }
+    Ok(Tracking::along(settings.course()?, run.flight_time_s(1)))
 }
 
 /// Adds the newest of at most `most`.

@@ -75,7 +75,7 @@ impl Feed {
 
     fn join(&mut self, model: &mut Model) -> Result<(), Failure> {
         if let Some(observation) = Observation::join(&self.instance, &mut self.failed)? {
-            model.join(&observation.run(), observation.settings.clone())?;
+            model.join(&observation.run(), &observation.settings)?;
             self.joined = Some(observation);
         }
         Ok(())

@@ -90,11 +90,9 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
         if tick != NO_TICK {
             add(format!("tick {tick}"), FAINT);
         }
-        let [trajectory, preset] =
-            ["flight.trajectory", "flight.preset"].map(|key| flight.setting(key));
-        if !trajectory.is_empty() {
-            add(format!("{trajectory}, gains {preset}"), FAINT);
-        }
+        let flown = &flight.settings.flight;
+        let (trajectory, preset) = (&flown.trajectory, &flown.preset);
+        add(format!("{trajectory}, gains {preset}"), FAINT);
     } else {
         let words = ["waits for a flight", "starts"][usize::from(model.launched)];
         add(words.into(), PLAIN);

@@ -22,7 +22,7 @@ use ratatui::style::Color;
 use super::dashboard_model::{Action, Judged, Model, Tab, WatchedFlight};
 use super::line;
 use super::screen::{SMALLEST, draw};
-use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
+use crate::made_up::{flight, joined, message, run, take_command};
 
 const NORMAL: (u16, u16) = (80, 24);
 
@@ -94,7 +94,7 @@ fn seen(settings: &[(&str, &str)], ticks: std::ops::Range<u64>) -> Model {
 
 /// A dashboard that has seen a second of a flight, from its 100th tick on.
 fn model() -> Model {
-    let mut model = seen(&LIMITS, 100..1100);
+    let mut model = seen(&[], 100..1100);
     let flight = flight(&mut model);
     flight.run = Run {
         tick: 1099,
@@ -138,7 +138,8 @@ fn handed_over() -> Model {
 
 /// A dashboard that has seen a tick of a flight with these laws.
 fn flown_by(outer: &str, inner: &str) -> Model {
-    seen(&[("outer.law", outer), ("inner.law", inner)], 100..101)
+    let [outer, inner] = [outer, inner].map(|law| format!("{law:?}"));
+    seen(&[("outer.law", &outer), ("inner.law", &inner)], 100..101)
 }
 
 /// Types keys, some of them by name, as in `4<Enter>50<Enter>`; returns the last one's action.
@@ -402,8 +403,7 @@ fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
 #[test]
 fn a_verdict_is_good_or_bad_or_neither() {
     fn of<W>(word: W) -> Explained<W> {
-        let why = String::new();
-        Explained { word, why }
+        Explained::new(word, String::new())
     }
     use FlightVerdict::{CutShort, Lost, NotSeen, OffTrack, Tracked};
     use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};

@@ -19,6 +19,7 @@ use messages::channels::{Outage, OutageReason, SwitchoverReason};
 use messages::content::Mode;
 use messages::parameters::{Airframe, ESTIMATED, Parameter, SPECS};
 use messages::role::{Channel, Replica, Role, STAGES};
+use messages::telemetry::LAW_ROLES;
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
@@ -49,14 +50,10 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
                 "nominal": flight.airframe.get(spec.parameter),
             })
         });
-        let conditions = [
-            "flight.trajectory",
-            "flight.preset",
-            "outer.law",
-            "inner.law",
-            "mixer.law",
-        ];
-        let conditions = conditions.map(|key| flight.setting(key));
+        let settings = &flight.settings;
+        let course = [&*settings.flight.trajectory, &settings.flight.preset];
+        let laws = LAW_ROLES.map(|role| settings.law_name(role));
+        let conditions = [&course[..], &laws].concat();
         text["flight"] = json!({
             "run": run.run_id.to_string(),
             "channels": channels(flight),
@@ -487,10 +484,7 @@ mod tests {
             ),
         ] {
             flight.ending = Some(ending);
-            let track = Explained {
-                word: track,
-                why: "below ground".into(),
-            };
+            let track = Explained::new(track, "below ground".into());
             let phase = phase(flight, &FiledReport::default(), &track);
             assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
         }

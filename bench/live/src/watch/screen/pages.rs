@@ -636,7 +636,7 @@ fn laws_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region
     let mut lines = Vec::new();
     for (role, statistics) in LAW_ROLES.into_iter().zip(&flight.statistics.telemetry) {
         let signals = statistics.section();
-        let title = format!("{role} {}", flight.setting(&format!("{role}.law")));
+        let title = format!("{role} {}", flight.settings.law_name(role));
         lines.push(match signals.is_empty() {
             true => Line::from_iter([
                 Span::styled(title, HEADING),
