@@ -9,13 +9,13 @@
 
 use std::collections::BTreeMap;
 
-use analysis::schema::{Explained, FlightVerdict};
+use analysis::schema::{Explained, FlightVerdict, RedundancySection};
+use analysis::sections;
 use analysis::series::{Latencies, Series, Statistics};
 use analysis::theorem::no_theorem;
 use faults::PORTS;
 use faults::grammar::Change;
 use messages::blackboards::EndReason;
-use messages::channels::{Outage, OutageReason, SwitchoverReason};
 use messages::content::Mode;
 use messages::parameters::{Airframe, ESTIMATED, Parameter, SPECS};
 use messages::role::{Channel, Replica, Role, STAGES};
@@ -129,7 +129,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         "lost": flight.lost(),
         "series": latencies(flight),
         "outages": outages(filed),
-        "channel": channel(flight),
+        "redundancy": redundancy(flight),
         "processes": processes(flight),
         "failed": flight.supervision.failed,
         "restarted": flight.supervision.restarted,
@@ -285,32 +285,13 @@ fn outages(filed: &FiledReport) -> Value {
     })
 }
 
-/// The channel that flies, and what the plant says of all of them; none of a flight with one.
-fn channel(flight: &WatchedFlight) -> Value {
-    let Some(redundancy) = flight.redundancy.filter(|_| flight.run.channels > 1) else {
-        return Value::Null;
-    };
-    let letter = |place: u64| Channel::from_wire(place).map(|channel| channel.to_string());
-    let outage = |it: &Outage| {
-        let reason = OutageReason::from_wire(it.reason).map_or("unknown", OutageReason::name);
-        json!({
-            "channel": letter(it.channel), "tick": it.tick, "ticks": it.ticks, "reason": reason,
-            "is_handover": it.is_handover == 1,
-        })
-    };
-    let kept = (redundancy.outage_count as usize).min(redundancy.outages.len());
-    let switchovers = redundancy.switchovers().iter().map(|it| {
-        let reason = SwitchoverReason::from_wire(it.reason);
-        let reason = reason.map_or("unknown", SwitchoverReason::name);
-        json!({"tick": it.tick, "from": letter(it.from), "to": letter(it.to), "reason": reason})
-    });
-    json!({
-        "active": letter(redundancy.active),
-        "flown": &redundancy.flown[..flight.run.channels.min(redundancy.flown.len() as u64) as usize],
-        "handovers": redundancy.handovers,
-        "outages": redundancy.outages[..kept].iter().rev().take(OUTAGES).map(outage).collect::<Vec<_>>(),
-        "switchovers": switchovers.collect::<Vec<_>>(),
-    })
+/// The plant's account of the channels with their newest outages; none of a flight with one channel.
+fn redundancy(flight: &WatchedFlight) -> Option<RedundancySection> {
+    let account = flight.redundancy.filter(|_| flight.run.channels > 1)?;
+    let mut section = sections::redundancy(&account, flight.run.flight_time_s(1));
+    section.outages.reverse();
+    section.outages.truncate(OUTAGES);
+    Some(section)
 }
 
 fn processes(flight: &WatchedFlight) -> Vec<Value> {
