@@ -1,6 +1,7 @@
 //! A rig for one test: own root, own output, own instance, own processes.
 #![allow(dead_code, unused_imports, reason = "each test file uses its part")]
 
+pub mod client;
 mod role_process;
 mod system;
 pub mod unprivileged;
