@@ -8,7 +8,7 @@ pub mod bridge;
 pub mod inject;
 #[cfg(test)]
 mod made_up;
-pub mod observation;
+mod observation;
 pub mod parameter_text;
 #[cfg(any(feature = "foxglove", feature = "web"))]
 mod request_head;

@@ -447,25 +447,12 @@ mod tests {
     fn a_flight_that_ends_by_its_duration_has_ended_and_a_lost_one_says_why() {
         let mut model = made_up::joined(&made_up::run(), &[]);
         let flight = made_up::flight(&mut model);
+        use EndReason::{Completed, Interrupted};
+        use FlightVerdict::{CutShort, Lost, Tracked};
         for (ending, track, word, why) in [
-            (
-                EndReason::Completed,
-                FlightVerdict::Tracked,
-                "ended",
-                "its duration is over",
-            ),
-            (
-                EndReason::Completed,
-                FlightVerdict::Lost,
-                "lost",
-                "below ground",
-            ),
-            (
-                EndReason::Interrupted,
-                FlightVerdict::CutShort,
-                "ended",
-                "interrupted",
-            ),
+            (Completed, Tracked, "ended", "its duration is over"),
+            (Completed, Lost, "lost", "below ground"),
+            (Interrupted, CutShort, "ended", "interrupted"),
         ] {
             flight.ending = Some(ending);
             let track = Explained {
