@@ -166,14 +166,14 @@ pub fn ask(instance: &Instance, desired: &[Desired], when: When) -> Result<Appli
         Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
     };
     check_once(desired).map_err(|e| wrong(&e))?;
-    if flight(instance).is_ok_and(|flight| flight.is_none()) {
+    let (wire, run) = flying(instance).or_else(|no_flight| {
         check_widest_ranges(desired).map_err(|e| {
             wrong(&format!(
                 "{e} for the airframe `{PAPER}`, and no other flies"
             ))
         })?;
-    }
-    let (wire, run) = flying(instance)?;
+        Err(no_flight)
+    })?;
     let airframe = airframe(&wire)?;
     let period_s = run.sample_time_ns as f64 / 1e9;
     let targets = targets_of(desired, &airframe, period_s).map_err(|e| wrong(&e))?;
@@ -367,11 +367,6 @@ impl TargetClient {
             None => Self::open(instance, run_id)?,
         };
         Ok(opened.insert(client))
-    }
-
-    /// True while the flight of this client flies.
-    pub fn is_of_flight(&self, instance: &Instance) -> bool {
-        still_flying(instance, self.run_id).is_ok()
     }
 
     fn open(instance: &Instance, run_id: u64) -> Result<Self, Failure> {

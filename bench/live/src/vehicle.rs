@@ -33,10 +33,9 @@ use crate::watch::feed::Feed;
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use link::{Frame, Link};
-use protocol::{Request, What};
+use protocol::{Request, Vehicle, What};
 
 pub use link::Address;
-pub use protocol::Vehicle;
 
 #[derive(Clone, Debug)]
 pub struct VehicleOptions {
@@ -93,7 +92,7 @@ fn open(address: Address) -> Result<Link, Failure> {
     })
 }
 
-/// How often a client without requests is checked.
+/// Without a request for this long, the client for targets is dropped: it keeps files of the flight in shared memory.
 const IDLE: Duration = Duration::from_millis(500);
 
 /// A request with the plant's answer.
@@ -105,30 +104,27 @@ fn ask(instance: &Instance, requests: &Receiver<Request>, answers: &Sender<Answe
     loop {
         let request = match requests.recv_timeout(IDLE) {
             Ok(request) => request,
-            // A client keeps files of the flight in shared memory until it is dropped.
             Err(RecvTimeoutError::Timeout) => {
-                client = client.filter(|it: &TargetClient| it.is_of_flight(instance));
+                client = None;
                 continue;
             }
             Err(RecvTimeoutError::Disconnected) => return,
         };
+        // Only into the flight that the request was meant for.
         let answer = match &request.what {
-            What::Line(line) => inject(instance, request.run_id, line),
+            What::Line(line) => {
+                still_flying(instance, request.run_id).and_then(|_| inject_line(instance, line))
+            }
             What::Target(order) => TargetClient::of(&mut client, instance, request.run_id)
-                .and_then(|client| client.aim(*order))
-                .map_err(|e| e.to_string()),
+                .and_then(|client| client.aim(*order)),
         };
-        if answers.send((request, answer)).is_err() {
+        if answers
+            .send((request, answer.map_err(|e| e.to_string())))
+            .is_err()
+        {
             return;
         }
     }
-}
-
-/// Injects into the flight that the request was meant for.
-fn inject(instance: &Instance, run_id: u64, line: &str) -> Result<String, String> {
-    still_flying(instance, run_id)
-        .and_then(|_| inject_line(instance, line))
-        .map_err(|e| e.to_string())
 }
 
 fn follow(
