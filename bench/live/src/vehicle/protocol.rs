@@ -23,7 +23,7 @@ use super::failures::{Failure, Refused, denied};
 use super::offboard::{Command, Mode, of_command, of_setpoint};
 use super::outbox::{Outbox, REPORT_EVERY};
 use super::parameters::{NAMES, index_of, meant, parameter_of, value_of};
-use super::telemetry::{STREAMS, available_modes, message};
+use super::telemetry::{available_modes, message, streams};
 use crate::watch::dashboard_model::{Judged, Model, WatchedFlight};
 
 /// Who the vehicle is.
@@ -115,10 +115,11 @@ pub struct Vehicle {
 
 impl Vehicle {
     pub fn new(allows_control: bool) -> Self {
-        let streams = STREAMS.map(|(id, interval)| (id, (Some(interval), Duration::ZERO)));
         Self {
             allows_control,
-            streams: streams.into(),
+            streams: streams()
+                .map(|(id, interval)| (id, (Some(interval), Duration::ZERO)))
+                .collect(),
             ..Self::default()
         }
     }
@@ -426,8 +427,8 @@ impl Vehicle {
     }
 
     fn set_interval(&mut self, id: f32, interval_us: f32) -> Outcome {
-        let stream = number(id).and_then(|id| STREAMS.iter().find(|it| it.0 == id));
-        let Some(&(id, usual)) = stream else {
+        let stream = number(id).and_then(|id| streams().find(|it| it.0 == id));
+        let Some((id, usual)) = stream else {
             return Err(denied(format!("message {id} is not sent by itself")));
         };
         let shortest = SHORTEST.as_micros();
@@ -481,9 +482,9 @@ impl Vehicle {
     fn inject(&mut self, parameters: [f32; 3], flight: &WatchedFlight) -> Outcome {
         self.begun.retain(|(_, what)| !has_ended(what, flight));
         let failure = Failure::of(parameters, &self.begun)?;
-        let begins = |it: &Request| matches!(&it.purpose, Purpose::Command(_, Some(it)) if it.unit == failure.unit && !it.is_end());
+        let begins = |it: &Request| matches!(&it.purpose, Purpose::Command(_, Some(it)) if it.unit == failure.unit && !it.is_end);
         // The faults to end are known when the plant has answered.
-        if failure.is_end() && self.pending.iter().any(begins) {
+        if failure.is_end && self.pending.iter().any(begins) {
             return Err(later(
                 "a failure of this unit is still being injected: send OK again",
             ));
@@ -500,7 +501,7 @@ impl Vehicle {
 
     /// Notes that a failure has begun, or that those of its unit have ended.
     fn note(&mut self, failure: &Failure) {
-        if failure.is_end() {
+        if failure.is_end {
             self.begun.retain(|(unit, _)| *unit != failure.unit);
         } else if let Some(what) = &failure.what {
             // One that has ended may begin again, and ends once.

@@ -25,7 +25,7 @@ use super::failures::FAILURES;
 use super::link::{Address, Frame, Link, frames};
 use super::parameters::{FAILURES_ENABLED, NAMES};
 use super::protocol::{Purpose, Request, Vehicle, What};
-use super::telemetry::STREAMS;
+use super::telemetry::streams;
 use crate::inject::parse_line;
 use crate::made_up::{LIMITS, flight, joined, message, run, take_command};
 use crate::watch::dashboard_model::{Model, WatchedFlight};
@@ -294,7 +294,7 @@ fn a_ground_station_can_connect_as_qgroundcontrol_does() {
     assert_eq!(it.note(), [], "a vehicle without a flight");
     it.vehicle.update(&it.model, NOW);
     let first = it.note();
-    for (id, _) in STREAMS {
+    for (id, _) in streams() {
         assert!(first.iter().any(|it| it.message_id() == id), "{id}");
     }
     let modes = AVAILABLE_MODES_DATA::ID;
