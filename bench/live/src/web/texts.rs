@@ -105,10 +105,10 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
     let Some(flight) = &model.flight else {
         return text;
     };
-    let (verdicts, not_fresh) = match &filed.excerpt {
-        Some(report) if !report.run.in_flight => (report.words.clone(), flight.verdicts().1),
-        _ => flight.verdicts(),
-    };
+    let (mut verdicts, not_fresh) = flight.verdicts();
+    if let Some(report) = filed.complete() {
+        verdicts = report.words.clone();
+    }
     let verdict = |it: Judged<'_>| match flight.lost_at() {
         // Without a recorder, it is of the past.
         Some(tick) => {
@@ -137,7 +137,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         "events": events(flight),
         "parameters": flight.active.value,
         "report": filed.path,
-        "status": filed.excerpt.as_ref().filter(|it| !it.run.in_flight).map(|it| it.verdict.status.to_string()),
+        "status": filed.complete().map(|it| it.verdict.status.to_string()),
     });
     text
 }
@@ -159,7 +159,7 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVe
         let why = active.map_or_else(String::new, |it| format!("channel {it} flies"));
         return json!({"word": "flying", "why": why, "tone": tone(Some(true))});
     };
-    let report = filed.excerpt.as_ref().filter(|it| !it.run.in_flight);
+    let report = filed.complete();
     let (word, why, is_good) = match ending {
         _ if track.word == FlightVerdict::Lost => ("lost", track.why.as_str(), Some(false)),
         EndReason::Completed => ("ended", "its duration is over", None),
@@ -265,7 +265,7 @@ fn bins(latencies: &Latencies) -> Vec<(f64, u64)> {
 
 /// Outages as the recorder has classed them so far.
 fn outages(filed: &FiledReport) -> Value {
-    let Some(report) = &filed.excerpt else {
+    let Some(report) = &filed.report else {
         return Value::Null;
     };
     let section = &report.autopsy;
