@@ -16,13 +16,13 @@ use mavlink::types::CharArray;
 use mavlink::{MavHeader, Message as _, MessageData as _};
 use messages::blackboards::EndReason;
 use messages::content::TargetKind;
-use messages::parameters::Parameter;
+use messages::parameters::{PARAMETERS, Parameter};
 use plant::guidance::PATIENCE_S;
 
 use super::failures::{Failure, Refused, denied};
 use super::offboard::{Command, Mode, of_command, of_setpoint};
 use super::outbox::{Outbox, REPORT_EVERY};
-use super::parameters::{NAMES, index_of, meant, parameter_of, value_of};
+use super::parameters::{index_of, meant, parameter_of, value_of};
 use super::telemetry::{available_modes, message, streams};
 use crate::watch::dashboard_model::{Judged, Model, WatchedFlight};
 
@@ -260,7 +260,7 @@ impl Vehicle {
         (self.peer, self.now) = (peer, now);
         match message {
             MavMessage::PARAM_REQUEST_LIST(_) => {
-                for index in 0..=NAMES.len() {
+                for index in 0..=PARAMETERS {
                     self.send_parameter(index, flight);
                 }
             }
@@ -614,7 +614,7 @@ impl Vehicle {
             -1 => index_of(it.param_id.to_str().unwrap_or_default()),
             index => usize::try_from(index).ok(),
         };
-        match index.filter(|index| *index <= NAMES.len()) {
+        match index.filter(|index| *index <= PARAMETERS) {
             Some(index) => self.send_parameter(index, flight),
             None => {
                 let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
@@ -644,7 +644,8 @@ impl Vehicle {
                     Ok(()) => self.send_value(place, *value as f32),
                     Err(why) => {
                         let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
-                        self.refuse_parameter(NAMES[place].into(), error, why, flight);
+                        let name = parameter.spec().mavlink.into();
+                        self.refuse_parameter(name, error, why, flight);
                     }
                 }
             }

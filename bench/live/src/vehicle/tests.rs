@@ -23,7 +23,7 @@ use messages::role::Channel;
 
 use super::failures::FAILURES;
 use super::link::{Address, Frame, Link, frames};
-use super::parameters::{FAILURES_ENABLED, NAMES};
+use super::parameters::FAILURES_ENABLED;
 use super::protocol::{Purpose, Request, Vehicle, What};
 use super::telemetry::streams;
 use crate::inject::parse_line;
@@ -87,8 +87,8 @@ fn model(trajectory: &str) -> Model {
 #[test]
 fn the_page_of_ground_stations_has_every_parameter_and_failure() {
     let page = include_str!("../../../../docs/ground-station.md");
-    let names = NAMES.iter().zip(&SPECS);
-    let names = names.map(|(name, spec)| format!("| {name} | `{}` |", spec.name));
+    let names = SPECS.iter();
+    let names = names.map(|spec| format!("| {} | `{}` |", spec.mavlink, spec.name));
     let failures = FAILURES.iter().map(|(unit, kind, what)| {
         let (unit, kind) = (format!("{unit:?}"), format!("{kind:?}"));
         let unit = unit.trim_start_matches("FAILURE_UNIT_");
