@@ -7,8 +7,7 @@ use messages::parameters::{PARAMETERS, Parameter, SPECS};
 pub const FAILURES_ENABLED: &str = "SYS_FAILURE_EN";
 
 pub fn parameter_of(name: &str) -> Option<Parameter> {
-    let spec = SPECS.iter().find(|it| it.mavlink == name)?;
-    Some(spec.parameter)
+    SPECS.get(index_of(name)?).map(|spec| spec.parameter)
 }
 
 /// Place of a parameter among those that are sent; [`FAILURES_ENABLED`] is the last one.

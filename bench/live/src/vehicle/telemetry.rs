@@ -44,7 +44,7 @@ pub fn streams() -> impl Iterator<Item = (u32, Duration)> {
 /// A message of the flight by its number; none if there is no such message, or nothing to report yet.
 pub fn message(id: u32, flight: &WatchedFlight, mode: Mode) -> Option<MavMessage> {
     let custom_mode = match flight.follows_targets() {
-        true => mode.number(),
+        true => mode as u32,
         false => 0,
     };
     let (.., report) = MESSAGES.iter().find(|(known, ..)| *known == id)?;
@@ -341,7 +341,7 @@ pub fn available_modes(flight: &WatchedFlight, index: u32) -> Vec<MavMessage> {
     let selectable = MavModeProperty::empty();
     let modes = match flight.follows_targets() {
         true => Mode::ALL
-            .map(|it| (it.number(), it.name(), selectable))
+            .map(|it| (it as u32, it.name(), selectable))
             .to_vec(),
         false => {
             let name = flight.setting("flight.trajectory");
