@@ -22,6 +22,7 @@ use messages::role::{Channel, Replica, Role, STAGES};
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
+use crate::parameter_text::rows;
 use crate::watch::dashboard_model::{Event, Judged, Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
@@ -42,13 +43,6 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
     });
     if let Some(flight) = &model.flight {
         let run = &flight.run;
-        let parameters = SPECS.iter().map(|spec| {
-            let range = flight.airframe.range(spec.parameter);
-            json!({
-                "name": spec.name, "unit": spec.unit, "meaning": spec.meaning, "min": range.min, "max": range.max,
-                "nominal": flight.airframe.get(spec.parameter),
-            })
-        });
         let conditions = [
             "flight.trajectory",
             "flight.preset",
@@ -67,7 +61,7 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
             "hover_rad_s": hover_rad_s(&flight.airframe),
             "reference": flight.reference_line(),
             "poses": flight.poses.iter().map(pose_numbers).collect::<Vec<_>>(),
-            "parameters": parameters.collect::<Vec<_>>(),
+            "parameters": rows(&flight.airframe, None).as_slice(),
             "faults": fault_rows(channels(flight), run.flight_time_s(1)),
         });
     }

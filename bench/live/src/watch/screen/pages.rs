@@ -12,7 +12,6 @@ use hdrhistogram::Histogram;
 use messages::blackboards::Status;
 use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
-use messages::parameters::{SPECS, Spec};
 use messages::realtime::RealtimeStep;
 use messages::role::{Replica, Role};
 use messages::telemetry::LAW_ROLES;
@@ -25,7 +24,7 @@ use ratatui::widgets::canvas::{Canvas, Line as Stroke};
 use render::document::{known, us};
 
 use super::region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad, wrapped};
-use crate::parameter_text::{bound, number};
+use crate::parameter_text::{Row, bound, number, rows};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 
 /// Events that are shown.
@@ -459,24 +458,21 @@ fn plant_page(flight: &WatchedFlight, page: &ParameterPage, region: &mut Region<
         let nominal = format!("  {unit:<8}{nominal:>rest$}");
         [nominal, format!("{min:>9}"), format!("{max:>9}")]
     };
-    let row = |(spec, value): (&Spec, f64)| {
-        let nominal = flight.airframe.get(spec.parameter);
-        let range = flight.airframe.range(spec.parameter);
-        let (mark, style) = match value == nominal {
+    let row = |it: Row| {
+        let value = it.in_force.unwrap_or(it.nominal);
+        let (mark, style) = match value == it.nominal {
             true => (' ', PLAIN),
             false => ('*', BAD),
         };
-        let name = format!("{:<24}{:>10}{mark}", spec.name, number(value));
-        let cells = cells(
-            spec.unit,
-            [number(nominal), bound(range.min), bound(range.max)],
-        );
+        let name = format!("{:<24}{:>10}{mark}", it.name, number(value));
+        let range = [number(it.nominal), bound(it.min), bound(it.max)];
+        let cells = cells(it.unit, range);
         fitting([name].into_iter().chain(cells), width).style(style)
     };
     let heading = format!("{:<24}{:>11}", "parameter", "in force");
     let columns = cells("unit", ["nominal", "min", "max"].map(str::to_owned));
     let heading = fitting([heading].into_iter().chain(columns), width);
-    let rows = SPECS.iter().zip(flight.active.value).map(row).collect();
+    let rows = rows(&flight.airframe, Some(&flight.active)).map(row).into();
     region.put_table(heading, rows, page.selected, room);
     region.split(u16::from(usize::from(region.area.height) > foot));
     region.put_wrapped(dialogue(flight, page));
