@@ -119,6 +119,7 @@ impl Observation {
         self.run.get()
     }
 
+    #[cfg(feature = "foxglove")]
     pub fn active_parameters(&self) -> ActiveParameters {
         self.active.get()
     }
