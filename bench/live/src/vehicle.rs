@@ -49,7 +49,7 @@ pub struct VehicleOptions {
 
 /// Serves one flight of the instance after the other, until a signal comes.
 pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
-    let instance = Instance::new(&options.instance)?;
+    let instance = &Instance::new(&options.instance)?;
     let stop = stop_flag()?;
     let mut link = open(options.address)?;
     let address = link
@@ -73,7 +73,15 @@ pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
         "MAVLink vehicle {} {place} ({access})\n",
         protocol::SYSTEM
     ))?;
-    follow(options, &instance, &mut link, &stop)
+    let (asked, requests) = channel();
+    let (answers, answered) = channel();
+    thread::scope(|scope| {
+        // The plant may take a while, and the vehicle reports meanwhile.
+        thread::Builder::new()
+            .spawn_scoped(scope, move || ask(instance, &requests, &answers))
+            .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
+        report(options, instance, &mut link, &stop, (asked, answered))
+    })
 }
 
 fn open(address: Address) -> Result<Link, Failure> {
@@ -125,23 +133,6 @@ fn ask(instance: &Instance, requests: &Receiver<Request>, answers: &Sender<Answe
             return;
         }
     }
-}
-
-fn follow(
-    options: &VehicleOptions,
-    instance: &Instance,
-    link: &mut Link,
-    stop: &AtomicBool,
-) -> Result<u8, Failure> {
-    let (asked, requests) = channel();
-    let (answers, answered) = channel();
-    thread::scope(|scope| {
-        // The plant may take a while, and the vehicle reports meanwhile.
-        thread::Builder::new()
-            .spawn_scoped(scope, move || ask(instance, &requests, &answers))
-            .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
-        report(options, instance, link, stop, (asked, answered))
-    })
 }
 
 /// Reports flights. The requests end with it.
