@@ -8,7 +8,7 @@ pub mod bridge;
 pub mod inject;
 #[cfg(test)]
 mod made_up;
-mod observation;
+pub mod observation;
 pub mod parameter_text;
 #[cfg(any(feature = "foxglove", feature = "web"))]
 mod request_head;

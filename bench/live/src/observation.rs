@@ -119,7 +119,6 @@ impl Observation {
         self.run.get()
     }
 
-    #[cfg(feature = "foxglove")]
     pub fn active_parameters(&self) -> ActiveParameters {
         self.active.get()
     }

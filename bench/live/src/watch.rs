@@ -5,7 +5,7 @@
 //!                         keys ---^  \--inject--> the plant's parameter server
 //! ```
 
-pub(crate) mod dashboard_model;
+pub mod dashboard_model;
 pub(crate) mod feed;
 mod screen;
 mod terminal;
