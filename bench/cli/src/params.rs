@@ -2,8 +2,7 @@
 
 use ipc::instance::Instance;
 use messages::blackboards::{ActiveParameters, IN_FORCE};
-use messages::parameters::{Airframe, SPECS, Spec};
-use serde::Serialize;
+use messages::parameters::Airframe;
 
 use crate::cli::ParamsArgs;
 use analysis::json::print_json;
@@ -11,20 +10,8 @@ use config::airframe::named;
 use errors::output::print;
 use errors::{Failure, OK};
 use live::inject::{self, flight};
-use live::parameter_text::{bound, number};
+use live::parameter_text::{bound, number, rows};
 use render::document::{Table, known, row};
-
-#[derive(Serialize)]
-struct Row {
-    name: &'static str,
-    unit: &'static str,
-    min: f64,
-    max: f64,
-    nominal: f64,
-    in_force: Option<f64>,
-    equation: &'static str,
-    meaning: &'static str,
-}
 
 pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
@@ -37,17 +24,7 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     if let Some(name) = &args.airframe {
         airframe = named(name)?;
     }
-    let of_spec = |spec: &Spec| Row {
-        name: spec.name,
-        unit: spec.unit,
-        min: airframe.range(spec.parameter).min,
-        max: airframe.range(spec.parameter).max,
-        nominal: airframe.as_built().get(spec.parameter),
-        in_force: active.map(|active| active.value[spec.parameter as usize]),
-        equation: spec.equation,
-        meaning: spec.meaning,
-    };
-    let rows = SPECS.each_ref().map(of_spec);
+    let rows = rows(&airframe, active.as_ref());
     if args.json {
         print_json(&rows.as_slice())?;
         return Ok(OK);

@@ -1,5 +1,6 @@
 //! The Foxglove bridge: what clients get, what they may change, which ones are refused.
 
+use crate::rig::client::{answer, websocket};
 use crate::rig::{Rig, Running, wait_until};
 use flight_log::TOPICS;
 use flight_log::codec::decode;
@@ -12,14 +13,10 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs;
-use std::io::{Read as _, Write as _};
-use std::net::{Shutdown, TcpStream};
+use std::net::TcpStream;
 use std::os::linux::fs::MetadataExt as _;
-use std::time::Duration;
-use tungstenite::client::IntoClientRequest as _;
-use tungstenite::{HandshakeError, Message, WebSocket};
+use tungstenite::{Message, WebSocket};
 
-const TIMEOUT: Duration = Duration::from_secs(60);
 struct Client {
     socket: WebSocket<TcpStream>,
     /// Messages of subscriptions that came while a text was awaited.
@@ -35,25 +32,10 @@ impl Client {
 
     /// A client that names an origin, as a page in a browser does; the status if it is refused.
     fn of_page(port: u16, origin: Option<&str>) -> Result<Self, u16> {
-        let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
-        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
-        let mut request = format!("ws://127.0.0.1:{port}")
-            .into_client_request()
-            .unwrap();
         let protocol = ("sec-websocket-protocol", "foxglove.sdk.v1");
-        let headers = [protocol]
-            .into_iter()
-            .chain(origin.map(|it| ("origin", it)));
-        for (name, value) in headers {
-            request.headers_mut().insert(name, value.parse().unwrap());
-        }
-        let (socket, response) = match tungstenite::client(request, stream) {
-            Ok(joined) => joined,
-            Err(HandshakeError::Failure(tungstenite::Error::Http(response))) => {
-                return Err(response.status().as_u16());
-            }
-            Err(e) => panic!("{e}"),
-        };
+        let origin = origin.map(|it| ("origin", it));
+        let headers: Vec<_> = [protocol].into_iter().chain(origin).collect();
+        let (socket, response) = websocket(&format!("ws://127.0.0.1:{port}"), &headers)?;
         assert_eq!(response.headers()[protocol.0], protocol.1);
         let mut client = Self {
             socket,
@@ -310,6 +292,8 @@ fn it_waits_for_a_flight_survives_its_end_and_serves_the_next() {
 #[test]
 fn parameters_are_read_and_changed_and_every_client_is_notified() {
     let (rig, flight, bridge, port) = flown("values", "", "--allow-swaps");
+    let access = ", every client may change parameters; Ctrl-C ends";
+    assert!(bridge.stdout().contains(access), "{}", bridge.stdout());
     let (mut client, mut other) = (Client::connect(port), Client::connect(port));
     let all = client.get(&[]);
     assert_eq!(all.len(), PARAMETERS);
@@ -390,17 +374,6 @@ fn clients_change_nothing_unless_they_are_allowed_to() {
     let why = "read-only: start it with --allow-swaps";
     assert_eq!(client.refused("mass_kg", &json!(0.6), why), mass(0.52));
     assert_eq!(rig.run("params", "--json").json()[0]["in_force"], 0.52);
-    let (second, port) = open(&rig, "--allow-swaps");
-    second.await_words("serving a flight");
-    let printed = second.stdout();
-    assert!(
-        printed.contains(", every client may change parameters; "),
-        "{printed}"
-    );
-    let set = Client::connect(port).set(&json!([{"name": "mass_kg", "value": 0.6}]));
-    assert_eq!(set, mass(0.6));
-    second.signal(Signal::INT);
-    second.end().expect(130);
     land(&rig, flight, bridge);
 }
 
@@ -437,25 +410,10 @@ fn listening(pid: u32) -> Vec<String> {
     ours.map(|fields| fields[1].to_owned()).collect()
 }
 
-/// Sends bytes and waits until the server closes the connection; returns its answer.
-fn answer(port: u16, bytes: &[u8], ends: bool) -> String {
-    let mut client = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    client.set_read_timeout(Some(TIMEOUT)).unwrap();
-    // The server may close the connection while the client still writes.
-    let _ = client.write_all(bytes);
-    if ends {
-        let _ = client.shutdown(Shutdown::Write);
-    }
-    let mut answer = Vec::new();
-    if let Err(e) = client.read_to_end(&mut answer) {
-        assert_ne!(e.kind(), std::io::ErrorKind::WouldBlock, "it is not closed");
-    }
-    String::from_utf8_lossy(&answer).into_owned()
-}
-
 #[test]
 fn it_listens_on_this_machine_alone_and_survives_what_is_no_request() {
     let (rig, flight, bridge, port) = flown("requests", "", "");
+    let host = format!("127.0.0.1:{port}");
     let addresses = listening(bridge.pid());
     let is_its_port = |address: &String| address.ends_with(&format!(":{port:04X}"));
     assert!(addresses.iter().any(is_its_port), "{addresses:?}");
@@ -484,11 +442,11 @@ fn it_listens_on_this_machine_alone_and_survives_what_is_no_request() {
         (b"GET / HTTP/1.1\r\n", false),
     ];
     for (bytes, ends) in requests {
-        let answer = answer(port, bytes, ends);
+        let answer = answer(&host, bytes, ends);
         assert!(!answer.starts_with("HTTP/1.1 101"), "{answer}");
     }
     let page = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://rebound.example\r\n\r\n";
-    let refusal = answer(port, page, false);
+    let refusal = answer(&host, page, false);
     assert!(refusal.starts_with("HTTP/1.1 403 "), "{refusal}");
     rig.ok("params --json");
     land(&rig, flight, bridge);

@@ -3,15 +3,15 @@
 //! The browser is Chromium, as for report.html; other tests speak to the server as the page does.
 
 use std::collections::VecDeque;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::report_page::chromium;
+use crate::rig::client::{answer, host, websocket};
 use crate::rig::{Rig, Running, wait_until};
 use serde_json::{Value, json};
-use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
 /// Ends a test that hangs.
@@ -27,20 +27,8 @@ impl Page {
 
     /// The status of the answer if it is refused.
     fn of_origin(address: &str, origin: &str) -> Result<Self, u16> {
-        let stream = TcpStream::connect(host(address)).unwrap();
-        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
         let url = format!("{}live", address.replace("http:", "ws:"));
-        let mut request = url.into_client_request().unwrap();
-        request
-            .headers_mut()
-            .insert("origin", origin.parse().unwrap());
-        match tungstenite::client(request, stream) {
-            Ok((socket, _)) => Ok(Self(socket)),
-            Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(answer))) => {
-                Err(answer.status().as_u16())
-            }
-            Err(e) => panic!("{e}"),
-        }
+        websocket(&url, &[("origin", origin)]).map(|(socket, _)| Self(socket))
     }
 
     /// The next text of a kind that has what is looked for.
@@ -91,9 +79,7 @@ impl Browser {
         let url = said.find_map(|line| Some(line.unwrap().split_once("listening on ")?.1.into()));
         std::thread::spawn(move || said.for_each(drop));
         let url: String = url.unwrap();
-        let stream = TcpStream::connect(host(&url)).unwrap();
-        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
-        let (socket, _) = tungstenite::client(url, stream).unwrap();
+        let (socket, _) = websocket(&url, &[]).unwrap();
         let mut browser = Self {
             child,
             socket,
@@ -162,29 +148,12 @@ impl Drop for Browser {
     }
 }
 
-/// `HOST:PORT` of an address.
-fn host(address: &str) -> &str {
-    address.split('/').nth(2).unwrap()
-}
-
 /// The address that a process has printed.
 fn address(process: &Running) -> String {
     process.await_words("live page: http");
     let said = process.stdout() + &process.stderr();
     let (_, rest) = said.split_once("live page: ").unwrap();
     rest.split(' ').next().unwrap().to_owned()
-}
-
-/// The status and the text that the server answers to a request.
-fn answer(address: &str, request: &str) -> (String, String) {
-    let mut stream = TcpStream::connect(host(address)).unwrap();
-    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
-    stream.write_all(request.as_bytes()).unwrap();
-    let mut answer = String::new();
-    // The rest of a request that is too long resets the connection.
-    let _ = stream.read_to_string(&mut answer);
-    let status = answer.split(' ').nth(1).unwrap_or_default().to_owned();
-    (status, answer)
 }
 
 #[test]
@@ -299,46 +268,35 @@ fn requests_that_do_not_know_the_address_are_refused() {
     let watch = rig.start("watch", "--web --allow-control");
     let address = address(&watch);
     let (own, path) = (host(&address), &address[7 + host(&address).len()..]);
-    let long = format!("X: {}\r\n", "x".repeat(20_000));
-    let foreign = "Origin: https://evil.example\r\n";
-    let other_port = "Origin: http://127.0.0.1:1\r\n";
-    for (start, host, more, status, words) in [
-        (format!("GET {path}"), own, "", "200", "<!DOCTYPE html>"),
-        (
-            format!("GET {path}page.js"),
-            own,
-            "",
-            "200",
-            "script-src 'self'",
-        ),
-        (format!("GET {path}nothing"), own, "", "404", "no such file"),
-        (format!("POST {path}"), own, "", "405", "GET"),
-        (format!("GET {path}live"), own, "", "400", "handshake"),
-        ("GET /".into(), own, "", "403", "token"),
-        (format!("GET /{}/", "0".repeat(32)), own, "", "403", "token"),
-        (
-            format!("GET {}", &path[..path.len() - 2]),
-            own,
-            "",
-            "403",
-            "token",
-        ),
-        (format!("GET {path}"), "evil.example", "", "403", "Host"),
-        (format!("GET {path}"), "127.0.0.1", "", "403", "Host"),
-        (format!("GET {path}"), own, foreign, "403", "own page"),
-        (format!("GET {path}"), own, other_port, "403", "own page"),
-        (
-            format!("GET {path}"),
-            own,
-            "Host: evil.example\r\n",
-            "400",
-            "one Host",
-        ),
-        (format!("GET {path}"), own, &long, "", ""),
-        ("nonsense".into(), own, "", "400", "no HTTP request"),
+    let get = |file: &str| format!("GET {path}{file}");
+    let host = format!("Host: {own}");
+    let [long, foreign, other_port, second] = [
+        &format!("X: {}", "x".repeat(20_000)),
+        "Origin: https://evil.example",
+        "Origin: http://127.0.0.1:1",
+        "Host: evil.example",
+    ]
+    .map(|more| format!("{host}\r\n{more}"));
+    for (start, headers, status, words) in [
+        (get(""), &*host, "200", "<!DOCTYPE html>"),
+        (get("page.js"), &host, "200", "script-src 'self'"),
+        (get("nothing"), &host, "404", "no such file"),
+        (format!("POST {path}"), &host, "405", "GET"),
+        (get("live"), &host, "400", "handshake"),
+        ("GET /".into(), &host, "403", "token"),
+        (format!("GET /{}/", "0".repeat(32)), &host, "403", "token"),
+        (get("")[..path.len() + 2].into(), &host, "403", "token"),
+        (get(""), "Host: evil.example", "403", "Host"),
+        (get(""), "Host: 127.0.0.1", "403", "Host"),
+        (get(""), &foreign, "403", "own page"),
+        (get(""), &other_port, "403", "own page"),
+        (get(""), &second, "400", "one Host"),
+        (get(""), &long, "", ""),
+        ("nonsense".into(), &host, "400", "no HTTP request"),
     ] {
-        let request = format!("{start} HTTP/1.1\r\nHost: {host}\r\n{more}\r\n");
-        let (found, text) = answer(&address, &request);
+        let request = format!("{start} HTTP/1.1\r\n{headers}\r\n\r\n");
+        let text = answer(own, request.as_bytes(), false);
+        let found = text.split(' ').nth(1).unwrap_or_default();
         assert_eq!(found, status, "{request}{text}");
         assert!(text.contains(words), "{request}{text}");
     }

@@ -12,8 +12,7 @@
 //! sends the same frame again, once in a second. Motors 1 to 4 of a quadrotor are front right, rear left, front left, rear
 //! right in the frame types X and H. The rotors spin as in H: 1 and 2 clockwise.
 
-use std::io::{self, Write as _};
-use std::os::fd::{AsFd as _, BorrowedFd};
+use std::io::{self, Write};
 
 use control_api::description::Description;
 use messages::ned::{turned, turned_quaternion};
@@ -21,8 +20,8 @@ use messages::role::Role;
 use messages::telemetry::AnswerOutcome;
 
 use crate::bridge::{ANSWER_LIMIT, LOCKSTEP_ARMING_LIMIT_S, LOCKSTEP_SIGNALS, PRIORITY, UDP_PORT};
-use crate::udp::{Inbox, PACKET_BYTES};
-use crate::{Link, Message, Port, Sample};
+use crate::udp::Udp;
+use crate::{Message, Port, Sample};
 
 pub const PORT: Port = Port {
     description: Description {
@@ -41,49 +40,25 @@ pub const PORT: Port = Port {
     is_lockstep: true,
     answers_each: true,
     ports: 1,
-    open: |udp| Ok(Box::new(Json(Inbox::open(udp)?))),
+    open: |udp| Ok(Box::new(Udp::open(udp, motors, &[(0, state)])?)),
     why_not_armed: || None,
 };
 
-struct Json(Inbox);
-
-impl Link for Json {
-    fn send(&mut self, sample: &Sample) -> io::Result<()> {
-        let mut packet = [0; PACKET_BYTES];
-        let bytes = state(sample, &mut packet)?;
-        self.0.socket.send(&packet[..bytes]).map(drop)
-    }
-
-    fn receive(&mut self) -> io::Result<Message> {
-        self.0.receive(motors)
-    }
-
-    fn descriptor(&self) -> BorrowedFd<'_> {
-        self.0.socket.as_fd()
-    }
-
-    fn try_clone(&self) -> io::Result<Box<dyn Link>> {
-        Ok(Box::new(Self(self.0.try_clone()?)))
-    }
-}
-
-/// Writes the line of a state; returns its length.
-fn state(sample: &Sample, packet: &mut [u8; PACKET_BYTES]) -> io::Result<usize> {
+/// Writes the line of a state.
+fn state(sample: &Sample, packet: &mut dyn Write) -> io::Result<()> {
     let measured = sample.measured;
-    let mut left = &mut packet[..];
     let [p, q, r] = turned(measured.rate_b_rad_s);
     let [fx, fy, fz] = turned(measured.specific_force_b_m_s2);
     let [north, east, down] = turned(measured.position_w_m);
     let [vn, ve, vd] = turned(measured.velocity_w_m_s);
     let [w, x, y, z] = turned_quaternion(measured.attitude_quaternion);
     writeln!(
-        left,
+        packet,
         "\n{{\"timestamp\":{:.6},\"imu\":{{\"gyro\":[{p:.9},{q:.9},{r:.9}],\"accel_body\":[{fx:.9},{fy:.9},{fz:.9}]}},\
          \"position\":[{north:.9},{east:.9},{down:.9}],\"velocity\":[{vn:.9},{ve:.9},{vd:.9}],\
          \"quaternion\":[{w:.9},{x:.9},{y:.9},{z:.9}]}}",
         sample.stamp.as_secs_f64()
-    )?;
-    Ok(PACKET_BYTES - left.len())
+    )
 }
 
 /// Rotors 1 to 4 are rear left, rear right, front right, front left.

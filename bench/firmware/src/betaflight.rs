@@ -13,21 +13,18 @@
 //! of a frame with x forward, y right, z down. So this port sends the negative specific force, the rate (p, -q, -r) and
 //! the quaternion (w, x, -y, -z). Each state is answered with one motor packet, which does not say whose answer it is.
 
-use std::io::{self, Read as _, Write as _};
-use std::net::{Ipv4Addr, TcpStream, UdpSocket};
-use std::os::fd::{AsFd as _, BorrowedFd};
+use std::io::{self, Read as _, Write};
+use std::net::{Ipv4Addr, TcpStream};
 use std::time::{Duration, Instant};
 
 use control_api::description::Description;
-use ironbird_law::Measured;
 use messages::ned::{turned, turned_quaternion};
 use messages::role::Role;
 use messages::telemetry::AnswerOutcome;
 
 use crate::bridge::{self, SIGNALS};
-use crate::sticks::Sticks;
-use crate::udp::{Inbox, PACKET_BYTES, local};
-use crate::{Link, Message, Port, Sample};
+use crate::udp::Udp;
+use crate::{Message, Port, Sample};
 
 pub const PORT: Port = Port {
     description: Description {
@@ -46,59 +43,15 @@ pub const PORT: Port = Port {
     is_lockstep: false,
     answers_each: true,
     ports: 3,
-    open: |udp| Ok(Box::new(Sockets::open(udp)?)),
+    open: |udp| {
+        Ok(Box::new(Udp::open(
+            udp,
+            motors,
+            &[(2, remote), (1, state)],
+        )?))
+    },
     why_not_armed,
 };
-
-struct Sockets {
-    motors: Inbox,
-    state: UdpSocket,
-    remote: UdpSocket,
-}
-
-impl Sockets {
-    fn open(udp: u16) -> io::Result<Self> {
-        let to = |udp: u16| {
-            // Another Betaflight would take the packets.
-            drop(UdpSocket::bind((Ipv4Addr::UNSPECIFIED, udp))?);
-            let socket = UdpSocket::bind(local(0))?;
-            socket.set_nonblocking(true)?;
-            socket.connect(local(udp))?;
-            Ok::<_, io::Error>(socket)
-        };
-        Ok(Self {
-            motors: Inbox::open(udp)?,
-            state: to(udp + 1)?,
-            remote: to(udp + 2)?,
-        })
-    }
-}
-
-impl Link for Sockets {
-    fn send(&mut self, sample: &Sample) -> io::Result<()> {
-        let (mut packet, time_s) = ([0; PACKET_BYTES], sample.stamp.as_secs_f64());
-        let bytes = remote(time_s, sample.sticks, &mut packet);
-        let sent = self.remote.send(&packet[..bytes]);
-        let bytes = state(time_s, sample.measured, &mut packet);
-        self.state.send(&packet[..bytes]).and(sent).map(drop)
-    }
-
-    fn receive(&mut self) -> io::Result<Message> {
-        self.motors.receive(motors)
-    }
-
-    fn descriptor(&self) -> BorrowedFd<'_> {
-        self.motors.socket.as_fd()
-    }
-
-    fn try_clone(&self) -> io::Result<Box<dyn Link>> {
-        Ok(Box::new(Self {
-            motors: self.motors.try_clone()?,
-            state: self.state.try_clone()?,
-            remote: self.remote.try_clone()?,
-        }))
-    }
-}
 
 /// TCP port of the command line.
 const COMMAND_LINE_TCP: u16 = 5761;
@@ -113,30 +66,22 @@ const MOTOR_BYTES: usize = 16;
 /// Motor commands are this far below idle only if the firmware has disarmed.
 const STOPPED: f64 = 1e-3;
 
-/// Writes numbers one after another.
-fn write<const N: usize>(bytes: &mut [u8], numbers: impl IntoIterator<Item = [u8; N]>) -> usize {
-    let mut at = 0;
-    for number in numbers {
-        bytes[at..at + N].copy_from_slice(&number);
-        at += N;
-    }
-    at
-}
-
-fn state(time_s: f64, measured: &Measured, packet: &mut [u8; PACKET_BYTES]) -> usize {
+fn state(sample: &Sample, packet: &mut dyn Write) -> io::Result<()> {
+    let measured = sample.measured;
     let [x, y, height_m] = measured.position_w_m;
     let pressure_pa = PRESSURE_PA - PRESSURE_PA_PER_M * height_m;
-    let numbers = [time_s]
+    let mut numbers = [sample.stamp.as_secs_f64()]
         .into_iter()
         .chain(turned(measured.rate_b_rad_s))
         .chain(measured.specific_force_b_m_s2.map(|it| -it))
         .chain(turned_quaternion(measured.attitude_quaternion))
         .chain(measured.velocity_w_m_s)
         .chain([x / DEGREE_M, y / DEGREE_M, height_m, pressure_pa]);
-    write(packet, numbers.map(f64::to_le_bytes))
+    numbers.try_for_each(|it| packet.write_all(&it.to_le_bytes()))
 }
 
-fn remote(time_s: f64, sticks: &Sticks, packet: &mut [u8; PACKET_BYTES]) -> usize {
+fn remote(sample: &Sample, packet: &mut dyn Write) -> io::Result<()> {
+    let sticks = sample.sticks;
     let centred = |stick: f64| (1500.0 + 500.0 * stick).round() as u16;
     let switch = |is_on: bool| if is_on { 1800 } else { 1000 };
     let throttle_us = match sticks.throttle {
@@ -152,8 +97,9 @@ fn remote(time_s: f64, sticks: &Sticks, packet: &mut [u8; PACKET_BYTES]) -> usiz
         switch(sticks.armed),
         switch(true),
     ]);
-    let time = write(packet, [time_s.to_le_bytes()]);
-    time + write(&mut packet[time..], channels.map(u16::to_le_bytes))
+    packet.write_all(&sample.stamp.as_secs_f64().to_le_bytes())?;
+    let mut channels = channels.iter();
+    channels.try_for_each(|it| packet.write_all(&it.to_le_bytes()))
 }
 
 /// Rotors 1 to 4 are rear left, rear right, front right, front left.
@@ -194,6 +140,22 @@ fn why_not_armed() -> Option<String> {
 mod tests {
     use super::*;
 
+    use ironbird_law::Measured;
+
+    use crate::sticks::Sticks;
+    use crate::udp::WritePacket;
+
+    fn packet(write: WritePacket, measured: &Measured, sticks: &Sticks) -> Vec<u8> {
+        let mut packet = Vec::new();
+        let sample = Sample {
+            stamp: Duration::from_millis(7500),
+            measured,
+            sticks,
+        };
+        write(&sample, &mut packet).unwrap();
+        packet
+    }
+
     #[test]
     fn a_state_has_the_signs_that_the_firmware_turns_back() {
         let measured = Measured {
@@ -203,9 +165,9 @@ mod tests {
             position_w_m: [0.0, 0.0, 10.0],
             ..Measured::default()
         };
-        let mut packet = [0; PACKET_BYTES];
-        assert_eq!(state(7.5, &measured, &mut packet), 144);
-        let (numbers, _) = packet[..144].as_chunks::<8>();
+        let packet = packet(state, &measured, &Sticks::default());
+        assert_eq!(packet.len(), 144);
+        let (numbers, _) = packet.as_chunks::<8>();
         let numbers: Vec<f64> = numbers.iter().map(|it| f64::from_le_bytes(*it)).collect();
         let expected = [7.5, 1.0, -2.0, -3.0, -4.0, -5.0, -9.8, 0.5, 0.6, -0.7, -0.8];
         assert_eq!(numbers[..11], expected);
@@ -222,13 +184,11 @@ mod tests {
             armed: true,
         };
         let channels = |sticks: &Sticks| {
-            let mut packet = [0; PACKET_BYTES];
-            assert_eq!(remote(0.0, sticks, &mut packet), 40);
-            let (channels, _) = packet[8..40].as_chunks::<2>();
-            channels[..6]
-                .iter()
-                .map(|it| u16::from_le_bytes(*it))
-                .collect::<Vec<_>>()
+            let packet = packet(remote, &Measured::default(), sticks);
+            assert_eq!(packet.len(), 40);
+            let (channels, _) = packet[8..].as_chunks::<2>();
+            let channels = channels[..6].iter().map(|it| u16::from_le_bytes(*it));
+            channels.collect::<Vec<_>>()
         };
         assert_eq!(channels(&sticks), [2000, 1250, 1525, 1550, 1800, 1800]);
         let low = channels(&Sticks::default());

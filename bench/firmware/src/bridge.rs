@@ -142,6 +142,7 @@ impl Bridge {
     ) -> Self {
         let number = |setting: &Setting| settings.number(port.setting(setting));
         let period = Duration::from_secs_f64(rig.period_s);
+        let full_n = rig.rotor.f_max(rig.airframe.k());
         let spacing = period.mul_f64(number(&SPACING));
         Self {
             launch: Launch {
@@ -157,10 +158,10 @@ impl Bridge {
                 yaw_rad_s: number(&YAW_RATE_MAX_RAD_S),
                 yaw_gain_1_s: number(&YAW_1_S),
                 idle: number(&IDLE),
-                full_thrust_n: StickScale::full_thrust_n(rig),
+                full_thrust_n: ROTORS as f64 * full_n,
             },
             allocation: Allocation::new(&rig.airframe),
-            full_n: rig.rotor.f_max(rig.airframe.k()),
+            full_n,
             answer_limit: period.mul_f64(number(&ANSWER_LIMIT)),
             spacing: match port.is_lockstep {
                 true => port.answers_each.then_some(Duration::ZERO),
@@ -241,13 +242,9 @@ impl Bridge {
         if input.measured_age > 0 {
             return Answer::default();
         }
-        let mut position = input
-            .measured
-            .position_w_m
-            .into_iter()
-            .zip(began.position_w_m);
+        let (position, start) = (input.measured.position_w_m, began.position_w_m);
         let measured = Measured {
-            position_w_m: [(); 3].map(|()| position.next().map_or(0.0, |(it, start)| it - start)),
+            position_w_m: [0, 1, 2].map(|i| position[i] - start[i]),
             ..input.measured
         };
         let limit = match (self.comes_by_the_clock, is_paced && self.spacing.is_none()) {

@@ -82,12 +82,6 @@ impl Exchange {
         self.stamped = Some((time, time));
     }
 
-    /// How long to wait until the firmware has had `spacing` to itself since its newest answer; nothing before the first.
-    fn rest(&self, spacing: Duration) -> Duration {
-        let since = self.answered.map_or(spacing, |it| it.elapsed());
-        spacing.saturating_sub(since)
-    }
-
     /// Sends the packets of a time, later by as long as it has to wait before, and waits for the answer, at most for
     /// `limit`. Allocates nothing.
     ///
@@ -114,7 +108,10 @@ impl Exchange {
                 }
             }
         }
-        let rest = spacing.map_or(Duration::ZERO, |spacing| self.rest(spacing));
+        let rest = spacing.zip(self.answered);
+        let rest = rest.map_or(Duration::ZERO, |(spacing, it)| {
+            spacing.saturating_sub(it.elapsed())
+        });
         let is_busy = self.open > 0 && self.busy_until.is_some_and(|until| Instant::now() < until);
         if spacing.is_none() || !(is_busy || rest > limit) {
             thread::sleep(rest);

@@ -43,7 +43,6 @@ const GRAVITY_M_S2: f64 = 9.80665;
 pub struct Program {
     child: Child,
     directory: TempDir,
-    ended: Option<ExitStatus>,
 }
 
 /// The executable, where the user or `bench/firmware/fetch` has put it; none of a firmware that the user starts.
@@ -128,23 +127,12 @@ impl Program {
         // With the default slack of timers of 50 us its loop of 125 us skips every other turn.
         let child = prepare_child(&mut command, priority).spawn();
         let child = child.map_err(failed)?;
-        Ok(Self {
-            child,
-            directory,
-            ended: None,
-        })
-    }
-
-    pub fn id(&self) -> u32 {
-        self.child.id()
+        Ok(Self { child, directory })
     }
 
     /// Its exit status, once it has ended.
     pub fn ended(&mut self) -> Option<ExitStatus> {
-        if self.ended.is_none() {
-            self.ended = self.child.try_wait().ok().flatten();
-        }
-        self.ended
+        self.child.try_wait().ok().flatten()
     }
 
     /// The last line that it wrote.

@@ -13,12 +13,12 @@
 pub mod ardupilot;
 pub mod betaflight;
 pub mod bridge;
-pub mod exchange;
-pub mod launch;
+mod exchange;
+mod launch;
 #[cfg(feature = "mavlink")]
 pub mod px4;
-pub mod sticks;
-pub mod udp;
+mod sticks;
+mod udp;
 
 use std::env;
 use std::io;

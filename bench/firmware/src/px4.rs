@@ -70,11 +70,8 @@ const STEPS: [f64; 4] = [0.02, 0.004, 0.001, 0.01];
 struct Hil {
     /// Stays open after a firmware has connected, so that no other flight can wait at its port.
     listener: TcpListener,
-    connection: Option<Connection>,
-}
-
-struct Connection {
-    reader: MavlinkReader<TcpStream>,
+    /// The firmware that has connected.
+    reader: Option<MavlinkReader<TcpStream>>,
     sequence: u8,
     gps_at: Duration,
 }
@@ -83,57 +80,49 @@ impl Hil {
     fn open(tcp: u16) -> io::Result<Self> {
         let listener = TcpListener::bind(local(tcp))?;
         listener.set_nonblocking(true)?;
-        Ok(Self {
-            listener,
-            connection: None,
-        })
+        Ok(Self::new(listener, None))
     }
-}
 
-impl Connection {
-    fn new(stream: TcpStream) -> io::Result<Self> {
-        stream.set_nonblocking(true)?;
-        stream.set_nodelay(true)?;
-        Ok(Self {
-            reader: MavlinkReader::new(stream),
+    const fn new(listener: TcpListener, reader: Option<MavlinkReader<TcpStream>>) -> Self {
+        Self {
+            listener,
+            reader,
             sequence: 0,
             gps_at: Duration::ZERO,
-        })
+        }
     }
 }
 
 impl Link for Hil {
     fn send(&mut self, sample: &Sample) -> io::Result<()> {
-        let connection = self.connection.as_mut().ok_or(ErrorKind::NotConnected)?;
-        let Connection {
-            reader,
-            sequence,
-            gps_at,
-        } = connection;
-        let up = *sequence % 2 == 0;
+        let reader = self.reader.as_mut().ok_or(ErrorKind::NotConnected)?;
+        let up = self.sequence.is_multiple_of(2);
         let mut send = |message: MavMessage| {
             let header = MavHeader {
-                sequence: *sequence,
+                sequence: self.sequence,
                 ..MavHeader::default()
             };
-            *sequence = sequence.wrapping_add(1);
+            self.sequence = self.sequence.wrapping_add(1);
             let mut frame = MAVLinkV2MessageRaw::new();
             frame.serialize_message(header, &message);
             reader.get_mut().write_all(frame.raw_bytes())
         };
-        if sample.stamp >= *gps_at {
-            *gps_at = sample.stamp + GPS_EVERY;
+        if sample.stamp >= self.gps_at {
+            self.gps_at = sample.stamp + GPS_EVERY;
             send(MavMessage::HIL_GPS(gps(sample)))?;
         }
         send(MavMessage::HIL_SENSOR(sensors(sample, up)))
     }
 
     fn receive(&mut self) -> io::Result<Message> {
-        let Some(connection) = &mut self.connection else {
-            self.connection = Some(Connection::new(self.listener.accept()?.0)?);
+        let Some(reader) = &mut self.reader else {
+            let (stream, _) = self.listener.accept()?;
+            stream.set_nonblocking(true)?;
+            stream.set_nodelay(true)?;
+            self.reader = Some(MavlinkReader::new(stream));
             return Ok(Message::Other);
         };
-        match connection.reader.read_any_message::<MavMessage>() {
+        match reader.read_any_message::<MavMessage>() {
             Ok((_, MavMessage::HIL_ACTUATOR_CONTROLS(controls))) => Ok(motors(&controls)),
             // Messages of another dialect, too.
             Ok(_) | Err(MessageReadError::Parse(_)) => Ok(Message::Other),
@@ -142,18 +131,16 @@ impl Link for Hil {
     }
 
     fn descriptor(&self) -> BorrowedFd<'_> {
-        match &self.connection {
+        match &self.reader {
             None => self.listener.as_fd(),
-            Some(connection) => connection.reader.get_ref().as_fd(),
+            Some(reader) => reader.get_ref().as_fd(),
         }
     }
 
     fn try_clone(&self) -> io::Result<Box<dyn Link>> {
-        let of = |it: &Connection| Connection::new(it.reader.get_ref().try_clone()?);
-        Ok(Box::new(Self {
-            listener: self.listener.try_clone()?,
-            connection: self.connection.as_ref().map(of).transpose()?,
-        }))
+        let stream = self.reader.as_ref().map(|it| it.get_ref().try_clone());
+        let reader = stream.transpose()?.map(MavlinkReader::new);
+        Ok(Box::new(Self::new(self.listener.try_clone()?, reader)))
     }
 }
 

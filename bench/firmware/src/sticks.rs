@@ -1,6 +1,5 @@
 //! From thrust and attitude to stick positions.
 
-use control_api::Rig;
 use control_api::law::Desired;
 use messages::attitude::Attitude;
 use messages::frames::wrap;
@@ -34,10 +33,6 @@ pub struct StickScale {
 }
 
 impl StickScale {
-    pub fn full_thrust_n(rig: &Rig) -> f64 {
-        4.0 * rig.rotor.f_max(rig.airframe.k())
-    }
-
     /// The sticks that ask for a thrust and an attitude at the measured yaw [rad], with the yaw rate of the reference
     /// [rad/s].
     ///
@@ -65,6 +60,8 @@ impl StickScale {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use super::*;
 
     const SCALE: StickScale = StickScale {
@@ -88,38 +85,28 @@ mod tests {
 
     #[test]
     fn sticks_have_the_signs_of_a_pilot() {
-        let close = |found: Sticks, [roll, pitch, yaw, throttle]: [f64; 4]| {
+        // Thrust [N], attitude [rad], yaw and yaw rate; then roll, pitch, yaw and throttle.
+        for (thrust_n, attitude_rad, yaw_rad, yaw_rate_rad_s, expected) in [
+            // Body x forward, y left, z up: a positive roll is to the right, a positive pitch forward, a positive yaw to the left.
+            (4.0, [0.0; 3], 0.0, 0.0, [0.0, 0.0, 0.0, 0.4 / 0.9]),
+            (4.0, [0.2, 0.0, 0.0], 0.0, 0.0, [0.2, 0.0, 0.0, 0.4 / 0.9]),
+            (4.0, [0.0, 0.3, 0.0], 0.0, 0.0, [0.0, 0.3, 0.0, 0.4 / 0.9]),
+            // A rate of 1 and an error of 0.5 to the left turn the stick to the left.
+            (4.0, [0.0, 0.0, 0.7], 0.2, 1.0, [0.0, 0.0, -0.5, 0.4 / 0.9]),
+            // Neither thrust nor tilt is beyond full deflection.
+            (99.0, [1.5, 0.0, 0.0], 0.0, 0.0, [1.0, 0.0, 0.0, 1.0]),
+            (-1.0, [0.0; 3], 0.0, 0.0, [0.0; 4]),
+        ] {
+            let found = sticks(thrust_n, attitude_rad, yaw_rad, yaw_rate_rad_s);
             let found = [found.roll, found.pitch, found.yaw, found.throttle];
-            let expected = [roll, pitch, yaw, throttle];
-            let is_close = found
-                .iter()
-                .zip(expected)
-                .all(|(a, b)| (a - b).abs() < 1e-12);
-            assert!(is_close, "{found:?}, not {expected:?}");
-        };
-        // Body x forward, y left, z up: a positive roll is to the right, a positive pitch forward, a positive yaw to the left.
-        close(sticks(4.0, [0.0; 3], 0.0, 0.0), [0.0, 0.0, 0.0, 0.4 / 0.9]);
-        close(
-            sticks(4.0, [0.2, 0.0, 0.0], 0.0, 0.0),
-            [0.2, 0.0, 0.0, 0.4 / 0.9],
-        );
-        close(
-            sticks(4.0, [0.0, 0.3, 0.0], 0.0, 0.0),
-            [0.0, 0.3, 0.0, 0.4 / 0.9],
-        );
-        // A rate of 1 and an error of 0.5 to the left turn the stick to the left.
-        close(
-            sticks(4.0, [0.0, 0.0, 0.7], 0.2, 1.0),
-            [0.0, 0.0, -0.5, 0.4 / 0.9],
-        );
+            let differs = |(a, b): (&f64, f64)| (a - b).abs() > 1e-12;
+            assert!(
+                !found.iter().zip(expected).any(differs),
+                "{found:?}, not {expected:?}"
+            );
+        }
         // The other way around from the measured heading, forward is backward.
-        let turned = sticks(4.0, [0.0, 0.3, 3.0], 3.0 - std::f64::consts::PI, 0.0);
+        let turned = sticks(4.0, [0.0, 0.3, 3.0], 3.0 - PI, 0.0);
         assert!((turned.pitch + 0.3).abs() < 1e-12, "{turned:?}");
-        // Neither thrust nor tilt is beyond full deflection.
-        close(
-            sticks(99.0, [1.5, 0.0, 0.0], 0.0, 0.0),
-            [1.0, 0.0, 0.0, 1.0],
-        );
-        close(sticks(-1.0, [0.0; 3], 0.0, 0.0), [0.0; 4]);
     }
 }

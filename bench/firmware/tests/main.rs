@@ -257,18 +257,13 @@ fn a_firmware_that_the_user_starts_hovers_by_its_sensors() {
 }
 
 #[test]
-fn a_late_answer_is_counted_when_it_comes() {
-    for port in ports() {
-        let mut flight = Flight::start(port, "late");
-        flight.until(AnswerOutcome::Silent);
-        flight.until_above_0("answers_late");
-    }
-}
-
-#[test]
-fn a_second_answer_is_counted() {
-    for port in ports() {
-        Flight::start(port, "twice").until_above_0("answers_repeated");
+fn answers_that_are_late_or_repeated_and_motors_that_are_off_are_counted() {
+    for (mode, signal) in [
+        ("late", "answers_late"),
+        ("twice", "answers_repeated"),
+        ("disarms", "firmware_disarmed"),
+    ] {
+        ports().for_each(|port| Flight::start(port, mode).until_above_0(signal));
     }
 }
 
@@ -331,13 +326,6 @@ fn a_firmware_that_ends_stops_the_motors_and_its_status_is_shown() {
             it.signal("firmware_exit_status") == 7.0
         });
         assert_eq!(flight.signal("firmware_disarmed"), 0.0, "it has ended");
-    }
-}
-
-#[test]
-fn motors_off_when_they_should_turn_is_disarmed() {
-    for port in ports() {
-        Flight::start(port, "disarms").until_above_0("firmware_disarmed");
     }
 }
 

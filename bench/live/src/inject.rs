@@ -15,7 +15,7 @@ use ipc::{
 };
 use messages::blackboards::{LOCKSTEP, RUN, Run, RunPhase, SETTINGS, SettingsText};
 use messages::content::{self, NO_TICK};
-use messages::parameters::{Airframe, Parameter, ParameterError, after_blank};
+use messages::parameters::{Airframe, ParameterError, after_blank};
 use messages::role::Role;
 use plant::Target;
 
@@ -167,14 +167,14 @@ pub fn ask(instance: &Instance, desired: &[Desired], when: When) -> Result<Appli
         Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
     };
     check_once(desired).map_err(|e| wrong(&e))?;
-    if flight(instance).is_ok_and(|flight| flight.is_none()) {
+    let (wire, run) = flying(instance).or_else(|no_flight| {
         check_widest_ranges(desired).map_err(|e| {
             wrong(&format!(
                 "{e} for the airframe `{PAPER}`, and no other flies"
             ))
         })?;
-    }
-    let (wire, run) = flying(instance)?;
+        Err(no_flight)
+    })?;
     let airframe = airframe(&wire)?;
     let period_s = run.sample_time_ns as f64 / 1e9;
     let targets = targets_of(desired, &airframe, period_s).map_err(|e| wrong(&e))?;
@@ -185,7 +185,7 @@ pub fn ask(instance: &Instance, desired: &[Desired], when: When) -> Result<Appli
     let order = SwapOrder::new(instant.at_tick, instant.in_ticks, &changes);
     let wait = Duration::from_nanos(instant.wait_ticks.saturating_mul(run.period_ns));
     let answer = wire.client::<SwapOrder>()?.request(order, TIMEOUT + wait)?;
-    check_applied(&targets, &answer, &airframe)?;
+    check_applied(&answer)?;
     let change = |(target, old): (&Target, f64)| content::Change {
         parameter: target.parameter,
         old,
@@ -218,37 +218,20 @@ fn check_widest_ranges(desired: &[Desired]) -> Result<(), ParameterError> {
 }
 
 /// The error of a request that the plant has refused.
-fn check_applied(
-    targets: &[Target],
-    answer: &SwapAnswer,
-    airframe: &Airframe,
-) -> Result<(), Failure> {
-    let Some(outcome) = SwapOutcome::from_wire(answer.verdict) else {
-        return Err(other_version(answer.verdict));
-    };
-    let out_of_range = |parameter: Parameter| {
-        let target = targets.iter().find(|target| target.parameter == parameter);
-        let error = ParameterError::OutOfRange {
-            parameter,
-            value: target.map_or(f64::NAN, |target| target.value),
-            range: airframe.range(parameter),
-        };
-        error.to_string()
-    };
-    let why = match outcome {
+fn check_applied(answer: &SwapAnswer) -> Result<(), Failure> {
+    let outcome = SwapOutcome::from_wire(answer.verdict);
+    let why = match outcome.ok_or_else(|| other_version(answer.verdict))? {
         SwapOutcome::Applied => return Ok(()),
-        SwapOutcome::OutOfRange => Parameter::from_index(answer.parameter)
-            .map_or_else(|| "a value is out of range".into(), out_of_range),
-        SwapOutcome::UnknownParameter => "it does not know one of the parameters".into(),
-        SwapOutcome::Malformed => {
-            "the change names no parameter, or one twice, or a ramp of no length".into()
+        // The change was possible for the flight that was read.
+        SwapOutcome::UnknownParameter | SwapOutcome::OutOfRange | SwapOutcome::Malformed => {
+            "another flight has begun meanwhile; ask again"
         }
         SwapOutcome::QueueFull => {
-            "too many parameter changes wait for their ticks; ask again later".into()
+            "too many parameter changes wait for their ticks; ask again later"
         }
-        SwapOutcome::Ended => "the run ended before the tick".into(),
+        SwapOutcome::Ended => "the run ended before the tick",
     };
-    Err(plant_refused(&why))
+    Err(plant_refused(why))
 }
 
 fn plant_refused(why: &str) -> Failure {
@@ -385,11 +368,6 @@ impl TargetClient {
             None => Self::open(instance, run_id)?,
         };
         Ok(opened.insert(client))
-    }
-
-    /// True while the flight of this client flies.
-    pub fn is_of_flight(&self, instance: &Instance) -> bool {
-        still_flying(instance, self.run_id).is_ok()
     }
 
     fn open(instance: &Instance, run_id: u64) -> Result<Self, Failure> {

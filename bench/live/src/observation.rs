@@ -2,7 +2,6 @@
 //!
 //! The recorder passes messages on and publishes the monitor's results. Everything else is on the blackboards.
 
-use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use flight_log::causal_order::CausalOrder;
@@ -12,7 +11,7 @@ use ipc::instance::Instance;
 use ipc::{BlackboardReader, Receiver, Wire};
 use messages::blackboards::{
     ActiveParameters, EndReason, IN_FORCE, RUN, Run, RunPhase, SETTINGS, SUPERVISION, SettingsText,
-    Status, Supervision,
+    Supervision,
 };
 use messages::channels::{REDUNDANCY, Redundancy};
 use messages::content::Loss;
@@ -20,12 +19,13 @@ use messages::inspection::Expected;
 use messages::monitor::Monitor;
 use messages::role::{Channel, Replica, Role};
 
-use faults::live::LiveFault;
-use recorder::injected_faults::InjectedFaults;
+use recorder::injected_faults::{InjectedFaults, injected};
 use recorder::ports::{Ports, horizon};
 use recorder::role_statuses::RoleStatuses;
 
 pub use recorder::ports::DRAIN_EVERY;
+
+use crate::watch::dashboard_model::WatchedFlight;
 
 /// How often joining may fail in a row: it can while roles start or end.
 const TRIES: u32 = 20;
@@ -93,8 +93,10 @@ impl Observation {
         ports.arm(expected)?;
         theorem.arm(expected)?;
         losses.arm(expected)?;
-        let text = wire.blackboard_reader::<SettingsText>(SETTINGS)?;
-        let settings = text.map(|board| board.get().text().to_owned());
+        let Some(settings) = wire.blackboard_reader::<SettingsText>(SETTINGS)? else {
+            // The flight has just ended.
+            return Ok(None);
+        };
         let statuses = RoleStatuses::open(&wire)?;
         Ok(Some(Self {
             ports,
@@ -107,7 +109,7 @@ impl Observation {
             supervision: wire.blackboard_reader(SUPERVISION)?,
             redundancy: wire.blackboard_reader(REDUNDANCY)?,
             faults: InjectedFaults::open(&wire)?,
-            settings: settings.unwrap_or_default(),
+            settings: settings.get().text().to_owned(),
             ended: None,
             wire,
         }))
@@ -121,44 +123,33 @@ impl Observation {
         self.active.get()
     }
 
-    pub fn statuses(&self) -> BTreeMap<Replica, Status> {
-        self.statuses.statuses()
-    }
-
-    /// Actions of the supervisor; nothing if there is none.
-    pub fn supervision(&self) -> Supervision {
-        let supervision = self.supervision.as_ref();
-        supervision.map_or_else(Supervision::default, BlackboardReader::get)
-    }
-
-    pub fn redundancy(&self) -> Option<Redundancy> {
-        self.redundancy.as_ref().map(BlackboardReader::get)
-    }
-
-    /// Roles that no process plays now.
-    pub fn missing(&self) -> Vec<Replica> {
-        let all = Replica::all(self.run().channels.max(1) as usize);
-        let instance = self.wire.instance();
-        all.filter(|replica| !instance.is_occupied(*replica))
-            .collect()
-    }
-
-    /// Faults that were injected into the running flight.
-    pub fn injected(&mut self) -> &[LiveFault] {
+    /// Updates what the blackboards say of a flight, and looks for its processes and its end.
+    pub fn look(&mut self, flight: &mut WatchedFlight) {
+        flight.active = self.active.get();
+        flight.statuses = self.statuses.statuses();
+        if let Some(supervision) = &self.supervision {
+            *flight.supervision = supervision.get();
+        }
+        flight.redundancy = self.redundancy.as_ref().map(BlackboardReader::get);
         self.faults.update();
-        &self.faults.faults
+        flight.injected = injected(&self.faults.faults, flight.run.flight_time_s(1));
+        flight.update_steal();
+        // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
+        let instance = self.wire.instance();
+        let lives = instance.is_occupied(Role::Record);
+        if lives || self.ending().is_none() {
+            flight.recorder_lives = lives;
+            let all = Replica::all(flight.run.channels.max(1) as usize);
+            flight.missing = all.filter(|it| !instance.is_occupied(*it)).collect();
+        }
+        flight.ending = self.ending_after_last_messages();
     }
 
-    /// Whether the role's process is alive; its blackboard outlives it.
-    pub fn lives(&self, role: Role) -> bool {
-        self.wire.instance().is_occupied(role)
-    }
-
-    pub fn ending(&self) -> Option<EndReason> {
+    fn ending(&self) -> Option<EndReason> {
         let run = self.run();
         match run.phase() {
             RunPhase::Closed => Some(run.ending()),
-            _ if !self.lives(Role::Plant) => Some(EndReason::Failed),
+            _ if !self.wire.instance().is_occupied(Role::Plant) => Some(EndReason::Failed),
             _ => None,
         }
     }

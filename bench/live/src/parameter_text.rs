@@ -1,4 +1,35 @@
-//! Values of parameters as text.
+//! Parameters as lists show them, and their values as text.
+
+use messages::blackboards::ActiveParameters;
+use messages::parameters::{Airframe, PARAMETERS, SPECS};
+use serde::Serialize;
+
+#[derive(Serialize)]
+pub struct Row {
+    pub name: &'static str,
+    pub unit: &'static str,
+    pub min: f64,
+    pub max: f64,
+    pub nominal: f64,
+    /// None without a flight.
+    pub in_force: Option<f64>,
+    pub equation: &'static str,
+    pub meaning: &'static str,
+}
+
+/// The parameters of an airframe, with the values that are active in a flight.
+pub fn rows(airframe: &Airframe, active: Option<&ActiveParameters>) -> [Row; PARAMETERS] {
+    SPECS.each_ref().map(|spec| Row {
+        name: spec.name,
+        unit: spec.unit,
+        min: airframe.range(spec.parameter).min,
+        max: airframe.range(spec.parameter).max,
+        nominal: airframe.as_built().get(spec.parameter),
+        in_force: active.map(|active| active.value[spec.parameter as usize]),
+        equation: spec.equation,
+        meaning: spec.meaning,
+    })
+}
 
 /// An end of a range. That of an airframe of another size is a quotient with many digits, and is shortened.
 pub fn bound(value: f64) -> String {

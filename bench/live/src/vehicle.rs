@@ -33,10 +33,9 @@ use crate::watch::feed::Feed;
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
 use link::{Frame, Link};
-use protocol::{Request, What};
+use protocol::{Request, Vehicle, What};
 
 pub use link::Address;
-pub use protocol::Vehicle;
 
 #[derive(Clone, Debug)]
 pub struct VehicleOptions {
@@ -50,7 +49,7 @@ pub struct VehicleOptions {
 
 /// Serves one flight of the instance after the other, until a signal comes.
 pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
-    let instance = Instance::new(&options.instance)?;
+    let instance = &Instance::new(&options.instance)?;
     let stop = stop_flag()?;
     let mut link = open(options.address)?;
     let address = link
@@ -74,7 +73,15 @@ pub fn serve(options: &VehicleOptions) -> Result<u8, Failure> {
         "MAVLink vehicle {} {place} ({access})\n",
         protocol::SYSTEM
     ))?;
-    follow(options, &instance, &mut link, &stop)
+    let (asked, requests) = channel();
+    let (answers, answered) = channel();
+    thread::scope(|scope| {
+        // The plant may take a while, and the vehicle reports meanwhile.
+        thread::Builder::new()
+            .spawn_scoped(scope, move || ask(instance, &requests, &answers))
+            .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
+        report(options, instance, &mut link, &stop, (asked, answered))
+    })
 }
 
 fn open(address: Address) -> Result<Link, Failure> {
@@ -93,7 +100,7 @@ fn open(address: Address) -> Result<Link, Failure> {
     })
 }
 
-/// How often a client without requests is checked.
+/// Without a request for this long, the client for targets is dropped: it keeps files of the flight in shared memory.
 const IDLE: Duration = Duration::from_millis(500);
 
 /// A request with the plant's answer.
@@ -105,47 +112,27 @@ fn ask(instance: &Instance, requests: &Receiver<Request>, answers: &Sender<Answe
     loop {
         let request = match requests.recv_timeout(IDLE) {
             Ok(request) => request,
-            // A client keeps files of the flight in shared memory until it is dropped.
             Err(RecvTimeoutError::Timeout) => {
-                client = client.filter(|it: &TargetClient| it.is_of_flight(instance));
+                client = None;
                 continue;
             }
             Err(RecvTimeoutError::Disconnected) => return,
         };
+        // Only into the flight that the request was meant for.
         let answer = match &request.what {
-            What::Line(line) => inject(instance, request.run_id, line),
+            What::Line(line) => {
+                still_flying(instance, request.run_id).and_then(|_| inject_line(instance, line))
+            }
             What::Target(order) => TargetClient::of(&mut client, instance, request.run_id)
-                .and_then(|client| client.aim(*order))
-                .map_err(|e| e.to_string()),
+                .and_then(|client| client.aim(*order)),
         };
-        if answers.send((request, answer)).is_err() {
+        if answers
+            .send((request, answer.map_err(|e| e.to_string())))
+            .is_err()
+        {
             return;
         }
     }
-}
-
-/// Injects into the flight that the request was meant for.
-fn inject(instance: &Instance, run_id: u64, line: &str) -> Result<String, String> {
-    still_flying(instance, run_id)
-        .and_then(|_| inject_line(instance, line))
-        .map_err(|e| e.to_string())
-}
-
-fn follow(
-    options: &VehicleOptions,
-    instance: &Instance,
-    link: &mut Link,
-    stop: &AtomicBool,
-) -> Result<u8, Failure> {
-    let (asked, requests) = channel();
-    let (answers, answered) = channel();
-    thread::scope(|scope| {
-        // The plant may take a while, and the vehicle reports meanwhile.
-        thread::Builder::new()
-            .spawn_scoped(scope, move || ask(instance, &requests, &answers))
-            .map_err(|e| Failure::failed(format!("cannot start a thread to ask the plant: {e}")))?;
-        report(options, instance, link, stop, (asked, answered))
-    })
 }
 
 /// Reports flights. The requests end with it.

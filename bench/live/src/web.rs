@@ -207,8 +207,7 @@ fn follow(
         if let Some(flight) = model.flight.as_ref().filter(|_| is_due) {
             filed.look(flight.supervision.directory.text(), flight.run.run_id);
         }
-        let is_complete = filed.excerpt.as_ref().is_some_and(|it| !it.run.in_flight);
-        let is_over = options.launched && is_complete && !model.is_flying();
+        let is_over = options.launched && filed.complete().is_some() && !model.is_flying();
         // The last news have the end of the flight and its verdicts.
         if is_due || is_over || is_stopped {
             next_news = now + NEWS_EVERY;

@@ -30,6 +30,8 @@ pub struct Spec {
     pub parameter: Parameter,
     /// Name with its unit, as typed by the user.
     pub name: &'static str,
+    /// Name in MAVLink, of at most 16 characters.
+    pub mavlink: &'static str,
     pub unit: &'static str,
     pub min: f64,
     pub max: f64,
@@ -51,9 +53,9 @@ impl Spec {
     }
 }
 
-/// Makes the parameters and their table of its rows: parameter, name, unit, range, nominal value, equation, meaning.
+/// Makes the parameters and their table of its rows: parameter, name, name in MAVLink, unit, range, nominal value, equation, meaning.
 macro_rules! parameters {
-    ($($parameter:ident, $name:literal, $unit:literal, $min:literal ..= $max:literal, $nominal:literal, $equation:literal, $meaning:literal;)+) => {
+    ($($parameter:ident, $name:literal, $mavlink:literal, $unit:literal, $min:literal ..= $max:literal, $nominal:literal, $equation:literal, $meaning:literal;)+) => {
         /// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         #[repr(usize)]
@@ -73,6 +75,7 @@ macro_rules! parameters {
         pub const SPECS: [Spec; PARAMETERS] = [$(Spec {
             parameter: Parameter::$parameter,
             name: $name,
+            mavlink: $mavlink,
             unit: $unit,
             min: $min,
             max: $max,
@@ -84,38 +87,38 @@ macro_rules! parameters {
 }
 
 parameters! {
-    Mass, "mass_kg", "kg", 0.05..=5.0, 0.52, "(1)", "mass";
-    Gravity, "gravity_m_s2", "m/s^2", 0.0..=30.0, 9.8, "(1)", "gravity along -z of the world";
-    TranslationalDrag, "translational_drag_kg_s", "kg/s", 0.0..=10.0, 0.95, "(1)", "linear drag of translation, k_t";
-    RotationalDrag, "rotational_drag_nm_s", "N m s", 0.0..=1.0, 0.105, "(3)", "linear drag of rotation, k_r";
-    ArmLength, "arm_length_m", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l";
-    ThrustCoefficient, "thrust_coefficient_n_s2", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k";
-    DragFactor, "drag_factor_nm_s2", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d";
-    RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "rotor inertia, I_R; its sign is the spin sense, negative the physical one";
-    InertiaX, "inertia_x_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x";
-    InertiaY, "inertia_y_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y";
-    InertiaZ, "inertia_z_kg_m2", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z";
-    DisturbanceGain, "disturbance_gain_rad_s2", "rad/s^2", -2.0..=2.0, 0.2, "(3)", "gain of the disturbance h(t), delta";
-    RotorEfficiency1, "rotor_efficiency_1", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 1 gives";
-    RotorEfficiency2, "rotor_efficiency_2", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 2 gives";
-    RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives";
-    RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives";
-    MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none";
-    CommandDelay, "command_delay_s", "s", 0.0..=0.01, 0.0, "beyond", "delay from a command in force to the motors, in whole ticks";
-    PositionNoise, "position_noise_m", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis";
-    VelocityNoise, "velocity_noise_m_s", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis";
-    PositionDelay, "position_delay_s", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives";
-    PositionRate, "position_rate_hz", "Hz", 0.0..=1000.0, 0.0, "beyond", "fixes of position and velocity a second; 0 is one a tick";
-    AccelerometerNoise, "accel_noise_m_s2_rthz", "m/s^2/rtHz", 0.0..=1.0, 0.0, "beyond", "white noise of the specific force, as a density";
-    AccelerometerBias, "accel_bias_m_s2", "m/s^2", -5.0..=5.0, 0.0, "beyond", "bias of the specific force, on each axis";
-    GyroBias, "gyro_bias_rad_s", "rad/s", -1.0..=1.0, 0.0, "beyond", "bias of the measured rates, on each axis";
-    GyroDrift, "gyro_drift_rad_s2_rthz", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density";
-    GyroNoiseDensity, "gyro_noise_rad_s_rthz", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density";
-    GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T";
-    WindX, "wind_x_m_s", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world x";
-    WindY, "wind_y_m_s", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world y";
-    WindZ, "wind_z_m_s", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world z";
-    Turbulence, "turbulence_w20_m_s", "m/s", 0.0..=50.0, 0.0, "beyond", "wind at 20 ft that sets the Dryden turbulence; 0 is none";
+    Mass, "mass_kg", "MASS", "kg", 0.05..=5.0, 0.52, "(1)", "mass";
+    Gravity, "gravity_m_s2", "GRAVITY", "m/s^2", 0.0..=30.0, 9.8, "(1)", "gravity along -z of the world";
+    TranslationalDrag, "translational_drag_kg_s", "TRANS_DRAG", "kg/s", 0.0..=10.0, 0.95, "(1)", "linear drag of translation, k_t";
+    RotationalDrag, "rotational_drag_nm_s", "ROT_DRAG", "N m s", 0.0..=1.0, 0.105, "(3)", "linear drag of rotation, k_r";
+    ArmLength, "arm_length_m", "ARM_LENGTH", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l";
+    ThrustCoefficient, "thrust_coefficient_n_s2", "THRUST_COEFF", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k";
+    DragFactor, "drag_factor_nm_s2", "DRAG_FACTOR", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d";
+    RotorInertia, "rotor_inertia_kg_m2", "ROTOR_INERTIA", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "rotor inertia, I_R; its sign is the spin sense, negative the physical one";
+    InertiaX, "inertia_x_kg_m2", "INERTIA_X", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x";
+    InertiaY, "inertia_y_kg_m2", "INERTIA_Y", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y";
+    InertiaZ, "inertia_z_kg_m2", "INERTIA_Z", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z";
+    DisturbanceGain, "disturbance_gain_rad_s2", "DISTURB_GAIN", "rad/s^2", -2.0..=2.0, 0.2, "(3)", "gain of the disturbance h(t), delta";
+    RotorEfficiency1, "rotor_efficiency_1", "ROTOR_EFF_1", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 1 gives";
+    RotorEfficiency2, "rotor_efficiency_2", "ROTOR_EFF_2", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 2 gives";
+    RotorEfficiency3, "rotor_efficiency_3", "ROTOR_EFF_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives";
+    RotorEfficiency4, "rotor_efficiency_4", "ROTOR_EFF_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives";
+    MotorTimeConstant, "motor_time_constant_s", "MOTOR_LAG", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none";
+    CommandDelay, "command_delay_s", "COMMAND_DELAY", "s", 0.0..=0.01, 0.0, "beyond", "delay from a command in force to the motors, in whole ticks";
+    PositionNoise, "position_noise_m", "POS_NOISE", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis";
+    VelocityNoise, "velocity_noise_m_s", "VEL_NOISE", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis";
+    PositionDelay, "position_delay_s", "POS_DELAY", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives";
+    PositionRate, "position_rate_hz", "POS_RATE", "Hz", 0.0..=1000.0, 0.0, "beyond", "fixes of position and velocity a second; 0 is one a tick";
+    AccelerometerNoise, "accel_noise_m_s2_rthz", "ACCEL_DENSITY", "m/s^2/rtHz", 0.0..=1.0, 0.0, "beyond", "white noise of the specific force, as a density";
+    AccelerometerBias, "accel_bias_m_s2", "ACCEL_BIAS", "m/s^2", -5.0..=5.0, 0.0, "beyond", "bias of the specific force, on each axis";
+    GyroBias, "gyro_bias_rad_s", "GYRO_BIAS", "rad/s", -1.0..=1.0, 0.0, "beyond", "bias of the measured rates, on each axis";
+    GyroDrift, "gyro_drift_rad_s2_rthz", "GYRO_DRIFT", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density";
+    GyroNoiseDensity, "gyro_noise_rad_s_rthz", "GYRO_DENSITY", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density";
+    GyroNoise, "gyro_noise_rad_s", "GYRO_NOISE", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T";
+    WindX, "wind_x_m_s", "WIND_X", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world x";
+    WindY, "wind_y_m_s", "WIND_Y", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world y";
+    WindZ, "wind_z_m_s", "WIND_Z", "m/s", -50.0..=50.0, 0.0, "beyond", "velocity of the air along world z";
+    Turbulence, "turbulence_w20_m_s", "TURBULENCE_W20", "m/s", 0.0..=50.0, 0.0, "beyond", "wind at 20 ft that sets the Dryden turbulence; 0 is none";
 }
 
 impl Parameter {

@@ -1,5 +1,6 @@
 //! A rig for one test: own root, own output, own instance, own processes.
 
+pub mod client;
 mod role_process;
 mod system;
 pub mod unprivileged;

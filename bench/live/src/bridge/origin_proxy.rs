@@ -9,14 +9,11 @@
 //! Other programs name none, or any. The server's address is drawn anew each time, from the 16 million of 127.0.0.0/8
 //! and any port: a page cannot try them all.
 
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, Read as _, Write as _};
 use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-
-use ipc::clock::now_ns;
 
 use crate::request_head::read_head;
 use errors::output::say;
@@ -32,8 +29,8 @@ const RETRY_EVERY: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     clients: usize,
-    /// How long nothing may be transferred in either direction. A flight sends data all the time to every client that
-    /// subscribes and reads.
+    /// How long the server may send a client nothing. A flight sends data all the time to every client that subscribes and
+    /// reads, and every request has an answer.
     idle: Duration,
 }
 
@@ -122,17 +119,28 @@ fn serve(
     let mut server = TcpStream::connect(server)?;
     for stream in [&client, &server] {
         stream.set_nodelay(true)?;
-        stream.set_read_timeout(Some(idle))?;
         stream.set_write_timeout(Some(idle))?;
     }
+    client.set_read_timeout(None)?;
+    server.set_read_timeout(Some(idle))?;
     server.write_all(&head)?;
-    let last_ns = Arc::new(AtomicU64::new(now_ns()));
-    let (mut from_client, mut to_server) = (client.try_clone()?, server.try_clone()?);
-    let last_too = Arc::clone(&last_ns);
-    let upwards = move || forward(&mut from_client, &mut to_server, &last_too, idle);
-    thread::Builder::new().spawn(upwards)?;
-    forward(&mut server, &mut client, &last_ns, idle);
+    let (from_client, to_server) = (client.try_clone()?, server.try_clone()?);
+    thread::Builder::new().spawn(move || forward(from_client, to_server))?;
+    forward(server, client);
     Ok(())
+}
+
+/// Forwards everything until one side ends, and then ends the direction; ends the connection if it is idle or broken.
+fn forward(mut from: TcpStream, mut to: TcpStream) {
+    let sides = match io::copy(&mut from, &mut to) {
+        Ok(_) => Shutdown::Write,
+        Err(_) => Shutdown::Both,
+    };
+    // The other side may have ended, too.
+    let _ = to.shutdown(sides);
+    if sides == Shutdown::Both {
+        let _ = from.shutdown(sides);
+    }
 }
 
 fn refuse(client: &mut TcpStream, status: &str, why: &str) -> io::Result<()> {
@@ -141,35 +149,6 @@ fn refuse(client: &mut TcpStream, status: &str, why: &str) -> io::Result<()> {
         "HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{why}",
         why.len()
     )
-}
-
-/// Forwards everything until one side ends, and then ends the direction; ends the connection if it is idle or broken.
-fn forward(from: &mut TcpStream, to: &mut TcpStream, last_ns: &AtomicU64, idle: Duration) {
-    let mut piece = [0; 16 << 10];
-    loop {
-        let transferred = from.read(&mut piece).and_then(|read| {
-            to.write_all(&piece[..read])?;
-            Ok(read)
-        });
-        let idle_ns = now_ns().saturating_sub(last_ns.load(Ordering::Relaxed));
-        match transferred {
-            Ok(0) => {
-                // The other side may have ended, too.
-                let _ = to.shutdown(Shutdown::Write);
-                return;
-            }
-            Ok(_) => last_ns.store(now_ns(), Ordering::Relaxed),
-            Err(e) if e.kind() == ErrorKind::Interrupted => {}
-            // Nothing to read; the other direction may be busy.
-            Err(e)
-                if e.kind() == ErrorKind::WouldBlock && u128::from(idle_ns) < idle.as_nanos() => {}
-            Err(_) => {
-                let _ = from.shutdown(Shutdown::Both);
-                let _ = to.shutdown(Shutdown::Both);
-                return;
-            }
-        }
-    }
 }
 
 /// Fails with the first unknown origin of a request.

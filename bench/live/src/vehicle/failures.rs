@@ -66,7 +66,8 @@ const ROTORS: u64 = 4;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
     pub unit: FailureUnit,
-    pub kind: FailureType,
+    /// Whether it ends the injected failures of its unit.
+    pub is_end: bool,
     /// Request to the plant, as `ironbird inject` takes it; none if nothing of the unit is to be ended.
     pub what: Option<String>,
 }
@@ -95,34 +96,29 @@ impl Failure {
             true => joined(rotors.map(|n| what.replace("{n}", &n.to_string()))),
             false => what.to_owned(),
         };
-        let (kind, what) = if number == FailureType::FAILURE_TYPE_OK as u64 {
-            let ends = |what: &str| format!("{}=off", what.split('=').next().unwrap_or_default());
-            let begun = begun.iter().filter(|(of, _)| *of == unit);
-            let what = match is_motor {
-                true => each("rotor_efficiency_{n}=nominal"),
-                false => joined(begun.map(|(_, what)| ends(what))),
-            };
-            (FailureType::FAILURE_TYPE_OK, what)
-        } else {
-            let mut of_kind = of_unit.filter(|(_, kind, _)| *kind as u64 == number);
-            let Some(&(_, kind, what)) = of_kind.next() else {
+        let is_end = number == FailureType::FAILURE_TYPE_OK as u64;
+        let mut of_kind = of_unit.filter(|(_, kind, _)| *kind as u64 == number);
+        let what = match of_kind.next() {
+            _ if is_end && is_motor => each("rotor_efficiency_{n}=nominal"),
+            _ if is_end => {
+                let ends =
+                    |what: &str| format!("{}=off", what.split('=').next().unwrap_or_default());
+                let begun = begun.iter().filter(|(of, _)| *of == unit);
+                joined(begun.map(|(_, what)| ends(what)))
+            }
+            Some((.., what)) => each(what),
+            None => {
                 let name = format!("{unit:?}");
                 let name = name.trim_start_matches("FAILURE_UNIT_");
                 let why = format!("failure type {number} of {name} does not exist here");
                 return Err(unsupported(why));
-            };
-            (kind, each(what))
+            }
         };
         Ok(Self {
             unit,
-            kind,
+            is_end,
             what: Some(what).filter(|what| !what.is_empty()),
         })
-    }
-
-    /// True if it ends the injected failures of its unit.
-    pub fn is_end(&self) -> bool {
-        self.kind == FailureType::FAILURE_TYPE_OK
     }
 }
 

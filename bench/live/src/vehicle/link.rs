@@ -8,6 +8,7 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, UdpSocket
 
 use mavlink::MavlinkReader;
 use mavlink::dialects::common::MavMessage;
+use mavlink::error::MessageReadError;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, Message as _, consts};
 
 use rustix::net::sockopt::set_socket_send_buffer_size;
@@ -122,7 +123,7 @@ impl Link {
             Transport::Tcp { listener, station } => {
                 if let Some(reader) = station {
                     reader.get_mut().pieces = IN_A_ROW;
-                    if !is_open(reader, &mut each) {
+                    if read_all(reader, &mut each) != ErrorKind::WouldBlock {
                         *station = None;
                     }
                 }
@@ -172,24 +173,20 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
     Ok(set_socket_send_buffer_size(stream, SEND_BUFFER_BYTES)?)
 }
 
-/// Passes on the frames of a stream that have arrived; whether more can come.
-fn is_open(reader: &mut MavlinkReader<Budget>, each: &mut impl FnMut(Frame)) -> bool {
-    loop {
-        match reader.read_any_raw_message::<MavMessage>() {
-            Ok(raw) => frame(&raw).into_iter().for_each(&mut *each),
-            Err(mavlink::error::MessageReadError::Io(e)) => {
-                return e.kind() == ErrorKind::WouldBlock;
-            }
-            Err(mavlink::error::MessageReadError::Parse(_)) => {}
-        }
-    }
-}
-
 /// Passes on the frames of a datagram. None reaches into the next one.
 pub fn frames(mut datagram: &[u8], each: &mut impl FnMut(Frame)) {
     let mut reader = MavlinkReader::with_capacity(consts::MAX_FRAME_SIZE, &mut datagram);
-    while let Ok(raw) = reader.read_any_raw_message::<MavMessage>() {
-        frame(&raw).into_iter().for_each(&mut *each);
+    read_all(&mut reader, each);
+}
+
+/// Passes on the frames that have arrived; returns why there are no more.
+fn read_all(reader: &mut MavlinkReader<impl Read>, each: &mut impl FnMut(Frame)) -> ErrorKind {
+    loop {
+        match reader.read_any_raw_message::<MavMessage>() {
+            Ok(raw) => frame(&raw).into_iter().for_each(&mut *each),
+            Err(MessageReadError::Io(e)) => return e.kind(),
+            Err(MessageReadError::Parse(_)) => {}
+        }
     }
 }
 

@@ -28,11 +28,12 @@ pub const HOLD: TargetOrder = TargetOrder {
 /// Height of a take-off that names none, above the start [m].
 const TAKEOFF_M: f64 = 2.5;
 
-/// A mode that a ground station can choose. The numbers are PX4's, which MAVSDK uses for all but ArduPilot.
+/// A mode that a ground station can choose. The numbers are PX4's, which MAVSDK uses for all but ArduPilot: the main mode is
+/// in bits 16 to 23, the sub-mode above it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    Hold,
-    Offboard,
+    Hold = 4 << 16 | 3 << 24,
+    Offboard = 6 << 16,
 }
 
 impl Mode {
@@ -43,19 +44,6 @@ impl Mode {
             Self::Hold => "Hold",
             Self::Offboard => "Offboard",
         }
-    }
-
-    /// Main mode and sub-mode.
-    const fn parts(self) -> [u32; 2] {
-        match self {
-            Self::Hold => [4, 3],
-            Self::Offboard => [6, 0],
-        }
-    }
-
-    pub const fn number(self) -> u32 {
-        let [main, sub] = self.parts();
-        main << 16 | sub << 24
     }
 }
 
@@ -212,9 +200,10 @@ impl Command {
     /// The mode that MAV_CMD_DO_SET_MODE selects.
     pub fn mode(&self) -> Option<Mode> {
         let [_, main, sub, _] = self.parameters.map(|it| it as u32);
+        let number = |mode: &Mode| *mode as u32;
         let mut modes = Mode::ALL.into_iter();
         let is_mode = self.name == MavCmd::MAV_CMD_DO_SET_MODE;
-        modes.find(|mode| is_mode && mode.parts() == [main, sub])
+        modes.find(|it| is_mode && [number(it) >> 16 & 0xff, number(it) >> 24] == [main, sub])
     }
 }
 

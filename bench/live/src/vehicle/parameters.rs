@@ -1,67 +1,30 @@
-//! The airframe's parameters under names that MAVLink has room for, and their values in single precision.
+//! The airframe's parameters under their names in MAVLink, and their values in single precision.
 
 use mavlink::dialects::common::{MavParamType, PARAM_VALUE_DATA};
 use messages::parameters::{PARAMETERS, Parameter, SPECS};
-
-/// The names, at most 16 characters each, in the order of [`SPECS`].
-pub const NAMES: [&str; PARAMETERS] = [
-    "MASS",
-    "GRAVITY",
-    "TRANS_DRAG",
-    "ROT_DRAG",
-    "ARM_LENGTH",
-    "THRUST_COEFF",
-    "DRAG_FACTOR",
-    "ROTOR_INERTIA",
-    "INERTIA_X",
-    "INERTIA_Y",
-    "INERTIA_Z",
-    "DISTURB_GAIN",
-    "ROTOR_EFF_1",
-    "ROTOR_EFF_2",
-    "ROTOR_EFF_3",
-    "ROTOR_EFF_4",
-    "MOTOR_LAG",
-    "COMMAND_DELAY",
-    "POS_NOISE",
-    "VEL_NOISE",
-    "POS_DELAY",
-    "POS_RATE",
-    "ACCEL_DENSITY",
-    "ACCEL_BIAS",
-    "GYRO_BIAS",
-    "GYRO_DRIFT",
-    "GYRO_DENSITY",
-    "GYRO_NOISE",
-    "WIND_X",
-    "WIND_Y",
-    "WIND_Z",
-    "TURBULENCE_W20",
-];
 
 /// Ground stations look here whether failures may be injected: 1 with `--allow-control`.
 pub const FAILURES_ENABLED: &str = "SYS_FAILURE_EN";
 
 pub fn parameter_of(name: &str) -> Option<Parameter> {
-    let place = NAMES.iter().position(|it| *it == name)?;
-    Some(SPECS[place].parameter)
+    SPECS.get(index_of(name)?).map(|spec| spec.parameter)
 }
 
 /// Place of a parameter among those that are sent; [`FAILURES_ENABLED`] is the last one.
 pub fn index_of(name: &str) -> Option<usize> {
-    let names = NAMES.iter().chain([&FAILURES_ENABLED]);
-    names.into_iter().position(|it| *it == name)
+    let mut names = SPECS.iter().map(|it| it.mavlink).chain([FAILURES_ENABLED]);
+    names.position(|it| it == name)
 }
 
 /// A value of the parameter at a place.
 pub fn value_of(index: usize, param_value: f32) -> PARAM_VALUE_DATA {
-    let (name, param_type) = match NAMES.get(index) {
-        Some(name) => (*name, MavParamType::MAV_PARAM_TYPE_REAL32),
+    let (name, param_type) = match SPECS.get(index) {
+        Some(spec) => (spec.mavlink, MavParamType::MAV_PARAM_TYPE_REAL32),
         None => (FAILURES_ENABLED, MavParamType::MAV_PARAM_TYPE_INT32),
     };
     PARAM_VALUE_DATA {
         param_value,
-        param_count: NAMES.len() as u16 + 1,
+        param_count: PARAMETERS as u16 + 1,
         param_index: index as u16,
         param_id: name.into(),
         param_type,
@@ -83,12 +46,9 @@ mod tests {
 
     #[test]
     fn names_fit_and_are_unique_and_reversible() {
-        for (name, spec) in NAMES.iter().zip(&SPECS) {
-            assert!(name.len() <= 16, "{name}");
-            assert_eq!(parameter_of(name), Some(spec.parameter));
-            // Both names say the same, up to abbreviations.
-            let initial = |text: &str| text.chars().next().map(|it| it.to_ascii_lowercase());
-            assert_eq!(initial(name), initial(spec.name), "{name} {}", spec.name);
+        for spec in &SPECS {
+            assert!(spec.mavlink.len() <= 16, "{}", spec.mavlink);
+            assert_eq!(parameter_of(spec.mavlink), Some(spec.parameter));
         }
         assert_eq!(parameter_of(FAILURES_ENABLED), None);
         assert_eq!(parameter_of("MASS "), None);

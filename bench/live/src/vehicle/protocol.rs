@@ -16,14 +16,14 @@ use mavlink::types::CharArray;
 use mavlink::{MavHeader, Message as _, MessageData as _};
 use messages::blackboards::EndReason;
 use messages::content::TargetKind;
-use messages::parameters::Parameter;
+use messages::parameters::{PARAMETERS, Parameter};
 use plant::guidance::PATIENCE_S;
 
 use super::failures::{Failure, Refused, denied};
 use super::offboard::{Command, Mode, of_command, of_setpoint};
 use super::outbox::{Outbox, REPORT_EVERY};
-use super::parameters::{NAMES, index_of, meant, parameter_of, value_of};
-use super::telemetry::{STREAMS, available_modes, message};
+use super::parameters::{index_of, meant, parameter_of, value_of};
+use super::telemetry::{available_modes, message, streams};
 use crate::watch::dashboard_model::{Judged, Model, WatchedFlight};
 
 /// Who the vehicle is.
@@ -115,10 +115,11 @@ pub struct Vehicle {
 
 impl Vehicle {
     pub fn new(allows_control: bool) -> Self {
-        let streams = STREAMS.map(|(id, interval)| (id, (Some(interval), Duration::ZERO)));
         Self {
             allows_control,
-            streams: streams.into(),
+            streams: streams()
+                .map(|(id, interval)| (id, (Some(interval), Duration::ZERO)))
+                .collect(),
             ..Self::default()
         }
     }
@@ -259,7 +260,7 @@ impl Vehicle {
         (self.peer, self.now) = (peer, now);
         match message {
             MavMessage::PARAM_REQUEST_LIST(_) => {
-                for index in 0..=NAMES.len() {
+                for index in 0..=PARAMETERS {
                     self.send_parameter(index, flight);
                 }
             }
@@ -426,8 +427,8 @@ impl Vehicle {
     }
 
     fn set_interval(&mut self, id: f32, interval_us: f32) -> Outcome {
-        let stream = number(id).and_then(|id| STREAMS.iter().find(|it| it.0 == id));
-        let Some(&(id, usual)) = stream else {
+        let stream = number(id).and_then(|id| streams().find(|it| it.0 == id));
+        let Some((id, usual)) = stream else {
             return Err(denied(format!("message {id} is not sent by itself")));
         };
         let shortest = SHORTEST.as_micros();
@@ -481,9 +482,9 @@ impl Vehicle {
     fn inject(&mut self, parameters: [f32; 3], flight: &WatchedFlight) -> Outcome {
         self.begun.retain(|(_, what)| !has_ended(what, flight));
         let failure = Failure::of(parameters, &self.begun)?;
-        let begins = |it: &Request| matches!(&it.purpose, Purpose::Command(_, Some(it)) if it.unit == failure.unit && !it.is_end());
+        let begins = |it: &Request| matches!(&it.purpose, Purpose::Command(_, Some(it)) if it.unit == failure.unit && !it.is_end);
         // The faults to end are known when the plant has answered.
-        if failure.is_end() && self.pending.iter().any(begins) {
+        if failure.is_end && self.pending.iter().any(begins) {
             return Err(later(
                 "a failure of this unit is still being injected: send OK again",
             ));
@@ -500,7 +501,7 @@ impl Vehicle {
 
     /// Notes that a failure has begun, or that those of its unit have ended.
     fn note(&mut self, failure: &Failure) {
-        if failure.is_end() {
+        if failure.is_end {
             self.begun.retain(|(unit, _)| *unit != failure.unit);
         } else if let Some(what) = &failure.what {
             // One that has ended may begin again, and ends once.
@@ -613,7 +614,7 @@ impl Vehicle {
             -1 => index_of(it.param_id.to_str().unwrap_or_default()),
             index => usize::try_from(index).ok(),
         };
-        match index.filter(|index| *index <= NAMES.len()) {
+        match index.filter(|index| *index <= PARAMETERS) {
             Some(index) => self.send_parameter(index, flight),
             None => {
                 let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
@@ -643,7 +644,8 @@ impl Vehicle {
                     Ok(()) => self.send_value(place, *value as f32),
                     Err(why) => {
                         let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
-                        self.refuse_parameter(NAMES[place].into(), error, why, flight);
+                        let name = parameter.spec().mavlink.into();
+                        self.refuse_parameter(name, error, why, flight);
                     }
                 }
             }

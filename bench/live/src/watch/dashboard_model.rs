@@ -636,15 +636,12 @@ impl<'a> Judged<'a> {
     /// The verdicts on flight, timing and theorem.
     pub fn all(verdicts: &'a Verdicts) -> [Self; 3] {
         use FlightVerdict::{Lost, OffTrack, Tracked};
-        let (timing, theorem) = (&verdicts.timing, &verdicts.theorem);
+        use StabilityVerdict::{Broken, Holds};
+        use TimingVerdict::{InTime, Late};
         [
             Self::new(&verdicts.flight, Tracked, &[OffTrack, Lost]),
-            Self::new(timing, TimingVerdict::InTime, &[TimingVerdict::Late]),
-            Self::new(
-                theorem,
-                StabilityVerdict::Holds,
-                &[StabilityVerdict::Broken],
-            ),
+            Self::new(&verdicts.timing, InTime, &[Late]),
+            Self::new(&verdicts.theorem, Holds, &[Broken]),
         ]
     }
 }

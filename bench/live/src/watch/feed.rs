@@ -4,11 +4,9 @@ use std::time::{Duration, Instant};
 
 use errors::Failure;
 use ipc::instance::Instance;
-use messages::role::Role;
 
 use super::dashboard_model::Model;
 use crate::observation::Observation;
-use recorder::injected_faults::injected;
 
 /// How often to look for a flight and to check its processes.
 pub(crate) const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -50,23 +48,9 @@ impl Feed {
         };
         observation.drain(|entry| flight.take(entry))?;
         flight.run = observation.run();
-        if !is_due {
-            return Ok(());
+        if is_due {
+            observation.look(flight);
         }
-        flight.active = observation.active_parameters();
-        flight.statuses = observation.statuses();
-        *flight.supervision = observation.supervision();
-        flight.redundancy = observation.redundancy();
-        let period_s = flight.run.flight_time_s(1);
-        flight.injected = injected(observation.injected(), period_s);
-        flight.update_steal();
-        // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
-        let lives = observation.lives(Role::Record);
-        if lives || observation.ending().is_none() {
-            flight.recorder_lives = lives;
-            flight.missing = observation.missing();
-        }
-        flight.ending = observation.ending_after_last_messages();
         if flight.ending.is_some() {
             self.leave();
         }

@@ -4,25 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use analysis::outages::OutageSection;
-use analysis::schema::{AcceptanceResult, Verdicts};
-use serde::Deserialize;
-
-/// The part of report.json that the page shows.
-#[derive(Debug, Deserialize)]
-pub(super) struct Excerpt {
-    pub(super) run: RunExcerpt,
-    pub(super) words: Verdicts,
-    pub(super) verdict: AcceptanceResult,
-    pub(super) autopsy: OutageSection,
-}
-
-#[derive(Debug, Deserialize)]
-pub(super) struct RunExcerpt {
-    run_id: u64,
-    pub(super) ending: String,
-    pub(super) in_flight: bool,
-}
+use analysis::schema::Report;
 
 #[derive(Debug, Default)]
 pub(super) struct FiledReport {
@@ -30,7 +12,7 @@ pub(super) struct FiledReport {
     pub(super) path: Option<PathBuf>,
     /// When the report was written that was read.
     written: Option<SystemTime>,
-    pub(super) excerpt: Option<Excerpt>,
+    pub(super) report: Option<Box<Report>>,
 }
 
 impl FiledReport {
@@ -47,8 +29,13 @@ impl FiledReport {
         if written != self.written {
             self.written = written;
             let read = fs::read(&path).ok();
-            let excerpt = read.and_then(|bytes| serde_json::from_slice::<Excerpt>(&bytes).ok());
-            self.excerpt = excerpt.filter(|it| it.run.run_id == run_id);
+            let report = read.and_then(|bytes| serde_json::from_slice::<Box<Report>>(&bytes).ok());
+            self.report = report.filter(|it| it.run.run_id == run_id);
         }
+    }
+
+    /// The report of a flight that has ended.
+    pub(super) fn complete(&self) -> Option<&Report> {
+        self.report.as_deref().filter(|it| !it.run.in_flight)
     }
 }

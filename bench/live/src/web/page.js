@@ -257,12 +257,12 @@ const showMisses = (it) => {
 };
 
 const showChannels = (it) => {
-  const { channel } = it, isOver = it.phase.word !== "flying";
+  const { redundancy } = it, isOver = it.phase.word !== "flying";
   const counts = `${it.failed} processes failed, ${it.restarted} restarted`;
-  const flown = channel?.flown.map((ticks, i) => `${"abc"[i]} ${ticks}`).join(", ");
-  byId("channels").replaceChildren(...(channel ? [make("b", {}, `Channel ${channel.active} flies`), `, ${channel.handovers} handovers; ticks flown: ${flown}; ${counts}`] : [counts]));
-  const outages = channel?.outages.map((o) => [o.channel, o.tick, o.ticks, `${o.reason}${o.is_handover ? "; handed over" : ""}`]) ?? [];
-  const switches = channel?.switchovers.map((s) => [`${s.from} to ${s.to}`, s.tick, "-", `switchover: ${s.reason}`]) ?? [];
+  const flown = Object.entries(redundancy?.ticks_flown ?? {}).map((it) => it.join(" ")).join(", ");
+  byId("channels").replaceChildren(...(redundancy ? [make("b", {}, `Channel ${redundancy.active} flies`), `, ${redundancy.handovers} handovers; ticks flown: ${flown}; ${counts}`] : [counts]));
+  const outages = redundancy?.outages.map((o) => [o.channel, o.tick, o.ticks, `${o.reason}${o.handover ? "; handed over" : ""}`]) ?? [];
+  const switches = redundancy?.switchovers?.map((s) => [`${s.from} to ${s.to}`, s.tick, "-", `switchover: ${s.reason}`]) ?? [];
   const rows = [...switches, ...outages];
   byId("channel-outages").replaceChildren(rows.length ? table(["channel", "tick", "ticks out", " why"], rows) : "");
   byId("processes").replaceChildren(table(["process", "number", " phase", "ticks", "skipped", "stale"], it.processes.map((p) => [

@@ -9,13 +9,13 @@
 
 use std::collections::BTreeMap;
 
-use analysis::schema::{Explained, FlightVerdict};
+use analysis::schema::{Explained, FlightVerdict, RedundancySection};
+use analysis::sections;
 use analysis::series::{Latencies, Series, Statistics};
 use analysis::theorem::no_theorem;
 use faults::PORTS;
 use faults::grammar::Change;
 use messages::blackboards::EndReason;
-use messages::channels::{Outage, OutageReason, SwitchoverReason};
 use messages::content::Mode;
 use messages::parameters::{Airframe, ESTIMATED, Parameter, SPECS};
 use messages::role::{Channel, Replica, Role, STAGES};
@@ -23,6 +23,7 @@ use messages::telemetry::LAW_ROLES;
 use serde_json::{Value, json};
 
 use super::filed_report::FiledReport;
+use crate::parameter_text::rows;
 use crate::watch::dashboard_model::{Event, Judged, Model, Pose, WatchedFlight};
 
 /// Bins of a histogram in a decade.
@@ -43,13 +44,6 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
     });
     if let Some(flight) = &model.flight {
         let run = &flight.run;
-        let parameters = SPECS.iter().map(|spec| {
-            let range = flight.airframe.range(spec.parameter);
-            json!({
-                "name": spec.name, "unit": spec.unit, "meaning": spec.meaning, "min": range.min, "max": range.max,
-                "nominal": flight.airframe.get(spec.parameter),
-            })
-        });
         let settings = &flight.settings;
         let course = [&*settings.flight.trajectory, &settings.flight.preset];
         let laws = LAW_ROLES.map(|role| settings.law_name(role));
@@ -64,7 +58,7 @@ pub(super) fn flight(model: &Model, allows_control: bool) -> Value {
             "hover_rad_s": hover_rad_s(&flight.airframe),
             "reference": flight.reference_line(),
             "poses": flight.poses.iter().map(pose_numbers).collect::<Vec<_>>(),
-            "parameters": parameters.collect::<Vec<_>>(),
+            "parameters": rows(&flight.airframe, None).as_slice(),
             "faults": fault_rows(channels(flight), run.flight_time_s(1)),
         });
     }
@@ -102,10 +96,10 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
     let Some(flight) = &model.flight else {
         return text;
     };
-    let (verdicts, not_fresh) = match &filed.excerpt {
-        Some(report) if !report.run.in_flight => (report.words.clone(), flight.verdicts().1),
-        _ => flight.verdicts(),
-    };
+    let (mut verdicts, not_fresh) = flight.verdicts();
+    if let Some(report) = filed.complete() {
+        verdicts = report.words.clone();
+    }
     let verdict = |it: Judged<'_>| match flight.lost_at() {
         // Without a recorder, it is of the past.
         Some(tick) => {
@@ -126,7 +120,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         "lost": flight.lost(),
         "series": latencies(flight),
         "outages": outages(filed),
-        "channel": channel(flight),
+        "redundancy": redundancy(flight),
         "processes": processes(flight),
         "failed": flight.supervision.failed,
         "restarted": flight.supervision.restarted,
@@ -134,7 +128,7 @@ pub(super) fn news(model: &Model, filed: &FiledReport, pages: usize) -> Value {
         "events": events(flight),
         "parameters": flight.active.value,
         "report": filed.path,
-        "status": filed.excerpt.as_ref().filter(|it| !it.run.in_flight).map(|it| it.verdict.status.to_string()),
+        "status": filed.complete().map(|it| it.verdict.status.to_string()),
     });
     text
 }
@@ -156,7 +150,7 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVe
         let why = active.map_or_else(String::new, |it| format!("channel {it} flies"));
         return json!({"word": "flying", "why": why, "tone": tone(Some(true))});
     };
-    let report = filed.excerpt.as_ref().filter(|it| !it.run.in_flight);
+    let report = filed.complete();
     let (word, why, is_good) = match ending {
         _ if track.word == FlightVerdict::Lost => ("lost", track.why.as_str(), Some(false)),
         EndReason::Completed => ("ended", "its duration is over", None),
@@ -262,7 +256,7 @@ fn bins(latencies: &Latencies) -> Vec<(f64, u64)> {
 
 /// Outages as the recorder has classed them so far.
 fn outages(filed: &FiledReport) -> Value {
-    let Some(report) = &filed.excerpt else {
+    let Some(report) = &filed.report else {
         return Value::Null;
     };
     let section = &report.autopsy;
@@ -282,32 +276,13 @@ fn outages(filed: &FiledReport) -> Value {
     })
 }
 
-/// The channel that flies, and what the plant says of all of them; none of a flight with one.
-fn channel(flight: &WatchedFlight) -> Value {
-    let Some(redundancy) = flight.redundancy.filter(|_| flight.run.channels > 1) else {
-        return Value::Null;
-    };
-    let letter = |place: u64| Channel::from_wire(place).map(|channel| channel.to_string());
-    let outage = |it: &Outage| {
-        let reason = OutageReason::from_wire(it.reason).map_or("unknown", OutageReason::name);
-        json!({
-            "channel": letter(it.channel), "tick": it.tick, "ticks": it.ticks, "reason": reason,
-            "is_handover": it.is_handover == 1,
-        })
-    };
-    let kept = (redundancy.outage_count as usize).min(redundancy.outages.len());
-    let switchovers = redundancy.switchovers().iter().map(|it| {
-        let reason = SwitchoverReason::from_wire(it.reason);
-        let reason = reason.map_or("unknown", SwitchoverReason::name);
-        json!({"tick": it.tick, "from": letter(it.from), "to": letter(it.to), "reason": reason})
-    });
-    json!({
-        "active": letter(redundancy.active),
-        "flown": &redundancy.flown[..flight.run.channels.min(redundancy.flown.len() as u64) as usize],
-        "handovers": redundancy.handovers,
-        "outages": redundancy.outages[..kept].iter().rev().take(OUTAGES).map(outage).collect::<Vec<_>>(),
-        "switchovers": switchovers.collect::<Vec<_>>(),
-    })
+/// The plant's account of the channels with their newest outages; none of a flight with one channel.
+fn redundancy(flight: &WatchedFlight) -> Option<RedundancySection> {
+    let account = flight.redundancy.filter(|_| flight.run.channels > 1)?;
+    let mut section = sections::redundancy(&account, flight.run.flight_time_s(1));
+    section.outages.reverse();
+    section.outages.truncate(OUTAGES);
+    Some(section)
 }
 
 fn processes(flight: &WatchedFlight) -> Vec<Value> {
@@ -463,25 +438,12 @@ mod tests {
     fn a_flight_that_ends_by_its_duration_has_ended_and_a_lost_one_says_why() {
         let mut model = made_up::joined(&made_up::run(), &[]);
         let flight = made_up::flight(&mut model);
+        use EndReason::{Completed, Interrupted};
+        use FlightVerdict::{CutShort, Lost, Tracked};
         for (ending, track, word, why) in [
-            (
-                EndReason::Completed,
-                FlightVerdict::Tracked,
-                "ended",
-                "its duration is over",
-            ),
-            (
-                EndReason::Completed,
-                FlightVerdict::Lost,
-                "lost",
-                "below ground",
-            ),
-            (
-                EndReason::Interrupted,
-                FlightVerdict::CutShort,
-                "ended",
-                "interrupted",
-            ),
+            (Completed, Tracked, "ended", "its duration is over"),
+            (Completed, Lost, "lost", "below ground"),
+            (Interrupted, CutShort, "ended", "interrupted"),
         ] {
             flight.ending = Some(ending);
             let track = Explained::new(track, "below ground".into());

@@ -12,7 +12,6 @@ use hdrhistogram::Histogram;
 use messages::blackboards::Status;
 use messages::content::Mode;
 use messages::monitor::{Cause, Monitor};
-use messages::parameters::{SPECS, Spec};
 use messages::realtime::RealtimeStep;
 use messages::role::{Replica, Role};
 use messages::telemetry::LAW_ROLES;
@@ -22,9 +21,10 @@ use ratatui::style::{Color, Style};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke};
+use render::document::{known, us};
 
 use super::region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, fitting, good_or_bad, wrapped};
-use crate::parameter_text::{bound, number};
+use crate::parameter_text::{Row, bound, number, rows};
 use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
 
 /// Events that are shown.
@@ -244,8 +244,7 @@ fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_,
             return row(&series.name(), ["-"; 6].map(str::to_owned));
         };
         let s = Statistics::of("", histogram);
-        let us = |us: f64| format!("{us:.1}");
-        let p999 = s.p999_us.map_or_else(|| "-".into(), us);
+        let p999 = known(s.p999_us.map(us));
         let [p50, p90, p99, max] = [s.p50_us, s.p90_us, s.p99_us, s.max_us].map(us);
         row(
             &series.name(),
@@ -274,64 +273,40 @@ fn put_histogram(name: &str, histogram: &Histogram<u64>, region: &mut Region<'_,
     if histogram.is_empty() {
         return;
     }
-    let scale = Scale::of(histogram, usize::from(region.area.width));
-    let height = |count: &u64| (*count as f64 + 1.0).log10();
-    let heights: Vec<f64> = scale.counts(histogram).iter().map(height).collect();
+    let (counts, labels) = log_bins(histogram, usize::from(region.area.width));
+    let heights: Vec<f64> = counts.iter().map(|it| (*it as f64 + 1.0).log10()).collect();
     let most = heights.iter().copied().fold(0.0, f64::max);
     let [plot, axis] =
         Layout::vertical([Constraint::Min(0), Constraint::Length(1)]).areas(region.area);
     region.area = plot;
     region.put_bars(&heights, [0.0, most]);
     region.area = axis;
-    region.put(vec![Line::styled(scale.axis(), FAINT)]);
+    region.put(vec![Line::styled(labels, FAINT)]);
 }
 
-/// Bins of equal width on a logarithmic axis, over whole decades of microseconds.
-#[derive(Clone, Copy, Debug)]
-struct Scale {
-    /// Exponent of ten at which the axis starts [us].
-    first_decade: i32,
-    decades: i32,
-    bins: usize,
-}
-
-impl Scale {
-    fn of(histogram: &Histogram<u64>, bins: usize) -> Self {
-        let first_decade = decade(histogram.min()).floor().max(-1.0) as i32;
-        let last = decade(histogram.max()).ceil() as i32;
-        Self {
-            first_decade,
-            decades: (last - first_decade).max(1),
-            bins,
-        }
+/// Counts in bins of equal width on a logarithmic axis, over whole decades of microseconds, and the decades' labels.
+fn log_bins(histogram: &Histogram<u64>, bins: usize) -> (Vec<u64>, String) {
+    let first = decade(histogram.min()).floor().max(-1.0) as i32;
+    let last = (decade(histogram.max()).ceil() as i32).max(first + 1);
+    let decades = last - first;
+    let mut counts = vec![0; bins];
+    for value in histogram.iter_recorded() {
+        let place = decade(value.value_iterated_to()) - f64::from(first);
+        let bin = (place / f64::from(decades) * bins as f64).max(0.0) as usize;
+        counts[bin.min(bins - 1)] += value.count_at_value();
     }
-
-    fn counts(&self, histogram: &Histogram<u64>) -> Vec<u64> {
-        let mut counts = vec![0; self.bins];
-        for value in histogram.iter_recorded() {
-            let place = (decade(value.value_iterated_to()) - f64::from(self.first_decade))
-                / f64::from(self.decades);
-            let bin = (place * self.bins as f64).max(0.0) as usize;
-            counts[bin.min(self.bins - 1)] += value.count_at_value();
-        }
-        counts
+    let mut labels = String::new();
+    for (number, power) in (first..last).enumerate() {
+        let place = bins * number / decades as usize;
+        let label = match power {
+            6.. => format!("|{} s", 10_u64.pow(power.unsigned_abs() - 6)),
+            3.. => format!("|{} ms", 10_u64.pow(power.unsigned_abs() - 3)),
+            0.. => format!("|{} us", 10_u64.pow(power.unsigned_abs())),
+            _ => "|100 ns".into(),
+        };
+        labels = format!("{labels:<place$}{label}");
     }
-
-    /// Labels of the decades below the bars.
-    fn axis(&self) -> String {
-        let mut axis = String::new();
-        for decade in 0..self.decades {
-            let place = self.bins * decade as usize / self.decades as usize;
-            let label = match self.first_decade + decade {
-                power @ 6.. => format!("|{} s", 10_u64.pow(power.unsigned_abs() - 6)),
-                power @ 3.. => format!("|{} ms", 10_u64.pow(power.unsigned_abs() - 3)),
-                power @ 0.. => format!("|{} us", 10_u64.pow(power.unsigned_abs())),
-                _ => "|100 ns".into(),
-            };
-            axis = format!("{axis:<place$}{label}");
-        }
-        axis
-    }
+    (counts, labels)
 }
 
 /// Logarithm to base 10 of a time in microseconds.
@@ -421,7 +396,7 @@ fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, width: u16) -> [Line
         ("|e|", error, rate, history("rms", errors, "largest")),
     ]
     .map(|(name, now, unit, history)| {
-        let now = now.map_or_else(|| "-".into(), |now| format!("{now:.3e}"));
+        let now = known(now.map(|now| format!("{now:.3e}")));
         let now = format!("{name:<5}{now:>10} {unit:<9}");
         fitting([now].into_iter().chain(history), width)
     })
@@ -483,24 +458,21 @@ fn plant_page(flight: &WatchedFlight, page: &ParameterPage, region: &mut Region<
         let nominal = format!("  {unit:<8}{nominal:>rest$}");
         [nominal, format!("{min:>9}"), format!("{max:>9}")]
     };
-    let row = |(spec, value): (&Spec, f64)| {
-        let nominal = flight.airframe.get(spec.parameter);
-        let range = flight.airframe.range(spec.parameter);
-        let (mark, style) = match value == nominal {
+    let row = |it: Row| {
+        let value = it.in_force.unwrap_or(it.nominal);
+        let (mark, style) = match value == it.nominal {
             true => (' ', PLAIN),
             false => ('*', BAD),
         };
-        let name = format!("{:<24}{:>10}{mark}", spec.name, number(value));
-        let cells = cells(
-            spec.unit,
-            [number(nominal), bound(range.min), bound(range.max)],
-        );
+        let name = format!("{:<24}{:>10}{mark}", it.name, number(value));
+        let range = [number(it.nominal), bound(it.min), bound(it.max)];
+        let cells = cells(it.unit, range);
         fitting([name].into_iter().chain(cells), width).style(style)
     };
     let heading = format!("{:<24}{:>11}", "parameter", "in force");
     let columns = cells("unit", ["nominal", "min", "max"].map(str::to_owned));
     let heading = fitting([heading].into_iter().chain(columns), width);
-    let rows = SPECS.iter().zip(flight.active.value).map(row).collect();
+    let rows = rows(&flight.airframe, Some(&flight.active)).map(row).into();
     region.put_table(heading, rows, page.selected, room);
     region.split(u16::from(usize::from(region.area.height) > foot));
     region.put_wrapped(dialogue(flight, page));
@@ -627,8 +599,7 @@ fn laws_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region
         fitting(cells, width)
     };
     let signal_row = |signal: &SignalSection| {
-        let cell =
-            |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.4e}"));
+        let cell = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));
         let cells = [signal.last, signal.min, signal.max].map(cell);
         let name = format!(" {}", signal.name);
         row(&name, cells.each_ref().map(String::as_str), &signal.unit)

@@ -6,7 +6,7 @@ use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::Line;
-use ratatui::widgets::{Paragraph, Sparkline, Wrap};
+use ratatui::widgets::{Paragraph, RenderDirection, Sparkline, Wrap};
 use textwrap::{Options, WordSplitter};
 
 pub(super) const PLAIN: Style = Style::new();
@@ -72,12 +72,10 @@ impl Region<'_, '_> {
         const STEPS: f64 = 1000.0;
         let span = (ceiling - floor).max(f64::MIN_POSITIVE);
         let steps = |value: &f64| ((value - floor) / span * STEPS).round().clamp(0.0, STEPS) as u64;
-        let bars: Vec<u64> = values.iter().map(steps).collect();
-        let width = u16::try_from(bars.len()).unwrap_or(u16::MAX);
-        let [_, right] =
-            Layout::horizontal([Constraint::Min(0), Constraint::Length(width)]).areas(self.area);
-        let bars = Sparkline::default().data(&bars).max(STEPS as u64);
-        self.frame.render_widget(bars.style(ACTUAL), right);
+        let newest_first: Vec<u64> = values.iter().rev().map(steps).collect();
+        let bars = Sparkline::default().data(&newest_first).max(STEPS as u64);
+        let bars = bars.direction(RenderDirection::RightToLeft).style(ACTUAL);
+        self.frame.render_widget(bars, self.area);
     }
 
     /// A table with a heading, scrolled so that the selected row is visible.
@@ -91,16 +89,12 @@ impl Region<'_, '_> {
         let first = selected
             .saturating_sub(room / 2)
             .min(rows.len().saturating_sub(room));
-        let mut lines = vec![heading.style(HEADING)];
-        for (i, row) in rows.into_iter().enumerate().skip(first).take(room) {
-            let is_selected = i == selected;
-            lines.push(if is_selected {
-                row.style(SELECTED)
-            } else {
-                row
-            });
-        }
-        self.put(lines);
+        let rows = rows.into_iter().enumerate().skip(first).take(room);
+        let rows = rows.map(|(i, row)| match i == selected {
+            true => row.style(SELECTED),
+            false => row,
+        });
+        self.put([heading.style(HEADING)].into_iter().chain(rows).collect());
     }
 }
 
