@@ -152,7 +152,10 @@ impl<S: Stage> StageLoop<S> {
             history.law_state = self.law_state;
             self.output.send(tick, &history, output)?;
             if let Some(continuity) = &mut self.continuity {
-                continuity.publish(&mut self.stage, tick, &self.law_state);
+                // Its inputs, and what they were made from.
+                let before = &history.input_tick[..S::ROLE as usize];
+                let is_fed = before.iter().all(|it| *it == tick);
+                continuity.publish(&mut self.stage, tick, is_fed, &self.law_state);
             }
             self.law_state = LawState::after(tick, self.channel, self.law_state.after);
         } else if self.lockstep {
