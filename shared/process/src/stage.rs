@@ -19,6 +19,7 @@ use self::continuity::{Continuity, TickPlan};
 pub use self::inputs::{ActiveFaults, Input, Inputs};
 use self::pacer::{Pacer, WakeReason};
 pub use self::work::{Stage, StageInputs};
+use crate::lead;
 use crate::rt::UsageMeter;
 use crate::session::{Armed, RoleSession, log_landing};
 use crate::wakes::{is_first, wakes};
@@ -323,6 +324,11 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     if loop_cpus > 1 {
         pacer.poll(is_first);
+    }
+    if let Pace::Realtime(grid) = armed.pace
+        && replica.is_below_plant(rt.channel_cpus)
+    {
+        pacer.end_before_lead(lead::longest(&rt, grid.period_ns));
     }
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, &event, &mut session, &armed, &mut pacer);
