@@ -22,7 +22,7 @@ impl Grid {
             .saturating_add(tick.saturating_mul(self.period_ns))
     }
 
-    /// When a stage waits no longer for its input of a tick [ns].
+    /// When a stage waits no longer for its input of a tick [ns]; one that the plant preempts, at the latest.
     pub const fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
         self.begin_of(tick)
             .saturating_add(self.period_ns * stage.deadline_percent() / 100)

@@ -109,6 +109,11 @@ impl Replica {
             (_, Channel::C) => step - 7,
         }
     }
+
+    /// Whether the plant preempts it on their processor.
+    pub const fn is_below_plant(self, channel_cpus: usize) -> bool {
+        self.priority_step(channel_cpus) < Role::Plant as i32
+    }
 }
 
 impl From<Role> for Replica {

@@ -48,10 +48,7 @@ pub(crate) fn choose(
         return Ok(Lead::default());
     }
     let every_ns = grid.period_ns.min(EVERY_NS);
-    let longest_ns = match settings.lead {
-        LeadSetting::Fixed(ns) => ns,
-        LeadSetting::Auto => most(grid.period_ns, true),
-    };
+    let longest_ns = longest(settings, grid.period_ns);
     let (mut timers, mut rehearsals) = (Vec::new(), Vec::new());
     let mut next_ns = now_ns() + IN_LOOPS_NS;
     // The timer of tick 0 is still to be set then.
@@ -104,6 +101,14 @@ fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
         lead_ns,
         rehearsal_ns,
         timer_p90_ns,
+    }
+}
+
+/// The longest lead that a flight with these settings may have [ns].
+pub(crate) fn longest(settings: &RealtimeSettings, period_ns: u64) -> u64 {
+    match settings.lead {
+        LeadSetting::Fixed(ns) => ns,
+        LeadSetting::Auto => most(period_ns, settings.rehearse),
     }
 }
 
@@ -256,6 +261,12 @@ mod tests {
         // Warm-up runs that do not fit are left out.
         assert_eq!(chosen(10_000, 70_000, 250_000), (25_000, 0));
         assert_eq!(chosen(10_000, 25_000, 125_000), (12_500, 0));
+        for rehearse in [true, false] {
+            let rehearsal_ns = if rehearse { 35_000 } else { 0 };
+            let longest_ns = longest(&settings(LeadSetting::Auto, rehearse), 1_000_000);
+            let lead_ns = automatic(2_000_000, rehearsal_ns, 1_000_000).lead_ns;
+            assert!(lead_ns <= longest_ns && longest_ns <= 250_000);
+        }
         // A machine that stalled has measured nothing.
         assert_eq!(automatic(0, 0, 1_000_000), Lead::default());
     }

@@ -19,6 +19,7 @@ use self::continuity::{Continuity, TickPlan};
 pub use self::inputs::{ActiveFaults, Input, Inputs};
 use self::pacer::{Pacer, WakeReason};
 pub use self::work::{Stage, StageInputs};
+use crate::lead;
 use crate::rt::UsageMeter;
 use crate::session::{Armed, RoleSession, log_landing};
 use crate::wakes::{is_first, wakes};
@@ -152,7 +153,10 @@ impl<S: Stage> StageLoop<S> {
             history.law_state = self.law_state;
             self.output.send(tick, &history, output)?;
             if let Some(continuity) = &mut self.continuity {
-                continuity.publish(&mut self.stage, tick, &self.law_state);
+                // Its inputs, and what they were made from.
+                let before = &history.input_tick[..S::ROLE as usize];
+                let is_fed = before.iter().all(|it| *it == tick);
+                continuity.publish(&mut self.stage, tick, is_fed, &self.law_state);
             }
             self.law_state = LawState::after(tick, self.channel, self.law_state.after);
         } else if self.lockstep {
@@ -320,6 +324,11 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     if loop_cpus > 1 {
         pacer.poll(is_first);
+    }
+    if let Pace::Realtime(grid) = armed.pace
+        && replica.is_below_plant(rt.channel_cpus)
+    {
+        pacer.end_before_lead(lead::longest(&rt, grid.period_ns));
     }
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, &event, &mut session, &armed, &mut pacer);

@@ -8,8 +8,11 @@
 //! | undisturbed, fresh inputs | is not read | tick k is worked |
 //! | undisturbed, stale inputs | undisturbed, of tick k or later | taken over; nothing is sent |
 //! | disturbed, or none yet | undisturbed, of tick k-1 or later, or ahead of the own one | taken over; tick k is worked, unless it has been |
-//! | disturbed, or none yet | of the first channel, and not the own one | the same |
+//! | disturbed, or none yet | fed for longer, or for as long and of an earlier channel | the same |
 //! | any other | | tick k is worked; a process that joins waits for a state first |
+//!
+//! A state is *fed* since the first tick from which every tick was worked with fresh inputs. So a channel does not continue
+//! from a state that was computed without inputs, and channels that one event disturbed agree on the first of them.
 //!
 //! Every message names the state that its tick was worked from.
 
@@ -42,6 +45,14 @@ pub(super) struct Continuity {
     /// See [`messages::blackboards::Status`].
     pub(super) resumed_at: u64,
     pub(super) is_saved: bool,
+}
+
+/// Since when a state of a tick is fed if `tick` is worked from it, and later the more ticks it lacks.
+const fn fed_since(state_tick: u64, since: u64, tick: u64) -> u64 {
+    match tick.saturating_sub(state_tick.wrapping_add(1)) {
+        0 => since,
+        lacking => tick + lacking,
+    }
 }
 
 /// What to do with a tick.
@@ -135,6 +146,7 @@ impl Continuity {
             (self.is_joining, self.resumed_at) = (false, state.tick + 1);
         }
         *own = LawState::after(state.tick, channel, state.law_state.after);
+        self.state.fed_since = state.fed_since;
         true
     }
 
@@ -216,13 +228,30 @@ impl Continuity {
             ]
             .contains(&(own.from_tick, own.before))
         };
-        let mut others = self.states().filter(usable);
-        let first = others.find(|(channel, _)| self.is_joining || *channel < self.channel)?;
-        (self.is_joining || !is_own(&first.1)).then_some(first)
+        let rank = |(channel, it): &(Channel, StageState)| {
+            (fed_since(it.tick, it.fed_since, tick), *channel)
+        };
+        let own_since = match is_fresh {
+            true => fed_since(own.from_tick, self.state.fed_since, tick),
+            false => fed_since(own.from_tick, tick + 1, tick),
+        };
+        let best = self.states().filter(usable).min_by_key(rank)?;
+        let is_better = rank(&best) < (own_since, self.channel) && !is_own(&best.1);
+        (self.is_joining || is_better).then_some(best)
     }
 
     /// Publishes the state after a tick whose message was sent.
-    pub(super) fn publish<S: Stage>(&mut self, stage: &mut S, tick: u64, law_state: &LawState) {
+    pub(super) fn publish<S: Stage>(
+        &mut self,
+        stage: &mut S,
+        tick: u64,
+        is_fed: bool,
+        law_state: &LawState,
+    ) {
+        self.state.fed_since = match is_fed {
+            true => fed_since(law_state.from_tick, self.state.fed_since, tick).min(tick),
+            false => tick + 1,
+        };
         if !self.is_saved || !stage.save(&mut self.saved) {
             return;
         }
@@ -231,5 +260,134 @@ impl Continuity {
         state.length = self.saved.len() as u64;
         (state.tick, state.law_state) = (tick, *law_state);
         self.own.put(*state);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stage::Input;
+    use messages::content::{Setpoint, Stamped, State};
+    use messages::role::Role;
+
+    /// A law whose state is how many ticks it has worked without fresh inputs.
+    struct Starved(u8);
+
+    impl Stage for Starved {
+        const ROLE: Role = Role::Outer;
+        type Inputs = Input<State>;
+        type Output = Setpoint;
+
+        fn work(&mut self, _tick: u64, _state: &Stamped<State>) -> Option<Setpoint> {
+            None
+        }
+
+        fn rehearse(&mut self, _tick: u64, _state: &Stamped<State>) -> Option<Setpoint> {
+            None
+        }
+
+        fn save(&mut self, state: &mut SavedState) -> bool {
+            state.clear();
+            state.push(self.0).is_ok()
+        }
+
+        fn load(&mut self, state: &[u8]) -> bool {
+            self.0 = state[0];
+            true
+        }
+    }
+
+    struct Twin {
+        stage: Starved,
+        continuity: Continuity,
+        own: LawState,
+        channel: Channel,
+    }
+
+    impl Twin {
+        /// Works a tick, in which there is an input of `input_tick`; says whether it sent something.
+        fn tick(&mut self, tick: u64, input_tick: u64) -> bool {
+            let is_fresh = input_tick == tick;
+            let plan = self
+                .continuity
+                .plan(&mut self.stage, tick, is_fresh, &mut self.own);
+            if plan == TickPlan::Skip {
+                return false;
+            }
+            self.stage.0 += u8::from(!is_fresh);
+            self.own
+                .advance(tick, [(input_tick, UNDISTURBED)].into_iter());
+            self.continuity
+                .publish(&mut self.stage, tick, is_fresh, &self.own);
+            self.own = LawState::after(tick, self.channel, self.own.after);
+            true
+        }
+    }
+
+    /// Flies so many channels; `input` says which input channel and tick have, if the stage gets to run.
+    fn fly(
+        channels: usize,
+        ticks: u64,
+        input: impl Fn(Channel, u64) -> Option<u64>,
+    ) -> Vec<(u8, u64, u64)> {
+        let root = tempfile::tempdir_in("/dev/shm").unwrap();
+        let instance = ipc::instance::Instance::under(root.path(), "continuity").unwrap();
+        let wire = Wire::open(&instance).unwrap();
+        let rt = RealtimeSettings {
+            channels,
+            ..RealtimeSettings::OFF
+        };
+        let replica = |channel| Replica::new(Role::Outer, channel);
+        let twin = |channel| Twin {
+            stage: Starved(0),
+            continuity: Continuity::new(&wire, replica(channel)).unwrap(),
+            own: LawState::INITIAL,
+            channel,
+        };
+        let mut twins: Vec<_> = Channel::first(channels).map(twin).collect();
+        for it in &mut twins {
+            let replica = replica(it.channel);
+            it.continuity.arm(&wire, replica, &rt, 1).unwrap();
+            it.continuity.begin(&mut it.stage, 0, true, &mut it.own);
+        }
+        for tick in 0..ticks {
+            for it in &mut twins {
+                input(it.channel, tick).map(|input| it.tick(tick, input));
+            }
+        }
+        let ends = twins.iter();
+        let ends = ends.map(|it| (it.stage.0, it.own.from_tick, it.own.before));
+        let ends = ends.collect();
+        drop(twins);
+        drop(wire);
+        instance.remove_leftovers().unwrap();
+        ends
+    }
+
+    #[test]
+    fn after_an_outage_of_all_a_channel_with_inputs_leads_one_without() {
+        for starved in [Channel::A, Channel::B] {
+            let ends = fly(2, 60, |channel, tick| match tick {
+                // All miss an input.
+                5 => Some(4),
+                10..40 if channel == starved => Some(9),
+                _ => Some(tick),
+            });
+            assert!(ends.iter().all(|it| it.0 <= 2), "{starved:?}: {ends:?}");
+            assert_eq!(ends[0], ends[1], "{starved:?}");
+        }
+    }
+
+    #[test]
+    fn channels_that_were_disturbed_together_end_with_the_same_state() {
+        let ends = fly(3, 20, |channel, tick| match (channel, tick) {
+            (Channel::A, 5..=7) | (Channel::B, 5) | (Channel::C, 5..=6) => None,
+            (_, 9) => Some(8),
+            // Each misses another tick.
+            (Channel::A, 11) | (Channel::B, 12) | (Channel::C, 13) => None,
+            _ => Some(tick),
+        });
+        assert_ne!(ends[0].2, UNDISTURBED);
+        assert_eq!(ends, [ends[0]; 3]);
     }
 }

@@ -7,7 +7,7 @@ use ipc::clock::{Horizon, now_ns};
 use ipc::error::Error;
 use messages::content::NO_TICK;
 use messages::flight_plan::LOCKSTEP_LOOK_UP_NS;
-use messages::grid::Pace;
+use messages::grid::{Grid, Pace};
 use messages::role::Role;
 
 /// Share of the tick, in percent, after which a stage first looks up from waiting; it then waits on to its deadline.
@@ -74,6 +74,8 @@ pub(super) struct Pacer {
     pace: Pace,
     first_look_percent: u64,
     deadline_percent: u64,
+    /// How long before the next tick the plant may already keep the processor from the stage [ns].
+    lead_ns: u64,
     polling: Polling,
     poll_until_ns: u64,
     /// When the present wait for the event began [ns].
@@ -88,6 +90,7 @@ impl Pacer {
             pace,
             first_look_percent: first_look_percent(role),
             deadline_percent: role.deadline_percent(),
+            lead_ns: 0,
             polling: Polling::Never,
             poll_until_ns: 0,
             since_ns: 0,
@@ -103,6 +106,12 @@ impl Pacer {
         } else {
             Polling::OnceWoken
         };
+    }
+
+    /// For a stage that the plant preempts, with the longest lead of the plant: looks and deadline are shares of the rest of
+    /// the tick. Otherwise the stage would wake when the plant already polls the clock, and would only run after its tick.
+    pub(super) const fn end_before_lead(&mut self, lead_ns: u64) {
+        self.lead_ns = lead_ns;
     }
 
     pub(super) fn wait(
@@ -170,8 +179,7 @@ impl Pacer {
     const fn look_up(&self, now: u64) -> u64 {
         match self.pace {
             Pace::Realtime(grid) => {
-                let first =
-                    grid.begin_of(self.next_tick) + grid.period_ns * self.first_look_percent / 100;
+                let first = self.within(grid, self.first_look_percent);
                 if now < first { first } else { self.deadline() }
             }
             Pace::Lockstep => self.deadline(),
@@ -181,11 +189,15 @@ impl Pacer {
     /// When the stage no longer waits for its input [ns].
     const fn deadline(&self) -> u64 {
         match self.pace {
-            Pace::Realtime(grid) => {
-                grid.begin_of(self.next_tick) + grid.period_ns * self.deadline_percent / 100
-            }
+            Pace::Realtime(grid) => self.within(grid, self.deadline_percent),
             Pace::Lockstep => self.since_ns + LOCKSTEP_LOOK_UP_NS,
         }
+    }
+
+    /// The instant in the next tick after so much of the time that the stage may use [ns].
+    const fn within(&self, grid: Grid, percent: u64) -> u64 {
+        let usable_ns = grid.period_ns.saturating_sub(self.lead_ns);
+        grid.begin_of(self.next_tick) + usable_ns * percent / 100
     }
 
     /// What to do at `now` with an input of tick `newest`; `None`: keep waiting.
@@ -228,7 +240,6 @@ fn latest(input: u64, silent: Option<u64>) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::grid::Grid;
 
     const GRID: Grid = Grid {
         t0_ns: 1_000_000,
@@ -278,6 +289,21 @@ mod tests {
         assert_eq!(early.decide(at(5, 999), 6), work(6, at(5, 999)));
         assert_eq!((early.next_tick, early.skipped), (7, 1));
         assert_eq!(early.decide(at(6, 10), 6), None);
+    }
+
+    #[test]
+    fn below_the_plant_a_stage_no_longer_waits_before_the_lead_begins() {
+        for role in [Role::Outer, Role::Inner, Role::Mixer] {
+            let mut pacer = Pacer::new(Pace::Realtime(GRID), role, 5);
+            let unbounded_ns = pacer.deadline();
+            pacer.end_before_lead(250);
+            let deadline_ns = pacer.deadline();
+            assert!(deadline_ns < at(5, 750), "{role}");
+            assert_eq!(deadline_ns - at(5, 0), (unbounded_ns - at(5, 0)) * 3 / 4);
+            assert!(pacer.look_up(at(5, 0)) <= deadline_ns);
+            let silence = pacer.decide(deadline_ns, 4);
+            assert!(matches!(silence, Some(WakeReason::Silence { tick: 5, .. })));
+        }
     }
 
     #[test]
