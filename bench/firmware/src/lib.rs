@@ -6,8 +6,8 @@
 //!   state -------------+
 //! ```
 //!
-//! A [`Port`] is what differs between firmwares; its [`Link`] has the packets and sockets. The rest is shared: [`launch`]
-//! starts the program or waits for one, until it has armed; [`exchange`] sends, waits and counts; [`bridge`] is the law.
+//! A [`Port`] is what differs between firmwares; its [`Link`] has the packets and sockets. The rest is shared: `launch`
+//! starts the program or waits for one, until it has armed; `exchange` sends, waits and counts; `bridge` is the law.
 //! The program is never part of this repository (docs/firmware.md).
 
 pub mod ardupilot;

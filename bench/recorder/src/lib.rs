@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Start reading in [`recording::run`]. One part has one job: [`message_streams`] reads the topics, [`run_files`] writes
-//! the files, [`host_monitor`] samples the kernel's counters, [`report_builder`] makes the report.
+//! the files, [`host_monitor`] samples the kernel's counters, `report_builder` makes the report.
 
 pub mod atomic_file;
 mod faulty_inputs;
