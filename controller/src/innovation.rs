@@ -70,3 +70,42 @@ impl Innovation {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use control_api::law::Rig;
+    use nalgebra::Matrix3;
+
+    use super::*;
+    use crate::gains::Gains;
+
+    /// The correlation after 500 steps in which Y is what `sample` gives, and the estimates explain nothing.
+    fn correlation(sample: impl Fn(i32) -> f64) -> f64 {
+        let rig = Rig::default();
+        let adaptation = Adaptation::new(&rig, &Gains::default());
+        let mut innovation = Innovation::default();
+        for step in 0..500 {
+            let regression = Regression {
+                x: Matrix3::zeros(),
+                y: Vector3::repeat(sample(step)),
+                ..Regression::default()
+            };
+            let zero = Vector3::zeros();
+            innovation.take(&adaptation, &regression, &zero, &zero, 0.9);
+        }
+        innovation.correlation()
+    }
+
+    #[test]
+    fn a_cause_that_lasts_has_a_correlation_of_1_also_while_it_fades() {
+        for share in [1.0, 0.999, 0.99] {
+            let correlation = correlation(|step| f64::powi(share, step));
+            assert!(
+                (0.999..=1.0).contains(&correlation),
+                "{share}: {correlation}"
+            );
+        }
+        let alternating = correlation(|step| f64::from(1 - 2 * (step % 2)));
+        assert!((-1.0..-0.9).contains(&alternating), "{alternating}");
+    }
+}

@@ -64,7 +64,7 @@ pub struct TheoremMonitor {
     trapezoid_rad_s2: f64,
     /// What that may have added to V_th since the start [rad^2/s^2].
     trapezoid_sum: f64,
-    /// What bounds have added to the descent of V_th since the start [rad^2/s^2]: they only bring an estimate closer.
+    /// Sum of the descents of V_th by bounds since the start [rad^2/s^2]. A bound brings an estimate closer to the truth.
     bounds_sum: f64,
     rate_kept: f64,
     has_begun: bool,
@@ -352,7 +352,7 @@ impl TheoremMonitor {
         }
     }
 
-    /// What the trapezoidal rule may add to V_th in this step [rad^2/s^2]: its error passes through the low-pass first.
+    /// Largest rise of V_th by the trapezoidal rule in this step [rad^2/s^2]. Its error passes through the low-pass first.
     fn rise_of_trapezoid(&mut self, last: &LastTick, theta: &Vector3<f64>) -> f64 {
         let error = self.trapezoid(last, theta);
         self.trapezoid_rad_s2 += (1.0 - self.adaptation.p) * (error - self.trapezoid_rad_s2);

@@ -43,6 +43,20 @@ pub(crate) type Signals = Vec<(String, String)>;
 impl Table {
     /// That of a topic whose law shows these signals; one column for all of them where their names are not known.
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
+        Self::planned::<C>(C::FIELDS, C::NAME, "", signals)
+    }
+
+    pub(crate) fn of_reference() -> Self {
+        Self::planned::<Setpoint>(Reference::FIELDS, "reference", "reference.", &None)
+    }
+
+    /// Columns for fields of a topic's messages, which stand there below a path.
+    fn planned<C: Logged>(
+        fields: &[Field],
+        group: &str,
+        path: &str,
+        signals: &Option<Signals>,
+    ) -> Self {
         let mut table = Self::default();
         let mut plan = Plan {
             table: &mut table,
@@ -50,19 +64,7 @@ impl Table {
             telemetry: format!("telemetry.{}", C::SENDER),
             signals,
         };
-        plan.fields(C::FIELDS, C::NAME, "");
-        table
-    }
-
-    pub(crate) fn of_reference() -> Self {
-        let mut table = Self::default();
-        let mut plan = Plan {
-            table: &mut table,
-            facts: describe::<Setpoint>(),
-            telemetry: String::new(),
-            signals: &None,
-        };
-        plan.fields(Reference::FIELDS, "reference", "reference.");
+        plan.fields(fields, group, path);
         table
     }
 

@@ -395,8 +395,8 @@ impl AcceptanceResult {
 /// `reason` is why it was cut short, where that is known.
 pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String, reason: &str) {
     if report.run.in_flight {
-        let elapsed_s = report.ticks.elapsed_s;
-        ending += &format!("; the numbers end {elapsed_s:.1} s into the flight");
+        let flown_s = report.ticks.flown_s(&report.run);
+        ending += &format!("; the numbers end {flown_s:.1} s into the flight");
         for gate in &mut report.verdict.gates {
             if gate.name == ENVELOPE && gate.held {
                 gate.value = envelope_words(Some(EndReason::None)).into();

@@ -177,6 +177,17 @@ pub struct Ticks {
     pub identity_holds: bool,
 }
 
+impl Ticks {
+    pub const fn all(&self) -> u64 {
+        self.run.saturating_add(self.skipped)
+    }
+
+    /// How much of the flight its ticks are [s]: in lockstep and in slow motion not what the clock shows.
+    pub fn flown_s(&self, run: &RunSection) -> f64 {
+        self.all() as f64 * run.period_us / 1e6
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeadlineSection {
     /// Ticks that flew without a fresh command on time; none in lockstep.

@@ -187,7 +187,7 @@ pub struct Rise {
     pub relative: f64,
 }
 
-/// Tells whether the torque of (19) was computed, and acted.
+/// The torque of (19): how often the law computed it, and how often it acted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Torque {

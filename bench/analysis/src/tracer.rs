@@ -339,6 +339,7 @@ mod tests {
             ..Joined::default()
         };
         joined.state.truth.position_w_m = [x, 0.0, 1.0];
+        joined.state.measured.position_w_m = [f64::NAN; 3];
         joined
     }
 
@@ -354,8 +355,9 @@ mod tests {
         let peaks: Vec<_> = peaks.collect();
         assert_eq!((peaks.len(), peaks[0].min, peaks[0].max), (1, 0.5, 7.0));
         assert!((peaks[0].tick..peaks[0].tick + flight.every_ticks).contains(&123_456));
-        let path = (path.tick.len(), path.tick.last());
-        assert_eq!(path, (PATH_SAMPLES, Some(&last)));
+        let newest = path.position_w_m.last().map(|it| it[0]);
+        let path = (path.tick.len(), path.tick.last(), newest);
+        assert_eq!(path, (PATH_SAMPLES, Some(&last), Some(0.5)));
     }
 
     #[test]

@@ -44,8 +44,7 @@ impl Verdicts {
     /// The flight was aborted or interrupted: it is judged on what it flew, and nothing good is said of the rest. This
     /// replaces what a recorder has said of the end: it does not know why the plant was requested to end the flight.
     pub fn cut_short(&mut self, how: &str, reason: &str, run: &RunSection, ticks: &Ticks) {
-        let all = ticks.run.saturating_add(ticks.skipped);
-        let (flown, flown_s) = (count(all, "tick"), all as f64 * run.period_us / 1e6);
+        let (flown, flown_s) = (count(ticks.all(), "tick"), ticks.flown_s(run));
         let flown = format!("{how} after {flown} ({flown_s:.3} s)");
         if self.flight.word == FlightVerdict::Tracked {
             self.flight.word = FlightVerdict::CutShort;

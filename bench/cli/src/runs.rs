@@ -108,8 +108,7 @@ impl RecordedRun {
             Some(_) if has_ended_early => "recorder ended".into(),
             Some(report) => report.verdict.status.to_string(),
         };
-        let length_s =
-            |it: &Report| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6;
+        let length_s = |it: &Report| it.ticks.flown_s(&it.run);
         Some(Self {
             name: directory.file_name()?.to_string_lossy().into_owned(),
             directory: directory.to_owned(),

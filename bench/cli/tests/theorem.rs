@@ -349,7 +349,7 @@ fn telemetry_that_lies_is_unexplained() {
     assert!(!theorem.holds && theorem.unexplained() > 100, "{theorem:?}");
 }
 
-/// What is wrong with an adaptation.
+/// A mistake in an adaptation.
 #[derive(Clone, Copy)]
 enum Wrong {
     Parameters(fn(&mut Adaptation)),

@@ -222,9 +222,9 @@ fn check_applied(answer: &SwapAnswer) -> Result<(), Failure> {
     let outcome = SwapOutcome::from_wire(answer.verdict);
     let why = match outcome.ok_or_else(|| other_version(answer.verdict))? {
         SwapOutcome::Applied => return Ok(()),
-        // The change was possible for the flight that was read.
+        // Checked by the airframe of the flight that was read.
         SwapOutcome::UnknownParameter | SwapOutcome::OutOfRange | SwapOutcome::Malformed => {
-            "another flight has begun meanwhile; ask again"
+            "the change is not possible for its airframe: another flight may have begun since it was checked; ask again"
         }
         SwapOutcome::QueueFull => {
             "too many parameter changes wait for their ticks; ask again later"

@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 
 use messages::content::{Decision, TakenCommand};
-use messages::role::{Channel, MOST_CHANNELS};
-use messages::telemetry::Telemetry;
+use messages::role::{Channel, MOST_CHANNELS, STAGES};
+use messages::telemetry::{Signals, Telemetry};
 use redundancy::Arrangement;
 
 use crate::entry::LogEntry;
@@ -19,6 +19,8 @@ pub struct ChannelMerge {
     arrangement: Arrangement,
     /// Ticks after which a command can no longer be taken.
     waits_ticks: u64,
+    /// Signals of channel a's laws: those that the report, the log and observers know.
+    signals: Signals,
     /// Messages that are not decided on, by tick and topic.
     open: BTreeMap<(u64, usize), Box<OfChannels>>,
     next: u64,
@@ -28,10 +30,11 @@ pub struct ChannelMerge {
 
 impl ChannelMerge {
     /// One for a plant in which commands can wait for so many ticks.
-    pub const fn new(arrangement: Arrangement, waits_ticks: u64) -> Self {
+    pub const fn new(arrangement: Arrangement, waits_ticks: u64, signals: Signals) -> Self {
         Self {
             arrangement,
             waits_ticks,
+            signals,
             open: BTreeMap::new(),
             next: 0,
             flown: Channel::A,
@@ -110,11 +113,11 @@ impl ChannelMerge {
         };
         let fresh = others.clone().find(is_fresh);
         let mut entry = of(self.flown).or(fresh).or_else(|| others.next())?;
-        // The report, the log and observers know the signals of channel a.
+        // Other laws set none of the signals that are known.
         if !is_own(&Channel::A)
             && let Some(telemetry) = entry.telemetry_mut()
         {
-            *telemetry = Telemetry::default();
+            *telemetry = Telemetry::unknown(self.signals.of(STAGES[topic]).len());
         }
         Some(entry)
     }
@@ -125,6 +128,7 @@ mod tests {
     use super::*;
     use messages::content::{Decisions, State};
     use messages::header::Message;
+    use messages::telemetry::Signal;
 
     /// A message of a tick, which says in its sequence number which channel sent it.
     fn message<C: Default>(tick: u64, channel: Channel) -> Message<C> {
@@ -180,7 +184,7 @@ mod tests {
     fn of_each_tick_there_is_one_message_a_topic_of_the_channel_whose_command_was_taken() {
         use Channel::{A, B};
         let all = |tick, channel| [1, 2, 3].map(|topic| (topic, tick, channel as u64));
-        let mut merge = ChannelMerge::new(Arrangement::alike(2), 128);
+        let mut merge = ChannelMerge::new(Arrangement::alike(2), 128, Signals::default());
         send(&mut merge, 1..3, A);
         send(&mut merge, 1..6, B);
         let taken = |tick, channel| state(tick + 1, Some(command(tick, channel)));
@@ -209,5 +213,32 @@ mod tests {
         let mut rest = Vec::new();
         merge.finish(|entry| rest.push(entry.envelope().tick));
         assert_eq!(rest, [300; 3]);
+    }
+
+    #[test]
+    fn signals_of_a_law_that_does_not_fly_are_unknown() {
+        const SIGNALS: &[Signal] = &[Signal {
+            name: "gain",
+            unit: "",
+        }];
+        let signals = Signals {
+            inner: SIGNALS,
+            ..Signals::default()
+        };
+        let mut arrangement = Arrangement::alike(2);
+        arrangement.groups[Channel::B as usize] = Channel::B;
+        let mut merge = ChannelMerge::new(arrangement, 128, signals);
+        send(&mut merge, 1..2, Channel::B);
+        let mut shown = Vec::new();
+        merge.take(
+            Channel::A,
+            &state(2, Some(command(1, Channel::B))),
+            |entry| {
+                if let LogEntry::Wrench(message) = entry {
+                    shown.extend_from_slice(&message.content.telemetry.value[..2]);
+                }
+            },
+        );
+        assert!(shown[0].is_nan() && shown[1] == 0.0, "{shown:?}");
     }
 }

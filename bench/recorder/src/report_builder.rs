@@ -18,14 +18,29 @@ use host::cpu_times::hostname;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use process::rt::UsageMeter;
+use process::session::Armed;
 
-use super::recording::Recorder;
-use crate::injected_faults::injected;
+use super::host_monitor::HostMonitor;
+use super::message_streams::MessageStreams;
+use super::role_statuses::RoleStatuses;
+use super::run_files::RunFiles;
+use crate::injected_faults::{InjectedFaults, injected};
 use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::wall_time::utc;
 
-/// What the report has beside what was recorded.
+/// The parts of a recorder that a report is made from.
+pub struct Recorded<'a> {
+    pub settings: &'a Settings,
+    pub armed: &'a Armed,
+    pub streams: MessageStreams,
+    pub files: RunFiles<'a>,
+    pub host: HostMonitor,
+    pub roles: RoleStatuses,
+    pub faults: InjectedFaults,
+}
+
+/// Makes reports; it holds the parts of them that do not change in flight.
 pub struct ReportBuilder<'a> {
     /// The laws as loaded at the start: a law file that disappears during the flight does not matter.
     laws: [Chosen; 3],
@@ -54,11 +69,11 @@ impl<'a> ReportBuilder<'a> {
     /// The figures so far; the final ones if there is an ending.
     pub fn build(
         &self,
-        recorder: &Recorder<'_>,
+        recorded: &Recorded<'_>,
         ending: Option<EndReason>,
     ) -> Result<Report, Failure> {
-        let (settings, host) = (recorder.settings, &recorder.host);
-        let (statistics, run) = (recorder.streams.statistics(), &recorder.armed.run.get());
+        let (settings, host) = (recorded.settings, &recorded.host);
+        let (statistics, run) = (recorded.streams.statistics(), &recorded.armed.run.get());
         let period_s = settings.flight.period_s;
         let ticks = statistics.ticks(run);
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(statistics.states);
@@ -66,7 +81,7 @@ impl<'a> ReportBuilder<'a> {
             ticks_without_state,
             ..statistics.flight()
         };
-        let injected = injected(&recorder.faults.faults, period_s);
+        let injected = injected(&recorded.faults.faults, period_s);
         let faults = [settings.injected()?, injected].concat();
         let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy =
@@ -77,8 +92,8 @@ impl<'a> ReportBuilder<'a> {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);
         }
-        let [.., mixer] = recorder.roles.loops();
-        let redundancy = recorder.streams.redundancy();
+        let [.., mixer] = recorded.roles.loops();
+        let redundancy = recorded.streams.redundancy();
         let mut report = Report {
             schema: schema::SCHEMA.into(),
             words: Verdicts::default(),
@@ -103,9 +118,9 @@ impl<'a> ReportBuilder<'a> {
             targets_left_out: Some(statistics.targets.left_out).filter(|it| *it > 0),
             faults,
             series: statistics.series.statistics(),
-            roles: recorder.roles.sections(),
+            roles: recorded.roles.sections(),
             lead: statistics.lead(&run.lead, mixer.rehearsals),
-            recorder: self.recorder_section(recorder, run),
+            recorder: self.recorder_section(recorded, run),
             host: host.host.clone(),
             doctor: host.diagnosis.clone(),
             steal: host.steal(),
@@ -127,8 +142,8 @@ impl<'a> ReportBuilder<'a> {
         Ok(report)
     }
 
-    fn recorder_section(&self, recorder: &Recorder<'_>, run: &Run) -> schema::RecorderSection {
-        let Recorder { streams, files, .. } = recorder;
+    fn recorder_section(&self, recorded: &Recorded<'_>, run: &Run) -> schema::RecorderSection {
+        let Recorded { streams, files, .. } = recorded;
         let lost = TOPICS.into_iter().zip(streams.statistics().lost());
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         schema::RecorderSection {

@@ -234,7 +234,7 @@ fn container(it: &ContainerSection) -> String {
 
 pub fn pace(report: &Report) -> String {
     let run = &report.run;
-    let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * run.period_us / 1e6;
+    let flown_s = report.ticks.flown_s(run);
     let times = flown_s / report.ticks.elapsed_s;
     let pace = match run.speed() {
         Speed::Lockstep => {
@@ -266,14 +266,15 @@ pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
 fn deadlines(report: &Report) -> Vec<Block> {
     let (ticks, deadlines) = (&report.ticks, &report.deadlines);
     let is = if ticks.identity_holds { "=" } else { "IS NOT" };
+    let (all, elapsed_s, periods) = (ticks.all(), ticks.elapsed_s, ticks.elapsed_periods);
+    let in_time = match report.run.speed() {
+        // No clock moves the ticks.
+        Speed::Lockstep => format!("in {elapsed_s:.3} s"),
+        _ => format!("{is} elapsed {elapsed_s:.3} s / period = {periods}"),
+    };
     let (run, skipped) = (ticks.run, ticks.skipped);
-    let (all, elapsed_s, periods) = (run + skipped, ticks.elapsed_s, ticks.elapsed_periods);
-    let mut blocks = vec![Block::Fact(
-        "Ticks",
-        format!(
-            "run {run} + skipped {skipped} = {all} {is} elapsed {elapsed_s:.3} s / period = {periods}"
-        ),
-    )];
+    let counted = format!("run {run} + skipped {skipped} = {all} {in_time}");
+    let mut blocks = vec![Block::Fact("Ticks", counted)];
     let not_fresh = deadlines.not_fresh.as_ref();
     blocks.extend(not_fresh.map(|it| Block::Fact("Commands", it.sentence(ticks))));
     let (missed, ppm, late) = (

@@ -118,7 +118,8 @@ fn events(report: &Report) -> Block {
         let said = format!("{ticks}, a delay of {delay_us:.0} us: {evidence}");
         (it.time_s, "outage", said)
     }));
-    events.push((report.ticks.elapsed_s, "end", ending(report).to_owned()));
+    let end_s = report.ticks.flown_s(&report.run);
+    events.push((end_s, "end", ending(report).to_owned()));
     events.sort_by(|a, b| a.0.total_cmp(&b.0));
     let left_out = events.len().saturating_sub(EVENTS);
     let rows = events.into_iter().take(EVENTS);

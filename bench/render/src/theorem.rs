@@ -55,7 +55,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
     blocks
 }
 
-/// What the monitor saw of V_th, of the torque and of the rate error.
+/// The figures of V_th, of the torque and of the rate error, a line each.
 fn watched(theorem: &Theorem) -> Vec<String> {
     let moved = match (theorem.is_live, theorem.descent_predicted) {
         (true, 0.0) => "nothing to compare",

@@ -112,6 +112,17 @@ fn reports_are_their_snapshots() {
 }
 
 #[test]
+fn a_flight_in_lockstep_ends_after_its_faults_and_not_when_the_clock_says() {
+    let mut report = Report::read(&recorded("lockstep", "report.json")).unwrap();
+    let written = tempfile::tempdir().unwrap();
+    files::write_all(&mut report, written.path());
+    let page = fs::read_to_string(written.path().join("report.html")).unwrap();
+    let place = |text: &str| page.find(text).unwrap_or_else(|| panic!("no {text}"));
+    assert!(report.ticks.elapsed_s < 0.1);
+    assert!(place("<time>0.100 s") < place("<time>0.301 s"));
+}
+
+#[test]
 fn the_comparison_of_two_flights_is_its_snapshot() {
     let [a, b] = ["lockstep", "outages"].map(|flight| ComparedRun {
         run: flight.into(),

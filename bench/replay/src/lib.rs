@@ -338,7 +338,7 @@ impl FlightReplay {
         let planned = settings.planned()?;
         let (faults, kept) = (planned.loops.messages, kept(pace, &planned));
         let (arrangement, signals) = (flown.arrangement, settings.flown_laws()?.signals);
-        let merge = || ChannelMerge::new(arrangement, settings.waiting_ticks());
+        let merge = || ChannelMerge::new(arrangement, settings.waiting_ticks(), signals);
         Ok(Self {
             from_tick,
             kept,

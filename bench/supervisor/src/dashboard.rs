@@ -51,7 +51,7 @@ impl Dashboard {
         let what = server.what;
         let failed = |e| Failure::failed(format!("cannot start {what}: {e}"));
         let mut child = process::signals::child(executable, server.command)
-            .args(server.arguments.split_whitespace())
+            .args(&server.arguments)
             .args(["--instance", instance.name()])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

@@ -485,11 +485,11 @@ mod tests {
         ];
         let expected = [
             "Aborted: the plant process ended before it had landed",
-            "Interrupted: interrupted; the numbers end 0.0 s into the flight",
-            "Aborted: the recorder ended too early; the numbers end 0.0 s into the flight",
+            "Interrupted: interrupted; the numbers end 0.3 s into the flight",
+            "Aborted: the recorder ended too early; the numbers end 0.3 s into the flight",
             "Aborted: the outer process died: signal: 9 (SIGKILL); the mixer process did not end within 5 s of SIGTERM \
              and was killed",
-            "Aborted: the recorder died: signal: 9 (SIGKILL); the numbers end 0.0 s into the flight",
+            "Aborted: the recorder died: signal: 9 (SIGKILL); the numbers end 0.3 s into the flight",
         ];
         assert_eq!(all.map(Option::unwrap), expected);
     }

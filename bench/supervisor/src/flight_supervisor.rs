@@ -156,7 +156,7 @@ pub struct ServerProcess {
     pub what: &'static str,
     /// The command of `ironbird`, and its arguments except for the instance.
     pub command: &'static str,
-    pub arguments: String,
+    pub arguments: Vec<String>,
 }
 
 #[derive(Clone, Debug)]

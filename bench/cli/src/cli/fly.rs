@@ -121,18 +121,25 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
 
 /// The processes that serve the flight to a browser and to a ground station.
 fn servers(args: &FlyArgs) -> Vec<ServerProcess> {
-    let flag = |is_given, flag| if is_given { flag } else { "" };
-    let control = flag(args.allow_control, "--allow-control");
-    let (port, open) = (args.page.port, flag(args.open, "--open"));
+    let flags = |flags: &[(bool, &str)]| {
+        let given = flags.iter().filter(|(is_given, _)| *is_given);
+        given.map(|(_, flag)| (*flag).to_owned()).collect()
+    };
+    let (control, port) = ((args.allow_control, "--allow-control"), args.page.port);
     let page = args.web.then(|| ServerProcess {
         what: "the live page",
         command: "watch",
-        arguments: format!("--web --port {port} {control} {open}"),
+        arguments: flags(&[
+            (true, "--web"),
+            (true, &format!("--port={port}")),
+            control,
+            (args.open, "--open"),
+        ]),
     });
     let vehicle = args.mavlink.then(|| ServerProcess {
         what: "the MAVLink vehicle",
         command: "bridge",
-        arguments: format!("mavlink {control}"),
+        arguments: flags(&[(true, "mavlink"), control]),
     });
     page.into_iter().chain(vehicle).collect()
 }

@@ -66,7 +66,7 @@ const ROTORS: u64 = 4;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
     pub unit: FailureUnit,
-    /// Whether it ends the injected failures of its unit.
+    /// True of a command that ends the injected failures of its unit.
     pub is_end: bool,
     /// Request to the plant, as `ironbird inject` takes it; none if nothing of the unit is to be ended.
     pub what: Option<String>,
