@@ -227,7 +227,7 @@ layout! {
         /// The state that the tick was worked from, and the history of both.
         pub law_state: LawState,
         /// The tick since which the state has had fresh inputs in every tick.
-        pub fed_since: u64,
+        pub fresh_since: u64,
         pub length: u64,
         pub bytes: [u8; STATE_BYTES],
     }

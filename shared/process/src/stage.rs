@@ -155,8 +155,8 @@ impl<S: Stage> StageLoop<S> {
             if let Some(continuity) = &mut self.continuity {
                 // Its inputs, and what they were made from.
                 let before = &history.input_tick[..S::ROLE as usize];
-                let is_fed = before.iter().all(|it| *it == tick);
-                continuity.publish(&mut self.stage, tick, is_fed, &self.law_state);
+                let is_fresh = before.iter().all(|it| *it == tick);
+                continuity.publish(&mut self.stage, tick, is_fresh, &self.law_state);
             }
             self.law_state = LawState::after(tick, self.channel, self.law_state.after);
         } else if self.lockstep {

@@ -8,11 +8,11 @@
 //! | undisturbed, fresh inputs | is not read | tick k is worked |
 //! | undisturbed, stale inputs | undisturbed, of tick k or later | taken over; nothing is sent |
 //! | disturbed, or none yet | undisturbed, of tick k-1 or later, or ahead of the own one | taken over; tick k is worked, unless it has been |
-//! | disturbed, or none yet | fed for longer, or for as long and of an earlier channel | the same |
+//! | disturbed, or none yet | with fresh inputs for longer, or for as long and of an earlier channel | the same |
 //! | any other | | tick k is worked; a process that joins waits for a state first |
 //!
-//! A state is *fed* since the first tick from which every tick was worked with fresh inputs. So a channel does not continue
-//! from a state that was computed without inputs, and channels that one event disturbed agree on the first of them.
+//! A state has had fresh inputs since the first tick from which every tick was worked with them. So a channel does not
+//! continue from a state that was computed without inputs, and channels that one event disturbed agree on the first of them.
 //!
 //! Every message names the state that its tick was worked from.
 
@@ -47,8 +47,8 @@ pub(super) struct Continuity {
     pub(super) is_saved: bool,
 }
 
-/// Since when a state of a tick is fed if `tick` is worked from it, and later the more ticks it lacks.
-const fn fed_since(state_tick: u64, since: u64, tick: u64) -> u64 {
+/// Since when a state of a tick has had fresh inputs if `tick` is worked from it; each tick that it lacks makes it later.
+const fn fresh_since(state_tick: u64, since: u64, tick: u64) -> u64 {
     match tick.saturating_sub(state_tick.wrapping_add(1)) {
         0 => since,
         lacking => tick + lacking,
@@ -146,7 +146,7 @@ impl Continuity {
             (self.is_joining, self.resumed_at) = (false, state.tick + 1);
         }
         *own = LawState::after(state.tick, channel, state.law_state.after);
-        self.state.fed_since = state.fed_since;
+        self.state.fresh_since = state.fresh_since;
         true
     }
 
@@ -229,11 +229,11 @@ impl Continuity {
             .contains(&(own.from_tick, own.before))
         };
         let rank = |(channel, it): &(Channel, StageState)| {
-            (fed_since(it.tick, it.fed_since, tick), *channel)
+            (fresh_since(it.tick, it.fresh_since, tick), *channel)
         };
         let own_since = match is_fresh {
-            true => fed_since(own.from_tick, self.state.fed_since, tick),
-            false => fed_since(own.from_tick, tick + 1, tick),
+            true => fresh_since(own.from_tick, self.state.fresh_since, tick),
+            false => fresh_since(own.from_tick, tick + 1, tick),
         };
         let best = self.states().filter(usable).min_by_key(rank)?;
         let is_better = rank(&best) < (own_since, self.channel) && !is_own(&best.1);
@@ -245,11 +245,11 @@ impl Continuity {
         &mut self,
         stage: &mut S,
         tick: u64,
-        is_fed: bool,
+        is_fresh: bool,
         law_state: &LawState,
     ) {
-        self.state.fed_since = match is_fed {
-            true => fed_since(law_state.from_tick, self.state.fed_since, tick).min(tick),
+        self.state.fresh_since = match is_fresh {
+            true => fresh_since(law_state.from_tick, self.state.fresh_since, tick).min(tick),
             false => tick + 1,
         };
         if !self.is_saved || !stage.save(&mut self.saved) {
