@@ -78,6 +78,18 @@ fn the_site_replaces_no_directory_that_it_did_not_make() {
     assert_eq!(fs::read(rig.path("mine/notes")).unwrap(), b"notes");
 }
 
+#[test]
+fn a_script_refuses_an_argument_that_it_does_not_have() {
+    let scripts = "docs/build docs/pictures docs/margin-figures dist/notices python/build bench/cli/deaths .ci/again \
+                   .ci/check-words .ci/dependencies .ci/release .ci/run .ci/same-bits";
+    for script in scripts.split_whitespace() {
+        let script = root().join(script);
+        let ended = Command::new(&script).arg("--none").output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(2), "{script:?}: {said}");
+    }
+}
+
 fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
