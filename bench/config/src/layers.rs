@@ -375,7 +375,8 @@ impl Layers<'_> {
             PAPER => with_paper()?.1.clone(),
             name => airframe::design(name)?,
         };
-        let wanted = self.given_text(SUM).unwrap_or_default();
+        let sum = self.flag_text(SUM);
+        let wanted = sum.or(self.given_text(SUM)).unwrap_or_default();
         if is_whole {
             let has = |key| self.rotor_limit(key).is_some();
             if !has("min_rad_s") || !has("max_rad_s") {
@@ -391,7 +392,8 @@ impl Layers<'_> {
             {
                 flight.insert("airframe".into(), Value::String(OWN.into()));
             }
-        } else if flag.is_none() || flag.as_deref() == self.given_text("airframe") {
+        } else if sum.is_some() || flag.is_none() || flag.as_deref() == self.given_text("airframe")
+        {
             check_sum(wanted, name, &design.sha256)?;
         }
         design.lay(settings);
@@ -411,7 +413,8 @@ impl Layers<'_> {
     /// Takes the sums out of the file's settings that belong to another airframe or trajectory than what is flown.
     fn forget_sums(&mut self) {
         let flag = self.flag_text("trajectory");
-        let is_another = flag.is_some() && flag != self.given_text("trajectory");
+        let given = self.given_text("trajectory");
+        let is_another = given.is_some() && flag.is_some() && flag != given;
         let mut forget = |section: &str, key: &str| {
             if let Some(Value::Table(keys)) = self.given.get_mut(section) {
                 keys.remove(key);

@@ -352,9 +352,14 @@ impl Settings {
     /// The settings with the points that their trajectory names, if it is a file.
     pub(super) fn with_points(mut self) -> Result<Self, Failure> {
         if !trajectory::is_file(&self.flight.trajectory) {
-            // Of a file that the settings no longer name.
-            self.trajectory.sha256.clear();
-            return Ok(self);
+            let (sum, trajectory) = (&self.trajectory.sha256, &self.flight.trajectory);
+            if sum.is_empty() {
+                return Ok(self);
+            }
+            return Err(Failure::usage(format!(
+                "trajectory.sha256 = \"{sum}\": the trajectory `{trajectory}` is not a file"
+            ))
+            .help("take trajectory.sha256 out of the settings, or name the CSV file in flight.trajectory"));
         }
         let read = PointsFile::read(&self.flight.trajectory, self.trajectory.tolerance)?;
         self.take_points(read)?;
