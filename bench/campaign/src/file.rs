@@ -32,6 +32,9 @@ const PROCESSORS_MAX: i64 = 4096;
 const ONLY_ARM: &str = "base";
 /// Sections that are the campaign's own; all others are the settings'.
 const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "submit"];
+/// Sections and keys of the settings that change no row: a campaign simulates one channel without a clock, and its limits
+/// are in [success].
+const WITHOUT_EFFECT: &str = "rt simplex channel recorder flight.pace flight.slowdown flight.tracking_error_max_m flight.tracking_yaw_error_max_rad";
 /// The seed of the sensors' noise, which flights draw unless the file sets it.
 const NOISE_SEED: &str = "flight.seed";
 const TIMING: &str = "timing";
@@ -177,6 +180,10 @@ impl Reader {
         let chunk = self.whole(&own, "campaign.chunk", 1..=CHUNK_MAX);
         let mut base = given.clone();
         base.retain(|section, _| !OWN.contains(&section));
+        for (section, key, _) in flat(&base) {
+            let name = format!("{section}.{key}");
+            self.check_effect(&name, &name);
+        }
         let has_setting = |key| base.get("flight").is_some_and(|it| it.get(key).is_some());
         let mut drawn = self.factors(given, factors);
         let is_drawn = |drawn: &[Factor], name| drawn.iter().any(|factor| factor.name == name);
@@ -234,6 +241,16 @@ impl Reader {
         }
     }
 
+    fn check_effect(&mut self, path: &str, name: &str) {
+        let section = name.split('.').next();
+        let mut without = WITHOUT_EFFECT.split(' ');
+        if without.any(|it| it == name || Some(it) == section) {
+            let why =
+                "a campaign simulates one channel without a clock, with its limits in [success]";
+            self.mistake(path, format!("`{name}` has no effect: {why}"));
+        }
+    }
+
     /// The value of a key of a section; none where it is missing or a mistake, which is noted.
     fn key<T>(
         &mut self,
@@ -260,6 +277,7 @@ impl Reader {
         let mut factors = Vec::new();
         for name in order {
             let path = format!("factors.{name}");
+            self.check_effect(&path, name);
             let target = match name.split_once('.') {
                 Some((section, key)) => Target::Setting {
                     section: section.into(),
@@ -385,6 +403,7 @@ impl Reader {
                         format!("`{full}` is drawn as a factor, so the arm {name} cannot set it");
                     self.mistake(&path, what);
                 }
+                self.check_effect(&format!("{path}.{full}"), &full);
             }
             arms.push(Variant {
                 name: name.clone(),
