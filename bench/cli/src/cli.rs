@@ -13,8 +13,10 @@ pub(crate) mod setting_flags;
 mod study;
 pub(crate) mod values;
 
+use std::env::args_os;
 use std::path::PathBuf;
 
+use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use toml::Value;
 
@@ -22,6 +24,7 @@ use crate::build::VERSION;
 use crate::laws::LawsArgs;
 use crate::new_law::NewCommand;
 use config::Overrides;
+use errors::Failure;
 
 pub use flight::{
     FlightArgs, FlyArgs, GateArgs, GateName, OnDeath, RecordArgs, RecorderArgs, RoleArgs, RtArgs,
@@ -165,6 +168,21 @@ Example:
     /// Simulates a lost flight and prints the section of its report on that.
     #[command(hide = true)]
     ExamineLoss { log: PathBuf },
+}
+
+impl Cli {
+    /// The command line; an argument that must be a text and is none is named.
+    pub fn read() -> Result<Self, Failure> {
+        Self::try_parse().or_else(|e| {
+            match args_os().find(|argument| argument.to_str().is_none()) {
+                Some(argument) if e.kind() == ErrorKind::InvalidUtf8 => Err(Failure::usage(
+                    format!("{argument:?} is not UTF-8, as settings and logs are"),
+                )
+                .help("rename the file or its folder")),
+                _ => e.exit(),
+            }
+        })
+    }
 }
 
 /// The overrides of the flags that were given.

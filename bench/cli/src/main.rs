@@ -2,7 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
 use errors::output::{print, say};
 use errors::{Failure, OK};
 use ironbird::cli::{BridgeTo, Cli, Command, commands, fly, roles};
@@ -24,7 +23,7 @@ fn main() -> ExitCode {
     let started = forget_inherited()
         .map_err(Failure::from)
         .and_then(|()| resource_limits::check());
-    plugin::leave(match started.and_then(|()| run(&Cli::parse())) {
+    plugin::leave(match started.and_then(|()| run(&Cli::read()?)) {
         Ok(code) => code,
         Err(failure) => {
             say(&failure.text());

@@ -16,7 +16,7 @@ use crate::export;
 use crate::report_command::abandon;
 use analysis::json::print_json;
 use config::airframe::PAPER;
-use config::last_name;
+use config::{last_name, utf8};
 use errors::output::print;
 use errors::{Failure, OK};
 use flight_log::wall_time::utc;
@@ -56,7 +56,7 @@ pub fn runs(args: &RunsArgs) -> Result<u8, Failure> {
         return prune(&runs, args);
     }
     match args.json {
-        true => print_json(&runs)?,
+        true => utf8(&out).and_then(|_| print_json(&runs))?,
         false => print(&table(&runs, &out))?,
     }
     Ok(OK)

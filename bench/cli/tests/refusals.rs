@@ -3,8 +3,11 @@
 //! A page is run by trycmd. `TRYCMD=overwrite cargo test -p ironbird --test rig refusals` writes today's answers into it.
 
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::fs;
+use std::os::unix::ffi::OsStrExt as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use crate::rig::{Rig, ironbird};
 
@@ -69,4 +72,29 @@ fn every_refusal_is_as_its_page_shows_it_and_starts_nothing() {
         assert_eq!(left, shown, "files beside {}", page.display());
     }
     rig.assert_nothing_started();
+}
+
+#[test]
+fn a_path_that_is_not_utf8_works_or_is_refused_as_such() {
+    let rig = Rig::new("utf8");
+    let folder = rig.root().join(OsStr::from_bytes(b"n\xff"));
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(
+        folder.join("it.toml"),
+        "campaign = { name = \"x\", flights = 2 }\n",
+    )
+    .unwrap();
+    for (words, path) in [
+        ("campaign check", "it.toml"),
+        ("simulate --trajectory", "it.csv"),
+        ("fly --out", "runs"),
+    ] {
+        let mut command = Command::new(ironbird());
+        let command = command.args(words.split(' ')).arg(folder.join(path));
+        let said = String::from_utf8(command.output().unwrap().stderr).unwrap();
+        assert!(
+            said.contains("is not UTF-8, as settings and logs are"),
+            "{words}: {said}"
+        );
+    }
 }

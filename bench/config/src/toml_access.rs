@@ -118,7 +118,7 @@ pub(super) fn place_path(key: &str, value: &mut Value, folder: &Path) -> Result<
 }
 
 /// A path as the text that settings, reports and logs have of it.
-pub(super) fn utf8(path: &Path) -> Result<String, Failure> {
+pub fn utf8(path: &Path) -> Result<String, Failure> {
     path.to_str().map(str::to_owned).ok_or_else(|| {
         let what = format!(
             "{}: this path is not UTF-8, as settings and logs are",

@@ -8,7 +8,7 @@ use campaign::chunk::{self, Rows, State};
 use errors::{Failure, GATE, InFile as _, OK};
 
 use crate::cli::{self, CampaignFlyArgs, FlyArgs};
-use config::{PaceName, Settings};
+use config::{PaceName, Settings, utf8};
 use errors::output::print;
 use experiments::campaign::flight_settings::{Plan, plan_of};
 use recorder::run_directory::find_log;
@@ -38,7 +38,7 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         false => PaceName::Lockstep,
     };
     if let Some(out) = &args.out {
-        settings.recorder.out = out.to_string_lossy().into_owned();
+        settings.recorder.out = utf8(out)?;
     }
     if args.print_config {
         let recorded = plan.recorded(args.flight, arm);

@@ -18,6 +18,7 @@ use host::own_executable;
 use super::run;
 use super::status::{chunks, ranges, report};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
+use config::utf8;
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{IN_THE_WAY, Plan, open_directory};
 use experiments::progress::Progress;
@@ -240,7 +241,7 @@ impl Array {
     fn of(plan: &Plan, args: &CampaignSubmitArgs, out: &Path) -> Result<Self, Failure> {
         let out = absolute(out).in_file("find", out)?;
         // Slurm's options are comments of the script: a line break would end the comment.
-        if out.to_string_lossy().contains(char::is_control) {
+        if utf8(&out)?.contains(char::is_control) {
             return Err(Failure::usage(format!(
                 "--out {out:?}: the path contains a line break or another control character"
             ))

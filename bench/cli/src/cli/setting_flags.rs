@@ -230,13 +230,13 @@ impl TypedValueParser for SettingParser {
         arg: Option<&Arg>,
         value: &OsStr,
     ) -> Result<Value, Error> {
-        let text = value.to_string_lossy();
-        if let Some(words) = self.words().filter(|_| !self.is_other(&text)) {
+        let is_other = value.to_str().is_none_or(|text| self.is_other(text));
+        if let Some(words) = self.words().filter(|_| !is_other) {
             PossibleValuesParser::new(words).parse_ref(command, arg, value)?;
         }
         let parser = *self;
         let read = move |text: &str| parser.read(text);
-        read.parse_ref(command, arg, OsStr::new(text.as_ref()))
+        read.parse_ref(command, arg, value)
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {

@@ -14,7 +14,7 @@ use errors::{Failure, InFile as _, USAGE, read_text, write_whole};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
-use config::Settings;
+use config::{Settings, utf8};
 use flight_log::build;
 use recorder::run_directory::find_log;
 use sim::recorded_timing::Timing;
@@ -43,6 +43,7 @@ impl Plan {
         let place = format!(" (campaign {})", file.display());
         let campaign = file::read(&text).map_err(|failure| failure.append(&place))?;
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        utf8(&file)?;
         let identity = Identity {
             name: campaign.name.clone(),
             campaign: String::new(),
