@@ -115,11 +115,9 @@ fn fly_table(
     let CaseTable { place, cases } = table;
     let bound_m = args.recovered_below.or(cases.recovered_below_m);
     let bound_m = bound_m.unwrap_or(RECOVERED_BELOW_M);
-    let set = |texts: &[String]| -> Result<Overrides, String> {
-        texts
-            .iter()
-            .map(|text| overrides::set("set", text))
-            .collect()
+    let set = |name: &str, texts: &[String]| -> Result<Overrides, String> {
+        let texts = texts.iter();
+        texts.map(|text| overrides::set(name, text)).collect()
     };
     // Without a list, each fault names its own instant, and each row is one flight.
     let instants: Vec<String> = match &cases.at_s {
@@ -129,8 +127,8 @@ fn fly_table(
     let mut plans = Vec::new();
     for row in &cases.row {
         let of_row_in = format!(" (row `{}` of {place})", row.name);
-        let (of_all, of_row) = set(&cases.set)
-            .and_then(|all| Ok((all, set(&row.set)?)))
+        let (of_all, of_row) = set("set", &cases.set)
+            .and_then(|all| Ok((all, set("row.set", &row.set)?)))
             .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
         let faults = |instant: &String| -> Vec<String> {
             let faults = row.faults.iter();

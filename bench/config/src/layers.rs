@@ -43,6 +43,10 @@ pub(super) fn layered(
     overrides: &Overrides,
 ) -> Result<Table, Failure> {
     let (mut given, mut overrides) = (given, overrides.clone());
+    let typed = overrides
+        .iter()
+        .filter(|it| overrides::parts(it.0).0.is_some());
+    overrides::check_twice(typed.map(|(flag, value)| (*flag, value.to_string())))?;
     let folder = file.and_then(Path::parent).unwrap_or(Path::new(""));
     place_paths(&mut given, folder)?;
     for (flag, value) in &mut overrides {
@@ -201,7 +205,10 @@ impl Layers<'_> {
             }
         }
         let flags = self.flag(CHANNEL, "laws").and_then(Value::as_array);
-        for text in flags.into_iter().flatten().filter_map(Value::as_str) {
+        let flags = flags.into_iter().flatten().filter_map(Value::as_str);
+        let pairs = flags.clone().filter_map(|text| text.split_once('='));
+        overrides::check_twice(pairs.map(|(of, law)| (format!("--channel {of}"), law)))?;
+        for text in flags {
             let law = || {
                 let (of, law) = text.split_once('=').filter(|(_, law)| !law.is_empty())?;
                 let (channel, role) = of.split_once(':')?;

@@ -1,12 +1,14 @@
 //! Settings that the command line sets one by one: `--set inner.alpha_1_s=150`, `--inner adaptive:soft,alpha_1_s=150`.
 
+use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::Path;
 
 use errors::Failure;
 use messages::role::Role;
 use toml::{Table, Value};
 
-/// Keys of the settings that are set on the command line, with their values; a later one overrides an earlier one.
+/// Keys of the settings that are set on the command line, with their values; a later flag overrides an earlier one.
 ///
 /// A key that the user typed follows the name of its flag and a space, for errors: `--set inner.alpha_1_s`.
 pub type Overrides = Vec<(&'static str, Value)>;
@@ -20,6 +22,20 @@ pub fn parts(flag: &'static str) -> (Option<&'static str>, &'static str) {
         Some((flag, key)) => (Some(flag), key),
         None => (None, flag),
     }
+}
+
+/// Refuses a key that the same flag gives twice, as no order between the values is agreed.
+pub(super) fn check_twice<K: Display + Ord + Clone, V: Display>(
+    given: impl IntoIterator<Item = (K, V)>,
+) -> Result<(), Failure> {
+    let mut seen = BTreeMap::new();
+    for (key, value) in given {
+        if let Some(first) = seen.insert(key.clone(), value.to_string()) {
+            let what = format!("{key} is given twice: {first} and {value}");
+            return Err(Failure::usage(what).help("leave one out"));
+        }
+    }
+    Ok(())
 }
 
 /// The value of `SECTION.KEY=VALUE`, by the rules of a settings file; a word needs no quotes.
@@ -61,13 +77,10 @@ pub fn law(role: Role, text: &str) -> Result<Overrides, Failure> {
                 "write LAW:PRESET,KEY=VALUE, as in adaptive:soft,alpha_1_s=150; either may be left out",
             )
         })?;
-        let key_of = |set: &(&'static str, Value)| parts(set.0).1;
-        if all.iter().any(|other| key_of(other) == key_of(&set)) {
-            let what = format!("--{role} {text}: `{}` is given twice", key_of(&set));
-            return Err(Failure::usage(what).help("leave one out"));
-        }
         all.push(set);
     }
+    let keys = all.iter().map(|(flag, value)| (parts(flag).1, value));
+    check_twice(keys).map_err(|failure| failure.append(&format!(" (--{role} {text})")))?;
     Ok(all)
 }
 
