@@ -71,7 +71,7 @@ pub fn check_alpha(
         "inner.alpha_1_s = {alpha_1_s} cannot fly at period_s = {period_s}: with a late command ({delay_ticks} \
          ticks of delay unpredicted) the rate loop needs 1 - exp(-alpha T) < 2 sin(pi/{divisor}) = {limit:.6}, \
          but it is {loop_gain:.6}; keep inner.alpha_1_s below {alpha_max_1_s:.1}, or period_s below \
-         {period_max_s:.6}{remedy}"
+         {period_max_s:.3e}{remedy}"
     )))
 }
 

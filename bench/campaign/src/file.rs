@@ -9,7 +9,7 @@ use crate::gates::{
 };
 use crate::lines::{Lines, line_of};
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
-use errors::Failure;
+use errors::{Failure, of_toml};
 use faults::ValueType;
 use messages::parameters::{Parameter, did_you_mean, nearest};
 use messages::telemetry::LAW_ROLES;
@@ -50,7 +50,7 @@ pub fn read(text: &str) -> Result<Campaign, Failure> {
     };
     let unread = |e: toml::de::Error| {
         let line = line_of(text, e.span().unwrap_or_default().start);
-        failure(&[(line, e.message().trim_end().replace('\n', ", "))])
+        failure(&[(line, of_toml(e.message()).trim_end().replace('\n', ", "))])
     };
     let given: Table = text.parse().map_err(unread)?;
     let document = DeTable::parse(text).map_err(unread)?.into_inner();

@@ -230,7 +230,9 @@ fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure> {
         if let Some(why) = reason_to_keep(run) {
             text += &format!("{would} {name}: {why}\n");
         } else if let Err(failure) = remove(&run.directory, args.dry_run) {
-            text += &format!("partly removed {name}: {failure}\n");
+            let is_whole = self::bytes(&run.directory) == run.bytes;
+            let some = if is_whole { "not" } else { "partly" };
+            text += &format!("{some} removed {name}: {failure}\n");
             failed += 1;
         } else {
             text += &format!("{removed} {name} ({})\n", size(run.bytes));

@@ -8,14 +8,14 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use errors::Failure;
+use errors::{Failure, of_toml};
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, ParameterError, SPECS, shown};
 use toml::de::DeTable;
 use toml::{Table, Value};
 
 use crate::airframe_checks::impossible_body;
-use crate::toml_access::{DEFAULT_TABLE, TOO_LARGE, is_too_large, nearest, table, text_of};
+use crate::toml_access::{DEFAULT_TABLE, nearest, table, text_of};
 use crate::trajectory::{is_file, sha256_of};
 
 const BUILT_IN: [(&str, &str); 3] = [
@@ -84,12 +84,8 @@ const SECTIONS: [&str; 3] = ["airframe", "rotor", "model"];
 fn read(text: &str) -> Result<Design, Vec<String>> {
     let unread = |e: toml::de::Error| {
         let line = e.span().map_or(1, |span| line_of(text, &span));
-        let what = if is_too_large(&e) {
-            TOO_LARGE
-        } else {
-            e.message()
-        };
-        vec![format!("line {line}: {}", what.replace('\n', ", "))]
+        let what = of_toml(e.message()).replace('\n', ", ");
+        vec![format!("line {line}: {what}")]
     };
     let values: Table = text.parse().map_err(unread)?;
     let spans = DeTable::parse(text).map_err(unread)?;

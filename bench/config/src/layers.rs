@@ -19,10 +19,9 @@ use crate::airframe::{self, Design, OWN, PAPER};
 use crate::law_settings::{self, Chosen, DEFAULT_PRESET, LAW, Moved, SHA256, presets_of};
 use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
-    DEFAULT_TABLE, TOO_LARGE, coerce, example, is_too_large, kind, nearest, place_path,
-    place_paths, table, text, text_of,
+    DEFAULT_TABLE, coerce, example, kind, nearest, place_path, place_paths, table, text, text_of,
 };
-use errors::Failure;
+use errors::{Failure, TOO_LARGE, of_toml};
 
 /// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
 /// each of its flights.
@@ -541,15 +540,15 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
         )
         })?;
     let place = origin(Some(path));
-    text.parse().map_err(
-        |e: toml::de::Error| match e.span().filter(|_| is_too_large(&e)) {
+    text.parse().map_err(|e: toml::de::Error| {
+        match e.span().filter(|_| of_toml(e.message()) == TOO_LARGE) {
             Some(span) => {
                 let line = airframe::line_of(&text, &span);
                 here(&place, format!("line {line}: {TOO_LARGE}"))
             }
             None => here(&place, e),
-        },
-    )
+        }
+    })
 }
 
 /// What is set beside the settings: of the type that the default has.

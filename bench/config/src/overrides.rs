@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 
-use errors::Failure;
+use errors::{Failure, TOO_LARGE, of_toml};
 use messages::role::Role;
 use toml::{Table, Value};
 
@@ -45,6 +45,10 @@ pub fn set(flag: &str, text: &str) -> Result<(&'static str, Value), String> {
         parts.is_some_and(|(section, key)| !section.is_empty() && !key.is_empty())
     });
     let (key, value) = set.ok_or("write SECTION.KEY=VALUE, as in inner.alpha_1_s=150")?;
+    let read = format!("it = {value}").parse::<Table>();
+    if read.is_err_and(|e| of_toml(e.message()) == TOO_LARGE) {
+        return Err(TOO_LARGE.into());
+    }
     // Flags last as long as the process.
     let flag = Box::leak(format!("{flag} {key}").into_boxed_str());
     Ok((flag, as_in_a_file(value)))

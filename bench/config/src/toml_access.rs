@@ -39,13 +39,6 @@ pub(super) fn text_of(path: &Path) -> io::Result<String> {
     io::read_to_string(&*bytes_of(path, 1 << 20)?)
 }
 
-pub(super) const TOO_LARGE: &str = "a whole number beyond 9223372036854775807 cannot be read";
-
-/// Whether the error of a TOML file is [`TOO_LARGE`]: its own message names a type of Rust.
-pub(super) fn is_too_large(e: &toml::de::Error) -> bool {
-    e.message().contains("integer `")
-}
-
 /// The value as the type that is expected: whole numbers also stand for fractional ones.
 pub(super) fn coerce(value: &Value, expected: &Value) -> Option<Value> {
     match (value, expected) {

@@ -19,8 +19,8 @@ use errors::output::say;
 use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
-use flight_log::log_directory;
 use flight_log::writer::FlightLog;
+use flight_log::{FILE, log_directory};
 use ipc::clock::now_ns;
 use messages::role::Channel;
 use render::files::write_all;
@@ -28,7 +28,7 @@ use render::files::write_all;
 use super::atomic_file::AtomicFileWriter;
 use super::hlog::Hlog;
 use crate::run_directory::{LATENCIES, LATEST, check_latest, is_ours, make_latest};
-use config::{LogName, Settings};
+use config::{LogName, Settings, last_name};
 
 const REPORT: &str = "report.json";
 const STATES: &str = "states.csv";
@@ -60,6 +60,12 @@ pub struct RunFiles<'a> {
     pub incomplete: BTreeMap<String, String>,
 }
 
+/// The log of the flight, or of a channel, in the directory of the flight.
+fn log_file(channel: Option<Channel>) -> String {
+    let of_channel = |channel| format!("{}/{FILE}", log_directory(channel));
+    channel.map_or_else(|| FILE.into(), of_channel)
+}
+
 impl<'a> RunFiles<'a> {
     pub fn create(
         files: &'a Files,
@@ -75,9 +81,10 @@ impl<'a> RunFiles<'a> {
             .map(|path| StatesWriter::create(path, tracking, laws, every, true))
             .collect::<Result<_, _>>()?;
         let create = |(channel, facts): &(Option<Channel>, Facts)| {
-            let directory = directory.join(channel.map_or_else(String::new, log_directory));
-            fs::create_dir_all(&directory).in_file("create", &directory)?;
-            let log = FlightLog::create(&directory.join(flight_log::FILE), facts);
+            let file = directory.join(log_file(*channel));
+            let directory = file.parent().unwrap_or(directory);
+            fs::create_dir_all(directory).in_file("create", directory)?;
+            let log = FlightLog::create(&file, facts);
             Ok((*channel, log?))
         };
         let logs = match settings.recorder.log {
@@ -100,7 +107,7 @@ impl<'a> RunFiles<'a> {
         })
     }
 
-    pub fn note(&mut self, file: &'static str, written: Result<(), Failure>) {
+    pub fn note(&mut self, file: impl Into<String>, written: Result<(), Failure>) {
         if let Err(failure) = written {
             self.incomplete
                 .entry(file.into())
@@ -135,7 +142,7 @@ impl<'a> RunFiles<'a> {
         };
         match log.keep(now_ns()) {
             Ok(()) => self.logs.push_back((channel, log)),
-            Err(failure) => self.note(flight_log::FILE, Err(failure)),
+            Err(failure) => self.note(log_file(channel), Err(failure)),
         }
     }
 
@@ -207,13 +214,13 @@ impl<'a> RunFiles<'a> {
                     // Messages that the log of a flight lacks are counted.
                     let is_counted = channel.is_none() && report.unlogged() > 0;
                     let why = fate.gap.filter(|_| !is_counted).map(Failure::failed);
-                    self.note(flight_log::FILE, why.map_or(Ok(()), Err));
+                    self.note(log_file(channel), why.map_or(Ok(()), Err));
                 }
-                Err(failure) => self.note(flight_log::FILE, Err(failure)),
+                Err(failure) => self.note(log_file(channel), Err(failure)),
             }
         }
         report.recorder.unwritten = self.incomplete.clone();
-        if self.incomplete.keys().any(|file| is_ours(file)) {
+        if self.incomplete.keys().any(|file| is_ours(last_name(file))) {
             analysis::gates::mark_incomplete(report);
         }
         // A disk that blocks keeps the report no longer than its files.

@@ -218,6 +218,16 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     ))
 }
 
+pub const TOO_LARGE: &str = "a whole number beyond 9223372036854775807 cannot be read";
+
+/// The message of a TOML parser in plain words: of a large number, its own names a type of Rust.
+pub fn of_toml(message: &str) -> &str {
+    match message.contains("integer `") || message.ends_with("value was too large") {
+        true => TOO_LARGE,
+        false => message,
+    }
+}
+
 /// Largest text that is read [bytes]: ten times the largest that is written. As JSON it takes up to 17 times as much
 /// memory.
 const TEXT_BYTES: u64 = 16 << 20;

@@ -41,7 +41,7 @@ pub struct WatchArgs {
 #[derive(Clone, Debug, Default, Args)]
 pub struct PageArgs {
     /// Port of the live page; 0 takes a free one.
-    #[arg(long, value_name = "PORT", default_value_t = 0, requires = "web")]
+    #[arg(long, value_name = "PORT", default_value_t = 0, requires = "web", allow_hyphen_values = true, value_parser = values::within(0..=u16::MAX))]
     pub port: u16,
 }
 
@@ -152,7 +152,7 @@ pub struct FoxgloveArgs {
     #[arg(long, value_name = "HOST", default_value = "127.0.0.1")]
     pub host: String,
     /// Port to listen on; 0 takes a free one.
-    #[arg(long, value_name = "PORT", default_value_t = 8765)]
+    #[arg(long, value_name = "PORT", default_value_t = 8765, allow_hyphen_values = true, value_parser = values::within(0..=u16::MAX))]
     pub port: u16,
     /// Name of the instance.
     #[arg(long, value_name = "NAME", default_value = "default")]

@@ -10,10 +10,10 @@ use crate::cli::values;
 #[derive(Clone, Debug, Args)]
 pub struct FloorArgs {
     /// Pairs of measurements; fewer than 6 give no verdict.
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 6, allow_hyphen_values = true, value_parser = values::within(1..=1000_u32))]
     pub pairs: u32,
     /// Length of each measurement [s]; less than 11 s is too short for a 99.9th percentile at 1 kHz.
-    #[arg(long, default_value_t = 11, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    #[arg(long, default_value_t = 11, allow_hyphen_values = true, value_parser = values::within(1..=3600_u64))]
     pub seconds: u64,
     /// Print JSON.
     #[arg(long)]

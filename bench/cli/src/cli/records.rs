@@ -140,7 +140,7 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub verify: bool,
     /// Compare and count from this tick on; the flight is still replayed from tick 0.
-    #[arg(long, value_name = "TICK", default_value_t = 0)]
+    #[arg(long, value_name = "TICK", default_value_t = 0, allow_hyphen_values = true, value_parser = values::tick)]
     pub from: u64,
     /// New place of the outer law's library; it must be the one that flew. Repeat it for laws of several channels.
     #[arg(long, value_name = "FILE")]
@@ -179,7 +179,7 @@ pub struct RunsArgs {
     pub prune: bool,
     /// Keep only the newest N.
     #[arg(long, value_name = "N", requires = "prune", group = "which", allow_hyphen_values = true,
-        value_parser = clap::value_parser!(u32).range(1..))]
+        value_parser = values::within(1..=u32::MAX))]
     pub keep: Option<u32>,
     /// Remove flights that began longer ago, for example 7d or 12h.
     #[arg(long, value_name = "AGE", requires = "prune", group = "which", allow_hyphen_values = true,

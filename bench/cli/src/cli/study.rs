@@ -92,7 +92,7 @@ pub struct MarginArgs {
     #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = values::duration)]
     pub longest: Duration,
     /// Number of parallel jobs [default: one per CPU].
-    #[arg(long, value_name = "N", value_parser = values::jobs)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::jobs)]
     pub jobs: Option<usize>,
     /// Directory of the flights whose reports use these margins; the table goes to DIR/margins [default: runs].
     #[arg(long, value_name = "DIR")]
@@ -139,7 +139,7 @@ pub struct CampaignRunArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Number of parallel jobs [default: one per CPU].
-    #[arg(long, value_name = "N", value_parser = values::jobs)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::jobs)]
     pub jobs: Option<usize>,
 }
 
@@ -149,7 +149,7 @@ pub struct CampaignCheckArgs {
     #[arg(value_name = "FILE.toml")]
     pub file: PathBuf,
     /// Number of parallel jobs [default: one per CPU].
-    #[arg(long, value_name = "N", value_parser = values::jobs)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::jobs)]
     pub jobs: Option<usize>,
 }
 
@@ -162,7 +162,7 @@ pub struct CampaignSubmitArgs {
     #[arg(long, value_enum, value_name = "ENGINE")]
     pub on: Engine,
     /// Number of shards [default: one per row file, at most 1000].
-    #[arg(long, value_name = "N", value_parser = values::shards)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::shards)]
     pub shards: Option<u64>,
     /// Directory of the rows, visible to all nodes [default: campaigns/NAME].
     #[arg(long, value_name = "DIR")]
@@ -211,7 +211,7 @@ pub struct CampaignFlyArgs {
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
     /// Number of the flight, counted from 0.
-    #[arg(value_name = "N")]
+    #[arg(value_name = "N", allow_hyphen_values = true, value_parser = values::within(0..=u64::MAX))]
     pub flight: u64,
     /// Variant that flies it [default: the first].
     #[arg(long, value_name = "NAME")]

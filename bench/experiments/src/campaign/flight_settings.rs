@@ -218,7 +218,7 @@ fn relative_to(file: &Path, name: &str) -> PathBuf {
 const FILE: &str = "campaign.toml";
 const FACTS: &str = "campaign.json";
 /// The remedy for a broken [`FILE`] or [`FACTS`].
-const REPAIR: &str = "remove this file, and fly the campaign into this directory again (`ironbird campaign run FILE --out DIR`): \
+const REPAIR: &str = "remove this file if it is there, and fly the campaign into this directory again (`ironbird campaign run FILE --out DIR`): \
                       rows that are whole are kept";
 /// The remedy for a file or directory that cannot be written.
 pub const IN_THE_WAY: &str =
