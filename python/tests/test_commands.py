@@ -58,6 +58,14 @@ def test_a_mistake_is_told_in_the_words_of_the_executable(rig, flags, words):
     assert words in str(raised.value) and not str(raised.value).startswith("error")
 
 
+def test_a_flag_that_only_prints_is_refused(rig):
+    for command in (ironbird.fly, ironbird.compare, ironbird.margin):
+        with pytest.raises(TypeError, match="help: this flag prints a text and flies nothing"):
+            command(help=True)
+    with pytest.raises(TypeError, match="run `ironbird fly --print-config`"):
+        ironbird.fly(print_config=True)
+
+
 def test_a_law_without_a_file_is_told_where_it_flies(rig):
     with pytest.raises(TypeError, match="inner: expected .*, not function; .* a function in simulate"):
         ironbird.fly(inner=lambda tick, measured, wanted, reference: None)

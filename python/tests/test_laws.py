@@ -185,6 +185,11 @@ def test_what_is_no_law_is_refused():
         ironbird.simulate("hover", 1, inner=3.0)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="mixer: expected the name of a law, not function"):
         ironbird.simulate("hover", 1, mixer=angles)  # type: ignore[arg-type]
+    for settings in (3, {"inner": 3}, [("plant", {})]):
+        with pytest.raises(TypeError, match=r"settings: expected sections with their keys, .*, not "):
+            ironbird.simulate("hover", 1, settings=settings)  # type: ignore[arg-type]
+    with pytest.raises(ironbird.SettingsError, match="flight.faults = 3: expected a list of strings"):
+        ironbird.simulate("hover", 1, faults=3)  # type: ignore[arg-type]
     with pytest.raises(ironbird.SettingsError, match="settings: inner.alpha_1_s: the law `angles` has no such setting"):
         ironbird.simulate("hover", 1, inner=angles, settings={"inner": {"alpha_1_s": 3.0}})
 

@@ -77,6 +77,8 @@ def test_what_is_no_flight_is_told(tmp_path, ironbird_command):
     (tmp_path / "flight.mcap").write_bytes(b"no log")
     with pytest.raises(ironbird.LogError, match="is damaged or no flight log"):
         ironbird.read(tmp_path / "flight.mcap")
+    with pytest.raises(ironbird.LogError, match="an empty path is no flight"):
+        ironbird.read("")
     result = ironbird_command("export", "nowhere").stderr
     with pytest.raises(ironbird.LogError) as raised:
         ironbird.read("nowhere", out="runs")

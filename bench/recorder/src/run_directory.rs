@@ -219,9 +219,16 @@ pub fn make_latest(directory: &Path) -> Result<(), Failure> {
     made.in_file("point to the flight with", &link)
 }
 
+const FIND: &str =
+    "name a run directory or `latest`; --out DIR names the directory with all flights";
+
 /// Finds a run directory: by its path, or by its name in `out`.
 pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     let out = out_or_default(out)?;
+    if run.as_os_str().is_empty() {
+        let what = format!("an empty path is no flight; {}", flights_in(&out));
+        return Err(Failure::usage(what).help(FIND));
+    }
     let mut candidates = vec![run.to_owned(), out.join(run)];
     // An absolute path gives the same candidate twice.
     candidates.dedup();
@@ -235,7 +242,7 @@ pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
         places.join(" or "),
         flights_in(&out)
     ))
-    .help("name a run directory or `latest`; --out DIR names the directory with all flights"))
+    .help(FIND))
 }
 
 /// The newest flights of a directory, as text.

@@ -77,12 +77,14 @@ def simulate(
     """
     if not (mixer is None or isinstance(mixer, str)):
         raise TypeError(f"mixer: expected the name of a law, not {type(mixer).__name__}; in Python fly outer and inner laws")
+    if not isinstance(settings, Mapping | None) or not all(isinstance(keys, Mapping) for keys in (settings or {}).values()):
+        raise TypeError(f"settings: expected sections with their keys, as in {{'plant': {{'mass_kg': 0.5}}}}, not {settings!r:.99}")
     said = {
         "flight.trajectory": None if trajectory is None else os.fspath(trajectory),
         "flight.duration_s": duration_s,
         "flight.airframe": None if airframe is None else os.fspath(airframe),
         "flight.preset": preset,
-        "flight.faults": None if faults is None else [faults] if isinstance(faults, str) else list(faults),
+        "flight.faults": [faults] if isinstance(faults, str) else faults,
         "flight.seed": seed,
         "outer.law": outer if isinstance(outer, str) else None,
         "inner.law": inner if isinstance(inner, str) else None,

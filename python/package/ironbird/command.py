@@ -20,6 +20,10 @@ Flag: TypeAlias = Value | None | Iterable[Value] | Mapping[str, Any]
 """The value of a flag: True for a flag without a value, a list for one that may be repeated, a mapping for KEY=VALUE."""
 
 
+PRINTING = {"help", "version", "print_config"}
+"""Flags with which a command has no result."""
+
+
 class CommandError(RuntimeError):
     """The executable failed; `code` is its exit code (docs/architecture.md)."""
 
@@ -54,7 +58,10 @@ def run(*command: str | os.PathLike[str], **flags: Flag) -> subprocess.Completed
     Raises:
         FileNotFoundError: there is no executable.
         SettingsError: a flag or a setting is unknown, or not what it may be.
+        TypeError: a flag only prints, or its value is of no type that a flag has.
     """
+    for name in PRINTING & {name for name, value in flags.items() if value}:
+        raise TypeError(f"{name}: this flag prints a text and flies nothing: leave it out, or run `ironbird {command[0]} --{name.replace('_', '-')}`")
     line = [executable(), *(os.fspath(word) for word in command), *arguments(flags)]
     # In a group of its own, so that Ctrl-C reaches it once, from here; it ends with this process.
     process = subprocess.Popen(
