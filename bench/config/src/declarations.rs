@@ -179,7 +179,6 @@ macro_rules! section {
         pub struct $name:ident {
             $(
                 $(#[doc = $help:literal])+
-                $(#[serde $serde:tt])?
                 $key:ident: $type:ty = $default:literal $(, in $allowed:expr)? $(, flag $flag:expr)?;
             )+
         }
@@ -188,7 +187,7 @@ macro_rules! section {
         #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
         #[serde(deny_unknown_fields)]
         pub struct $name {
-            $($(#[doc = $help])+ $(#[serde $serde])? pub $key: $type,)+
+            $($(#[doc = $help])+ pub $key: $type,)+
         }
 
         impl $name {

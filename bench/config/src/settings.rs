@@ -13,7 +13,6 @@ use messages::blackboards::LOCKSTEP;
 use messages::limits::RotorLimits;
 use messages::realtime::RealtimeMode;
 use messages::role::{Channel, MOST_CHANNELS, Role};
-use plant::integrator::SUBSTEPS;
 use plant::{Ground, Initial};
 use render::flight;
 use serde::{Deserialize, Serialize};
@@ -22,6 +21,7 @@ use toml::{Table, Value};
 use crate::airframe;
 use crate::declarations::{Allowed, Flag, Group, Notation, Section, commented, section};
 use crate::law_settings::{self, Moved};
+use crate::toml_access::DEFAULT_TABLE;
 use crate::trajectory::{self, PointsFile, TrajectorySection};
 
 /// Sections that all roles of a run must share, in the order of their common text.
@@ -157,7 +157,6 @@ pub enum ContactName {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlantSection {
-    #[serde(default = "substeps", skip_serializing_if = "is_default_substeps")]
     pub substeps: u32,
     #[serde(flatten)]
     pub parameters: BTreeMap<String, f64>,
@@ -170,19 +169,6 @@ impl PlantSection {
         substeps = "4", in Allowed::Counts(&[1, 2, 4]);
     }
     .with(|_| true);
-}
-
-const fn substeps() -> u32 {
-    SUBSTEPS
-}
-
-/// Recorded settings name the steps only if they are not the default.
-#[expect(
-    clippy::trivially_copy_pass_by_ref,
-    reason = "serde passes a reference"
-)]
-const fn is_default_substeps(substeps: &u32) -> bool {
-    *substeps == SUBSTEPS
 }
 
 section! { "rt" "Real-time execution and redundant channels."
@@ -379,6 +365,20 @@ impl Settings {
         self.trajectory.sha256.clone_from(&points.sha256);
         self.points = Some(points);
         Ok(())
+    }
+
+    /// Settings that a flight has recorded. Those that it does not know have their defaults: so it flew.
+    pub fn recorded(text: &str) -> Result<Self, toml::de::Error> {
+        let mut table: Table = text.parse()?;
+        for (section, defaults) in DEFAULT_TABLE.clone() {
+            let own = table.entry(section).or_insert_with(|| Table::new().into());
+            if let (Value::Table(own), Value::Table(defaults)) = (own, defaults) {
+                for (key, default) in defaults {
+                    own.entry(key).or_insert(default);
+                }
+            }
+        }
+        table.try_into()
     }
 
     /// What all roles of a run must share: one `section.key = value` a line.

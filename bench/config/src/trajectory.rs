@@ -50,24 +50,10 @@ section! { "trajectory" "How the trajectory is stretched, and how its file is re
         /// Factor on time.
         period: f64 = "1.0", in Allowed::Range(0.01, 100.0);
         /// Largest distance of the curve from the points of the CSV file [m], [rad]; -1: one unit of the file's last digit.
-        #[serde(default = "last_digit", skip_serializing_if = "is_last_digit")]
         tolerance: f64 = "-1.0", in Allowed::Range(LAST_DIGIT, 10.0);
         /// SHA-256 of the CSV file, checked if not empty; recorded with each flight.
         sha256: String = "\"\"";
     }
-}
-
-const fn last_digit() -> f64 {
-    LAST_DIGIT
-}
-
-/// Recorded settings name a tolerance only if it is not the default.
-#[expect(
-    clippy::trivially_copy_pass_by_ref,
-    reason = "serde passes a reference"
-)]
-fn is_last_digit(tolerance: &f64) -> bool {
-    *tolerance == LAST_DIGIT
 }
 
 #[derive(Clone, PartialEq)]
@@ -123,7 +109,7 @@ impl PointsFile {
         if let Some((_, known)) = curves.iter().find(is_known) {
             return Ok(known.clone());
         }
-        if tolerance < 0.0 && !is_last_digit(&tolerance) {
+        if tolerance < 0.0 && tolerance != LAST_DIGIT {
             return Err(format!(
                 "trajectory.tolerance = {tolerance}: write 0 or more, or {LAST_DIGIT} for the last digit in the file"
             ));

@@ -139,10 +139,16 @@ pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
         reader.fact(SETTINGS, "shared")?,
         reader.fact(RUN, "settings")?,
     );
-    if shared != flown {
+    // Settings that are newer than the log have their defaults.
+    let defaults = Settings::resolve(None, &Vec::new())?.shared_text()?;
+    let is_newer = |line: &&str| {
+        let (key, _) = line.split_once('=').unwrap_or_default();
+        defaults.lines().any(|it| it == *line) && !flown.lines().any(|it| it.starts_with(key))
+    };
+    if !shared.lines().filter(|it| !is_newer(it)).eq(flown.lines()) {
         return Err(reader.damaged("its settings.toml is not what its processes shared"));
     }
-    let here = format!("{:016x}", fingerprint(&shared));
+    let here = format!("{:016x}", fingerprint(flown));
     if here != agreed {
         return Err(reader.damaged(&format!(
             "its settings have the fingerprint {here}, its run {agreed}"

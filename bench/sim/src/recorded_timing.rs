@@ -227,7 +227,7 @@ pub fn first_of(reader: &mut LogReader) -> Result<LogEntry, Failure> {
 /// The settings of a recorded flight, unchecked.
 pub fn recorded_settings(reader: &LogReader) -> Result<Settings, Failure> {
     let text = reader.fact(SETTINGS, "settings.toml")?;
-    toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))
+    Settings::recorded(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))
 }
 
 /// Refuses partial logs, whose initial state is unknown.
