@@ -391,14 +391,9 @@ impl FlightSupervisor {
         Ok(exits)
     }
 
-    /// The run, if it is this supervisor's, flies, has ticks to come, and is not being ended.
+    /// The run, if it is this supervisor's, flies, and is not being ended.
     fn in_flight<'a>(&self, run: Option<&'a Run>) -> Option<&'a Run> {
-        run.filter(|run| {
-            !self.phase.is_ending()
-                && is_ours(run)
-                && has_taken_off(run)
-                && run.tick < run.last_tick
-        })
+        run.filter(|run| !self.phase.is_ending() && is_ours(run) && has_taken_off(run))
     }
 
     /// Notes what the blackboards show of the flight.
@@ -421,6 +416,12 @@ impl FlightSupervisor {
         }
         let is_early = run.is_some_and(|run| run.phase() != RunPhase::Closed);
         for exit in exits {
+            // A fault acted within the flight, even if the process is reaped after it.
+            let mut run = run.copied();
+            if let (Some(run), Some(KillReason::Fault(_))) = (&mut run, exit.killed) {
+                run.phase = RunPhase::Flying as u64;
+            }
+            let run = run.as_ref();
             let unresolved = match self.in_flight(run) {
                 Some(run) if !exit.was_interrupted() => self.schedule_restart(exit, run),
                 _ => Some(exit),
