@@ -52,7 +52,9 @@ pub struct CounterSample {
     pub from_ns: u64,
     /// After the last one was read.
     pub at_ns: u64,
-    /// Of each stage, in the order of [`STAGES`].
+    /// The channel whose commands flew.
+    pub channel: u64,
+    /// Of the plant and of each stage of the channel, in the order of [`STAGES`].
     pub stages: [Counters; STAGES.len()],
     /// Time stolen from the loops' processor, or from all of them where they do not share one [`JIFFY_NS`].
     pub stolen: u64,
@@ -246,9 +248,11 @@ impl Observations<'_> {
     /// The process that took the place of the stage's during a delay; it works before a sample shows it.
     pub fn successor(&self, delay: &Delay) -> Option<u64> {
         let pid = |sample: &CounterSample| sample.stages[delay.stage as usize].pid;
-        let before = self.before(delay).map(pid)?;
-        let shown = self.during(delay).chain(self.after(delay)).map(pid);
-        shown.into_iter().find(|pid| *pid != before)
+        let before = self.before(delay)?;
+        let mut shown = self.during(delay).chain(self.after(delay));
+        shown
+            .find(|it| it.channel == before.channel && pid(it) != pid(before))
+            .map(pid)
     }
 
     /// Growth of a counter of the stage around a delay, beyond what is usual in that time: by its usual rate between

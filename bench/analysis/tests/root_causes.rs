@@ -320,6 +320,8 @@ fn a_process_that_was_seen_stopped_or_gone_is_named() {
     inner.is(StoppedOrDead, Some(Inner), "its process was stopped");
     let other = silent().stopped(Outer);
     other.is(CannotTell, Some(Mixer), NOTHING);
+    let other_channel = silent().replaced(Mixer).sampled(5, |it| it.channel = 1);
+    other_channel.is(CannotTell, Some(Mixer), NOTHING);
 }
 
 #[test]

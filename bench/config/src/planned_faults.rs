@@ -59,12 +59,7 @@ impl Settings {
                 ))
                 .help("fly longer (--duration), or inject the fault earlier"));
             }
-            if to != Span::FOR_GOOD && to > last_tick + 1 {
-                return Err(Failure::usage(format!(
-                    "the fault {fault} ends at tick {to}, after the flight: that ends at tick {last_tick}"
-                ))
-                .help("leave out its end, so that it lasts until the flight ends, or fly longer (--duration)"));
-            }
+            check_end(&format!("the fault {fault}"), to, last_tick)?;
         }
         Ok(())
     }
@@ -124,6 +119,17 @@ pub fn injected(faults: &[String], period_s: f64) -> Result<Vec<InjectedFault>, 
         ));
     }
     Ok(injected.into_iter().map(|(fault, _)| fault).collect())
+}
+
+/// Refuses a fault that ends after the flight.
+pub fn check_end(what: &str, to: u64, last_tick: u64) -> Result<(), Failure> {
+    if to == Span::FOR_GOOD || to <= last_tick.saturating_add(1) {
+        return Ok(());
+    }
+    Err(Failure::usage(format!(
+        "{what} ends at tick {to}, after the flight: that ends at tick {last_tick}"
+    ))
+    .help("leave out its end, so that it lasts until the flight ends, or fly longer (--duration)"))
 }
 
 /// Refuses a fault in a channel that the flight does not have; `what` is how it was typed.

@@ -52,6 +52,7 @@ impl Watch {
             stages,
             stolen,
             at_ns: now_ns(),
+            ..CounterSample::default()
         }
     }
 }

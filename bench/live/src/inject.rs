@@ -21,9 +21,9 @@ use plant::Target;
 
 use config::Settings;
 use config::airframe::PAPER;
-use config::planned_faults::{check_channel, check_possible, check_priority};
+use config::planned_faults::{check_channel, check_end, check_possible, check_priority};
 use errors::Failure;
-use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, targets_of};
+use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, joined, targets_of};
 use faults::plan::refused;
 use recorder::injected_faults::injected as described;
 
@@ -83,6 +83,8 @@ struct Instant {
     /// The tick; `NO_TICK` if it is counted from now.
     at_tick: u64,
     in_ticks: u64,
+    /// Newest tick of the flight, and ticks from it to the instant.
+    present: u64,
     wait_ticks: u64,
 }
 
@@ -108,6 +110,7 @@ impl When {
         Ok(Instant {
             at_tick,
             in_ticks,
+            present,
             wait_ticks: tick.saturating_sub(present),
         })
     }
@@ -285,6 +288,10 @@ fn inject_faults(
         .help("give several commands, all with --at-tick N for the same tick"));
     }
     let instant = when.of(&run)?;
+    let notice_ticks = instant.wait_ticks.max(NOTICE_TICKS);
+    let from = instant.present.saturating_add(notice_ticks);
+    let what = format!("--for: the fault {}", joined(changes));
+    check_end(&what, from.saturating_add(for_ticks), run.last_tick)?;
     let mut order = FaultOrder {
         at_tick: instant.at_tick,
         in_ticks: instant.in_ticks,

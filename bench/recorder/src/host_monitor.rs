@@ -3,6 +3,7 @@
 use analysis::finding::Diagnosis;
 use analysis::flight_statistics::FlightStatistics;
 use analysis::host::{ContainerSection, Host, InterruptSection, Steal};
+use analysis::observations::CounterSample;
 use errors::Failure;
 use host::cpu_times::{CpuTimes, host_of};
 use host::interrupts::Interrupts;
@@ -11,6 +12,8 @@ use host::trace::Trace;
 use host::{Machine, doctor};
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
+use messages::blackboards::Status;
+use messages::role::{Channel, STAGES};
 
 use super::kernel_trace;
 use super::role_statuses::RoleStatuses;
@@ -35,7 +38,7 @@ impl HostMonitor {
         instance: &Instance,
     ) -> Result<Self, Failure> {
         let host = host_of(machine);
-        let loops = roles.loops();
+        let loops = roles.loops(Channel::A);
         let counters = Watch::new(&loops, host.hypervisor != Some(false));
         let (here, plant) = (Machine::files(), loops[0].pid.to_string());
         let limit = |controller| here.group_limit(&plant, controller).map(|(limit, _)| limit);
@@ -57,14 +60,18 @@ impl HostMonitor {
         })
     }
 
-    /// Samples the loops' counters, then classifies the deadlines missed so far.
+    /// Samples the counters of the loops of a channel, then classifies the deadlines missed so far.
     pub fn sample(
         &mut self,
         roles: &RoleStatuses,
+        channel: Channel,
         statistics: &mut FlightStatistics,
         is_over: bool,
     ) -> Result<(), Failure> {
-        let sample = self.counters.sample(&roles.loops());
+        let sample = CounterSample {
+            channel: channel as u64,
+            ..self.counters.sample(&roles.loops(channel))
+        };
         let traced = self.read_trace(statistics);
         if let Some(autopsy) = &mut statistics.autopsy {
             // After the last tick it is normal that processes end.
@@ -79,13 +86,13 @@ impl HostMonitor {
     /// Takes the last trace and classifies the remaining misses.
     pub fn finish(
         &mut self,
-        roles: &RoleStatuses,
+        loops: &[Status; STAGES.len()],
         statistics: &mut FlightStatistics,
         missed: u64,
     ) -> Result<(), Failure> {
         let traced = self.read_trace(statistics);
         if let Some(autopsy) = &mut statistics.autopsy {
-            autopsy.ended_stages(fallen(&roles.loops()), now_ns());
+            autopsy.ended_stages(fallen(loops), now_ns());
             autopsy.finish(missed);
         }
         traced

@@ -124,6 +124,12 @@ impl MessageStreams {
         self.redundancy.as_ref().map(BlackboardReader::get)
     }
 
+    /// The channel whose commands fly.
+    pub fn active(&self) -> Channel {
+        let active = self.redundancy().map(|it| it.active);
+        active.and_then(Channel::from_wire).unwrap_or(Channel::A)
+    }
+
     /// Reads every message that has arrived since the last call; if it `ends`, no message arrives any more.
     pub fn drain(
         &mut self,

@@ -16,7 +16,7 @@ use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
 use messages::channels::REDUNDANCY;
 use messages::grid::{NS_PER_S, Pace};
-use messages::role::{Replica, Role};
+use messages::role::{Channel, Replica, Role};
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
@@ -86,7 +86,7 @@ pub fn run(
     statistics.set_channels(channels);
     statistics.begin_autopsy(host.counters.processor.is_some());
     // The counters before the first tick.
-    host.sample(&roles, &mut statistics, false)?;
+    host.sample(&roles, Channel::A, &mut statistics, false)?;
     let (run, sections) = (armed.run.get(), roles.sections());
     let logs = metadata_of_logs(&run, settings, instance.name(), &host.host, &sections)?;
     let monitor = FlightMonitor::new(settings.theorem()?);
@@ -200,6 +200,7 @@ impl Recorder<'_> {
         let is_over = self.recorded.armed.run.get().phase() == RunPhase::Closed;
         let traced = self.recorded.host.sample(
             &self.recorded.roles,
+            self.recorded.streams.active(),
             self.recorded.streams.statistics_mut(),
             is_over,
         );
@@ -216,7 +217,7 @@ impl Recorder<'_> {
     fn wait_for_landing(&self) {
         let until = now_ns() + LANDING_TIMEOUT.as_nanos() as u64;
         let landed = || {
-            let loops = self.recorded.roles.loops();
+            let loops = self.recorded.roles.loops(Channel::A);
             let is_over =
                 |(status, fallen): (&Status, bool)| fallen || status.phase() == RolePhase::Landed;
             loops.iter().zip(fallen(&loops)).all(is_over)
@@ -240,10 +241,11 @@ impl Recorder<'_> {
     fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
         let run = self.recorded.armed.run.get();
         self.drain(true)?;
+        let active = self.recorded.streams.active();
         let statistics = self.recorded.streams.statistics_mut();
         statistics.finish(&run, closed_ns);
         statistics.deaths.finish(
-            fallen(&self.recorded.roles.loops()),
+            fallen(&self.recorded.roles.loops(active)),
             statistics.newest_tick(),
         );
         self.recorded.files.finish_latencies(&mut statistics.series);
@@ -251,10 +253,11 @@ impl Recorder<'_> {
             .streams
             .finish_states(&mut self.recorded.files);
         let statistics = self.recorded.streams.statistics_mut();
-        let traced =
-            self.recorded
-                .host
-                .finish(&self.recorded.roles, statistics, run.deadlines_missed);
+        let loops = self.recorded.roles.loops(active);
+        let traced = self
+            .recorded
+            .host
+            .finish(&loops, statistics, run.deadlines_missed);
         self.recorded.files.note(TRACE, traced);
         statistics
             .miss_runs

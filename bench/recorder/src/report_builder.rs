@@ -17,6 +17,7 @@ use flight_log::TOPICS;
 use host::cpu_times::hostname;
 use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
+use messages::role::Channel;
 use process::rt::UsageMeter;
 use process::session::Armed;
 
@@ -92,7 +93,7 @@ impl<'a> ReportBuilder<'a> {
             // This report is written every second: only what is shown.
             autopsy.worst.truncate(WORST_SHOWN);
         }
-        let [.., mixer] = recorded.roles.loops();
+        let [.., mixer] = recorded.roles.loops(Channel::A);
         let redundancy = recorded.streams.redundancy();
         let mut report = Report {
             schema: schema::SCHEMA.into(),

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use ipc::error::Error;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::Status;
-use messages::role::{MOST_CHANNELS, Replica, Role, STAGES};
+use messages::role::{Channel, MOST_CHANNELS, Replica, Role, STAGES};
 use process::session::status_board;
 
 use analysis::schema::RoleSection;
@@ -39,9 +39,13 @@ impl RoleStatuses {
         (status.pid == u64::from(pid)).then_some(status)
     }
 
-    /// The statuses of the plant and of channel a; the default for a process without a blackboard.
-    pub fn loops(&self) -> [Status; STAGES.len()] {
-        let status = |role: Role| Some(self.0.get(&role.into())?.get());
+    /// The statuses of the plant and of a channel; the default for a process without a blackboard.
+    pub fn loops(&self, channel: Channel) -> [Status; STAGES.len()] {
+        let replica = |role| match role {
+            Role::Plant => role.into(),
+            _ => Replica::new(role, channel),
+        };
+        let status = |role| Some(self.0.get(&replica(role))?.get());
         STAGES.map(|role| status(role).unwrap_or_default())
     }
 

@@ -12,7 +12,6 @@ use ipc::clock::{now_ns, sleep_through};
 use ipc::instance::Instance;
 use ipc::{BlackboardReader, Wire};
 use messages::blackboards::{Run, RunPhase};
-use messages::content::NO_TICK;
 use messages::grid::{Grid, Pace};
 use messages::role::{Channel, Replica, Role};
 use process::rt::loops_cpu;
@@ -125,7 +124,8 @@ impl FaultInjector {
         if run.is_some_and(|run| run.phase() == RunPhase::Closed) {
             self.release(players.watch);
         }
-        let flying = run.filter(|run| run.phase() == RunPhase::Flying && run.tick != NO_TICK);
+        // Before the first tick, too: its begin is known.
+        let flying = run.filter(|run| run.phase() == RunPhase::Flying);
         let on_clock = flying.and_then(|run| match run.pace() {
             Pace::Realtime(grid) if !self.is_released => Some((run, grid)),
             _ => None,
@@ -254,9 +254,11 @@ impl FaultInjector {
                 let for_ns = fault.kind.value.integer();
                 sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::STOP)?;
+                // A late stop lasts as long as one at its tick.
+                let from_ns = grid.begin_of(tick.max(grid.tick_at(now_ns())));
                 // The time is flight time, which may pass slower than the clock.
                 let slowdown = run.period_ns / run.sample_time_ns.max(1);
-                let until_ns = begin_ns.saturating_add(for_ns.saturating_mul(slowdown));
+                let until_ns = from_ns.saturating_add(for_ns.saturating_mul(slowdown));
                 self.due
                     .extend(pids.iter().map(|pid| (until_ns, Action::Continue(*pid))));
                 self.stopped.extend(pids);
@@ -342,7 +344,7 @@ mod tests {
 
     use super::*;
 
-    /// Runs a test with the fault injector of a flight at tick 0, on the clock.
+    /// Runs a test with the fault injector of a flight whose tick 0 begins, on the clock.
     fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
         let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let instance = Instance::under(root.path(), "injector").unwrap();
@@ -360,7 +362,6 @@ mod tests {
             period_ns: 1_000_000,
             sample_time_ns: 1_000_000,
             last_tick: 9000,
-            tick: 0,
             ..Run::default()
         };
         let wire = Wire::open(&instance).unwrap();
@@ -377,6 +378,13 @@ mod tests {
     ) {
         let mut players = RoleProcesses { watch, pids };
         injector.rest(wire, Some(run), Duration::from_millis(1), &mut players);
+    }
+
+    fn sleeper() -> Child {
+        std::process::Command::new("sleep")
+            .arg("600")
+            .spawn()
+            .unwrap()
     }
 
     fn fault(text: &str) -> LiveFault {
@@ -411,12 +419,6 @@ mod tests {
     #[test]
     fn a_signal_reaches_the_child_and_not_the_process_that_the_lock_file_names() {
         with_injector(&["inner.kill@tick0"], |wire, injector, run| {
-            let sleeper = || {
-                std::process::Command::new("sleep")
-                    .arg("600")
-                    .spawn()
-                    .unwrap()
-            };
             let (mut inner, mut foreign) = (sleeper(), sleeper());
             let instance = wire.instance();
             let lock = instance.lock(Role::Inner).unwrap();
@@ -432,6 +434,20 @@ mod tests {
             assert_eq!(injector.killed(inner.id()), Some(0));
             assert!(foreign.try_wait().unwrap().is_none());
             kill_and_reap(&mut foreign);
+        });
+    }
+
+    #[test]
+    fn a_late_stop_ends_later_by_the_ticks_that_it_begins_late() {
+        with_injector(&["inner.stop=20ms@tick0"], |wire, injector, run| {
+            let (mut inner, mut children) = (sleeper(), ChildWatch::default());
+            children.watch(&inner);
+            let pids = [(Role::Inner.into(), inner.id())];
+            let t0_ns = run.t0_ns - 300 * run.period_ns;
+            let late = Run { t0_ns, ..*run };
+            rest((wire, &late), injector, &mut children, &pids);
+            assert!(matches!(injector.due[..], [(at, Action::Continue(_))] if at > run.t0_ns));
+            kill_and_reap(&mut inner);
         });
     }
 

@@ -52,7 +52,7 @@ use host::{Machine, own_executable};
 use recorder::role_statuses::RoleStatuses;
 use recorder::run_directory::RunDirectory;
 
-/// Polling period of the supervisor; shorter if it restarts roles.
+/// Polling period of the supervisor; shorter before the first tick, and if it restarts roles.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Why a process is not started again beside another channel.
 const UNSAVED: &str = "no state of its law was saved from which a new process could continue";
@@ -91,7 +91,7 @@ pub(super) struct FlightSupervisor {
     redundancy: Option<BlackboardReader<Redundancy>>,
     /// Ticks in which each channel was outvoted, at the time of its last kill for it.
     outvoted: [u64; MOST_CHANNELS],
-    /// The status blackboards of all roles, from the first tick on.
+    /// The status blackboards of all roles, from when they have armed.
     role_statuses: Option<RoleStatuses>,
     dashboard: Option<Dashboard>,
     /// Servers of the flight, with what they serve.
@@ -316,7 +316,7 @@ impl FlightSupervisor {
 
     /// Injects faults until the next look.
     fn rest(&mut self, run: Option<Run>) {
-        let look_every = if self.restarts_roles {
+        let look_every = if self.restarts_roles || matches!(self.phase, Phase::Starting) {
             hang_detector::LOOK_EVERY
         } else {
             LOOK_EVERY
@@ -391,14 +391,9 @@ impl FlightSupervisor {
         Ok(exits)
     }
 
-    /// The run, if it is this supervisor's, flies, has ticks to come, and is not being ended.
+    /// The run, if it is this supervisor's, flies, and is not being ended.
     fn in_flight<'a>(&self, run: Option<&'a Run>) -> Option<&'a Run> {
-        run.filter(|run| {
-            !self.phase.is_ending()
-                && is_ours(run)
-                && has_taken_off(run)
-                && run.tick < run.last_tick
-        })
+        run.filter(|run| !self.phase.is_ending() && is_ours(run) && has_taken_off(run))
     }
 
     /// Notes what the blackboards show of the flight.
@@ -408,7 +403,9 @@ impl FlightSupervisor {
         {
             self.outcome.outlasted = self.replicas();
         }
-        if self.role_statuses.is_none() && self.in_flight(run).is_some() {
+        // Before the first tick, because opening them takes some milliseconds.
+        let is_armed = |run: &Run| is_ours(run) && run.phase() == RunPhase::Flying;
+        if self.role_statuses.is_none() && run.is_some_and(is_armed) {
             self.role_statuses = Some(RoleStatuses::open(&self.wire)?);
         }
         self.note_arrivals();
@@ -421,6 +418,12 @@ impl FlightSupervisor {
         }
         let is_early = run.is_some_and(|run| run.phase() != RunPhase::Closed);
         for exit in exits {
+            // A fault acted within the flight, even if the process is reaped after it.
+            let mut run = run.copied();
+            if let (Some(run), Some(KillReason::Fault(_))) = (&mut run, exit.killed) {
+                run.phase = RunPhase::Flying as u64;
+            }
+            let run = run.as_ref();
             let unresolved = match self.in_flight(run) {
                 Some(run) if !exit.was_interrupted() => self.schedule_restart(exit, run),
                 _ => Some(exit),

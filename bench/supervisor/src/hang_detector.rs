@@ -22,9 +22,11 @@ use messages::role::{Replica, Role};
 
 /// How often the supervisor looks if it restarts roles.
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
-/// A counter that does not advance for this time, or for [`TICKS`], is a hang: it is noticed within 100 ms.
+/// A counter of another loop that does not advance for this time, or for [`TICKS`], is a hang: it is noticed within 100 ms.
 pub(super) const HANG_TIMEOUT: Duration = Duration::from_millis(80);
 const TICKS: u32 = 5;
+/// The plant's time limit: the loops survive a shorter stop, and no other process can replace it.
+const PLANT_TIMEOUT: Duration = Duration::from_secs(1);
 /// The recorder's time limit: it writes its report each second, to a disk that may be slow.
 const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -105,6 +107,7 @@ impl HangDetector {
     fn timeout(&self, role: Role) -> Duration {
         match role {
             Role::Record => RECORDER_TIMEOUT,
+            Role::Plant => self.timeout.max(PLANT_TIMEOUT),
             _ => self.timeout,
         }
     }
@@ -130,6 +133,7 @@ mod tests {
     const INNER: usize = 2;
     const MS_10: Duration = Duration::from_millis(10);
     const ALL_BUT_INNER: [bool; 4] = [true, true, false, true];
+    const ALL_BUT_PLANT: [bool; 4] = [false, true, true, true];
 
     fn of_stages(statuses: [Status; 4]) -> BTreeMap<Replica, Status> {
         STAGES
@@ -171,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_that_stops_is_a_hang_after_80_ms_unless_the_loop_or_the_machine_waits() {
+    fn a_counter_that_stops_is_a_hang_after_80_ms_or_1_s_unless_the_loop_or_the_machine_waits() {
         let all = STAGES.map(Replica::from);
         let inner = [all[INNER]];
         let second = Duration::from_secs(1);
@@ -188,7 +192,9 @@ mod tests {
             (ALL_BUT_INNER, 'R', 0.1, MS_10, 20, &[]),
             ([true; 4], 'S', 0.0, MS_10, 20, &[]),
             ([false; 4], 'S', 0.0, MS_10, 20, &[]),
-            ([false; 4], 'T', 0.0, MS_10, 20, &all),
+            ([false; 4], 'T', 0.0, MS_10, 20, &all[1..]),
+            (ALL_BUT_PLANT, 'T', 0.0, MS_10, 100, &[]),
+            (ALL_BUT_PLANT, 'T', 0.0, MS_10, 101, &all[..1]),
             // A supervisor that did not get to look for a second has seen nothing of it.
             (ALL_BUT_INNER, 'S', 0.0, second, 4, &[]),
         ] {

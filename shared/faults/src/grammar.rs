@@ -135,7 +135,9 @@ impl Fault {
         let to = self.to.map_or(Span::FOR_GOOD, |to| to.tick(period_s));
         if self.to.is_some() && to <= from {
             return Err(FaultError::fault(format!(
-                "`{self}` ends at tick {to}, and begins at tick {from}: write the earlier one first, as in @8s..9s"
+                "`{self}` ends at tick {to}, and begins at tick {from}: write an end from tick {} on, as in @8s..9s, or \
+                 leave it out",
+                from.saturating_add(1)
             )));
         }
         Ok(Span { from, to })

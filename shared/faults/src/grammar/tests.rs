@@ -258,7 +258,7 @@ fn every_mistake_is_named() {
         "state.dorp=off -> did you mean `state.drop`?",
         "state.drop=off@8s..9s -> state.drop=off happens once, at an instant: leave the end out",
         "state.drop=0.1@9s..8s -> ends at tick 8000, and begins at tick 9000",
-        "state.drop=0.1@8s..tick8000 -> ends at tick 8000, and begins at tick 8000",
+        "state.drop=0.1@8s..tick8000 -> ends at tick 8000, and begins at tick 8000: write an end from tick 8001 on",
         "state.drop=0.1@8s..soon -> `soon` is no instant",
         "state.drop=0.1@..9s -> `` is no instant",
         "mass_kg=0.6@8s..9s -> holds until it is changed again: leave the end out, and plan",
