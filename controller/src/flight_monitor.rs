@@ -2,7 +2,7 @@
 
 use crate::TheoremMonitor;
 use crate::innovation::Innovation;
-use messages::content::{Mode, NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
 
@@ -98,8 +98,8 @@ impl FlightMonitor {
 
     /// Takes the rotor command of a tick, before the wrench of the next tick.
     pub fn command(&mut self, tick: u64, command: &RotorSpeeds) {
-        if let (Some(monitor), Some(mode)) = (&mut self.monitor, Mode::from_wire(command.mode)) {
-            monitor.command(tick, mode);
+        if let Some(monitor) = &mut self.monitor {
+            monitor.command(tick, command);
         }
     }
 
@@ -108,13 +108,20 @@ impl FlightMonitor {
         if self.watched.is_some() {
             (self.number, self.next_result) = (self.number + 1, 0);
         }
-        self.monitor.clone_from(&self.begin);
+        self.renew();
         self.resumes_at = None;
+    }
+
+    fn renew(&mut self) {
+        let before = std::mem::replace(&mut self.monitor, self.begin.clone());
+        if let (Some(monitor), Some(before)) = (&mut self.monitor, &before) {
+            monitor.take_over(before);
+        }
     }
 
     /// Follows a law whose state is not known before the wrench of a tick.
     fn lose(&mut self, tick: u64) {
-        self.monitor.clone_from(&self.begin);
+        self.renew();
         if let Some(monitor) = &mut self.monitor {
             self.resumes_at = Some(tick.saturating_add(monitor.join(tick)));
         }

@@ -18,7 +18,7 @@
 use std::f64::consts::SQRT_2;
 
 use control_api::law::Rig;
-use messages::content::{Mode, Setpoint, Stamped, State, Wrench};
+use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::math::exp;
 use messages::monitor::{Cause, Monitor};
 use messages::topic::Topic as _;
@@ -135,9 +135,14 @@ impl TheoremMonitor {
         (self.trapezoid_sum, self.bounds_sum, self.has_begun) = (0.0, 0.0, false);
     }
 
-    /// Takes the mode in which the mixer made the rotor command of a tick, before the wrench of the next tick.
-    pub fn command(&mut self, tick: u64, mode: Mode) {
-        self.torque.command(tick, mode);
+    /// Takes the rotor command of a tick, before the wrench of the next tick.
+    pub fn command(&mut self, tick: u64, command: &RotorSpeeds) {
+        self.torque.command(tick, command);
+    }
+
+    /// Takes over from the monitor before what outlives the law.
+    pub fn take_over(&mut self, before: &Self) {
+        self.torque.take_over(&before.torque);
     }
 
     /// Looks at the wrench of a tick, and at the state and setpoint that the law made it from, whatever tick they are of.

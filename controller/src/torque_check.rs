@@ -6,7 +6,7 @@
 
 use control_api::guard::hover_thrust_n;
 use control_api::law::Rig;
-use messages::content::{Mode, Setpoint, Stamped, State, Wrench};
+use messages::content::{Mode, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::monitor::Cause;
 use messages::parameters::Parameter;
 use nalgebra::Vector3;
@@ -39,10 +39,19 @@ pub struct TorqueCheck {
     wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
     /// An older wrench that the rotors gave instead of their command's [N m]: a frozen one stays for long.
     held: Option<Vector3<f64>>,
-    /// The mode of each of the newest rotor commands, at its tick's place.
-    modes: [Option<(u64, Mode)>; KEPT],
+    /// Each of the newest rotor commands, at its tick's place.
+    commands: [Option<(u64, Command)>; KEPT],
     /// The command in force at each of the newest states, at its tick's place.
     in_force: [Option<InForce>; KEPT],
+}
+
+/// A rotor command as the mixer made it.
+#[derive(Clone, Copy, Debug)]
+struct Command {
+    mode: Mode,
+    torque_nm: Vector3<f64>,
+    /// Its torque need not be that of a wrench kept here.
+    is_apart: bool,
 }
 
 /// A command in force from a state on.
@@ -86,7 +95,7 @@ impl TorqueCheck {
             forgets_ticks: (forgets_s / rig.period_s).ceil() as u64,
             wrenches: [None; KEPT],
             held: None,
-            modes: [None; KEPT],
+            commands: [None; KEPT],
             in_force: [None; KEPT],
         }
     }
@@ -96,9 +105,27 @@ impl TorqueCheck {
         self.followed_from = tick.saturating_add(self.forgets_ticks);
     }
 
-    /// Takes the mode in which the mixer made the command of a tick.
-    pub fn command(&mut self, tick: u64, mode: Mode) {
-        self.modes[tick as usize % KEPT] = Some((tick, mode));
+    /// Takes the command of a tick.
+    pub fn command(&mut self, tick: u64, command: &RotorSpeeds) {
+        let command = Mode::from_wire(command.mode).map(|mode| Command {
+            mode,
+            torque_nm: command.torque_b_nm.into(),
+            is_apart: match mode {
+                Mode::Fresh => command.saturated == 1,
+                Mode::NotFinite => false,
+                _ => true,
+            },
+        });
+        self.commands[tick as usize % KEPT] = command.map(|command| (tick, command));
+    }
+
+    /// Takes over the commands from before the law began anew: a message fault may still deliver them.
+    pub fn take_over(&mut self, before: &Self) {
+        self.commands = before.commands;
+        for (_, command) in self.commands.iter_mut().flatten() {
+            command.is_apart |= command.mode != Mode::NotFinite;
+        }
+        self.held = before.held;
     }
 
     /// Takes the wrench of a tick with its inputs. `newest` is the tick of the measurement before, and `evidence` has
@@ -137,13 +164,13 @@ impl TorqueCheck {
     }
 
     fn in_force_at(&self, tick: u64, state: &State) -> InForce {
-        let mode = of_tick(&self.modes, state.command_tick);
+        let command = of_tick(&self.commands, state.command_tick);
         let is_saturated = state.command_saturated == 1;
         let delay_s = state.truth.get(Parameter::CommandDelay);
         InForce {
             tick,
             wanted: of_tick(&self.wrenches, state.command_tick),
-            cause: mode.map(|mode| match mode {
+            cause: command.map(|command| match command.mode {
                 // No fault of the rig makes a mixer's output one that is no number.
                 Mode::NotFinite => Cause::Unexplained,
                 _ if is_saturated => Cause::Saturation,
@@ -166,13 +193,17 @@ impl TorqueCheck {
         let acting = in_force((tick - 1).checked_sub(newest.delay_ticks)?)?;
         let is_given = |torque: &Vector3<f64>| is_near(torque, &given, self.size_nm);
         let older = self.wrenches.iter().flatten().map(|(_, torque)| torque);
+        let apart = self.commands.iter().flatten().map(|(_, command)| command);
+        let mut apart = apart.filter(|command| command.is_apart);
+        let is_apart = acting.cause == Some(Cause::Unexplained)
+            && apart.any(|command| is_given(&command.torque_nm));
         Some(if newest.wanted.as_ref().is_some_and(is_given) {
             RotorTorque::OfCommand
         } else if newest.motors_lag {
             RotorTorque::Other(Cause::MotorLag)
         } else if is_given(&acting.wanted?) {
             RotorTorque::Other(Cause::Delay)
-        } else if older.chain(&self.held).any(is_given) {
+        } else if older.chain(&self.held).any(is_given) || is_apart {
             self.held = Some(given);
             RotorTorque::Other(Cause::StaleInput)
         } else {

@@ -38,6 +38,15 @@ pub const SWAPS_KEPT: usize = 500;
 const STATES: usize = 0;
 const DECISIONS: usize = 6;
 
+/// What messages of the loop add to, of ticks that have been flown or not.
+type LoopStatistics = (
+    [NotFinite; 3],
+    [SignalStatistics; LAW_ROLES.len()],
+    ControlStatistics,
+    FirmwareStatistics,
+    TheoremStatistics,
+);
+
 #[derive(Debug)]
 pub struct FlightStatistics {
     /// Whether the first message need not be the flight's: then what was before it is unknown, and not missing.
@@ -75,6 +84,8 @@ pub struct FlightStatistics {
     pub swaps_seen: u64,
     pub targets: TargetStatistics,
     pub tracer: Tracer,
+    /// Before the first message of a tick that the plant has not flown; none while there is no such message.
+    flown: Option<Box<LoopStatistics>>,
     /// Tick of the newest state, and when it was sampled.
     newest: Option<(u64, u64)>,
     /// Counts of the plant in the newest state.
@@ -122,6 +133,7 @@ impl FlightStatistics {
             swaps: Vec::new(),
             swaps_seen: 0,
             targets: TargetStatistics::default(),
+            flown: None,
             newest: None,
             missed: 0,
             skipped: 0,
@@ -196,6 +208,7 @@ impl FlightStatistics {
             || self.lacks(DECISIONS, before.unwrap_or(0)..=tick);
         self.judge_commands(message, before, unseen);
         self.newest = Some((tick, message.envelope.sample_ns));
+        self.flown = None;
         (self.missed, self.skipped) = (
             message.content.deadlines_missed,
             message.content.ticks_skipped,
@@ -304,6 +317,7 @@ impl FlightStatistics {
         if let Some(autopsy) = &mut self.autopsy {
             autopsy.stamps(message);
         }
+        self.keep_flown(message.envelope.tick);
         self.not_finite[stage].take(message.envelope.tick, mode);
         self.telemetry[stage].take(telemetry);
         let (envelope, from) = (&message.envelope, STAGES[stage]);
@@ -317,6 +331,20 @@ impl FlightStatistics {
             ..Self::passage(message, follows_loss)
         });
         follows_loss
+    }
+
+    /// Keeps what has been flown before a message of a tick that has not been.
+    fn keep_flown(&mut self, tick: u64) {
+        let has_flown = self.newest.is_none_or(|(newest, _)| tick <= newest);
+        if !has_flown && self.flown.is_none() {
+            self.flown = Some(Box::new((
+                self.not_finite,
+                self.telemetry,
+                self.flight.clone(),
+                self.firmware.clone(),
+                self.theorem,
+            )));
+        }
     }
 
     /// Takes a rotor command; the mixer's final one has no deadline.
@@ -567,6 +595,15 @@ impl FlightStatistics {
         } else {
             (tick, tick.checked_sub(1))
         };
+        if let Some(of_flown) = self.flown.take_if(|_| !completed) {
+            (
+                self.not_finite,
+                self.telemetry,
+                self.flight,
+                self.firmware,
+                self.theorem,
+            ) = *of_flown;
+        }
         self.settle(flown, judged);
         (self.passages, self.commands) = (VecDeque::new(), VecDeque::new());
         let (Some(last_tick), Some(grid)) = (judged, self.grid) else {
@@ -716,6 +753,34 @@ mod tests {
             (header.tick, header.seq) = (tick, late);
             statistics.swap(&message(header));
         }
+    }
+
+    #[test]
+    fn messages_of_ticks_that_were_not_flown_do_not_count() {
+        let counts = |ending: blackboards::EndReason| {
+            let mut statistics = statistics();
+            (0..100).for_each(|tick| take_tick(&mut statistics, tick));
+            for tick in 100..150 {
+                let mut speeds = Message::of_tick(tick, RotorSpeeds::default());
+                speeds.envelope.stamps[Role::Mixer as usize].receive_ns = GRID.begin_of(tick);
+                statistics.take(&LogEntry::RotorSpeeds(speeds));
+                statistics.theorem.count_unwatched();
+            }
+            let (ending, last_tick) = (ending as u64, 149);
+            let run = blackboards::Run {
+                ending,
+                last_tick,
+                ..blackboards::Run::default()
+            };
+            statistics.finish(&run, GRID.begin_of(150));
+            let (theorem, effort) = (statistics.theorem.section(), statistics.flight().effort);
+            let commands = effort.unwrap().commands;
+            (commands, theorem.ticks)
+        };
+        assert_eq!(counts(blackboards::EndReason::Failed), (100, 0));
+        // The plant skipped the last ticks of a whole flight.
+        let completed = counts(blackboards::EndReason::Completed);
+        assert_eq!(completed, (150, 50));
     }
 
     #[test]

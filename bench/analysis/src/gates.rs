@@ -346,7 +346,7 @@ impl Gate {
         };
         let value = match word {
             StabilityVerdict::NotApplicable => nothing(why),
-            _ if theorem.ticks > 0 && theorem.ticks_judged == 0 => nothing(theorem.counts()),
+            _ if theorem.ticks_judged == 0 => nothing(theorem.counts()),
             StabilityVerdict::NotJudged => format!("{}, {why}", theorem.summary()),
             _ if gate == TheoremGate::Strict => {
                 let (summary, counts) = (theorem.summary(), theorem.counts());

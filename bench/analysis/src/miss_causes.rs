@@ -125,17 +125,22 @@ impl Attribution {
             return Self::unknown("the recorder lost messages around it");
         }
         let delays = seen.delays();
-        // With a fault in each tick, another cause takes a stage that had its inputs and was late by more than a tick.
-        let is_late =
-            |it: &Delay| !seen.is_withheld_from(it.stage) && it.excess_ns > seen.grid.period_ns;
-        if seen.is_withheld_throughout() && !delays.iter().any(is_late) {
+        // Of those alike, the one of the first stage of the chain.
+        let longest = delays.iter().rev().max_by_key(|it| it.excess_ns);
+        // With a fault in most ticks, another cause takes a stage that had its inputs and was late for most of the outage.
+        let had_inputs = delays.iter().filter(|it| !seen.is_withheld_from(it.stage));
+        let late = had_inputs.rev().max_by_key(|it| it.excess_ns);
+        let late = late.filter(|it| it.excess_ns > seen.grid.period_ns);
+        let is_most = |ns: u64| ns * 100 >= seen.outage_ns() * EXPLAINS_PERCENT;
+        if is_most(seen.withheld_ns()) && !late.is_some_and(|it| is_most(it.excess_ns)) {
+            let late = late.map_or_else(String::new, |it| format!("; {}", it.words()));
+            let evidence = format!("{}{late}", seen.withheld_words());
             return Self {
                 class: MissCause::MessageFault,
-                ..Self::unknown(&seen.withheld_words())
+                ..Self::unknown(&evidence)
             };
         }
-        // Of those alike, the one of the first stage of the chain.
-        let Some(delay) = delays.iter().rev().max_by_key(|it| it.excess_ns) else {
+        let Some(delay) = longest else {
             return Self::unknown("no stage was later than usual");
         };
         let (class, why) = cause_of(seen, delay);

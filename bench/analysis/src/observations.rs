@@ -119,10 +119,14 @@ impl Observations<'_> {
         self.withheld.range(of_outage).copied()
     }
 
-    /// Whether a message fault withheld an input in each tick of the outage.
-    pub fn is_withheld_throughout(&self) -> bool {
+    pub const fn outage_ns(&self) -> u64 {
+        (self.outage.last + 1 - self.outage.first) * self.grid.period_ns
+    }
+
+    /// In how much of the outage a message fault withheld an input [ns].
+    pub fn withheld_ns(&self) -> u64 {
         let ticks: BTreeSet<u64> = self.withheld().map(|(tick, _)| tick).collect();
-        (self.outage.first..=self.outage.last).all(|tick| ticks.contains(&tick))
+        ticks.len() as u64 * self.grid.period_ns
     }
 
     pub fn is_withheld_from(&self, stage: Role) -> bool {

@@ -668,7 +668,7 @@ pub enum StabilityVerdict {
     Holds,
     /// The theorem holds in the steps that the monitor saw, which are not all.
     PartlyWatched,
-    /// Nothing contradicts it, but in most ticks an assumption was broken.
+    /// Nothing contradicts it, but in most ticks an assumption was broken, or no step was checked.
     NotJudged,
     /// It does not, and no cause is known.
     Broken,

@@ -146,10 +146,9 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     use StabilityVerdict::{Broken, Holds, NotApplicable, NotJudged, PartlyWatched};
     let (word, why) = if let Some(why) = theorem.inapplicable() {
         (NotApplicable, why)
-    } else if theorem.ticks_checked == 0 && theorem.ticks_unwatched > 0 {
-        (NotJudged, counts)
     } else if theorem.ticks_checked == 0 {
-        (NotApplicable, "no step of the estimates was checked".into())
+        let why = "no step of the estimates was checked";
+        (NotJudged, format!("{why}: {counts}"))
     } else if theorem.holds && theorem.steps_adapted == 0 {
         let why = "no estimate moved: adaptation is off, or its bounds pin it";
         (NotApplicable, why.into())
@@ -227,7 +226,7 @@ mod tests {
         (1, "in time", |it| periods(it, 1666.6667, 1666.667)),
         (1, "in time", |it| periods(it, 333.3333, 333.333)),
         (1, "in time", |it| it.steal.percent = 1.0),
-        (2, "not applicable", |it| it.theorem.ticks_checked = 0),
+        (2, "not judged", |it| it.theorem.ticks_checked = 0),
         (2, "not applicable", |it| it.theorem.steps_adapted = 0),
         (2, "not applicable", |it| {
             it.theorem.law_without = Some("pid".into())

@@ -400,6 +400,12 @@ fn what_a_message_fault_withheld_is_no_mystery() {
     // A stage does nothing without a state.
     let silent = good().silent(Outer, 0..5).withheld(Outer, 0..5);
     silent.is(MessageFault, None, "an input of outer in 5 ticks");
+    // One late tick does not explain the others, also where no message was sent in it that could be withheld.
+    for withheld in [0..10, 0..6] {
+        let said = format!("{} ticks; plant woke 1500 us later", withheld.end);
+        let late = good().silent(Outer, 0..10).late(4, Plant, 1500);
+        late.withheld(Outer, withheld).is(MessageFault, None, &said);
+    }
     // A fault in another tick explains nothing, and neither does one beside a stop.
     let other = good().withheld(Plant, 1..2);
     other.is(CannotTell, None, "no stage was later than usual");

@@ -47,10 +47,12 @@ pub const LATENCIES: &str = "latency.hlog";
 /// The link to the newest flight.
 pub const LATEST: &str = "latest";
 
+pub const SETTINGS: &str = "settings.toml";
+
 /// Files of a flight besides its log and the output of its processes.
 const FILES: [&str; 9] = [
     FACTS,
-    "settings.toml",
+    SETTINGS,
     "report.json",
     "report.txt",
     "report.html",
@@ -174,7 +176,7 @@ impl RunDirectory {
     }
 
     pub fn settings_file(&self) -> PathBuf {
-        self.path.join("settings.toml")
+        self.path.join(SETTINGS)
     }
 }
 
@@ -282,7 +284,7 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
         return Ok(first.clone());
     }
     let place = directory.display();
-    let settings = read_text("read", &directory.join("settings.toml")).unwrap_or_default();
+    let settings = read_text("read", &directory.join(SETTINGS)).unwrap_or_default();
     let settings: Table = settings.parse().unwrap_or_default();
     let log = settings
         .get("recorder")

@@ -4,7 +4,7 @@
 //! is incomplete, the report gives the first reason, and the flight and the other files go on.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
@@ -17,6 +17,7 @@ use analysis::states::{Joined, StatesWriter};
 use analysis::tracking::Tracking;
 use errors::output::say;
 use errors::{Failure, InFile as _};
+use flight_log::async_writer::compare;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
 use flight_log::writer::FlightLog;
@@ -27,7 +28,9 @@ use render::files::write_all;
 
 use super::atomic_file::AtomicFileWriter;
 use super::hlog::Hlog;
-use crate::run_directory::{LATENCIES, LATEST, check_latest, is_ours, make_latest};
+use crate::run_directory::{
+    FACTS, LATENCIES, LATEST, SETTINGS, check_latest, is_ours, make_latest,
+};
 use config::{LogName, Settings, last_name};
 
 const REPORT: &str = "report.json";
@@ -58,6 +61,8 @@ pub struct RunFiles<'a> {
     is_latest: bool,
     /// Incomplete files, each with the first reason.
     pub incomplete: BTreeMap<String, String>,
+    /// Files from before take-off, as they were then.
+    before: Vec<(&'static str, Metadata)>,
 }
 
 /// The log of the flight, or of a channel, in the directory of the flight.
@@ -104,6 +109,10 @@ impl<'a> RunFiles<'a> {
             partial_report: AtomicFileWriter::new(directory.join(REPORT))?,
             is_latest: false,
             incomplete: BTreeMap::new(),
+            before: [FACTS, SETTINGS]
+                .into_iter()
+                .filter_map(|name| Some((name, directory.join(name).metadata().ok()?)))
+                .collect(),
         })
     }
 
@@ -218,6 +227,12 @@ impl<'a> RunFiles<'a> {
                 }
                 Err(failure) => self.note(log_file(channel), Err(failure)),
             }
+        }
+        for (name, left) in std::mem::take(&mut self.before) {
+            let there = self.directory.join(name).metadata();
+            let compared = there.map_err(|e| e.to_string());
+            let compared = compared.and_then(|there| compare(&left, &there));
+            self.note(name, compared.map(drop).map_err(Failure::failed));
         }
         report.recorder.unwritten = self.incomplete.clone();
         if self.incomplete.keys().any(|file| is_ours(last_name(file))) {

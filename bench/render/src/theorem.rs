@@ -27,21 +27,11 @@ fn bound(theorem: &Theorem, estimate: &Watched) -> String {
 
 /// The section; with charts where there are traces.
 pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
-    let fact = |said: String| vec![Block::Fact("Theorem", said)];
-    if let Some(why) = theorem.inapplicable() {
-        return fact(format!("not applicable: {why}"));
-    }
-    let unwatched = count(theorem.ticks_unwatched, "tick");
-    match (theorem.ticks_checked, theorem.ticks_unwatched) {
-        (0, 0) => return fact("not watched: no step of the estimates was seen".into()),
-        (0, _) => {
-            let why = "a message before the first step was lost";
-            return fact(format!("not watched: {why}, and {unwatched} went by"));
-        }
-        _ => {}
-    }
     let Explained { word, why, .. } = stability_verdict(theorem);
-    let mut blocks = fact(format!("{}: {why}", name_of(&word)));
+    let mut blocks = vec![Block::Fact("Theorem", format!("{}: {why}", name_of(&word)))];
+    if theorem.inapplicable().is_some() || theorem.ticks_checked == 0 {
+        return blocks;
+    }
     let items = [watched(theorem), innovation(theorem)];
     blocks.push(Block::Items(items.concat()));
     blocks.push(Block::Table(causes(theorem)));

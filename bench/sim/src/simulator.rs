@@ -180,6 +180,15 @@ impl Simulator {
         self.plant.finish();
     }
 
+    /// Judges the command of the last tick, as a flight of processes does at its end.
+    pub fn end(&mut self) {
+        if let Some(faulted) = &mut self.faulted {
+            faulted.offer(&mut self.plant);
+        }
+        let end = self.plant.end(self.flown_tick());
+        self.state.content.deadlines_missed = end.deadlines_missed;
+    }
+
     /// A tick without the rest of the plant's, which [`Plant::finish`] flies.
     pub(crate) fn stages(&mut self) {
         if self.faulted.is_some() {
@@ -454,11 +463,15 @@ impl Faulted {
         rig.tick += 1;
     }
 
+    fn offer(&mut self, plant: &mut Plant) {
+        while let Some((command, acts_from)) = self.commands.pop_front() {
+            plant.offer(&command, acts_from);
+        }
+    }
+
     /// The plant takes the commands that have arrived and publishes the state.
     fn plant(&mut self, tick: u64, rig: &mut Simulator) {
-        while let Some((command, acts_from)) = self.commands.pop_front() {
-            rig.plant.offer(&command, acts_from);
-        }
+        self.offer(&mut rig.plant);
         rig.plant.begin_into(tick, &mut rig.state.content);
         rig.state.tick = tick;
         rig.envelope = rig.plant.envelope();
