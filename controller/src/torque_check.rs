@@ -194,16 +194,18 @@ impl TorqueCheck {
         let is_given = |torque: &Vector3<f64>| is_near(torque, &given, self.size_nm);
         let older = self.wrenches.iter().flatten().map(|(_, torque)| torque);
         let apart = self.commands.iter().flatten().map(|(_, command)| command);
-        let mut apart = apart.filter(|command| command.is_apart);
-        let is_apart = acting.cause == Some(Cause::Unexplained)
-            && apart.any(|command| is_given(&command.torque_nm));
+        let is_apart = || {
+            let mut apart = apart.filter(|command| command.is_apart);
+            acting.cause == Some(Cause::Unexplained)
+                && apart.any(|command| is_given(&command.torque_nm))
+        };
         Some(if newest.wanted.as_ref().is_some_and(is_given) {
             RotorTorque::OfCommand
         } else if newest.motors_lag {
             RotorTorque::Other(Cause::MotorLag)
         } else if is_given(&acting.wanted?) {
             RotorTorque::Other(Cause::Delay)
-        } else if older.chain(&self.held).any(is_given) || is_apart {
+        } else if older.chain(&self.held).any(is_given) || is_apart() {
             self.held = Some(given);
             RotorTorque::Other(Cause::StaleInput)
         } else {
