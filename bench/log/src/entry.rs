@@ -13,20 +13,68 @@ use crate::{rows, schema, units};
 
 pub type Counts = [u64; TOPICS.len()];
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(
-    clippy::large_enum_variant,
-    reason = "the largest is the most frequent"
-)]
-pub enum LogEntry {
-    State(Message<State>),
-    Setpoint(Message<Setpoint>),
-    Wrench(Message<Wrench>),
-    RotorSpeeds(Message<RotorSpeeds>),
-    Swap(Message<SwapRecord>),
-    Theorem(Message<Monitor>),
-    Decisions(Message<Decisions>),
-    Loss(Message<Loss>),
+/// Declares the topics of the log: what holds a message of any of them, and what is known of each.
+macro_rules! topics {
+    ($($topic:ident($content:ty),)+) => {
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(
+            clippy::large_enum_variant,
+            reason = "the largest is the most frequent"
+        )]
+        pub enum LogEntry {
+            $($topic(Message<$content>),)+
+        }
+
+        /// A [`LogEntry`] that is in another place.
+        #[derive(Clone, Copy, Debug)]
+        pub enum EntryRef<'a> {
+            $($topic(&'a Message<$content>),)+
+        }
+
+        impl<'a> From<&'a LogEntry> for EntryRef<'a> {
+            fn from(entry: &'a LogEntry) -> Self {
+                match entry {
+                    $(LogEntry::$topic(message) => Self::$topic(message),)+
+                }
+            }
+        }
+
+        impl EntryRef<'_> {
+            pub const fn copied(self) -> LogEntry {
+                match self {
+                    $(Self::$topic(message) => LogEntry::$topic(*message),)+
+                }
+            }
+        }
+
+        enum Place {
+            $($topic,)+
+        }
+
+        impl LogEntry {
+            /// Place of its topic in [`TOPICS`].
+            pub const fn topic(&self) -> usize {
+                match self {
+                    $(Self::$topic(_) => Place::$topic as usize,)+
+                }
+            }
+        }
+
+        pub const FORMATS: [TopicFormat; [$(Place::$topic,)+].len()] = [
+            $(TopicFormat::of::<$content>(|| LogEntry::$topic(Message::default())),)+
+        ];
+    };
+}
+
+topics! {
+    State(State),
+    Setpoint(Setpoint),
+    Wrench(Wrench),
+    RotorSpeeds(RotorSpeeds),
+    Swap(SwapRecord),
+    Theorem(Monitor),
+    Decisions(Decisions),
+    Loss(Loss),
 }
 
 /// The same for a message of any topic: `with_message!(entry, message => message.envelope.tick)`.
@@ -72,17 +120,6 @@ impl TopicFormat {
     }
 }
 
-pub const FORMATS: [TopicFormat; 8] = [
-    TopicFormat::of::<State>(|| LogEntry::State(Message::default())),
-    TopicFormat::of::<Setpoint>(|| LogEntry::Setpoint(Message::default())),
-    TopicFormat::of::<Wrench>(|| LogEntry::Wrench(Message::default())),
-    TopicFormat::of::<RotorSpeeds>(|| LogEntry::RotorSpeeds(Message::default())),
-    TopicFormat::of::<SwapRecord>(|| LogEntry::Swap(Message::default())),
-    TopicFormat::of::<Monitor>(|| LogEntry::Theorem(Message::default())),
-    TopicFormat::of::<Decisions>(|| LogEntry::Decisions(Message::default())),
-    TopicFormat::of::<Loss>(|| LogEntry::Loss(Message::default())),
-];
-
 /// Topics of the loop, in the order of data flow, then the others.
 pub const TOPICS: [&str; FORMATS.len()] = {
     let [a, b, c, d, e, f, g, h] = &FORMATS;
@@ -103,19 +140,6 @@ impl LogEntry {
             Self::Wrench(message) => Some(&mut message.content.telemetry),
             Self::RotorSpeeds(message) => Some(&mut message.content.telemetry),
             _ => None,
-        }
-    }
-
-    pub const fn topic(&self) -> usize {
-        match self {
-            Self::State(_) => 0,
-            Self::Setpoint(_) => 1,
-            Self::Wrench(_) => 2,
-            Self::RotorSpeeds(_) => 3,
-            Self::Swap(_) => 4,
-            Self::Theorem(_) => 5,
-            Self::Decisions(_) => 6,
-            Self::Loss(_) => 7,
         }
     }
 }

@@ -4,7 +4,7 @@ use std::mem::{replace, take};
 use std::ptr::from_ref;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 
-use flight_log::entry::{FORMATS, LogEntry};
+use flight_log::entry::{EntryRef, LogEntry};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
@@ -57,26 +57,14 @@ impl Chunk {
         self.order.push((position, self.order.len(), place));
     }
 
-    /// Writes a message into the place of another one.
-    fn read(&self, place: Place, entry: &mut LogEntry) {
+    fn at(&self, place: Place) -> EntryRef<'_> {
         match place {
-            Place::State(place) => *entry = LogEntry::State(self.states[place]),
-            Place::Setpoint(place) => *entry = LogEntry::Setpoint(self.setpoints[place]),
-            Place::Wrench(place) => *entry = LogEntry::Wrench(self.wrenches[place]),
-            Place::RotorSpeeds(place) => *entry = LogEntry::RotorSpeeds(self.rotor_speeds[place]),
-            Place::Theorem(place) => *entry = LogEntry::Theorem(self.theorem[place]),
-            Place::Rare(place) => *entry = self.rare[place],
-        }
-    }
-
-    fn prefetch(&self, place: Place) {
-        match place {
-            Place::State(place) => prefetch(&self.states[place]),
-            Place::Setpoint(place) => prefetch(&self.setpoints[place]),
-            Place::Wrench(place) => prefetch(&self.wrenches[place]),
-            Place::RotorSpeeds(place) => prefetch(&self.rotor_speeds[place]),
-            Place::Theorem(place) => prefetch(&self.theorem[place]),
-            Place::Rare(_) => {}
+            Place::State(place) => EntryRef::State(&self.states[place]),
+            Place::Setpoint(place) => EntryRef::Setpoint(&self.setpoints[place]),
+            Place::Wrench(place) => EntryRef::Wrench(&self.wrenches[place]),
+            Place::RotorSpeeds(place) => EntryRef::RotorSpeeds(&self.rotor_speeds[place]),
+            Place::Theorem(place) => EntryRef::Theorem(&self.theorem[place]),
+            Place::Rare(place) => EntryRef::from(&self.rare[place]),
         }
     }
 
@@ -117,9 +105,8 @@ pub struct ToReplay {
 #[derive(Debug)]
 pub struct FromLog {
     chunk: Chunk,
-    /// Messages of the chunk that were replayed, and the newest of them.
+    /// Messages of the chunk that were replayed.
     replayed: usize,
-    newest: LogEntry,
     full: Receiver<Chunk>,
     used: Sender<Chunk>,
 }
@@ -135,7 +122,6 @@ pub fn batches() -> (ToReplay, FromLog) {
     let from_log = FromLog {
         chunk: Chunk::default(),
         replayed: 0,
-        newest: (FORMATS[0].empty)(),
         full,
         used: to_log,
     };
@@ -179,15 +165,21 @@ impl FromLog {
         Some(self.chunk.order[self.replayed].0)
     }
 
-    pub fn next_entry(&mut self) -> Option<&LogEntry> {
+    pub fn next_entry(&mut self) -> Option<EntryRef<'_>> {
         self.position()?;
         let (.., place) = self.chunk.order[self.replayed];
         self.replayed += 1;
-        self.chunk.read(place, &mut self.newest);
         if let Some((.., soon)) = self.chunk.order.get(self.replayed + FETCHED_AHEAD) {
-            self.chunk.prefetch(*soon);
+            match self.chunk.at(*soon) {
+                EntryRef::State(message) => prefetch(message),
+                EntryRef::Setpoint(message) => prefetch(message),
+                EntryRef::Wrench(message) => prefetch(message),
+                EntryRef::RotorSpeeds(message) => prefetch(message),
+                EntryRef::Theorem(message) => prefetch(message),
+                _ => {}
+            }
         }
-        Some(&self.newest)
+        Some(self.chunk.at(place))
     }
 }
 

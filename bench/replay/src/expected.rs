@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use flight_log::codec::Logged;
-use flight_log::entry::LogEntry;
+use flight_log::entry::EntryRef;
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
 use messages::header::Message;
 
@@ -78,11 +78,11 @@ pub struct Flown {
 }
 
 impl Flown {
-    pub fn take(&mut self, origin: Origin, entry: &LogEntry, comparison: &mut ReplayComparison) {
+    pub fn take(&mut self, origin: Origin, entry: EntryRef<'_>, comparison: &mut ReplayComparison) {
         match entry {
-            LogEntry::Setpoint(message) => self.setpoints.take(origin, message, comparison),
-            LogEntry::Wrench(message) => self.wrenches.take(origin, message, comparison),
-            LogEntry::RotorSpeeds(message) => self.rotor_speeds.take(origin, message, comparison),
+            EntryRef::Setpoint(message) => self.setpoints.take(origin, message, comparison),
+            EntryRef::Wrench(message) => self.wrenches.take(origin, message, comparison),
+            EntryRef::RotorSpeeds(message) => self.rotor_speeds.take(origin, message, comparison),
             _ => {}
         }
     }

@@ -23,7 +23,7 @@ use sim::expected_messages::gap;
 /// using it; in lockstep the other stages wait for it, and only a fault has a stage work with an old message.
 pub fn kept(pace: Pace, planned: &Planned) -> usize {
     match pace {
-        Pace::Lockstep if planned.has_no_loop_faults() => 128,
+        Pace::Lockstep if planned.has_no_loop_faults() => 16,
         _ => DEEP,
     }
 }

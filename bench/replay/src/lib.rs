@@ -51,7 +51,7 @@ use errors::output::{print, say};
 use errors::{Failure, GATE, OK};
 use faults::Port;
 use flight_log::channel_merge::ChannelMerge;
-use flight_log::entry::LogEntry;
+use flight_log::entry::EntryRef;
 use flight_log::reader::End;
 use flight_log::wall_time::speed;
 use sim::expected_messages::gap;
@@ -421,33 +421,33 @@ impl FlightReplay {
     }
 
     /// Takes a message of the log of a channel, or of that of the flight.
-    fn step(&mut self, channel: Option<Channel>, entry: &LogEntry) -> Result<(), Failure> {
+    fn step(&mut self, channel: Option<Channel>, entry: EntryRef<'_>) -> Result<(), Failure> {
         let comparison = &mut self.comparison;
         match (channel, entry) {
-            (Some(channel), LogEntry::State(message)) => {
+            (Some(channel), EntryRef::State(message)) => {
                 if let Some(own) = self.channels.get_mut(channel as usize) {
                     own.states.take(Origin::Log, message, &mut own.comparison);
                 }
                 Ok(())
             }
             // The log check compares them with the flight's.
-            (Some(_), LogEntry::Swap(_) | LogEntry::Decisions(_)) | (_, LogEntry::Loss(_)) => {
+            (Some(_), EntryRef::Swap(_) | EntryRef::Decisions(_)) | (_, EntryRef::Loss(_)) => {
                 Ok(())
             }
-            (_, LogEntry::State(message)) => {
+            (_, EntryRef::State(message)) => {
                 self.state(message)?;
                 self.merge(Channel::A, entry)
             }
-            (_, LogEntry::Swap(swap)) => {
+            (_, EntryRef::Swap(swap)) => {
                 self.airframe.push_swap(swap);
                 self.merge(Channel::A, entry)
             }
-            (_, LogEntry::Decisions(message)) => {
+            (_, EntryRef::Decisions(message)) => {
                 self.airframe.push_decisions(message);
                 self.is_ended = message.envelope.tick > self.last_tick;
                 self.merge(Channel::A, entry)
             }
-            (_, LogEntry::Theorem(message)) => {
+            (_, EntryRef::Theorem(message)) => {
                 self.theorem.take(Origin::Log, message, comparison);
                 Ok(())
             }
@@ -481,18 +481,18 @@ impl FlightReplay {
     }
 
     /// Replays what a stage of a channel sent.
-    fn stage(&mut self, channel: Channel, entry: &LogEntry) -> Result<(), Failure> {
+    fn stage(&mut self, channel: Channel, entry: EntryRef<'_>) -> Result<(), Failure> {
         let Some(own) = self.channels.get_mut(channel as usize) else {
             return Err(gap(&format!("it has no channel {channel}")));
         };
         let (loops, saved, comparison) = (&mut own.loops, &mut self.saved, &mut own.comparison);
         match entry {
-            LogEntry::Setpoint(message) => loops.setpoint(message, saved, comparison),
-            LogEntry::Wrench(message) => {
+            EntryRef::Setpoint(message) => loops.setpoint(message, saved, comparison),
+            EntryRef::Wrench(message) => {
                 let is_counted = message.envelope.tick >= self.from_tick;
                 loops.wrench(message, is_counted, saved, comparison)
             }
-            LogEntry::RotorSpeeds(message) => {
+            EntryRef::RotorSpeeds(message) => {
                 own.rotor_speeds.push(message);
                 loops.rotor_speeds(message, saved, comparison)
             }
@@ -501,31 +501,32 @@ impl FlightReplay {
     }
 
     /// Takes the messages of the flight that are decided on with this one.
-    fn merge(&mut self, channel: Channel, entry: &LogEntry) -> Result<(), Failure> {
+    fn merge(&mut self, channel: Channel, entry: EntryRef<'_>) -> Result<(), Failure> {
         let Some(merge) = &mut self.merge else {
             return self.flown(entry);
         };
         let mut flown = Vec::new();
-        merge.take(channel, entry, |it| flown.push(*it));
-        flown.iter().try_for_each(|it| self.flown(it))
+        merge.take(channel, &entry.copied(), |it| flown.push(*it));
+        flown.iter().try_for_each(|it| self.flown(it.into()))
     }
 
     /// Takes a message of the flight.
-    fn flown(&mut self, entry: &LogEntry) -> Result<(), Failure> {
+    fn flown(&mut self, entry: EntryRef<'_>) -> Result<(), Failure> {
         if self.merge.is_some() {
             self.flown.take(Origin::Others, entry, &mut self.comparison);
         }
-        let tick = entry.envelope().tick;
-        let (summary, is_counted) = (&mut self.summary, tick >= self.from_tick);
+        let (summary, from_tick) = (&mut self.summary, self.from_tick);
         match entry {
-            LogEntry::Setpoint(message) => {
+            EntryRef::Setpoint(message) => {
+                let tick = message.envelope.tick;
                 summary.outputs.take(tick, &message.content);
                 self.setpoints.push(message);
                 self.inner_setpoint.take(message);
             }
-            LogEntry::Wrench(message) => {
+            EntryRef::Wrench(message) => {
+                let tick = message.envelope.tick;
                 summary.outputs.take(tick, &message.content);
-                if is_counted {
+                if tick >= from_tick {
                     summary.wrench(&message.content);
                 }
                 // The inner loops of all channels have the same faults at their inputs.
@@ -540,10 +541,11 @@ impl FlightReplay {
                 }
             }
             // After the last tick the mixer stops the rotors; that command answers no state.
-            LogEntry::RotorSpeeds(message) if !is_final_command(message) => {
+            EntryRef::RotorSpeeds(message) if !is_final_command(message) => {
+                let tick = message.envelope.tick;
                 self.monitor.command(tick, &message.content);
                 summary.outputs.take(tick, &message.content);
-                if is_counted {
+                if tick >= from_tick {
                     summary.rotor_speeds(&message.content);
                 }
             }
@@ -558,7 +560,7 @@ impl FlightReplay {
             let mut flown = Vec::new();
             merge.finish(|it| flown.push(*it));
             self.merge = Some(merge);
-            flown.iter().try_for_each(|it| self.flown(it))?;
+            flown.iter().try_for_each(|it| self.flown(it.into()))?;
         }
         if self.is_ended {
             let command = commands_of(&self.channels);
