@@ -4,7 +4,8 @@
 //! is incomplete, the report gives the first reason, and the flight and the other files go on.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::{self, File, Metadata};
+use std::fs::{self, File};
+use std::io::{self, Read as _};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
@@ -16,8 +17,7 @@ use analysis::series::SeriesSet;
 use analysis::states::{Joined, StatesWriter};
 use analysis::tracking::Tracking;
 use errors::output::say;
-use errors::{Failure, InFile as _};
-use flight_log::async_writer::compare;
+use errors::{Failure, InFile as _, open_file};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
 use flight_log::writer::FlightLog;
@@ -61,14 +61,20 @@ pub struct RunFiles<'a> {
     is_latest: bool,
     /// Incomplete files, each with the first reason.
     pub incomplete: BTreeMap<String, String>,
-    /// Files from before take-off, as they were then.
-    before: Vec<(&'static str, Metadata)>,
+    /// Content of the files from before take-off.
+    before: Vec<(&'static str, Vec<u8>)>,
 }
 
 /// The log of the flight, or of a channel, in the directory of the flight.
 fn log_file(channel: Option<Channel>) -> String {
     let of_channel = |channel| format!("{}/{FILE}", log_directory(channel));
     channel.map_or_else(|| FILE.into(), of_channel)
+}
+
+fn content(file: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_file(file)?.take(1 << 24).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 impl<'a> RunFiles<'a> {
@@ -111,7 +117,7 @@ impl<'a> RunFiles<'a> {
             incomplete: BTreeMap::new(),
             before: [FACTS, SETTINGS]
                 .into_iter()
-                .filter_map(|name| Some((name, directory.join(name).metadata().ok()?)))
+                .filter_map(|name| Some((name, content(&directory.join(name)).ok()?)))
                 .collect(),
         })
     }
@@ -228,11 +234,13 @@ impl<'a> RunFiles<'a> {
                 Err(failure) => self.note(log_file(channel), Err(failure)),
             }
         }
-        for (name, left) in std::mem::take(&mut self.before) {
-            let there = self.directory.join(name).metadata();
-            let compared = there.map_err(|e| e.to_string());
-            let compared = compared.and_then(|there| compare(&left, &there));
-            self.note(name, compared.map(drop).map_err(Failure::failed));
+        for (name, before) in std::mem::take(&mut self.before) {
+            let change = match content(&self.directory.join(name)) {
+                Ok(now) if now == before => continue,
+                Ok(_) => "another program changed it".into(),
+                Err(e) => e.to_string(),
+            };
+            self.note(name, Err(Failure::failed(change)));
         }
         report.recorder.unwritten = self.incomplete.clone();
         if self.incomplete.keys().any(|file| is_ours(last_name(file))) {

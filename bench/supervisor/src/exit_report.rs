@@ -192,7 +192,7 @@ impl Outcome {
 
 impl ProcessExit {
     /// Whether it did what it should; the recorder's exit code is the flight's verdict.
-    fn is_in_order(&self) -> bool {
+    pub(super) fn is_in_order(&self) -> bool {
         self.status.success()
             || (self.replica.role == Role::Record && self.status.code() == Some(i32::from(GATE)))
     }

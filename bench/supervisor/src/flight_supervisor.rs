@@ -417,6 +417,9 @@ impl FlightSupervisor {
             return;
         }
         let is_early = run.is_some_and(|run| run.phase() != RunPhase::Closed);
+        // After the last tick, processes of the other channels may have ended in order in the same look.
+        let landed = exits.iter().filter(|it| it.is_in_order());
+        let landed: Vec<Replica> = landed.map(|it| it.replica).collect();
         for exit in exits {
             // A fault acted within the flight, even if the process is reaped after it.
             let mut run = run.copied();
@@ -429,7 +432,7 @@ impl FlightSupervisor {
                 _ => Some(exit),
             };
             match unresolved {
-                Some(exit) if self.is_covered(&exit, run) => {
+                Some(exit) if self.is_covered(&exit, &landed, run) => {
                     self.announce(
                         Subject::Process,
                         &format!(
@@ -447,8 +450,10 @@ impl FlightSupervisor {
 
     /// Whether the flight goes on without a process that has ended: another channel has all of its own, and its laws are
     /// those that fly, or may take over.
-    fn is_covered(&self, exit: &ProcessExit, run: Option<&Run>) -> bool {
-        let plays = |replica| self.children.iter().any(|it| it.replica == replica);
+    fn is_covered(&self, exit: &ProcessExit, landed: &[Replica], run: Option<&Run>) -> bool {
+        let plays = |replica| {
+            landed.contains(&replica) || self.children.iter().any(|it| it.replica == replica)
+        };
         let is_whole = |channel| {
             CHANNEL_ROLES
                 .map(|role| Replica::new(role, channel))
