@@ -38,14 +38,16 @@ pub const SWAPS_KEPT: usize = 500;
 const STATES: usize = 0;
 const DECISIONS: usize = 6;
 
-/// What messages of the loop add to, of ticks that have been flown or not.
-type LoopStatistics = (
-    [NotFinite; 3],
-    [SignalStatistics; LAW_ROLES.len()],
-    ControlStatistics,
-    FirmwareStatistics,
-    TheoremStatistics,
-);
+/// Statistics of what the stages sent.
+#[derive(Clone, Debug)]
+pub struct StageStatistics {
+    flight: ControlStatistics,
+    /// Answers that could not be used, of outer, inner and mixer law.
+    pub not_finite: [NotFinite; 3],
+    pub telemetry: [SignalStatistics; LAW_ROLES.len()],
+    pub firmware: FirmwareStatistics,
+    pub theorem: TheoremStatistics,
+}
 
 #[derive(Debug)]
 pub struct FlightStatistics {
@@ -73,19 +75,14 @@ pub struct FlightStatistics {
     final_command_ns: Option<u64>,
     losses: Losses,
     verdicts: CommandVerdicts,
-    flight: ControlStatistics,
-    /// Answers that could not be used, of outer, inner and mixer law.
-    pub not_finite: [NotFinite; 3],
     laws: FlownLaws,
-    pub telemetry: [SignalStatistics; LAW_ROLES.len()],
-    pub firmware: FirmwareStatistics,
-    pub theorem: TheoremStatistics,
+    pub stages: StageStatistics,
+    /// The same before the first message of a tick that the plant has not flown; none while there is no such message.
+    before_unflown: Option<Box<StageStatistics>>,
     pub swaps: Vec<AppliedSwap>,
     pub swaps_seen: u64,
     pub targets: TargetStatistics,
     pub tracer: Tracer,
-    /// Before the first message of a tick that the plant has not flown; none while there is no such message.
-    flown: Option<Box<LoopStatistics>>,
     /// Tick of the newest state, and when it was sampled.
     newest: Option<(u64, u64)>,
     /// Counts of the plant in the newest state.
@@ -124,16 +121,18 @@ impl FlightStatistics {
             final_command_ns: None,
             losses: Losses::default(),
             verdicts: CommandVerdicts::default(),
-            flight: ControlStatistics::new(tracking.period_s()),
-            not_finite: [NotFinite::default(); 3],
             laws: FlownLaws::default(),
-            telemetry: [SignalStatistics::new(&[]); LAW_ROLES.len()],
-            firmware: FirmwareStatistics::new(tracking.period_s())?,
-            theorem: TheoremStatistics::default(),
+            stages: StageStatistics {
+                flight: ControlStatistics::new(tracking.period_s()),
+                not_finite: [NotFinite::default(); 3],
+                telemetry: [SignalStatistics::new(&[]); LAW_ROLES.len()],
+                firmware: FirmwareStatistics::new(tracking.period_s())?,
+                theorem: TheoremStatistics::default(),
+            },
+            before_unflown: None,
             swaps: Vec::new(),
             swaps_seen: 0,
             targets: TargetStatistics::default(),
-            flown: None,
             newest: None,
             missed: 0,
             skipped: 0,
@@ -153,11 +152,11 @@ impl FlightStatistics {
 
     pub fn set_laws(&mut self, laws: FlownLaws) {
         self.laws = laws;
-        self.telemetry = LAW_ROLES.map(|role| SignalStatistics::new(laws.signals.of(role)));
+        self.stages.telemetry = LAW_ROLES.map(|role| SignalStatistics::new(laws.signals.of(role)));
         self.tracer.set_laws(laws);
-        self.firmware.set_signals(&laws.signals);
+        self.stages.firmware.set_signals(&laws.signals);
         if let Some(law) = laws.without_theorem {
-            self.theorem.does_not_apply(law);
+            self.stages.theorem.does_not_apply(law);
         }
     }
 
@@ -181,7 +180,9 @@ impl FlightStatistics {
             LogEntry::RotorSpeeds(message) => self.rotor_speeds(message),
             LogEntry::Swap(message) => self.swap(message),
             LogEntry::Theorem(message) => {
-                self.theorem.take(message.envelope.epoch, &message.content);
+                self.stages
+                    .theorem
+                    .take(message.envelope.epoch, &message.content);
             }
             LogEntry::Decisions(message) => {
                 let commands = message.content.commands().iter();
@@ -208,7 +209,7 @@ impl FlightStatistics {
             || self.lacks(DECISIONS, before.unwrap_or(0)..=tick);
         self.judge_commands(message, before, unseen);
         self.newest = Some((tick, message.envelope.sample_ns));
-        self.flown = None;
+        self.before_unflown = None;
         (self.missed, self.skipped) = (
             message.content.deadlines_missed,
             message.content.ticks_skipped,
@@ -239,9 +240,9 @@ impl FlightStatistics {
             .update(state.deadlines_missed, state.deadline_miss_run);
         let errors = self.tracking.errors(tick, state, None);
         self.deaths.error(tick, errors[POSITION]);
-        self.flight.tracking.take(tick, state, &errors);
-        self.flight.truth = state.truth.theta();
-        self.theorem.truth(self.flight.truth);
+        self.stages.flight.tracking.take(tick, state, &errors);
+        self.stages.flight.truth = state.truth.theta();
+        self.stages.theorem.truth(self.stages.flight.truth);
     }
 
     /// Takes the plant's decisions between two states, and so which commands missed their deadlines.
@@ -296,8 +297,8 @@ impl FlightStatistics {
         let content = &message.content;
         self.loop_message(1, message, content.mode, &content.telemetry, None);
         self.freshness.stage(message.envelope.tick, content.mode);
-        self.flight.wrench(&self.laws, content);
-        self.firmware.take(message.envelope.tick, content);
+        self.stages.flight.wrench(&self.laws, content);
+        self.stages.firmware.take(message.envelope.tick, content);
     }
 
     /// Counts a message of outer (0), inner (1) or mixer stage (2); returns whether messages of it are missing before.
@@ -318,8 +319,8 @@ impl FlightStatistics {
             autopsy.stamps(message);
         }
         self.keep_flown(message.envelope.tick);
-        self.not_finite[stage].take(message.envelope.tick, mode);
-        self.telemetry[stage].take(telemetry);
+        self.stages.not_finite[stage].take(message.envelope.tick, mode);
+        self.stages.telemetry[stage].take(telemetry);
         let (envelope, from) = (&message.envelope, STAGES[stage]);
         let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
         let hop_ns = received_ns.saturating_sub(envelope.stamps_of(from).send_ns);
@@ -336,14 +337,8 @@ impl FlightStatistics {
     /// Keeps what has been flown before a message of a tick that has not been.
     fn keep_flown(&mut self, tick: u64) {
         let has_flown = self.newest.is_none_or(|(newest, _)| tick <= newest);
-        if !has_flown && self.flown.is_none() {
-            self.flown = Some(Box::new((
-                self.not_finite,
-                self.telemetry,
-                self.flight.clone(),
-                self.firmware.clone(),
-                self.theorem,
-            )));
+        if !has_flown && self.before_unflown.is_none() {
+            self.before_unflown = Some(Box::new(self.stages.clone()));
         }
     }
 
@@ -358,7 +353,7 @@ impl FlightStatistics {
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
         let follows_loss = self.loop_message(2, message, content.mode, &content.telemetry, loop_ns);
         self.freshness.command(envelope, content.mode);
-        self.flight.effort.take(content);
+        self.stages.flight.effort.take(content);
         let command = StampedCommand {
             tick: envelope.tick,
             sent_ns,
@@ -436,7 +431,7 @@ impl FlightStatistics {
     }
 
     pub fn flight(&self) -> schema::ControlPerformance {
-        self.flight.performance()
+        self.stages.flight.performance()
     }
 }
 
@@ -595,14 +590,8 @@ impl FlightStatistics {
         } else {
             (tick, tick.checked_sub(1))
         };
-        if let Some(of_flown) = self.flown.take_if(|_| !completed) {
-            (
-                self.not_finite,
-                self.telemetry,
-                self.flight,
-                self.firmware,
-                self.theorem,
-            ) = *of_flown;
+        if let Some(of_flown) = self.before_unflown.take_if(|_| !completed) {
+            self.stages = *of_flown;
         }
         self.settle(flown, judged);
         (self.passages, self.commands) = (VecDeque::new(), VecDeque::new());
@@ -764,7 +753,7 @@ mod tests {
                 let mut speeds = Message::of_tick(tick, RotorSpeeds::default());
                 speeds.envelope.stamps[Role::Mixer as usize].receive_ns = GRID.begin_of(tick);
                 statistics.take(&LogEntry::RotorSpeeds(speeds));
-                statistics.theorem.count_unwatched();
+                statistics.stages.theorem.count_unwatched();
             }
             let (ending, last_tick) = (ending as u64, 149);
             let run = blackboards::Run {
@@ -773,7 +762,10 @@ mod tests {
                 ..blackboards::Run::default()
             };
             statistics.finish(&run, GRID.begin_of(150));
-            let (theorem, effort) = (statistics.theorem.section(), statistics.flight().effort);
+            let (theorem, effort) = (
+                statistics.stages.theorem.section(),
+                statistics.flight().effort,
+            );
             let commands = effort.unwrap().commands;
             (commands, theorem.ticks)
         };

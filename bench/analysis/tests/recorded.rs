@@ -99,7 +99,7 @@ fn figures_of_recorded_flights_are_their_snapshots() {
             "outages": statistics.autopsy.as_ref().map(MissAnalysis::section),
             "lost": statistics.lost(),
             "flight": statistics.flight(),
-            "theorem": statistics.theorem.section(),
+            "theorem": statistics.stages.theorem.section(),
             "swaps": statistics.swaps,
             "series": statistics.series.statistics(),
             "traces": statistics.tracer.traces(),

@@ -56,7 +56,10 @@ pub fn runs(args: &RunsArgs) -> Result<u8, Failure> {
         return prune(&runs, args);
     }
     match args.json {
-        true => utf8(&out).and_then(|_| print_json(&runs))?,
+        true => {
+            utf8(&out)?;
+            print_json(&runs)?;
+        }
         false => print(&table(&runs, &out))?,
     }
     Ok(OK)

@@ -45,7 +45,7 @@ pub(super) fn layered(
     let typed = overrides
         .iter()
         .filter(|it| overrides::parts(it.0).0.is_some());
-    overrides::check_twice(typed.map(|(flag, value)| (*flag, value.to_string())))?;
+    overrides::check_twice(typed.map(|(flag, value)| (*flag, value)))?;
     let folder = file.and_then(Path::parent).unwrap_or(Path::new(""));
     place_paths(&mut given, folder)?;
     for (flag, value) in &mut overrides {

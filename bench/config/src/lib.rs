@@ -29,7 +29,7 @@ use layers::{layered, read, typed, with_paper};
 pub use overrides::Overrides;
 pub use processes::check_cpu;
 pub use settings::*;
-pub use toml_access::utf8;
+pub use toml_access::{bytes_of, utf8};
 pub use trajectory::PointsFile;
 
 impl Settings {

@@ -45,21 +45,19 @@ pub fn set(flag: &str, text: &str) -> Result<(&'static str, Value), String> {
         parts.is_some_and(|(section, key)| !section.is_empty() && !key.is_empty())
     });
     let (key, value) = set.ok_or("write SECTION.KEY=VALUE, as in inner.alpha_1_s=150")?;
-    let read = format!("it = {value}").parse::<Table>();
-    if read.is_err_and(|e| of_toml(e.message()) == TOO_LARGE) {
-        return Err(TOO_LARGE.into());
-    }
+    let value = as_in_a_file(value)?;
     // Flags last as long as the process.
     let flag = Box::leak(format!("{flag} {key}").into_boxed_str());
-    Ok((flag, as_in_a_file(value)))
+    Ok((flag, value))
 }
 
 /// A value by the rules of a settings file; a word needs no quotes.
-pub fn as_in_a_file(value: &str) -> Value {
-    let read = format!("it = {value}").parse::<Table>().ok();
-    let read = read.filter(|table| table.len() == 1);
-    let read = read.and_then(|mut table| table.remove("it"));
-    read.unwrap_or_else(|| Value::from(value))
+pub fn as_in_a_file(value: &str) -> Result<Value, String> {
+    match format!("it = {value}").parse::<Table>() {
+        Err(e) if of_toml(e.message()) == TOO_LARGE => Err(TOO_LARGE.into()),
+        Ok(mut table) if table.len() == 1 => Ok(table.remove("it").unwrap_or_else(|| value.into())),
+        _ => Ok(value.into()),
+    }
 }
 
 /// The law of a role with settings of its own: `NAME|FILE[:PRESET][,KEY=VALUE...]`.

@@ -367,7 +367,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Settings that a flight has recorded. Those that it does not know have their defaults: so it flew.
+    /// Reads the settings that a flight recorded. Settings that are newer than the flight get their defaults.
     pub fn recorded(text: &str) -> Result<Self, toml::de::Error> {
         let mut table: Table = text.parse()?;
         for (section, defaults) in DEFAULT_TABLE.clone() {

@@ -24,7 +24,7 @@ pub(super) fn text<'a>(of: &'a Table, section: &str, key: &str) -> Option<&'a st
 }
 
 /// The content of a regular file of at most so many bytes: a device may have no end, and a pipe may have no writer.
-pub(super) fn bytes_of(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+pub fn bytes_of(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open_file(path)?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use ipc::clock::now_ns;
 use messages::blackboards::{RolePhase, Status};
 use messages::realtime::RealtimeStep;
-use messages::role::STAGES;
+use messages::role::{Channel, STAGES};
 
 use crate::Machine;
 use crate::cpu_times::CpuTimes;
@@ -35,7 +35,8 @@ impl Watch {
         }
     }
 
-    pub fn sample(&self, loops: &[Status; STAGES.len()]) -> CounterSample {
+    /// Samples the counters of the plant and of a channel.
+    pub fn sample(&self, channel: Channel, loops: &[Status; STAGES.len()]) -> CounterSample {
         let from_ns = now_ns();
         let stolen = match self.is_virtual {
             true => CpuTimes::read(self.processor).stolen,
@@ -49,10 +50,10 @@ impl Watch {
         });
         CounterSample {
             from_ns,
+            channel: channel as u64,
             stages,
             stolen,
             at_ns: now_ns(),
-            ..CounterSample::default()
         }
     }
 }
@@ -225,7 +226,10 @@ mod tests {
         let mut watch = Watch::new(&loops, true);
         watch.quota_counters = vec![file.path().display().to_string()];
         loops[1].grants.policy = 1;
-        let sampled = watch.sample(&loops).stages.map(|it| it.throttled_us);
+        let sampled = watch
+            .sample(Channel::A, &loops)
+            .stages
+            .map(|it| it.throttled_us);
         assert_eq!(sampled, [7, 0, 7, 7]);
     }
 }

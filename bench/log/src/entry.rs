@@ -25,7 +25,7 @@ macro_rules! topics {
             $($topic(Message<$content>),)+
         }
 
-        /// A [`LogEntry`] that is in another place.
+        /// A reference to a message of any topic.
         #[derive(Clone, Copy, Debug)]
         pub enum EntryRef<'a> {
             $($topic(&'a Message<$content>),)+

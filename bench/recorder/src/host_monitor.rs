@@ -3,7 +3,6 @@
 use analysis::finding::Diagnosis;
 use analysis::flight_statistics::FlightStatistics;
 use analysis::host::{ContainerSection, Host, InterruptSection, Steal};
-use analysis::observations::CounterSample;
 use errors::Failure;
 use host::cpu_times::{CpuTimes, host_of};
 use host::interrupts::Interrupts;
@@ -68,10 +67,7 @@ impl HostMonitor {
         statistics: &mut FlightStatistics,
         is_over: bool,
     ) -> Result<(), Failure> {
-        let sample = CounterSample {
-            channel: channel as u64,
-            ..self.counters.sample(&roles.loops(channel))
-        };
+        let sample = self.counters.sample(channel, &roles.loops(channel));
         let traced = self.read_trace(statistics);
         if let Some(autopsy) = &mut statistics.autopsy {
             // After the last tick it is normal that processes end.

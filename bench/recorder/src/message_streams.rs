@@ -126,8 +126,8 @@ impl MessageStreams {
 
     /// The channel whose commands fly.
     pub fn active(&self) -> Channel {
-        let active = self.redundancy().map(|it| it.active);
-        active.and_then(Channel::from_wire).unwrap_or(Channel::A)
+        let redundancy = self.redundancy();
+        redundancy.map_or(Channel::A, |it| it.active_channel())
     }
 
     /// Reads every message that has arrived since the last call; if it `ends`, no message arrives any more.
@@ -256,9 +256,9 @@ impl FlightStream {
                 let entry = LogEntry::Theorem(message);
                 self.publish(&entry, relays, files);
                 self.joiner.take(&entry);
-                self.statistics.theorem.monitored(&self.monitor);
+                self.statistics.stages.theorem.monitored(&self.monitor);
             }
-            None if self.monitor.applies() => self.statistics.theorem.count_unwatched(),
+            None if self.monitor.applies() => self.statistics.stages.theorem.count_unwatched(),
             None => {}
         }
     }

@@ -81,7 +81,10 @@ pub fn run(
     let laws = settings.flown_laws()?;
     let mut host = HostMonitor::start(&machine, &roles, settings.recorder.trace, instance)?;
     let mut statistics = FlightStatistics::new(armed.pace, armed.run.get().t0_ns, tracking)?;
-    statistics.theorem.set_airframe(&settings.airframe()?);
+    statistics
+        .stages
+        .theorem
+        .set_airframe(&settings.airframe()?);
     statistics.set_laws(laws);
     statistics.set_channels(channels);
     statistics.begin_autopsy(host.counters.processor.is_some());
@@ -156,8 +159,13 @@ impl Recorder<'_> {
                 session.status.commands_missed,
                 session.status.commands_stale,
             ) = self.recorded.streams.statistics().commands_not_fresh();
-            session.status.wrenches_unwatched =
-                self.recorded.streams.statistics().theorem.unwatched();
+            session.status.wrenches_unwatched = self
+                .recorded
+                .streams
+                .statistics()
+                .stages
+                .theorem
+                .unwatched();
             session.pass_on_stop();
             self.update_faults();
             self.recorded.files.flush_log();

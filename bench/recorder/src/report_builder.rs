@@ -108,11 +108,11 @@ impl<'a> ReportBuilder<'a> {
                 laws: self.channel_laws.clone(),
                 ..sections::redundancy(&it, period_s)
             }),
-            firmware: statistics.firmware.section(),
+            firmware: statistics.stages.firmware.section(),
             deaths: statistics.deaths.deaths.clone(),
             deaths_left_out: statistics.deaths.left_out,
             flight: performance,
-            theorem: statistics.theorem.section(),
+            theorem: statistics.stages.theorem.section(),
             swaps: statistics.swaps.clone(),
             swaps_left_out: statistics.swaps_seen - statistics.swaps.len() as u64,
             targets: statistics.targets.followed.clone(),
@@ -188,12 +188,14 @@ impl<'a> ReportBuilder<'a> {
 
     /// The laws of the flight with their telemetry and their unusable outputs.
     fn laws(&self, statistics: &FlightStatistics) -> BTreeMap<String, LawSection> {
-        let laws = self.laws.into_iter().zip(statistics.not_finite);
+        let laws = self.laws.into_iter().zip(statistics.stages.not_finite);
         let section = |((law, not_finite), telemetry): ((Chosen, NotFinite), &SignalStatistics)| {
             let role = law.description().role.to_string();
             (role, law.section(not_finite, telemetry.section()))
         };
-        laws.zip(&statistics.telemetry).map(section).collect()
+        laws.zip(&statistics.stages.telemetry)
+            .map(section)
+            .collect()
     }
 }
 

@@ -5,7 +5,6 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{self, File};
-use std::io::{self, Read as _};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
@@ -17,7 +16,7 @@ use analysis::series::SeriesSet;
 use analysis::states::{Joined, StatesWriter};
 use analysis::tracking::Tracking;
 use errors::output::say;
-use errors::{Failure, InFile as _, open_file};
+use errors::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, Record};
 use flight_log::writer::FlightLog;
@@ -31,7 +30,10 @@ use super::hlog::Hlog;
 use crate::run_directory::{
     FACTS, LATENCIES, LATEST, SETTINGS, check_latest, is_ours, make_latest,
 };
-use config::{LogName, Settings, last_name};
+use config::{LogName, Settings, bytes_of, last_name};
+
+/// Most bytes of a file from before take-off.
+const BEFORE_BYTES: u64 = 16 << 20;
 
 const REPORT: &str = "report.json";
 const STATES: &str = "states.csv";
@@ -69,12 +71,6 @@ pub struct RunFiles<'a> {
 fn log_file(channel: Option<Channel>) -> String {
     let of_channel = |channel| format!("{}/{FILE}", log_directory(channel));
     channel.map_or_else(|| FILE.into(), of_channel)
-}
-
-fn content(file: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    open_file(file)?.take(1 << 24).read_to_end(&mut bytes)?;
-    Ok(bytes)
 }
 
 impl<'a> RunFiles<'a> {
@@ -117,7 +113,9 @@ impl<'a> RunFiles<'a> {
             incomplete: BTreeMap::new(),
             before: [FACTS, SETTINGS]
                 .into_iter()
-                .filter_map(|name| Some((name, content(&directory.join(name)).ok()?)))
+                .filter_map(|name| {
+                    Some((name, bytes_of(&directory.join(name), BEFORE_BYTES).ok()?))
+                })
                 .collect(),
         })
     }
@@ -235,7 +233,7 @@ impl<'a> RunFiles<'a> {
             }
         }
         for (name, before) in std::mem::take(&mut self.before) {
-            let change = match content(&self.directory.join(name)) {
+            let change = match bytes_of(&self.directory.join(name), BEFORE_BYTES) {
                 Ok(now) if now == before => continue,
                 Ok(_) => "another program changed it".into(),
                 Err(e) => e.to_string(),

@@ -139,7 +139,7 @@ pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
         reader.fact(SETTINGS, "shared")?,
         reader.fact(RUN, "settings")?,
     );
-    // Settings that are newer than the log have their defaults.
+    // Settings that are newer than the flight have their defaults, and are not in what its processes shared.
     let defaults = Settings::resolve(None, &Vec::new())?.shared_text()?;
     let is_newer = |line: &&str| {
         let (key, _) = line.split_once('=').unwrap_or_default();

@@ -90,10 +90,6 @@ pub fn report(
         lines.push(format!("fault {}", render::sentences::fault(&fault)));
     }
     if timing.is_some() || !settings.planned()?.has_no_loop_faults() {
-        let is_of_last = |timing: &Timing| timing.last_tick == settings.last_tick();
-        if flown.departure.is_none() && timing.is_none_or(is_of_last) {
-            rig.end();
-        }
         lines.push(outages(&rig));
     }
     let verdict = flight_verdict(&performance, None, &settings.tracking_limits());

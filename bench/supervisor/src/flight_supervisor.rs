@@ -393,7 +393,12 @@ impl FlightSupervisor {
 
     /// The run, if it is this supervisor's, flies, and is not being ended.
     fn in_flight<'a>(&self, run: Option<&'a Run>) -> Option<&'a Run> {
-        run.filter(|run| !self.phase.is_ending() && is_ours(run) && has_taken_off(run))
+        run.filter(|run| self.is_flown(run) && run.phase() == RunPhase::Flying)
+    }
+
+    /// Whether the run is this supervisor's, has taken off, and is not being ended.
+    fn is_flown(&self, run: &Run) -> bool {
+        !self.phase.is_ending() && is_ours(run) && run.tick != NO_TICK
     }
 
     /// Notes what the blackboards show of the flight.
@@ -422,17 +427,17 @@ impl FlightSupervisor {
         let landed: Vec<Replica> = landed.map(|it| it.replica).collect();
         for exit in exits {
             // A fault acted within the flight, even if the process is reaped after it.
-            let mut run = run.copied();
-            if let (Some(run), Some(KillReason::Fault(_))) = (&mut run, exit.killed) {
-                run.phase = RunPhase::Flying as u64;
-            }
-            let run = run.as_ref();
-            let unresolved = match self.in_flight(run) {
-                Some(run) if !exit.was_interrupted() => self.schedule_restart(exit, run),
-                _ => Some(exit),
+            let in_flight = match exit.killed {
+                Some(KillReason::Fault(_)) => run.filter(|run| self.is_flown(run)),
+                _ => self.in_flight(run),
+            };
+            let in_flight = in_flight.filter(|_| !exit.was_interrupted());
+            let unresolved = match in_flight {
+                Some(run) => self.schedule_restart(exit, run),
+                None => Some(exit),
             };
             match unresolved {
-                Some(exit) if self.is_covered(&exit, &landed, run) => {
+                Some(exit) if in_flight.is_some_and(|run| self.is_covered(&exit, &landed, run)) => {
                     self.announce(
                         Subject::Process,
                         &format!(
@@ -450,7 +455,7 @@ impl FlightSupervisor {
 
     /// Whether the flight goes on without a process that has ended: another channel has all of its own, and its laws are
     /// those that fly, or may take over.
-    fn is_covered(&self, exit: &ProcessExit, landed: &[Replica], run: Option<&Run>) -> bool {
+    fn is_covered(&self, exit: &ProcessExit, landed: &[Replica], run: &Run) -> bool {
         let plays = |replica| {
             landed.contains(&replica) || self.children.iter().any(|it| it.replica == replica)
         };
@@ -464,12 +469,10 @@ impl FlightSupervisor {
         let settings = &self.recordings.settings;
         let groups = settings.groups();
         let redundancy = self.wire.blackboard_reader::<Redundancy>(REDUNDANCY);
-        let active = redundancy.ok().flatten().map(|it| it.get().active);
-        let active = active.and_then(Channel::from_wire).unwrap_or(Channel::A);
+        let redundancy = redundancy.ok().flatten();
+        let active = redundancy.map_or(Channel::A, |it| it.get().active_channel());
         // In lockstep the plant waits for every channel.
-        self.in_flight(run)
-            .is_some_and(|run| run.pace() != Pace::Lockstep)
-            && !exit.was_interrupted()
+        run.pace() != Pace::Lockstep
             && CHANNEL_ROLES.contains(&replica.role)
             && Channel::first(self.channels)
                 .filter(|it| {

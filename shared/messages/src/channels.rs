@@ -1,7 +1,7 @@
 //! The plant's account of redundant channels, as it stands on a blackboard.
 
 use crate::layout::{layout, wire_enum, zeroed};
-use crate::role::MOST_CHANNELS;
+use crate::role::{Channel, MOST_CHANNELS};
 
 /// Name of the plant's blackboard with the [`Redundancy`].
 pub const REDUNDANCY: &str = "redundancy";
@@ -105,6 +105,11 @@ layout! {
 }
 
 impl Redundancy {
+    /// The channel whose command is in force.
+    pub fn active_channel(&self) -> Channel {
+        Channel::from_wire(self.active).unwrap_or(Channel::A)
+    }
+
     pub fn switchovers(&self) -> &[Switchover] {
         let kept = (self.switchover_count as usize).min(SWITCHOVERS_KEPT);
         &self.switchovers[..kept]

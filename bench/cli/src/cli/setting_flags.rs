@@ -206,7 +206,7 @@ impl SettingParser {
                     _ if is_whole(self.setting) => whole(0..=i64::MAX),
                     _ if self.setting.default.starts_with('"') => Ok(Value::from(text)),
                     // Of a wrong type, it is refused with the example of the default.
-                    _ => Ok(overrides::as_in_a_file(text)),
+                    _ => overrides::as_in_a_file(text),
                 }
             }
         }

@@ -324,7 +324,7 @@ impl WatchedFlight {
         let (airframe, laws) = (settings.as_built()?, settings.flown_laws()?);
         let planned = settings.injected()?;
         let mut statistics = Self::statistics(run, tracking, laws)?;
-        statistics.theorem.set_airframe(&airframe);
+        statistics.stages.theorem.set_airframe(&airframe);
         Ok(Self {
             airframe,
             laws,
@@ -372,10 +372,10 @@ impl WatchedFlight {
 
     fn reset(&mut self) -> Result<(), Failure> {
         self.lost_before = self.lost();
-        let theorem = self.statistics.theorem;
+        let theorem = self.statistics.stages.theorem;
         self.statistics = Self::statistics(&self.run, self.tracking, self.laws)?;
         // The recorder counts these, from the start of the flight.
-        self.statistics.theorem = theorem;
+        self.statistics.stages.theorem = theorem;
         self.position_error = Trace::default();
         self.v_th = Trace::default();
         Ok(())
@@ -601,7 +601,7 @@ impl WatchedFlight {
         };
         let theorem = Theorem {
             ticks_unwatched: recorder.map_or(0, |it| it.wrenches_unwatched),
-            ..statistics.theorem.section()
+            ..statistics.stages.theorem.section()
         };
         let limits = self.settings.tracking_limits();
         let speed = Speed::of(run.period_ns, run.sample_time_ns);

@@ -143,9 +143,7 @@ const fn tone(is_good: Option<bool>) -> &'static str {
 
 fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVerdict>) -> Value {
     let Some(ending) = flight.ending else {
-        let active = flight
-            .redundancy
-            .and_then(|it| Channel::from_wire(it.active));
+        let active = flight.redundancy.map(|it| it.active_channel());
         let active = active.filter(|_| flight.run.channels > 1);
         let why = active.map_or_else(String::new, |it| format!("channel {it} flies"));
         return json!({"word": "flying", "why": why, "tone": tone(Some(true))});

@@ -57,7 +57,12 @@ pub fn fly_with(
             }
         }
     }
-    Ok(judge.end())
+    let flown = judge.end();
+    let is_of_last = |timing: &Timing| timing.last_tick == settings.last_tick();
+    if flown.departure.is_none() && timing.is_none_or(is_of_last) {
+        rig.end();
+    }
+    Ok(flown)
 }
 
 /// Runs a batch of flights tick by tick, each as [`fly_with`] does. `look` also gets the place of the flight.

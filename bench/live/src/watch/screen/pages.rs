@@ -327,7 +327,7 @@ fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
         return region.put(vec![Line::from("the monitor has published no result yet")]);
     };
     let width = region.area.width;
-    let theorem = flight.statistics.theorem.section();
+    let theorem = flight.statistics.stages.theorem.section();
     let mut lines = vec![theorem_verdict(&theorem, flight.lost_at(), width)];
     lines.extend(lyapunov_values(flight, monitor, width));
     let row = |name: &str, cells: [&str; 3], mark: Option<Line<'static>>| {
@@ -605,7 +605,10 @@ fn laws_page(flight: &WatchedFlight, scrolled: &Cell<usize>, region: &mut Region
         row(&name, cells.each_ref().map(String::as_str), &signal.unit)
     };
     let mut lines = Vec::new();
-    for (role, statistics) in LAW_ROLES.into_iter().zip(&flight.statistics.telemetry) {
+    for (role, statistics) in LAW_ROLES
+        .into_iter()
+        .zip(&flight.statistics.stages.telemetry)
+    {
         let signals = statistics.section();
         let title = format!("{role} {}", flight.settings.law_name(role));
         lines.push(match signals.is_empty() {
