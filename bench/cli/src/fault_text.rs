@@ -1,6 +1,7 @@
 //! What `ironbird faults` prints.
 
 use faults::{FAULTS, FaultSpec, Lasts, PORTS};
+use flight_log::units;
 use messages::role::STAGES;
 
 use render::document::{Cell, Table, row};
@@ -46,7 +47,7 @@ pub fn text() -> String {
                 &inputs,
                 &field.name,
                 &field.axes.join(" "),
-                &field.unit,
+                &units::of_name(field.name).unwrap_or_default(),
             ])
         }));
     }

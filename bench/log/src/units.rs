@@ -80,6 +80,12 @@ pub(crate) fn of(field: &Field) -> String {
     }
 }
 
+/// The unit at the end of a field's name.
+pub fn of_name(name: &str) -> Option<&'static str> {
+    let unit = UNITS.iter().find(|(end, _)| name.ends_with(end));
+    unit.map(|(_, unit)| *unit)
+}
+
 /// The unit of a field; 1 for counts, flags and fingerprints, and where to look where no name says it.
 fn unit(field: &Field) -> String {
     if field.kind == Kind::F64 && field.length == Some(PARAMETERS) {
@@ -95,13 +101,12 @@ fn unit(field: &Field) -> String {
         "attitude_quaternion" => "1".into(),
         "parameter" => "row of the table of parameters, from 0".into(),
         name => {
-            let unit = UNITS.iter().find(|(end, _)| name.ends_with(end));
             let other = if field.kind == Kind::F64 {
                 ELSEWHERE
             } else {
                 "1"
             };
-            unit.map_or(other, |(_, unit)| *unit).into()
+            of_name(name).unwrap_or(other).into()
         }
     }
 }

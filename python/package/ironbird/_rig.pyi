@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ironbird.flight import Array
+from ironbird.flight import Array, Sensors
 from ironbird.law import InnerLaw, OuterLaw
 
 __version__: str
@@ -13,7 +13,7 @@ class SettingsError(ValueError):
 class LogError(ValueError):
     """There is no such flight, or its log cannot be read."""
 
-class Measured:
+class Measured(Sensors):
     """What the sensors show. Each attribute is a new array."""
 
     @property
@@ -22,33 +22,6 @@ class Measured:
     @property
     def given(self) -> Given | None:
         """What the rotor command in force gives; None for an outer law."""
-    @property
-    def position_w_m(self) -> Array:
-        """Position, world frame [m]."""
-    @property
-    def velocity_w_m_s(self) -> Array:
-        """Velocity, world frame [m/s]."""
-    @property
-    def attitude_rad(self) -> Array:
-        """Roll, pitch, yaw: ZYX Euler angles, body to world [rad]."""
-    @property
-    def attitude_quaternion(self) -> Array:
-        """The same attitude as a unit quaternion w, x, y, z, body to world."""
-    @property
-    def rate_b_rad_s(self) -> Array:
-        """Body rates p, q, r as the gyro measures them [rad/s]."""
-    @property
-    def specific_force_b_m_s2(self) -> Array:
-        """Specific force as the accelerometer measures it, body frame [m/s^2]."""
-    @property
-    def rotor_speed_mean_rad_s(self) -> Array:
-        """Mean of each rotor's speed over the last tick [rad/s]."""
-    @property
-    def rotor_speed_squared_mean_rad2_s2(self) -> Array:
-        """Mean of each rotor's squared speed over the last tick [rad^2/s^2]."""
-    @property
-    def rotor_speed_command_rad_s(self) -> Array:
-        """Rotor speeds that are in force from this tick on [rad/s]."""
 
 class Given:
     """What the rotor command in force gives, by the nominal model: the mixer's answer to a demand of the inner law."""

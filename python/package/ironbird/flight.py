@@ -72,18 +72,32 @@ class Units(dict[str, str]):
         raise KeyError(f"units has no {name!r}; the nearest are {', '.join(nearest)}")
 
 
-class State(Group):
-    """What the sensors show at the tick, and the plant's account of commands and ticks."""
+class Sensors:
+    """What the sensors show at a tick."""
 
     position_w_m: Array
+    """Position, world frame [m]."""
     velocity_w_m_s: Array
+    """Velocity, world frame [m/s]."""
     attitude_rad: Array
+    """Roll, pitch, yaw: ZYX Euler angles, body to world [rad]."""
     attitude_quaternion: Array
+    """The same attitude as a unit quaternion w, x, y, z, body to world."""
     rate_b_rad_s: Array
+    """Body rates p, q, r as the gyro measures them [rad/s]."""
     specific_force_b_m_s2: Array
+    """Specific force as the accelerometer measures it, body frame [m/s^2]."""
     rotor_speed_mean_rad_s: Array
+    """Mean of each rotor's speed over the last tick [rad/s]."""
     rotor_speed_squared_mean_rad2_s2: Array
+    """Mean of each rotor's squared speed over the last tick [rad^2/s^2]."""
     rotor_speed_command_rad_s: Array
+    """Rotor speeds that are in force from this tick on [rad/s]."""
+
+
+class State(Sensors, Group):
+    """What the sensors show at the tick, and the plant's account of commands and ticks."""
+
     command_tick: Array
     commands_taken: Array
     command_taken_tick: Array

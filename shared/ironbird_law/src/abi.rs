@@ -119,6 +119,23 @@ pub struct IronbirdMeasured {
     pub rotor_speed_command_rad_s: [f64; IRONBIRD_ROTORS],
 }
 
+impl Default for IronbirdMeasured {
+    /// At rest in the origin, level.
+    fn default() -> Self {
+        Self {
+            position_w_m: [0.0; 3],
+            velocity_w_m_s: [0.0; 3],
+            attitude_rad: [0.0; 3],
+            attitude_quaternion: [1.0, 0.0, 0.0, 0.0],
+            rate_b_rad_s: [0.0; 3],
+            specific_force_b_m_s2: [0.0; 3],
+            rotor_speed_mean_rad_s: [0.0; IRONBIRD_ROTORS],
+            rotor_speed_squared_mean_rad2_s2: [0.0; IRONBIRD_ROTORS],
+            rotor_speed_command_rad_s: [0.0; IRONBIRD_ROTORS],
+        }
+    }
+}
+
 /// Where the vehicle should be: position in the world frame with its derivatives, and yaw.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]

@@ -5,9 +5,8 @@ use std::fmt;
 
 use crate::abi::{
     self, IronbirdDemand as WrenchSetpoint, IronbirdInnerInput as InnerInput,
-    IronbirdMeasured as Measured, IronbirdMixerInput as MixerInput,
-    IronbirdOuterInput as OuterInput, IronbirdRig as Rig, IronbirdRotorSpeeds as RotorSpeeds,
-    IronbirdTelemetry as Telemetry, IronbirdWanted as Desired,
+    IronbirdMixerInput as MixerInput, IronbirdOuterInput as OuterInput, IronbirdRig as Rig,
+    IronbirdRotorSpeeds as RotorSpeeds, IronbirdTelemetry as Telemetry, IronbirdWanted as Desired,
 };
 
 /// A role that a law of this type can have.
@@ -319,23 +318,6 @@ fn range(min: f64, max: f64, unit: &str) -> String {
         "a finite number".into()
     } else {
         format!("{min}{unit} or a finite number above it")
-    }
-}
-
-impl Default for Measured {
-    /// At rest in the origin, level.
-    fn default() -> Self {
-        Self {
-            position_w_m: [0.0; 3],
-            velocity_w_m_s: [0.0; 3],
-            attitude_rad: [0.0; 3],
-            attitude_quaternion: [1.0, 0.0, 0.0, 0.0],
-            rate_b_rad_s: [0.0; 3],
-            specific_force_b_m_s2: [0.0; 3],
-            rotor_speed_mean_rad_s: [0.0; abi::IRONBIRD_ROTORS],
-            rotor_speed_squared_mean_rad2_s2: [0.0; abi::IRONBIRD_ROTORS],
-            rotor_speed_command_rad_s: [0.0; abi::IRONBIRD_ROTORS],
-        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The fields that a stage reads, each declared once: names of its numbers, unit, and what is plausible.
+//! The fields that a stage reads, each declared once: names of its numbers, and what is plausible.
 //!
 //! Inspection takes what is plausible from here, and faults the fields that they can change. The plant's accounts, ground
 //! truth and telemetry are not among them: no law reads them, and a fault there would only falsify the report.
@@ -17,7 +17,6 @@ pub struct Field {
     pub name: &'static str,
     /// Names of its numbers; none where it is one.
     pub axes: &'static [&'static str],
-    pub unit: &'static str,
 }
 
 /// A content with fields that faults can change.
@@ -41,10 +40,10 @@ macro_rules! fields {
     ($content:ident $fields:tt) => {
         fields!(@content $content () $fields);
     };
-    (@layout $layout:ident { $($name:ident: $axes:expr, $unit:literal, $bound:expr;)+ }) => {
+    (@layout $layout:ident { $($name:ident: $axes:expr, $bound:expr;)+ }) => {
         layout!($layout { $($name),+ });
     };
-    (@content $content:ident ($($part:tt)*) { $($name:ident: $axes:expr, $unit:literal, $bound:expr;)+ }) => {
+    (@content $content:ident ($($part:tt)*) { $($name:ident: $axes:expr, $bound:expr;)+ }) => {
         impl $content {
             /// Calls `look` on the numbers of each field, with what is plausible of them.
             #[inline]
@@ -58,7 +57,6 @@ macro_rules! fields {
             const FAULT_FIELDS: &'static [Field] = &[$(Field {
                 name: stringify!($name),
                 axes: $axes,
-                unit: $unit,
             }),+];
 
             fn field_mut(&mut self, field: usize) -> &mut [f64] {
@@ -73,28 +71,28 @@ macro_rules! fields {
 }
 
 fields!(State.measured: Measured {
-    position_w_m: XYZ, "m", Size(POSITION_M);
-    velocity_w_m_s: XYZ, "m/s", Size(VELOCITY_M_S);
-    attitude_rad: ANGLES, "rad", Size(ANGLE_RAD);
-    attitude_quaternion: &["w", "x", "y", "z"], "", Size(QUATERNION);
-    rate_b_rad_s: XYZ, "rad/s", Size(RATE_RAD_S);
-    specific_force_b_m_s2: XYZ, "m/s^2", Size(ACCELERATION_M_S2);
-    rotor_speed_mean_rad_s: ROTOR, "rad/s", Positive(ROTOR_SPEED_RAD_S);
-    rotor_speed_squared_mean_rad2_s2: ROTOR, "rad^2/s^2", Positive(ROTOR_SPEED_RAD_S * ROTOR_SPEED_RAD_S);
-    rotor_speed_command_rad_s: ROTOR, "rad/s", Positive(ROTOR_SPEED_RAD_S);
+    position_w_m: XYZ, Size(POSITION_M);
+    velocity_w_m_s: XYZ, Size(VELOCITY_M_S);
+    attitude_rad: ANGLES, Size(ANGLE_RAD);
+    attitude_quaternion: &["w", "x", "y", "z"], Size(QUATERNION);
+    rate_b_rad_s: XYZ, Size(RATE_RAD_S);
+    specific_force_b_m_s2: XYZ, Size(ACCELERATION_M_S2);
+    rotor_speed_mean_rad_s: ROTOR, Positive(ROTOR_SPEED_RAD_S);
+    rotor_speed_squared_mean_rad2_s2: ROTOR, Positive(ROTOR_SPEED_RAD_S * ROTOR_SPEED_RAD_S);
+    rotor_speed_command_rad_s: ROTOR, Positive(ROTOR_SPEED_RAD_S);
 });
 fields!(Setpoint {
-    thrust_n: &[], "N", Positive(THRUST_N);
-    attitude_rad: ANGLES, "rad", Size(ANGLE_RAD);
-    attitude_rate_rad_s: ANGLES, "rad/s", Size(RATE_RAD_S);
-    attitude_acceleration_rad_s2: ANGLES, "rad/s^2", Size(ACCELERATION_RAD_S2);
+    thrust_n: &[], Positive(THRUST_N);
+    attitude_rad: ANGLES, Size(ANGLE_RAD);
+    attitude_rate_rad_s: ANGLES, Size(RATE_RAD_S);
+    attitude_acceleration_rad_s2: ANGLES, Size(ACCELERATION_RAD_S2);
 });
 fields!(Wrench {
-    thrust_n: &[], "N", Positive(THRUST_N);
-    torque_b_nm: XYZ, "N m", Size(TORQUE_NM);
+    thrust_n: &[], Positive(THRUST_N);
+    torque_b_nm: XYZ, Size(TORQUE_NM);
 });
 fields!(RotorSpeeds {
-    speed_rad_s: ROTOR, "rad/s", Positive(ROTOR_SPEED_RAD_S);
+    speed_rad_s: ROTOR, Positive(ROTOR_SPEED_RAD_S);
 });
 
 #[cfg(test)]
