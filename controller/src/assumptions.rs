@@ -4,7 +4,8 @@
 //! values inside the bounds (C). Saturation, delay and stale inputs are no excuse for a rise of V_th, because V_th
 //! follows what the rotors really did. They are an excuse for V, which contains the rate error.
 //!
-//! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
+//! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it. It takes no
+//! sample in a tick whose start or end was not measured, and forgets none then.
 
 use messages::content::{Mode, Stamped, State, Truth, Wrench};
 use messages::math::ln;
@@ -45,12 +46,26 @@ pub struct Assumptions {
     model: Airframe,
     lo: Vector3<f64>,
     hi: Vector3<f64>,
-    faded_ticks: u64,
-    /// Tick at which each cause was seen last.
-    seen: [Option<u64>; CAUSES],
+    faded_samples: u64,
+    /// When each cause was seen last.
+    seen: [Option<Seen>; CAUSES],
+    /// Samples that the low-pass has taken.
+    samples: u64,
     newest: Option<Known>,
-    /// Measured less true body rates [rad/s].
-    rate_error: Vector3<f64>,
+    rates: Rates,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    tick: u64,
+    samples: u64,
+}
+
+/// Body rates of a tick [rad/s].
+#[derive(Clone, Copy, Debug, Default)]
+struct Rates {
+    measured: Vector3<f64>,
+    truth: Vector3<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -71,10 +86,21 @@ pub enum Moved {
     Swapped,
 }
 
+impl Rates {
+    /// Noise changes from tick to tick, and so do rates that stand still while the true ones move. A bias or a lag stays:
+    /// neither explains a rise, wherever it comes from.
+    fn are_noisy(&self, before: &Self) -> bool {
+        let error = self.measured - self.truth;
+        let change = error - (before.measured - before.truth);
+        let is_frozen = self.measured == before.measured && self.truth != before.truth;
+        is_frozen || change.norm() > NOISY * error.norm()
+    }
+}
+
 impl Assumptions {
     /// Those of an adaptation with its model.
     pub fn new(adaptation: &Adaptation, model: &Airframe) -> Self {
-        let faded_ticks = if adaptation.p > 0.0 {
+        let faded_samples = if adaptation.p > 0.0 {
             (ln(FORGOTTEN) / ln(adaptation.p)).ceil() as u64
         } else {
             1
@@ -83,16 +109,27 @@ impl Assumptions {
             model: *model,
             lo: adaptation.lo,
             hi: adaptation.hi,
-            faded_ticks,
+            faded_samples,
             seen: [None; CAUSES],
+            samples: 0,
             newest: None,
-            rate_error: Vector3::zeros(),
+            rates: Rates::default(),
         }
     }
 
-    /// Ticks after which a sample counts as forgotten.
-    pub const fn faded_ticks(&self) -> u64 {
-        self.faded_ticks
+    /// Samples after which one counts as forgotten.
+    pub const fn faded_samples(&self) -> u64 {
+        self.faded_samples
+    }
+
+    /// Samples that the low-pass has taken.
+    pub const fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// Counts a sample that the low-pass has taken after [`Self::look`].
+    pub const fn count_sample(&mut self) {
+        self.samples += 1;
     }
 
     /// Looks at a tick; says whether the true value of an estimated parameter has changed since the last state.
@@ -119,12 +156,12 @@ impl Assumptions {
             Some(_) => Moved::Swapped,
             None => Moved::Not,
         };
-        // Noise changes from tick to tick. A bias or a lag stays: neither explains a rise, wherever it comes from.
-        let measured = Vector3::from(state.measured.rate_b_rad_s);
-        let error = measured - Vector3::from(truth.rate_b_rad_s);
-        let before = std::mem::replace(&mut self.rate_error, error);
         let drifts = truth.get(Parameter::GyroDrift) > 0.0;
-        let is_noisy = drifts || (error - before).norm() > NOISY * error.norm();
+        let rates = Rates {
+            measured: state.measured.rate_b_rad_s.into(),
+            truth: truth.rate_b_rad_s.into(),
+        };
+        let is_noisy = drifts || rates.are_noisy(&std::mem::replace(&mut self.rates, rates));
         let skipped = known.is_some_and(|known| known.ticks_skipped != ticks_skipped);
         let theta = Vector3::from(theta);
         for (cause, holds) in [
@@ -151,7 +188,8 @@ impl Assumptions {
     }
 
     fn see(&mut self, cause: Cause, tick: u64) {
-        self.seen[cause as usize] = Some(tick);
+        let samples = self.samples;
+        self.seen[cause as usize] = Some(Seen { tick, samples });
     }
 
     fn model_is_broken(&self, truth: &Truth) -> bool {
@@ -164,16 +202,17 @@ impl Assumptions {
 
     /// Whether a cause is in force at a tick.
     pub fn holds(&self, cause: Cause, tick: u64) -> bool {
-        let memory = match cause {
-            Cause::Saturation | Cause::StaleInput | Cause::Delay => RATE_LOOP_TICKS,
-            _ => self.faded_ticks,
-        };
-        self.seen[cause as usize].is_some_and(|seen| tick - seen <= memory)
+        self.seen[cause as usize].is_some_and(|seen| match cause {
+            Cause::Saturation | Cause::StaleInput | Cause::Delay => {
+                tick - seen.tick <= RATE_LOOP_TICKS
+            }
+            _ => self.samples - seen.samples <= self.faded_samples,
+        })
     }
 
     /// Whether a cause was seen at this very tick.
     pub fn seen_at(&self, cause: Cause, tick: u64) -> bool {
-        self.seen[cause as usize] == Some(tick)
+        self.seen[cause as usize].is_some_and(|seen| seen.tick == tick)
     }
 
     /// Every cause in force at a tick: the sum of [`Cause::bit`].

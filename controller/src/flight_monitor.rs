@@ -21,8 +21,8 @@ pub struct FlightMonitor {
     /// Tick and history of the law's state after the newest wrench.
     watched: Option<(u64, u64)>,
     monitor: Option<TheoremMonitor>,
-    /// After a state that was not watched: the tick from which on there are results again.
-    resumes_at: Option<u64>,
+    /// Whether the law still has samples that were not watched, so that there are no results.
+    catches_up: bool,
     /// The newest V_th at a start that there is a result of [rad^2/s^2].
     v_th_start: f64,
 }
@@ -38,7 +38,7 @@ impl FlightMonitor {
             number: 0,
             next_result: 0,
             watched: None,
-            resumes_at: None,
+            catches_up: false,
             v_th_start: 0.0,
         }
     }
@@ -83,11 +83,16 @@ impl FlightMonitor {
         self.watched = NOT_WATCHED;
         let (state, setpoint) = state.zip(setpoint)?;
         self.watched = Some((tick, law_state.after));
-        if self.resumes_at.is_some_and(|resumes_at| resumes_at <= tick) {
+        if self.catches_up
+            && self
+                .monitor
+                .as_ref()
+                .is_some_and(TheoremMonitor::has_caught_up)
+        {
             self.resume();
         }
         let content = *self.watch_next(tick, state, setpoint, &wrench.content)?;
-        if self.resumes_at.is_some() {
+        if self.catches_up {
             return None;
         }
         self.v_th_start = content.v_th_start;
@@ -109,7 +114,7 @@ impl FlightMonitor {
             (self.number, self.next_result) = (self.number + 1, 0);
         }
         self.renew();
-        self.resumes_at = None;
+        self.catches_up = false;
     }
 
     fn renew(&mut self) {
@@ -123,14 +128,15 @@ impl FlightMonitor {
     fn lose(&mut self, tick: u64) {
         self.renew();
         if let Some(monitor) = &mut self.monitor {
-            self.resumes_at = Some(tick.saturating_add(monitor.join(tick)));
+            monitor.join(tick);
+            self.catches_up = true;
         }
     }
 
     /// Begins with results again: the law has forgotten what was not watched.
     fn resume(&mut self) {
         (self.number, self.next_result) = (self.number + 1, 0);
-        self.resumes_at = None;
+        self.catches_up = false;
         if let Some(monitor) = &mut self.monitor {
             monitor.resume(self.v_th_start);
         }
@@ -138,7 +144,7 @@ impl FlightMonitor {
 
     /// The result for the newest wrench; none before the first one, or where the law's state was not watched.
     pub fn newest(&self) -> Option<&Monitor> {
-        let is_watched = self.watched.is_some() && self.resumes_at.is_none();
+        let is_watched = self.watched.is_some() && !self.catches_up;
         let watched = self.monitor.as_ref().filter(|_| is_watched);
         watched.map(TheoremMonitor::shown)
     }
@@ -162,27 +168,38 @@ impl FlightMonitor {
 mod tests {
     use crate::Gains;
     use control_api::Rig;
+    use messages::content::Mode;
     use messages::history::LawState;
     use messages::role::Channel;
 
     use super::*;
 
     /// The results for wrenches of these ticks, each with the state that it continued from and the history after it, and
-    /// whether its own state has arrived: number of the monitor, and ticks that it has seen.
-    fn results<const N: usize>(wrenches: [(u64, LawState, bool); N]) -> [Option<(u64, u64)>; N] {
+    /// the tick of its own state, if that has arrived: number of the monitor, and ticks that it has seen.
+    fn results(
+        wrenches: impl IntoIterator<Item = (u64, LawState, Option<u64>)>,
+    ) -> Vec<Option<(u64, u64)>> {
         let begin = TheoremMonitor::new(&Rig::default(), &Gains::default());
         let mut monitor = FlightMonitor::new(Some(begin));
-        // Never of the wrench's tick, so that every tick is stale.
-        let state = Stamped::new(1000, State::default());
-        wrenches.map(|(tick, law_state, has_state)| {
-            let mut wrench = Message::of_tick(tick, Wrench::default());
+        let mut result = |(tick, law_state, state): (u64, LawState, Option<u64>)| {
+            // Held, so that every tick counts as stale.
+            let mode = Mode::Held as u64;
+            let mut wrench = Message::of_tick(
+                tick,
+                Wrench {
+                    mode,
+                    ..Wrench::default()
+                },
+            );
             wrench.envelope.law_state = law_state;
+            let state = state.map(|tick| Stamped::new(tick, State::default()));
             let setpoint = Stamped::new(tick, Setpoint::default());
-            let result = monitor.watch(&wrench, has_state.then_some(&state), Some(&setpoint))?;
+            let result = monitor.watch(&wrench, state.as_ref(), Some(&setpoint))?;
             assert_eq!(result.envelope.tick, tick);
             assert_eq!(result.envelope.seq + 1, result.content.ticks_stale);
             Some((result.envelope.epoch, result.content.ticks_stale))
-        })
+        };
+        wrenches.into_iter().map(&mut result).collect()
     }
 
     fn from(tick: u64, before: u64, after: u64) -> LawState {
@@ -199,43 +216,51 @@ mod tests {
             ..from(1, 0, 0)
         };
         let wrenches = [
-            (0, LawState::INITIAL, true),
-            (1, from(0, 0, 0), true),
-            (2, of_b, true),
+            (0, LawState::INITIAL),
+            (1, from(0, 0, 0)),
+            (2, of_b),
             // Restarted after a pause.
-            (9, from(2, 0, 7), true),
-            (10, from(9, 7, 8), true),
-            (11, LawState::INITIAL, true),
+            (9, from(2, 0, 7)),
+            (10, from(9, 7, 8)),
+            (11, LawState::INITIAL),
         ];
+        let wrenches = wrenches.map(|(tick, law_state)| (tick, law_state, Some(tick)));
         let expected = [(0, 1), (0, 2), (0, 3), (0, 4), (0, 5), (1, 1)].map(Some);
         assert_eq!(results(wrenches), expected);
     }
 
+    /// Without samples, nothing is forgotten: in two of three ticks with their state, one is measured whole.
     #[test]
     fn a_step_from_a_state_that_was_not_watched_has_no_result_until_the_law_has_forgotten_it_or_begins_anew()
      {
-        for unknown in [
-            // A state, or a wrench, was lost.
-            (1, from(0, 0, 0), false),
-            (2, from(1, 0, 0), true),
-            // Another channel's state, which differed.
-            (1, from(0, 5, 6), true),
-        ] {
-            let (lost, after) = (unknown.0, unknown.1.after);
-            let wrenches = [
-                (0, LawState::INITIAL, true),
-                unknown,
-                (lost + 1, from(lost, after, 0), true),
-                // Within twice the time in which causes are forgotten.
-                (lost + 800, from(lost + 1, 0, 0), true),
-                (lost + 832, from(lost + 800, 0, 0), true),
-                (lost + 833, from(lost + 832, 0, 0), true),
-                (20_000, LawState::INITIAL, true),
-            ];
-            let resumed = [Some((1, 1)), Some((1, 2)), Some((2, 1))];
-            let expected = [&[Some((0, 1)), None, None, None], &resumed[..]].concat();
-            assert_eq!(results(wrenches), expected[..], "{unknown:?}");
+        let all: fn(u64) -> bool = |_| true;
+        let two_of_three: fn(u64) -> bool = |tick| tick % 3 != 0;
+        let after_loss = [(all, 830..=832), (two_of_three, 2486..=2492)];
+        for (has_state, expected) in after_loss {
+            for unknown in [
+                // A state, or a wrench, was lost.
+                (1, from(0, 0, 0), None),
+                (2, from(1, 0, 0), Some(2)),
+                // Another channel's state, which differed.
+                (1, from(0, 5, 6), Some(1)),
+            ] {
+                let (lost, mut after) = (unknown.0, unknown.1.after);
+                let later = (lost + 1..lost + 3000).map(|tick| {
+                    let law_state = from(tick - 1, std::mem::take(&mut after), 0);
+                    let state = if has_state(tick) { tick } else { tick - 1 };
+                    (tick, law_state, Some(state))
+                });
+                let first = [(0, LawState::INITIAL, Some(0)), unknown];
+                let last = (20_000, LawState::INITIAL, Some(20_000));
+                let results = results(first.into_iter().chain(later).chain([last]));
+                let without = results[1..].iter().take_while(|it| it.is_none()).count();
+                assert_eq!(results[0], Some((0, 1)));
+                assert!(expected.contains(&without), "{unknown:?}: {without}");
+                let resumed = [results[1 + without], results[2 + without]];
+                assert_eq!(resumed, [Some((1, 1)), Some((1, 2))], "{unknown:?}");
+                assert_eq!(results.last(), Some(&Some((2, 1))), "{unknown:?}");
+            }
         }
-        assert_eq!(results([(7, from(6, 0, 0), true)]), [None]);
+        assert_eq!(results([(7, from(6, 0, 0), Some(7))]), [None]);
     }
 }

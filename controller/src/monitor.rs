@@ -114,13 +114,16 @@ impl TheoremMonitor {
         }
     }
 
-    /// Joins a law in flight, of which a wrench of `tick` is the first that is watched. Returns for how many ticks it still has
-    /// samples that were not watched.
-    pub fn join(&mut self, tick: u64) -> u64 {
+    /// Joins a law in flight, of which a wrench of `tick` is the first that is watched.
+    pub fn join(&mut self, tick: u64) {
         self.torque.lose(tick);
+    }
+
+    /// Whether a law that was joined has forgotten, at the end of the next tick, what was not watched.
+    pub fn has_caught_up(&self) -> bool {
         // Of the samples before, the steps are compared more closely than causes are.
-        let faded_ticks = self.assumptions.faded_ticks();
-        faded_ticks.saturating_mul(2).max(KEPT as u64)
+        let faded_samples = self.assumptions.faded_samples().saturating_mul(2);
+        self.assumptions.samples() + 1 >= faded_samples.max(KEPT as u64)
     }
 
     /// Counts from now on; `v_th_start` is V_th at the start of the law, or after a parameter change [rad^2/s^2].
@@ -162,6 +165,9 @@ impl TheoremMonitor {
         if state.tick == tick {
             self.evidence.take(tick, &state.content.measured);
             self.compare(tick, &state.content, wrench, moved, &mut now);
+            if self.evidence.at(tick).is_some() {
+                self.assumptions.count_sample();
+            }
         }
         let (inputs, evidence) = ((state, setpoint), &mut self.evidence);
         let seen = self.torque.take(tick, inputs, wrench, newest, evidence);
