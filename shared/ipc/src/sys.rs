@@ -160,7 +160,7 @@ impl Alarm {
             let mut event: libc::sigevent = std::mem::zeroed();
             event.sigev_notify = libc::SIGEV_THREAD_ID;
             event.sigev_signo = Self::SIGNAL;
-            event.sigev_notify_thread_id = libc::gettid();
+            event.sigev_notify_thread_id = rustix::thread::gettid().as_raw_pid();
             libc::timer_create(libc::CLOCK_MONOTONIC, &raw mut event, &raw mut timer)
         });
         if let Err(e) = made {

@@ -103,8 +103,7 @@ extern "C" fn release_last(parent: *mut libc::c_void) -> libc::c_int {
 }
 
 pub(super) fn thread_number() -> i32 {
-    // SAFETY: the call takes nothing, and cannot fail.
-    unsafe { libc::gettid() }
+    rustix::thread::gettid().as_raw_pid()
 }
 
 /// The thread of this process whose loop is under SCHED_FIFO; 0 while there is none.
