@@ -128,14 +128,21 @@ impl ChildWatch {
         });
     }
 
-    /// Sends a signal to a child. Fails if the child has ended.
+    /// Sends a signal to a child. A program that the child has started, such as a firmware, is stopped and continued with
+    /// it; its death is the kernel's answer to that of the child. Fails if the child has ended.
     pub(super) fn signal(&self, pid: u32, signal: Signal) -> io::Result<()> {
         let watched = self.0.iter().find(|watched| watched.pid == pid);
-        match &watched.ok_or(io::Errno::SRCH)?.descriptor {
-            Some(descriptor) => pidfd_send_signal(descriptor, signal),
-            // The number is the child's until it has been reaped.
-            None => kill_process(pid_of(pid).ok_or(io::Errno::SRCH)?, signal),
+        let descriptor = &watched.ok_or(io::Errno::SRCH)?.descriptor;
+        // The number is the child's, and its group's, until it has been reaped.
+        let pid = pid_of(pid).ok_or(io::Errno::SRCH)?;
+        match descriptor {
+            Some(descriptor) => pidfd_send_signal(descriptor, signal)?,
+            None => kill_process(pid, signal)?,
         }
+        if signal != Signal::KILL {
+            let _ = kill_process_group(pid, signal);
+        }
+        Ok(())
     }
 
     /// Waits until an instant, or until a child has ended; returns whether one has. A signal to this process may end
@@ -229,10 +236,41 @@ fn pid_of(number: u32) -> Option<Pid> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{BufRead as _, BufReader};
+
     use super::*;
 
     fn sleeper() -> Child {
         Command::new("sleep").arg("600").spawn().unwrap()
+    }
+
+    #[test]
+    fn a_program_that_a_child_has_started_stops_and_continues_with_it() {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "sleep 600 & echo $!; wait"]);
+        shell.process_group(0).stdout(Stdio::piped());
+        let mut child = shell.spawn().unwrap();
+        let mut started = String::new();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        out.read_line(&mut started).unwrap();
+        let mut children = ChildWatch::default();
+        children.watch(&child);
+        for (signal, state) in [(Signal::STOP, 'T'), (Signal::CONT, 'S')] {
+            children.signal(child.id(), signal).unwrap();
+            let file = format!("/proc/{}/stat", started.trim());
+            let is_so = || {
+                std::fs::read_to_string(&file)
+                    .unwrap()
+                    .contains(&format!(") {state} "))
+            };
+            let until = Instant::now() + Duration::from_secs(60);
+            while !is_so() && Instant::now() < until {
+                std::thread::yield_now();
+            }
+            assert!(is_so(), "{signal:?}");
+        }
+        let _ = kill_process_group(pid_of(child.id()).unwrap(), Signal::KILL);
+        child.wait().unwrap();
     }
 
     #[test]
