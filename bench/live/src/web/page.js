@@ -117,7 +117,14 @@ const histogram = (kind, title, classes) => {
     })];
   };
   const figure = byId(`hist-${kind}`);
-  const decades = (_, splits) => splits.map((it) => (it > 0 && Number.isInteger(Math.round(Math.log10(it) * 1e6) / 1e6) ? it : null));
+  const isDecade = (it) => it > 0 && Number.isInteger(Math.round(Math.log10(it) * 1e6) / 1e6);
+  // A label of the time axis needs 50 px.
+  const decades = (plot, splits, axis) => {
+    const room = axis === 0 ? plot.bbox.width / devicePixelRatio / 50 : Infinity;
+    const every = Math.ceil(splits.filter(isDecade).length / room) || 1;
+    let count = 0;
+    return splits.map((it) => (isDecade(it) && count++ % every === 0 ? it : null));
+  };
   const line = { paths: uPlot.paths.stepped({ align: 1 }), width: 1.8 };
   const shown = chart(figure, `${title}: ticks by time, both logarithmic`, classes.map((it) => ["", it, line]), data,
     { x: { time: false, distr: 3 }, y: { distr: 3, range: (_, low, high) => [FOOT, Math.max(10, high * 1.5)] } },
